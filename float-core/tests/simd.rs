@@ -1,0 +1,123 @@
+//! Every level agrees with scalar arithmetic; vector functions stay within their stated error.
+use float_core::{Simd, Task, Vector, vecmath};
+
+struct Map<'a, F>(&'a [f32], &'a mut [f32], F);
+trait Op {
+    fn apply<V: Vector>(x: V) -> V;
+}
+impl<F: Op> Task for Map<'_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        for (x, y) in self.0.chunks_exact(V::LANES).zip(self.1.chunks_exact_mut(V::LANES)) {
+            F::apply(V::load(x)).store(y);
+        }
+    }
+}
+struct Exp;
+impl Op for Exp {
+    #[inline(always)]
+    fn apply<V: Vector>(x: V) -> V {
+        vecmath::exp(x)
+    }
+}
+struct Logistic;
+impl Op for Logistic {
+    #[inline(always)]
+    fn apply<V: Vector>(x: V) -> V {
+        vecmath::logistic(x)
+    }
+}
+struct Mixed;
+impl Op for Mixed {
+    #[inline(always)]
+    fn apply<V: Vector>(x: V) -> V {
+        let two = V::splat(2.0);
+        (-x).min(two).max(V::splat(-3.0)) + x.floor() * two - x.round()
+            + x.select_positive(x * x, x / two).sqrt().max(V::splat(0.0))
+    }
+}
+
+fn ulps(got: f32, want: f64) -> f64 {
+    let w = want as f32;
+    let ulp = (f32::from_bits(w.to_bits() + 1) - w) as f64;
+    (got as f64 - want).abs() / ulp
+}
+
+fn sweep() -> Vec<f32> {
+    let n = 1 << 20;
+    (0..n).map(|i| -86.9 + 174.8 * i as f32 / n as f32).collect()
+}
+
+#[test]
+fn exp_stays_within_two_ulp_at_every_level() {
+    let x = sweep();
+    let mut y = vec![0.0; x.len()];
+    for level in Simd::available() {
+        level.run(Map(&x, &mut y, Exp));
+        let worst = x.iter().zip(&y).map(|(&x, &y)| ulps(y, (x as f64).exp())).fold(0.0, f64::max);
+        println!("exp {:?}: {worst:.3} ulp", level.level());
+        assert!(worst <= 2.0, "{:?}: {worst} ulp", level.level());
+    }
+}
+
+#[test]
+fn logistic_stays_within_four_ulp_at_every_level() {
+    let x = sweep();
+    let mut y = vec![0.0; x.len()];
+    for level in Simd::available() {
+        level.run(Map(&x, &mut y, Logistic));
+        let worst = x.iter().zip(&y).map(|(&x, &y)| ulps(y, 1.0 / (1.0 + (-x as f64).exp()))).fold(0.0, f64::max);
+        println!("logistic {:?}: {worst:.3} ulp", level.level());
+        assert!(worst <= 4.0, "{:?}: {worst} ulp", level.level());
+    }
+}
+
+#[test]
+fn exp_is_finite_for_every_finite_or_infinite_argument() {
+    let x: Vec<f32> = [f32::MIN, -1e30, -200.0, -0.0, 0.0, 1e-40, 200.0, f32::MAX, f32::INFINITY, f32::NEG_INFINITY]
+        .into_iter()
+        .cycle()
+        .take(32)
+        .collect();
+    let mut y = vec![0.0; 32];
+    for level in Simd::available() {
+        level.run(Map(&x, &mut y, Exp));
+        assert!(y.iter().all(|y| y.is_finite() && *y >= 0.0), "{y:?}");
+    }
+}
+
+#[test]
+fn levels_agree_on_lane_operations_bit_for_bit() {
+    let x: Vec<f32> = (0..64).map(|i| (i as f32 - 31.0) * 0.37).collect();
+    let mut want = vec![0.0; 64];
+    Simd::SCALAR.run(Map(&x, &mut want, Mixed));
+    for level in Simd::available() {
+        let mut got = vec![0.0; 64];
+        level.run(Map(&x, &mut got, Mixed));
+        for (g, w) in got.iter().zip(&want) {
+            assert!(g == w || (g.is_nan() && w.is_nan()), "{:?}: {g} {w}", level.level());
+        }
+    }
+}
+
+struct Gather<'a>(&'a [f32], &'a [u32]);
+impl Task for Gather<'_> {
+    type Output = f32;
+    #[inline(always)]
+    fn run<V: Vector>(self) -> f32 {
+        self.1.chunks_exact(V::LANES).map(|i| V::gather(self.0, i).sum()).sum()
+    }
+}
+
+#[test]
+fn gather_reads_what_it_should_and_refuses_the_rest() {
+    let table: Vec<f32> = (0..100).map(|i| i as f32).collect();
+    let index: Vec<u32> = (0..32).map(|i| (i * 37) % 100).collect();
+    let want: f32 = index.iter().map(|&i| table[i as usize]).sum();
+    for level in Simd::available() {
+        assert_eq!(level.run(Gather(&table, &index)), want);
+        let bad = vec![100_u32; 16];
+        assert!(std::panic::catch_unwind(|| level.run(Gather(&table, &bad))).is_err());
+    }
+}
