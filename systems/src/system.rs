@@ -1,0 +1,191 @@
+//! The contract every reconstruction method keeps, and the plain data that crosses it.
+//!
+//! One training loop ([`crate::train`]) drives every [`System`]; it knows nothing of fields or samplers. Rays go in and
+//! layers come out in the **scene's** frame and units: a system normalises inside.
+
+use crate::data::Dataset;
+use render_core::ray::Ray;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepStats {
+    /// Mean training loss of the batch.
+    pub loss: f64,
+    /// Mean squared colour error of the batch, for the running training PSNR.
+    pub mse: f64,
+    /// Rays cast.
+    pub rays: u64,
+    /// Samples the field was evaluated at.
+    pub samples: u64,
+    /// Gradient entries that were NaN or infinite and were set to 0.
+    pub nonfinite: u64,
+}
+
+/// Which layers a render should hold; colour, opacity and depth always come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LayerRequest {
+    /// Surface normals, `-grad sigma` weighted along the ray and normalised. Costs about one more field evaluation.
+    pub normals: Normals,
+}
+
+/// Whether normals are wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Normals {
+    /// Not computed.
+    #[default]
+    Skip,
+    /// Computed.
+    Compute,
+}
+
+/// Rendered layers of a batch of rays, one entry a ray. Colours are not clamped.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layers {
+    /// Colour, composited on the query's background.
+    pub rgb: Vec<[f32; 3]>,
+    /// Accumulated opacity in `[0, 1]`.
+    pub opacity: Vec<f32>,
+    /// Expected distance along the ray, world units; `f32::INFINITY` where nothing was hit.
+    pub depth: Vec<f32>,
+    /// Distance at which the transmittance passes one half; `f32::INFINITY` where it never does.
+    pub median_depth: Vec<f32>,
+    /// Unit normals, empty unless asked for; zero where nothing was hit.
+    pub normal: Vec<[f32; 3]>,
+}
+
+/// What a render may vary besides the rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Query {
+    /// What is behind the scene.
+    pub background: [f32; 3],
+    /// Layers wanted besides colour, opacity and depth.
+    pub layers: LayerRequest,
+    /// Error a pixel may have from skipped work, in colour units; 0 skips nothing.
+    pub error_budget: f32,
+}
+
+/// A named array of a checkpoint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor<'a> {
+    /// Unique within the system, dotted: `field.grid`, `adam.field.grid.m`.
+    pub name: String,
+    /// Dimensions, slowest first.
+    pub shape: Vec<usize>,
+    /// Row-major values.
+    pub data: TensorData<'a>,
+}
+
+/// Values of a tensor.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TensorData<'a> {
+    /// 32-bit floats.
+    F32(Cow<'a, [f32]>),
+    /// 64-bit unsigned integers: counters, bit sets.
+    U64(Cow<'a, [u64]>),
+}
+
+/// Tensors of a checkpoint by name.
+pub type TensorMap = BTreeMap<String, Tensor<'static>>;
+
+/// One row of the skip table: work that was not done, and what that may cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SkipRow {
+    /// What is skipped: `empty space`, `early termination`, …
+    pub what: &'static str,
+    /// Units of work skipped.
+    pub skipped: u64,
+    /// Units of work there would have been.
+    pub total: u64,
+    /// Unit of the two counts: `samples`, `rays`, …
+    pub unit: &'static str,
+    /// Bound on the error of a pixel, colour units, as a sentence: `<= 1e-4 per pixel`.
+    pub bound: String,
+}
+
+/// A failure inside a system.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SystemError {
+    /// More steps had non-finite gradients than a run may have.
+    #[error(
+        "{bad} of {steps} steps had NaN or infinite gradients, more than the {share_percent} % a run may have: \
+         lower the learning rate (`--set lr=...`) or check the images for NaN pixels"
+    )]
+    NonFinite {
+        /// Steps with non-finite gradients.
+        bad: u64,
+        /// Steps so far.
+        steps: u64,
+        /// Share allowed, in percent.
+        share_percent: f64,
+    },
+    /// A checkpoint lacks an array or holds one of another shape.
+    #[error("checkpoint: `{name}`: {problem}")]
+    State {
+        /// The array.
+        name: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A configuration value that cannot work.
+    #[error("`{field}` = {value}: {problem}")]
+    Config {
+        /// The field as the user writes it in `--set`.
+        field: &'static str,
+        /// What it holds.
+        value: String,
+        /// Why that cannot work, and what would.
+        problem: String,
+    },
+    /// Reading an image failed.
+    #[error(transparent)]
+    Scene(#[from] scene_io::SceneError),
+}
+
+/// One reconstruction method.
+pub trait System: Send + Sync {
+    /// Name on the command line.
+    fn name(&self) -> &'static str;
+
+    /// One optimiser step, number `step` (counted from 0 over the whole run, resumed or not). All randomness is a
+    /// function of the run's seed and `step`.
+    ///
+    /// # Errors
+    /// [`SystemError::NonFinite`] past the allowed share; [`SystemError::Scene`] when an image cannot be read.
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError>;
+
+    /// Render rays given in the scene's frame.
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers;
+
+    /// Density at points of the scene's frame, 1 / world unit. `out` has one entry a point.
+    fn density(&self, points: &[[f64; 3]], out: &mut [f32]);
+
+    /// Colour at points of the scene's frame seen along unit directions `d`.
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]);
+
+    /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.
+    fn bounds(&self) -> [[f64; 3]; 2];
+
+    /// Everything the next step depends on: parameters, moments, occupancy, counters.
+    fn state(&self) -> Vec<Tensor<'_>>;
+
+    /// Put back what [`System::state`] gave.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError>;
+
+    /// Trainable numbers.
+    fn parameter_count(&self) -> usize;
+
+    /// Bytes held by parameters, moments, gradients and scratch.
+    fn memory_bytes(&self) -> usize;
+
+    /// Work skipped so far.
+    fn skips(&self) -> Vec<SkipRow>;
+
+    /// Seconds spent so far in each part of the step and of the render, for the report.
+    fn timings(&self) -> Vec<(&'static str, f64)>;
+}
