@@ -1,0 +1,400 @@
+//! Views of one split at training resolution, and the random ray batches drawn from them.
+//!
+//! Images stay 8 bit. A view costs its pixels (3 or 4 bytes each, one more with a mask) while it is decoded; lenses with
+//! distortion add 12 bytes a pixel for a table of directions, shared by all views with equal intrinsics. Pinhole
+//! directions are computed.
+
+use field_core::rng::Rng;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use render_core::camera::{Camera, Lens};
+use render_core::ray::Ray;
+use scene_io::{Image, ImageStore, Scene, SceneError};
+use std::sync::Arc;
+
+/// Rays of one task: fixed, so that the batch does not depend on the number of threads.
+const CHUNK: usize = 1024;
+
+/// Draws tried for one ray before it is given weight 0: pixels a mask ignores and pixels the lens has no ray for are
+/// drawn again, which keeps the batch uniform over the usable pixels.
+const ATTEMPTS: u64 = 8;
+
+/// Steps one set of views is drawn from when not all views fit in memory; then one of them is replaced.
+const STEPS_PER_WINDOW: u64 = 16;
+
+/// Stream of pixel draws is `PIXELS + step`, of the view order `VIEWS + epoch`: far apart, so that they never meet.
+const PIXELS: u64 = 0x7069_7865 << 32;
+const VIEWS: u64 = 0x7669_6577 << 32;
+
+/// One view of a [`Dataset`].
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Index into [`Scene::frames`].
+    pub frame: usize,
+    /// Name of the frame.
+    pub name: String,
+    /// Camera at training resolution.
+    pub camera: Camera,
+    /// Directions of a lens with distortion, shared by views with equal intrinsics.
+    table: Option<Arc<DirectionTable>>,
+}
+
+/// Unit directions in camera axes, one a pixel, NaN where the lens has no preimage. 12 bytes a pixel.
+#[derive(Debug)]
+struct DirectionTable {
+    key: Camera,
+    directions: Vec<[f32; 3]>,
+}
+
+impl DirectionTable {
+    fn new(camera: &Camera) -> Self {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let mut directions = vec![[f32::NAN; 3]; width * height];
+        directions.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+            for (x, out) in row.iter_mut().enumerate() {
+                if let Some(d) = camera.direction_in_camera(pixel_centre(x as u32, y as u32)) {
+                    *out = d.as_vec3().to_array();
+                }
+            }
+        });
+        Self { key: *camera, directions }
+    }
+
+    fn fits(&self, camera: &Camera) -> bool {
+        let k = &self.key;
+        (k.width, k.height, k.fx, k.fy, k.cx, k.cy, k.lens)
+            == (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.lens)
+    }
+}
+
+fn pixel_centre(x: u32, y: u32) -> DVec2 {
+    DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
+}
+
+fn is_pinhole(lens: &Lens) -> bool {
+    matches!(lens, Lens::Perspective { k, p } if k.iter().chain(p).all(|&c| c == 0.0))
+}
+
+impl View {
+    /// Ray through the centre of pixel `(x, y)`, or `None` where the lens has no preimage.
+    ///
+    /// # Panics
+    /// When the pixel lies outside the image.
+    pub fn ray(&self, x: u32, y: u32) -> Option<Ray> {
+        let camera = &self.camera;
+        assert!(x < camera.width && y < camera.height, "pixel ({x}, {y}) of a {}x{} view", camera.width, camera.height);
+        let d = match &self.table {
+            None => {
+                let p = pixel_centre(x, y);
+                DVec3::new((p.x - camera.cx) / camera.fx, (p.y - camera.cy) / camera.fy, 1.0)
+            }
+            Some(table) => {
+                let d = table.directions[y as usize * camera.width as usize + x as usize];
+                if d[0].is_nan() {
+                    return None;
+                }
+                DVec3::new(f64::from(d[0]), f64::from(d[1]), f64::from(d[2]))
+            }
+        };
+        Some(Ray { o: camera.pose.c, d: (camera.pose.r * d).normalize() })
+    }
+
+    /// Rays of all pixels of the rows `rows`, row by row; `None` where the lens has no preimage.
+    pub fn rays(&self, rows: std::ops::Range<u32>) -> impl Iterator<Item = Option<Ray>> + '_ {
+        rows.flat_map(move |y| (0..self.camera.width).map(move |x| self.ray(x, y)))
+    }
+}
+
+/// A batch of training pixels, one entry a ray. Reused from step to step.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// Rays in the scene's frame.
+    pub rays: Vec<Ray>,
+    /// Straight (not premultiplied) colour in `[0, 1]`.
+    pub rgb: Vec<[f32; 3]>,
+    /// Opacity of the pixel, 1 for images without alpha.
+    pub alpha: Vec<f32>,
+    /// 1, or 0 for a ray that must not count: ignored by a mask, or without a ray through the lens.
+    pub weight: Vec<f32>,
+    /// View of the dataset.
+    pub view: Vec<u32>,
+    /// Column and row.
+    pub pixel: Vec<[u16; 2]>,
+    /// Decoded images of the current window of views, when not all fit in memory.
+    pool: Vec<(u32, Arc<Image>)>,
+    /// What `pool` was filled for: seed and window.
+    pool_key: Option<(u64, u64)>,
+}
+
+impl Batch {
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// Whether the batch holds no ray.
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
+    }
+
+    fn resize(&mut self, n: usize) {
+        self.rays.resize(n, Ray { o: DVec3::ZERO, d: DVec3::Z });
+        self.rgb.resize(n, [0.0; 3]);
+        self.alpha.resize(n, 0.0);
+        self.weight.resize(n, 0.0);
+        self.view.resize(n, 0);
+        self.pixel.resize(n, [0; 2]);
+    }
+}
+
+/// Views of one split at training resolution.
+pub struct Dataset {
+    views: Vec<View>,
+    store: Arc<ImageStore>,
+    /// All images, where they fit in the store's memory.
+    resident: Option<Vec<Arc<Image>>>,
+    /// Views a window holds when they do not fit.
+    window_views: usize,
+    /// `first_pixel[v]` is the number of pixels of the views before `v`; one entry more than views.
+    first_pixel: Vec<u64>,
+}
+
+impl Dataset {
+    /// The frames `frames` of `scene`, decoded through `store`.
+    ///
+    /// When all of them fit in the store's memory they are decoded here, in parallel, and stay.
+    ///
+    /// # Errors
+    /// [`SceneError`] when an image cannot be read.
+    ///
+    /// # Panics
+    /// When an index in `frames` is not one of `scene.frames`.
+    pub fn new(scene: &Scene, store: Arc<ImageStore>, frames: Vec<usize>) -> Result<Self, SceneError> {
+        let mut tables: Vec<Arc<DirectionTable>> = Vec::new();
+        let mut views = Vec::with_capacity(frames.len());
+        let (mut bytes, mut largest) = (0, 0);
+        for &frame in &frames {
+            let source = &scene.frames[frame];
+            let (width, height) = store.size(frame);
+            let camera = source.camera.resized(width, height);
+            let table = (!is_pinhole(&camera.lens)).then(|| {
+                let known = tables.iter().find(|t| t.fits(&camera)).cloned();
+                known.unwrap_or_else(|| {
+                    tables.push(Arc::new(DirectionTable::new(&camera)));
+                    tables[tables.len() - 1].clone()
+                })
+            });
+            let size = store.bytes_of(frame);
+            bytes += size;
+            largest = largest.max(size);
+            views.push(View { frame, name: source.name.clone(), camera, table });
+        }
+        let mut first_pixel = vec![0];
+        for view in &views {
+            let pixels = u64::from(view.camera.width) * u64::from(view.camera.height);
+            first_pixel.push(first_pixel[first_pixel.len() - 1] + pixels);
+        }
+        let resident = if bytes <= store.budget() {
+            let decoded: Vec<_> = frames.par_iter().map(|&frame| store.get(frame)).collect();
+            Some(decoded.into_iter().collect::<Result<Vec<_>, _>>()?)
+        } else {
+            None
+        };
+        let window_views = store.budget().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1));
+        Ok(Self { views, store, resident, window_views, first_pixel })
+    }
+
+    /// Number of views.
+    pub fn len(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Whether there is no view.
+    pub fn is_empty(&self) -> bool {
+        self.views.is_empty()
+    }
+
+    /// The views, in the order of the frames given.
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// View `i`.
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn view(&self, i: usize) -> &View {
+        &self.views[i]
+    }
+
+    /// Pixels of view `i`.
+    ///
+    /// # Errors
+    /// [`SceneError`] when the image cannot be read.
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn image(&self, i: usize) -> Result<Arc<Image>, SceneError> {
+        match &self.resident {
+            Some(images) => Ok(images[i].clone()),
+            None => self.store.get(self.views[i].frame),
+        }
+    }
+
+    /// Ray through the centre of a pixel of view `i`, or `None` where the lens has no preimage.
+    ///
+    /// # Panics
+    /// When there is no such view or pixel.
+    pub fn ray(&self, i: usize, x: u32, y: u32) -> Option<Ray> {
+        self.views[i].ray(x, y)
+    }
+
+    /// Pixels of all views.
+    pub fn pixel_count(&self) -> u64 {
+        self.first_pixel[self.views.len()]
+    }
+
+    /// Bytes the decoded views may take at one time, with the direction tables.
+    pub fn memory_bytes(&self) -> usize {
+        let images: usize = match &self.resident {
+            Some(images) => images.iter().map(|i| i.data.len() + i.mask.as_ref().map_or(0, Vec::len)).sum(),
+            None => self.store.budget(),
+        };
+        let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
+        tables.sort_by_key(|t| Arc::as_ptr(t));
+        tables.dedup_by_key(|t| Arc::as_ptr(t));
+        images + tables.iter().map(|t| t.directions.len() * 12).sum::<usize>()
+    }
+
+    /// Fill `batch` with the `n` training pixels of step `step`: a function of `seed`, `step` and `n` alone, whatever
+    /// the number of threads. No allocation once `batch` has held `n` rays.
+    ///
+    /// Uniform over all usable pixels of all views when the views fit in the image memory. Otherwise uniform over a
+    /// window of views, of which one is replaced every 16 steps, each view coming once before any comes twice. An empty
+    /// dataset gives an empty batch.
+    ///
+    /// # Errors
+    /// [`SceneError`] when an image cannot be read.
+    pub fn draw(&self, seed: u64, step: u64, n: usize, batch: &mut Batch) -> Result<(), SceneError> {
+        if self.views.is_empty() {
+            batch.resize(0);
+            return Ok(());
+        }
+        batch.resize(n);
+        if self.resident.is_none() {
+            self.fill_pool(seed, step / STEPS_PER_WINDOW, batch)?;
+        }
+        let rng = Rng::new(seed, PIXELS + step);
+        let Batch { rays, rgb, alpha, weight, view, pixel, pool, .. } = batch;
+        let pool = &pool[..];
+        let colours = rgb.par_chunks_mut(CHUNK).zip(alpha.par_chunks_mut(CHUNK)).zip(weight.par_chunks_mut(CHUNK));
+        let places = rays.par_chunks_mut(CHUNK).zip(view.par_chunks_mut(CHUNK)).zip(pixel.par_chunks_mut(CHUNK));
+        colours.zip(places).enumerate().for_each(|(chunk, (((rgb, alpha), weight), ((rays, view), pixel)))| {
+            for k in 0..rays.len() {
+                let i = (chunk * CHUNK + k) as u64;
+                let drawn = self.draw_one(&rng, i, pool);
+                rays[k] = drawn.ray;
+                rgb[k] = drawn.rgb;
+                alpha[k] = drawn.alpha;
+                weight[k] = drawn.weight;
+                view[k] = drawn.view;
+                pixel[k] = drawn.pixel;
+            }
+        });
+        Ok(())
+    }
+
+    fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)]) -> Drawn {
+        let mut drawn = Drawn::default();
+        for attempt in 0..ATTEMPTS {
+            let u = rng.u64_at(i * ATTEMPTS + attempt);
+            let (v, image, x, y) = match &self.resident {
+                Some(images) => {
+                    let at = scale(u, self.pixel_count());
+                    let v = self.first_pixel.partition_point(|&first| first <= at) - 1;
+                    let (x, y) = split(at - self.first_pixel[v], self.views[v].camera.width);
+                    (v, &images[v], x, y)
+                }
+                None => {
+                    // The high bits choose the view, the low ones, mixed by the multiplication, the pixel.
+                    let (v, image) = &pool[scale(u, pool.len() as u64) as usize];
+                    let camera = &self.views[*v as usize].camera;
+                    let rest = u.wrapping_mul(pool.len() as u64);
+                    let (x, y) = split(scale(rest, u64::from(camera.width) * u64::from(camera.height)), camera.width);
+                    (*v as usize, image, x, y)
+                }
+            };
+            let at = y as usize * image.width as usize + x as usize;
+            let channels = usize::from(image.channels);
+            let p = &image.data[at * channels..][..channels];
+            let used = image.mask.as_ref().is_none_or(|mask| mask[at] >= 128);
+            let ray = self.views[v].ray(x, y);
+            drawn = Drawn {
+                rgb: [p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0),
+                alpha: if channels == 4 { f32::from(p[3]) / 255.0 } else { 1.0 },
+                weight: if used && ray.is_some() { 1.0 } else { 0.0 },
+                view: v as u32,
+                pixel: [x as u16, y as u16],
+                // A ray that does not count still has to be a ray.
+                ray: ray.unwrap_or(Ray { o: self.views[v].camera.pose.c, d: self.views[v].camera.optical_axis() }),
+            };
+            if drawn.weight > 0.0 {
+                break;
+            }
+        }
+        drawn
+    }
+
+    /// Decode the views of window `window` into the batch's pool; does nothing when it holds them.
+    fn fill_pool(&self, seed: u64, window: u64, batch: &mut Batch) -> Result<(), SceneError> {
+        if batch.pool_key == Some((seed, window)) {
+            return Ok(());
+        }
+        batch.pool_key = None;
+        batch.pool.clear();
+        for slot in 0..self.window_views as u64 {
+            let v = self.view_at(seed, window + slot);
+            batch.pool.push((v as u32, self.store.get(self.views[v].frame)?));
+        }
+        batch.pool_key = Some((seed, window));
+        Ok(())
+    }
+
+    /// View at place `position` of an endless sequence of shuffled rounds over all views.
+    fn view_at(&self, seed: u64, position: u64) -> usize {
+        let n = self.views.len() as u64;
+        let (round, place) = (position / n, position % n);
+        // Rank `place` of the random keys of this round: O(n^2) compares, no memory; a window moves every 16 steps.
+        let rng = Rng::new(seed, VIEWS + round);
+        let key = |v: u64| (rng.u64_at(v), v);
+        let rank = |v: u64| (0..n).filter(|&other| key(other) < key(v)).count() as u64;
+        (0..n).find(|&v| rank(v) == place).unwrap_or(0) as usize
+    }
+}
+
+/// One drawn pixel.
+#[derive(Clone, Copy)]
+struct Drawn {
+    ray: Ray,
+    rgb: [f32; 3],
+    alpha: f32,
+    weight: f32,
+    view: u32,
+    pixel: [u16; 2],
+}
+
+impl Default for Drawn {
+    fn default() -> Self {
+        let ray = Ray { o: DVec3::ZERO, d: DVec3::Z };
+        Self { ray, rgb: [0.0; 3], alpha: 0.0, weight: 0.0, view: 0, pixel: [0; 2] }
+    }
+}
+
+/// A uniform 64-bit number to a uniform number below `n`.
+fn scale(u: u64, n: u64) -> u64 {
+    ((u128::from(u) * u128::from(n)) >> 64) as u64
+}
+
+fn split(at: u64, width: u32) -> (u32, u32) {
+    ((at % u64::from(width)) as u32, (at / u64::from(width)) as u32)
+}
