@@ -108,6 +108,16 @@ pub trait Vector:
     fn load(x: &[f32]) -> Self;
     /// Write to the first `LANES` numbers of `out`.
     fn store(self, out: &mut [f32]);
+    /// [`Vector::load`] without the length check, for inner loops whose bounds are checked once outside.
+    ///
+    /// # Safety
+    /// `x` must be valid for reading `LANES` numbers; no alignment is needed.
+    unsafe fn load_ptr(x: *const f32) -> Self;
+    /// [`Vector::store`] without the length check.
+    ///
+    /// # Safety
+    /// `out` must be valid for writing `LANES` numbers; no alignment is needed.
+    unsafe fn store_ptr(self, out: *mut f32);
     /// `self * b + c`; fused where the level has it, two roundings at the scalar level.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// Smaller of each lane; the second operand where either is NaN.
@@ -175,6 +185,16 @@ impl Vector for Scalar {
     #[inline(always)]
     fn store(self, out: &mut [f32]) {
         out[..8].copy_from_slice(&self.0);
+    }
+    #[inline(always)]
+    unsafe fn load_ptr(x: *const f32) -> Self {
+        // SAFETY: the caller vouches for `LANES` readable numbers; `[f32; 8]` is read unaligned.
+        Self(unsafe { x.cast::<[f32; 8]>().read_unaligned() })
+    }
+    #[inline(always)]
+    unsafe fn store_ptr(self, out: *mut f32) {
+        // SAFETY: the caller vouches for `LANES` writable numbers.
+        unsafe { out.cast::<[f32; 8]>().write_unaligned(self.0) }
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -309,6 +329,16 @@ mod x86 {
                     let out = &mut out[..$lanes];
                     // SAFETY: `out` holds `LANES` numbers; the store needs no alignment.
                     unsafe { $storeu(out.as_mut_ptr(), self.0) }
+                }
+                #[inline(always)]
+                unsafe fn load_ptr(x: *const f32) -> Self {
+                    // SAFETY: the caller vouches for `LANES` readable numbers.
+                    unsafe { Self($loadu(x)) }
+                }
+                #[inline(always)]
+                unsafe fn store_ptr(self, out: *mut f32) {
+                    // SAFETY: the caller vouches for `LANES` writable numbers.
+                    unsafe { $storeu(out, self.0) }
                 }
                 #[inline(always)]
                 fn mul_add(self, b: Self, c: Self) -> Self {
