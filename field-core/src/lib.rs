@@ -1,7 +1,16 @@
-//! See the modules.
+//! A point in space to density, colour and features: encodings, grids, tiny networks, random numbers.
+//!
+//! Everything differentiable is a pair of plain functions on slices, `f` and `f_backward`; batches are feature-major,
+//! `[feature][sample]`.
 #![no_std]
-#[cfg(feature = "std")]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
-compile_error!("enable `std` or `libm`: a float backend is needed");
+compile_error!("field-core needs a float backend: enable `std` or `libm`");
+
+mod error;
+pub mod rng;
+
+pub use error::FieldError;
