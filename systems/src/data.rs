@@ -22,9 +22,9 @@ const ATTEMPTS: u64 = 8;
 /// Steps one set of views is drawn from when not all views fit in memory; then one of them is replaced.
 const STEPS_PER_WINDOW: u64 = 16;
 
-/// Stream of pixel draws is `PIXELS + step`, of the view order `VIEWS + epoch`: far apart, so that they never meet.
-const PIXELS: u64 = 0x7069_7865 << 32;
-const VIEWS: u64 = 0x7669_6577 << 32;
+/// Random streams: pixels of a step are substream `step` of one, the view order of a round substream `round` of the other.
+const PIXELS: u64 = 0x7069_7865_6c73;
+const VIEWS: u64 = 0x7669_6577_73;
 
 /// One view of a [`Dataset`].
 #[derive(Clone, Debug)]
@@ -122,6 +122,8 @@ pub struct Batch {
     pub pixel: Vec<[u16; 2]>,
     /// Decoded images of the current window of views, when not all fit in memory.
     pool: Vec<(u32, Arc<Image>)>,
+    /// Scratch: keys and views of one round.
+    order: Vec<(u64, u32)>,
     /// What `pool` was filled for: seed and window.
     pool_key: Option<(u64, u64)>,
 }
@@ -284,7 +286,7 @@ impl Dataset {
         if self.resident.is_none() {
             self.fill_pool(seed, step / STEPS_PER_WINDOW, batch)?;
         }
-        let rng = Rng::new(seed, PIXELS + step);
+        let rng = Rng::new(seed, PIXELS).substream(step);
         let Batch { rays, rgb, alpha, weight, view, pixel, pool, .. } = batch;
         let pool = &pool[..];
         let colours = rgb.par_chunks_mut(CHUNK).zip(alpha.par_chunks_mut(CHUNK)).zip(weight.par_chunks_mut(CHUNK));
@@ -307,7 +309,8 @@ impl Dataset {
     fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)]) -> Drawn {
         let mut drawn = Drawn::default();
         for attempt in 0..ATTEMPTS {
-            let u = rng.u64_at(i * ATTEMPTS + attempt);
+            let bits = rng.block_at(i * ATTEMPTS + attempt);
+            let u = u64::from(bits[0]) << 32 | u64::from(bits[1]);
             let (v, image, x, y) = match &self.resident {
                 Some(images) => {
                     let at = scale(u, self.pixel_count());
@@ -316,11 +319,10 @@ impl Dataset {
                     (v, &images[v], x, y)
                 }
                 None => {
-                    // The high bits choose the view, the low ones, mixed by the multiplication, the pixel.
-                    let (v, image) = &pool[scale(u, pool.len() as u64) as usize];
+                    let u_view = u64::from(bits[2]) << 32 | u64::from(bits[3]);
+                    let (v, image) = &pool[scale(u_view, pool.len() as u64) as usize];
                     let camera = &self.views[*v as usize].camera;
-                    let rest = u.wrapping_mul(pool.len() as u64);
-                    let (x, y) = split(scale(rest, u64::from(camera.width) * u64::from(camera.height)), camera.width);
+                    let (x, y) = split(scale(u, u64::from(camera.width) * u64::from(camera.height)), camera.width);
                     (*v as usize, image, x, y)
                 }
             };
@@ -352,23 +354,22 @@ impl Dataset {
         }
         batch.pool_key = None;
         batch.pool.clear();
-        for slot in 0..self.window_views as u64 {
-            let v = self.view_at(seed, window + slot);
-            batch.pool.push((v as u32, self.store.get(self.views[v].frame)?));
+        let n = self.views.len() as u64;
+        let places = window..window + self.window_views as u64;
+        for round in places.start / n..=(places.end - 1) / n {
+            // An endless sequence of rounds, each all views in the order of the round's random keys.
+            let rng = Rng::new(seed, VIEWS).substream(round);
+            batch.order.clear();
+            batch.order.extend((0..n).map(|v| (rng.u64_at(v), v as u32)));
+            batch.order.sort_unstable();
+            for (place, &(_, v)) in (round * n..).zip(&batch.order) {
+                if places.contains(&place) {
+                    batch.pool.push((v, self.store.get(self.views[v as usize].frame)?));
+                }
+            }
         }
         batch.pool_key = Some((seed, window));
         Ok(())
-    }
-
-    /// View at place `position` of an endless sequence of shuffled rounds over all views.
-    fn view_at(&self, seed: u64, position: u64) -> usize {
-        let n = self.views.len() as u64;
-        let (round, place) = (position / n, position % n);
-        // Rank `place` of the random keys of this round: O(n^2) compares, no memory; a window moves every 16 steps.
-        let rng = Rng::new(seed, VIEWS + round);
-        let key = |v: u64| (rng.u64_at(v), v);
-        let rank = |v: u64| (0..n).filter(|&other| key(other) < key(v)).count() as u64;
-        (0..n).find(|&v| rank(v) == place).unwrap_or(0) as usize
     }
 }
 
