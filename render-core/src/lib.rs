@@ -1,7 +1,16 @@
-//! See the modules.
+//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction.
+//!
+//! Axes, pixel centres, letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV
+//! axes (x right, y down, z forward), pixel centres at `+ 0.5`, unit ray directions, radians.
 #![no_std]
 #[cfg(feature = "std")]
 extern crate std;
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
-compile_error!("enable `std` or `libm`: a float backend is needed");
+compile_error!("render-core needs a float backend: enable `std` or `libm`");
+
+extern crate alloc;
+
+pub mod camera;
+pub mod pose;
+pub mod ray;

@@ -1,0 +1,213 @@
+//! The polynomial lens map on a plane, its Jacobian and its inverse.
+//!
+//! Letters: `(x, y)` ideal plane coordinates, `r2 = x^2 + y^2`, `(x_d, y_d)` distorted ones. On a perspective lens the
+//! plane is the tangent plane `(X / Z, Y / Z)`; on a fisheye it is the equidistant one, where the radius is the angle
+//! to the optical axis.
+
+use float_core::m64;
+use glam::{DMat2, DVec2};
+
+use super::polynomial::{Coefficients, evaluate, first_sign_change};
+
+/// Newton steps before an inversion gives up.
+const MAX_STEPS: usize = 20;
+/// Residual, relative to `max(1, |target|)`, of an inversion that counts as converged.
+const CONVERGED: f64 = 1e-12;
+/// Smallest determinant of the lens map that is still inverted.
+const MIN_DET: f64 = 1e-9;
+
+/// `(x, y) g(r2)` plus tangential and thin-prism terms, `g = (1 + num . r2^i) / (1 + den . r2^i)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Distortion {
+    pub(super) num: [f64; 4],
+    pub(super) den: [f64; 3],
+    pub(super) p: [f64; 2],
+    pub(super) s: [f64; 2],
+}
+
+impl Distortion {
+    /// True when the map is the identity.
+    pub(super) fn is_identity(&self) -> bool {
+        let zero = |c: &[f64]| c.iter().all(|&c| c == 0.0);
+        zero(&self.num) && zero(&self.den) && self.is_radial()
+    }
+
+    /// True without tangential and prism terms.
+    pub(super) fn is_radial(&self) -> bool {
+        self.p == [0.0; 2] && self.s == [0.0; 2]
+    }
+
+    /// Numerator, denominator and their derivatives with respect to `r2`.
+    fn fraction(&self, r2: f64) -> [f64; 4] {
+        let ([a, b, c, d], [e, f, g]) = (self.num, self.den);
+        [
+            1.0 + r2 * (a + r2 * (b + r2 * (c + r2 * d))),
+            1.0 + r2 * (e + r2 * (f + r2 * g)),
+            a + r2 * (2.0 * b + r2 * (3.0 * c + r2 * 4.0 * d)),
+            e + r2 * (2.0 * f + r2 * 3.0 * g),
+        ]
+    }
+
+    /// Radial factor `g` and `dg / dr2`.
+    pub(super) fn radial(&self, r2: f64) -> (f64, f64) {
+        let [n, d, dn, dd] = self.fraction(r2);
+        let g = n / d;
+        (g, (dn - g * dd) / d)
+    }
+
+    /// Distorted coordinates.
+    pub(super) fn apply(&self, q: DVec2) -> DVec2 {
+        let (r2, [p1, p2], [s1, s2]) = (q.length_squared(), self.p, self.s);
+        let (g, _) = self.radial(r2);
+        let xy2 = 2.0 * q.x * q.y;
+        DVec2::new(
+            q.x * g + p1 * xy2 + p2 * (r2 + 2.0 * q.x * q.x) + s1 * r2,
+            q.y * g + p2 * xy2 + p1 * (r2 + 2.0 * q.y * q.y) + s2 * r2,
+        )
+    }
+
+    /// `d(x_d, y_d) / d(x, y)`.
+    pub(super) fn jacobian(&self, q: DVec2) -> DMat2 {
+        let ([p1, p2], [s1, s2]) = (self.p, self.s);
+        let (g, dg) = self.radial(q.length_squared());
+        let (x, y) = (q.x, q.y);
+        let cross = 2.0 * x * y * dg;
+        DMat2::from_cols(
+            DVec2::new(
+                g + 2.0 * x * x * dg + 2.0 * p1 * y + 6.0 * p2 * x + 2.0 * s1 * x,
+                cross + 2.0 * p2 * y + 2.0 * p1 * x + 2.0 * s2 * x,
+            ),
+            DVec2::new(
+                cross + 2.0 * p1 * x + 2.0 * p2 * y + 2.0 * s1 * y,
+                g + 2.0 * y * y * dg + 2.0 * p2 * x + 6.0 * p1 * y + 2.0 * s2 * y,
+            ),
+        )
+    }
+
+    /// Radius up to which the radial part grows with the radius (and has no pole), at most `limit`.
+    ///
+    /// Past it several points of the scene meet in one pixel: the fold of the lens.
+    pub(super) fn fold_radius(&self, limit: f64) -> f64 {
+        let n = [1.0, self.num[0], self.num[1], self.num[2], self.num[3]];
+        let d = [1.0, self.den[0], self.den[1], self.den[2]];
+        // d(r N/D)/dr = ((N + 2 u N') D - 2 u N D') / D^2 with u = r^2.
+        let mut slope: Coefficients = [0.0; 8];
+        for (i, n) in n.iter().enumerate() {
+            for (j, d) in d.iter().enumerate() {
+                slope[i + j] += (1.0 + 2.0 * i as f64 - 2.0 * j as f64) * n * d;
+            }
+        }
+        let mut pole: Coefficients = [0.0; 8];
+        pole[..4].copy_from_slice(&d);
+        let u_max = first_sign_change(&slope, limit * limit).min(first_sign_change(&pole, limit * limit));
+        m64::sqrt(u_max)
+    }
+
+    /// The point within `r_max` that the map sends to `target`, `None` where there is none.
+    ///
+    /// Newton with step halving, first from the target itself, then (strong distortion) from the inverse of the radial
+    /// part alone.
+    pub(super) fn invert(&self, target: DVec2, r_max: f64) -> Option<DVec2> {
+        if !target.is_finite() {
+            return None;
+        }
+        if self.is_identity() {
+            return (target.length() <= r_max).then_some(target);
+        }
+        let near = if target.length() <= r_max { self.newton(target, target, r_max) } else { None };
+        near.or_else(|| self.newton(target, self.invert_radial(target, r_max), r_max))
+    }
+
+    fn newton(&self, target: DVec2, start: DVec2, r_max: f64) -> Option<DVec2> {
+        let norm = |f: DVec2| f.abs().max_element();
+        let scale = norm(target).max(1.0);
+        let mut q = start;
+        let mut f = self.apply(q) - target;
+        for _ in 0..MAX_STEPS {
+            let jacobian = self.jacobian(q);
+            // A negative determinant lies beyond a fold, where the picture is mirrored.
+            if !(jacobian.determinant() > MIN_DET) {
+                return None;
+            }
+            let last = norm(f) < 1e-7 * scale; // quadratic: one more step reaches rounding
+            let mut step = jacobian.inverse() * f;
+            let mut better = None;
+            for _ in 0..12 {
+                let next = q - step;
+                let f_next = self.apply(next) - target;
+                if next.length() <= r_max && norm(f_next) < norm(f) {
+                    better = Some((next, f_next));
+                    break;
+                }
+                if last {
+                    break; // rounding: there is nothing left to gain
+                }
+                step *= 0.5;
+            }
+            match better {
+                Some((next, f_next)) => (q, f) = (next, f_next),
+                None => break,
+            }
+            if last {
+                break;
+            }
+        }
+        (norm(f) <= CONVERGED * scale && self.jacobian(q).determinant() > MIN_DET).then_some(q)
+    }
+
+    /// Inverse of the radial part by bisection; targets past the fold give a point just inside of it.
+    fn invert_radial(&self, target: DVec2, r_max: f64) -> DVec2 {
+        let r_d = target.length();
+        if r_d == 0.0 {
+            return DVec2::ZERO;
+        }
+        let (mut lo, mut hi) = (0.0, r_max);
+        for _ in 0..100 {
+            let mid = 0.5 * (lo + hi);
+            if mid * self.radial(mid * mid).0 < r_d { lo = mid } else { hi = mid }
+        }
+        target * (lo.min(0.999 * r_max) / r_d)
+    }
+}
+
+/// `radius(r) = theta_d` of the FOV model and its inverse; `omega` in radians.
+///
+/// Devernay and Faugeras, "Straight lines have to be straight", 2001.
+pub(super) mod fov {
+    use super::*;
+
+    /// Below this the tangents cancel; the map is the identity to 1e-9.
+    const SMALL: f64 = 1e-5;
+
+    /// `r_d / r` and `d(r_d / r) / d(r2)`.
+    pub(in super::super) fn factor(omega: f64, r2: f64) -> (f64, f64) {
+        if omega.abs() < SMALL {
+            let w2 = omega * omega;
+            return (1.0 + w2 / 12.0 - r2 * w2 / 3.0, -w2 / 3.0);
+        }
+        let a = 2.0 * m64::tan(0.5 * omega);
+        let a2r2 = a * a * r2;
+        if a2r2 < 1e-4 {
+            // atan(z)/z = 1 - z^2/3 + z^4/5 - z^6/7
+            let value = a / omega * evaluate(&[1.0, -1.0 / 3.0, 0.2, -1.0 / 7.0], a2r2);
+            return (value, a * a * a / omega * evaluate(&[-1.0 / 3.0, 0.4, -3.0 / 7.0], a2r2));
+        }
+        let r = m64::sqrt(r2);
+        let value = m64::atan(a * r) / (omega * r);
+        (value, (a / (omega * (1.0 + a2r2)) - value) / (2.0 * r2))
+    }
+
+    /// `r / r_d`, `None` where the model has no such ray.
+    pub(in super::super) fn inverse_factor(omega: f64, r_d: f64) -> Option<f64> {
+        if omega.abs() < SMALL {
+            let w2 = omega * omega;
+            return Some(1.0 - w2 / 12.0 + r_d * r_d * w2 / 3.0);
+        }
+        let angle = (r_d * omega).abs();
+        if !(angle < core::f64::consts::FRAC_PI_2) {
+            return None;
+        }
+        let a = 2.0 * m64::tan(0.5 * omega.abs());
+        if angle < 1e-8 { Some(omega.abs() / a) } else { Some(m64::tan(angle) / (a * r_d)) }
+    }
+}

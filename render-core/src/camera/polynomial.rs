@@ -1,0 +1,86 @@
+//! Where a polynomial first becomes zero: the fold of a lens.
+
+/// Coefficients of the polynomials here, constant term first.
+pub(super) type Coefficients = [f64; 8];
+
+/// `c[0] + c[1] x + ...` by Horner's rule.
+pub(super) fn evaluate(c: &[f64], x: f64) -> f64 {
+    c.iter().rev().fold(0.0, |acc, &c| acc * x + c)
+}
+
+/// Smallest root in `(0, limit)` at which `c` changes sign, or `limit` when there is none.
+///
+/// The roots of the derivative cut the line into pieces on which the polynomial is monotone; each piece holds at most
+/// one root and is bisected. A root at which the sign stays (the curve only touches zero) does not count.
+pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
+    // Without a negative coefficient there is nothing to look for (the usual case: no distortion).
+    if c[0] > 0.0 && c.iter().all(|&c| c >= 0.0) {
+        return limit;
+    }
+    let mut roots = [0.0; 8];
+    match sign_changes(c, limit, &mut roots) {
+        0 => limit,
+        _ => roots[0],
+    }
+}
+
+/// All sign changes in `(0, limit)`, ascending; returns how many there are.
+fn sign_changes(c: &Coefficients, limit: f64, roots: &mut [f64; 8]) -> usize {
+    let degree = c.iter().rposition(|&c| c != 0.0).unwrap_or(0);
+    if degree == 0 {
+        return 0;
+    }
+    let mut derivative = [0.0; 8];
+    for (i, d) in derivative.iter_mut().enumerate().take(degree) {
+        *d = c[i + 1] * (i + 1) as f64;
+    }
+    let mut turning = [0.0; 8];
+    let turns = sign_changes(&derivative, limit, &mut turning);
+    let (mut found, mut lo) = (0, 0.0);
+    for &hi in turning[..turns].iter().chain(&[limit]) {
+        if (evaluate(c, lo) > 0.0) != (evaluate(c, hi) > 0.0) {
+            roots[found] = bisect(c, lo, hi);
+            found += 1;
+        }
+        lo = hi;
+    }
+    found
+}
+
+/// The sign change between `lo` and `hi`, to the last bit; the returned point is on the side of `lo`.
+fn bisect(c: &[f64], mut lo: f64, mut hi: f64) -> f64 {
+    let sign = evaluate(c, lo) > 0.0;
+    loop {
+        let mid = 0.5 * (lo + hi);
+        if mid <= lo || mid >= hi {
+            return lo;
+        }
+        if (evaluate(c, mid) > 0.0) == sign { lo = mid } else { hi = mid }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_sign_change_finds_the_smallest_of_several_roots() {
+        // (x - 0.5)(x - 2)(x - 3) = -3 + 8.5 x - 5.5 x^2 + x^3
+        let c = [-3.0, 8.5, -5.5, 1.0, 0.0, 0.0, 0.0, 0.0];
+        assert!((first_sign_change(&c, 1e12) - 0.5).abs() < 1e-12);
+        assert_eq!(first_sign_change(&c, 0.4), 0.4);
+    }
+
+    #[test]
+    fn first_sign_change_of_a_positive_polynomial_is_the_limit() {
+        assert_eq!(first_sign_change(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 7.0), 7.0);
+        // 1 - x + x^2 has no real root.
+        assert_eq!(first_sign_change(&[1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1e12), 1e12);
+    }
+
+    #[test]
+    fn first_sign_change_handles_tiny_coefficients() {
+        let root = first_sign_change(&[1.0, -1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1e12);
+        assert!((root * 1e-9 - 1.0).abs() < 1e-12);
+    }
+}

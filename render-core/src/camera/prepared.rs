@@ -1,0 +1,154 @@
+//! A camera with the limits of its lens worked out once.
+
+use float_core::m64;
+use glam::{DVec2, DVec3};
+
+use super::{
+    Camera, Lens,
+    distortion::{Distortion, fov},
+};
+use crate::ray::Ray;
+
+/// Rays this close to the image plane (cosine to the optical axis) count as not seen by a perspective lens.
+pub(super) const MIN_COS: f64 = 1e-6;
+/// Radius on the tangent plane that belongs to [`MIN_COS`].
+const MAX_TANGENT: f64 = 1e6;
+
+/// The ideal plane on which a lens is described.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Model {
+    /// `(X / Z, Y / Z)`.
+    Tangent(Distortion),
+    /// `theta` times the direction of `(X, Y)`.
+    Equidistant(Distortion),
+    /// Tangent plane, arctangent radial map.
+    Fov(f64),
+}
+
+/// A camera with the fold radius of its lens: what to use for whole images.
+///
+/// Made by [`Camera::prepare`]; the answers are those of the camera itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prepared {
+    pub(super) camera: Camera,
+    pub(super) model: Model,
+    pub(super) r_max: f64,
+}
+
+impl Prepared {
+    pub(super) fn new(camera: Camera) -> Self {
+        let model = match (camera.lens, camera.lens.distortion()) {
+            (Lens::Fov { omega }, _) => Model::Fov(omega),
+            (Lens::Perspective { .. }, Some(d)) => Model::Tangent(d),
+            (_, Some(d)) => Model::Equidistant(d),
+            (_, None) => unreachable!("every lens but Fov is a polynomial"),
+        };
+        let r_max = match model {
+            Model::Fov(_) => MAX_TANGENT,
+            Model::Tangent(d) => d.fold_radius(MAX_TANGENT),
+            Model::Equidistant(d) => d.fold_radius(core::f64::consts::PI),
+        };
+        Self { camera, model, r_max }
+    }
+
+    /// The camera this was made from.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Largest radius on the ideal plane that the lens maps one to one: `tan(angle)` for perspective lenses, the angle
+    /// itself (radians) for fisheyes.
+    #[must_use]
+    pub fn fold_radius(&self) -> f64 {
+        self.r_max
+    }
+
+    /// Pixel of a world point; see [`Camera::project`].
+    #[must_use]
+    pub fn project(&self, x_world: DVec3) -> Option<DVec2> {
+        self.project_from_camera(self.camera.pose.to_camera(x_world))
+    }
+
+    /// Pixel of a point in camera axes.
+    #[must_use]
+    pub fn project_from_camera(&self, x_camera: DVec3) -> Option<DVec2> {
+        let q = self.plane(x_camera)?;
+        let d = match self.model {
+            Model::Fov(omega) => q * fov::factor(omega, q.length_squared()).0,
+            Model::Tangent(d) | Model::Equidistant(d) => {
+                if !d.is_radial() && !(d.jacobian(q).determinant() > 0.0) {
+                    return None;
+                }
+                d.apply(q)
+            }
+        };
+        let c = &self.camera;
+        let pixel = DVec2::new(c.fx * d.x + c.cx, c.fy * d.y + c.cy);
+        pixel.is_finite().then_some(pixel)
+    }
+
+    /// The ray through a pixel; see [`Camera::ray`].
+    #[must_use]
+    pub fn ray(&self, pixel: DVec2) -> Option<Ray> {
+        let pose = &self.camera.pose;
+        self.direction(pixel).map(|d| Ray { o: pose.c, d: (pose.r * d).normalize() })
+    }
+
+    /// Unit direction in camera axes; see [`Camera::direction_in_camera`].
+    #[must_use]
+    pub fn direction(&self, pixel: DVec2) -> Option<DVec3> {
+        let q = self.undistort(pixel)?;
+        Some(match self.model {
+            Model::Fov(_) | Model::Tangent(_) => q.extend(1.0).normalize(),
+            Model::Equidistant(_) => {
+                let theta = q.length();
+                let (sin, cos) = m64::sin_cos(theta);
+                // sin(theta) / theta is 1 to the last bit below 1e-8.
+                let k = if theta < 1e-8 { 1.0 } else { sin / theta };
+                DVec3::new(k * q.x, k * q.y, cos).normalize()
+            }
+        })
+    }
+
+    /// Ideal plane coordinates of a pixel: `(X/Z, Y/Z)` for perspective lenses, `theta` times the direction of
+    /// `(X, Y)` for fisheyes. `None` where the lens has no preimage.
+    #[must_use]
+    pub fn undistort(&self, pixel: DVec2) -> Option<DVec2> {
+        let c = &self.camera;
+        let d = DVec2::new((pixel.x - c.cx) / c.fx, (pixel.y - c.cy) / c.fy);
+        match self.model {
+            Model::Fov(omega) => {
+                let q = d * fov::inverse_factor(omega, d.length())?;
+                (q.length() <= self.r_max).then_some(q)
+            }
+            Model::Tangent(m) | Model::Equidistant(m) => m.invert(d, self.r_max),
+        }
+    }
+
+    /// Ideal plane coordinates of a point in camera axes.
+    pub(super) fn plane(&self, x: DVec3) -> Option<DVec2> {
+        let q = match self.model {
+            Model::Fov(_) | Model::Tangent(_) => {
+                // Also false for NaN.
+                if !(x.z > MIN_COS * x.abs().max_element() && x.z.is_finite()) {
+                    return None;
+                }
+                DVec2::new(x.x / x.z, x.y / x.z)
+            }
+            Model::Equidistant(_) => {
+                if !x.is_finite() || x == DVec3::ZERO {
+                    return None;
+                }
+                let rho = m64::hypot(x.x, x.y);
+                let theta = m64::atan2(rho, x.z);
+                if rho == 0.0 {
+                    // Exactly behind the lens every direction of the plane would do.
+                    return (x.z > 0.0).then_some(DVec2::ZERO);
+                }
+                DVec2::new(x.x / rho * theta, x.y / rho * theta)
+            }
+        };
+        (q.length_squared() <= self.r_max * self.r_max).then_some(q)
+    }
+}
