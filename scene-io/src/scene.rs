@@ -1,0 +1,231 @@
+//! A dataset as every system sees it: frames, cameras, points. Dialects end here.
+
+use crate::picture::Image;
+use glam::DVec3;
+use render_core::camera::Camera;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A set of posed images with what else the dataset knows.
+///
+/// World axes and unit are those of the file that was read; camera axes are CV (see `CONVENTIONS.md`).
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// A name for people: the folder's.
+    pub name: String,
+    /// The dataset's folder; relative names are relative to it.
+    pub root: PathBuf,
+    /// The file format it came in.
+    pub dialect: Dialect,
+    /// Images and cameras, in the order the dialect defines.
+    pub frames: Vec<Frame>,
+    /// Reconstructed surface points, empty if the dataset has none.
+    pub points: Vec<Point>,
+    /// What the dialect itself says about the arrangement of cameras and scene.
+    pub layout: LayoutHint,
+    /// The box the file says the scene lies in, world units.
+    pub bounds: Option<Bounds>,
+    /// What was skipped, matched or assumed, for people.
+    pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Indices of the frames of a split, ascending.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = usize> + '_ {
+        self.frames.iter().enumerate().filter(move |(_, f)| f.split == split).map(|(i, _)| i)
+    }
+
+    /// Number of frames of a split.
+    #[must_use]
+    pub fn count(&self, split: Split) -> usize {
+        self.split(split).count()
+    }
+
+    /// Names of the test frames, in frame order: what is written beside a run so that it can be repeated.
+    #[must_use]
+    pub fn held_out_names(&self) -> Vec<String> {
+        self.split(Split::Test).map(|i| self.frames[i].name.clone()).collect()
+    }
+}
+
+/// The file format of a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Dialect {
+    /// `transforms_train.json`, `transforms_val.json`, `transforms_test.json`.
+    Blender,
+    /// `transforms.json` as instant-ngp writes it.
+    InstantNgp,
+    /// `transforms.json` as nerfstudio writes it.
+    Nerfstudio,
+    /// A sparse model of COLMAP, text or binary.
+    Colmap,
+    /// `poses_bounds.npy`.
+    Llff,
+    /// Made here, from no file.
+    Synthetic,
+}
+
+impl Dialect {
+    /// Name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blender => "blender",
+            Self::InstantNgp => "instant-ngp",
+            Self::Nerfstudio => "nerfstudio",
+            Self::Colmap => "colmap",
+            Self::Llff => "llff",
+            Self::Synthetic => "synthetic",
+        }
+    }
+
+    /// The dialects that can be read from files.
+    pub const READABLE: [Self; 5] = [Self::Blender, Self::InstantNgp, Self::Nerfstudio, Self::Colmap, Self::Llff];
+}
+
+impl fmt::Display for Dialect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Dialect {
+    type Err = String;
+
+    /// Accepts the names of [`Dialect::name`]; the error lists them.
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::READABLE.into_iter().find(|d| d.name() == text).ok_or_else(|| {
+            let names: Vec<_> = Self::READABLE.iter().map(|d| d.name()).collect();
+            format!("`{text}` is no dataset format: use one of {}", names.join(", "))
+        })
+    }
+}
+
+/// What a dialect says about the arrangement of cameras and scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LayoutHint {
+    /// Cameras around an object on an empty background.
+    Object {
+        /// Distance before which there is nothing, world units.
+        near: f64,
+        /// Distance behind which there is nothing, world units.
+        far: f64,
+    },
+    /// Cameras side by side looking the same way: NDC fits.
+    ForwardFacing,
+    /// The background reaches to infinity.
+    Unbounded,
+    /// The dialect does not say.
+    Unknown,
+}
+
+/// An axis-aligned box, world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest coordinates.
+    pub min: DVec3,
+    /// Largest coordinates.
+    pub max: DVec3,
+}
+
+/// A coloured point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Position, world units.
+    pub xyz: DVec3,
+    /// Colour, sRGB.
+    pub rgb: [u8; 3],
+}
+
+/// One image, its camera and what belongs to it.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Unique within the scene: the path as the dataset writes it, without a leading `./`.
+    pub name: String,
+    /// The picture.
+    pub image: ImageSource,
+    /// Ignore mask; see [`Frame::mask_polarity`].
+    pub mask: Option<PathBuf>,
+    /// What white means in [`Frame::mask`].
+    pub mask_polarity: MaskPolarity,
+    /// Depth map, kept as a path.
+    pub depth: Option<PathBuf>,
+    /// Camera at the image's native size.
+    pub camera: Camera,
+    /// What the frame is for.
+    pub split: Split,
+    /// Time in `[0, 1]` over the sequence.
+    pub time: Option<f64>,
+    /// Smallest and largest z depth of what is seen, world units.
+    pub z_bounds: Option<[f64; 2]>,
+    /// Sharpness as the dataset scores it (larger is sharper; instant-ngp).
+    pub sharpness: Option<f64>,
+}
+
+impl Frame {
+    /// A training frame with nothing but an image and a camera.
+    #[must_use]
+    pub fn new(name: impl Into<String>, image: ImageSource, camera: Camera) -> Self {
+        Self {
+            name: name.into(),
+            image,
+            mask: None,
+            mask_polarity: MaskPolarity::WhiteIsUsed,
+            depth: None,
+            camera,
+            split: Split::Train,
+            time: None,
+            z_bounds: None,
+            sharpness: None,
+        }
+    }
+}
+
+/// Where the pixels of a frame are.
+#[derive(Clone, Debug)]
+pub enum ImageSource {
+    /// In a file, decoded when asked for.
+    File(PathBuf),
+    /// In memory already.
+    Memory(Arc<Image>),
+}
+
+/// What a frame is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Split {
+    /// Trained on.
+    Train,
+    /// For choosing settings.
+    Val,
+    /// Held out and measured.
+    Test,
+    /// Neither trained on nor measured.
+    Unused,
+}
+
+impl Split {
+    /// All splits, in the order of reports.
+    pub const ALL: [Self; 4] = [Self::Train, Self::Val, Self::Test, Self::Unused];
+
+    /// Lower-case name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+            Self::Unused => "unused",
+        }
+    }
+}
+
+/// What white means in an ignore mask.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MaskPolarity {
+    /// White pixels are used, black ones ignored (COLMAP, nerfstudio).
+    #[default]
+    WhiteIsUsed,
+    /// White pixels are ignored (masks of passers-by or tools).
+    WhiteIsIgnored,
+}
