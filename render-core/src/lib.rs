@@ -3,14 +3,14 @@
 //! Axes, pixel centres, letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV
 //! axes (x right, y down, z forward), pixel centres at `+ 0.5`, unit ray directions, radians.
 #![no_std]
+extern crate alloc;
 #[cfg(feature = "std")]
 extern crate std;
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("render-core needs a float backend: enable `std` or `libm`");
 
-extern crate alloc;
-
 pub mod camera;
+pub mod error;
 pub mod pose;
 pub mod ray;

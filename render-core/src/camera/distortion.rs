@@ -126,7 +126,8 @@ impl Distortion {
         for _ in 0..MAX_STEPS {
             let jacobian = self.jacobian(q);
             // A negative determinant lies beyond a fold, where the picture is mirrored.
-            if !(jacobian.determinant() > MIN_DET) {
+            let sound = jacobian.determinant() > MIN_DET; // false for NaN, too
+            if !sound {
                 return None;
             }
             let last = norm(f) < 1e-7 * scale; // quadratic: one more step reaches rounding
@@ -204,10 +205,13 @@ pub(super) mod fov {
             return Some(1.0 - w2 / 12.0 + r_d * r_d * w2 / 3.0);
         }
         let angle = (r_d * omega).abs();
-        if !(angle < core::f64::consts::FRAC_PI_2) {
-            return None;
-        }
         let a = 2.0 * m64::tan(0.5 * omega.abs());
-        if angle < 1e-8 { Some(omega.abs() / a) } else { Some(m64::tan(angle) / (a * r_d)) }
+        if angle < 1e-8 {
+            Some(omega.abs() / a)
+        } else if angle < core::f64::consts::FRAC_PI_2 {
+            Some(m64::tan(angle) / (a * r_d))
+        } else {
+            None
+        }
     }
 }

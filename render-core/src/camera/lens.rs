@@ -52,6 +52,33 @@ impl Lens {
         *self == Self::PINHOLE
     }
 
+    /// Every coefficient with its name.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        const K: [&str; 6] = ["k1", "k2", "k3", "k4", "k5", "k6"];
+        let mut out = [("", 0.0); 8];
+        let mut n = 0;
+        let mut push = |names: &[&'static str], values: &[f64]| {
+            for (&name, &value) in names.iter().zip(values) {
+                out[n] = (name, value);
+                n += 1;
+            }
+        };
+        match self {
+            Self::Perspective { k, p } => {
+                push(&K, k);
+                push(&["p1", "p2"], p);
+            }
+            Self::Fisheye { k } => push(&K, k),
+            Self::Fov { omega } => push(&["omega"], &[*omega]),
+            Self::ThinPrismFisheye { k, p, s } => {
+                push(&K, k);
+                push(&["p1", "p2"], p);
+                push(&["sx1", "sy1"], s);
+            }
+        }
+        out.into_iter().take(n)
+    }
+
     /// The polynomial map of the model, `None` for [`Lens::Fov`].
     pub(super) fn distortion(&self) -> Option<Distortion> {
         Some(match *self {

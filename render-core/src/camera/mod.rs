@@ -14,6 +14,7 @@
 //! assert!((back - pixel).length() < 1e-9);
 //! ```
 
+mod colmap;
 mod distortion;
 mod lens;
 mod polynomial;
@@ -21,9 +22,9 @@ mod prepared;
 
 use glam::{DVec2, DVec3};
 
-pub use self::{lens::Lens, prepared::Prepared};
+pub use self::{colmap::ColmapModel, lens::Lens, prepared::Prepared};
 pub use crate::pose::Pose;
-use crate::ray::Ray;
+use crate::{error::CameraError, ray::Ray};
 
 /// One camera: image size, intrinsics in pixels, lens and pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +52,31 @@ impl Camera {
     #[must_use]
     pub fn pinhole(width: u32, height: u32, fx: f64, fy: f64, cx: f64, cy: f64, pose: Pose) -> Self {
         Self { width, height, fx, fy, cx, cy, lens: Lens::PINHOLE, pose }
+    }
+
+    /// Whether this is a camera that can see: image size, focal lengths, principal point and lens parameters.
+    ///
+    /// # Errors
+    /// [`CameraError`] naming the first parameter that is wrong.
+    pub fn check(&self) -> Result<(), CameraError> {
+        if self.width == 0 || self.height == 0 {
+            return Err(CameraError::EmptyImage { width: self.width, height: self.height });
+        }
+        let intrinsics = [("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy)];
+        for (parameter, value) in intrinsics.into_iter().chain(self.lens.parameters()) {
+            if !value.is_finite() {
+                return Err(CameraError::NonFinite { parameter });
+            }
+        }
+        for (parameter, value) in [("fx", self.fx), ("fy", self.fy)] {
+            if value <= 0.0 {
+                return Err(CameraError::Focal { parameter, value });
+            }
+        }
+        match self.lens {
+            Lens::Fov { omega } if omega.abs() >= core::f64::consts::PI => Err(CameraError::Omega { value: omega }),
+            _ => Ok(()),
+        }
     }
 
     /// The camera with the limits of its lens worked out: faster for more than a few points.

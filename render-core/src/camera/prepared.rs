@@ -77,10 +77,8 @@ impl Prepared {
         let d = match self.model {
             Model::Fov(omega) => q * fov::factor(omega, q.length_squared()).0,
             Model::Tangent(d) | Model::Equidistant(d) => {
-                if !d.is_radial() && !(d.jacobian(q).determinant() > 0.0) {
-                    return None;
-                }
-                d.apply(q)
+                let upright = d.is_radial() || d.jacobian(q).determinant() > 0.0;
+                upright.then(|| d.apply(q))?
             }
         };
         let c = &self.camera;
@@ -131,10 +129,8 @@ impl Prepared {
         let q = match self.model {
             Model::Fov(_) | Model::Tangent(_) => {
                 // Also false for NaN.
-                if !(x.z > MIN_COS * x.abs().max_element() && x.z.is_finite()) {
-                    return None;
-                }
-                DVec2::new(x.x / x.z, x.y / x.z)
+                let before = x.z > MIN_COS * x.abs().max_element() && x.z.is_finite();
+                before.then(|| DVec2::new(x.x / x.z, x.y / x.z))?
             }
             Model::Equidistant(_) => {
                 if !x.is_finite() || x == DVec3::ZERO {
