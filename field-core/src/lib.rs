@@ -10,7 +10,9 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("field-core needs a float backend: enable `std` or `libm`");
 
+pub mod encoding;
 mod error;
+pub mod mlp;
 pub mod rng;
 
 pub use error::FieldError;

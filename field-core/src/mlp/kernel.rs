@@ -1,0 +1,234 @@
+//! The three products of a layer over one panel, register-blocked, generic over the vector level.
+//!
+//! A block keeps `R x C` vectors of the result in registers: `R` rows (samples, or outputs for the weight gradient) times
+//! `C` vectors of features. With 32 registers (AVX-512) that is 6 x 4, 12 x 2 or 24 x 1; with 16, 6 x 2 and 12 x 1.
+//! Per step of the inner loop it loads `C` vectors, broadcasts `R` numbers and does `R * C` fused multiply-adds.
+
+use super::PANEL;
+use float_core::Vector;
+
+/// `y[s][j] = init[j] + sum_k x[s][k] * w[k][j]` for the panel's samples: `x` `[PANEL][xs]`, `w` `[k][ws]`, `y` `[PANEL][ys]`,
+/// `j < width`, a multiple of 16. `init` holds `width` numbers. This is the forward product (`w` = weights by input, `init` =
+/// biases) and the input gradient (`w` = weights by output, `init` = zeros) alike.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
+pub(super) fn product<V: Vector>(
+    x: &[f32],
+    xs: usize,
+    depth: usize,
+    w: &[f32],
+    ws: usize,
+    init: Option<&[f32]>,
+    y: &mut [f32],
+    ys: usize,
+    width: usize,
+) {
+    assert!(width % 16 == 0 && width <= ys && width <= ws && depth <= xs);
+    assert!(x.len() >= PANEL * xs && y.len() >= PANEL * ys && w.len() >= depth * ws);
+    assert!(init.is_none_or(|b| b.len() >= width));
+    let (xp, wp, yp) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
+    let init = init.map(<[f32]>::as_ptr);
+    let mut j = 0;
+    while j < width {
+        let left = (width - j) / V::LANES;
+        // SAFETY: columns j..j + C * LANES are below `width`, rows below PANEL; the asserts above cover all three buffers.
+        j += V::LANES
+            * unsafe {
+                if V::LANES == 16 && left >= 4 {
+                    columns::<V, 6, 4>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                } else if left >= 2 {
+                    if V::LANES == 16 {
+                        columns::<V, 12, 2>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                    } else {
+                        columns::<V, 6, 2>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                    }
+                } else {
+                    columns::<V, 12, 1>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                }
+            };
+    }
+}
+
+/// All rows of the panel for `C` vectors of columns from `j`; returns `C`.
+///
+/// # Safety
+/// As checked by [`product`].
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "a kernel: pointers and strides")]
+unsafe fn columns<V: Vector, const R: usize, const C: usize>(
+    x: *const f32,
+    xs: usize,
+    depth: usize,
+    w: *const f32,
+    ws: usize,
+    init: Option<*const f32>,
+    y: *mut f32,
+    ys: usize,
+    j: usize,
+) -> usize {
+    let mut s = 0;
+    while s < PANEL {
+        let mut acc = [[V::splat(0.0); C]; R];
+        // SAFETY: the caller vouches for rows s..s + R < PANEL (R divides it) and columns j..j + C * LANES.
+        unsafe {
+            if let Some(init) = init {
+                for c in 0..C {
+                    let b = V::load_ptr(init.add(j + c * V::LANES));
+                    for row in &mut acc {
+                        row[c] = b;
+                    }
+                }
+            }
+            let x = x.add(s * xs);
+            let mut wk = w.add(j);
+            for k in 0..depth {
+                let mut wv = [V::splat(0.0); C];
+                for (c, wv) in wv.iter_mut().enumerate() {
+                    *wv = V::load_ptr(wk.add(c * V::LANES));
+                }
+                for r in 0..R {
+                    let xv = V::splat(*x.add(r * xs + k));
+                    for c in 0..C {
+                        acc[r][c] = xv.mul_add(wv[c], acc[r][c]);
+                    }
+                }
+                wk = wk.add(ws);
+            }
+            for (r, row) in acc.iter().enumerate() {
+                for (c, v) in row.iter().enumerate() {
+                    v.store_ptr(y.add((s + r) * ys + j + c * V::LANES));
+                }
+            }
+        }
+        s += R;
+    }
+    C
+}
+
+/// `g[o][i] += sum_s a[s][o] * x[s][i]` over the panel's samples, `o < rows`, `i < width` (a multiple of 16): the weight
+/// gradient. Rows are worked on in fours, so `g` has `rows` rounded up to 4 rows, and `a` so many columns.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
+pub(super) fn outer_product<V: Vector>(
+    a: &[f32],
+    a_stride: usize,
+    rows: usize,
+    x: &[f32],
+    xs: usize,
+    width: usize,
+    g: &mut [f32],
+    gs: usize,
+) {
+    let rows = rows.div_ceil(4) * 4;
+    assert!(width % 16 == 0 && width <= xs && width <= gs && rows <= a_stride);
+    assert!(a.len() >= PANEL * a_stride && x.len() >= PANEL * xs && g.len() >= rows * gs);
+    let (a, x, g) = (a.as_ptr(), x.as_ptr(), g.as_mut_ptr());
+    for o in (0..rows).step_by(4) {
+        let mut i = 0;
+        while i < width {
+            let left = (width - i) / V::LANES;
+            // SAFETY: rows o..o + 4 <= rows, columns below `width`; the asserts above cover the buffers.
+            i += V::LANES
+                * unsafe {
+                    if V::LANES == 16 && left >= 4 {
+                        outer_block::<V, 4>(a.add(o), a_stride, x.add(i), xs, g.add(o * gs + i), gs)
+                    } else if left >= 2 {
+                        outer_block::<V, 2>(a.add(o), a_stride, x.add(i), xs, g.add(o * gs + i), gs)
+                    } else {
+                        outer_block::<V, 1>(a.add(o), a_stride, x.add(i), xs, g.add(o * gs + i), gs)
+                    }
+                };
+        }
+    }
+}
+
+/// Four rows by `C` vectors of the weight gradient; returns `C`.
+///
+/// # Safety
+/// As checked by [`outer_product`].
+#[inline(always)]
+unsafe fn outer_block<V: Vector, const C: usize>(
+    a: *const f32,
+    a_stride: usize,
+    x: *const f32,
+    xs: usize,
+    g: *mut f32,
+    gs: usize,
+) -> usize {
+    let mut acc = [[V::splat(0.0); C]; 4];
+    // SAFETY: the caller vouches for PANEL rows of `a` and `x` and four rows of `g`.
+    unsafe {
+        for s in 0..PANEL {
+            let mut xv = [V::splat(0.0); C];
+            for (c, xv) in xv.iter_mut().enumerate() {
+                *xv = V::load_ptr(x.add(s * xs + c * V::LANES));
+            }
+            for (r, row) in acc.iter_mut().enumerate() {
+                let av = V::splat(*a.add(s * a_stride + r));
+                for c in 0..C {
+                    row[c] = av.mul_add(xv[c], row[c]);
+                }
+            }
+        }
+        for (r, row) in acc.iter().enumerate() {
+            for (c, v) in row.iter().enumerate() {
+                let p = g.add(r * gs + c * V::LANES);
+                (V::load_ptr(p) + *v).store_ptr(p);
+            }
+        }
+    }
+    C
+}
+
+/// Copy `rows` features of samples `s0..s0 + count` from feature-major `x` into a panel `[PANEL][ps]` at column `column`;
+/// samples past `count` and columns up to `column + padded` are set to 0.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
+pub(super) fn panel_from_rows(
+    x: &[f32],
+    stride: usize,
+    rows: usize,
+    s0: usize,
+    count: usize,
+    panel: &mut [f32],
+    ps: usize,
+    column: usize,
+    padded: usize,
+) {
+    if count < PANEL || padded > rows {
+        for row in panel.chunks_exact_mut(ps) {
+            row[column..column + padded].fill(0.0);
+        }
+    }
+    for f in 0..rows {
+        let row = &x[f * stride + s0..][..count];
+        for (v, p) in row.iter().zip(panel[column + f..].iter_mut().step_by(ps)) {
+            *p = *v;
+        }
+    }
+}
+
+/// The way back: write (`ADD = false`) or add (`ADD = true`) columns `column..column + rows` of a panel to feature-major `out`.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
+pub(super) fn rows_from_panel<const ADD: bool>(
+    panel: &[f32],
+    ps: usize,
+    column: usize,
+    rows: usize,
+    out: &mut [f32],
+    stride: usize,
+    s0: usize,
+    count: usize,
+) {
+    for f in 0..rows {
+        let row = &mut out[f * stride + s0..][..count];
+        for (v, p) in row.iter_mut().zip(panel[column + f..].iter().step_by(ps)) {
+            if ADD {
+                *v += *p;
+            } else {
+                *v = *p;
+            }
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! Multilayer perceptrons of any width and depth, with skips: forward and backward for whole batches.
+//!
+//! Inputs and outputs are feature-major `[feature][sample]` with a stride. Inside, samples go through the network in
+//! *panels* of [`PANEL`] samples, sample-major `[sample][feature]` with features padded to the vector width. A panel
+//! stays in the L1 cache through all layers, and all three products of training (`Y = X Wᵀ`, `X̄ = Ȳ W`, `W̄ = Ȳᵀ X`)
+//! run with SIMD lanes over features: none needs a transposed activation or a horizontal sum.
+//!
+//! Weights live in one flat slice, layer after layer, each `[out][in]` then biases `[out]` (if any): this is what
+//! optimisers and checkpoints see. Kernels read a [`Packed`] copy, made once a step.
+//!
+//! ```
+//! use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+//! use float_core::Simd;
+//!
+//! let mlp = Mlp::new(&MlpConfig {
+//!     inputs: 3, hidden: vec![16, 16], outputs: 2, bias: Bias::Zero,
+//!     hidden_activation: Activation::Relu, output_activation: Activation::None, skips: vec![],
+//! }).unwrap();
+//! let params = vec![0.1; mlp.param_count()];
+//! let mut packed = Packed::default();
+//! mlp.pack(&params, &mut packed);
+//! let (n, x) = (5, vec![1.0; 3 * 5]);
+//! let (mut y, mut acts) = (vec![0.0; 2 * n], vec![0.0; mlp.activations_len(n)]);
+//! mlp.forward(Simd::best(), &packed, &x, n, n, &mut y, n, &mut acts);
+//! let (mut x_bar, mut grad) = (vec![0.0; 3 * n], vec![0.0; mlp.packed_grad_len()]);
+//! let mut scratch = vec![0.0; mlp.backward_scratch_len()];
+//! mlp.backward(Simd::best(), &packed, &acts, &y, n, n, Some((&mut x_bar, n)), &mut grad, &mut scratch);
+//! let mut params_bar = vec![0.0; mlp.param_count()];
+//! mlp.unpack_grad(&grad, &mut params_bar);
+//! ```
+
+mod activation;
+mod backward;
+mod forward;
+mod kernel;
+
+pub use activation::Activation;
+
+use alloc::vec::Vec;
+use core::ops::Range;
+
+/// Samples that go through the network together. 48 = 2 x 24 = 4 x 12 = 8 x 6: every row block of the kernels divides it.
+pub const PANEL: usize = 48;
+/// Features are padded to a multiple of this, the widest vector.
+const PAD: usize = 16;
+
+/// Whether layers add a bias.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Bias {
+    /// Biases, initialised to zero.
+    #[default]
+    Zero,
+    /// No biases (instant-ngp).
+    None,
+}
+
+/// Shape of a network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MlpConfig {
+    /// Input features.
+    pub inputs: usize,
+    /// Width of each hidden layer; empty is a single linear layer.
+    pub hidden: Vec<usize>,
+    /// Output features.
+    pub outputs: usize,
+    /// Biases or none.
+    pub bias: Bias,
+    /// After each hidden layer.
+    pub hidden_activation: Activation,
+    /// After the last layer.
+    pub output_activation: Activation,
+    /// Layers (index, 0 is the first) that see `[network input, previous output]` instead of the previous output. NeRF: `[5]`.
+    pub skips: Vec<usize>,
+}
+
+/// Why a network cannot be built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MlpError {
+    /// A layer (index) would have no outputs, or the network no inputs.
+    EmptyLayer {
+        /// Which layer; the input counts as layer 0.
+        layer: usize,
+    },
+    /// A skip goes to a layer that does not exist, or to the first.
+    Skip {
+        /// The layer named.
+        layer: usize,
+        /// How many layers there are.
+        layers: usize,
+    },
+}
+
+impl core::fmt::Display for MlpError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::EmptyLayer { layer } => write!(f, "layer {layer} has width 0"),
+            Self::Skip { layer, layers } => {
+                write!(f, "a skip goes to layer {layer}: it must be at least 1 and below {layers}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for MlpError {}
+
+/// One linear layer and its activation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// Input features, with those of a skip.
+    pub inputs: usize,
+    /// Output features.
+    pub outputs: usize,
+    /// Where `[out][in]` weights lie in the flat parameters.
+    pub weights: Range<usize>,
+    /// Where biases lie; empty without biases.
+    pub biases: Range<usize>,
+    /// What follows.
+    pub activation: Activation,
+    /// Features of the network's input in front of the previous output: 0, or all of them at a skip.
+    pub skip_inputs: usize,
+    /// `inputs` and `outputs` rounded up to [`PAD`].
+    inputs_pad: usize,
+    outputs_pad: usize,
+    /// Where this layer's input panel begins in the activations of a panel.
+    panel: usize,
+    /// Where the packed forms begin: `[in][out_pad]` and bias `[out_pad]`, `[out][in_pad]`.
+    forward: usize,
+    backward: usize,
+    /// Where the packed gradient begins: `[out_pad][in_pad]`, then bias `[out_pad]`.
+    grad: usize,
+}
+
+/// A network's shape: which numbers of the flat parameters mean what. Holds no parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mlp {
+    layers: Vec<Layer>,
+    param_count: usize,
+    panel_len: usize,
+    forward_len: usize,
+    backward_len: usize,
+    grad_len: usize,
+    widest: usize,
+}
+
+/// Parameters in the layouts the kernels read: about twice the bytes of the flat form.
+#[derive(Clone, Debug, Default)]
+pub struct Packed {
+    /// Per layer `[in][out_pad]`, then biases `[out_pad]`.
+    forward: Vec<f32>,
+    /// Per layer `[out][in_pad]`.
+    backward: Vec<f32>,
+}
+
+const fn pad(n: usize) -> usize {
+    n.div_ceil(PAD) * PAD
+}
+
+impl Mlp {
+    /// Lay out a network.
+    ///
+    /// # Errors
+    /// [`MlpError`] for a layer of width 0 or a skip to a layer that does not exist.
+    pub fn new(config: &MlpConfig) -> Result<Self, MlpError> {
+        let count = config.hidden.len() + 1;
+        if config.inputs == 0 {
+            return Err(MlpError::EmptyLayer { layer: 0 });
+        }
+        if let Some(&layer) = config.skips.iter().find(|&&s| s == 0 || s >= count) {
+            return Err(MlpError::Skip { layer, layers: count });
+        }
+        let mut mlp = Self {
+            layers: Vec::with_capacity(count),
+            param_count: 0,
+            panel_len: 0,
+            forward_len: 0,
+            backward_len: 0,
+            grad_len: 0,
+            widest: 0,
+        };
+        let mut previous = config.inputs;
+        for (i, &outputs) in config.hidden.iter().chain(core::iter::once(&config.outputs)).enumerate() {
+            if outputs == 0 {
+                return Err(MlpError::EmptyLayer { layer: i + 1 });
+            }
+            let skip_inputs = if config.skips.contains(&i) { config.inputs } else { 0 };
+            let inputs = previous + skip_inputs;
+            let biases = if config.bias == Bias::Zero { outputs } else { 0 };
+            let weights = mlp.param_count..mlp.param_count + inputs * outputs;
+            let biases = weights.end..weights.end + biases;
+            // The previous layer writes whole vectors behind the skipped inputs, so leave room for its padding.
+            let inputs_pad = pad(inputs).max(if i == 0 { 0 } else { pad(skip_inputs + pad(previous)) });
+            let layer = Layer {
+                inputs,
+                outputs,
+                activation: if i + 1 == count { config.output_activation } else { config.hidden_activation },
+                skip_inputs,
+                inputs_pad,
+                outputs_pad: pad(outputs),
+                panel: mlp.panel_len,
+                forward: mlp.forward_len,
+                backward: mlp.backward_len,
+                grad: mlp.grad_len,
+                weights,
+                biases,
+            };
+            mlp.param_count = layer.biases.end;
+            mlp.panel_len += PANEL * layer.inputs_pad;
+            mlp.forward_len += (layer.inputs + 1) * layer.outputs_pad;
+            mlp.backward_len += layer.outputs * layer.inputs_pad;
+            mlp.grad_len += layer.outputs_pad * layer.inputs_pad + layer.outputs_pad;
+            mlp.widest = mlp.widest.max(layer.inputs_pad).max(layer.outputs_pad);
+            mlp.layers.push(layer);
+            previous = outputs;
+        }
+        // The output panel, kept for the derivative of the last activation.
+        mlp.panel_len += PANEL * pad(config.outputs);
+        Ok(mlp)
+    }
+
+    /// The layers, first to last.
+    #[must_use]
+    pub fn layers(&self) -> &[Layer] {
+        &self.layers
+    }
+
+    /// Input features.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.layers[0].inputs
+    }
+
+    /// Output features.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        self.layers[self.layers.len() - 1].outputs
+    }
+
+    /// Trainable numbers.
+    #[must_use]
+    pub fn param_count(&self) -> usize {
+        self.param_count
+    }
+
+    /// Floats that [`Mlp::forward`] keeps for the backward pass of `n` samples.
+    #[must_use]
+    pub fn activations_len(&self, n: usize) -> usize {
+        n.div_ceil(PANEL) * self.panel_len
+    }
+
+    /// Floats of scratch that [`Mlp::infer`] needs, whatever the batch.
+    #[must_use]
+    pub fn infer_scratch_len(&self) -> usize {
+        self.panel_len
+    }
+
+    /// Floats of scratch that [`Mlp::backward`] needs, whatever the batch.
+    #[must_use]
+    pub fn backward_scratch_len(&self) -> usize {
+        // A row more than the panel: rows may begin inside wider ones.
+        2 * (PANEL + 1) * self.widest
+    }
+
+    /// Floats of a packed gradient: the flat one with padding.
+    #[must_use]
+    pub fn packed_grad_len(&self) -> usize {
+        self.grad_len
+    }
+
+    /// Multiplications of one sample's forward pass (without padding).
+    #[must_use]
+    pub fn macs(&self) -> usize {
+        self.layers.iter().map(|l| l.inputs * l.outputs).sum()
+    }
+
+    /// Copy flat parameters into the kernels' layouts.
+    ///
+    /// # Panics
+    /// Where `params` does not hold [`Mlp::param_count`] numbers.
+    pub fn pack(&self, params: &[f32], packed: &mut Packed) {
+        assert_eq!(params.len(), self.param_count, "mlp: parameters");
+        packed.forward.clear();
+        packed.forward.resize(self.forward_len, 0.0);
+        packed.backward.clear();
+        packed.backward.resize(self.backward_len, 0.0);
+        for l in &self.layers {
+            let w = &params[l.weights.clone()];
+            let (forward, rest) = packed.forward[l.forward..].split_at_mut(l.inputs * l.outputs_pad);
+            for (o, row) in w.chunks_exact(l.inputs).enumerate() {
+                for (i, &w) in row.iter().enumerate() {
+                    forward[i * l.outputs_pad + o] = w;
+                }
+                packed.backward[l.backward + o * l.inputs_pad..][..l.inputs].copy_from_slice(row);
+            }
+            rest[..l.biases.len()].copy_from_slice(&params[l.biases.clone()]);
+        }
+    }
+
+    /// Add a packed gradient to a flat one.
+    ///
+    /// # Panics
+    /// Where lengths differ from [`Mlp::packed_grad_len`] and [`Mlp::param_count`].
+    pub fn unpack_grad(&self, packed: &[f32], params_bar: &mut [f32]) {
+        assert_eq!(packed.len(), self.grad_len, "mlp: packed gradient");
+        assert_eq!(params_bar.len(), self.param_count, "mlp: gradient");
+        for l in &self.layers {
+            let g = &packed[l.grad..];
+            for (o, row) in params_bar[l.weights.clone()].chunks_exact_mut(l.inputs).enumerate() {
+                for (p, g) in row.iter_mut().zip(&g[o * l.inputs_pad..]) {
+                    *p += g;
+                }
+            }
+            let bias = &g[l.outputs_pad * l.inputs_pad..];
+            for (p, g) in params_bar[l.biases.clone()].iter_mut().zip(bias) {
+                *p += g;
+            }
+        }
+    }
+}
