@@ -13,4 +13,5 @@ compile_error!("render-core needs a float backend: enable `std` or `libm`");
 pub mod camera;
 pub mod error;
 pub mod pose;
+pub mod quadrature;
 pub mod ray;

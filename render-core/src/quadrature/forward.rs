@@ -98,12 +98,7 @@ impl Task for WeightsTask<'_> {
 
 /// Weights of the rays of one block. Leaves the optical depth of each whole ray in `depth_end`.
 #[inline(always)]
-fn block_weights<V: Vector>(
-    samples: Samples<'_>,
-    rays: core::ops::Range<usize>,
-    w: &mut [f32],
-    depth_end: &mut [f32],
-) {
+fn block_weights<V: Vector>(samples: Samples<'_>, rays: core::ops::Range<usize>, w: &mut [f32], depth_end: &mut [f32]) {
     let span = samples.offsets[rays.start] as usize..samples.offsets[rays.end] as usize;
     // Optical depth before each sample: the serial part, one f64 addition a sample.
     for r in rays.clone() {

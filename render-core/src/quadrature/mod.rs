@@ -39,8 +39,8 @@ pub mod reference;
 pub use backward::{CompositeBar, CompositeGrads, WeightsBar, composite_backward, weights_backward};
 pub use check::{BadValue, check_density, check_finite};
 pub use depth::{
-    DepthBar, depth_expected, depth_expected_backward, depth_median, depth_median_exact, depth_raw, disparity, normalise,
-    opacity,
+    DepthBar, MIN_OPACITY, depth_expected, depth_expected_backward, depth_median, depth_median_exact, depth_raw,
+    disparity, normalise, opacity,
 };
 pub use forward::{Composite, accumulate, composite, weights};
 
@@ -81,14 +81,6 @@ impl Samples<'_> {
     #[inline(always)]
     pub(crate) fn range(&self, r: usize) -> Range<usize> {
         self.offsets[r] as usize..self.offsets[r + 1] as usize
-    }
-
-    /// All samples that belong to some ray.
-    pub(crate) fn all(&self) -> Range<usize> {
-        match (self.offsets.first(), self.offsets.last()) {
-            (Some(&a), Some(&b)) => a as usize..b as usize,
-            _ => 0..0,
-        }
     }
 
     fn check(&self) {
