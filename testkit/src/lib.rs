@@ -1,8 +1,29 @@
 //! Tools for testing differentiable functions: ours, and yours.
 //!
+//! * [`gradient`]: is a backward function the derivative of its forward function? An `f64` twin against central
+//!   differences, an `f32` kernel against the twin, functions with corners.
+//! * [`strategies`]: proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the
+//!   values that break code mixed in.
 //! * [`golden`]: reader for the golden-vector files, [`golden::assert_close`], where the shared data lies.
 //!
 //! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written
-//! elsewhere is tested in the same way as one of ours.
+//! elsewhere is tested in the same way as one of ours. `examples/own_pair.rs` does it from start to end:
+//!
+//! ```
+//! use testkit::gradient::{PairTolerances, check_f32_pair};
+//!
+//! fn square(x: &[f32], y: &mut [f32]) { y[0] = x[0] * x[0]; }
+//! fn square_backward(x: &[f32], y_bar: &[f32], x_bar: &mut [f32]) { x_bar[0] += 2.0 * x[0] * y_bar[0]; }
+//! // The twin: slow, obvious, in f64. It is the specification.
+//! fn twin(x: &[f64], y: &mut [f64]) { y[0] = x[0].powi(2); }
+//! fn twin_backward(x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) { x_bar[0] += 2.0 * x[0] * y_bar[0]; }
+//!
+//! check_f32_pair(&[3.0], &[1.0], (square, square_backward), (twin, twin_backward), PairTolerances::default()).unwrap();
+//! ```
+//!
+//! The checks return a [`gradient::Mismatch`], which names the worst entry, both values and the bound; `unwrap` it in a
+//! test. They have tests of their own, which feed them wrong gradients: a check that always passes is the worst bug.
 
 pub mod golden;
+pub mod gradient;
+pub mod strategies;
