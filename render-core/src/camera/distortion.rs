@@ -7,7 +7,7 @@
 use float_core::m64;
 use glam::{DMat2, DVec2};
 
-use super::polynomial::{Coefficients, evaluate, first_sign_change};
+use super::polynomial::{Coefficients, first_sign_change};
 
 /// Newton steps before an inversion gives up.
 const MAX_STEPS: usize = 20;
@@ -82,6 +82,26 @@ impl Distortion {
                 g + 2.0 * y * y * dg + 2.0 * p2 * x + 6.0 * p1 * y + 2.0 * s2 * y,
             ),
         )
+    }
+
+    /// Adds `(x_d, y_d)_bar . d(x_d, y_d) / d(coefficient)` for each coefficient.
+    pub(super) fn parameters_backward(&self, q: DVec2, d_bar: DVec2, bar: &mut Self) {
+        let r2 = q.length_squared();
+        let [n, d, ..] = self.fraction(r2);
+        let radial_bar = q.dot(d_bar);
+        let mut power = 1.0;
+        for (i, num_bar) in bar.num.iter_mut().enumerate() {
+            power *= r2;
+            *num_bar += radial_bar * power / d;
+            if let Some(den_bar) = bar.den.get_mut(i) {
+                *den_bar -= radial_bar * power * n / (d * d);
+            }
+        }
+        let xy2 = 2.0 * q.x * q.y;
+        bar.p[0] += d_bar.x * xy2 + d_bar.y * (r2 + 2.0 * q.y * q.y);
+        bar.p[1] += d_bar.x * (r2 + 2.0 * q.x * q.x) + d_bar.y * xy2;
+        bar.s[0] += d_bar.x * r2;
+        bar.s[1] += d_bar.y * r2;
     }
 
     /// Radius up to which the radial part grows with the radius (and has no pole), at most `limit`.
@@ -168,50 +188,5 @@ impl Distortion {
             if mid * self.radial(mid * mid).0 < r_d { lo = mid } else { hi = mid }
         }
         target * (lo.min(0.999 * r_max) / r_d)
-    }
-}
-
-/// `radius(r) = theta_d` of the FOV model and its inverse; `omega` in radians.
-///
-/// Devernay and Faugeras, "Straight lines have to be straight", 2001.
-pub(super) mod fov {
-    use super::*;
-
-    /// Below this the tangents cancel; the map is the identity to 1e-9.
-    const SMALL: f64 = 1e-5;
-
-    /// `r_d / r` and `d(r_d / r) / d(r2)`.
-    pub(in super::super) fn factor(omega: f64, r2: f64) -> (f64, f64) {
-        if omega.abs() < SMALL {
-            let w2 = omega * omega;
-            return (1.0 + w2 / 12.0 - r2 * w2 / 3.0, -w2 / 3.0);
-        }
-        let a = 2.0 * m64::tan(0.5 * omega);
-        let a2r2 = a * a * r2;
-        if a2r2 < 1e-4 {
-            // atan(z)/z = 1 - z^2/3 + z^4/5 - z^6/7
-            let value = a / omega * evaluate(&[1.0, -1.0 / 3.0, 0.2, -1.0 / 7.0], a2r2);
-            return (value, a * a * a / omega * evaluate(&[-1.0 / 3.0, 0.4, -3.0 / 7.0], a2r2));
-        }
-        let r = m64::sqrt(r2);
-        let value = m64::atan(a * r) / (omega * r);
-        (value, (a / (omega * (1.0 + a2r2)) - value) / (2.0 * r2))
-    }
-
-    /// `r / r_d`, `None` where the model has no such ray.
-    pub(in super::super) fn inverse_factor(omega: f64, r_d: f64) -> Option<f64> {
-        if omega.abs() < SMALL {
-            let w2 = omega * omega;
-            return Some(1.0 - w2 / 12.0 + r_d * r_d * w2 / 3.0);
-        }
-        let angle = (r_d * omega).abs();
-        let a = 2.0 * m64::tan(0.5 * omega.abs());
-        if angle < 1e-8 {
-            Some(omega.abs() / a)
-        } else if angle < core::f64::consts::FRAC_PI_2 {
-            Some(m64::tan(angle) / (a * r_d))
-        } else {
-            None
-        }
     }
 }

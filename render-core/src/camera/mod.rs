@@ -15,14 +15,17 @@
 //! ```
 
 mod colmap;
+mod derivative;
 mod distortion;
+mod fov;
 mod lens;
 mod polynomial;
 mod prepared;
+mod table;
 
 use glam::{DVec2, DVec3};
 
-pub use self::{colmap::ColmapModel, lens::Lens, prepared::Prepared};
+pub use self::{colmap::ColmapModel, derivative::CameraBar, lens::Lens, prepared::Prepared, table::RayTable};
 pub use crate::pose::Pose;
 use crate::{error::CameraError, ray::Ray};
 
@@ -113,6 +116,12 @@ impl Camera {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
         Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..*self }
+    }
+
+    /// True when both cameras have the same rays in camera axes: they can share a [`RayTable`].
+    #[must_use]
+    pub fn same_optics(&self, other: &Self) -> bool {
+        Self { pose: self.pose, ..*other } == *self
     }
 
     /// Unit direction the camera looks along, in the world.

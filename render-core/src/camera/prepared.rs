@@ -3,10 +3,7 @@
 use float_core::m64;
 use glam::{DVec2, DVec3};
 
-use super::{
-    Camera, Lens,
-    distortion::{Distortion, fov},
-};
+use super::{Camera, Lens, distortion::Distortion, fov};
 use crate::ray::Ray;
 
 /// Rays this close to the image plane (cosine to the optical axis) count as not seen by a perspective lens.
@@ -74,13 +71,12 @@ impl Prepared {
     #[must_use]
     pub fn project_from_camera(&self, x_camera: DVec3) -> Option<DVec2> {
         let q = self.plane(x_camera)?;
-        let d = match self.model {
-            Model::Fov(omega) => q * fov::factor(omega, q.length_squared()).0,
-            Model::Tangent(d) | Model::Equidistant(d) => {
-                let upright = d.is_radial() || d.jacobian(q).determinant() > 0.0;
-                upright.then(|| d.apply(q))?
-            }
-        };
+        if let Model::Tangent(d) | Model::Equidistant(d) = self.model {
+            // Tangential terms can fold the picture inside of the radial limit.
+            let upright = d.is_radial() || d.jacobian(q).determinant() > 0.0;
+            upright.then_some(())?;
+        }
+        let d = self.distort(q);
         let c = &self.camera;
         let pixel = DVec2::new(c.fx * d.x + c.cx, c.fy * d.y + c.cy);
         pixel.is_finite().then_some(pixel)
@@ -96,8 +92,35 @@ impl Prepared {
     /// Unit direction in camera axes; see [`Camera::direction_in_camera`].
     #[must_use]
     pub fn direction(&self, pixel: DVec2) -> Option<DVec3> {
+        self.undistort(pixel).map(|q| self.direction_of(q))
+    }
+
+    /// Radius of the cone of a pixel at unit distance from the camera, for unit directions.
+    ///
+    /// Mean distance to the rays of the neighbours at `+1` column and `+1` row, times `2 / sqrt(12)`: a disc with the
+    /// variance of the square pixel (Barron et al., "Mip-NeRF", 2021, section 3.1). Neighbours outside of the image
+    /// count like any other; where the lens has no ray for one, the other alone is used.
+    #[must_use]
+    pub fn cone_radius(&self, pixel: DVec2) -> Option<f64> {
         let q = self.undistort(pixel)?;
-        Some(match self.model {
+        // On the tangent plane v = (q, 1), so that a pinhole's pixels are equally large; a radius at distance 1 then
+        // is the one at v over |v|.
+        let lift = |q: DVec2| match self.model {
+            Model::Fov(_) | Model::Tangent(_) => q.extend(1.0),
+            Model::Equidistant(_) => self.direction_of(q),
+        };
+        let v = lift(q);
+        let to = |step: DVec2| self.undistort(pixel + step).map(|n| (lift(n) - v).length() / v.length());
+        let mean = match (to(DVec2::X), to(DVec2::Y)) {
+            (Some(a), Some(b)) => 0.5 * (a + b),
+            (a, b) => a.or(b)?,
+        };
+        Some(mean * (2.0 / m64::sqrt(12.0)))
+    }
+
+    /// Unit direction, camera axes, of a point of the ideal plane.
+    pub(super) fn direction_of(&self, q: DVec2) -> DVec3 {
+        match self.model {
             Model::Fov(_) | Model::Tangent(_) => q.extend(1.0).normalize(),
             Model::Equidistant(_) => {
                 let theta = q.length();
@@ -106,7 +129,15 @@ impl Prepared {
                 let k = if theta < 1e-8 { 1.0 } else { sin / theta };
                 DVec3::new(k * q.x, k * q.y, cos).normalize()
             }
-        })
+        }
+    }
+
+    /// The lens map: distorted plane coordinates of ideal ones.
+    pub(super) fn distort(&self, q: DVec2) -> DVec2 {
+        match self.model {
+            Model::Fov(omega) => q * fov::factor(omega, q.length_squared()).0,
+            Model::Tangent(d) | Model::Equidistant(d) => d.apply(q),
+        }
     }
 
     /// Ideal plane coordinates of a pixel: `(X/Z, Y/Z)` for perspective lenses, `theta` times the direction of
