@@ -52,7 +52,9 @@ fn main() {
     println!("right pair: passed");
 
     // 2. On what the strategies come up with: empty and one-ulp intervals, densities from 0 to 1e30.
-    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    //    (In a `#[test]` the macro `proptest!` does this; here nobody shall write files of failed cases.)
+    let config = ProptestConfig { failure_persistence: None, ..ProptestConfig::default() };
+    let mut runner = proptest::test_runner::TestRunner::new(config);
     let intervals = (0..16_usize).prop_flat_map(|n| (any_edges(n), any_densities(n)));
     let result = runner.run(&intervals, |(t, sigma)| {
         let dt = t.windows(2).map(|t| t[1] - t[0]);

@@ -25,6 +25,9 @@ pub fn central_difference(x: &[f64], mut f: impl FnMut(&[f64]) -> f64) -> Vec<f6
 }
 
 /// `J x_dot`: the derivative of every output along `x_dot`.
+///
+/// # Panics
+/// If `x` and `x_dot` differ in length.
 #[must_use]
 pub fn directional_difference(
     x: &[f64],
