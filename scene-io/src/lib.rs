@@ -13,5 +13,5 @@ mod scene;
 
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages};
-pub use picture::Image;
+pub use picture::{Image, ImageStore, StoreOptions};
 pub use scene::{Bounds, Dialect, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split};

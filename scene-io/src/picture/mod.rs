@@ -1,4 +1,13 @@
-//! Pixels in memory.
+//! Pixels in memory, and how they get there.
+
+mod decode;
+mod header;
+mod resize;
+mod store;
+
+pub(crate) use header::read_header;
+pub(crate) use store::same_shape;
+pub use store::{ImageStore, StoreOptions};
 
 /// An 8-bit image: display-referred sRGB as in the file, rows top to bottom, channels interleaved.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,0 +1,147 @@
+//! Files to 8-bit pixels.
+//!
+//! Grey becomes RGB, palettes are expanded, 16 bits are rounded to 8, high dynamic range (EXR) is taken as linear light
+//! with premultiplied alpha, clipped to `[0, 1]` and encoded as sRGB with straight alpha. Colour profiles and the EXIF
+//! orientation are **not** applied: cameras belong to the pixels as they are stored, and so do COLMAP's.
+
+use super::Image;
+use super::header::jpeg_is_complete;
+use crate::{ErrorKind, Problem, SceneError};
+use image::{ColorType, DynamicImage, ImageError, ImageReader, Limits};
+use std::io::Cursor;
+use std::path::Path;
+
+const REMEDY: &str = "copy the file again, or remove its frame from the dataset";
+
+pub(super) fn zero_bytes(path: &Path) -> SceneError {
+    SceneError::new(ErrorKind::Image, Problem::new(path, "the image file is empty (0 bytes)", REMEDY))
+}
+
+pub(super) fn decoding_failed(path: &Path, error: ImageError) -> SceneError {
+    let problem = match &error {
+        ImageError::Unsupported(_) => {
+            Problem::new(path, format!("is no image that can be read: {error}"), "convert it to PNG, JPEG or EXR")
+        }
+        ImageError::Limits(_) => {
+            Problem::new(path, format!("is larger than images may be: {error}"), "scale the image down")
+        }
+        _ => Problem::new(path, format!("the image is broken or cut off: {error}"), REMEDY),
+    };
+    SceneError::new(ErrorKind::Image, problem).caused_by(error)
+}
+
+/// What a decoder may allocate: 2 GiB, enough for 250 megapixels at 16 bits, and no more for a forged header.
+pub(super) fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(2 << 30);
+    limits
+}
+
+/// Decodes an image file. `mask` (values >= 128 are used) tells which pixels may be NaN or infinite.
+pub(crate) fn decode(path: &Path, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
+    match decode_dynamic(path)? {
+        DynamicImage::ImageRgb32F(pixels) => {
+            from_linear(path, pixels.width(), pixels.height(), 3, pixels.as_raw(), mask)
+        }
+        DynamicImage::ImageRgba32F(pixels) => {
+            from_linear(path, pixels.width(), pixels.height(), 4, pixels.as_raw(), mask)
+        }
+        other => {
+            let (width, height) = (other.width(), other.height());
+            let (channels, data) = match other.color() {
+                ColorType::La8 | ColorType::La16 | ColorType::Rgba8 | ColorType::Rgba16 => {
+                    (4, other.into_rgba8().into_raw())
+                }
+                _ => (3, other.into_rgb8().into_raw()),
+            };
+            Ok(Image { width, height, channels, data, mask: None })
+        }
+    }
+}
+
+/// Decodes a mask file to one value a pixel: its brightness.
+pub(crate) fn decode_mask(path: &Path) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+    let grey = decode_dynamic(path)?.into_luma8();
+    let size = (grey.width(), grey.height());
+    Ok((grey.into_raw(), size))
+}
+
+fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
+    let bytes = crate::files::read_bytes(path)?;
+    if bytes.is_empty() {
+        return Err(zero_bytes(path));
+    }
+    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_is_complete(&bytes) {
+        let what = format!("the JPEG is cut off: its {} bytes hold no end marker", bytes.len());
+        return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, REMEDY)));
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|e| SceneError::io(path, "read the image", e))?;
+    reader.limits(limits());
+    reader.decode().map_err(|e| decoding_failed(path, e))
+}
+
+/// The sRGB curve (IEC 61966-2-1), linear light in `[0, 1]` to `[0, 1]`.
+pub(crate) fn srgb_from_linear(x: f32) -> f32 {
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
+fn to_u8(x: f32) -> u8 {
+    (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+fn from_linear(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: u8,
+    values: &[f32],
+    mask: Option<(&[u8], (u32, u32))>,
+) -> Result<Image, SceneError> {
+    let step = usize::from(channels);
+    let mut data = Vec::with_capacity(values.len());
+    for (index, pixel) in values.chunks_exact(step).enumerate() {
+        let (column, row) = (index as u64 % u64::from(width), index as u64 / u64::from(width));
+        if let Some((channel, value)) = pixel.iter().enumerate().find(|(_, v)| !v.is_finite()) {
+            if mask.is_some_and(|m| !used(m, (width, height), column, row)) {
+                data.extend(std::iter::repeat_n(0, step));
+                continue;
+            }
+            let what = format!("pixel (column {column}, row {row}) is not finite");
+            let remedy = "repair the pixel or cover it with an ignore mask";
+            let problem = Problem::new(path, what, remedy).field(["R", "G", "B", "A"][channel.min(3)]).value(value);
+            return Err(SceneError::new(ErrorKind::Image, problem));
+        }
+        let alpha = if channels == 4 { pixel[3].clamp(0.0, 1.0) } else { 1.0 };
+        // EXR stores premultiplied colours; where alpha is 0 there is no colour (light without cover is dropped).
+        let unmultiply = if alpha > 0.0 { 1.0 / alpha } else { 0.0 };
+        for value in &pixel[..3] {
+            data.push(to_u8(srgb_from_linear((value * unmultiply).clamp(0.0, 1.0))));
+        }
+        if channels == 4 {
+            data.push(to_u8(alpha));
+        }
+    }
+    Ok(Image { width, height, channels, data, mask: None })
+}
+
+/// Whether a mask of any size leaves a pixel of the image in the loss.
+fn used((mask, size): (&[u8], (u32, u32)), image: (u32, u32), column: u64, row: u64) -> bool {
+    let x = column * u64::from(size.0) / u64::from(image.0);
+    let y = row * u64::from(size.1) / u64::from(image.1);
+    mask.get((y * u64::from(size.0) + x) as usize).is_none_or(|v| *v >= 128)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_curve_has_its_known_values() {
+        assert_eq!(to_u8(srgb_from_linear(0.0)), 0);
+        assert_eq!(to_u8(srgb_from_linear(1.0)), 255);
+        assert!((srgb_from_linear(0.214_041_14) - 0.5).abs() < 1e-6);
+        assert_eq!(to_u8(srgb_from_linear(0.001)), 3); // 12.92 * 0.001 * 255 = 3.29
+    }
+}

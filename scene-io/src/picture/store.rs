@@ -1,0 +1,243 @@
+//! Images of a scene, decoded on demand and kept while there is room.
+
+use super::decode::{decode, decode_mask};
+use super::header::read_header;
+use super::resize::{fitted, resize, resize_mask};
+use super::Image;
+use crate::{ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
+use render_core::camera::Camera;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How an [`ImageStore`] keeps images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoreOptions {
+    /// Images are scaled down by area averaging until their longest side is at most this; `None`: native size.
+    pub longest_side: Option<u32>,
+    /// Decoded images kept, in bytes; the least recently used one goes first. An image larger than this is decoded
+    /// anew each time it is asked for.
+    pub budget_bytes: u64,
+}
+
+impl Default for StoreOptions {
+    /// Native size, 2 GiB.
+    fn default() -> Self {
+        Self { longest_side: None, budget_bytes: 2 << 30 }
+    }
+}
+
+/// Decodes the images of a scene on demand, scales them while reading, and keeps the most recently used.
+///
+/// Threads may share one; what [`ImageStore::get`] returns depends on the index alone. Memory: at most
+/// [`StoreOptions::budget_bytes`], plus the images callers hold, plus one native-size image a thread while decoding.
+#[derive(Debug)]
+pub struct ImageStore {
+    entries: Vec<Entry>,
+    budget_bytes: u64,
+    cache: Mutex<Cache>,
+}
+
+#[derive(Debug)]
+struct Entry {
+    name: String,
+    image: ImageSource,
+    mask: Option<(PathBuf, MaskPolarity)>,
+    /// Camera at the size images are handed out.
+    camera: Camera,
+    native: (u32, u32),
+    channels: u8,
+}
+
+#[derive(Debug, Default)]
+struct Cache {
+    images: HashMap<usize, (Arc<Image>, u64)>,
+    bytes: u64,
+    clock: u64,
+}
+
+impl ImageStore {
+    /// A store of the images of some frames, in their order. Reads headers only.
+    ///
+    /// # Errors
+    /// Where a header cannot be read or an image has not the size its camera says.
+    pub fn new(frames: &[Frame], options: StoreOptions) -> Result<Self, SceneError> {
+        let entries = frames.iter().map(|frame| Entry::new(frame, options.longest_side)).collect::<Result<_, _>>()?;
+        Ok(Self { entries, budget_bytes: options.budget_bytes, cache: Mutex::default() })
+    }
+
+    /// Number of images.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// The camera of an image at the size it is handed out.
+    ///
+    /// # Panics
+    /// If `index` is not below [`ImageStore::len`].
+    #[must_use]
+    pub fn camera(&self, index: usize) -> &Camera {
+        &self.entries[index].camera
+    }
+
+    /// Bytes of all images once decoded and scaled, masks included: from headers alone.
+    #[must_use]
+    pub fn estimate_bytes(&self) -> u64 {
+        self.entries.iter().map(Entry::bytes).sum()
+    }
+
+    /// An image, decoded now unless it is kept.
+    ///
+    /// # Errors
+    /// Names the file and what to do where an image or mask cannot be decoded or has changed its size since the store
+    /// was made.
+    ///
+    /// # Panics
+    /// If `index` is not below [`ImageStore::len`].
+    pub fn get(&self, index: usize) -> Result<Arc<Image>, SceneError> {
+        let entry = &self.entries[index];
+        if let Some(image) = self.lock().touch(index) {
+            return Ok(image);
+        }
+        // Outside the lock: two threads may decode the same image, and get the same pixels.
+        let image = Arc::new(entry.read().map_err(|e| e.in_frame(&entry.name))?);
+        self.lock().insert(index, &image, self.budget_bytes);
+        Ok(image)
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
+        // The cache is consistent after every statement, so a panic elsewhere does not spoil it.
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Entry {
+    fn new(frame: &Frame, longest_side: Option<u32>) -> Result<Self, SceneError> {
+        let (native, channels) = match &frame.image {
+            ImageSource::File(path) => {
+                let header = read_header(path).map_err(|e| e.in_frame(&frame.name))?;
+                ((header.width, header.height), header.channels)
+            }
+            ImageSource::Memory(image) => ((image.width, image.height), image.channels),
+        };
+        let said = (frame.camera.width, frame.camera.height);
+        if said != native {
+            let file = match &frame.image {
+                ImageSource::File(path) => path.clone(),
+                ImageSource::Memory(_) => PathBuf::from("image in memory"),
+            };
+            return Err(wrong_size(&file, native, said).in_frame(&frame.name));
+        }
+        let (width, height) = fitted(native.0, native.1, longest_side);
+        Ok(Self {
+            name: frame.name.clone(),
+            image: frame.image.clone(),
+            mask: frame.mask.clone().map(|path| (path, frame.mask_polarity)),
+            camera: frame.camera.resized(width, height),
+            native,
+            channels,
+        })
+    }
+
+    fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.camera.width) * u64::from(self.camera.height);
+        let has_mask = match &self.image {
+            ImageSource::Memory(image) => image.mask.is_some() || self.mask.is_some(),
+            ImageSource::File(_) => self.mask.is_some(),
+        };
+        pixels * (u64::from(self.channels) + u64::from(has_mask))
+    }
+
+    fn read(&self) -> Result<Image, SceneError> {
+        let mask = self.mask.as_ref().map(|(path, polarity)| read_mask(path, *polarity, self.native)).transpose()?;
+        let native = match &self.image {
+            ImageSource::File(path) => {
+                let image = decode(path, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?;
+                if (image.width, image.height) != self.native {
+                    return Err(wrong_size(path, (image.width, image.height), self.native));
+                }
+                image
+            }
+            ImageSource::Memory(image) => Image::clone(image),
+        };
+        let size = (self.camera.width, self.camera.height);
+        let mut image = resize(native, size.0, size.1);
+        if let Some((mask, from)) = mask {
+            let mask = resize_mask(&mask, from, size);
+            image.mask = Some(match image.mask.take() {
+                Some(own) => own.iter().zip(&mask).map(|(a, b)| *a.min(b)).collect(),
+                None => mask,
+            });
+        }
+        Ok(image)
+    }
+}
+
+/// A mask with white for what is used, at its own size, which must have the image's shape.
+fn read_mask(
+    path: &Path,
+    polarity: MaskPolarity,
+    image: (u32, u32),
+) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+    let (mut mask, size) = decode_mask(path)?;
+    if !same_shape(size, image) {
+        let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);
+        let remedy = "make the mask as large as the image, or load without masks";
+        return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
+    }
+    if polarity == MaskPolarity::WhiteIsIgnored {
+        for v in &mut mask {
+            *v = 255 - *v;
+        }
+    }
+    Ok((mask, size))
+}
+
+/// Whether two image sizes differ by one scale only, up to the rounding of each side to whole pixels.
+pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
+    let ((aw, ah), (bw, bh)) = ((f64::from(a.0), f64::from(a.1)), (f64::from(b.0), f64::from(b.1)));
+    if [aw, ah, bw, bh].iter().any(|x| *x < 1.0) {
+        return false;
+    }
+    let (small, large) = if aw.max(ah) <= bw.max(bh) { ((aw, ah), (bw, bh)) } else { ((bw, bh), (aw, ah)) };
+    let scale = small.0.max(small.1) / large.0.max(large.1);
+    (large.0 * scale - small.0).abs() <= 1.0 && (large.1 * scale - small.1).abs() <= 1.0
+}
+
+fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> SceneError {
+    let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
+    let remedy = "use the image the cameras were computed for, or resize it uniformly";
+    SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy))
+}
+
+impl Cache {
+    fn touch(&mut self, index: usize) -> Option<Arc<Image>> {
+        self.clock += 1;
+        let (image, last) = self.images.get_mut(&index)?;
+        *last = self.clock;
+        Some(Arc::clone(image))
+    }
+
+    fn insert(&mut self, index: usize, image: &Arc<Image>, budget: u64) {
+        let bytes = image.bytes();
+        if bytes > budget || self.images.contains_key(&index) {
+            return;
+        }
+        while self.bytes + bytes > budget {
+            let Some(oldest) = self.images.iter().min_by_key(|(_, (_, last))| *last).map(|(i, _)| *i) else { break };
+            if let Some((gone, _)) = self.images.remove(&oldest) {
+                self.bytes -= gone.bytes();
+            }
+        }
+        self.clock += 1;
+        self.bytes += bytes;
+        self.images.insert(index, (Arc::clone(image), self.clock));
+    }
+}
