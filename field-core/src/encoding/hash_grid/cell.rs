@@ -1,0 +1,162 @@
+//! The eight corners around sixteen points: entries and weights.
+//!
+//! Plain loops over arrays of [`BLOCK`]: the compiler vectorises them for the level they are inlined into. No fused
+//! multiply-add, so all levels give the same bits.
+
+use super::Interpolation;
+use super::level::{Addressing, Level, PRIMES};
+
+/// Points worked on together.
+pub(crate) const BLOCK: usize = 16;
+/// One number for each point.
+pub(crate) type Lanes = [f32; BLOCK];
+/// One number for each corner of each point's cell; corner `c` has bit 0 = +x, bit 1 = +y, bit 2 = +z.
+pub(crate) type Corners<T> = [[T; BLOCK]; 8];
+
+/// Adding and subtracting `2^23` rounds numbers in `[0, 2^23)` to integers.
+const ROUND: f32 = 8_388_608.0;
+
+/// Where sixteen points lie in their cells.
+#[derive(Clone, Copy)]
+pub(crate) struct Cells {
+    /// Integer coordinates of the lower corner.
+    base: [[u32; BLOCK]; 3],
+    /// Weight of the upper side, for each axis.
+    upper: [Lanes; 3],
+    /// Its derivative with respect to `x`; 0 where `x` was clamped.
+    slope: [Lanes; 3],
+    /// Its second derivative.
+    bend: [Lanes; 3],
+}
+
+/// What the corners are weighted with.
+#[derive(Clone, Copy)]
+pub(crate) enum Weights<'a> {
+    /// The interpolation itself.
+    Value,
+    /// Its derivative along this direction.
+    Tangent(&'a [Lanes; 3]),
+}
+
+impl Cells {
+    /// Locate points; coordinates outside `[0, 1]` are clamped, NaN counts as 0.
+    #[inline(always)]
+    pub(crate) fn locate(level: &Level, interpolation: Interpolation, x: &[Lanes; 3]) -> Self {
+        let mut cells =
+            Self { base: [[0; BLOCK]; 3], upper: [[0.0; BLOCK]; 3], slope: [[0.0; BLOCK]; 3], bend: [[0.0; BLOCK]; 3] };
+        for a in 0..3 {
+            for i in 0..BLOCK {
+                let x = x[a][i];
+                let inside = if (0.0..=1.0).contains(&x) { level.scale } else { 0.0 };
+                let x = if x > 0.0 { x } else { 0.0 };
+                let x = if x < 1.0 { x } else { 1.0 };
+                let p = x * level.scale + level.shift;
+                let nearest = (p + ROUND) - ROUND;
+                let floor = if nearest > p { nearest - 1.0 } else { nearest };
+                let floor = if floor < level.last_cell { floor } else { level.last_cell };
+                // The integer lies in the low bits of the mantissa.
+                cells.base[a][i] = (floor + ROUND).to_bits() & 0x007F_FFFF;
+                let f = p - floor;
+                match interpolation {
+                    Interpolation::Linear => {
+                        cells.upper[a][i] = f;
+                        cells.slope[a][i] = inside;
+                    }
+                    Interpolation::Smoothstep => {
+                        cells.upper[a][i] = f * f * (3.0 - 2.0 * f);
+                        cells.slope[a][i] = inside * (6.0 * f * (1.0 - f));
+                        cells.bend[a][i] = inside * inside * (6.0 - 12.0 * f);
+                    }
+                }
+            }
+        }
+        cells
+    }
+
+    /// Entries of the corners times `features`: where their features start within the level. Always at most
+    /// `(entries - 1) * features`.
+    #[inline(always)]
+    pub(crate) fn starts(&self, level: &Level, features: u32) -> Corners<u32> {
+        let mut starts = [[0; BLOCK]; 8];
+        let [bx, by, bz] = &self.base;
+        let last = level.entries - 1;
+        match level.addressing {
+            Addressing::Dense => {
+                let (r, r2) = (level.resolution, level.resolution * level.resolution);
+                for (c, starts) in starts.iter_mut().enumerate() {
+                    let step = (c as u32 & 1) + r * (c as u32 >> 1 & 1) + r2 * (c as u32 >> 2);
+                    for i in 0..BLOCK {
+                        let e = bx[i] + r * by[i] + r2 * bz[i] + step;
+                        // One past the edge wraps, once: e < 2 entries. The difference of a smaller e is huge.
+                        let e = e.min(e.wrapping_sub(level.entries));
+                        starts[i] = e.min(last) * features;
+                    }
+                }
+            }
+            Addressing::Hashed => {
+                for (c, starts) in starts.iter_mut().enumerate() {
+                    let step = [c as u32 & 1, c as u32 >> 1 & 1, c as u32 >> 2];
+                    for i in 0..BLOCK {
+                        let y = by[i].wrapping_mul(PRIMES[0]).wrapping_add(step[1].wrapping_mul(PRIMES[0]));
+                        let z = bz[i].wrapping_mul(PRIMES[1]).wrapping_add(step[2].wrapping_mul(PRIMES[1]));
+                        starts[i] = (((bx[i] + step[0]) ^ y ^ z) & last) * features;
+                    }
+                }
+            }
+        }
+        starts
+    }
+
+    /// Weights of the corners.
+    #[inline(always)]
+    pub(crate) fn weights(&self, kind: Weights<'_>) -> Corners<f32> {
+        let mut w = [[0.0; BLOCK]; 8];
+        for (c, w) in w.iter_mut().enumerate() {
+            for i in 0..BLOCK {
+                let [x, y, z] = [0, 1, 2].map(|a| side(c >> a, self.upper[a][i]));
+                w[i] = match kind {
+                    Weights::Value => x * y * z,
+                    Weights::Tangent(dot) => {
+                        let [dx, dy, dz] = [0, 1, 2].map(|a| sign(c >> a) * (self.slope[a][i] * dot[a][i]));
+                        dx * y * z + x * dy * z + x * y * dz
+                    }
+                };
+            }
+        }
+        w
+    }
+
+    /// `x_bar[a] += sum over corners of dots[c] * d weights[c] / d x_a`.
+    #[inline(always)]
+    pub(crate) fn weights_backward(&self, kind: Weights<'_>, dots: &Corners<f32>, x_bar: &mut [Lanes; 3]) {
+        for (c, dots) in dots.iter().enumerate() {
+            let s = [0, 1, 2].map(|a| sign(c >> a));
+            for i in 0..BLOCK {
+                let w = [0, 1, 2].map(|a| side(c >> a, self.upper[a][i]));
+                let d = [0, 1, 2].map(|a| s[a] * self.slope[a][i]);
+                for a in 0..3 {
+                    let (b, e) = ((a + 1) % 3, (a + 2) % 3);
+                    x_bar[a][i] += dots[i]
+                        * match kind {
+                            Weights::Value => d[a] * w[b] * w[e],
+                            Weights::Tangent(dot) => {
+                                s[a] * self.bend[a][i] * dot[a][i] * w[b] * w[e]
+                                    + d[a] * (d[b] * dot[b][i] * w[e] + w[b] * d[e] * dot[e][i])
+                            }
+                        };
+                }
+            }
+        }
+    }
+}
+
+/// Weight of the upper (odd `bit`) or the lower side.
+#[inline(always)]
+fn side(bit: usize, upper: f32) -> f32 {
+    if bit & 1 == 1 { upper } else { 1.0 - upper }
+}
+
+#[inline(always)]
+fn sign(bit: usize) -> f32 {
+    if bit & 1 == 1 { 1.0 } else { -1.0 }
+}

@@ -1,0 +1,189 @@
+//! The loops over one level: gather, scatter, and the dots that position gradients need.
+
+use float_core::{Task, Vector};
+
+use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
+use super::level::Level;
+use super::{Interpolation, touched::BLOCK_FLOATS};
+
+/// Rows of a batch: one slice for each axis, equally long.
+pub(crate) type Axes<'a> = [&'a [f32]; 3];
+
+/// What every kernel works on.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<'a> {
+    pub(crate) level: &'a Level,
+    pub(crate) interpolation: Interpolation,
+    pub(crate) x: Axes<'a>,
+    /// Direction of the derivative; `None` for values.
+    pub(crate) x_dot: Option<Axes<'a>>,
+}
+
+/// `out[f][i] = sum over corners of weight * table[entry][f]`.
+pub(crate) struct Gather<'a, 'o, const F: usize> {
+    pub(crate) place: Place<'a>,
+    pub(crate) table: &'a [f32],
+    pub(crate) out: [&'o mut [f32]; F],
+}
+
+/// `grad[entry][f] += weight * out_bar[f][i]`, samples in order, corners in order.
+pub(crate) struct Scatter<'a, 'o, const F: usize> {
+    pub(crate) place: Place<'a>,
+    pub(crate) out_bar: [&'a [f32]; F],
+    pub(crate) grad: &'o mut [f32],
+    pub(crate) touched: Option<&'o mut [u64]>,
+}
+
+/// `x_bar[a][i] += d / d x_a of <out_bar, out>`.
+pub(crate) struct Slope<'a, 'o, const F: usize> {
+    pub(crate) place: Place<'a>,
+    pub(crate) table: &'a [f32],
+    pub(crate) out_bar: [&'a [f32]; F],
+    pub(crate) x_bar: [&'o mut [f32]; 3],
+}
+
+/// Sixteen points of a batch, starting at `at`; short blocks are filled up with 0.
+#[inline(always)]
+fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N] {
+    let mut out = [[0.0; BLOCK]; N];
+    for (out, row) in out.iter_mut().zip(rows) {
+        let row = &row[at..];
+        if let Some(full) = row.first_chunk::<BLOCK>() {
+            *out = *full;
+        } else {
+            out[..row.len()].copy_from_slice(row);
+        }
+    }
+    out
+}
+
+impl Place<'_> {
+    /// Cells, entries and weights of the block at `at`.
+    #[inline(always)]
+    fn corners<const F: usize>(&self, at: usize) -> (Corners<u32>, Corners<f32>) {
+        let cells = Cells::locate(self.level, self.interpolation, &block(&self.x, at));
+        let weights = match &self.x_dot {
+            None => cells.weights(Weights::Value),
+            Some(x_dot) => cells.weights(Weights::Tangent(&block(x_dot, at))),
+        };
+        (cells.starts(self.level, F as u32), weights)
+    }
+
+    #[inline(always)]
+    fn check<const F: usize>(&self, table: &[f32]) {
+        assert!(table.len() == self.level.entries as usize * F, "hash grid: a level's table has the wrong length");
+    }
+}
+
+/// The features that start at `start`.
+///
+/// # Safety
+/// `start + F <= table.len()`.
+#[inline(always)]
+unsafe fn features<const F: usize>(table: &[f32], start: u32) -> [f32; F] {
+    debug_assert!(start as usize + F <= table.len());
+    // SAFETY: the caller's promise; arrays of f32 are no more aligned than f32.
+    unsafe { table.as_ptr().add(start as usize).cast::<[f32; F]>().read() }
+}
+
+impl<const F: usize> Task for Gather<'_, '_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        self.place.check::<F>(self.table);
+        let n = self.place.x[0].len();
+        for at in (0..n).step_by(BLOCK) {
+            let (starts, weights) = self.place.corners::<F>(at);
+            let mut out = [[0.0; BLOCK]; F];
+            for i in 0..BLOCK {
+                let mut acc = [0.0; F];
+                for c in 0..8 {
+                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
+                    let e = unsafe { features::<F>(self.table, starts[c][i]) };
+                    for f in 0..F {
+                        acc[f] += weights[c][i] * e[f];
+                    }
+                }
+                for f in 0..F {
+                    out[f][i] = acc[f];
+                }
+            }
+            for (row, out) in self.out.iter_mut().zip(&out) {
+                let row = &mut row[at..];
+                if let Some(full) = row.first_chunk_mut::<BLOCK>() {
+                    *full = *out;
+                } else {
+                    let len = row.len();
+                    row.copy_from_slice(&out[..len]);
+                }
+            }
+        }
+    }
+}
+
+impl<const F: usize> Task for Scatter<'_, '_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        self.place.check::<F>(self.grad);
+        let n = self.place.x[0].len();
+        let mut touched = self.touched;
+        for at in (0..n).step_by(BLOCK) {
+            let (starts, weights) = self.place.corners::<F>(at);
+            let out_bar = block(&self.out_bar, at);
+            for i in 0..BLOCK.min(n - at) {
+                for c in 0..8 {
+                    let start = starts[c][i];
+                    debug_assert!(start as usize + F <= self.grad.len());
+                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
+                    let e = unsafe { &mut *self.grad.as_mut_ptr().add(start as usize).cast::<[f32; F]>() };
+                    for f in 0..F {
+                        e[f] += weights[c][i] * out_bar[f][i];
+                    }
+                }
+            }
+            if let Some(touched) = &mut touched {
+                for i in 0..BLOCK.min(n - at) {
+                    for starts in &starts {
+                        let block = starts[i] as usize / BLOCK_FLOATS;
+                        touched[block / 64] |= 1 << (block % 64);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<const F: usize> Task for Slope<'_, '_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        self.place.check::<F>(self.table);
+        let n = self.place.x[0].len();
+        for at in (0..n).step_by(BLOCK) {
+            let cells = Cells::locate(self.place.level, self.place.interpolation, &block(&self.place.x, at));
+            let starts = cells.starts(self.place.level, F as u32);
+            let out_bar = block(&self.out_bar, at);
+            let mut dots = [[0.0; BLOCK]; 8];
+            for i in 0..BLOCK {
+                for c in 0..8 {
+                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
+                    let e = unsafe { features::<F>(self.table, starts[c][i]) };
+                    for f in 0..F {
+                        dots[c][i] += out_bar[f][i] * e[f];
+                    }
+                }
+            }
+            let mut x_bar = [[0.0; BLOCK]; 3];
+            match &self.place.x_dot {
+                None => cells.weights_backward(Weights::Value, &dots, &mut x_bar),
+                Some(x_dot) => cells.weights_backward(Weights::Tangent(&block(x_dot, at)), &dots, &mut x_bar),
+            }
+            for (row, x_bar) in self.x_bar.iter_mut().zip(&x_bar) {
+                for (out, x) in row[at..].iter_mut().zip(x_bar) {
+                    *out += x;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! Encodings of positions, directions and indices.
+
+pub mod hash_grid;
