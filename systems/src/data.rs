@@ -5,9 +5,9 @@
 //! directions are computed.
 
 use field_core::rng::Rng;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
-use render_core::camera::{Camera, Lens};
+use render_core::camera::{Camera, RayTable};
 use render_core::ray::Ray;
 use scene_io::{Image, ImageStore, Scene, SceneError};
 use std::sync::Arc;
@@ -36,43 +36,7 @@ pub struct View {
     /// Camera at training resolution.
     pub camera: Camera,
     /// Directions of a lens with distortion, shared by views with equal intrinsics.
-    table: Option<Arc<DirectionTable>>,
-}
-
-/// Unit directions in camera axes, one a pixel, NaN where the lens has no preimage. 12 bytes a pixel.
-#[derive(Debug)]
-struct DirectionTable {
-    key: Camera,
-    directions: Vec<[f32; 3]>,
-}
-
-impl DirectionTable {
-    fn new(camera: &Camera) -> Self {
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let mut directions = vec![[f32::NAN; 3]; width * height];
-        directions.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-            for (x, out) in row.iter_mut().enumerate() {
-                if let Some(d) = camera.direction_in_camera(pixel_centre(x as u32, y as u32)) {
-                    *out = d.as_vec3().to_array();
-                }
-            }
-        });
-        Self { key: *camera, directions }
-    }
-
-    fn fits(&self, camera: &Camera) -> bool {
-        let k = &self.key;
-        (k.width, k.height, k.fx, k.fy, k.cx, k.cy, k.lens)
-            == (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.lens)
-    }
-}
-
-fn pixel_centre(x: u32, y: u32) -> DVec2 {
-    DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
-}
-
-fn is_pinhole(lens: &Lens) -> bool {
-    matches!(lens, Lens::Perspective { k, p } if k.iter().chain(p).all(|&c| c == 0.0))
+    table: Option<Arc<RayTable>>,
 }
 
 impl View {
@@ -83,20 +47,14 @@ impl View {
     pub fn ray(&self, x: u32, y: u32) -> Option<Ray> {
         let camera = &self.camera;
         assert!(x < camera.width && y < camera.height, "pixel ({x}, {y}) of a {}x{} view", camera.width, camera.height);
-        let d = match &self.table {
+        match &self.table {
+            Some(table) => table.ray(&camera.pose, x, y),
             None => {
-                let p = pixel_centre(x, y);
-                DVec3::new((p.x - camera.cx) / camera.fx, (p.y - camera.cy) / camera.fy, 1.0)
+                let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let d = DVec3::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0);
+                Some(Ray { o: camera.pose.c, d: (camera.pose.r * d).normalize() })
             }
-            Some(table) => {
-                let d = table.directions[y as usize * camera.width as usize + x as usize];
-                if d[0].is_nan() {
-                    return None;
-                }
-                DVec3::new(f64::from(d[0]), f64::from(d[1]), f64::from(d[2]))
-            }
-        };
-        Some(Ray { o: camera.pose.c, d: (camera.pose.r * d).normalize() })
+        }
     }
 
     /// Rays of all pixels of the rows `rows`, row by row; `None` where the lens has no preimage.
@@ -156,7 +114,7 @@ pub struct Dataset {
     /// All images, where they fit in the store's memory.
     resident: Option<Vec<Arc<Image>>>,
     /// Views a window holds when they do not fit.
-    window_views: usize,
+    window_views: u64,
     /// `first_pixel[v]` is the number of pixels of the views before `v`; one entry more than views.
     first_pixel: Vec<u64>,
 }
@@ -172,37 +130,36 @@ impl Dataset {
     /// # Panics
     /// When an index in `frames` is not one of `scene.frames`.
     pub fn new(scene: &Scene, store: Arc<ImageStore>, frames: Vec<usize>) -> Result<Self, SceneError> {
-        let mut tables: Vec<Arc<DirectionTable>> = Vec::new();
+        let mut tables: Vec<(Camera, Arc<RayTable>)> = Vec::new();
         let mut views = Vec::with_capacity(frames.len());
         let (mut bytes, mut largest) = (0, 0);
         for &frame in &frames {
-            let source = &scene.frames[frame];
-            let (width, height) = store.size(frame);
-            let camera = source.camera.resized(width, height);
-            let table = (!is_pinhole(&camera.lens)).then(|| {
-                let known = tables.iter().find(|t| t.fits(&camera)).cloned();
+            let camera = *store.camera(frame);
+            let table = (!camera.lens.is_pinhole()).then(|| {
+                let known = tables.iter().find(|(c, _)| c.same_optics(&camera)).map(|(_, table)| table.clone());
                 known.unwrap_or_else(|| {
-                    tables.push(Arc::new(DirectionTable::new(&camera)));
-                    tables[tables.len() - 1].clone()
+                    let table = Arc::new(RayTable::new(&camera));
+                    tables.push((camera, table.clone()));
+                    table
                 })
             });
-            let size = store.bytes_of(frame);
+            let size = store.bytes(frame);
             bytes += size;
             largest = largest.max(size);
-            views.push(View { frame, name: source.name.clone(), camera, table });
+            views.push(View { frame, name: scene.frames[frame].name.clone(), camera, table });
         }
         let mut first_pixel = vec![0];
         for view in &views {
             let pixels = u64::from(view.camera.width) * u64::from(view.camera.height);
             first_pixel.push(first_pixel[first_pixel.len() - 1] + pixels);
         }
-        let resident = if bytes <= store.budget() {
+        let resident = if bytes <= store.budget_bytes() {
             let decoded: Vec<_> = frames.par_iter().map(|&frame| store.get(frame)).collect();
             Some(decoded.into_iter().collect::<Result<Vec<_>, _>>()?)
         } else {
             None
         };
-        let window_views = store.budget().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1));
+        let window_views = store.budget_bytes().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1) as u64);
         Ok(Self { views, store, resident, window_views, first_pixel })
     }
 
@@ -257,15 +214,15 @@ impl Dataset {
     }
 
     /// Bytes the decoded views may take at one time, with the direction tables.
-    pub fn memory_bytes(&self) -> usize {
-        let images: usize = match &self.resident {
-            Some(images) => images.iter().map(|i| i.data.len() + i.mask.as_ref().map_or(0, Vec::len)).sum(),
-            None => self.store.budget(),
+    pub fn memory_bytes(&self) -> u64 {
+        let images: u64 = match &self.resident {
+            Some(images) => images.iter().map(|i| i.bytes()).sum(),
+            None => self.store.budget_bytes(),
         };
         let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
         tables.sort_by_key(|t| Arc::as_ptr(t));
         tables.dedup_by_key(|t| Arc::as_ptr(t));
-        images + tables.iter().map(|t| t.directions.len() * 12).sum::<usize>()
+        images + tables.iter().map(|t| t.directions().len() as u64 * 12).sum::<u64>()
     }
 
     /// Fill `batch` with the `n` training pixels of step `step`: a function of `seed`, `step` and `n` alone, whatever
@@ -355,7 +312,7 @@ impl Dataset {
         batch.pool_key = None;
         batch.pool.clear();
         let n = self.views.len() as u64;
-        let places = window..window + self.window_views as u64;
+        let places = window..window + self.window_views;
         for round in places.start / n..=(places.end - 1) / n {
             // An endless sequence of rounds, each all views in the order of the round's random keys.
             let rng = Rng::new(seed, VIEWS).substream(round);

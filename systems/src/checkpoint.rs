@@ -1,0 +1,237 @@
+//! Checkpoints: everything the next step depends on, on disk, whole or not at all.
+//!
+//! `checkpoint/step-NNNNNNNN.safetensors` holds the arrays of [`System::state`], `step-NNNNNNNN.json` the step, the
+//! training seconds, the seed, the dataset's hash, the configuration, and size and SHA-256 of the array file. The JSON
+//! file is written last: a checkpoint without it does not exist. Random numbers are functions of (seed, step), so the
+//! two are the whole state of the generator. The last two checkpoints are kept.
+
+use crate::error::RunError;
+use crate::options::RunConfig;
+use crate::output::{self, Storage, write_file};
+use crate::system::{System, Tensor, TensorData, TensorMap};
+use safetensors::tensor::{Dtype, TensorView};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Checkpoints kept.
+const KEPT: usize = 2;
+/// Version of the layout of the two files.
+const FORMAT: u32 = 1;
+
+/// What a checkpoint says besides its arrays.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Meta {
+    /// Layout version.
+    pub format: u32,
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds so far, evaluation not counted.
+    pub seconds: f64,
+    /// How random numbers are made from the seed.
+    pub rng: RngMeta,
+    /// Hash of cameras and images.
+    pub dataset: String,
+    /// The array file.
+    pub tensors: TensorsMeta,
+    /// The run's configuration.
+    pub config: RunConfig,
+}
+
+/// The state of the random numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RngMeta {
+    /// `philox4x32-10`, counter-based.
+    pub generator: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Next step to draw for.
+    pub counter: u64,
+}
+
+/// Where the arrays are and how to know that they are whole.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TensorsMeta {
+    /// File name beside the JSON file.
+    pub file: String,
+    /// Its size.
+    pub bytes: u64,
+    /// Its SHA-256, hexadecimal.
+    pub sha256: String,
+}
+
+/// A checkpoint read back.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    /// What the JSON file says.
+    pub meta: Meta,
+    /// The arrays.
+    pub state: TensorMap,
+    /// One line for each newer checkpoint that could not be used.
+    pub warnings: Vec<String>,
+}
+
+/// Where a run's checkpoints lie.
+pub fn folder(run: &Path) -> PathBuf {
+    run.join("checkpoint")
+}
+
+/// Write a checkpoint of `system` after `step` steps, then remove all but the last two. Returns the path of its JSON file.
+///
+/// # Errors
+/// [`RunError::Write`]; earlier checkpoints are untouched.
+pub fn save(
+    storage: &dyn Storage,
+    run: &Path,
+    system: &dyn System,
+    (step, seconds): (u64, f64),
+    config: &RunConfig,
+    dataset: &str,
+) -> Result<PathBuf, RunError> {
+    let folder = folder(run);
+    output::make_folder(&folder)?;
+    let stem = format!("step-{step:08}");
+    let arrays = serialise(&system.state());
+    let array_file = format!("{stem}.safetensors");
+    let meta = Meta {
+        format: FORMAT,
+        step,
+        seconds,
+        rng: RngMeta { generator: "philox4x32-10".into(), seed: config.seed, counter: step },
+        dataset: dataset.into(),
+        tensors: TensorsMeta { file: array_file.clone(), bytes: arrays.len() as u64, sha256: sha256(&arrays) },
+        config: config.clone(),
+    };
+    let text = serde_json::to_string_pretty(&meta).expect("a plain struct serialises");
+    write_file(storage, &folder.join(&array_file), &arrays)?;
+    let path = folder.join(format!("{stem}.json"));
+    write_file(storage, &path, text.as_bytes())?;
+    prune(&folder);
+    Ok(path)
+}
+
+/// Newest step with a JSON file, readable or not; `None` when there is no checkpoint.
+pub fn newest_step(run: &Path) -> Option<u64> {
+    steps(&folder(run)).last().copied()
+}
+
+/// Read the newest checkpoint that is whole. Broken newer ones become warnings.
+///
+/// # Errors
+/// [`RunError::NoCheckpoint`], [`RunError::AllCheckpointsBroken`].
+pub fn load_newest(run: &Path) -> Result<Checkpoint, RunError> {
+    let folder = folder(run);
+    let mut problems = Vec::new();
+    for step in steps(&folder).into_iter().rev() {
+        match load(&folder, step) {
+            Ok((meta, state)) => {
+                let warnings = problems.iter().map(|p| format!("{p}; using step {step} instead")).collect();
+                return Ok(Checkpoint { meta, state, warnings });
+            }
+            Err(problem) => problems.push(format!("checkpoint step-{step:08}: {problem}")),
+        }
+    }
+    Err(match problems.is_empty() {
+        true => RunError::NoCheckpoint(run.to_path_buf()),
+        false => RunError::AllCheckpointsBroken { folder: run.to_path_buf(), problems },
+    })
+}
+
+fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
+    let text =
+        fs::read_to_string(folder.join(format!("step-{step:08}.json"))).map_err(|e| format!("JSON file: {e}"))?;
+    let meta: Meta = serde_json::from_str(&text).map_err(|e| format!("JSON file is broken: {e}"))?;
+    if meta.format != FORMAT {
+        return Err(format!("layout version {} (this program reads {FORMAT})", meta.format));
+    }
+    if meta.step != step {
+        return Err(format!("JSON file is of step {}", meta.step));
+    }
+    let file = Path::new(&meta.tensors.file);
+    if file.components().count() != 1 {
+        return Err(format!("array file `{}` lies outside the checkpoint folder", meta.tensors.file));
+    }
+    let bytes = fs::read(folder.join(file)).map_err(|e| format!("array file `{}`: {e}", meta.tensors.file))?;
+    if bytes.len() as u64 != meta.tensors.bytes {
+        return Err(format!(
+            "array file is truncated or replaced: {} bytes, expected {}",
+            bytes.len(),
+            meta.tensors.bytes
+        ));
+    }
+    if sha256(&bytes) != meta.tensors.sha256 {
+        return Err("array file is corrupted: its SHA-256 is not the one recorded".into());
+    }
+    let state = deserialise(&bytes)?;
+    Ok((meta, state))
+}
+
+/// Steps with a JSON file, ascending.
+fn steps(folder: &Path) -> Vec<u64> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let mut steps: Vec<u64> = entries.flatten().filter_map(|e| step_of(&e.path(), "json")).collect();
+    steps.sort_unstable();
+    steps
+}
+
+fn step_of(path: &Path, extension: &str) -> Option<u64> {
+    if path.extension()? != extension {
+        return None;
+    }
+    path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
+}
+
+/// Remove all but the newest checkpoints, and what killed processes left. Failing to remove costs disk space only.
+fn prune(folder: &Path) {
+    let steps = steps(folder);
+    let kept = &steps[steps.len().saturating_sub(KEPT)..];
+    for step in &steps[..steps.len() - kept.len()] {
+        let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
+    }
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let orphan = step_of(&path, "safetensors").is_some_and(|step| !kept.contains(&step));
+        if orphan || output::is_temporary(&path) {
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+/// SHA-256 in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn serialise(state: &[Tensor<'_>]) -> Vec<u8> {
+    let views = state.iter().map(|t| {
+        let (dtype, bytes): (_, &[u8]) = match &t.data {
+            TensorData::F32(x) => (Dtype::F32, bytemuck::cast_slice(x)),
+            TensorData::U64(x) => (Dtype::U64, bytemuck::cast_slice(x)),
+        };
+        let view = TensorView::new(dtype, t.shape.clone(), bytes)
+            .unwrap_or_else(|e| panic!("state array `{}` does not fill its shape {:?}: {e}", t.name, t.shape));
+        (t.name.as_str(), view)
+    });
+    safetensors::serialize(views, None::<HashMap<String, String>>).expect("valid views serialise")
+}
+
+fn deserialise(bytes: &[u8]) -> Result<TensorMap, String> {
+    let file = safetensors::SafeTensors::deserialize(bytes).map_err(|e| format!("array file: {e}"))?;
+    let mut state = TensorMap::new();
+    for (name, view) in file.tensors() {
+        let data = match view.dtype() {
+            Dtype::F32 => TensorData::F32(Cow::Owned(bytemuck::pod_collect_to_vec(view.data()))),
+            Dtype::U64 => TensorData::U64(Cow::Owned(bytemuck::pod_collect_to_vec(view.data()))),
+            other => return Err(format!("array `{name}` has type {other:?}, expected F32 or U64")),
+        };
+        state.insert(name.clone(), Tensor { name, shape: view.shape().to_vec(), data });
+    }
+    Ok(state)
+}

@@ -1,0 +1,109 @@
+//! Failures of a run: files, checkpoints, options. The fact is in the message, the reason in [`source`].
+//!
+//! [`source`]: std::error::Error::source
+
+use crate::system::SystemError;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A failure of a run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// A file or folder could not be written.
+    #[error("cannot write `{}`", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A file or folder could not be read.
+    #[error("cannot read `{}`", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A file of the run holds something else than it should.
+    #[error("`{}`: {problem}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+    /// There is no checkpoint where one is needed.
+    #[error("`{}` holds no checkpoint: train into it first (`nerf-static train SCENE --out {}`)", .0.display(), .0.display())]
+    NoCheckpoint(PathBuf),
+    /// Checkpoints are there and none can be used.
+    #[error("none of the {} checkpoints of `{}` can be used: {}", problems.len(), folder.display(), problems.join("; "))]
+    AllCheckpointsBroken {
+        /// The run folder.
+        folder: PathBuf,
+        /// One problem a checkpoint, newest first.
+        problems: Vec<String>,
+    },
+    /// The output folder already holds a run.
+    #[error(
+        "`{}` already holds a run at step {step}: continue it with `--resume` or choose another `--out`",
+        folder.display()
+    )]
+    RunExists {
+        /// The run folder.
+        folder: PathBuf,
+        /// Step of its newest checkpoint.
+        step: u64,
+    },
+    /// A resumed run was given an option that differs from the run's.
+    #[error(
+        "`{option} {given}` differs from the run's `{option} {run}`: a resumed run keeps its configuration; leave the \
+         option out, or start a new run with another `--out`"
+    )]
+    ResumeDiffers {
+        /// The option on the command line.
+        option: String,
+        /// Value of the run.
+        run: String,
+        /// Value given now.
+        given: String,
+    },
+    /// The dataset is not the one the run was trained on.
+    #[error(
+        "the dataset has changed since the run started (it was {run}, it is {now}): restore the files, or start a new \
+         run with another `--out`"
+    )]
+    DatasetChanged {
+        /// Hash in the checkpoint.
+        run: String,
+        /// Hash now.
+        now: String,
+    },
+    /// An option that cannot work.
+    #[error("{0}")]
+    Option(String),
+    /// There is nothing to train on.
+    #[error("{0}")]
+    Untrainable(String),
+    /// An error of the system.
+    #[error(transparent)]
+    System(#[from] SystemError),
+    /// An error of the dataset.
+    #[error(transparent)]
+    Scene(#[from] scene_io::SceneError),
+}
+
+impl RunError {
+    /// For `map_err`: writing `path` failed.
+    pub fn write(path: impl AsRef<Path>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.as_ref().to_path_buf();
+        move |source| Self::Write { path, source }
+    }
+
+    /// For `map_err`: reading `path` failed.
+    pub fn read(path: impl AsRef<Path>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.as_ref().to_path_buf();
+        move |source| Self::Read { path, source }
+    }
+}

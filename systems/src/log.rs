@@ -1,0 +1,164 @@
+//! `metrics.csv`: one row an interval of training.
+
+use crate::error::RunError;
+use crate::output::{Disk, write_file};
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The columns. Scripts read them: they stay.
+pub const COLUMNS: &str = "step,seconds,loss,psnr_train,psnr_test,rays_per_s,samples_per_s,memory_mb";
+
+/// One row; empty where not measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds, evaluation not counted.
+    pub seconds: f64,
+    /// Mean loss since the row before.
+    pub loss: Option<f64>,
+    /// PSNR of the training rays since the row before, dB.
+    pub psnr_train: Option<f64>,
+    /// Mean PSNR of the held-out views, dB.
+    pub psnr_test: Option<f64>,
+    /// Rays cast per second of training.
+    pub rays_per_s: Option<f64>,
+    /// Field evaluations per second of training.
+    pub samples_per_s: Option<f64>,
+    /// Resident memory of the process, MB (10^6 bytes).
+    pub memory_mb: Option<f64>,
+}
+
+impl Row {
+    fn line(&self) -> String {
+        let show = |x: Option<f64>, digits: usize| x.map_or_else(String::new, |x| format!("{x:.digits$}"));
+        format!(
+            "{},{:.3},{},{},{},{},{},{}",
+            self.step,
+            self.seconds,
+            self.loss.map_or_else(String::new, |x| format!("{x:.6e}")),
+            show(self.psnr_train, 3),
+            show(self.psnr_test, 3),
+            show(self.rays_per_s, 0),
+            show(self.samples_per_s, 0),
+            show(self.memory_mb, 1),
+        )
+    }
+
+    fn parse(line: &str) -> Option<Self> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let cell = |i: usize| match cells.get(i).copied()? {
+            "" => Some(None),
+            text => text.parse().ok().map(Some),
+        };
+        Some(Self {
+            step: cells.first()?.parse().ok()?,
+            seconds: cells.get(1)?.parse().ok()?,
+            loss: cell(2)?,
+            psnr_train: cell(3)?,
+            psnr_test: cell(4)?,
+            rays_per_s: cell(5)?,
+            samples_per_s: cell(6)?,
+            memory_mb: cell(7)?,
+        })
+    }
+}
+
+/// An open `metrics.csv`. Each row is on its way to the disk before [`MetricsLog::write`] returns.
+#[derive(Debug)]
+pub struct MetricsLog {
+    path: PathBuf,
+    file: File,
+}
+
+impl MetricsLog {
+    /// Start an empty file.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub fn create(path: &Path) -> Result<Self, RunError> {
+        let mut file = File::create(path).map_err(RunError::write(path))?;
+        writeln!(file, "{COLUMNS}").map_err(RunError::write(path))?;
+        Ok(Self { path: path.to_path_buf(), file })
+    }
+
+    /// Continue the file of a run resumed at `step`: rows past it, and a last line cut short, are dropped. A missing
+    /// file is started.
+    ///
+    /// # Errors
+    /// [`RunError::Read`], [`RunError::Write`], [`RunError::Content`] when the columns are others.
+    pub fn resume(path: &Path, step: u64) -> Result<Self, RunError> {
+        if !path.exists() {
+            return Self::create(path);
+        }
+        let mut text = format!("{COLUMNS}\n");
+        for row in read(path)?.iter().filter(|r| r.step <= step) {
+            text += &row.line();
+            text.push('\n');
+        }
+        write_file(&Disk, path, text.as_bytes())?;
+        let file = OpenOptions::new().append(true).open(path).map_err(RunError::write(path))?;
+        Ok(Self { path: path.to_path_buf(), file })
+    }
+
+    /// Append a row.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub fn write(&mut self, row: &Row) -> Result<(), RunError> {
+        // One write call a row: a kill leaves whole rows.
+        self.file.write_all(format!("{}\n", row.line()).as_bytes()).map_err(RunError::write(&self.path))
+    }
+}
+
+/// The rows of a `metrics.csv`; lines that are no rows are left out.
+///
+/// # Errors
+/// [`RunError::Read`], [`RunError::Content`] when the first line is not [`COLUMNS`].
+pub fn read(path: &Path) -> Result<Vec<Row>, RunError> {
+    let text = fs::read_to_string(path).map_err(RunError::read(path))?;
+    let mut lines = text.lines();
+    if lines.next().map(str::trim_end) != Some(COLUMNS) {
+        return Err(RunError::Content {
+            path: path.to_path_buf(),
+            problem: format!("the first line is not `{COLUMNS}`: move the file away"),
+        });
+    }
+    Ok(lines.filter_map(Row::parse).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_past_the_checkpoint_and_torn_lines_are_dropped_on_resume() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.csv");
+        let mut log = MetricsLog::create(&path).unwrap();
+        for step in [10, 20, 30] {
+            log.write(&Row { step, seconds: 0.5, loss: Some(0.25), ..Row::default() }).unwrap();
+        }
+        drop(log);
+        let mut text = fs::read_to_string(&path).unwrap();
+        text += "40,0.9";
+        fs::write(&path, text).unwrap();
+
+        let mut log = MetricsLog::resume(&path, 20).unwrap();
+        log.write(&Row { step: 21, psnr_test: Some(31.5), ..Row::default() }).unwrap();
+        let rows = read(&path).unwrap();
+        assert_eq!(rows.iter().map(|r| r.step).collect::<Vec<_>>(), [10, 20, 21]);
+        assert_eq!(rows[0], Row { step: 10, seconds: 0.5, loss: Some(0.25), ..Row::default() });
+        assert_eq!(rows[2].psnr_test, Some(31.5));
+    }
+
+    #[test]
+    fn a_file_with_other_columns_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.csv");
+        fs::write(&path, "a,b\n1,2\n").unwrap();
+        assert!(matches!(MetricsLog::resume(&path, 5), Err(RunError::Content { .. })));
+        assert_eq!(fs::read_to_string(&path).unwrap(), "a,b\n1,2\n", "a refused file is left alone");
+    }
+}

@@ -1,0 +1,92 @@
+//! Writing files so that a crash or a full disk never costs what was there before.
+//!
+//! Every file of a run goes to a temporary name beside its place, is flushed to the disk, and is renamed over it.
+
+use crate::error::RunError;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Where bytes go. [`Disk`] is the file system; a test may put a full disk in its place.
+pub trait Storage: Send + Sync {
+    /// Create or truncate a file.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn create(&self, path: &Path) -> io::Result<Box<dyn StorageFile>>;
+}
+
+/// A file being written.
+pub trait StorageFile: Write {
+    /// Bring the bytes to the disk.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+/// The file system.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Disk;
+
+impl Storage for Disk {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn StorageFile>> {
+        Ok(Box::new(File::create(path)?))
+    }
+}
+
+impl StorageFile for File {
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_all()
+    }
+}
+
+/// Write `bytes` to `path`: temporary name, sync, rename. On failure the temporary file is removed and an earlier file at
+/// `path` is untouched.
+///
+/// # Errors
+/// [`RunError::Write`] naming `path`.
+pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    let temporary = temporary_name(path);
+    let written = (|| {
+        let mut file = storage.create(&temporary)?;
+        file.write_all(bytes)?;
+        file.flush()?;
+        file.sync()?;
+        drop(file);
+        fs::rename(&temporary, path)?;
+        sync_folder(path);
+        Ok(())
+    })();
+    written.map_err(|source| {
+        // The write error is what matters; the leftover may be unremovable for the same reason.
+        let _ = fs::remove_file(&temporary);
+        RunError::Write { path: path.to_path_buf(), source }
+    })
+}
+
+/// Make a folder and those above it.
+///
+/// # Errors
+/// [`RunError::Write`] naming the folder.
+pub fn make_folder(path: &Path) -> Result<(), RunError> {
+    fs::create_dir_all(path).map_err(RunError::write(path))
+}
+
+/// Whether a name is one of [`write_file`]'s temporaries, left by a process that was killed.
+pub(crate) fn is_temporary(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "tmp")
+}
+
+fn temporary_name(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".tmp");
+    path.with_file_name(name)
+}
+
+/// A rename is on the disk only when its folder is. Not every file system can do it: then the rename is as safe as it is.
+fn sync_folder(path: &Path) {
+    if let Some(folder) = path.parent().and_then(|p| File::open(p).ok()) {
+        let _ = folder.sync_all();
+    }
+}

@@ -1,0 +1,180 @@
+//! Settings of the system, each with what it does; all of them can be given as `--set name=value`.
+
+use crate::space::SpaceKind;
+use crate::system::SystemError;
+use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
+use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
+use serde::{Deserialize, Serialize};
+
+/// Settings of [`Ngp`](super::Ngp). Lengths are in *internal* units: the radius of the scene is 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NgpConfig {
+    /// How space is laid out: `box`, `contracted` or `ndc`.
+    pub space: SpaceKind,
+    /// Centre of the scene, world units.
+    pub centre: [f64; 3],
+    /// Internal length 1 in world units: half the side of a box scene, the inner region of an unbounded one.
+    pub radius: f64,
+
+    /// Levels of the hash grid.
+    pub levels: usize,
+    /// Features of a hash grid entry: 1, 2, 4 or 8.
+    pub features: usize,
+    /// Each level has at most `2^log2_table` entries.
+    pub log2_table: u32,
+    /// Cells along an axis of the coarsest level.
+    pub n_min: u32,
+    /// Cells along an axis of the finest level.
+    pub n_max: u32,
+    /// Width of the hidden layers of both networks.
+    pub width: usize,
+    /// Hidden layers of the colour network.
+    pub colour_layers: usize,
+    /// Outputs of the density network: log-density first, all of them feed the colour network.
+    pub geometry: usize,
+    /// Degree of the spherical harmonics of the view direction, 1 to 4.
+    pub sh_degree: usize,
+    /// Added to the raw log-density: where the fog starts.
+    pub density_bias: f32,
+
+    /// Cells along an axis of the occupancy grid.
+    pub occupancy: usize,
+    /// Cubes of the occupancy grid, each twice the size of the one before.
+    pub cascades: usize,
+    /// A cell is empty below this optical thickness at the smallest step.
+    pub occupancy_threshold: f32,
+    /// Steps between updates of the occupancy grid.
+    pub occupancy_every: u64,
+
+    /// Distance before which nothing is sampled.
+    pub near: f32,
+    /// Smallest step along the ray.
+    pub step_min: f32,
+    /// Step per distance from the camera; 0 keeps the step constant.
+    pub step_cone: f32,
+
+    /// Samples a batch aims at; the number of rays adapts.
+    pub batch_samples: usize,
+    /// Rays a batch has at most.
+    pub batch_rays: usize,
+    /// Learning rate at the start.
+    pub lr: f32,
+    /// Steps after which the learning rate starts to fall.
+    pub lr_hold: u64,
+    /// Learning rate at `lr_hold * 10` steps, as a part of `lr`; it falls as a power of the step, so that a run may go on
+    /// for as long as it likes.
+    pub lr_tenfold: f32,
+    /// L2 penalty on the networks' weights (not on the grid).
+    pub weight_decay: f32,
+    /// Huber threshold of the colour loss; 0 is the squared error.
+    pub huber: f32,
+}
+
+fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
+    SystemError::Config { field, value: value.to_string(), problem: problem.into() }
+}
+
+impl NgpConfig {
+    /// The hash grid.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for sizes the grid refuses.
+    pub fn grid(&self) -> Result<HashGrid, SystemError> {
+        if self.n_max < self.n_min {
+            return Err(bad("n_max", self.n_max, "must be at least `n_min`"));
+        }
+        HashGrid::new(HashGridConfig {
+            levels: self.levels,
+            features: self.features,
+            log2_table: self.log2_table,
+            n_min: self.n_min,
+            growth: Growth::UpTo(self.n_max),
+            rule: Rule::Ngp,
+            interpolation: Interpolation::Linear,
+        })
+        .map_err(|e| bad("levels, features, log2_table, n_min, n_max", "", &e.to_string()))
+    }
+
+    /// The density network.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for an empty layer.
+    pub fn density_mlp(&self) -> Result<Mlp, SystemError> {
+        Mlp::new(&MlpConfig {
+            inputs: self.levels * self.features,
+            hidden: vec![self.width],
+            outputs: self.geometry,
+            bias: Bias::None,
+            hidden_activation: Activation::Relu,
+            output_activation: Activation::None,
+            skips: vec![],
+        })
+        .map_err(|e| bad("width, geometry", "", &e.to_string()))
+    }
+
+    /// The colour network.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for an empty layer.
+    pub fn colour_mlp(&self) -> Result<Mlp, SystemError> {
+        Mlp::new(&MlpConfig {
+            inputs: self.geometry + self.sh_degree * self.sh_degree,
+            hidden: vec![self.width; self.colour_layers],
+            outputs: 3,
+            bias: Bias::None,
+            hidden_activation: Activation::Relu,
+            output_activation: Activation::LOGISTIC,
+            skips: vec![],
+        })
+        .map_err(|e| bad("width, colour_layers", "", &e.to_string()))
+    }
+
+    /// Learning rate of a step.
+    #[must_use]
+    pub fn learning_rate(&self, step: u64) -> f32 {
+        let x = (step.max(1) as f64 / self.lr_hold.max(1) as f64).log10().max(0.0);
+        (f64::from(self.lr) * f64::from(self.lr_tenfold).powf(x)) as f32
+    }
+
+    /// Check what the parts do not check themselves.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the field.
+    pub fn check(&self) -> Result<(), SystemError> {
+        let positive = |field, value: f64| {
+            if value > 0.0 && value.is_finite() { Ok(()) } else { Err(bad(field, value, "must be positive and finite")) }
+        };
+        positive("radius", self.radius)?;
+        positive("near", f64::from(self.near))?;
+        positive("step_min", f64::from(self.step_min))?;
+        positive("lr", f64::from(self.lr))?;
+        positive("lr_tenfold", f64::from(self.lr_tenfold))?;
+        positive("batch_samples", self.batch_samples as f64)?;
+        positive("batch_rays", self.batch_rays as f64)?;
+        positive("occupancy_every", self.occupancy_every as f64)?;
+        positive("occupancy_threshold", f64::from(self.occupancy_threshold))?;
+        if !self.centre.iter().all(|c| c.is_finite()) {
+            return Err(bad("centre", format!("{:?}", self.centre), "must be three finite numbers"));
+        }
+        if !(0.0..=1.0).contains(&self.step_cone) {
+            return Err(bad("step_cone", self.step_cone, "must be in 0..=1"));
+        }
+        if !(0.0..=10.0).contains(&self.huber) || !(0.0..=1.0).contains(&self.weight_decay) {
+            return Err(bad("huber, weight_decay", format!("{}, {}", self.huber, self.weight_decay), "out of range"));
+        }
+        if !self.density_bias.is_finite() {
+            return Err(bad("density_bias", self.density_bias, "must be finite"));
+        }
+        if !(1..=4).contains(&self.sh_degree) {
+            return Err(bad("sh_degree", self.sh_degree, "must be 1, 2, 3 or 4"));
+        }
+        if !(8..=512).contains(&self.occupancy) {
+            return Err(bad("occupancy", self.occupancy, "must be in 8..=512"));
+        }
+        if !(1..=16).contains(&self.cascades) || (self.space != SpaceKind::Contracted && self.cascades != 1) {
+            return Err(bad("cascades", self.cascades, "must be in 1..=16, and 1 unless `space` is contracted"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,273 @@
+//! The training loop, once for all systems: steps, evaluation, checkpoints, progress.
+//!
+//! The clock counts the time inside [`System::step`] alone; evaluation, checkpoints and logging stand outside it. What a
+//! step computes never depends on the clock, so a run is the same bits wherever it is stopped and resumed.
+
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::log::{MetricsLog, Row};
+use crate::memory::resident_bytes;
+use crate::system::{StepStats, System};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// When training ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stop {
+    /// After this many steps, counted from the start of the run, resumed or not.
+    Steps(u64),
+    /// After this much training time, resumed or not.
+    Seconds(f64),
+}
+
+impl Stop {
+    /// Whether a run at `step` after `seconds` is done.
+    pub fn reached(self, step: u64, seconds: f64) -> bool {
+        match self {
+            Self::Steps(n) => step >= n,
+            Self::Seconds(s) => seconds >= s,
+        }
+    }
+}
+
+/// What happens when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Schedule {
+    /// When training ends.
+    pub stop: Stop,
+    /// Evaluate at these training seconds.
+    pub eval_at: Vec<f64>,
+    /// Evaluate after every so many steps.
+    pub eval_every: Option<u64>,
+    /// Wall time between checkpoints; there is always one at the end.
+    pub checkpoint_every: Duration,
+    /// Training seconds between rows of `metrics.csv`.
+    pub row_every: f64,
+}
+
+impl Schedule {
+    /// Evaluation at the end only, a checkpoint every 5 minutes, a row a second.
+    pub fn new(stop: Stop) -> Self {
+        let checkpoint_every = Duration::from_secs(300);
+        Self { stop, eval_at: Vec::new(), eval_every: None, checkpoint_every, row_every: 1.0 }
+    }
+}
+
+/// A point of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds.
+    pub seconds: f64,
+    /// Share of the run that is done, in `[0, 1]`.
+    pub done: f64,
+    /// Training seconds still to go, from the speed of recent steps; `None` before there is one.
+    pub eta_seconds: Option<f64>,
+    /// Loss of recent steps.
+    pub loss: Option<f64>,
+    /// PSNR of recent training rays, dB.
+    pub psnr_train: Option<f64>,
+    /// PSNR of the held-out views when last measured, dB.
+    pub psnr_test: Option<f64>,
+    /// Rays per second.
+    pub rays_per_s: Option<f64>,
+    /// Field evaluations per second.
+    pub samples_per_s: Option<f64>,
+    /// Resident memory, MB.
+    pub memory_mb: Option<f64>,
+}
+
+/// What the loop asks of the run around it.
+pub trait Host {
+    /// Measure the held-out views: mean PSNR in dB, or `None` where there are none.
+    ///
+    /// # Errors
+    /// Stops the run.
+    fn evaluate(&mut self, system: &dyn System, step: u64, seconds: f64) -> Result<Option<f64>, RunError>;
+
+    /// Write a checkpoint.
+    ///
+    /// # Errors
+    /// Stops the run.
+    fn save(&mut self, system: &dyn System, step: u64, seconds: f64) -> Result<(), RunError>;
+
+    /// Show where the run stands; called after every step, so that the callee chooses how often to draw.
+    fn progress(&mut self, progress: &Progress);
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ended {
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds.
+    pub seconds: f64,
+    /// Held-out PSNR at the end, dB.
+    pub psnr_test: Option<f64>,
+    /// Why.
+    pub reason: Reason,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// It is finished.
+    Finished,
+    /// It was asked to stop; the checkpoint is written.
+    Interrupted,
+}
+
+/// Sums since the last row.
+#[derive(Clone, Copy, Debug, Default)]
+struct Window {
+    steps: u64,
+    seconds: f64,
+    loss: f64,
+    mse: f64,
+    rays: u64,
+    samples: u64,
+}
+
+impl Window {
+    fn add(&mut self, stats: &StepStats, seconds: f64) {
+        self.steps += 1;
+        self.seconds += seconds;
+        self.loss += stats.loss;
+        self.mse += stats.mse;
+        self.rays += stats.rays;
+        self.samples += stats.samples;
+    }
+
+    fn row(&self, step: u64, seconds: f64) -> Row {
+        let mean = |sum: f64| (self.steps > 0).then(|| sum / self.steps as f64);
+        let rate = |count: u64| (self.seconds > 0.0).then(|| count as f64 / self.seconds);
+        Row {
+            step,
+            seconds,
+            loss: mean(self.loss),
+            psnr_train: mean(self.mse).map(psnr_of_mse),
+            psnr_test: None,
+            rays_per_s: rate(self.rays),
+            samples_per_s: rate(self.samples),
+            memory_mb: resident_bytes().map(|m| m.now as f64 / 1e6),
+        }
+    }
+}
+
+/// `-10 log10(mse)`, dB; at most 120 so that a perfect batch stays a number.
+fn psnr_of_mse(mse: f64) -> f64 {
+    (-10.0 * mse.log10()).min(120.0)
+}
+
+/// Speed of recent steps: a mean that forgets with the time constant [`Pace::MEMORY`].
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    steps: f64,
+    seconds: f64,
+}
+
+impl Pace {
+    /// Training seconds.
+    const MEMORY: f64 = 10.0;
+
+    fn add(&mut self, seconds: f64) {
+        let keep = (-seconds / Self::MEMORY).exp();
+        self.steps = self.steps * keep + 1.0;
+        self.seconds = self.seconds * keep + seconds;
+    }
+
+    fn seconds_per_step(&self) -> Option<f64> {
+        (self.steps > 0.0).then(|| self.seconds / self.steps)
+    }
+}
+
+/// Train `system` on `data` from (`step`, `seconds`) until the schedule stops it or `interrupt` is raised.
+///
+/// At the end a checkpoint is written and, unless interrupted, the held-out views are measured. A run that starts where
+/// it should stop does no step.
+///
+/// # Errors
+/// Whatever a step, an evaluation, a checkpoint or the log fails with; earlier checkpoints stay.
+pub fn train(
+    system: &mut dyn System,
+    data: &Dataset,
+    schedule: &Schedule,
+    (mut step, mut seconds): (u64, f64),
+    log: &mut MetricsLog,
+    host: &mut dyn Host,
+    interrupt: &AtomicBool,
+) -> Result<Ended, RunError> {
+    let start = step;
+    let mut eval_at: Vec<f64> = schedule.eval_at.iter().copied().filter(|&at| at > seconds).collect();
+    eval_at.sort_by(|a, b| b.total_cmp(a));
+    let (mut window, mut pace) = (Window::default(), Pace::default());
+    let mut saved_at = Instant::now();
+    let mut latest = Progress { step, seconds, ..Progress::default() };
+    let reason = loop {
+        if schedule.stop.reached(step, seconds) {
+            break Reason::Finished;
+        }
+        if interrupt.load(Ordering::Relaxed) {
+            break Reason::Interrupted;
+        }
+        let clock = Instant::now();
+        let stats = system.step(data, step)?;
+        let took = clock.elapsed().as_secs_f64();
+        step += 1;
+        seconds += took;
+        window.add(&stats, took);
+        pace.add(took);
+
+        latest.step = step;
+        latest.seconds = seconds;
+        latest.done = match schedule.stop {
+            Stop::Steps(n) => step as f64 / n.max(1) as f64,
+            Stop::Seconds(s) => (seconds / s).min(1.0),
+        };
+        latest.eta_seconds = match schedule.stop {
+            Stop::Steps(n) => pace.seconds_per_step().map(|pace| pace * n.saturating_sub(step) as f64),
+            Stop::Seconds(s) => Some((s - seconds).max(0.0)),
+        };
+
+        let mut evaluate = schedule.eval_every.is_some_and(|every| every > 0 && step.is_multiple_of(every));
+        while eval_at.last().is_some_and(|&at| seconds >= at) {
+            eval_at.pop();
+            evaluate = true;
+        }
+        // The end is measured below, once.
+        evaluate &= !schedule.stop.reached(step, seconds);
+        if evaluate || window.seconds >= schedule.row_every {
+            let mut row = window.row(step, seconds);
+            if evaluate {
+                row.psnr_test = host.evaluate(system, step, seconds)?;
+                latest.psnr_test = row.psnr_test;
+            }
+            log.write(&row)?;
+            latest.loss = row.loss;
+            latest.psnr_train = row.psnr_train;
+            latest.rays_per_s = row.rays_per_s;
+            latest.samples_per_s = row.samples_per_s;
+            latest.memory_mb = row.memory_mb;
+            window = Window::default();
+        }
+        host.progress(&latest);
+        if saved_at.elapsed() >= schedule.checkpoint_every {
+            host.save(system, step, seconds)?;
+            saved_at = Instant::now();
+        }
+    };
+    if step > start {
+        host.save(system, step, seconds)?;
+    }
+    let mut psnr_test = None;
+    if reason == Reason::Finished {
+        psnr_test = host.evaluate(system, step, seconds)?;
+    }
+    if step > start {
+        log.write(&Row { psnr_test, ..window.row(step, seconds) })?;
+    }
+    latest.psnr_test = psnr_test.or(latest.psnr_test);
+    host.progress(&latest);
+    Ok(Ended { step, seconds, psnr_test, reason })
+}
