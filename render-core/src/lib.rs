@@ -10,8 +10,14 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("render-core needs a float backend: enable `std` or `libm`");
 
+pub mod bounds;
 pub mod camera;
+pub mod contract;
 pub mod error;
+pub mod ndc;
+pub mod path;
 pub mod pose;
 pub mod quadrature;
 pub mod ray;
+pub mod real;
+pub mod rig;

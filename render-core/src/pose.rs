@@ -171,6 +171,47 @@ impl Pose {
     }
 }
 
+/// A rotation, a uniform scale and a shift: `x -> scale r x + t`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    /// Scale, `> 0`.
+    pub scale: f64,
+    /// Rotation.
+    pub r: DMat3,
+    /// Shift, in the units after scaling.
+    pub t: DVec3,
+}
+
+impl Similarity {
+    /// Changes nothing.
+    pub const IDENTITY: Self = Self { scale: 1.0, r: DMat3::IDENTITY, t: DVec3::ZERO };
+
+    /// A point.
+    #[must_use]
+    pub fn point(&self, x: DVec3) -> DVec3 {
+        self.r * x * self.scale + self.t
+    }
+
+    /// A direction: turned, not scaled.
+    #[must_use]
+    pub fn direction(&self, d: DVec3) -> DVec3 {
+        self.r * d
+    }
+
+    /// A camera that sees the transformed scene as `pose` sees the original one.
+    #[must_use]
+    pub fn pose(&self, pose: &Pose) -> Pose {
+        Pose { r: self.r * pose.r, c: self.point(pose.c) }
+    }
+
+    /// The way back.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let (scale, r) = (1.0 / self.scale, self.r.transpose());
+        Self { scale, r, t: -(r * self.t) * scale }
+    }
+}
+
 /// `|M^T M - I|`, Frobenius.
 fn deviation(m: DMat3) -> f64 {
     let e = m.transpose() * m - DMat3::IDENTITY;

@@ -1,0 +1,147 @@
+//! Contraction: all of space into a ball or cube of radius 2.
+//!
+//! With `m` the norm of `x`, `contract(x) = x` where `m <= 1`, else `(2 - 1/m) x/m`. Everything from distance 1 to
+//! infinity lands between 1 and 2.
+//!
+//! Source: Barron et al., "Mip-NeRF 360", 2022, eq. 10; the max norm instead of the Euclidean one as in nerfacto.
+//!
+//! ```
+//! use render_core::contract::{Norm, contract, inv_contract};
+//!
+//! let far = [30.0_f64, -40.0, 0.0];
+//! let y = contract(Norm::L2, far); // 2 - 1/50 along (0.6, -0.8, 0)
+//! assert!((y[0] - 1.98 * 0.6).abs() < 1e-12 && (y[1] + 1.98 * 0.8).abs() < 1e-12);
+//! assert!((inv_contract(Norm::L2, y)[1] + 40.0).abs() < 1e-9);
+//! ```
+
+mod batch;
+
+pub use self::batch::{contract_batch, contract_batch_backward};
+use crate::real::{Real, dot, mat_t_vec, mat_vec};
+
+/// How far out a point counts as being.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Norm {
+    /// Euclidean length: space becomes the ball of radius 2. Once continuously differentiable.
+    L2,
+    /// Largest coordinate: space becomes the cube `[-2, 2]^3`, which a grid fills. The gradient jumps where two
+    /// coordinates tie.
+    Max,
+}
+
+/// A point outside of the unit ball: its direction `x / m` and `1 / m`.
+struct Outside<T> {
+    u: [T; 3],
+    inv_m: T,
+}
+
+/// `None` inside the unit ball (and where a coordinate is NaN).
+#[inline(always)]
+fn outside<T: Real>(norm: Norm, x: [T; 3]) -> Option<Outside<T>> {
+    // The largest coordinate is divided out first: squares of 1e20 are beyond f32.
+    let s = x[0].abs().max(x[1].abs()).max(x[2].abs());
+    if s + s <= T::ONE {
+        return None; // |x| <= sqrt(3) / 2
+    }
+    let inv_s = T::ONE / s;
+    let u = x.map(|x| x / s);
+    let n = match norm {
+        Norm::L2 => dot(u, u).sqrt(),
+        Norm::Max => T::ONE,
+    };
+    (s * n > T::ONE).then(|| Outside { u: u.map(|u| u / n), inv_m: inv_s / n })
+}
+
+/// The contracted point: `x` in the unit ball, else `(2 - 1/m) x/m`.
+///
+/// Finite points stay below 2 in their norm (2 itself by rounding). Infinite or NaN coordinates pass on NaN or come
+/// back unchanged: check positions before.
+#[inline]
+#[must_use]
+pub fn contract<T: Real>(norm: Norm, x: [T; 3]) -> [T; 3] {
+    match outside(norm, x) {
+        None => x,
+        Some(Outside { u, inv_m }) => u.map(|u| (T::TWO - inv_m) * u),
+    }
+}
+
+/// The point that [`contract`] sends to `y`.
+///
+/// Norms of `y` above `2 - Real::CONTRACT_GAP` count as that: the answer stays finite.
+#[inline]
+#[must_use]
+pub fn inv_contract<T: Real>(norm: Norm, y: [T; 3]) -> [T; 3] {
+    match outside(norm, y) {
+        None => y,
+        Some(Outside { u, inv_m }) => {
+            let gap = (T::TWO - T::ONE / inv_m).max(T::CONTRACT_GAP);
+            u.map(|u| u / gap)
+        }
+    }
+}
+
+/// Jacobian of [`contract`], `[i][j] = d y[i] / d x[j]`.
+///
+/// `L2`: `(2 - 1/m)/m (I - u u^T) + u u^T / m^2`. `Max`, with `k` the (first) largest coordinate:
+/// `(2 - 1/m)/m I + u e_k^T sign(x_k) (2/m^2 - 2/m)`. The identity in the unit ball, its surface included.
+#[inline]
+#[must_use]
+pub fn contract_jacobian<T: Real>(norm: Norm, x: [T; 3]) -> [[T; 3]; 3] {
+    let (o, l) = (T::ZERO, T::ONE);
+    let Some(Outside { u, inv_m }) = outside(norm, x) else {
+        return [[l, o, o], [o, l, o], [o, o, l]];
+    };
+    let across = (T::TWO - inv_m) * inv_m;
+    let mut j = [[across, o, o], [o, across, o], [o, o, across]];
+    match norm {
+        Norm::L2 => {
+            let along = inv_m * inv_m - across;
+            for (row, &a) in j.iter_mut().zip(&u) {
+                for (entry, &b) in row.iter_mut().zip(&u) {
+                    *entry += along * a * b;
+                }
+            }
+        }
+        Norm::Max => {
+            let k = largest(u);
+            let slope = T::TWO * inv_m * (inv_m - l) * u[k];
+            for (row, &a) in j.iter_mut().zip(&u) {
+                row[k] += slope * a;
+            }
+        }
+    }
+    j
+}
+
+/// Index of the first coordinate of `u` of largest magnitude.
+#[inline(always)]
+fn largest<T: Real>(u: [T; 3]) -> usize {
+    let [a, b, c] = u.map(T::abs);
+    if a >= b && a >= c {
+        0
+    } else if b >= c {
+        1
+    } else {
+        2
+    }
+}
+
+/// Gradient of [`contract`]: adds `J^T y_bar` to `x_bar`.
+#[inline]
+pub fn contract_backward<T: Real>(norm: Norm, x: [T; 3], y_bar: [T; 3], x_bar: &mut [T; 3]) {
+    let add = match outside(norm, x) {
+        None => y_bar,
+        Some(_) => mat_t_vec(&contract_jacobian(norm, x), y_bar),
+    };
+    for (x_bar, add) in x_bar.iter_mut().zip(add) {
+        *x_bar += add;
+    }
+}
+
+/// Covariance of a contracted Gaussian, `J cov J^T`, linearised at its mean `x`. Rows first.
+#[must_use]
+pub fn contract_covariance<T: Real>(norm: Norm, x: [T; 3], cov: &[[T; 3]; 3]) -> [[T; 3]; 3] {
+    let j = contract_jacobian(norm, x);
+    // Row i of J cov is cov^T J_i, of (J cov) J^T is J (row).
+    core::array::from_fn(|i| mat_vec(&j, mat_t_vec(cov, j[i])))
+}
