@@ -5,6 +5,7 @@
 
 use float_core::Simd;
 
+use super::features::{Features, Packed};
 use super::kernel::{Axes, Gather, Slope};
 use super::{HashGrid, MAX_LEVELS, Touched, axes, check_points, rows_mut};
 use crate::FieldError;
@@ -176,7 +177,9 @@ impl HashGrid {
         x: Axes<'_>,
         x_dot: Option<Axes<'_>>,
         out: &mut [f32],
-    ) {
+    ) where
+        Packed: Features<F>,
+    {
         let row = x[0].len() * F;
         if row == 0 {
             return;
@@ -202,7 +205,9 @@ impl HashGrid {
         x: Axes<'_>,
         x_dot: Option<Axes<'_>>,
         out: [&mut [f32]; F],
-    ) {
+    ) where
+        Packed: Features<F>,
+    {
         let chunks = x[0].len().div_ceil(CHUNK);
         if chunks <= 1 {
             return simd.run(Gather { place: self.place(level, x, x_dot), table, out });

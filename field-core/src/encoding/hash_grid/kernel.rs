@@ -3,6 +3,7 @@
 use float_core::{Task, Vector};
 
 use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
+use super::features::{Features, Packed};
 use super::level::Level;
 use super::{Interpolation, touched::BLOCK_FLOATS};
 
@@ -75,18 +76,10 @@ impl Place<'_> {
     }
 }
 
-/// The features that start at `start`.
-///
-/// # Safety
-/// `start + F <= table.len()`.
-#[inline(always)]
-unsafe fn features<const F: usize>(table: &[f32], start: u32) -> [f32; F] {
-    debug_assert!(start as usize + F <= table.len());
-    // SAFETY: the caller's promise; arrays of f32 are no more aligned than f32.
-    unsafe { table.as_ptr().add(start as usize).cast::<[f32; F]>().read() }
-}
-
-impl<const F: usize> Task for Gather<'_, '_, F> {
+impl<const F: usize> Task for Gather<'_, '_, F>
+where
+    Packed: Features<F>,
+{
     type Output = ();
     #[inline(always)]
     fn run<V: Vector>(mut self) {
@@ -96,14 +89,15 @@ impl<const F: usize> Task for Gather<'_, '_, F> {
             let (starts, weights) = self.place.corners::<F>(at);
             let mut out = [[0.0; BLOCK]; F];
             for i in 0..BLOCK {
-                let mut acc = [0.0; F];
+                let mut acc = Packed::zero();
                 for c in 0..8 {
+                    let start = starts[c][i] as usize;
+                    debug_assert!(start + F <= self.table.len());
                     // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
-                    let e = unsafe { features::<F>(self.table, starts[c][i]) };
-                    for f in 0..F {
-                        acc[f] += weights[c][i] * e[f];
-                    }
+                    let e = unsafe { Packed::load(self.table.as_ptr().add(start)) };
+                    acc = Packed::add_scaled(acc, weights[c][i], e);
                 }
+                let acc = Packed::unpack(acc);
                 for f in 0..F {
                     out[f][i] = acc[f];
                 }
@@ -121,7 +115,10 @@ impl<const F: usize> Task for Gather<'_, '_, F> {
     }
 }
 
-impl<const F: usize> Task for Scatter<'_, '_, F> {
+impl<const F: usize> Task for Scatter<'_, '_, F>
+where
+    Packed: Features<F>,
+{
     type Output = ();
     #[inline(always)]
     fn run<V: Vector>(self) {
@@ -132,13 +129,14 @@ impl<const F: usize> Task for Scatter<'_, '_, F> {
             let (starts, weights) = self.place.corners::<F>(at);
             let out_bar = block(&self.out_bar, at);
             for i in 0..BLOCK.min(n - at) {
+                let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
                 for c in 0..8 {
-                    let start = starts[c][i];
-                    debug_assert!(start as usize + F <= self.grad.len());
+                    let start = starts[c][i] as usize;
+                    debug_assert!(start + F <= self.grad.len());
                     // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
-                    let e = unsafe { &mut *self.grad.as_mut_ptr().add(start as usize).cast::<[f32; F]>() };
-                    for f in 0..F {
-                        e[f] += weights[c][i] * out_bar[f][i];
+                    unsafe {
+                        let e = self.grad.as_mut_ptr().add(start);
+                        Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
                     }
                 }
             }
@@ -167,10 +165,9 @@ impl<const F: usize> Task for Slope<'_, '_, F> {
             let mut dots = [[0.0; BLOCK]; 8];
             for i in 0..BLOCK {
                 for c in 0..8 {
-                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
-                    let e = unsafe { features::<F>(self.table, starts[c][i]) };
-                    for f in 0..F {
-                        dots[c][i] += out_bar[f][i] * e[f];
+                    let start = starts[c][i] as usize;
+                    for (f, e) in self.table[start..start + F].iter().enumerate() {
+                        dots[c][i] += out_bar[f][i] * e;
                     }
                 }
             }

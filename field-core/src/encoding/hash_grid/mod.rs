@@ -4,6 +4,7 @@
 
 mod batch;
 mod cell;
+mod features;
 mod kernel;
 mod level;
 mod touched;
