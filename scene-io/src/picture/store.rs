@@ -93,6 +93,21 @@ impl ImageStore {
         self.entries.iter().map(Entry::bytes).sum()
     }
 
+    /// Bytes of one image once decoded and scaled, its mask included.
+    ///
+    /// # Panics
+    /// If `index` is not below [`ImageStore::len`].
+    #[must_use]
+    pub fn bytes(&self, index: usize) -> u64 {
+        self.entries[index].bytes()
+    }
+
+    /// Bytes of decoded images that are kept at most.
+    #[must_use]
+    pub fn budget_bytes(&self) -> u64 {
+        self.budget_bytes
+    }
+
     /// An image, decoded now unless it is kept.
     ///
     /// # Errors
