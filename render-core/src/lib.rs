@@ -15,6 +15,7 @@ pub mod camera;
 pub mod contract;
 pub mod error;
 pub mod ndc;
+pub mod occupancy;
 pub mod path;
 pub mod pose;
 pub mod quadrature;
