@@ -1,7 +1,55 @@
-//! See the modules.
+//! A gradient to a step: Adam (dense and sparse), learning-rate schedules, clipping, and a guard against non-finite
+//! gradients.
+//!
+//! Everything works on plain slices of `f32` with coefficients in `f64`. Results are the same bits at every SIMD level
+//! and for any number of threads. See `CONVENTIONS.md` for the letters.
+//!
+//! * [`Adam`]: state and the three ways to step ([`Adam::step`], [`Adam::step_nonzero`], [`Adam::step_touched`])
+//! * [`LearningRate`]: a [`Schedule`] times a [`Warmup`]
+//! * [`clip`]: by value, by global norm; [`clip::sanitise`]
+//! * [`NonFiniteGuard`]: fails a run in which too many steps had non-finite gradients
+//! * [`Ema`]: moving average of the parameters, for rendering
+//!
+//! Features: `std` (default), `libm` (float functions without `std`), `rayon` (parallel over fixed chunks).
+//!
+//! ```
+//! use float_core::Simd;
+//! use optim::{Adam, AdamConfig, LearningRate, NonFiniteGuard, Schedule};
+//!
+//! // Minimise (x - 3)^2.
+//! let mut x = [0.0_f32];
+//! let rate = LearningRate::from(Schedule::LogLerp { lr_init: 0.1, lr_final: 1e-3, steps: 500 });
+//! let mut adam = Adam::new(x.len(), AdamConfig::DEFAULT);
+//! let mut guard = NonFiniteGuard::default();
+//! for step in 0..500 {
+//!     let gradient = [2.0 * (x[0] - 3.0)];
+//!     let non_finite = adam.step(Simd::best(), rate.at(step), &mut x, &gradient);
+//!     guard.record(non_finite)?;
+//! }
+//! assert!((x[0] - 3.0).abs() < 1e-3);
+//! # Ok::<(), optim::TooManyNonFinite>(())
+//! ```
 #![no_std]
-#[cfg(feature = "std")]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
-compile_error!("enable `std` or `libm`: a float backend is needed");
+compile_error!("optim needs a float backend: enable `std` or `libm`");
+
+mod adam;
+pub mod clip;
+mod ema;
+mod error;
+mod guard;
+mod schedule;
+
+pub use adam::{Adam, AdamConfig, BLOCK, Decay, touched_len};
+pub use ema::Ema;
+pub use error::OptimError;
+pub use guard::{NonFiniteGuard, TooManyNonFinite};
+pub use schedule::{LearningRate, Schedule, Warmup};
+
+/// Length of the pieces that one thread works on: 64 KiB of each array. Fixed, so that results do not depend on the
+/// number of threads.
+const CHUNK: usize = 16_384;

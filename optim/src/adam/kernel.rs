@@ -1,0 +1,164 @@
+//! The step itself, over vector lanes.
+
+use super::BLOCK;
+use float_core::{Task, Vector};
+
+/// What a gradient of exactly 0 means.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum ZeroGradient {
+    /// An ordinary gradient: the moments decay, the parameter drifts on.
+    Decays,
+    /// Nothing happened here: leave the entry alone.
+    Untouched,
+}
+
+/// Everything about a step that is the same for all entries.
+#[derive(Clone, Copy)]
+pub(super) struct Coefficients {
+    pub(super) beta1: f32,
+    /// `1 - beta1`, rounded once from `f64`.
+    pub(super) rest1: f32,
+    pub(super) beta2: f32,
+    pub(super) rest2: f32,
+    /// `lr / (1 - beta1^t)`.
+    pub(super) rate: f32,
+    /// `1 / sqrt(1 - beta2^t)`.
+    pub(super) root: f32,
+    pub(super) eps: f32,
+    /// Added to the gradient, times the parameter.
+    pub(super) l2: f32,
+    /// The parameter is multiplied by it: `1 - lr * decay`.
+    pub(super) keep: f32,
+}
+
+/// Largest gradient whose square is finite, rounded down.
+const LARGEST: f32 = 1.8e19;
+
+/// Step every entry of four slices of one length. Returns how many gradients were not finite.
+pub(super) struct StepSlice<'a> {
+    pub(super) k: Coefficients,
+    pub(super) zero: ZeroGradient,
+    pub(super) p: &'a mut [f32],
+    pub(super) g: &'a [f32],
+    pub(super) m: &'a mut [f32],
+    pub(super) v: &'a mut [f32],
+}
+
+impl Task for StepSlice<'_> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<V: Vector>(self) -> usize {
+        let Self { k, zero, p, g, m, v } = self;
+        match zero {
+            ZeroGradient::Decays => step_slice::<V, false>(k, p, g, m, v),
+            ZeroGradient::Untouched => step_slice::<V, true>(k, p, g, m, v),
+        }
+    }
+}
+
+/// Step the marked blocks, then clear their gradient and marks.
+pub(super) struct StepTouched<'a> {
+    pub(super) k: Coefficients,
+    pub(super) p: &'a mut [f32],
+    pub(super) g: &'a mut [f32],
+    pub(super) m: &'a mut [f32],
+    pub(super) v: &'a mut [f32],
+    pub(super) touched: &'a mut [u8],
+}
+
+impl Task for StepTouched<'_> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<V: Vector>(self) -> usize {
+        let Self { k, p, g, m, v, touched } = self;
+        let mut non_finite = 0;
+        let mut start = 0;
+        while let Some(block) = next_marked(touched, start) {
+            // Dense levels are marked throughout: take a run of marked blocks at once.
+            let run = touched[block..].iter().take_while(|mark| **mark != 0).count();
+            touched[block..block + run].fill(0);
+            start = block + run;
+            let entries = block * BLOCK..(start * BLOCK).min(p.len());
+            let (p, g) = (&mut p[entries.clone()], &mut g[entries.clone()]);
+            let (m, v) = (&mut m[entries.clone()], &mut v[entries]);
+            non_finite += step_slice::<V, true>(k, p, g, m, v);
+            g.fill(0.0);
+        }
+        non_finite
+    }
+}
+
+/// The first mark at or after `start`, eight at a time.
+#[inline(always)]
+fn next_marked(touched: &[u8], start: usize) -> Option<usize> {
+    let rest = touched.get(start..)?;
+    let (words, tail) = rest.as_chunks::<8>();
+    for (i, word) in words.iter().enumerate() {
+        let bits = u64::from_le_bytes(*word);
+        if bits != 0 {
+            return Some(start + 8 * i + (bits.trailing_zeros() / 8) as usize);
+        }
+    }
+    let in_tail = tail.iter().position(|mark| *mark != 0)?;
+    Some(start + 8 * words.len() + in_tail)
+}
+
+#[inline(always)]
+fn step_slice<V: Vector, const SPARSE: bool>(
+    k: Coefficients,
+    p: &mut [f32],
+    g: &[f32],
+    m: &mut [f32],
+    v: &mut [f32],
+) -> usize {
+    let n = p.len();
+    assert!(g.len() == n && m.len() == n && v.len() == n, "Adam: lengths differ");
+    let body = n / V::LANES * V::LANES;
+    // A lane counts at most n / LANES: exact in f32 for the fixed chunks.
+    let mut wrong = V::splat(0.0);
+    for i in (0..body).step_by(V::LANES) {
+        let lanes = (V::load(&p[i..]), V::load(&g[i..]), V::load(&m[i..]), V::load(&v[i..]));
+        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, lanes);
+        new_p.store(&mut p[i..]);
+        new_m.store(&mut m[i..]);
+        new_v.store(&mut v[i..]);
+        wrong = wrong + not_finite;
+    }
+    let mut wrong = wrong.sum();
+    if body < n {
+        // The tail runs in full lanes of zeros, so that its bits do not depend on where it lies.
+        let load = |x: &[f32]| {
+            let mut lanes = [0.0; 16];
+            lanes[..x.len()].copy_from_slice(x);
+            V::load(&lanes)
+        };
+        let lanes = (load(&p[body..]), load(&g[body..]), load(&m[body..]), load(&v[body..]));
+        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, lanes);
+        for (new, old) in [(new_p, &mut p[body..]), (new_m, &mut m[body..]), (new_v, &mut v[body..])] {
+            let mut lanes = [0.0; 16];
+            new.store(&mut lanes);
+            old.copy_from_slice(&lanes[..old.len()]);
+        }
+        wrong += not_finite.sum();
+    }
+    wrong as usize
+}
+
+/// New parameter, moments, and 1 where the gradient is not finite.
+#[inline(always)]
+fn step_lanes<V: Vector, const SPARSE: bool>(k: Coefficients, (p, g, m, v): (V, V, V, V)) -> (V, V, V, V) {
+    let (zero, one) = (V::splat(0.0), V::splat(1.0));
+    let size = g.max(-g);
+    // inf - |g| is inf for a finite g, else NaN, which is not positive.
+    let finite = V::splat(f32::INFINITY) - size;
+    let not_finite = finite.select_positive(zero, one);
+    let active = if SPARSE { size.select_positive(finite, zero) } else { finite };
+
+    let g = g + V::splat(k.l2) * p;
+    let g = g.min(V::splat(LARGEST)).max(V::splat(-LARGEST));
+    let new_m = V::splat(k.beta1) * m + V::splat(k.rest1) * g;
+    let new_v = V::splat(k.beta2) * v + V::splat(k.rest2) * (g * g);
+    let step = V::splat(k.rate) * new_m / (new_v.sqrt() * V::splat(k.root) + V::splat(k.eps));
+    let new_p = V::splat(k.keep) * p - step;
+    (active.select_positive(new_p, p), active.select_positive(new_m, m), active.select_positive(new_v, v), not_finite)
+}
