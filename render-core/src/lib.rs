@@ -11,6 +11,7 @@ extern crate std;
 compile_error!("render-core needs a float backend: enable `std` or `libm`");
 
 pub mod bounds;
+pub mod budget;
 pub mod camera;
 pub mod contract;
 pub mod error;
@@ -22,3 +23,4 @@ pub mod quadrature;
 pub mod ray;
 pub mod real;
 pub mod rig;
+pub mod sample;
