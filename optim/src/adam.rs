@@ -9,13 +9,13 @@ use alloc::{vec, vec::Vec};
 use float_core::{Simd, m64};
 use kernel::{Coefficients, StepSlice, StepTouched, ZeroGradient};
 
-/// Entries per mark of [`Adam::step_touched`]: one cache line of parameters.
+/// Entries per mark (bit) of [`Adam::step_touched`]: one cache line of parameters.
 pub const BLOCK: usize = 16;
 
-/// How many marks `len` parameters need: one for each started [`BLOCK`].
+/// How many words of marks `len` parameters need: a bit for each started [`BLOCK`].
 #[must_use]
 pub const fn touched_len(len: usize) -> usize {
-    len.div_ceil(BLOCK)
+    len.div_ceil(BLOCK).div_ceil(64)
 }
 
 /// Weight decay.
@@ -182,13 +182,12 @@ impl Adam {
     /// [`Adam::step_nonzero`] for the marked blocks only. **Takes** the gradient: marked blocks of `grad` are 0 afterwards
     /// and all marks are cleared, so both arrays are ready for the next step.
     ///
-    /// `touched[b] != 0` says that entries `16 b .. 16 b + 16` may have a gradient. Marks are bytes and not bits, so that
-    /// whoever scatters gradients marks with a plain store, and threads that work on different blocks (hash levels are
-    /// multiples of a block) can each borrow their part. An untouched block costs 1/8 of a word compare and none of its
-    /// 256 bytes of parameters, gradient and moments are read. Returns as [`Adam::step`].
+    /// Bit `b % 64` of word `b / 64` says that entries `16 b .. 16 b + 16` may have a gradient: the form in which a hash
+    /// grid's backward pass reports what it touched. 64 untouched blocks cost the compare of one word; none of their
+    /// parameters, gradients and moments are read. Bits past the last block are ignored. Returns as [`Adam::step`].
     ///
     /// # Shapes
-    /// * `params` `[len]`, changed; `grad` `[len]`, taken; `touched` `[touched_len(len)]`, cleared
+    /// * `params` `[len]`, changed; `grad` `[len]`, taken; `touched` `[touched_len(len)]` words, cleared
     ///
     /// # Panics
     /// As [`Adam::step`].
@@ -199,13 +198,13 @@ impl Adam {
         lr: f64,
         params: &mut [f32],
         grad: &mut [f32],
-        touched: &mut [u8],
+        touched: &mut [u64],
     ) -> usize {
         self.check_lengths(params.len(), grad.len());
-        assert_eq!(touched.len(), touched_len(self.len()), "touched marks: one for each block of {BLOCK}");
+        assert_eq!(touched.len(), touched_len(self.len()), "touched marks: a bit for each block of {BLOCK}");
         let k = self.advance(lr);
-        // CHUNK is a multiple of BLOCK, so marks and entries split at the same places.
-        const MARKS: usize = CHUNK / BLOCK;
+        // CHUNK is a multiple of 64 blocks, so words of marks and entries split at the same places.
+        const MARKS: usize = CHUNK / BLOCK / 64;
         #[cfg(feature = "rayon")]
         {
             use rayon::prelude::*;

@@ -63,7 +63,7 @@ pub(super) struct StepTouched<'a> {
     pub(super) g: &'a mut [f32],
     pub(super) m: &'a mut [f32],
     pub(super) v: &'a mut [f32],
-    pub(super) touched: &'a mut [u8],
+    pub(super) touched: &'a mut [u64],
 }
 
 impl Task for StepTouched<'_> {
@@ -71,36 +71,27 @@ impl Task for StepTouched<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) -> usize {
         let Self { k, p, g, m, v, touched } = self;
-        let mut non_finite = 0;
-        let mut start = 0;
-        while let Some(block) = next_marked(touched, start) {
-            // Dense levels are marked throughout: take a run of marked blocks at once.
-            let run = touched[block..].iter().take_while(|mark| **mark != 0).count();
-            touched[block..block + run].fill(0);
-            start = block + run;
-            let entries = block * BLOCK..(start * BLOCK).min(p.len());
-            let (p, g) = (&mut p[entries.clone()], &mut g[entries.clone()]);
-            let (m, v) = (&mut m[entries.clone()], &mut v[entries]);
-            non_finite += step_slice::<V, true>(k, p, g, m, v);
-            g.fill(0.0);
+        let (mut non_finite, blocks) = (0, p.len().div_ceil(BLOCK));
+        for (w, word) in touched.iter_mut().enumerate() {
+            let mut marks = core::mem::take(word);
+            while marks != 0 {
+                // Dense levels are marked throughout: take a run of marked blocks at once.
+                let first = marks.trailing_zeros();
+                let run = (marks >> first).trailing_ones();
+                marks &= !((u64::MAX >> (64 - run)) << first);
+                let start = 64 * w + first as usize;
+                if start >= blocks {
+                    break;
+                }
+                let entries = start * BLOCK..((start + run as usize) * BLOCK).min(p.len());
+                let (p, g) = (&mut p[entries.clone()], &mut g[entries.clone()]);
+                let (m, v) = (&mut m[entries.clone()], &mut v[entries]);
+                non_finite += step_slice::<V, true>(k, p, g, m, v);
+                g.fill(0.0);
+            }
         }
         non_finite
     }
-}
-
-/// The first mark at or after `start`, eight at a time.
-#[inline(always)]
-fn next_marked(touched: &[u8], start: usize) -> Option<usize> {
-    let rest = touched.get(start..)?;
-    let (words, tail) = rest.as_chunks::<8>();
-    for (i, word) in words.iter().enumerate() {
-        let bits = u64::from_le_bytes(*word);
-        if bits != 0 {
-            return Some(start + 8 * i + (bits.trailing_zeros() / 8) as usize);
-        }
-    }
-    let in_tail = tail.iter().position(|mark| *mark != 0)?;
-    Some(start + 8 * words.len() + in_tail)
 }
 
 #[inline(always)]

@@ -136,7 +136,7 @@ fn non_finite_gradients_are_counted_and_leave_the_entry_alone() {
             (grad[0], grad[2], grad[n - 1]) = (f32::NAN, f32::INFINITY, f32::NEG_INFINITY);
             assert_eq!(adam.step(simd, 0.1, &mut params, &grad), 3);
             assert_eq!(adam.step_nonzero(simd, 0.1, &mut params, &grad), 3);
-            let mut marks = vec![1; touched_len(n)];
+            let mut marks = vec![u64::MAX; touched_len(n)];
             assert_eq!(adam.step_touched(simd, 0.1, &mut params, &mut grad, &mut marks), 3);
             for i in [0, 2, n - 1] {
                 assert_eq!((params[i], adam.first_moment()[i], adam.second_moment()[i]), (1.0, 0.0, 0.0));
@@ -189,7 +189,7 @@ fn unmarked_blocks_are_not_looked_at() {
     // Gradients in an unmarked block are neither used nor taken.
     let mut params = [0.0_f32; 40];
     let mut grad = [1.0_f32; 40];
-    let mut marks = [0, 1, 0];
+    let mut marks = [0b010];
     let mut adam = Adam::new(40, AdamConfig::NGP);
     let _ = adam.step_touched(Simd::best(), 0.1, &mut params, &mut grad, &mut marks);
     for i in 0..40 {
@@ -257,15 +257,15 @@ proptest! {
         for simd in Simd::available() {
             let (mut p1, mut p2) = (grads(n, 3), grads(n, 3));
             let (mut scan, mut marked) = (Adam::new(n, AdamConfig::NGP), Adam::new(n, AdamConfig::NGP));
-            let mut marks = vec![0; touched_len(n)];
+            let mut marks = vec![0_u64; touched_len(n)];
             for t in 0..3 {
                 let mut grad = vec![0.0; n];
                 for (i, g) in entries.iter().filter(|(i, _)| *i < n && i % 3 != t) {
                     grad[*i] += g;
-                    marks[i / BLOCK] = 1;
+                    marks[i / BLOCK / 64] |= 1 << (i / BLOCK % 64);
                 }
-                for b in extra.iter().filter(|b| **b < touched_len(n)) {
-                    marks[*b] = 255;
+                for b in extra.iter().filter(|b| **b < n.div_ceil(BLOCK)) {
+                    marks[b / 64] |= 1 << (b % 64);
                 }
                 prop_assert_eq!(scan.step_nonzero(simd, 0.01, &mut p1, &grad), 0);
                 prop_assert_eq!(marked.step_touched(simd, 0.01, &mut p2, &mut grad, &mut marks), 0);
