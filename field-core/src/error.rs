@@ -35,6 +35,11 @@ pub enum FieldError {
         /// One past the largest legal value.
         limit: usize,
     },
+    /// Direction `index` is zero or not finite.
+    Direction {
+        /// Which sample.
+        index: usize,
+    },
 }
 
 impl fmt::Display for FieldError {
@@ -42,6 +47,7 @@ impl fmt::Display for FieldError {
         match *self {
             Self::Shape { what, want, got } => write!(f, "`{what}` holds {got} values, expected {want}"),
             Self::Config { what, got, accepts } => write!(f, "`{what}` is {got}, expected {accepts}"),
+            Self::Direction { index } => write!(f, "direction {index} is zero or not finite"),
             Self::Index { what, index, got, limit } => {
                 write!(f, "`{what}[{index}]` is {got}, but there are only {limit} entries")
             }

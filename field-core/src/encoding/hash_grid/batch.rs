@@ -5,10 +5,11 @@
 
 use float_core::Simd;
 
-use super::features::{Features, Packed};
-use super::kernel::{Axes, Gather, Slope};
-use super::{HashGrid, MAX_LEVELS, Touched, axes, check_points, rows_mut};
+use super::{HashGrid, MAX_LEVELS, Touched};
 use crate::FieldError;
+use crate::encoding::lattice::features::{Features, Packed};
+use crate::encoding::lattice::kernel::{Axes, Gather, Slope};
+use crate::encoding::{axes, check_points, rows_mut};
 use crate::error::check_len;
 
 /// Samples of one task.

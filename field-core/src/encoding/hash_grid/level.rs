@@ -4,6 +4,7 @@ use float_core::m64;
 
 use super::{Growth, HashGridConfig, Rule};
 use crate::FieldError;
+use crate::encoding::lattice::{Addressing, Lattice, PRIMES};
 
 /// Most levels a grid can have.
 pub const MAX_LEVELS: usize = 32;
@@ -22,7 +23,7 @@ pub struct Level {
     /// One half for [`Rule::Ngp`], 0 for [`Rule::Paper`].
     pub shift: f32,
     /// Largest cell number along an axis.
-    pub(crate) last_cell: f32,
+    last_cell: f32,
     /// Where the level starts in the parameter buffer, in entries.
     pub offset: usize,
     /// Entries of this level.
@@ -31,19 +32,19 @@ pub struct Level {
     pub addressing: Addressing,
 }
 
-/// How the vertices of a level find their entries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Addressing {
-    /// `(x + R (y + R z)) mod entries`: every vertex has its own entry.
-    Dense,
-    /// `(x xor 2654435761 y xor 805459861 z) mod entries`, vertices share entries.
-    Hashed,
-}
-
-/// Primes of the spatial hash, y and z; that of x is 1.
-pub(crate) const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
-
 impl Level {
+    /// What the kernels need.
+    pub(super) fn lattice(&self) -> Lattice {
+        Lattice {
+            scale: [self.scale; 3],
+            shift: self.shift,
+            last_cell: [self.last_cell; 3],
+            strides: [self.resolution, self.resolution.wrapping_mul(self.resolution)],
+            entries: self.entries,
+            addressing: self.addressing,
+        }
+    }
+
     /// Entry, counted from the start of the level, of the vertex at integer coordinates `v`.
     ///
     /// The definition, for tests and tools: the kernels compute the same numbers sixteen at a time.

@@ -3,9 +3,6 @@
 //! Source: Müller et al., "Instant neural graphics primitives with a multiresolution hash encoding", 2022, section 3.
 
 mod batch;
-mod cell;
-mod features;
-mod kernel;
 mod level;
 mod touched;
 
@@ -14,9 +11,11 @@ use core::ops::Range;
 use float_core::Simd;
 
 use crate::FieldError;
+use crate::encoding::lattice::kernel::{Axes, Gather, Place, Scatter};
+pub use crate::encoding::lattice::{Addressing, Interpolation};
+use crate::encoding::{axes, check_points, rows, rows_mut};
 use crate::error::check_len;
-use kernel::{Axes, Gather, Place, Scatter};
-pub use level::{Addressing, Level, MAX_LEVELS};
+pub use level::{Level, MAX_LEVELS};
 pub use touched::{BLOCK_FLOATS, Touched};
 
 /// Where the vertices of a level lie.
@@ -36,16 +35,6 @@ pub enum Growth {
     Factor(f64),
     /// Geometrically, so that the last level has this size.
     UpTo(u32),
-}
-
-/// How features change inside a cell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Interpolation {
-    /// Trilinear: continuous; derivatives jump at cell faces.
-    #[default]
-    Linear,
-    /// Trilinear in `3 f^2 - 2 f^3`: derivatives are continuous too, and 0 at vertices.
-    Smoothstep,
 }
 
 /// Size of a hash grid.
@@ -289,8 +278,9 @@ impl HashGrid {
         Err(FieldError::Index { what: "level", index: 0, got: level, limit: self.config.levels })
     }
 
-    fn place<'a>(&'a self, level: usize, x: Axes<'a>, x_dot: Option<Axes<'a>>) -> Place<'a> {
-        Place { level: &self.levels[level], interpolation: self.config.interpolation, x, x_dot }
+    fn place<'a>(&self, level: usize, x: Axes<'a>, x_dot: Option<Axes<'a>>) -> Place<'a> {
+        let lattice = self.levels[level].lattice();
+        Place { lattice, stride: self.config.features, first: 0, interpolation: self.config.interpolation, x, x_dot }
     }
 
     /// The rows `out` are `[features][n]`.
@@ -323,28 +313,4 @@ impl HashGrid {
             _ => simd.run(Scatter::<8> { place, out_bar: rows(out_bar), grad, touched }),
         }
     }
-}
-
-fn check_points(x: &[f32]) -> Result<(), FieldError> {
-    check_len("x", x.len(), x.len() / 3 * 3)
-}
-
-fn axes(x: &[f32]) -> Axes<'_> {
-    rows(x)
-}
-
-/// The `N` equally long rows of a matrix.
-fn rows<const N: usize>(x: &[f32]) -> [&[f32]; N] {
-    let n = x.len() / N;
-    core::array::from_fn(|r| &x[r * n..(r + 1) * n])
-}
-
-fn rows_mut<const N: usize>(x: &mut [f32]) -> [&mut [f32]; N] {
-    let n = x.len() / N;
-    let mut rest = x;
-    core::array::from_fn(|_| {
-        let (row, tail) = core::mem::take(&mut rest).split_at_mut(n);
-        rest = tail;
-        row
-    })
 }

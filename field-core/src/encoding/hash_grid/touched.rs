@@ -6,8 +6,7 @@ use core::ops::Range;
 
 use super::HashGrid;
 
-/// Floats of one block: 64 bytes, a cache line.
-pub const BLOCK_FLOATS: usize = 16;
+pub use crate::encoding::lattice::kernel::BLOCK_FLOATS;
 
 /// A bit for each block of [`BLOCK_FLOATS`] parameters of a [`HashGrid`], set by its backward functions.
 ///

@@ -3,8 +3,7 @@
 //! Plain loops over arrays of [`BLOCK`]: the compiler vectorises them for the level they are inlined into. No fused
 //! multiply-add, so all levels give the same bits.
 
-use super::Interpolation;
-use super::level::{Addressing, Level, PRIMES};
+use super::{Addressing, Interpolation, Lattice, PRIMES};
 
 /// Points worked on together.
 pub(crate) const BLOCK: usize = 16;
@@ -41,19 +40,19 @@ pub(crate) enum Weights<'a> {
 impl Cells {
     /// Locate points; coordinates outside `[0, 1]` are clamped, NaN counts as 0.
     #[inline(always)]
-    pub(crate) fn locate(level: &Level, interpolation: Interpolation, x: &[Lanes; 3]) -> Self {
+    pub(crate) fn locate(lattice: &Lattice, interpolation: Interpolation, x: &[Lanes; 3]) -> Self {
         let mut cells =
             Self { base: [[0; BLOCK]; 3], upper: [[0.0; BLOCK]; 3], slope: [[0.0; BLOCK]; 3], bend: [[0.0; BLOCK]; 3] };
         for a in 0..3 {
             for i in 0..BLOCK {
                 let x = x[a][i];
-                let inside = if (0.0..=1.0).contains(&x) { level.scale } else { 0.0 };
+                let inside = if (0.0..=1.0).contains(&x) { lattice.scale[a] } else { 0.0 };
                 let x = if x > 0.0 { x } else { 0.0 };
                 let x = if x < 1.0 { x } else { 1.0 };
-                let p = x * level.scale + level.shift;
+                let p = x * lattice.scale[a] + lattice.shift;
                 let nearest = (p + ROUND) - ROUND;
                 let floor = if nearest > p { nearest - 1.0 } else { nearest };
-                let floor = if floor < level.last_cell { floor } else { level.last_cell };
+                let floor = if floor < lattice.last_cell[a] { floor } else { lattice.last_cell[a] };
                 // The integer lies in the low bits of the mantissa.
                 cells.base[a][i] = (floor + ROUND).to_bits() & 0x007F_FFFF;
                 let f = p - floor;
@@ -73,23 +72,23 @@ impl Cells {
         cells
     }
 
-    /// Entries of the corners times `features`: where their features start within the level. Always at most
-    /// `(entries - 1) * features`.
+    /// Entries of the corners times `stride`, the features of an entry: where these start. Always at most
+    /// `(entries - 1) * stride`.
     #[inline(always)]
-    pub(crate) fn starts(&self, level: &Level, features: u32) -> Corners<u32> {
+    pub(crate) fn starts(&self, lattice: &Lattice, stride: u32) -> Corners<u32> {
         let mut starts = [[0; BLOCK]; 8];
         let [bx, by, bz] = &self.base;
-        let last = level.entries - 1;
-        match level.addressing {
+        let last = lattice.entries - 1;
+        match lattice.addressing {
             Addressing::Dense => {
-                let (r, r2) = (level.resolution, level.resolution * level.resolution);
+                let [r, r2] = lattice.strides;
                 for (c, starts) in starts.iter_mut().enumerate() {
                     let step = (c as u32 & 1) + r * (c as u32 >> 1 & 1) + r2 * (c as u32 >> 2);
                     for i in 0..BLOCK {
                         let e = bx[i] + r * by[i] + r2 * bz[i] + step;
                         // One past the edge wraps, once: e < 2 entries. The difference of a smaller e is huge.
-                        let e = e.min(e.wrapping_sub(level.entries));
-                        starts[i] = e.min(last) * features;
+                        let e = e.min(e.wrapping_sub(lattice.entries));
+                        starts[i] = e.min(last) * stride;
                     }
                 }
             }
@@ -99,7 +98,7 @@ impl Cells {
                     for i in 0..BLOCK {
                         let y = by[i].wrapping_mul(PRIMES[0]).wrapping_add(step[1].wrapping_mul(PRIMES[0]));
                         let z = bz[i].wrapping_mul(PRIMES[1]).wrapping_add(step[2].wrapping_mul(PRIMES[1]));
-                        starts[i] = (((bx[i] + step[0]) ^ y ^ z) & last) * features;
+                        starts[i] = (((bx[i] + step[0]) ^ y ^ z) & last) * stride;
                     }
                 }
             }

@@ -4,8 +4,10 @@ use float_core::{Task, Vector};
 
 use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
 use super::features::{Features, Packed};
-use super::level::Level;
-use super::{Interpolation, touched::BLOCK_FLOATS};
+use super::{Interpolation, Lattice};
+
+/// Floats of a block that [`Scatter`] marks: 64 bytes, a cache line.
+pub const BLOCK_FLOATS: usize = 16;
 
 /// Rows of a batch: one slice for each axis, equally long.
 pub(crate) type Axes<'a> = [&'a [f32]; 3];
@@ -13,7 +15,11 @@ pub(crate) type Axes<'a> = [&'a [f32]; 3];
 /// What every kernel works on.
 #[derive(Clone, Copy)]
 pub(crate) struct Place<'a> {
-    pub(crate) level: &'a Level,
+    pub(crate) lattice: Lattice,
+    /// Features of an entry.
+    pub(crate) stride: usize,
+    /// The first of the features that the kernel works on.
+    pub(crate) first: usize,
     pub(crate) interpolation: Interpolation,
     pub(crate) x: Axes<'a>,
     /// Direction of the derivative; `None` for values.
@@ -61,18 +67,19 @@ fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N] {
 impl Place<'_> {
     /// Cells, entries and weights of the block at `at`.
     #[inline(always)]
-    fn corners<const F: usize>(&self, at: usize) -> (Corners<u32>, Corners<f32>) {
-        let cells = Cells::locate(self.level, self.interpolation, &block(&self.x, at));
+    fn corners(&self, at: usize) -> (Corners<u32>, Corners<f32>) {
+        let cells = Cells::locate(&self.lattice, self.interpolation, &block(&self.x, at));
         let weights = match &self.x_dot {
             None => cells.weights(Weights::Value),
             Some(x_dot) => cells.weights(Weights::Tangent(&block(x_dot, at))),
         };
-        (cells.starts(self.level, F as u32), weights)
+        (cells.starts(&self.lattice, self.stride as u32), weights)
     }
 
     #[inline(always)]
     fn check<const F: usize>(&self, table: &[f32]) {
-        assert!(table.len() == self.level.entries as usize * F, "hash grid: a level's table has the wrong length");
+        assert!(table.len() == self.lattice.entries as usize * self.stride, "a grid's table has the wrong length");
+        assert!(self.first + F <= self.stride && table.len() <= u32::MAX as usize, "a grid's features do not exist");
     }
 }
 
@@ -86,14 +93,15 @@ where
         self.place.check::<F>(self.table);
         let n = self.place.x[0].len();
         for at in (0..n).step_by(BLOCK) {
-            let (starts, weights) = self.place.corners::<F>(at);
+            let (starts, weights) = self.place.corners(at);
             let mut out = [[0.0; BLOCK]; F];
             for i in 0..BLOCK {
                 let mut acc = Packed::zero();
                 for c in 0..8 {
-                    let start = starts[c][i] as usize;
+                    let start = starts[c][i] as usize + self.place.first;
                     debug_assert!(start + F <= self.table.len());
-                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries * stride,
+                    // and that first + F <= stride.
                     let e = unsafe { Packed::load(self.table.as_ptr().add(start)) };
                     acc = Packed::add_scaled(acc, weights[c][i], e);
                 }
@@ -126,14 +134,15 @@ where
         let n = self.place.x[0].len();
         let mut touched = self.touched;
         for at in (0..n).step_by(BLOCK) {
-            let (starts, weights) = self.place.corners::<F>(at);
+            let (starts, weights) = self.place.corners(at);
             let out_bar = block(&self.out_bar, at);
             for i in 0..BLOCK.min(n - at) {
                 let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
                 for c in 0..8 {
-                    let start = starts[c][i] as usize;
+                    let start = starts[c][i] as usize + self.place.first;
                     debug_assert!(start + F <= self.grad.len());
-                    // SAFETY: `starts` are at most (entries - 1) * F, and `check` compared entries * F with the table.
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries * stride,
+                    // and that first + F <= stride.
                     unsafe {
                         let e = self.grad.as_mut_ptr().add(start);
                         Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
@@ -143,7 +152,7 @@ where
             if let Some(touched) = &mut touched {
                 for i in 0..BLOCK.min(n - at) {
                     for starts in &starts {
-                        let block = starts[i] as usize / BLOCK_FLOATS;
+                        let block = (starts[i] as usize + self.place.first) / BLOCK_FLOATS;
                         touched[block / 64] |= 1 << (block % 64);
                     }
                 }
@@ -159,13 +168,13 @@ impl<const F: usize> Task for Slope<'_, '_, F> {
         self.place.check::<F>(self.table);
         let n = self.place.x[0].len();
         for at in (0..n).step_by(BLOCK) {
-            let cells = Cells::locate(self.place.level, self.place.interpolation, &block(&self.place.x, at));
-            let starts = cells.starts(self.place.level, F as u32);
+            let cells = Cells::locate(&self.place.lattice, self.place.interpolation, &block(&self.place.x, at));
+            let starts = cells.starts(&self.place.lattice, self.place.stride as u32);
             let out_bar = block(&self.out_bar, at);
             let mut dots = [[0.0; BLOCK]; 8];
             for i in 0..BLOCK {
                 for c in 0..8 {
-                    let start = starts[c][i] as usize;
+                    let start = starts[c][i] as usize + self.place.first;
                     for (f, e) in self.table[start..start + F].iter().enumerate() {
                         dots[c][i] += out_bar[f][i] * e;
                     }

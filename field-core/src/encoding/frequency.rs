@@ -1,0 +1,275 @@
+//! Frequency (positional) encoding: sines and cosines of octaves.
+
+use float_core::{Simd, Task, Vector};
+
+use super::lattice::cell::{BLOCK, Lanes};
+use super::turn::sin_cos;
+use crate::FieldError;
+use crate::error::check_len;
+
+/// The frequency of octave 0; octave `k` has `2^k` times that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    /// `sin(2^k x)`: the released NeRF code.
+    One,
+    /// `sin(2^k pi x)`: the NeRF paper.
+    Pi,
+}
+
+/// Whether the input itself is part of the encoding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// In front: the released NeRF code.
+    Include,
+    /// Sines and cosines only: the NeRF paper.
+    Omit,
+}
+
+/// Encoding of `dims` numbers by `octaves` octaves.
+///
+/// Rows of the output: `x` if included, then for each octave `k` the sines of all dimensions and the cosines of all
+/// dimensions.
+///
+/// # Shapes
+/// * `x` `[dims][n]`
+/// * `window` `[octaves]` weights of the octaves, `None` for 1; see [`window`](super::window). Never weights `x` itself
+/// * `out` `[out_rows][n]`
+///
+/// # Numerics
+/// Arguments are reduced in `f64`: sines are within `1.5e-7` for all octaves. NaN and infinity give NaN.
+///
+/// # Source
+/// Mildenhall et al., "NeRF", 2020, eq. 4.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frequency {
+    dims: usize,
+    octaves: usize,
+    base: Base,
+    identity: Identity,
+}
+
+/// Most octaves: `2^31` times the base.
+const MAX_OCTAVES: usize = 32;
+
+impl Frequency {
+    /// An encoding.
+    ///
+    /// # Errors
+    /// [`FieldError::Config`] for `dims = 0`, more than 32 octaves, or no output at all.
+    pub fn new(dims: usize, octaves: usize, base: Base, identity: Identity) -> Result<Self, FieldError> {
+        let refuse = |what, got: usize, accepts| Err(FieldError::Config { what, got: got as f64, accepts });
+        if dims == 0 {
+            return refuse("dims", dims, "at least 1");
+        }
+        if octaves > MAX_OCTAVES || (octaves == 0 && identity == Identity::Omit) {
+            return refuse("octaves", octaves, "1 to 32, or 0 with the input itself");
+        }
+        Ok(Self { dims, octaves, base, identity })
+    }
+
+    /// Numbers encoded.
+    #[must_use]
+    pub fn dims(&self) -> usize {
+        self.dims
+    }
+
+    /// Octaves.
+    #[must_use]
+    pub fn octaves(&self) -> usize {
+        self.octaves
+    }
+
+    /// Rows of the output.
+    #[must_use]
+    pub fn out_rows(&self) -> usize {
+        self.identity_rows() + 2 * self.dims * self.octaves
+    }
+
+    fn identity_rows(&self) -> usize {
+        if self.identity == Identity::Include { self.dims } else { 0 }
+    }
+
+    /// `out` `[out_rows][n]`.
+    ///
+    /// # Errors
+    /// [`FieldError::Shape`].
+    pub fn encode(&self, simd: Simd, x: &[f32], window: Option<&[f32]>, out: &mut [f32]) -> Result<(), FieldError> {
+        let n = self.check(x, window, out.len(), "out")?;
+        let identity = self.identity_rows() * n;
+        out[..identity].copy_from_slice(&x[..identity]);
+        self.octaves_of(simd, x, window, |o, sin, cos| {
+            let w = o.window;
+            put(&mut out[o.sin_row * n + o.at..][..o.len], sin, |_, s| w * s);
+            put(&mut out[o.cos_row * n + o.at..][..o.len], cos, |_, c| w * c);
+        });
+        Ok(())
+    }
+
+    /// Adds to `x_bar` `[dims][n]`.
+    ///
+    /// # Errors
+    /// [`FieldError::Shape`].
+    pub fn encode_backward(
+        &self,
+        simd: Simd,
+        x: &[f32],
+        window: Option<&[f32]>,
+        out_bar: &[f32],
+        x_bar: &mut [f32],
+    ) -> Result<(), FieldError> {
+        let n = self.check(x, window, out_bar.len(), "out_bar")?;
+        check_len("x_bar", x_bar.len(), x.len())?;
+        let identity = self.identity_rows() * n;
+        for (x_bar, out_bar) in x_bar.iter_mut().zip(&out_bar[..identity]) {
+            *x_bar += out_bar;
+        }
+        self.octaves_of(simd, x, window, |o, sin, cos| {
+            let s_bar = &out_bar[o.sin_row * n + o.at..][..o.len];
+            let c_bar = &out_bar[o.cos_row * n + o.at..][..o.len];
+            let slope = o.window * o.frequency;
+            let x_bar = &mut x_bar[o.dim * n + o.at..][..o.len];
+            for i in 0..o.len {
+                x_bar[i] += slope * (cos[i] * s_bar[i] - sin[i] * c_bar[i]);
+            }
+        });
+        Ok(())
+    }
+
+    /// Derivative along `x_dot` `[dims][n]`: `out_dot` `[out_rows][n]`.
+    ///
+    /// Its gradient with respect to `x_dot` is [`encode_backward`](Self::encode_backward) of the tangent's cotangent.
+    ///
+    /// # Errors
+    /// [`FieldError::Shape`].
+    pub fn tangent(
+        &self,
+        simd: Simd,
+        x: &[f32],
+        window: Option<&[f32]>,
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        let n = self.check(x, window, out_dot.len(), "out_dot")?;
+        check_len("x_dot", x_dot.len(), x.len())?;
+        let identity = self.identity_rows() * n;
+        out_dot[..identity].copy_from_slice(&x_dot[..identity]);
+        self.octaves_of(simd, x, window, |o, sin, cos| {
+            let slope = o.window * o.frequency;
+            let dot = &x_dot[o.dim * n + o.at..][..o.len];
+            put(&mut out_dot[o.sin_row * n + o.at..][..o.len], cos, |i, c| slope * dot[i] * c);
+            put(&mut out_dot[o.cos_row * n + o.at..][..o.len], sin, |i, s| -slope * dot[i] * s);
+        });
+        Ok(())
+    }
+
+    /// Adds the gradient of [`tangent`](Self::tangent) with respect to `x` to `x_bar` `[dims][n]`.
+    ///
+    /// # Errors
+    /// [`FieldError::Shape`].
+    pub fn tangent_backward_x(
+        &self,
+        simd: Simd,
+        x: &[f32],
+        window: Option<&[f32]>,
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        x_bar: &mut [f32],
+    ) -> Result<(), FieldError> {
+        let n = self.check(x, window, out_dot_bar.len(), "out_dot_bar")?;
+        check_len("x_dot", x_dot.len(), x.len())?;
+        check_len("x_bar", x_bar.len(), x.len())?;
+        self.octaves_of(simd, x, window, |o, sin, cos| {
+            let s_bar = &out_dot_bar[o.sin_row * n + o.at..][..o.len];
+            let c_bar = &out_dot_bar[o.cos_row * n + o.at..][..o.len];
+            let bend = o.window * o.frequency * o.frequency;
+            let dot = &x_dot[o.dim * n + o.at..][..o.len];
+            let x_bar = &mut x_bar[o.dim * n + o.at..][..o.len];
+            for i in 0..o.len {
+                x_bar[i] -= bend * dot[i] * (sin[i] * s_bar[i] + cos[i] * c_bar[i]);
+            }
+        });
+        Ok(())
+    }
+
+    fn check(&self, x: &[f32], window: Option<&[f32]>, rows: usize, what: &'static str) -> Result<usize, FieldError> {
+        let n = x.len() / self.dims;
+        check_len("x", x.len(), n * self.dims)?;
+        check_len(what, rows, n * self.out_rows())?;
+        window.map_or(Ok(()), |w| check_len("window", w.len(), self.octaves))?;
+        Ok(n)
+    }
+
+    /// Call `body` for each dimension, block of samples and octave.
+    fn octaves_of(&self, simd: Simd, x: &[f32], window: Option<&[f32]>, body: impl FnMut(Octave, &Lanes, &Lanes)) {
+        simd.run(Octaves { encoding: *self, x, window, body });
+    }
+}
+
+/// Where the sines and cosines of a block belong.
+struct Octave {
+    dim: usize,
+    /// First sample of the block.
+    at: usize,
+    /// Its samples.
+    len: usize,
+    sin_row: usize,
+    cos_row: usize,
+    frequency: f32,
+    window: f32,
+}
+
+struct Octaves<'a, F> {
+    encoding: Frequency,
+    x: &'a [f32],
+    window: Option<&'a [f32]>,
+    body: F,
+}
+
+impl<F: FnMut(Octave, &Lanes, &Lanes)> Task for Octaves<'_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        let Frequency { dims, octaves, base, .. } = self.encoding;
+        let kappa = match base {
+            Base::One => 1.0,
+            Base::Pi => core::f64::consts::PI,
+        };
+        let n = self.x.len() / dims;
+        let first = self.encoding.identity_rows();
+        for dim in 0..dims {
+            let row = &self.x[dim * n..(dim + 1) * n];
+            for (block, row) in row.chunks(BLOCK).enumerate() {
+                let mut x = [0.0; BLOCK];
+                x[..row.len()].copy_from_slice(row);
+                for k in 0..octaves {
+                    let frequency = kappa * (1_u64 << k) as f64;
+                    // For the base pi the quadrants are 2^k+1: the product is exact.
+                    let quadrants = match base {
+                        Base::One => frequency * core::f64::consts::FRAC_2_PI,
+                        Base::Pi => (2_u64 << k) as f64,
+                    };
+                    let (sin, cos) = sin_cos(&x, quadrants);
+                    let sin_row = first + 2 * k * dims + dim;
+                    let octave = Octave {
+                        dim,
+                        at: block * BLOCK,
+                        len: row.len(),
+                        sin_row,
+                        cos_row: sin_row + dims,
+                        frequency: frequency as f32,
+                        window: self.window.map_or(1.0, |w| w[k]),
+                    };
+                    (self.body)(octave, &sin, &cos);
+                }
+            }
+        }
+    }
+}
+
+/// `row[i] = f(i, lanes[i])`.
+#[inline(always)]
+fn put(row: &mut [f32], lanes: &Lanes, f: impl Fn(usize, f32) -> f32) {
+    for (i, (row, &lane)) in row.iter_mut().zip(lanes).enumerate() {
+        *row = f(i, lane);
+    }
+}
