@@ -65,7 +65,8 @@ fn quote_non_finite(text: &str) -> String {
             continue;
         }
         let token = ["-Infinity", "Infinity", "-NaN", "NaN", "-nan", "nan", "-inf", "inf"];
-        if let Some(token) = token.into_iter().find(|t| rest.starts_with(t)) {
+        let token = if "-InN".contains(c) || c == 'i' { token.into_iter().find(|t| rest.starts_with(t)) } else { None };
+        if let Some(token) = token {
             out.push('"');
             out.push_str(token);
             out.push('"');

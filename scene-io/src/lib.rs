@@ -5,13 +5,32 @@
 //! unit stay those of the file. Images are decoded on demand by an [`ImageStore`]. [`check`] lists everything that is
 //! wrong with a dataset at once.
 
+mod assemble;
+mod blender;
+mod check;
+pub mod colmap;
+mod detect;
 mod error;
 mod files;
+mod hash;
+mod images_folder;
+mod instant_ngp;
+mod json;
+mod llff;
+mod load;
+mod nerfstudio;
+mod npy;
 mod options;
 mod picture;
+mod ply;
+mod pose;
 mod scene;
+mod splits;
+mod transforms;
 
+pub use check::{Depth, Report, check};
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
+pub use load::load;
 pub use options::{Holdout, LoadOptions, Masks, MissingImages};
 pub use picture::{Image, ImageStore, StoreOptions};
 pub use scene::{Bounds, Dialect, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split};

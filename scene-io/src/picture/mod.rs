@@ -48,7 +48,12 @@ impl Image {
     /// Outside the image.
     #[must_use]
     pub fn pixel(&self, column: u32, row: u32) -> &[u8] {
-        assert!(column < self.width && row < self.height, "pixel ({column}, {row}) outside {}x{}", self.width, self.height);
+        assert!(
+            column < self.width && row < self.height,
+            "pixel ({column}, {row}) outside {}x{}",
+            self.width,
+            self.height
+        );
         let channels = usize::from(self.channels);
         let start = (row as usize * self.width as usize + column as usize) * channels;
         &self.data[start..start + channels]
@@ -60,7 +65,12 @@ impl Image {
     /// Outside the image.
     #[must_use]
     pub fn is_used(&self, column: u32, row: u32) -> bool {
-        assert!(column < self.width && row < self.height, "pixel ({column}, {row}) outside {}x{}", self.width, self.height);
+        assert!(
+            column < self.width && row < self.height,
+            "pixel ({column}, {row}) outside {}x{}",
+            self.width,
+            self.height
+        );
         self.mask.as_ref().is_none_or(|m| m[row as usize * self.width as usize + column as usize] >= 128)
     }
 

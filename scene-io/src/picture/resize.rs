@@ -129,9 +129,14 @@ pub(crate) fn resize_mask(mask: &[u8], from: (u32, u32), to: (u32, u32)) -> Vec<
     }
     let area = u64::from(from.0) * u64::from(from.1);
     let mut out = Vec::with_capacity(to.0 as usize * to.1 as usize);
-    area_sums(from, to, |p| [u64::from(mask[p] >= 128)], |_, row| {
-        out.extend(row.iter().map(|s| if 2 * s[0] >= area { 255 } else { 0 }));
-    });
+    area_sums(
+        from,
+        to,
+        |p| [u64::from(mask[p] >= 128)],
+        |_, row| {
+            out.extend(row.iter().map(|s| if 2 * s[0] >= area { 255 } else { 0 }));
+        },
+    );
     out
 }
 
@@ -176,8 +181,13 @@ mod tests {
         (1_u32..12, 1_u32..12, prop::bool::ANY).prop_flat_map(|(w, h, alpha)| {
             let channels: u8 = if alpha { 4 } else { 3 };
             let n = (w * h * u32::from(channels)) as usize;
-            prop::collection::vec(prop_oneof![Just(0_u8), Just(255), any::<u8>()], n)
-                .prop_map(move |data| Image { width: w, height: h, channels, data, mask: None })
+            prop::collection::vec(prop_oneof![Just(0_u8), Just(255), any::<u8>()], n).prop_map(move |data| Image {
+                width: w,
+                height: h,
+                channels,
+                data,
+                mask: None,
+            })
         })
     }
 

@@ -1,9 +1,9 @@
 //! Images of a scene, decoded on demand and kept while there is room.
 
+use super::Image;
 use super::decode::{decode, decode_mask};
 use super::header::read_header;
 use super::resize::{fitted, resize, resize_mask};
-use super::Image;
 use crate::{ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
 use render_core::camera::Camera;
 use std::collections::HashMap;
@@ -196,11 +196,7 @@ impl Entry {
 }
 
 /// A mask with white for what is used, at its own size, which must have the image's shape.
-fn read_mask(
-    path: &Path,
-    polarity: MaskPolarity,
-    image: (u32, u32),
-) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+fn read_mask(path: &Path, polarity: MaskPolarity, image: (u32, u32)) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
     let (mut mask, size) = decode_mask(path)?;
     if !same_shape(size, image) {
         let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);

@@ -1,0 +1,398 @@
+//! From what a dialect lists to frames: images found, sizes compared, masks matched, names made unique.
+//!
+//! Every dialect ends here, so that all treat missing, duplicate and wrongly sized images alike.
+
+use crate::files::{IMAGE_EXTENSIONS, with_image_extension};
+use crate::options::{LoadOptions, Masks, MissingImages};
+use crate::picture::{read_header, same_shape};
+use crate::pose::Mended;
+use crate::{Bounds, Frame, ImageSource, LayoutHint, Point, Problem, Split};
+use rayon::prelude::*;
+use render_core::camera::{Camera, Lens, Pose};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// What a dialect's files say, before any image was looked at.
+#[derive(Debug)]
+pub(crate) struct Reading {
+    pub(crate) root: PathBuf,
+    pub(crate) frames: Vec<RawFrame>,
+    pub(crate) points: Vec<Point>,
+    pub(crate) layout: LayoutHint,
+    pub(crate) bounds: Option<Bounds>,
+    pub(crate) splits: DialectSplits,
+    /// What this dialect's own tools do about missing images.
+    pub(crate) missing: MissingImages,
+    /// Folder that mask folders stand beside, where it is not an `images*` folder under the root.
+    pub(crate) images_folder: Option<PathBuf>,
+    /// Whether [`Masks::Auto`] looks for a mask folder.
+    pub(crate) mask_folder: MaskFolder,
+    pub(crate) notes: Vec<String>,
+    pub(crate) problems: Vec<Problem>,
+}
+
+/// Whether a dialect has mask folders by custom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MaskFolder {
+    Usual,
+    Unknown,
+}
+
+/// How a dialect splits its frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DialectSplits {
+    /// The files say: [`RawFrame::split`] holds.
+    Explicit,
+    /// Of the frames sorted by name, those at 0, N, 2N, … are for testing.
+    Every(usize),
+    /// A share of the frames sorted by name, evenly spaced and with both ends, is trained on: nine of ten.
+    NineOfTen,
+}
+
+impl Reading {
+    pub(crate) fn new(root: &Path) -> Self {
+        Self {
+            root: root.to_path_buf(),
+            frames: Vec::new(),
+            points: Vec::new(),
+            layout: LayoutHint::Unknown,
+            bounds: None,
+            splits: DialectSplits::Every(8),
+            missing: MissingImages::Refuse,
+            images_folder: None,
+            mask_folder: MaskFolder::Usual,
+            notes: Vec::new(),
+            problems: Vec::new(),
+        }
+    }
+}
+
+/// A frame as a dialect lists it.
+#[derive(Clone, Debug)]
+pub(crate) struct RawFrame {
+    pub(crate) name: String,
+    /// Where the image should be; an extension may be missing.
+    pub(crate) image: PathBuf,
+    /// The file and the way in it, for problems.
+    pub(crate) listed: (PathBuf, String),
+    /// Image size the intrinsics belong to; `None`: that of the image.
+    pub(crate) size: Option<(u32, u32)>,
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) lens: Lens,
+    pub(crate) pose: Pose,
+    pub(crate) mended: Mended,
+    pub(crate) split: Split,
+    pub(crate) time: Option<f64>,
+    pub(crate) mask: Option<PathBuf>,
+    pub(crate) depth: Option<PathBuf>,
+    pub(crate) z_bounds: Option<[f64; 2]>,
+    pub(crate) sharpness: Option<f64>,
+}
+
+/// Focal length and principal point as a dialect gives them, checked to be finite and positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Intrinsics {
+    /// In pixels; a missing principal point is the image's centre.
+    Pixels { fx: f64, fy: f64, cx: Option<f64>, cy: Option<f64> },
+    /// Full angles of view in radians; without a vertical one, pixels are square.
+    Angles { x: f64, y: Option<f64>, cx: Option<f64>, cy: Option<f64> },
+}
+
+impl Intrinsics {
+    fn camera(&self, (width, height): (u32, u32), lens: Lens, pose: Pose) -> Camera {
+        let (w, h) = (f64::from(width), f64::from(height));
+        let (fx, fy, cx, cy) = match *self {
+            Self::Pixels { fx, fy, cx, cy } => (fx, fy, cx, cy),
+            Self::Angles { x, y, cx, cy } => {
+                let fx = w / (2.0 * (x / 2.0).tan());
+                (fx, y.map_or(fx, |y| h / (2.0 * (y / 2.0).tan())), cx, cy)
+            }
+        };
+        Camera { width, height, fx, fy, cx: cx.unwrap_or(w / 2.0), cy: cy.unwrap_or(h / 2.0), lens, pose }
+    }
+}
+
+/// Frames with their images, what was noticed, and what is wrong.
+#[derive(Debug, Default)]
+pub(crate) struct Assembled {
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) notes: Vec<String>,
+    pub(crate) problems: Vec<Problem>,
+}
+
+/// Looks at every image's header and makes frames of what fits.
+pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
+    let mut out = Assembled::default();
+    let unique = without_duplicates(reading, &mut out);
+    let looked_at: Vec<Looked> = unique.par_iter().map(|raw| look(raw, reading, options)).collect();
+
+    let (mut missing, mut renamed, mut resized, mut masked) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for (raw, looked) in unique.iter().zip(looked_at) {
+        match looked {
+            Looked::Frame { frame, other_name, other_size } => {
+                if other_name {
+                    renamed.push(raw.name.as_str());
+                }
+                if let (Some(was), ImageSource::File(_)) = (other_size, &frame.image) {
+                    resized.push((raw.name.as_str(), was, (frame.camera.width, frame.camera.height)));
+                }
+                masked += usize::from(frame.mask.is_some());
+                out.frames.push(*frame);
+            }
+            Looked::Missing => missing.push(*raw),
+            Looked::Bad(problem) => out.problems.push(*problem),
+        }
+    }
+    report_missing(&missing, unique.len(), options.missing_images.unwrap_or(reading.missing), &mut out);
+    if !renamed.is_empty() {
+        out.notes.push(format!("found under another extension than listed: {}", listing(&renamed)));
+    }
+    if let Some((_, (w, h), (iw, ih))) = resized.first() {
+        let names: Vec<&str> = resized.iter().map(|r| r.0).collect();
+        out.notes.push(format!(
+            "cameras scaled to the images ({w}x{h} listed, {iw}x{ih} found{}): {}",
+            if resized.iter().all(|r| (r.1, r.2) == (resized[0].1, resized[0].2)) { "" } else { " in the first" },
+            listing(&names)
+        ));
+    }
+    if masked > 0 {
+        out.notes.push(format!("{masked} of {} frames have an ignore mask", out.frames.len()));
+    }
+    note_mended(&unique, &mut out);
+    normalise_time(&mut out);
+    out
+}
+
+enum Looked {
+    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)> },
+    Missing,
+    Bad(Box<Problem>),
+}
+
+fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
+    let Some((path, other_name)) = find_image(&raw.image) else { return Looked::Missing };
+    let header = match read_header(&path) {
+        Ok(header) => header,
+        Err(error) => return Looked::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
+    };
+    let is = (header.width, header.height);
+    let said = raw.size.unwrap_or(is);
+    if !same_shape(said, is) {
+        let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
+        let remedy = "use the image the cameras were computed for, or resize it uniformly";
+        return Looked::Bad(Box::new(Problem::new(&path, what, remedy).frame(&raw.name)));
+    }
+    let camera = raw.intrinsics.camera(said, raw.lens, raw.pose).resized(is.0, is.1);
+    let mask = match find_mask(raw, &path, reading, options) {
+        Ok(mask) => mask,
+        Err(problem) => return Looked::Bad(Box::new(problem)),
+    };
+    let frame = Frame {
+        name: raw.name.clone(),
+        image: ImageSource::File(path),
+        mask,
+        mask_polarity: options.mask_polarity,
+        depth: raw.depth.clone(),
+        camera,
+        split: raw.split,
+        time: raw.time,
+        z_bounds: raw.z_bounds,
+        sharpness: raw.sharpness,
+    };
+    Looked::Frame { frame: Box::new(frame), other_name, other_size: (said != is).then_some(said) }
+}
+
+/// The listed file, the same with an extension appended, or the same with another extension (`true`).
+fn find_image(listed: &Path) -> Option<(PathBuf, bool)> {
+    if let Some(found) = with_image_extension(listed) {
+        return Some((found, false));
+    }
+    let has_image_extension = crate::files::is_image(listed);
+    let other = if has_image_extension { with_image_extension(&listed.with_extension("")) } else { None };
+    other.map(|found| (found, true))
+}
+
+fn find_mask(
+    raw: &RawFrame,
+    image: &Path,
+    reading: &Reading,
+    options: &LoadOptions,
+) -> Result<Option<PathBuf>, Problem> {
+    let (folder, relative) = match &options.masks {
+        Masks::Off => return Ok(None),
+        Masks::Auto => {
+            if let Some(mask) = &raw.mask {
+                if mask.is_file() {
+                    return Ok(Some(mask.clone()));
+                }
+                let (file, field) = &raw.listed;
+                return Err(Problem::new(file, "the mask is not there", "add it, or load without masks")
+                    .frame(&raw.name)
+                    .field(format!("{field}.mask_path"))
+                    .value(mask.display()));
+            }
+            if reading.mask_folder == MaskFolder::Unknown {
+                return Ok(None);
+            }
+            match beside_images(image, reading) {
+                Some(place) => place,
+                None => return Ok(None),
+            }
+        }
+        Masks::Folder(folder) => {
+            let relative = match beside_images(image, reading) {
+                Some((_, relative)) => relative,
+                None => PathBuf::from(image.file_name().unwrap_or_default()),
+            };
+            (folder.clone(), relative)
+        }
+    };
+    let base = folder.join(&relative);
+    let mut appended = base.clone().into_os_string();
+    appended.push(".png");
+    let flat = relative.file_name().map(|name| folder.join(name));
+    let candidates = IMAGE_EXTENSIONS
+        .iter()
+        .map(|extension| base.with_extension(extension))
+        .chain([PathBuf::from(appended)])
+        .chain(flat.iter().flat_map(|f| IMAGE_EXTENSIONS.iter().map(|extension| f.with_extension(extension))));
+    Ok(candidates.into_iter().find(|c| c.is_file()))
+}
+
+/// The folder `masks` (for `images_4`: `masks_4`, else `masks`) beside the images' folder, and the image's way in it.
+fn beside_images(image: &Path, reading: &Reading) -> Option<(PathBuf, PathBuf)> {
+    let folder = match &reading.images_folder {
+        Some(folder) => folder.clone(),
+        None => {
+            let first = image.strip_prefix(&reading.root).ok()?.components().next()?;
+            let name = first.as_os_str().to_str()?;
+            if !name.starts_with("images") {
+                return None;
+            }
+            reading.root.join(name)
+        }
+    };
+    let relative = image.strip_prefix(&folder).ok()?.to_path_buf();
+    let name = folder.file_name()?.to_str()?;
+    let beside = folder.parent()?;
+    let suffix = name.strip_prefix("images").unwrap_or("");
+    let masks = [format!("masks{suffix}"), "masks".to_owned()].into_iter().map(|m| beside.join(m)).find(|m| m.is_dir());
+    Some((masks?, relative))
+}
+
+/// Frames whose name was not met before. Twice in one split is an error; the same frame for validation and testing is
+/// kept for testing; the same for training and testing is an error unless frames are split anew.
+fn without_duplicates<'a>(reading: &'a Reading, out: &mut Assembled) -> Vec<&'a RawFrame> {
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    let mut kept: Vec<&RawFrame> = Vec::with_capacity(reading.frames.len());
+    let (mut shared, mut moved) = (Vec::new(), Vec::new());
+    for raw in &reading.frames {
+        let Some(&first) = seen.get(raw.name.as_str()) else {
+            seen.insert(&raw.name, kept.len());
+            kept.push(raw);
+            continue;
+        };
+        let before = kept[first];
+        let (file, field) = &raw.listed;
+        if before.split == raw.split {
+            let what = format!("is listed twice, first as `{}` of {}", before.listed.1, before.listed.0.display());
+            out.problems.push(Problem::new(file, what, "remove one of the two").frame(&raw.name).field(field));
+        } else if before.split == Split::Train || raw.split == Split::Train {
+            let what = format!(
+                "is for training and for {} at once",
+                if raw.split == Split::Val { "validation" } else { "testing" }
+            );
+            let problem = Problem::new(file, what, "scores on it mean nothing: remove it from one of the two lists");
+            out.problems.push(problem.frame(&raw.name).field(field).warning());
+            shared.push(raw.name.as_str());
+        } else {
+            if raw.split == Split::Test {
+                kept[first] = raw;
+            }
+            moved.push(raw.name.as_str());
+        }
+    }
+    if !shared.is_empty() {
+        out.notes.push(format!("listed for training too, so used for training only: {}", listing(&shared)));
+    }
+    if !moved.is_empty() {
+        out.notes.push(format!("listed for validation and testing, used for testing: {}", listing(&moved)));
+    }
+    kept
+}
+
+fn report_missing(missing: &[&RawFrame], total: usize, policy: MissingImages, out: &mut Assembled) {
+    if missing.is_empty() {
+        return;
+    }
+    let names: Vec<&str> = missing.iter().map(|raw| raw.name.as_str()).collect();
+    match policy {
+        MissingImages::Skip => {
+            let note = format!(
+                "{} of {total} listed images are not there and were skipped: {}",
+                missing.len(),
+                listing(&names)
+            );
+            out.notes.push(note);
+        }
+        MissingImages::Refuse => {
+            for raw in missing {
+                let (file, field) = &raw.listed;
+                let problem = Problem::new(file, "the image is not there", "add the file or remove its frame");
+                out.problems.push(problem.frame(&raw.name).field(field).value(raw.image.display()));
+            }
+        }
+    }
+}
+
+fn note_mended(frames: &[&RawFrame], out: &mut Assembled) {
+    let scaled: Vec<&str> =
+        frames.iter().filter(|f| matches!(f.mended, Mended::Scale(_))).map(|f| f.name.as_str()).collect();
+    if let Some(Mended::Scale(scale)) = frames.iter().map(|f| f.mended).find(|m| matches!(m, Mended::Scale(_))) {
+        let names = listing(&scaled);
+        out.notes.push(format!("rotations held a scale ({scale:.6} in the first), divided out: {names}"));
+    }
+    let deviations = frames.iter().filter_map(|f| match f.mended {
+        Mended::Orthonormal(off) => Some((off, f.name.as_str())),
+        _ => None,
+    });
+    let (mut worst, mut names) = (0.0_f64, Vec::new());
+    for (off, name) in deviations {
+        worst = worst.max(off);
+        names.push(name);
+    }
+    if !names.is_empty() {
+        let names = listing(&names);
+        out.notes.push(format!("rotations not quite orthonormal (by up to {worst:.1e}), mended: {names}"));
+    }
+}
+
+/// Times in `[0, 1]`: left alone where they are, else (frame numbers) mapped from first to last.
+fn normalise_time(out: &mut Assembled) {
+    let times: Vec<f64> = out.frames.iter().filter_map(|f| f.time).collect();
+    let (Some(first), Some(last)) = (times.iter().copied().reduce(f64::min), times.iter().copied().reduce(f64::max))
+    else {
+        return;
+    };
+    if times.len() < out.frames.len() {
+        let without: Vec<&str> = out.frames.iter().filter(|f| f.time.is_none()).map(|f| f.name.as_str()).collect();
+        out.notes.push(format!("without a time among frames that have one: {}", listing(&without)));
+    }
+    if first >= 0.0 && last <= 1.0 {
+        return;
+    }
+    let length = if last > first { last - first } else { 1.0 };
+    for frame in &mut out.frames {
+        frame.time = frame.time.map(|t| (t - first) / length);
+    }
+    out.notes.push(format!("times {first} to {last} were mapped to 0 to 1"));
+}
+
+/// A list of names for people, the middle of long ones left out.
+pub(crate) fn listing(names: &[&str]) -> String {
+    const MOST: usize = 20;
+    if names.len() <= MOST {
+        return names.join(", ");
+    }
+    format!("{}, … {} more …, {}", names[..MOST - 1].join(", "), names.len() - MOST, names[names.len() - 1])
+}

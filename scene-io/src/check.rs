@@ -1,0 +1,205 @@
+//! Everything there is to say about a dataset, before training on it.
+
+use crate::assemble::listing;
+use crate::load::load_all;
+use crate::splits::numbers;
+use crate::{Dialect, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions};
+use rayon::prelude::*;
+use render_core::camera::Lens;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+/// How closely [`check`] looks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Depth {
+    /// Image headers only: fast, but a truncated image is not noticed.
+    Headers,
+    /// Every image and mask is decoded.
+    #[default]
+    Pixels,
+}
+
+/// What a dataset holds and what is wrong with it.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The scene as far as it could be read; `None` where it could not at all.
+    pub scene: Option<Scene>,
+    /// Frames of each split.
+    pub splits: Vec<(Split, usize)>,
+    /// Image sizes (width, height) with the number of frames that have them.
+    pub sizes: Vec<((u32, u32), usize)>,
+    /// Names of lens models with the number of frames that have them.
+    pub lenses: Vec<(&'static str, usize)>,
+    /// Smallest and largest focal length, pixels.
+    pub focal: Option<(f64, f64)>,
+    /// Bytes of all images once decoded at their native size.
+    pub image_bytes: u64,
+    /// What is wrong, errors first.
+    pub problems: Vec<Problem>,
+    /// What was skipped, matched or assumed.
+    pub notes: Vec<String>,
+}
+
+/// Reads a dataset and lists all its problems; never fails.
+#[must_use]
+pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
+    match load_all(path, options) {
+        Ok((scene, problems)) => Report::new(scene, problems, depth),
+        Err(error) => Report {
+            scene: None,
+            splits: Vec::new(),
+            sizes: Vec::new(),
+            lenses: Vec::new(),
+            focal: None,
+            image_bytes: 0,
+            problems: vec![error.into_problem()],
+            notes: Vec::new(),
+        },
+    }
+}
+
+impl Report {
+    /// A report on a scene, from whatever source, and problems met while reading it.
+    #[must_use]
+    pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
+        problems.extend(geometry(&scene));
+        let mut image_bytes = 0;
+        match ImageStore::new(&scene.frames, StoreOptions { budget_bytes: 0, ..StoreOptions::default() }) {
+            Ok(store) => {
+                image_bytes = store.estimate_bytes();
+                if depth == Depth::Pixels {
+                    let decoded: Vec<Option<Problem>> = (0..store.len())
+                        .into_par_iter()
+                        .map(|i| store.get(i).err().map(|e| e.into_problem()))
+                        .collect();
+                    problems.extend(decoded.into_iter().flatten());
+                }
+            }
+            Err(error) => problems.push(error.into_problem()),
+        }
+        // Stable: within a severity, problems stay in the order of the files.
+        problems.sort_by_key(|p| std::cmp::Reverse(p.severity));
+        let (mut sizes, mut lenses) = (BTreeMap::new(), BTreeMap::new());
+        let mut focal: Option<(f64, f64)> = None;
+        for Frame { camera, .. } in &scene.frames {
+            *sizes.entry((camera.width, camera.height)).or_insert(0) += 1;
+            *lenses.entry(lens_name(&camera.lens)).or_insert(0) += 1;
+            let (low, high) = focal.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
+            focal = Some((low.min(camera.fx).min(camera.fy), high.max(camera.fx).max(camera.fy)));
+        }
+        Self {
+            splits: Split::ALL.into_iter().map(|split| (split, scene.count(split))).collect(),
+            sizes: sizes.into_iter().collect(),
+            lenses: lenses.into_iter().collect(),
+            focal,
+            image_bytes,
+            problems,
+            notes: scene.notes.clone(),
+            scene: Some(scene),
+        }
+    }
+
+    /// Whether nothing stands against training.
+    #[must_use]
+    pub fn can_train(&self) -> bool {
+        self.scene.is_some() && self.problems.iter().all(|p| p.severity < Severity::Error)
+    }
+}
+
+fn lens_name(lens: &Lens) -> &'static str {
+    match lens {
+        Lens::Perspective { .. } if lens.is_pinhole() => "pinhole",
+        Lens::Perspective { .. } => "perspective with distortion",
+        Lens::Fisheye { .. } => "fisheye",
+        Lens::Fov { .. } => "field-of-view",
+        Lens::ThinPrismFisheye { .. } => "thin-prism fisheye",
+    }
+}
+
+/// What looks wrong about the cameras as a set.
+fn geometry(scene: &Scene) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let train: Vec<&Frame> = scene.frames.iter().filter(|f| f.split == Split::Train).collect();
+    let warn = |what: String, remedy: &str| Problem::new(&scene.root, what, remedy).warning();
+    if scene.frames.len() == 1 {
+        problems.push(warn("holds a single image, which shows no parallax".into(), "add views from other places"));
+    }
+    if let [first, rest @ ..] = train.as_slice()
+        && !rest.is_empty()
+    {
+        let c = first.camera.pose.c;
+        let apart = rest.iter().map(|f| f.camera.pose.c.distance(c)).fold(0.0, f64::max);
+        // Relative to the distance from the origin, which rounding is relative to.
+        if apart <= 1e-9 * c.length().max(1.0) {
+            let what =
+                format!("all {} training cameras stand at the same place: no parallax, so no depth", train.len());
+            problems.push(warn(what, "photograph from different places, or check the poses"));
+        }
+    }
+    let odd: Vec<&str> = scene
+        .frames
+        .iter()
+        .filter(|f| {
+            let side = f64::from(f.camera.width.max(f.camera.height));
+            // 0.1 and 20 image sides: 157 and 2.9 degrees of view.
+            !(0.1 * side..=20.0 * side).contains(&f.camera.fx) || !(0.05..=20.0).contains(&(f.camera.fx / f.camera.fy))
+        })
+        .map(|f| f.name.as_str())
+        .collect();
+    if !odd.is_empty() {
+        let what = format!("unusual focal lengths for the image size in {}", listing(&odd));
+        problems.push(warn(what, "check fl_x, fl_y or the camera file"));
+    }
+    problems
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(scene) = &self.scene {
+            writeln!(f, "{} ({}): {}", scene.name, scene.dialect, numbers(&scene.frames))?;
+            let sizes: Vec<String> = self.sizes.iter().map(|((w, h), n)| format!("{n} of {w}x{h}")).collect();
+            let texts: Vec<&str> = sizes.iter().map(String::as_str).collect();
+            writeln!(f, "images: {}; {:.1} MB decoded", listing(&texts), self.image_bytes as f64 / 1e6)?;
+            let lenses: Vec<String> = self.lenses.iter().map(|(name, n)| format!("{n} {name}")).collect();
+            let focal = self.focal.map_or(String::new(), |(low, high)| {
+                if high - low < 0.05 {
+                    format!(", focal length {low:.1} px")
+                } else {
+                    format!(", focal lengths {low:.1} to {high:.1} px")
+                }
+            });
+            writeln!(f, "cameras: {}{focal}", lenses.join(", "))?;
+            let layout = match scene.layout {
+                LayoutHint::Object { near, far } => format!("an object, {near} to {far} from the cameras"),
+                LayoutHint::ForwardFacing => "forward facing".into(),
+                LayoutHint::Unbounded => "unbounded".into(),
+                LayoutHint::Unknown => "not said".into(),
+            };
+            let points = scene.points.len();
+            let times = scene.frames.iter().filter(|f| f.time.is_some()).count();
+            let masks = scene.frames.iter().filter(|f| f.mask.is_some()).count();
+            let depths = scene.frames.iter().filter(|f| f.depth.is_some()).count();
+            writeln!(
+                f,
+                "layout: {layout}; priors: {points} points, {masks} masks, {depths} depth maps, {times} times"
+            )?;
+            if scene.dialect != Dialect::Synthetic && self.splits.iter().any(|(s, n)| *s == Split::Test && *n > 0) {
+                let names = scene.held_out_names();
+                let names: Vec<&str> = names.iter().map(String::as_str).collect();
+                writeln!(f, "held out: {}", listing(&names))?;
+            }
+        }
+        for note in &self.notes {
+            writeln!(f, "note: {note}")?;
+        }
+        for problem in &self.problems {
+            let severity = match problem.severity {
+                Severity::Warning => "warning",
+                Severity::Error => "error",
+            };
+            writeln!(f, "{severity}: {problem}")?;
+        }
+        if self.can_train() { write!(f, "can be trained") } else { write!(f, "cannot be trained") }
+    }
+}

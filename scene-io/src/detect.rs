@@ -1,0 +1,170 @@
+//! Which dialect a path is written in.
+
+use crate::colmap::{self, ModelFiles};
+use crate::json::Document;
+use crate::options::LoadOptions;
+use crate::{Dialect, ErrorKind, Problem, SceneError, blender};
+use std::path::{Path, PathBuf};
+
+/// A dialect and its main file.
+#[derive(Debug)]
+pub(crate) enum Found {
+    /// The training file.
+    Blender(PathBuf),
+    /// A parsed `transforms.json` of either family.
+    Transforms(Dialect, Document),
+    /// Dataset folder and models, best first.
+    Colmap(PathBuf, Vec<ModelFiles>),
+    /// `poses_bounds.npy`.
+    Llff(PathBuf),
+}
+
+impl Found {
+    pub(crate) fn dialect(&self) -> Dialect {
+        match self {
+            Self::Blender(_) => Dialect::Blender,
+            Self::Transforms(dialect, _) => *dialect,
+            Self::Colmap(..) => Dialect::Colmap,
+            Self::Llff(_) => Dialect::Llff,
+        }
+    }
+
+    /// The main file or folder, for messages.
+    pub(crate) fn place(&self) -> &Path {
+        match self {
+            Self::Blender(path) | Self::Colmap(path, _) | Self::Llff(path) => path,
+            Self::Transforms(_, document) => &document.file,
+        }
+    }
+}
+
+/// What a folder is searched for, in this order.
+const LOOKED_FOR: &str = "transforms_train.json (blender), transforms.json (instant-ngp, nerfstudio), sparse/0 with \
+                          cameras and images (colmap), poses_bounds.npy (llff)";
+
+/// Finds the dialect of a folder or file, and what else the folder holds.
+///
+/// A folder may hold several dialects; the first of `blender`, `transforms.json`, a complete COLMAP model, LLFF is
+/// taken unless [`LoadOptions::dialect`] says otherwise: COLMAP before LLFF because it knows the lens.
+pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<String>), SceneError> {
+    if let Err(error) = std::fs::metadata(path) {
+        return Err(SceneError::io(path, "open the dataset", error));
+    }
+    let wanted = |dialect: Dialect| options.dialect.is_none_or(|d| d == dialect);
+    if path.is_file() {
+        return file(path, options).map(|found| (found, Vec::new()));
+    }
+    let mut found = Vec::new();
+    let train = path.join("transforms_train.json");
+    if wanted(Dialect::Blender) && train.is_file() {
+        found.push(Found::Blender(train));
+    }
+    let transforms = path.join("transforms.json");
+    if (wanted(Dialect::InstantNgp) || wanted(Dialect::Nerfstudio)) && found.is_empty() && transforms.is_file() {
+        found.push(transforms_file(&transforms, options)?);
+    }
+    let models = if wanted(Dialect::Colmap) { colmap::find_models(path) } else { Vec::new() };
+    if let Some(first) = models.first() {
+        let root = if first.folder == path { colmap::dataset_root(path) } else { path.to_path_buf() };
+        let root = if path.file_name().is_some_and(|n| n == "sparse") { colmap::dataset_root(path) } else { root };
+        found.push(Found::Colmap(root, models));
+    }
+    let poses = path.join("poses_bounds.npy");
+    if wanted(Dialect::Llff) && poses.is_file() {
+        found.push(Found::Llff(poses));
+    }
+    let mut found = found.into_iter();
+    let Some(first) = found.next() else { return Err(nothing(path, options)) };
+    let mut notes: Vec<String> = found
+        .map(|other| {
+            let (dialect, used) = (other.dialect(), first.dialect());
+            format!("holds {} too: `--dialect {dialect}` reads that instead of {used}", other.place().display())
+        })
+        .collect();
+    notes.sort();
+    Ok((first, notes))
+}
+
+fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
+    if blender::is_training_file(path) && options.dialect.is_none_or(|d| d == Dialect::Blender) {
+        return Ok(Found::Blender(path.to_path_buf()));
+    }
+    if name.ends_with(".json") {
+        return transforms_file(path, options);
+    }
+    if name.ends_with(".npy") {
+        return Ok(Found::Llff(path.to_path_buf()));
+    }
+    let stem = path.file_stem().and_then(|n| n.to_str()).unwrap_or("");
+    if ["cameras", "images", "points3D"].contains(&stem)
+        && let Some(folder) = path.parent()
+        && let Some(model) = ModelFiles::find(folder)
+    {
+        return Ok(Found::Colmap(colmap::dataset_root(folder), vec![model]));
+    }
+    let what = "is no dataset file: expected transforms*.json, poses_bounds.npy or a file of a COLMAP model";
+    Err(SceneError::new(ErrorKind::Layout, Problem::new(path, what, "give the dataset's folder")))
+}
+
+/// Keys that only nerfstudio writes.
+const NERFSTUDIO_TOP: [&str; 8] = [
+    "camera_model",
+    "applied_transform",
+    "applied_scale",
+    "ply_file_path",
+    "orientation_override",
+    "train_filenames",
+    "val_filenames",
+    "test_filenames",
+];
+
+fn transforms_file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
+    let document = Document::read(path)?;
+    let dialect = match options.dialect {
+        Some(dialect @ (Dialect::InstantNgp | Dialect::Nerfstudio)) => dialect,
+        _ => {
+            let top = document.top().map_err(|p| SceneError::new(ErrorKind::Format, p))?;
+            let frame = top.objects("frames").ok().flatten().and_then(|f| f.into_iter().next());
+            let in_frame = |key| frame.as_ref().is_some_and(|f| f.has(key));
+            let nerfstudio = NERFSTUDIO_TOP.iter().any(|key| top.has(key))
+                || ["mask_path", "depth_file_path", "fl_x", "camera_model"].into_iter().any(in_frame);
+            let ngp = top.has("aabb_scale") || in_frame("sharpness");
+            if nerfstudio && !ngp { Dialect::Nerfstudio } else { Dialect::InstantNgp }
+        }
+    };
+    Ok(Found::Transforms(dialect, document))
+}
+
+fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
+    let variants = blender::training_files(path);
+    if let [first, ..] = variants.as_slice() {
+        let names: Vec<String> = variants.iter().map(|v| v.display().to_string()).collect();
+        let what = format!("holds no transforms_train.json, but {}", names.join(", "));
+        let remedy = format!("give one of them as the path, for example {}", first.display());
+        return SceneError::new(ErrorKind::Layout, Problem::new(path, what, remedy));
+    }
+    let mut what = match options.dialect {
+        Some(dialect) => format!("holds no {dialect} dataset; looked for {LOOKED_FOR}"),
+        None => format!("holds no dataset that is known; looked for {LOOKED_FOR}"),
+    };
+    let incomplete = ["sparse/0", "sparse", "."].iter().map(|s| path.join(s)).find(|folder| {
+        let has = |name: &str| folder.join(name).is_file();
+        has("cameras.bin") || has("cameras.txt") || has("images.bin") || has("images.txt")
+    });
+    if let Some(folder) = incomplete {
+        what.push_str(&format!("; the COLMAP model in {} lacks its cameras or images file", folder.display()));
+    }
+    let folders: Vec<String> = std::fs::read_dir(path)
+        .into_iter()
+        .flatten()
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| p.is_dir() && p.join("transforms_train.json").is_file() || p.join("transforms.json").is_file())
+        .map(|p| p.display().to_string())
+        .collect();
+    let remedy = match folders.iter().min() {
+        Some(folder) => format!("a folder in it holds one: {folder}"),
+        None => "give the folder that holds one of these".into(),
+    };
+    SceneError::new(ErrorKind::Layout, Problem::new(path, what, remedy))
+}

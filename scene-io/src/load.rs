@@ -1,0 +1,71 @@
+//! From a path to a [`Scene`].
+
+use crate::assemble::{Assembled, Reading, assemble};
+use crate::detect::{Found, detect};
+use crate::{
+    Dialect, ErrorKind, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp, llff,
+    nerfstudio, splits,
+};
+use std::path::Path;
+
+/// Reads a dataset from its folder or main file, in whatever dialect it is.
+///
+/// Image headers are read, pixels are not: see [`crate::ImageStore`].
+///
+/// # Errors
+/// The first thing that makes training impossible, and how many more there are; [`crate::check`] lists all.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
+    let (scene, problems) = load_all(path, options)?;
+    let mut errors = problems.into_iter().filter(|p| p.severity == Severity::Error);
+    match errors.next() {
+        None => Ok(scene),
+        Some(first) => Err(SceneError::new(kind_of(&first), first).and_more(errors.count())),
+    }
+}
+
+/// Problems collected while reading were checked values, except those of image files.
+fn kind_of(problem: &Problem) -> ErrorKind {
+    if crate::files::is_image(&problem.file) { ErrorKind::Image } else { ErrorKind::Value }
+}
+
+/// The scene as far as it could be read, and all problems met. Where problems leave no frame to train on, they are
+/// the error.
+pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec<Problem>), SceneError> {
+    let (found, mut notes) = detect(path, options)?;
+    let dialect = found.dialect();
+    let reading = read(found, options)?;
+    let Assembled { mut frames, notes: more_notes, problems: more_problems } = assemble(&reading, options);
+    let Reading { root, points, layout, bounds, splits, notes: reading_notes, mut problems, .. } = reading;
+    notes.extend(reading_notes);
+    notes.extend(more_notes);
+    problems.extend(more_problems);
+    let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes);
+    if let Err(error) = split {
+        // With broken frames left out, an empty split may only be their consequence: they are named first.
+        let mut errors = problems.iter().filter(|p| p.severity == Severity::Error).cloned();
+        let Some(first) = errors.next() else { return Err(error) };
+        problems.retain(|p| *p != first);
+        let scene = Scene { name: name_of(&root), root, dialect, frames, points, layout, bounds, notes };
+        let mut all = vec![first];
+        all.extend(problems);
+        all.push(error.into_problem());
+        return Ok((scene, all));
+    }
+    Ok((Scene { name: name_of(&root), root, dialect, frames, points, layout, bounds, notes }, problems))
+}
+
+fn read(found: Found, options: &LoadOptions) -> Result<Reading, SceneError> {
+    match found {
+        Found::Blender(train) => blender::read(&train, options),
+        Found::Transforms(Dialect::Nerfstudio, document) => nerfstudio::read(&document),
+        Found::Transforms(_, document) => instant_ngp::read(&document),
+        Found::Colmap(root, models) => colmap::read(&root, &models, options),
+        Found::Llff(file) => llff::read(&file, options),
+    }
+}
+
+/// The folder's name, also for `.` and `..`.
+fn name_of(root: &Path) -> String {
+    let full = root.canonicalize().unwrap_or_else(|_| root.to_path_buf());
+    full.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,201 @@
+//! NumPy `.npy` arrays of numbers, read as `f64`.
+//!
+//! Own code, because sizes must be held against the file before anything is allocated and errors must name the byte;
+//! only plain little- or big-endian numbers are read, no objects.
+
+use crate::{ErrorKind, Place, Problem, SceneError, files};
+use std::path::Path;
+
+/// An array in C order.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Array {
+    /// Dimensions, slowest first.
+    pub(crate) shape: Vec<usize>,
+    /// Values in C order.
+    pub(crate) data: Vec<f64>,
+}
+
+/// Reads an array of any of `f2 f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 b1`, in C or Fortran order.
+pub(crate) fn read(path: &Path) -> Result<Array, SceneError> {
+    parse(path, &files::read_bytes(path)?)
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<Array, SceneError> {
+    let wrong = |at: usize, what: String| {
+        let remedy = "write the file again with numpy.save";
+        SceneError::new(ErrorKind::Format, Problem::new(path, what, remedy).at(Place::Byte(at as u64)))
+    };
+    if !bytes.starts_with(b"\x93NUMPY") {
+        return Err(wrong(0, format!("is no .npy file ({} bytes)", bytes.len())));
+    }
+    let (start, length): (usize, usize) = match (bytes.get(6), bytes.get(8..10), bytes.get(8..12)) {
+        (Some(1), Some(&[a, b]), _) => (10, usize::from(u16::from_le_bytes([a, b]))),
+        (Some(2 | 3), _, Some(&[a, b, c, d])) => (12, u32::from_le_bytes([a, b, c, d]) as usize),
+        (Some(version @ 4..), ..) => return Err(wrong(6, format!("version {version} of the format is not known"))),
+        _ => return Err(wrong(bytes.len(), "is cut off in its header".into())),
+    };
+    let Some(header) = start.checked_add(length).and_then(|end| bytes.get(start..end)) else {
+        return Err(wrong(start, format!("is cut off in its header of {length} bytes")));
+    };
+    let header = String::from_utf8_lossy(header);
+    let field = |key: &str| {
+        let at = header.find(&format!("'{key}'"))? + key.len() + 2;
+        Some(header[at..].trim_start().strip_prefix(':')?.trim_start())
+    };
+    let bad_header = || wrong(start, format!("its header cannot be read: {}", header.trim()));
+    let descr = field("descr").and_then(|f| f.strip_prefix('\'')?.split('\'').next()).ok_or_else(bad_header)?;
+    let fortran = match field("fortran_order").ok_or_else(bad_header)? {
+        f if f.starts_with("True") => true,
+        f if f.starts_with("False") => false,
+        _ => return Err(bad_header()),
+    };
+    let shape = field("shape").and_then(|f| f.strip_prefix('(')?.split(')').next()).ok_or_else(bad_header)?;
+    let shape = shape
+        .split(',')
+        .map(str::trim)
+        .filter(|d| !d.is_empty())
+        .map(|d| d.parse::<usize>().map_err(|_| bad_header()))
+        .collect::<Result<Vec<_>, _>>()?;
+    let (big, kind) = match descr.split_at_checked(1) {
+        Some(("<" | "|" | "=", kind)) => (false, kind),
+        Some((">", kind)) => (true, kind),
+        _ => return Err(bad_header()),
+    };
+    let size = match kind {
+        "u1" | "i1" | "b1" => 1,
+        "u2" | "i2" | "f2" => 2,
+        "u4" | "i4" | "f4" => 4,
+        "u8" | "i8" | "f8" => 8,
+        _ => return Err(wrong(start, format!("holds values of type `{descr}`, and only numbers are read"))),
+    };
+    let body = &bytes[start + length..];
+    let count = shape.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
+    let Some(count) = count.filter(|n| n.checked_mul(size).is_some_and(|b| b <= body.len())) else {
+        let what = format!("is cut off: shape {shape:?} of `{descr}` and {} bytes of values", body.len());
+        return Err(wrong(start + length, what));
+    };
+    let values: Vec<f64> = body.chunks_exact(size).take(count).map(|v| number(kind, big, v)).collect();
+    let data = if fortran { to_c_order(&shape, &values) } else { values };
+    Ok(Array { shape, data })
+}
+
+fn number(kind: &str, big: bool, bytes: &[u8]) -> f64 {
+    let mut le = [0; 8];
+    le[..bytes.len()].copy_from_slice(bytes);
+    if big {
+        le[..bytes.len()].reverse();
+    }
+    let [a, b, c, d, ..] = le;
+    match kind {
+        "u1" => f64::from(a),
+        "i1" => f64::from(a as i8),
+        "b1" => f64::from(u8::from(a != 0)),
+        "u2" => f64::from(u16::from_le_bytes([a, b])),
+        "i2" => f64::from(i16::from_le_bytes([a, b])),
+        "f2" => half(u16::from_le_bytes([a, b])),
+        "u4" => f64::from(u32::from_le_bytes([a, b, c, d])),
+        "i4" => f64::from(i32::from_le_bytes([a, b, c, d])),
+        "f4" => f64::from(f32::from_le_bytes([a, b, c, d])),
+        "u8" => u64::from_le_bytes(le) as f64,
+        "i8" => i64::from_le_bytes(le) as f64,
+        _ => f64::from_le_bytes(le),
+    }
+}
+
+/// IEEE 754 binary16.
+fn half(bits: u16) -> f64 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));
+    sign * match exponent {
+        0 => fraction * 2_f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        e => (1024.0 + fraction) * 2_f64.powi(e - 25),
+    }
+}
+
+fn to_c_order(shape: &[usize], fortran: &[f64]) -> Vec<f64> {
+    let mut index = vec![0; shape.len()];
+    let mut out = Vec::with_capacity(fortran.len());
+    for _ in 0..fortran.len() {
+        // Position in Fortran order: the first index runs fastest.
+        let at = index.iter().zip(shape).rev().fold(0, |at, (i, n)| at * n + i);
+        out.push(fortran[at]);
+        for (i, n) in index.iter_mut().zip(shape).rev() {
+            *i += 1;
+            if *i < *n {
+                break;
+            }
+            *i = 0;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use npyz::{AutoSerialize, Order, WriterBuilder};
+    use proptest::prelude::*;
+
+    fn written<T: AutoSerialize + npyz::Serialize + Copy>(shape: &[u64], order: Order, data: &[T]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let options = npyz::WriteOptions::new().default_dtype().shape(shape).order(order).writer(&mut bytes);
+        let mut writer = options.begin_nd().unwrap();
+        writer.extend(data.iter().copied()).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    fn file(bytes: &[u8]) -> Result<Array, SceneError> {
+        parse(Path::new("a.npy"), bytes)
+    }
+
+    #[test]
+    fn arrays_of_another_writer_are_read() {
+        let data = [1.5_f64, -2.0, 3.0, 4.0, 5.0, 1e-300];
+        let array = file(&written(&[2, 3], Order::C, &data)).unwrap();
+        assert_eq!((array.shape.as_slice(), array.data.as_slice()), (&[2, 3][..], &data[..]));
+        let fortran = file(&written(&[2, 3], Order::Fortran, &data)).unwrap();
+        assert_eq!(fortran.data, [1.5, 3.0, 5.0, -2.0, 4.0, 1e-300]);
+        assert_eq!(file(&written(&[2], Order::C, &[7_i32, -8])).unwrap().data, [7.0, -8.0]);
+        assert_eq!(file(&written(&[2], Order::C, &[0.1_f32, 2.0])).unwrap().data, [f64::from(0.1_f32), 2.0]);
+        assert_eq!(file(&written::<u8>(&[0, 4], Order::C, &[])).unwrap().data, [] as [f64; 0]);
+    }
+
+    #[test]
+    fn half_floats_have_their_known_values() {
+        for (bits, want) in [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (1, 5.960_464_477_539_063e-8)] {
+            assert_eq!(half(bits), want);
+        }
+        assert!(half(0x7c01).is_nan() && half(0xfc00) == f64::NEG_INFINITY);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+
+        #[test]
+        fn corrupted_files_never_panic(cut in 0_usize..200, at in 0_usize..200, byte: u8) {
+            let mut bytes = written(&[3, 4], Order::C, &[0.5_f64; 12]);
+            if let Some(b) = bytes.get_mut(at) { *b = byte; }
+            bytes.truncate(cut.max(1));
+            let _ = file(&bytes);
+        }
+
+        #[test]
+        fn cut_files_are_refused(cut in 0_usize..224) {
+            let bytes = written(&[3, 4], Order::C, &[0.5_f64; 12]);
+            prop_assume!(cut < bytes.len());
+            prop_assert!(file(&bytes[..cut]).is_err());
+        }
+
+        #[test]
+        fn forged_shapes_do_not_allocate(a: u64, b: u64) {
+            let text = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({a}, {b}), }}");
+            let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+            bytes.extend((text.len() as u16).to_le_bytes());
+            bytes.extend(text.as_bytes());
+            prop_assert_eq!(file(&bytes).is_ok(), a == 0 || b == 0);
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! Coloured points from PLY files: ASCII and both binary forms, any vertex properties besides position and colour.
+
+use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
+use glam::DVec3;
+use std::path::Path;
+
+const REMEDY: &str = "export the points again as PLY with x, y, z and red, green, blue";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// The value of the first [`Scalar::size`] bytes.
+    fn decode(self, bytes: &[u8], encoding: Encoding) -> f64 {
+        let mut le = [0; 8];
+        let n = self.size();
+        le[..n].copy_from_slice(&bytes[..n]);
+        if encoding == Encoding::Big {
+            le[..n].reverse();
+        }
+        let [a, b, c, d, ..] = le;
+        match self {
+            Self::I8 => f64::from(a as i8),
+            Self::U8 => f64::from(a),
+            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::F64 => f64::from_le_bytes(le),
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Header {
+    encoding: Encoding,
+    count: usize,
+    properties: Vec<(String, Scalar)>,
+    /// Lines of the header, for line numbers of ASCII bodies.
+    lines: usize,
+    /// Where the body starts.
+    body: usize,
+}
+
+/// Reads the vertices of a PLY file; without colours they are grey.
+///
+/// # Errors
+/// Names the line or byte where the file is no such PLY, is cut off, or holds a coordinate that is not finite.
+pub(crate) fn read_points(path: &Path) -> Result<Vec<Point>, SceneError> {
+    let bytes = files::read_bytes(path)?;
+    let header = header(path, &bytes)?;
+    let find = |names: &[&str]| header.properties.iter().position(|(n, _)| names.contains(&n.as_str()));
+    let position = [find(&["x"]), find(&["y"]), find(&["z"])];
+    let [Some(x), Some(y), Some(z)] = position else {
+        return Err(wrong(path, Place::File, "the vertices lack x, y or z"));
+    };
+    let colour = [find(&["red", "r"]), find(&["green", "g"]), find(&["blue", "b"])];
+    let point = |values: &[f64], place: Place| {
+        let xyz = DVec3::new(values[x], values[y], values[z]);
+        if !xyz.is_finite() {
+            return Err(wrong(path, place, &format!("the point {xyz} is not finite")));
+        }
+        let rgb = match colour {
+            [Some(r), Some(g), Some(b)] => [r, g, b].map(|i| {
+                // Floating-point colours are in [0, 1], whole ones in [0, 255].
+                let float = matches!(header.properties[i].1, Scalar::F32 | Scalar::F64);
+                (values[i] * if float { 255.0 } else { 1.0 } + 0.5) as u8
+            }),
+            _ => [128; 3],
+        };
+        Ok(Point { xyz, rgb })
+    };
+    match header.encoding {
+        Encoding::Ascii => ascii(path, &bytes, &header, point),
+        _ => binary(path, &bytes, &header, point),
+    }
+}
+
+fn ascii(
+    path: &Path,
+    bytes: &[u8],
+    header: &Header,
+    point: impl Fn(&[f64], Place) -> Result<Point, SceneError>,
+) -> Result<Vec<Point>, SceneError> {
+    let text = String::from_utf8_lossy(&bytes[header.body..]);
+    let mut lines = text.lines().enumerate();
+    let mut points = Vec::new();
+    let mut values = Vec::new();
+    for _ in 0..header.count {
+        let Some((i, line)) = lines.next() else {
+            let what = format!("is cut off: {} of {} points", points.len(), header.count);
+            return Err(wrong(path, Place::File, &what));
+        };
+        let place = Place::Line(header.lines + i + 1);
+        values.clear();
+        for word in line.split_ascii_whitespace() {
+            match word.parse::<f64>() {
+                Ok(value) => values.push(value),
+                Err(_) => return Err(wrong(path, place, &format!("`{word}` is no number"))),
+            }
+        }
+        if values.len() < header.properties.len() {
+            let what = format!("{} values where {} are listed", values.len(), header.properties.len());
+            return Err(wrong(path, place, &what));
+        }
+        points.push(point(&values, place)?);
+    }
+    Ok(points)
+}
+
+fn binary(
+    path: &Path,
+    bytes: &[u8],
+    header: &Header,
+    point: impl Fn(&[f64], Place) -> Result<Point, SceneError>,
+) -> Result<Vec<Point>, SceneError> {
+    let stride: usize = header.properties.iter().map(|(_, s)| s.size()).sum();
+    let body = &bytes[header.body..];
+    if stride == 0 || body.len() / stride < header.count {
+        let what = format!("is cut off: {} points listed, {} bytes of {stride} each", header.count, body.len());
+        return Err(wrong(path, Place::File, &what));
+    }
+    let mut values = vec![0.0; header.properties.len()];
+    let mut points = Vec::with_capacity(header.count);
+    for (i, record) in body.chunks_exact(stride).take(header.count).enumerate() {
+        let mut at = 0;
+        for (value, (_, scalar)) in values.iter_mut().zip(&header.properties) {
+            *value = scalar.decode(&record[at..], header.encoding);
+            at += scalar.size();
+        }
+        points.push(point(&values, Place::Byte((header.body + i * stride) as u64))?);
+    }
+    Ok(points)
+}
+
+fn header(path: &Path, bytes: &[u8]) -> Result<Header, SceneError> {
+    let mut header = Header { encoding: Encoding::Ascii, count: 0, properties: Vec::new(), lines: 0, body: 0 };
+    let (mut in_vertex, mut seen_vertex, mut known) = (false, false, false);
+    loop {
+        let rest = &bytes[header.body..];
+        let Some(end) = rest.iter().position(|b| *b == b'\n') else {
+            return Err(wrong(path, Place::File, "is no PLY file: its header does not end"));
+        };
+        header.body += end + 1;
+        header.lines += 1;
+        let line = String::from_utf8_lossy(&rest[..end]);
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        let place = Place::Line(header.lines);
+        match words.as_slice() {
+            ["ply"] if header.lines == 1 => {}
+            _ if header.lines == 1 => return Err(wrong(path, place, "is no PLY file")),
+            ["format", encoding, _] => {
+                known = true;
+                header.encoding = match *encoding {
+                    "ascii" => Encoding::Ascii,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
+                    other => return Err(wrong(path, place, &format!("`{other}` is no PLY format"))),
+                };
+            }
+            ["element", "vertex", count] => {
+                (in_vertex, seen_vertex) = (true, true);
+                header.count = count.parse().map_err(|_| wrong(path, place, "the number of vertices is no number"))?;
+            }
+            ["element", name, _] => {
+                if !seen_vertex {
+                    let what = format!("element `{name}` stands before the vertices");
+                    return Err(wrong(path, place, &what));
+                }
+                in_vertex = false;
+            }
+            ["property", "list", ..] if in_vertex => return Err(wrong(path, place, "lists in vertices are not read")),
+            ["property", kind, name] if in_vertex => {
+                let scalar = Scalar::parse(kind).ok_or_else(|| wrong(path, place, &format!("`{kind}` is no type")))?;
+                header.properties.push(((*name).to_owned(), scalar));
+            }
+            ["end_header"] if known && seen_vertex => return Ok(header),
+            ["end_header"] => return Err(wrong(path, place, "the header lacks the format or the vertices")),
+            _ => {} // comments, obj_info, properties of other elements
+        }
+    }
+}
+
+fn wrong(path: &Path, place: Place, what: &str) -> SceneError {
+    SceneError::new(ErrorKind::Format, Problem::new(path, what, REMEDY).at(place))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(bytes: &[u8]) -> Result<Vec<Point>, SceneError> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        read_points(file.path())
+    }
+
+    const HEADER: &str = "ply\r\nformat FORMAT 1.0\ncomment c\nelement vertex 2\nproperty float x\nproperty double y\n\
+                          property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
+                          element face 0\nproperty list uchar int vertex_indices\nend_header\n";
+
+    #[test]
+    fn the_three_encodings_agree() {
+        let want = [
+            Point { xyz: DVec3::new(1.0, 2.5, -3.0), rgb: [1, 2, 255] },
+            Point { xyz: DVec3::new(0.5, 0.1, 4.0), rgb: [9, 8, 7] },
+        ];
+        let ascii = HEADER.replace("FORMAT", "ascii") + "1 2.5 -3 1 2 255\n0.5 0.1 4 9 8 7\n";
+        assert_eq!(read(ascii.as_bytes()).unwrap(), want);
+        let mut little = HEADER.replace("FORMAT", "binary_little_endian").into_bytes();
+        let mut big = HEADER.replace("FORMAT", "binary_big_endian").into_bytes();
+        for p in want {
+            little.extend((p.xyz.x as f32).to_le_bytes());
+            little.extend(p.xyz.y.to_le_bytes());
+            little.extend((p.xyz.z as f32).to_le_bytes());
+            little.extend(p.rgb);
+            big.extend((p.xyz.x as f32).to_be_bytes());
+            big.extend(p.xyz.y.to_be_bytes());
+            big.extend((p.xyz.z as f32).to_be_bytes());
+            big.extend(p.rgb);
+        }
+        assert_eq!(read(&little).unwrap(), want);
+        assert_eq!(read(&big).unwrap(), want);
+        for length in 0..little.len() {
+            assert!(read(&little[..length]).is_err(), "cut to {length} of {} bytes", little.len());
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn forged_counts_do_not_allocate(count: u64) {
+            let text = HEADER.replace("FORMAT", "binary_little_endian").replace("vertex 2", &format!("vertex {count}"));
+            prop_assert_eq!(read(text.as_bytes()).is_ok(), count == 0);
+        }
+    }
+}
