@@ -107,9 +107,9 @@ proptest! {
         let n = batch.prediction.len();
         let mut loss = vec![f32::NAN; n];
         photometric::per_ray(Kernel::Squared, &batch.prediction, &batch.target, &mut loss).unwrap();
-        for i in 0..n {
+        for (i, &loss) in loss.iter().enumerate() {
             let one = photometric::mean(Kernel::Squared, &batch.prediction[i..=i], &batch.target[i..=i], None).unwrap();
-            prop_assert_eq!(loss[i], one as f32);
+            prop_assert_eq!(loss, one as f32);
         }
         // Its backward pass with weights as cotangents is that of the weighted sum.
         let (mut a, mut b) = (vec![[0.0_f32; 3]; n], vec![[0.0_f32; 3]; n]);

@@ -123,7 +123,10 @@ fn weights_file() -> Option<PathBuf> {
 #[test]
 fn lpips_matches_golden() {
     let Some(path) = weights_file() else {
-        skipped("lpips_matches_golden", "no file `../shared/weights/lpips_squeeze.safetensors`, and WILDFIELD_LPIPS names none");
+        skipped(
+            "lpips_matches_golden",
+            "no file `../shared/weights/lpips_squeeze.safetensors`, and WILDFIELD_LPIPS names none",
+        );
         return;
     };
     let bytes = std::fs::read(path).unwrap();

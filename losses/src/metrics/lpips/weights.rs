@@ -75,8 +75,11 @@ impl fmt::Display for LpipsError {
 
 impl core::error::Error for LpipsError {}
 
+/// Where tensors come from.
+type Source<'l, 'w> = Box<dyn FnMut(&str) -> Option<LpipsTensor<'w>> + 'l>;
+
 /// Fetches tensors and checks them.
-pub(super) struct Lookup<'l, 'w>(Box<dyn FnMut(&str) -> Option<LpipsTensor<'w>> + 'l>);
+pub(super) struct Lookup<'l, 'w>(Source<'l, 'w>);
 
 impl<'l, 'w> Lookup<'l, 'w> {
     pub(super) fn new(lookup: impl FnMut(&str) -> Option<LpipsTensor<'w>> + 'l) -> Self {
