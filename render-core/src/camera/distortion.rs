@@ -104,23 +104,38 @@ impl Distortion {
         bar.s[1] += d_bar.y * r2;
     }
 
-    /// Radius up to which the radial part grows with the radius (and has no pole), at most `limit`.
+    /// Radius, at most `limit`, of a disc on which the map is one to one.
     ///
-    /// Past it several points of the scene meet in one pixel: the fold of the lens.
+    /// Past the fold of a lens several points of the scene meet in one pixel. For a radial map this is where `r g(r2)`
+    /// stops growing, or has a pole. Tangential and prism terms change the smallest stretch of the map at radius `r`
+    /// by at most `bend r`, `bend = 6 |p| + 2 |s|`; a map whose symmetrised Jacobian is positive on a disc is one to
+    /// one there. So `bend r` is taken off: a little inside of the true fold, and the same in all directions.
     pub(super) fn fold_radius(&self, limit: f64) -> f64 {
         let n = [1.0, self.num[0], self.num[1], self.num[2], self.num[3]];
         let d = [1.0, self.den[0], self.den[1], self.den[2]];
-        // d(r N/D)/dr = ((N + 2 u N') D - 2 u N D') / D^2 with u = r^2.
-        let mut slope: Coefficients = [0.0; 8];
-        for (i, n) in n.iter().enumerate() {
-            for (j, d) in d.iter().enumerate() {
-                slope[i + j] += (1.0 + 2.0 * i as f64 - 2.0 * j as f64) * n * d;
+        let bend = 6.0 * m64::hypot(self.p[0], self.p[1]) + 2.0 * m64::hypot(self.s[0], self.s[1]);
+        // As polynomials in u = r^2 without a bend, else in r.
+        let (stride, limit) = if bend == 0.0 { (1, limit * limit) } else { (2, limit) };
+        let (mut along, mut across, mut pole): (Coefficients, Coefficients, Coefficients) = Default::default();
+        for (j, d_j) in d.iter().enumerate() {
+            pole[stride * j] = *d_j;
+            // Stretch along the radius, times D^2: (N + 2 u N') D - 2 u N D' - bend r D^2.
+            for (i, n_i) in n.iter().enumerate() {
+                along[stride * (i + j)] += (1.0 + 2.0 * i as f64 - 2.0 * j as f64) * n_i * d_j;
+            }
+            if bend > 0.0 {
+                for (i, d_i) in d.iter().enumerate() {
+                    along[2 * (i + j) + 1] -= bend * d_i * d_j;
+                }
+                // Across it, times D: N - bend r D.
+                across[2 * j + 1] -= bend * d_j;
             }
         }
-        let mut pole: Coefficients = [0.0; 8];
-        pole[..4].copy_from_slice(&d);
-        let u_max = first_sign_change(&slope, limit * limit).min(first_sign_change(&pole, limit * limit));
-        m64::sqrt(u_max)
+        for (i, n_i) in n.iter().enumerate() {
+            across[stride * i] += n_i;
+        }
+        let first = [along, across, pole].iter().fold(limit, |first, c| first_sign_change(c, first));
+        if bend == 0.0 { m64::sqrt(first) } else { first }
     }
 
     /// The point within `r_max` that the map sends to `target`, `None` where there is none.

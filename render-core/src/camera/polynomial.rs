@@ -1,7 +1,7 @@
 //! Where a polynomial first becomes zero: the fold of a lens.
 
 /// Coefficients of the polynomials here, constant term first.
-pub(super) type Coefficients = [f64; 8];
+pub(super) type Coefficients = [f64; 16];
 
 /// `c[0] + c[1] x + ...` by Horner's rule.
 pub(super) fn evaluate(c: &[f64], x: f64) -> f64 {
@@ -17,7 +17,7 @@ pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
     if c[0] > 0.0 && c.iter().all(|&c| c >= 0.0) {
         return limit;
     }
-    let mut roots = [0.0; 8];
+    let mut roots = [0.0; 16];
     match sign_changes(c, limit, &mut roots) {
         0 => limit,
         _ => roots[0],
@@ -25,16 +25,16 @@ pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
 }
 
 /// All sign changes in `(0, limit)`, ascending; returns how many there are.
-fn sign_changes(c: &Coefficients, limit: f64, roots: &mut [f64; 8]) -> usize {
+fn sign_changes(c: &Coefficients, limit: f64, roots: &mut Coefficients) -> usize {
     let degree = c.iter().rposition(|&c| c != 0.0).unwrap_or(0);
     if degree == 0 {
         return 0;
     }
-    let mut derivative = [0.0; 8];
+    let mut derivative = [0.0; 16];
     for (i, d) in derivative.iter_mut().enumerate().take(degree) {
         *d = c[i + 1] * (i + 1) as f64;
     }
-    let mut turning = [0.0; 8];
+    let mut turning = [0.0; 16];
     let turns = sign_changes(&derivative, limit, &mut turning);
     let (mut found, mut lo) = (0, 0.0);
     for &hi in turning[..turns].iter().chain(&[limit]) {
@@ -63,24 +63,32 @@ fn bisect(c: &[f64], mut lo: f64, mut hi: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn padded<const N: usize>(c: [f64; N]) -> Coefficients {
+        core::array::from_fn(|i| c.get(i).copied().unwrap_or(0.0))
+    }
+
     #[test]
     fn first_sign_change_finds_the_smallest_of_several_roots() {
-        // (x - 0.5)(x - 2)(x - 3) = -3 + 8.5 x - 5.5 x^2 + x^3
-        let c = [-3.0, 8.5, -5.5, 1.0, 0.0, 0.0, 0.0, 0.0];
+        // (x - 0.5)(x - 2)(x - 3)
+        let c = padded([-3.0, 8.5, -5.5, 1.0]);
         assert!((first_sign_change(&c, 1e12) - 0.5).abs() < 1e-12);
         assert_eq!(first_sign_change(&c, 0.4), 0.4);
     }
 
     #[test]
     fn first_sign_change_of_a_positive_polynomial_is_the_limit() {
-        assert_eq!(first_sign_change(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 7.0), 7.0);
+        assert_eq!(first_sign_change(&padded([1.0]), 7.0), 7.0);
         // 1 - x + x^2 has no real root.
-        assert_eq!(first_sign_change(&[1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1e12), 1e12);
+        assert_eq!(first_sign_change(&padded([1.0, -1.0, 1.0]), 1e12), 1e12);
     }
 
     #[test]
-    fn first_sign_change_handles_tiny_coefficients() {
-        let root = first_sign_change(&[1.0, -1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 1e12);
+    fn first_sign_change_handles_tiny_coefficients_and_high_degrees() {
+        let root = first_sign_change(&padded([1.0, -1e-9]), 1e12);
         assert!((root * 1e-9 - 1.0).abs() < 1e-12);
+        // 1 - x^15
+        let mut c = padded([1.0]);
+        c[15] = -1.0;
+        assert!((first_sign_change(&c, 1e6) - 1.0).abs() < 1e-12);
     }
 }

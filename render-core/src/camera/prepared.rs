@@ -71,11 +71,6 @@ impl Prepared {
     #[must_use]
     pub fn project_from_camera(&self, x_camera: DVec3) -> Option<DVec2> {
         let q = self.plane(x_camera)?;
-        if let Model::Tangent(d) | Model::Equidistant(d) = self.model {
-            // Tangential terms can fold the picture inside of the radial limit.
-            let upright = d.is_radial() || d.jacobian(q).determinant() > 0.0;
-            upright.then_some(())?;
-        }
         let d = self.distort(q);
         let c = &self.camera;
         let pixel = DVec2::new(c.fx * d.x + c.cx, c.fy * d.y + c.cy);
