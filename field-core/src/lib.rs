@@ -10,8 +10,10 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("field-core needs a float backend: enable `std` or `libm`");
 
+pub mod embedding;
 pub mod encoding;
 mod error;
+pub mod init;
 pub mod mlp;
 pub mod rng;
 

@@ -244,7 +244,7 @@ impl HashGrid {
         for (rank, &level) in order[..count].iter().enumerate() {
             slots[level] = rank / 2 + rank % 2 * count.div_ceil(2);
         }
-        let mut words = touched.map(Touched::split);
+        let mut words = touched.map(Touched::levels_mut);
         let mut rest = grad;
         let mut jobs: [Option<LevelJob<'_>>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
         for level in 0..count {

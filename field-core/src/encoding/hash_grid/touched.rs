@@ -50,7 +50,7 @@ impl Touched {
     }
 
     /// The words of all levels, one slice after the other.
-    pub(super) fn split(&mut self) -> impl Iterator<Item = &mut [u64]> {
+    pub fn levels_mut(&mut self) -> impl Iterator<Item = &mut [u64]> {
         let mut rest = self.words.as_mut_slice();
         self.levels.iter().map(move |range| {
             let (head, tail) = core::mem::take(&mut rest).split_at_mut(range.len());

@@ -12,8 +12,8 @@ pub(crate) type Lanes = [f32; BLOCK];
 /// One number for each corner of each point's cell; corner `c` has bit 0 = +x, bit 1 = +y, bit 2 = +z.
 pub(crate) type Corners<T> = [[T; BLOCK]; 8];
 
-/// Adding and subtracting `2^23` rounds numbers in `[0, 2^23)` to integers.
-const ROUND: f32 = 8_388_608.0;
+/// Adding and subtracting `2^52` rounds numbers in `[0, 2^52)` to integers.
+const ROUND: f64 = 4_503_599_627_370_496.0;
 
 /// Where sixteen points lie in their cells.
 #[derive(Clone, Copy)]
@@ -49,13 +49,15 @@ impl Cells {
                 let inside = if (0.0..=1.0).contains(&x) { lattice.scale[a] } else { 0.0 };
                 let x = if x > 0.0 { x } else { 0.0 };
                 let x = if x < 1.0 { x } else { 1.0 };
-                let p = x * lattice.scale[a] + lattice.shift;
+                // In f64, where this is exact: in f32 the fraction loses a bit for each doubling of the resolution.
+                let p = f64::from(x) * f64::from(lattice.scale[a]) + f64::from(lattice.shift);
                 let nearest = (p + ROUND) - ROUND;
                 let floor = if nearest > p { nearest - 1.0 } else { nearest };
-                let floor = if floor < lattice.last_cell[a] { floor } else { lattice.last_cell[a] };
+                let last = f64::from(lattice.last_cell[a]);
+                let floor = if floor < last { floor } else { last };
                 // The integer lies in the low bits of the mantissa.
-                cells.base[a][i] = (floor + ROUND).to_bits() & 0x007F_FFFF;
-                let f = p - floor;
+                cells.base[a][i] = (floor + ROUND).to_bits() as u32;
+                let f = (p - floor) as f32;
                 match interpolation {
                     Interpolation::Linear => {
                         cells.upper[a][i] = f;
