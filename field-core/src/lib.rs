@@ -16,5 +16,6 @@ mod error;
 pub mod init;
 pub mod mlp;
 pub mod rng;
+pub mod tape;
 
 pub use error::FieldError;
