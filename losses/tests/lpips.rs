@@ -86,13 +86,13 @@ mod naive {
     fn conv(weights: &Weights, name: &str, x: &Map, stride: usize, pad: usize) -> Map {
         let (shape, weight) = tensor(weights, &format!("{name}.weight"));
         let bias = &tensor(weights, &format!("{name}.bias")).1;
-        let [o, i, side] = [shape[0], shape[1], shape[2]];
+        let [i, side] = [shape[1], shape[2]];
         let (w, h) = ((x.w + 2 * pad - side) / stride + 1, (x.h + 2 * pad - side) / stride + 1);
         let mut data = Vec::new();
-        for o in 0..o {
+        for (o, &bias) in bias.iter().enumerate() {
             for y in 0..h {
                 for column in 0..w {
-                    let mut sum = f64::from(bias[o]);
+                    let mut sum = f64::from(bias);
                     for c in 0..i {
                         for dy in 0..side {
                             for dx in 0..side {
@@ -108,7 +108,7 @@ mod naive {
                 }
             }
         }
-        Map { c: o, w, h, data }
+        Map { c: bias.len(), w, h, data }
     }
 
     fn pool(x: &Map) -> Map {
@@ -163,8 +163,8 @@ mod naive {
                 for x in 0..a.w {
                     let norm = |m: &Map| (0..m.c).map(|c| m.at(c, y, x).powi(2)).sum::<f64>().sqrt() + 1e-10;
                     let (na, nb) = (norm(a), norm(b));
-                    for c in 0..a.c {
-                        total += f64::from(lin[c]) * (a.at(c, y, x) / na - b.at(c, y, x) / nb).powi(2);
+                    for (c, &lin) in lin.iter().enumerate() {
+                        total += f64::from(lin) * (a.at(c, y, x) / na - b.at(c, y, x) / nb).powi(2);
                     }
                 }
             }
