@@ -29,9 +29,10 @@ pub enum Norm {
     Max,
 }
 
-/// A point outside of the unit ball: its direction `x / m` and `1 / m`.
+/// A point outside of the unit ball: its direction `x / m`, its norm (infinite past the largest number) and `1 / m`.
 struct Outside<T> {
     u: [T; 3],
+    m: T,
     inv_m: T,
 }
 
@@ -49,7 +50,7 @@ fn outside<T: Real>(norm: Norm, x: [T; 3]) -> Option<Outside<T>> {
         Norm::L2 => dot(u, u).sqrt(),
         Norm::Max => T::ONE,
     };
-    (s * n > T::ONE).then(|| Outside { u: u.map(|u| u / n), inv_m: inv_s / n })
+    (s * n > T::ONE).then(|| Outside { u: u.map(|u| u / n), m: s * n, inv_m: inv_s / n })
 }
 
 /// The contracted point: `x` in the unit ball, else `(2 - 1/m) x/m`.
@@ -61,7 +62,7 @@ fn outside<T: Real>(norm: Norm, x: [T; 3]) -> Option<Outside<T>> {
 pub fn contract<T: Real>(norm: Norm, x: [T; 3]) -> [T; 3] {
     match outside(norm, x) {
         None => x,
-        Some(Outside { u, inv_m }) => u.map(|u| (T::TWO - inv_m) * u),
+        Some(Outside { u, inv_m, .. }) => u.map(|u| (T::TWO - inv_m) * u),
     }
 }
 
@@ -73,8 +74,8 @@ pub fn contract<T: Real>(norm: Norm, x: [T; 3]) -> [T; 3] {
 pub fn inv_contract<T: Real>(norm: Norm, y: [T; 3]) -> [T; 3] {
     match outside(norm, y) {
         None => y,
-        Some(Outside { u, inv_m }) => {
-            let gap = (T::TWO - T::ONE / inv_m).max(T::CONTRACT_GAP);
+        Some(Outside { u, m, .. }) => {
+            let gap = (T::TWO - m).max(T::CONTRACT_GAP);
             u.map(|u| u / gap)
         }
     }
@@ -88,7 +89,7 @@ pub fn inv_contract<T: Real>(norm: Norm, y: [T; 3]) -> [T; 3] {
 #[must_use]
 pub fn contract_jacobian<T: Real>(norm: Norm, x: [T; 3]) -> [[T; 3]; 3] {
     let (o, l) = (T::ZERO, T::ONE);
-    let Some(Outside { u, inv_m }) = outside(norm, x) else {
+    let Some(Outside { u, inv_m, .. }) = outside(norm, x) else {
         return [[l, o, o], [o, l, o], [o, o, l]];
     };
     let across = (T::TWO - inv_m) * inv_m;
