@@ -3,19 +3,29 @@
 //! * [`system`]: the contract of a reconstruction method.
 //! * [`data`]: views at training resolution and the ray batches drawn from them.
 //! * [`options`]: what a run is told and what was decided from it.
+//! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
-//! * [`render`], [`picture`], [`eval`]: pictures and how good they are.
+//! * [`render`], [`picture`], [`eval`], [`report`]: pictures and how good they are.
 
 pub mod checkpoint;
 pub mod data;
 pub mod error;
 pub mod eval;
+pub mod identity;
+pub mod layout;
 pub mod log;
 pub mod memory;
 pub mod options;
 pub mod output;
 pub mod picture;
+pub mod plan;
+pub mod progress;
 pub mod render;
+pub mod report;
+pub mod run;
+pub mod space;
+pub mod static_scene;
+pub mod summary;
 pub mod system;
 pub mod train;
 

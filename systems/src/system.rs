@@ -189,3 +189,44 @@ pub trait System: Send + Sync {
     /// Seconds spent so far in each part of the step and of the render, for the report.
     fn timings(&self) -> Vec<(&'static str, f64)>;
 }
+
+/// A tensor of one dimension.
+pub fn f32_tensor<'a>(name: impl Into<String>, data: &'a [f32]) -> Tensor<'a> {
+    Tensor { name: name.into(), shape: vec![data.len()], data: TensorData::F32(Cow::Borrowed(data)) }
+}
+
+/// Counters of one dimension.
+pub fn u64_tensor<'a>(name: impl Into<String>, data: Vec<u64>) -> Tensor<'a> {
+    Tensor { name: name.into(), shape: vec![data.len()], data: TensorData::U64(Cow::Owned(data)) }
+}
+
+/// The floats of an array of a checkpoint.
+///
+/// # Errors
+/// [`SystemError::State`] where it is missing, of another type, or not `len` long.
+pub fn take_f32(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<f32>, SystemError> {
+    match tensors.get(name).map(|t| &t.data) {
+        Some(TensorData::F32(data)) if data.len() == len => Ok(data.to_vec()),
+        found => Err(refused(name, "32-bit floats", len, found)),
+    }
+}
+
+/// The counters of an array of a checkpoint.
+///
+/// # Errors
+/// As [`take_f32`].
+pub fn take_u64(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>, SystemError> {
+    match tensors.get(name).map(|t| &t.data) {
+        Some(TensorData::U64(data)) if data.len() == len => Ok(data.to_vec()),
+        found => Err(refused(name, "64-bit integers", len, found)),
+    }
+}
+
+fn refused(name: &str, kind: &str, len: usize, found: Option<&TensorData<'_>>) -> SystemError {
+    let found = match found {
+        None => "it is missing".into(),
+        Some(TensorData::F32(d)) => format!("it holds {} 32-bit floats", d.len()),
+        Some(TensorData::U64(d)) => format!("it holds {} 64-bit integers", d.len()),
+    };
+    SystemError::State { name: name.into(), problem: format!("{len} {kind} expected, {found}") }
+}

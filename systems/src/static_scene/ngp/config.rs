@@ -71,7 +71,7 @@ pub struct NgpConfig {
     pub huber: f32,
 }
 
-fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
+pub(super) fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
     SystemError::Config { field, value: value.to_string(), problem: problem.into() }
 }
 
@@ -143,7 +143,11 @@ impl NgpConfig {
     /// [`SystemError::Config`] naming the field.
     pub fn check(&self) -> Result<(), SystemError> {
         let positive = |field, value: f64| {
-            if value > 0.0 && value.is_finite() { Ok(()) } else { Err(bad(field, value, "must be positive and finite")) }
+            if value > 0.0 && value.is_finite() {
+                Ok(())
+            } else {
+                Err(bad(field, value, "must be positive and finite"))
+            }
         };
         positive("radius", self.radius)?;
         positive("near", f64::from(self.near))?;

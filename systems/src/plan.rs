@@ -1,0 +1,174 @@
+//! What does this scene need? Settings from the scene, a line of reason for each, and the system built from them.
+
+use crate::data::Dataset;
+use crate::layout::{Layout, layout};
+use crate::options::{Background, Plan, RunOptions};
+use crate::space::{Space, SpaceKind};
+use crate::static_scene::ngp::{Ngp, NgpConfig};
+use crate::system::{System, SystemError};
+use scene_io::Scene;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// Error of a pixel from skipped work in evaluation renders, where nothing else is said.
+const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
+
+/// Systems by name.
+pub const SYSTEMS: [&str; 1] = ["ngp"];
+
+/// Build the system `name` for a scene.
+///
+/// # Errors
+/// [`SystemError::Config`] for an unknown name, an unknown setting or one that cannot work; [`SystemError::Scene`] when
+/// an image cannot be read.
+pub fn build(
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let layout = layout(scene, data);
+    let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
+    let transparent = has_alpha(data)?;
+    let background = run.background.unwrap_or(Background::Random);
+    lines.push(match (run.background, transparent) {
+        (Some(b), _) => format!("background: {} (asked for)", b.name()),
+        (None, true) => "background: random (the images have alpha: empty space cannot hide as a colour)".into(),
+        (None, false) => "background: random (the images have no alpha: every ray must end on something)".into(),
+    });
+    let error_budget = run.error_budget.unwrap_or(EVALUATION_BUDGET);
+    let plan = |lines, config| Plan { lines, background, error_budget, config };
+    match name {
+        "ngp" => {
+            let config = settings(&ngp_settings(&layout, data, &mut lines), run)?;
+            let space = space(&layout, &config, data)?;
+            let mut ngp = Ngp::new(config.clone(), space, background, run.seed)?;
+            ngp.carve(data)?;
+            lines.push(format!(
+                "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
+                percent(ngp.carved()),
+                if transparent { " and the images' alpha" } else { "" }
+            ));
+            Ok((Box::new(ngp), plan(lines, table(&config))))
+        }
+        other => Err(SystemError::Config {
+            field: "system",
+            value: other.into(),
+            problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
+        }),
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// Whether a training image has transparent pixels to speak of.
+fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
+    Ok(!data.is_empty() && data.image(0)?.channels == 4)
+}
+
+/// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
+fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
+    let mut all = table(planned);
+    for (key, value) in &run.set {
+        let Some(slot) = all.get_mut(key) else {
+            let names: Vec<String> = table(planned).keys().cloned().collect();
+            return Err(SystemError::Config {
+                field: "set",
+                value: key.clone(),
+                problem: format!("there is no such setting; there are {}", names.join(", ")),
+            });
+        };
+        // `1` for a float is meant well.
+        *slot = match (&*slot, value) {
+            (toml::Value::Float(_), toml::Value::Integer(i)) => toml::Value::Float(*i as f64),
+            _ => value.clone(),
+        };
+    }
+    all.try_into().map_err(|e: toml::de::Error| SystemError::Config {
+        field: "set",
+        value: run.set.to_string().trim().replace('\n', ", "),
+        problem: e.message().into(),
+    })
+}
+
+/// Every field of a configuration with its value.
+fn table<C: Serialize>(config: &C) -> toml::Table {
+    toml::Table::try_from(config).expect("settings are plain values")
+}
+
+/// Settings of `ngp` for a scene.
+fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> NgpConfig {
+    let pixel = layout.footprint;
+    // The grid spans two internal units, four where space is contracted.
+    let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
+    let finest = (span / pixel * CELLS_PER_PIXEL).clamp(64.0, 4096.0);
+    let n_max = (finest / 16.0).round() as u32 * 16;
+    lines.push(format!(
+        "finest grid: {n_max} cells along an axis ({CELLS_PER_PIXEL} to a pixel of {pixel:.4} radii at the scene)"
+    ));
+    let step_min = (STEP_PER_PIXEL * pixel) as f32;
+    lines.push(format!("steps: {step_min:.4} radii ({STEP_PER_PIXEL} of a pixel), growing with the distance"));
+    let pixels = data.pixel_count();
+    let log2_table = if pixels > 4_000_000 { 18 } else { 17 };
+    lines.push(format!("hash table: 2^{log2_table} entries a level ({pixels} training pixels)"));
+    NgpConfig {
+        space: layout.kind,
+        centre: layout.centre.to_array(),
+        radius: layout.radius,
+        levels: 8,
+        features: 4,
+        log2_table,
+        n_min: 16,
+        n_max,
+        width: 64,
+        colour_layers: 2,
+        geometry: 16,
+        sh_degree: 4,
+        density_bias: 0.0,
+        occupancy: 64,
+        cascades: layout.cascades,
+        occupancy_threshold: 0.01,
+        occupancy_every: 16,
+        near: 0.05,
+        step_min,
+        step_cone: if layout.kind == SpaceKind::Contracted { (STEP_PER_PIXEL * pixel) as f32 } else { 0.0 },
+        batch_samples: 1 << 15,
+        batch_rays: 1 << 13,
+        lr: 1e-2,
+        lr_hold: 2000,
+        lr_tenfold: 0.3,
+        weight_decay: 1e-6,
+        huber: 0.0,
+    }
+}
+
+/// Cells of the finest level to a pixel's footprint.
+const CELLS_PER_PIXEL: f64 = 2.0;
+/// Smallest step of a march, in pixels' footprints.
+const STEP_PER_PIXEL: f64 = 0.5;
+
+fn space(layout: &Layout, config: &NgpConfig, data: &Dataset) -> Result<Space, SystemError> {
+    let (centre, near) = (config.centre.into(), f64::from(config.near));
+    match (config.space, layout.reference) {
+        (SpaceKind::Box, _) => Ok(Space::boxed(centre, config.radius, near)),
+        (SpaceKind::Contracted, _) => {
+            let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+            Ok(Space::contracted(centre, config.radius, extent, near))
+        }
+        (SpaceKind::Ndc, Some((pose, near))) => {
+            let cameras: Vec<_> = data.views().iter().map(|v| v.camera).collect();
+            Space::ndc(pose, near, &cameras).ok_or_else(not_forward)
+        }
+        (SpaceKind::Ndc, None) => Err(not_forward()),
+    }
+}
+
+fn not_forward() -> SystemError {
+    SystemError::Config {
+        field: "space",
+        value: "ndc".into(),
+        problem: "the cameras do not all look the same way; use `contracted` or `box`".into(),
+    }
+}

@@ -1,0 +1,366 @@
+//! From the scene's frame to the unit the fields work in, and back.
+//!
+//! *Internal* coordinates put what matters into the cube `[-1, 1]^3`. Rays stay straight in them, so that sampling and
+//! occupancy grids work there; the field's grid then sees `[0, 1]^3`:
+//!
+//! | kind | internal | grid |
+//! | --- | --- | --- |
+//! | `box` | `(x - centre) / radius` | `(p + 1) / 2` |
+//! | `contracted` | the same; space goes on beyond the cube | `(contract(p) + 2) / 4`, max-norm |
+//! | `ndc` | projective: lateral position over depth, and disparity, of a reference camera | `(p + 1) / 2` |
+
+use float_core::Simd;
+use glam::{DMat3, DVec3};
+use render_core::bounds::intersect_box;
+use render_core::camera::{Camera, Pose};
+use render_core::contract::{Norm, contract_backward, contract_batch, inv_contract};
+use render_core::ndc::Ndc;
+use render_core::ray::Ray;
+use serde::{Deserialize, Serialize};
+
+/// How space is laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SpaceKind {
+    /// Everything lies in a box.
+    Box,
+    /// An inner cube, and all the rest of space contracted around it.
+    Contracted,
+    /// Cameras look the same way: normalised device coordinates.
+    Ndc,
+}
+
+impl SpaceKind {
+    /// The word in `--set space=…`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Box => "box",
+            Self::Contracted => "contracted",
+            Self::Ndc => "ndc",
+        }
+    }
+}
+
+/// The map between the scene's frame and internal coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Space {
+    kind: SpaceKind,
+    centre: DVec3,
+    radius: f64,
+    /// Where cascades of an occupancy grid end, internal units: 1 for a box.
+    extent: f64,
+    near: f64,
+    reference: Reference,
+}
+
+/// Reference camera of NDC.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reference {
+    pose: Pose,
+    ndc: Ndc<f64>,
+}
+
+/// A ray in internal coordinates, clipped to where there may be something.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InternalRay {
+    /// Origin.
+    pub o: [f32; 3],
+    /// Unit direction.
+    pub d: [f32; 3],
+    /// Where sampling begins and ends; nothing to sample where `end <= start`.
+    pub start: f32,
+    /// See `start`.
+    pub end: f32,
+    /// Unit direction in the scene's frame, for the colour.
+    pub view: [f32; 3],
+}
+
+impl InternalRay {
+    /// The point at distance `t`.
+    #[inline(always)]
+    #[must_use]
+    pub fn at(&self, t: f32) -> [f32; 3] {
+        [self.o[0] + t * self.d[0], self.o[1] + t * self.d[1], self.o[2] + t * self.d[2]]
+    }
+}
+
+/// GL axes of a CV camera's point or direction: y and z turn.
+fn gl(v: DVec3) -> [f64; 3] {
+    [v.x, -v.y, -v.z]
+}
+
+/// Room around the lateral extent of NDC, so that no training ray runs along the cube's face.
+const NDC_MARGIN: f64 = 1.02;
+
+impl Space {
+    /// A cube of half side `radius` about `centre`.
+    #[must_use]
+    pub fn boxed(centre: DVec3, radius: f64, near: f64) -> Self {
+        Self { kind: SpaceKind::Box, centre, radius, extent: 1.0, near, reference: Reference::none() }
+    }
+
+    /// A contracted space whose samples end at `extent` internal units.
+    #[must_use]
+    pub fn contracted(centre: DVec3, radius: f64, extent: f64, near: f64) -> Self {
+        Self { kind: SpaceKind::Contracted, centre, radius, extent, near, reference: Reference::none() }
+    }
+
+    /// NDC of the pose `reference` with its near plane at `near` world units, wide enough for all `cameras`.
+    /// `None` where a camera's rays run backward or along the image plane of the reference.
+    #[must_use]
+    pub fn ndc(reference: Pose, near: f64, cameras: &[Camera]) -> Option<Self> {
+        let mut ndc = Ndc { scale: [1.0; 2], shift: [0.0; 2], near };
+        let mut widest = [0.0_f64; 2];
+        for camera in cameras {
+            let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+            for (u, v) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (w / 2.0, 0.0), (0.0, h / 2.0)] {
+                let ray = camera.ray(glam::DVec2::new(u, v))?;
+                let q = ndc.ray(gl(reference.to_camera(ray.o)), gl(reference.r.transpose() * ray.d))?;
+                for a in 0..2 {
+                    widest[a] = widest[a].max(q.o[a].abs()).max((q.o[a] + q.d[a]).abs());
+                }
+            }
+        }
+        let usable = widest.iter().all(|w| *w > 0.0 && w.is_finite());
+        usable.then(|| {
+            ndc.scale = widest.map(|w| 1.0 / (NDC_MARGIN * w));
+            let reference = Reference { pose: reference, ndc };
+            Self { kind: SpaceKind::Ndc, centre: reference.pose.c, radius: 1.0, extent: 1.0, near: 0.0, reference }
+        })
+    }
+
+    /// The kind.
+    #[must_use]
+    pub fn kind(&self) -> SpaceKind {
+        self.kind
+    }
+
+    /// Where the outermost cascade ends, internal units.
+    #[must_use]
+    pub fn extent(&self) -> f64 {
+        self.extent
+    }
+
+    /// A ray of the scene's frame in internal coordinates.
+    #[must_use]
+    pub fn internal_ray(&self, ray: &Ray) -> InternalRay {
+        let view = ray.d.as_vec3().to_array();
+        let nowhere = InternalRay { o: [0.0; 3], d: [0.0, 0.0, 1.0], start: 0.0, end: 0.0, view };
+        let (o, d, near, far) = match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => {
+                ((ray.o - self.centre) / self.radius, ray.d, self.near, f64::from(f32::MAX))
+            }
+            SpaceKind::Ndc => {
+                let r = &self.reference;
+                let Some(q) = r.ndc.ray(gl(r.pose.to_camera(ray.o)), gl(r.pose.r.transpose() * ray.d)) else {
+                    return nowhere;
+                };
+                let (o, d) = (DVec3::from(q.o), DVec3::from(q.d));
+                // The far plane is infinity: Z stays below 1.
+                (o, d.normalize(), 0.0, d.length())
+            }
+        };
+        let (min, max) = ([-self.extent; 3], [self.extent; 3]);
+        match intersect_box(o.to_array(), d.to_array(), min, max, near, far) {
+            Some([start, end]) => InternalRay {
+                o: o.as_vec3().to_array(),
+                d: d.as_vec3().to_array(),
+                start: start as f32,
+                end: end as f32,
+                view,
+            },
+            None => nowhere,
+        }
+    }
+
+    /// World distance along `ray` of the internal distance `t`.
+    #[must_use]
+    pub fn world_distance(&self, ray: &Ray, t: f32) -> f64 {
+        match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => f64::from(t) * self.radius,
+            SpaceKind::Ndc => {
+                let r = &self.reference;
+                let (o, d) = (gl(r.pose.to_camera(ray.o)), gl(r.pose.r.transpose() * ray.d));
+                let Some(q) = r.ndc.ray(o, d) else { return f64::INFINITY };
+                let s = (f64::from(t) / DVec3::from(q.d).length()).min(1.0 - 1e-6);
+                // Depth -z = near / (1 - s).
+                (-r.ndc.near / (1.0 - s) - o[2]) / d[2]
+            }
+        }
+    }
+
+    /// Internal coordinates of a point of the scene's frame; `None` where the space does not reach.
+    #[must_use]
+    pub fn internal_point(&self, x: DVec3) -> Option<[f32; 3]> {
+        let p = match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => (x - self.centre) / self.radius,
+            SpaceKind::Ndc => {
+                let local = gl(self.reference.pose.to_camera(x));
+                if local[2] > -self.reference.ndc.near {
+                    return None;
+                }
+                DVec3::from(self.reference.ndc.point(local))
+            }
+        };
+        (p.abs().max_element() <= self.extent).then(|| p.as_vec3().to_array())
+    }
+
+    /// The point of the scene's frame at internal coordinates.
+    #[must_use]
+    pub fn world_point(&self, p: [f32; 3]) -> DVec3 {
+        let p = p.map(f64::from);
+        match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => self.centre + self.radius * DVec3::from(p),
+            SpaceKind::Ndc => {
+                let [x, y, z] = self.reference.ndc.inv_point(p, 1e-3);
+                self.reference.pose.to_world(DVec3::new(x, -y, -z))
+            }
+        }
+    }
+
+    /// Densities per internal unit to densities per world unit, at a point of the scene's frame. For NDC an internal
+    /// length is that along the reference camera's axis.
+    #[must_use]
+    pub fn per_world_unit(&self, x: DVec3) -> f64 {
+        match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => 1.0 / self.radius,
+            SpaceKind::Ndc => {
+                let z = -self.reference.pose.to_camera(x).z;
+                // dZ/dz = 2 near / z^2.
+                2.0 * self.reference.ndc.near / (z * z)
+            }
+        }
+    }
+
+    /// Internal positions `x` `[3][n]` to grid positions `out` `[3][n]` in `[0, 1]`.
+    pub fn grid_positions(&self, simd: Simd, x: &[f32], out: &mut [f32]) {
+        let (scale, shift) = match self.kind {
+            SpaceKind::Box | SpaceKind::Ndc => {
+                out.copy_from_slice(x);
+                (0.5, 0.5)
+            }
+            SpaceKind::Contracted => {
+                contract_batch(simd, Norm::Max, x, out).expect("both hold three rows of one length");
+                (0.25, 0.5)
+            }
+        };
+        for v in out {
+            *v = *v * scale + shift;
+        }
+    }
+
+    /// Internal coordinates of a grid position.
+    #[must_use]
+    pub fn internal_of_grid(&self, u: [f32; 3]) -> [f32; 3] {
+        match self.kind {
+            SpaceKind::Box | SpaceKind::Ndc => u.map(|u| 2.0 * u - 1.0),
+            SpaceKind::Contracted => inv_contract(Norm::Max, u.map(|u| 4.0 * u - 2.0)),
+        }
+    }
+
+    /// Gradient with respect to a point of the scene's frame, up to a positive factor, from that with respect to its grid
+    /// position; `p` are its internal coordinates.
+    #[must_use]
+    pub fn world_gradient(&self, p: [f32; 3], grid_bar: [f32; 3]) -> DVec3 {
+        let (p, grid_bar) = (p.map(f64::from), grid_bar.map(f64::from));
+        match self.kind {
+            SpaceKind::Box => DVec3::from(grid_bar),
+            SpaceKind::Contracted => {
+                let mut bar = [0.0; 3];
+                contract_backward(Norm::Max, p, grid_bar, &mut bar);
+                DVec3::from(bar)
+            }
+            SpaceKind::Ndc => {
+                let ndc = &self.reference.ndc;
+                let mut bar = [0.0; 3];
+                ndc.point_backward(ndc.inv_point(p, 1e-3), grid_bar, &mut bar);
+                self.reference.pose.r * DVec3::new(bar[0], -bar[1], -bar[2])
+            }
+        }
+    }
+
+    /// A box of the scene's frame around the internal cube of half side `half`.
+    #[must_use]
+    pub fn world_box(&self, half: f32) -> [[f64; 3]; 2] {
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for corner in 0..8 {
+            let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { half } else { -half });
+            let x = self.world_point(p);
+            (min, max) = (min.min(x), max.max(x));
+        }
+        [min.to_array(), max.to_array()]
+    }
+}
+
+impl Reference {
+    fn none() -> Self {
+        Self {
+            pose: Pose { r: DMat3::IDENTITY, c: DVec3::ZERO },
+            ndc: Ndc { scale: [1.0; 2], shift: [0.0; 2], near: 1.0 },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    fn camera(c: DVec3) -> Camera {
+        Camera::pinhole(64, 48, 60.0, 60.0, 32.0, 24.0, Pose { r: DMat3::IDENTITY, c })
+    }
+
+    #[test]
+    fn internal_rays_pass_through_the_points_they_should() {
+        let cameras = [camera(DVec3::ZERO), camera(DVec3::new(0.3, -0.2, 0.1))];
+        let reference = Pose { r: DMat3::IDENTITY, c: DVec3::ZERO };
+        let spaces = [
+            Space::boxed(DVec3::new(0.0, 0.0, 5.0), 6.0, 0.01),
+            Space::contracted(DVec3::new(0.0, 0.0, 5.0), 2.0, 16.0, 0.01),
+            Space::ndc(reference, 1.0, &cameras).unwrap(),
+        ];
+        for space in spaces {
+            for camera in &cameras {
+                let ray = camera.ray(DVec2::new(11.0, 37.5)).unwrap();
+                let internal = space.internal_ray(&ray);
+                assert!(internal.end > internal.start);
+                for k in 1..10 {
+                    let t = internal.start + (internal.end - internal.start) * k as f32 / 12.0;
+                    let world = space.world_distance(&ray, t);
+                    let x = ray.o + world * ray.d;
+                    let p = space.internal_point(x).unwrap();
+                    let on_ray = internal.at(t);
+                    for a in 0..3 {
+                        assert!((p[a] - on_ray[a]).abs() < 1e-4, "{:?} {p:?} {on_ray:?}", space.kind());
+                    }
+                    assert!((space.world_point(p) - x).length() < 1e-3 * x.length(), "{:?}", space.kind());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn grid_positions_stay_in_the_unit_cube_and_come_back() {
+        let space = Space::contracted(DVec3::ZERO, 1.0, 64.0, 0.1);
+        let x = [0.3, -7.0, 63.0, 0.1, 2.0, -64.0, 1.0, -0.5, 5.0];
+        let mut u = [0.0; 9];
+        space.grid_positions(Simd::best(), &x, &mut u);
+        for i in 0..3 {
+            let p = [u[i], u[3 + i], u[6 + i]];
+            assert!(p.iter().all(|u| (0.0..=1.0).contains(u)));
+            let back = space.internal_of_grid(p);
+            for a in 0..3 {
+                let want = x[3 * a + i];
+                assert!((back[a] - want).abs() < 1e-3 * want.abs().max(1.0), "{back:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn rays_that_miss_have_nothing_to_sample() {
+        let space = Space::boxed(DVec3::ZERO, 1.0, 0.0);
+        let ray = space.internal_ray(&Ray { o: DVec3::new(0.0, 5.0, 0.0), d: DVec3::Z });
+        assert!(ray.end <= ray.start);
+    }
+}

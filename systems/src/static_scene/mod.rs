@@ -1,0 +1,3 @@
+//! Systems for scenes that stand still.
+
+pub mod ngp;

@@ -1,0 +1,138 @@
+//! The field: a hash grid, a network for density and one for colour.
+
+use super::NgpConfig;
+use crate::space::InternalRay;
+use crate::system::SystemError;
+use field_core::FieldError;
+use field_core::encoding::hash_grid::HashGrid;
+use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
+use field_core::init::Init;
+use field_core::mlp::{Mlp, Packed};
+use field_core::rng::Rng;
+use float_core::Simd;
+
+/// Streams of random numbers of the initial parameters.
+const INIT: u64 = 0x696e_6974;
+
+/// Parameters and shapes of the field. Positions are in the grid's `[0, 1]^3`.
+pub(super) struct Field {
+    pub(super) simd: Simd,
+    pub(super) grid: HashGrid,
+    pub(super) density: Mlp,
+    pub(super) colour: Mlp,
+    pub(super) harmonics: SphericalHarmonics,
+    pub(super) grid_params: Vec<f32>,
+    pub(super) density_params: Vec<f32>,
+    pub(super) colour_params: Vec<f32>,
+    /// The networks' parameters as the kernels read them: renewed after each step.
+    pub(super) density_packed: Packed,
+    pub(super) colour_packed: Packed,
+    pub(super) density_bias: f32,
+}
+
+/// Scratch for evaluating density without gradients.
+#[derive(Default)]
+pub(super) struct DensityScratch {
+    features: Vec<f32>,
+    raw: Vec<f32>,
+    mlp: Vec<f32>,
+}
+
+/// A buffer that cannot be refused its length: the callers cut it to size.
+pub(super) fn shapes_hold(result: Result<(), FieldError>) {
+    result.expect("buffers are cut to the shapes of the field");
+}
+
+/// The first `n` numbers of a buffer that grows when it must and keeps its memory.
+pub(super) fn sized(buffer: &mut Vec<f32>, n: usize) -> &mut [f32] {
+    if buffer.len() < n {
+        buffer.resize(n, 0.0);
+    }
+    &mut buffer[..n]
+}
+
+impl Field {
+    pub(super) fn new(config: &NgpConfig, seed: u64) -> Result<Self, SystemError> {
+        let (grid, density, colour) = (config.grid()?, config.density_mlp()?, config.colour_mlp()?);
+        let rng = Rng::new(seed, INIT);
+        let mut grid_params = vec![0.0; grid.params_len()];
+        Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
+        let xavier = |mlp: &Mlp, rng: Rng| {
+            let mut params = vec![0.0; mlp.param_count()];
+            for (i, l) in mlp.layers().iter().enumerate() {
+                let weights = &mut params[l.weights.clone()];
+                Init::XavierUniform.fill(rng.substream(i as u64), l.inputs, l.outputs, weights);
+            }
+            params
+        };
+        let density_params = xavier(&density, rng.substream(1));
+        let colour_params = xavier(&colour, rng.substream(2));
+        let mut field = Self {
+            simd: Simd::best(),
+            grid,
+            density,
+            colour,
+            harmonics: SphericalHarmonics::new(config.sh_degree, Directions::Unit)
+                .map_err(|e| super::config::bad("sh_degree", config.sh_degree, &e.to_string()))?,
+            grid_params,
+            density_params,
+            colour_params,
+            density_packed: Packed::default(),
+            colour_packed: Packed::default(),
+            density_bias: config.density_bias,
+        };
+        field.pack();
+        Ok(field)
+    }
+
+    /// Renew the packed parameters.
+    pub(super) fn pack(&mut self) {
+        self.density.pack(&self.density_params, &mut self.density_packed);
+        self.colour.pack(&self.colour_params, &mut self.colour_packed);
+    }
+
+    /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`. Level by level, so that one level's table is
+    /// in the cache at a time.
+    pub(super) fn encode(&self, x: &[f32], out: &mut [f32]) {
+        let rows = self.grid.config().features * (x.len() / 3);
+        for (level, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
+            shapes_hold(self.grid.encode_level(self.simd, &self.grid_params, level, x, out));
+        }
+    }
+
+    /// Basis of the view directions of rays, `[sh][rays]`.
+    pub(super) fn basis<'b>(&self, rays: &[InternalRay], d: &mut Vec<f32>, out: &'b mut Vec<f32>) -> &'b [f32] {
+        let n = rays.len();
+        let d = sized(d, 3 * n);
+        for (i, ray) in rays.iter().enumerate() {
+            (d[i], d[n + i], d[2 * n + i]) = (ray.view[0], ray.view[1], ray.view[2]);
+        }
+        let out = sized(out, self.harmonics.out_rows() * n);
+        shapes_hold(self.harmonics.encode(self.simd, d, out));
+        out
+    }
+
+    /// Densities, per internal unit, at `x` `[3][n]`.
+    pub(super) fn densities(&self, x: &[f32], out: &mut [f32], scratch: &mut DensityScratch) {
+        let n = out.len();
+        let features = sized(&mut scratch.features, self.grid.out_rows() * n);
+        self.encode(x, features);
+        let raw = sized(&mut scratch.raw, self.density.outputs() * n);
+        let mlp = sized(&mut scratch.mlp, self.density.infer_scratch_len());
+        self.density.infer(self.simd, &self.density_packed, features, n, n, raw, n, mlp);
+        for (out, raw) in out.iter_mut().zip(&raw[..]) {
+            *out = self.density_of(*raw);
+        }
+    }
+
+    /// Density of a raw output: `exp`, finite.
+    #[inline(always)]
+    pub(super) fn density_of(&self, raw: f32) -> f32 {
+        (raw + self.density_bias).clamp(-80.0, 80.0).exp()
+    }
+
+    /// Bytes of the parameters and their packed copies.
+    pub(super) fn bytes(&self) -> usize {
+        4 * (self.grid_params.len() + 3 * (self.density_params.len() + self.colour_params.len()))
+    }
+}

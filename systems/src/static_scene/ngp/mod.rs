@@ -1,0 +1,383 @@
+//! Instant-NGP: a hash grid, two tiny networks, an occupancy grid.
+//!
+//! Müller, Evans, Schied, Keller, "Instant Neural Graphics Primitives with a Multiresolution Hash Encoding", 2022.
+//!
+//! A step, as in the paper's section on NeRF:
+//!
+//! 1. rays of random training pixels; samples only where the occupancy grid has something ([`chunk`]);
+//! 2. hash grid -> density network -> density and geometry features; with the view direction's spherical harmonics
+//!    -> colour network -> colour; composited to pixels; the loss, and all of it backwards;
+//! 3. the gradient of each level of the grid, scattered in sample order, and Adam on the entries it touched;
+//! 4. now and then, the occupancy grid looks at the field ([`occupy`]).
+//!
+//! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
+
+mod chunk;
+mod config;
+mod field;
+mod occupy;
+mod render;
+mod state;
+
+pub use config::NgpConfig;
+
+use crate::data::{Batch, Dataset};
+use crate::options::Background;
+use crate::space::Space;
+use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use chunk::{Chunk, StepContext};
+use field::Field;
+use field_core::encoding::hash_grid::Touched;
+use field_core::rng::Rng;
+use occupy::Occupy;
+use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
+use rayon::prelude::*;
+use render_core::ray::Ray;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
+const CHUNKS: usize = 16;
+
+/// Streams of random numbers of a step.
+const BACKGROUND: u64 = 0x6261_636b;
+const JITTER: u64 = 0x6a69_7474;
+
+/// Rays of the first batch, before anybody knows how many samples a ray has.
+const FIRST_RAYS: usize = 256;
+
+/// Adam of the paper: sparse gradients need a small epsilon.
+const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, eps: 1e-15, decay: Decay::None };
+
+/// The system.
+pub struct Ngp {
+    config: NgpConfig,
+    seed: u64,
+    background: Background,
+    space: Space,
+    field: Field,
+    occupy: Occupy,
+    /// One for each level of the grid.
+    grid_adam: Vec<Adam>,
+    density_adam: Adam,
+    colour_adam: Adam,
+    guard: NonFiniteGuard,
+    /// Rays of the next batch.
+    rays: usize,
+    work: Work,
+    seconds: Seconds,
+    skipped: Skipped,
+}
+
+/// What steps reuse.
+struct Work {
+    batch: Batch,
+    background: Vec<[f32; 3]>,
+    jitter: Vec<f32>,
+    chunks: Vec<Chunk>,
+    grid_grad: Vec<f32>,
+    touched: Touched,
+    density_grad: Vec<f32>,
+    colour_grad: Vec<f32>,
+    packed_grad: Vec<f32>,
+}
+
+/// Seconds of work in each part: of all threads together where a part runs on several.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seconds {
+    draw: f64,
+    march: f64,
+    encode: f64,
+    networks: f64,
+    scatter: f64,
+    optimise: f64,
+    occupancy: f64,
+}
+
+/// Counts for the table of skips.
+#[derive(Debug, Default)]
+struct Skipped {
+    /// Samples placed, and those a march without the occupancy grid would have placed.
+    placed: AtomicU64,
+    dense: AtomicU64,
+    /// Samples of renders: evaluated, and cut off behind what is opaque.
+    rendered: AtomicU64,
+    terminated: AtomicU64,
+}
+
+impl Ngp {
+    /// A new field for a space.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for settings that cannot work.
+    pub fn new(config: NgpConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
+        config.check()?;
+        let field = Field::new(&config, seed)?;
+        let occupy = Occupy::new(&config)?;
+        let levels = 0..field.grid.levels().len();
+        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
+        let work = Work {
+            batch: Batch::default(),
+            background: Vec::new(),
+            jitter: Vec::new(),
+            chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
+            grid_grad: vec![0.0; field.grid_params.len()],
+            touched: Touched::new(&field.grid),
+            density_grad: vec![0.0; field.density_params.len()],
+            colour_grad: vec![0.0; field.colour_params.len()],
+            packed_grad: Vec::new(),
+        };
+        Ok(Self {
+            grid_adam: levels.map(|l| Adam::new(field.grid.level_range(l).len(), ADAM)).collect(),
+            density_adam: Adam::new(field.density_params.len(), networks),
+            colour_adam: Adam::new(field.colour_params.len(), networks),
+            guard: NonFiniteGuard::default(),
+            rays: FIRST_RAYS.min(config.batch_rays),
+            config,
+            seed,
+            background,
+            space,
+            field,
+            occupy,
+            work,
+            seconds: Seconds::default(),
+            skipped: Skipped::default(),
+        })
+    }
+
+    /// Cells that no training view sees, or that a view with alpha sees through, are empty for good.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when an image cannot be read.
+    pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
+        self.occupy.carve(&self.space, data)
+    }
+
+    /// Share of the occupancy grid's cells that are empty for good.
+    #[must_use]
+    pub fn carved(&self) -> f64 {
+        1.0 - self.occupy.grid.visible_cells() as f64 / self.occupy.grid.cells() as f64
+    }
+
+    /// Random backgrounds and first samples of a step's rays.
+    fn draw_randoms(&mut self, step: u64) {
+        let (n, work) = (self.work.batch.len(), &mut self.work);
+        work.jitter.resize(n, 0.0);
+        Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
+        work.background.resize(n, [0.0; 3]);
+        let rng = Rng::new(self.seed, BACKGROUND).substream(step);
+        for (i, b) in work.background.iter_mut().enumerate() {
+            *b = match self.background {
+                Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i as u64 + c)),
+                fixed => fixed.colour(),
+            };
+        }
+    }
+
+    /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
+    fn update_grid(&mut self, lr: f64) -> usize {
+        let (field, work) = (&mut self.field, &mut self.work);
+        let (grid, simd, features) = (&field.grid, field.simd, field.grid.config().features);
+        let mut jobs = Vec::with_capacity(self.grid_adam.len());
+        let (mut params, mut grads) = (&mut field.grid_params[..], &mut work.grid_grad[..]);
+        for ((level, adam), touched) in self.grid_adam.iter_mut().enumerate().zip(work.touched.levels_mut()) {
+            let len = grid.level_range(level).len();
+            let (p, rest) = params.split_at_mut(len);
+            params = rest;
+            let (g, rest) = grads.split_at_mut(len);
+            grads = rest;
+            jobs.push((level, adam, touched, p, g));
+        }
+        let chunks = &work.chunks;
+        jobs.into_par_iter()
+            .map(|(level, adam, touched, params, grad)| {
+                for chunk in chunks {
+                    let n = chunk.n;
+                    let bars = &chunk.features_bar[level * features * n..][..features * n];
+                    let done = grid.encode_level_backward(simd, level, &chunk.x[..3 * n], bars, grad, Some(touched));
+                    field::shapes_hold(done);
+                }
+                adam.step_touched(simd, lr, params, grad, touched)
+            })
+            .collect::<Vec<_>>()
+            .iter()
+            .sum()
+    }
+
+    /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
+    fn update_networks(&mut self, lr: f64) -> usize {
+        let (field, work) = (&mut self.field, &mut self.work);
+        let Work { chunks, packed_grad, density_grad, colour_grad, .. } = work;
+        let mut fold = |grads: &dyn Fn(&Chunk) -> &[f32], mlp: &field_core::mlp::Mlp, out: &mut [f32]| {
+            packed_grad.clear();
+            packed_grad.resize(mlp.packed_grad_len(), 0.0);
+            for chunk in chunks.iter() {
+                for (sum, g) in packed_grad.iter_mut().zip(grads(chunk)) {
+                    *sum += g;
+                }
+            }
+            out.fill(0.0);
+            mlp.unpack_grad(packed_grad, out);
+        };
+        fold(&|c| &c.density_grad, &field.density, density_grad);
+        fold(&|c| &c.colour_grad, &field.colour, colour_grad);
+        let bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
+            + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        field.pack();
+        bad
+    }
+}
+
+fn since(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64()
+}
+
+impl System for Ngp {
+    fn name(&self) -> &'static str {
+        "ngp"
+    }
+
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        let start = Instant::now();
+        if step % self.config.occupancy_every == 0 {
+            self.occupy.update(&self.field, &self.space, self.seed, step);
+        }
+        self.seconds.occupancy += since(start);
+
+        let start = Instant::now();
+        data.draw(self.seed, step, self.rays, &mut self.work.batch)?;
+        self.draw_randoms(step);
+        let rays = self.work.batch.len();
+        let counted: f32 = self.work.batch.weight.iter().sum();
+        self.seconds.draw += since(start);
+
+        let mut chunks = std::mem::take(&mut self.work.chunks);
+        let ctx = StepContext {
+            field: &self.field,
+            space: &self.space,
+            occupancy: &self.occupy.grid,
+            marcher: self.occupy.marcher(&self.config),
+            batch: &self.work.batch,
+            background: &self.work.background,
+            jitter: &self.work.jitter,
+            huber: self.config.huber,
+            per_ray: 1.0 / counted.max(1.0),
+        };
+        chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
+            chunk.run(&ctx, c * rays / CHUNKS..(c + 1) * rays / CHUNKS);
+        });
+        self.work.chunks = chunks;
+
+        let mut stats = StepStats { rays: rays as u64, ..StepStats::default() };
+        let mut weight = 0.0;
+        for chunk in &self.work.chunks {
+            let s = &chunk.stats;
+            stats.loss += s.loss;
+            stats.mse += s.squared_error;
+            stats.samples += chunk.n as u64;
+            weight += s.rays;
+            self.seconds.march += s.seconds[0];
+            self.seconds.encode += s.seconds[1];
+            self.seconds.networks += s.seconds[2];
+            self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
+        }
+        self.skipped.placed.fetch_add(stats.samples, Ordering::Relaxed);
+        if weight > 0.0 {
+            stats.loss /= weight;
+            stats.mse /= weight;
+        }
+
+        let lr = f64::from(self.config.learning_rate(step));
+        let start = Instant::now();
+        let bad = self.update_grid(lr);
+        self.seconds.scatter += since(start);
+        let start = Instant::now();
+        let bad = bad + self.update_networks(lr);
+        self.seconds.optimise += since(start);
+        stats.nonfinite = bad as u64;
+        self.guard.record(bad).map_err(|e| SystemError::NonFinite {
+            bad: e.bad_steps,
+            steps: e.steps,
+            share_percent: 100.0 * e.allowed as f64 / e.steps as f64,
+        })?;
+
+        // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
+        let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
+        let aim = (self.config.batch_samples as f64 / per_ray) as usize;
+        self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch_rays);
+        Ok(stats)
+    }
+
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers {
+        render::render(self, rays, query)
+    }
+
+    fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
+        render::density(self, points, out);
+    }
+
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+        render::colour(self, points, d, out);
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        self.space.world_box(1.0)
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        state::save(self)
+    }
+
+    fn load_state(&mut self, tensors: &TensorMap) -> Result<(), SystemError> {
+        state::load(self, tensors)
+    }
+
+    fn parameter_count(&self) -> usize {
+        let f = &self.field;
+        f.grid_params.len() + f.density_params.len() + f.colour_params.len()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        let chunks: usize = self.work.chunks.iter().map(Chunk::bytes).sum();
+        // Gradient and two moments of each parameter.
+        self.field.bytes() + 12 * self.parameter_count() + chunks + self.occupy.bytes()
+    }
+
+    fn skips(&self) -> Vec<SkipRow> {
+        let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
+        let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
+        let (rendered, terminated) = (read(&self.skipped.rendered), read(&self.skipped.terminated));
+        vec![
+            SkipRow {
+                what: "training: empty space",
+                skipped: dense.saturating_sub(placed),
+                total: dense,
+                unit: "samples",
+                bound: format!(
+                    "optical thickness < {} per cell at the smallest step, as last seen",
+                    self.config.occupancy_threshold
+                ),
+            },
+            SkipRow {
+                what: "render: behind what is opaque",
+                skipped: terminated,
+                total: rendered + terminated,
+                unit: "samples",
+                bound: "<= error budget per pixel".into(),
+            },
+        ]
+    }
+
+    fn timings(&self) -> Vec<(&'static str, f64)> {
+        let s = &self.seconds;
+        vec![
+            ("draw rays", s.draw),
+            ("march (all threads)", s.march),
+            ("encode (all threads)", s.encode),
+            ("networks and compositing (all threads)", s.networks),
+            ("grid gradient and Adam", s.scatter),
+            ("network Adam", s.optimise),
+            ("occupancy", s.occupancy),
+        ]
+    }
+}

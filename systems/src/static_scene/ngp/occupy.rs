@@ -1,0 +1,242 @@
+//! The occupancy grid of the field: what it looks at, when, and what the alpha of the photos rules out at the start.
+
+use super::NgpConfig;
+use super::field::{DensityScratch, Field, sized};
+use crate::data::Dataset;
+use crate::space::{InternalRay, Space};
+use crate::system::SystemError;
+use field_core::rng::Rng;
+use glam::DVec3;
+use rayon::prelude::*;
+use render_core::camera::Prepared;
+use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, Settings, StepRule};
+use std::ops::ControlFlow;
+
+/// Stream of the points looked at.
+const POINTS: u64 = 0x6f63_6375;
+/// Each update looks at one of so many cells, and at one of so many occupied ones.
+const SHARE: u32 = 8;
+const OCCUPIED_SHARE: u32 = 2;
+/// The first updates look at every second cell, so that empty space is known early.
+const EAGER_UPDATES: u64 = 8;
+const EAGER_SHARE: u32 = 2;
+/// Cells of one task.
+const TASK: usize = 4096;
+/// Samples of a ray at most.
+const MAX_SAMPLES: u32 = 2048;
+/// Longest step: in a cascade the step doubles with the cells.
+const STEP_MAX: f32 = 1e3;
+
+/// The grid and the cells of the current update.
+pub(super) struct Occupy {
+    pub(super) grid: OccupancyGrid,
+    step_min: f32,
+    cells: Vec<u32>,
+    thickness: Vec<f32>,
+}
+
+/// Step rule of a march.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Marcher {
+    rule: StepRule,
+}
+
+impl Marcher {
+    /// Visit the samples of a ray.
+    pub(super) fn march(
+        &self,
+        grid: &OccupancyGrid,
+        ray: &InternalRay,
+        jitter: f32,
+        mut visit: impl FnMut(f32, f32),
+    ) -> Marched {
+        let span = RaySpan { o: ray.o, d: ray.d, t_min: ray.start, t_max: ray.end };
+        grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
+            visit(t, dt);
+            ControlFlow::Continue(())
+        })
+    }
+}
+
+impl Occupy {
+    pub(super) fn new(config: &NgpConfig) -> Result<Self, SystemError> {
+        let settings = Self::settings(config);
+        let grid = OccupancyGrid::new(settings).map_err(|e| SystemError::Config {
+            field: "occupancy",
+            value: config.occupancy.to_string(),
+            problem: e.to_string(),
+        })?;
+        Ok(Self { grid, step_min: config.step_min, cells: Vec::new(), thickness: Vec::new() })
+    }
+
+    pub(super) fn settings(config: &NgpConfig) -> Settings {
+        Settings {
+            resolution: config.occupancy as u32,
+            cascades: config.cascades as u32,
+            threshold: config.occupancy_threshold,
+            ..Settings::default()
+        }
+    }
+
+    pub(super) fn marcher(&self, config: &NgpConfig) -> Marcher {
+        Marcher { rule: StepRule { dt_min: config.step_min, cone: config.step_cone, dt_max: STEP_MAX } }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity())
+    }
+
+    /// Look at a share of the cells, each at a random point.
+    pub(super) fn update(&mut self, field: &Field, space: &Space, seed: u64, step: u64) {
+        let update = self.grid.updates();
+        let share = if update < EAGER_UPDATES { EAGER_SHARE } else { SHARE };
+        let (phase, bits, thickness) = (update as u32, self.grid.bits(), self.grid.thickness());
+        self.cells.clear();
+        self.cells.extend((0..self.grid.cells() as u32).filter(|&id| {
+            // Neighbours in number are neighbours in space: taking every eighth looks everywhere.
+            let turn = id.wrapping_add(phase);
+            let occupied = bits[id as usize / 64] >> (id % 64) & 1 == 1;
+            let share = if occupied { share.min(OCCUPIED_SHARE) } else { share };
+            thickness[id as usize] >= 0.0 && turn.is_multiple_of(share)
+        }));
+        let rng = Rng::new(seed, POINTS).substream(step);
+        self.thickness.resize(self.cells.len(), 0.0);
+        let (grid, step_min) = (&self.grid, self.step_min);
+        let tasks = self.thickness.par_chunks_mut(TASK).zip(self.cells.par_chunks(TASK));
+        tasks.for_each_init(
+            || (DensityScratch::default(), Vec::new(), Vec::new()),
+            |(scratch, p, x), (out, cells)| {
+                let n = cells.len();
+                let p = sized(p, 3 * n);
+                for (i, &id) in cells.iter().enumerate() {
+                    let u = [0, 1, 2].map(|a| rng.uniform_at(3 * u64::from(id) + a));
+                    let point = grid.cell_point(id, u);
+                    (p[i], p[n + i], p[2 * n + i]) = (point[0], point[1], point[2]);
+                }
+                let x = sized(x, 3 * n);
+                space.grid_positions(field.simd, p, x);
+                field.densities(x, out, scratch);
+                for (out, &id) in out.iter_mut().zip(cells) {
+                    *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
+                }
+            },
+        );
+        self.grid.update(&self.cells, &self.thickness);
+    }
+
+    /// See [`super::Ngp::carve`].
+    pub(super) fn carve(&mut self, space: &Space, data: &Dataset) -> Result<(), SystemError> {
+        let views: Vec<Silhouette> =
+            (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i)).collect::<Result<_, _>>()?;
+        let grid = &self.grid;
+        let visible: Vec<bool> = (0..grid.cells() as u32)
+            .into_par_iter()
+            .map(|id| {
+                let (corner, side) = grid.cell_box(id);
+                let centre = space.world_point(corner.map(|c| c + 0.5 * side));
+                let reach = [0, 1, 2, 3, 4, 5, 6, 7]
+                    .map(|k| space.world_point([0, 1, 2].map(|a| corner[a] + (k >> a & 1) as f32 * side)))
+                    .map(|x| (x - centre).length())
+                    .into_iter()
+                    .fold(0.0, f64::max);
+                let mut seen = false;
+                for view in &views {
+                    match view.look(centre, reach) {
+                        Sight::Background => return false,
+                        Sight::Something => seen = true,
+                        Sight::Outside => {}
+                    }
+                    if seen && !view.has_alpha() {
+                        return true;
+                    }
+                }
+                seen
+            })
+            .collect();
+        let mut cells = visible.iter();
+        // Asked for every cell in order: none is marked yet.
+        self.grid.mark_invisible(|_, _| cells.next().copied().unwrap_or(true));
+        Ok(())
+    }
+}
+
+/// What a view says about a ball.
+enum Sight {
+    /// All of it lies before transparent pixels: nothing is there.
+    Background,
+    /// Part of it is seen.
+    Something,
+    /// It is not in the picture.
+    Outside,
+}
+
+/// A camera and the pixels of its image that are not fully transparent, summed up.
+struct Silhouette {
+    camera: Prepared,
+    size: [i64; 2],
+    focal: f64,
+    axis: DVec3,
+    centre: DVec3,
+    /// `[height + 1][width + 1]` pixels with alpha before and above; empty without alpha.
+    sums: Vec<u32>,
+}
+
+impl Silhouette {
+    fn new(data: &Dataset, i: usize) -> Result<Self, SystemError> {
+        let image = data.image(i)?;
+        let (w, h) = (image.width as usize, image.height as usize);
+        let mut sums = Vec::new();
+        if image.channels == 4 {
+            sums.resize((w + 1) * (h + 1), 0);
+            for y in 0..h {
+                let mut row = 0;
+                for x in 0..w {
+                    row += u32::from(image.data[4 * (y * w + x) + 3] > 0);
+                    sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
+                }
+            }
+        }
+        let camera = data.view(i).camera;
+        Ok(Self {
+            camera: camera.prepare(),
+            size: [w as i64, h as i64],
+            focal: camera.fx.max(camera.fy),
+            axis: camera.optical_axis(),
+            centre: camera.pose.c,
+            sums,
+        })
+    }
+
+    fn has_alpha(&self) -> bool {
+        !self.sums.is_empty()
+    }
+
+    /// A ball of radius `reach` about `x`.
+    fn look(&self, x: DVec3, reach: f64) -> Sight {
+        let depth = (x - self.centre).dot(self.axis);
+        if depth < -reach {
+            return Sight::Outside;
+        }
+        if depth <= 2.0 * reach {
+            // So near that the ball fills the view.
+            return Sight::Something;
+        }
+        let Some(p) = self.camera.project(x) else { return Sight::Outside };
+        // A pixel more for interpolation and rounding; 1.5 for what perspective and lens add off the axis.
+        let radius = 1.5 * reach * self.focal / (depth - reach) + 1.0;
+        let range = |c: f64, size: i64| {
+            let (low, high) = ((c - radius).floor(), (c + radius).ceil());
+            (low.max(0.0) as i64, (high.min(size as f64)) as i64, low < 0.0 || high > size as f64)
+        };
+        let (x0, x1, cut_x) = range(p.x, self.size[0]);
+        let (y0, y1, cut_y) = range(p.y, self.size[1]);
+        if x0 >= x1 || y0 >= y1 {
+            return Sight::Outside;
+        }
+        if !self.has_alpha() || cut_x || cut_y {
+            return Sight::Something;
+        }
+        let at = |x: i64, y: i64| u64::from(self.sums[(y * (self.size[0] + 1) + x) as usize]);
+        if at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0) { Sight::Background } else { Sight::Something }
+    }
+}
