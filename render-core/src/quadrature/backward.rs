@@ -8,8 +8,8 @@
 //!
 //! The suffix `Q` is summed in `f64` from the back: what lies behind a surface keeps its digits.
 
-use super::{LastInterval, Samples, Values, Weights, block, check_strided, map1};
-use float_core::{Simd, Task, Vector, vecmath};
+use super::{LastInterval, Samples, Transmittance, Values, Weights, block, check_strided, map1};
+use float_core::{Simd, Task, Vector};
 
 /// Gradients that reach the outputs of [`weights`](super::weights).
 #[derive(Clone, Copy, Debug)]
@@ -125,7 +125,7 @@ impl Task for BackwardTask<'_> {
                 }
             }
             let span = samples.offsets[rays.start] as usize..samples.offsets[rays.end] as usize;
-            map1::<V>(&mut self.grads.tau[span], |depth| vecmath::exp_neg(depth));
+            map1::<V, Transmittance>(&mut self.grads.tau[span]);
             for r in rays {
                 match self.values.channels {
                     3 => self.sweep::<V, 3>(r, 3),

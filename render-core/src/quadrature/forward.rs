@@ -1,7 +1,7 @@
 //! Weights and composited values, forward.
 
-use super::{LastInterval, Samples, Values, block, check_offsets, map1, map2};
-use float_core::{Simd, Task, Vector, vecmath};
+use super::{LastInterval, Opacity, Samples, Transmittance, Values, Weight, block, check_offsets, map1, map2};
+use float_core::{Simd, Task, Vector};
 
 /// Where [`composite`] writes.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ impl Task for WeightsTask<'_> {
             first = rays.end;
             block_weights::<V>(self.samples, rays, self.w, self.trans_end);
         }
-        map1::<V>(self.trans_end, |depth| vecmath::exp_neg(depth));
+        map1::<V, Transmittance>(self.trans_end);
     }
 }
 
@@ -115,9 +115,7 @@ fn block_weights<V: Vector>(samples: Samples<'_>, rays: core::ops::Range<usize>,
         }
     }
     if samples.last == LastInterval::Finite {
-        map2::<V>(&mut w[span.clone()], &samples.tau[span], |depth, tau| {
-            vecmath::exp_neg(depth) * -vecmath::exp_m1(-tau)
-        });
+        map2::<V, Weight>(&mut w[span.clone()], &samples.tau[span]);
     } else {
         // The last sample of a ray needs another factor: remember its depth across the vector pass.
         let mut r = rays.start;
@@ -131,10 +129,8 @@ fn block_weights<V: Vector>(samples: Samples<'_>, rays: core::ops::Range<usize>,
                 }
             }
             let span = samples.offsets[r] as usize..samples.offsets[end] as usize;
-            map2::<V>(&mut w[span.clone()], &samples.tau[span], |depth, tau| {
-                vecmath::exp_neg(depth) * -vecmath::exp_m1(-tau)
-            });
-            map1::<V>(&mut kept[..V::LANES], |depth| vecmath::exp_neg(depth));
+            map2::<V, Weight>(&mut w[span.clone()], &samples.tau[span]);
+            map1::<V, Transmittance>(&mut kept[..V::LANES]);
             for (kept, r) in kept.iter().zip(r..end) {
                 let range = samples.range(r);
                 if !range.is_empty() {
@@ -173,8 +169,8 @@ impl Task for CompositeTask<'_> {
             }
         }
         out.opacity.copy_from_slice(out.trans_end);
-        map1::<V>(out.opacity, |depth| -vecmath::exp_m1(-depth));
-        map1::<V>(out.trans_end, |depth| vecmath::exp_neg(depth));
+        map1::<V, Opacity>(out.opacity);
+        map1::<V, Transmittance>(out.trans_end);
         if channels > 0 {
             let rays = out.colour.chunks_exact_mut(channels).zip(background.chunks_exact(channels));
             for ((colour, background), &trans) in rays.zip(out.trans_end.iter()) {

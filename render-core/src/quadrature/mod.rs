@@ -47,6 +47,7 @@ pub use forward::{Composite, accumulate, composite, weights};
 use core::ops::Range;
 #[cfg(doc)]
 use float_core::Simd;
+use float_core::{Vector, vecmath};
 
 /// What the last interval of each ray is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -144,39 +145,76 @@ fn block(offsets: &[u32], first: usize) -> Range<usize> {
     first..end
 }
 
-/// `a[i] = f(a[i], b[i])` on whole vectors; the tail goes through padded copies, so that a sample's result never
-/// depends on where in the batch it lies.
+/// What [`map2`] does to each sample. A trait and not a closure: a closure would not be compiled with the level's instructions.
+trait Op {
+    fn apply<V: Vector>(a: V, b: V) -> V;
+}
+
+/// `T * (1 - exp(-tau))` from the depth in front and `tau`.
+struct Weight;
+/// `exp(-depth)`.
+struct Transmittance;
+/// `1 - exp(-depth)`.
+struct Opacity;
+
+impl Op for Weight {
+    #[inline(always)]
+    fn apply<V: Vector>(depth: V, tau: V) -> V {
+        vecmath::exp_neg(depth) * -vecmath::exp_m1(-tau)
+    }
+}
+
+impl Op for Transmittance {
+    #[inline(always)]
+    fn apply<V: Vector>(depth: V, _: V) -> V {
+        vecmath::exp_neg(depth)
+    }
+}
+
+impl Op for Opacity {
+    #[inline(always)]
+    fn apply<V: Vector>(depth: V, _: V) -> V {
+        -vecmath::exp_m1(-depth)
+    }
+}
+
+/// `a[i] = op(a[i], b[i])` on whole vectors; the tail goes through padded copies, so that a sample's result never depends
+/// on where in the batch it lies.
 #[inline(always)]
-fn map2<V: float_core::Vector>(a: &mut [f32], b: &[f32], f: impl Fn(V, V) -> V) {
+fn map2<V: Vector, F: Op>(a: &mut [f32], b: &[f32]) {
     let n = a.len();
     let b = &b[..n];
     let body = n / V::LANES * V::LANES;
-    for (a, b) in a[..body].chunks_exact_mut(V::LANES).zip(b[..body].chunks_exact(V::LANES)) {
-        f(V::load(a), V::load(b)).store(a);
+    let mut i = 0;
+    while i < body {
+        F::apply(V::load(&a[i..]), V::load(&b[i..])).store(&mut a[i..]);
+        i += V::LANES;
     }
     let tail = n - body;
     if tail > 0 {
         let (mut pa, mut pb) = ([0.0; MAX_LANES], [0.0; MAX_LANES]);
         pa[..tail].copy_from_slice(&a[body..]);
         pb[..tail].copy_from_slice(&b[body..]);
-        f(V::load(&pa), V::load(&pb)).store(&mut pa);
+        F::apply(V::load(&pa), V::load(&pb)).store(&mut pa);
         a[body..].copy_from_slice(&pa[..tail]);
     }
 }
 
-/// `a[i] = f(a[i])`, as [`map2`].
+/// `a[i] = op(a[i], 0)`, as [`map2`].
 #[inline(always)]
-fn map1<V: float_core::Vector>(a: &mut [f32], f: impl Fn(V) -> V) {
+fn map1<V: Vector, F: Op>(a: &mut [f32]) {
     let n = a.len();
     let body = n / V::LANES * V::LANES;
-    for a in a[..body].chunks_exact_mut(V::LANES) {
-        f(V::load(a)).store(a);
+    let mut i = 0;
+    while i < body {
+        F::apply(V::load(&a[i..]), V::splat(0.0)).store(&mut a[i..]);
+        i += V::LANES;
     }
     let tail = n - body;
     if tail > 0 {
         let mut pa = [0.0; MAX_LANES];
         pa[..tail].copy_from_slice(&a[body..]);
-        f(V::load(&pa)).store(&mut pa);
+        F::apply(V::load(&pa), V::splat(0.0)).store(&mut pa);
         a[body..].copy_from_slice(&pa[..tail]);
     }
 }
