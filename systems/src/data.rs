@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use render_core::camera::{Camera, RayTable};
 use render_core::ray::Ray;
 use scene_io::{Image, ImageStore, Scene, SceneError};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Rays of one task: fixed, so that the batch does not depend on the number of threads.
 const CHUNK: usize = 1024;
@@ -111,8 +111,10 @@ impl Batch {
 pub struct Dataset {
     views: Vec<View>,
     store: Arc<ImageStore>,
-    /// All images, where they fit in the store's memory.
-    resident: Option<Vec<Arc<Image>>>,
+    /// Whether all images fit in the store's memory.
+    fits: bool,
+    /// All images, decoded at the first draw, where they fit.
+    resident: OnceLock<Vec<Arc<Image>>>,
     /// Views a window holds when they do not fit.
     window_views: u64,
     /// `first_pixel[v]` is the number of pixels of the views before `v`; one entry more than views.
@@ -120,12 +122,10 @@ pub struct Dataset {
 }
 
 impl Dataset {
-    /// The frames `frames` of `scene`, decoded through `store`.
-    ///
-    /// When all of them fit in the store's memory they are decoded here, in parallel, and stay.
+    /// The frames `frames` of `scene`, to be decoded through `store`, a store of all frames of the scene.
     ///
     /// # Errors
-    /// [`SceneError`] when an image cannot be read.
+    /// None today; kept so that reading ahead may fail.
     ///
     /// # Panics
     /// When an index in `frames` is not one of `scene.frames`.
@@ -153,14 +153,22 @@ impl Dataset {
             let pixels = u64::from(view.camera.width) * u64::from(view.camera.height);
             first_pixel.push(first_pixel[first_pixel.len() - 1] + pixels);
         }
-        let resident = if bytes <= store.budget_bytes() {
-            let decoded: Vec<_> = frames.par_iter().map(|&frame| store.get(frame)).collect();
-            Some(decoded.into_iter().collect::<Result<Vec<_>, _>>()?)
-        } else {
-            None
-        };
-        let window_views = store.budget_bytes().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1) as u64);
-        Ok(Self { views, store, resident, window_views, first_pixel })
+        let fits = bytes <= store.budget_bytes();
+        let window = store.budget_bytes().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1) as u64);
+        Ok(Self { views, store, fits, resident: OnceLock::new(), window_views: window, first_pixel })
+    }
+
+    /// Decode all views, in parallel, where they fit in the store's memory; the first [`Dataset::draw`] does it otherwise.
+    ///
+    /// # Errors
+    /// [`SceneError`] of the first image that cannot be read.
+    pub fn decode(&self) -> Result<(), SceneError> {
+        if self.fits && self.resident.get().is_none() {
+            let decoded: Vec<_> = self.views.par_iter().map(|view| self.store.get(view.frame)).collect();
+            // Another thread may have been faster: it has the same pixels.
+            let _ = self.resident.set(decoded.into_iter().collect::<Result<_, _>>()?);
+        }
+        Ok(())
     }
 
     /// Number of views.
@@ -194,7 +202,7 @@ impl Dataset {
     /// # Panics
     /// When there is no such view.
     pub fn image(&self, i: usize) -> Result<Arc<Image>, SceneError> {
-        match &self.resident {
+        match self.resident.get() {
             Some(images) => Ok(images[i].clone()),
             None => self.store.get(self.views[i].frame),
         }
@@ -215,10 +223,8 @@ impl Dataset {
 
     /// Bytes the decoded views may take at one time, with the direction tables.
     pub fn memory_bytes(&self) -> u64 {
-        let images: u64 = match &self.resident {
-            Some(images) => images.iter().map(|i| i.bytes()).sum(),
-            None => self.store.budget_bytes(),
-        };
+        let images: u64 = self.views.iter().map(|view| self.store.bytes(view.frame)).sum();
+        let images = images.min(self.store.budget_bytes());
         let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
         tables.sort_by_key(|t| Arc::as_ptr(t));
         tables.dedup_by_key(|t| Arc::as_ptr(t));
@@ -240,7 +246,9 @@ impl Dataset {
             return Ok(());
         }
         batch.resize(n);
-        if self.resident.is_none() {
+        if self.fits {
+            self.decode()?;
+        } else {
             self.fill_pool(seed, step / STEPS_PER_WINDOW, batch)?;
         }
         let rng = Rng::new(seed, PIXELS).substream(step);
@@ -268,7 +276,7 @@ impl Dataset {
         for attempt in 0..ATTEMPTS {
             let bits = rng.block_at(i * ATTEMPTS + attempt);
             let u = u64::from(bits[0]) << 32 | u64::from(bits[1]);
-            let (v, image, x, y) = match &self.resident {
+            let (v, image, x, y) = match self.resident.get() {
                 Some(images) => {
                     let at = scale(u, self.pixel_count());
                     let v = self.first_pixel.partition_point(|&first| first <= at) - 1;

@@ -11,7 +11,7 @@ use crate::render::{Rendered, render};
 use crate::system::{Query, System};
 use image::RgbImage;
 use losses::metrics::{
-    Image, Lpips, MS_SSIM_MIN_SIDE, MaskedSsim, MetricError, SsimVariant, masked_psnr, masked_ssim, ms_ssim, psnr, ssim,
+    Image, Lpips, MS_SSIM_MIN_SIDE, MaskedSsim, SsimVariant, masked_psnr, masked_ssim, ms_ssim, psnr, ssim,
 };
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +39,10 @@ pub struct ViewScore {
     pub lpips: Option<f64>,
     /// Seconds to render.
     pub render_seconds: f64,
+    /// Stem of the view's files in `renders/`, when they were written: `STEM.png`, `STEM_truth.png`, `STEM_error.png`,
+    /// `STEM_depth.png`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<String>,
 }
 
 /// Scores of all held-out views: the content of `eval.json`.
@@ -123,19 +127,23 @@ fn measure(
     measures: Measures<'_>,
     note: &mut dyn FnMut(&str),
 ) -> ViewScore {
-    let mut score =
-        ViewScore { name: String::new(), psnr: None, ssim: None, ms_ssim: None, lpips: None, render_seconds: 0.0 };
+    let mut score = ViewScore {
+        name: String::new(),
+        psnr: None,
+        ssim: None,
+        ms_ssim: None,
+        lpips: None,
+        render_seconds: 0.0,
+        files: None,
+    };
     let (width, height) = (truth.width() as usize, truth.height() as usize);
-    let borrowed =
-        |p: &'_ RgbImage| -> Result<(), MetricError> { Image::from_u8(width, height, 3, p.as_raw()).map(|_| ()) };
-    if borrowed(picture).and(borrowed(truth)).is_err() {
-        note("the picture and the truth differ in size");
-        return score;
-    }
-    let (Ok(a), Ok(b)) =
-        (Image::from_u8(width, height, 3, picture.as_raw()), Image::from_u8(width, height, 3, truth.as_raw()))
-    else {
-        return score;
+    let image = |p| Image::from_u8(width, height, 3, p);
+    let (a, b) = match (image(picture.as_raw()), image(truth.as_raw())) {
+        (Ok(a), Ok(b)) => (a, b),
+        (Err(e), _) | (_, Err(e)) => {
+            note(&format!("not measured: {e}"));
+            return score;
+        }
     };
     let mask: Option<Vec<f32>> = mask.map(|m| m.iter().map(|&m| if m >= 128 { 1.0 } else { 0.0 }).collect());
     let measured = match &mask {

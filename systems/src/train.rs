@@ -78,21 +78,30 @@ pub struct Progress {
     pub memory_mb: Option<f64>,
 }
 
+/// When the held-out views are measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Occasion {
+    /// For the curve.
+    Midway,
+    /// The result.
+    End,
+}
+
 /// What the loop asks of the run around it.
 pub trait Host {
-    /// Measure the held-out views: mean PSNR in dB, or `None` where there are none.
+    /// Measure the held-out views after `at` = (steps, training seconds): mean PSNR in dB, or `None` where there are none.
     ///
     /// # Errors
     /// Stops the run.
-    fn evaluate(&mut self, system: &dyn System, step: u64, seconds: f64) -> Result<Option<f64>, RunError>;
+    fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError>;
 
-    /// Write a checkpoint.
+    /// Write a checkpoint of `at` = (steps, training seconds).
     ///
     /// # Errors
     /// Stops the run.
-    fn save(&mut self, system: &dyn System, step: u64, seconds: f64) -> Result<(), RunError>;
+    fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError>;
 
-    /// Show where the run stands; called after every step, so that the callee chooses how often to draw.
+    /// Take note of where the run stands; called after every step.
     fn progress(&mut self, progress: &Progress);
 }
 
@@ -240,7 +249,7 @@ pub fn train(
         if evaluate || window.seconds >= schedule.row_every {
             let mut row = window.row(step, seconds);
             if evaluate {
-                row.psnr_test = host.evaluate(system, step, seconds)?;
+                row.psnr_test = host.evaluate(system, (step, seconds), Occasion::Midway)?;
                 latest.psnr_test = row.psnr_test;
             }
             log.write(&row)?;
@@ -253,16 +262,16 @@ pub fn train(
         }
         host.progress(&latest);
         if saved_at.elapsed() >= schedule.checkpoint_every {
-            host.save(system, step, seconds)?;
+            host.save(system, (step, seconds))?;
             saved_at = Instant::now();
         }
     };
     if step > start {
-        host.save(system, step, seconds)?;
+        host.save(system, (step, seconds))?;
     }
     let mut psnr_test = None;
     if reason == Reason::Finished {
-        psnr_test = host.evaluate(system, step, seconds)?;
+        psnr_test = host.evaluate(system, (step, seconds), Occasion::End)?;
     }
     if step > start {
         log.write(&Row { psnr_test, ..window.row(step, seconds) })?;

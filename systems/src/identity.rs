@@ -1,0 +1,59 @@
+//! Which dataset a run was trained on: a hash of what training sees.
+
+use crate::checkpoint::hex;
+use crate::error::RunError;
+use scene_io::{ImageSource, MaskPolarity, Scene, Split};
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// Files up to twice this are hashed whole, larger ones by their size and this much of either end: a thousand large
+/// photographs must not cost minutes.
+const END: u64 = 512 * 1024;
+
+/// SHA-256 over [`Scene::fingerprint`] (names, splits, cameras, poses) and the image and mask files of all frames that are
+/// used. Folders do not matter: a dataset that was moved is the same.
+///
+/// # Errors
+/// [`RunError::Read`] naming the file.
+pub fn dataset_hash(scene: &Scene) -> Result<String, RunError> {
+    let mut hash = Sha256::new();
+    hash.update(scene.fingerprint());
+    for frame in &scene.frames {
+        if frame.split == Split::Unused {
+            continue;
+        }
+        match &frame.image {
+            ImageSource::File(path) => hash_file(&mut hash, path)?,
+            ImageSource::Memory(image) => {
+                hash.update(&image.data);
+                hash.update(image.mask.as_deref().unwrap_or_default());
+            }
+        }
+        if let Some(mask) = &frame.mask {
+            hash.update([u8::from(frame.mask_polarity == MaskPolarity::WhiteIsUsed)]);
+            hash_file(&mut hash, mask)?;
+        }
+    }
+    Ok(format!("sha256:{}", hex(&hash.finalize())))
+}
+
+fn hash_file(hash: &mut Sha256, path: &Path) -> Result<(), RunError> {
+    let mut read = || {
+        let mut file = File::open(path)?;
+        let size = file.metadata()?.len();
+        hash.update(size.to_le_bytes());
+        let mut bytes = Vec::new();
+        if size <= 2 * END {
+            file.read_to_end(&mut bytes)?;
+        } else {
+            file.by_ref().take(END).read_to_end(&mut bytes)?;
+            file.seek(SeekFrom::End(-(END as i64)))?;
+            file.take(END).read_to_end(&mut bytes)?;
+        }
+        hash.update(&bytes);
+        Ok(())
+    };
+    read().map_err(RunError::read(path))
+}

@@ -1,0 +1,75 @@
+//! `report.html`: one self-contained page about a run, made from the files of its folder.
+
+mod plot;
+mod sections;
+
+use crate::error::RunError;
+use crate::eval::Evaluation;
+use crate::log;
+use crate::output::{Storage, write_file};
+use crate::summary::Summary;
+use std::fs;
+use std::path::Path;
+
+/// Name in the run folder.
+pub const FILE: &str = "report.html";
+
+/// What the page is made of.
+struct Sources {
+    summary: Summary,
+    rows: Vec<log::Row>,
+    evaluation: Option<Evaluation>,
+    config: String,
+}
+
+/// Write the report of the run in `folder` from `summary.json`, `metrics.csv`, `eval.json`, `config.toml` and `renders/`.
+/// Files that are missing leave their section out; `summary.json` must be there.
+///
+/// # Errors
+/// [`RunError::Read`], [`RunError::Content`], [`RunError::Write`].
+pub fn write(storage: &dyn Storage, folder: &Path) -> Result<(), RunError> {
+    let metrics = folder.join("metrics.csv");
+    let eval = folder.join("eval.json");
+    let sources = Sources {
+        summary: Summary::read(folder)?,
+        rows: if metrics.exists() { log::read(&metrics)? } else { Vec::new() },
+        evaluation: match fs::read_to_string(&eval) {
+            Ok(text) => Some(
+                serde_json::from_str(&text)
+                    .map_err(|e| RunError::Content { path: eval, problem: format!("{e}: run `eval` again") })?,
+            ),
+            Err(_) => None,
+        },
+        config: fs::read_to_string(folder.join("config.toml")).unwrap_or_default(),
+    };
+    write_file(storage, &folder.join(FILE), page(&sources, folder).as_bytes())
+}
+
+fn page(sources: &Sources, folder: &Path) -> String {
+    let s = &sources.summary;
+    let title = escape(&format!("{} · {}", s.scene.name, s.system));
+    let body = [
+        sections::heading(s),
+        sections::cards(s, sources.evaluation.as_ref()),
+        sections::curves(&sources.rows),
+        sources.evaluation.as_ref().map(|e| sections::pictures(e, folder)).unwrap_or_default(),
+        sources.evaluation.as_ref().map(sections::scores).unwrap_or_default(),
+        sections::plan(s),
+        sections::costs(s),
+        sections::skips(s),
+        sections::held_out(s),
+        sections::config(&sources.config),
+    ];
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
+         content=\"width=device-width, initial-scale=1\">\n<title>{title}</title>\n<style>\n{}</style>\n</head>\n<body>\n\
+         <main>\n{}</main>\n</body>\n</html>\n",
+        include_str!("style.css"),
+        body.concat()
+    )
+}
+
+/// Text for HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

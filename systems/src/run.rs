@@ -1,0 +1,436 @@
+//! A run: one folder that holds everything about one training.
+//!
+//! ```text
+//! config.toml        what determines the result, with every setting the plan decided
+//! heldout.txt        names of the held-out frames, one a line
+//! metrics.csv        a row an interval (see `log`)
+//! checkpoint/        see `checkpoint`
+//! eval.json eval.csv scores of the held-out views
+//! renders/           held-out views: render, truth, error map, depth
+//! summary.json       plan, time per part, memory, skip table: what the report is made of
+//! report.html        all of it, self-contained
+//! ```
+
+use crate::checkpoint::{self, Checkpoint};
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::eval::{Evaluation, Measures, evaluate};
+use crate::identity::dataset_hash;
+use crate::log::MetricsLog;
+use crate::memory::{available_bytes, human};
+use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
+use crate::output::{Disk, Storage, make_folder, write_file};
+use crate::picture::{depth, depth_range, error_map, write_png};
+use crate::progress::{Event, Observer};
+use crate::render::plain_query;
+use crate::report;
+use crate::summary::{SceneSummary, Summary};
+use crate::system::{Query, System, SystemError};
+use crate::train::{Ended, Host, Occasion, Progress, Schedule, train};
+use losses::metrics::Lpips;
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Reads the scene a word or path names.
+pub type Load<'a> = dyn Fn(&str, &DataOptions) -> Result<Scene, RunError> + 'a;
+/// Makes a system for a scene and says what it decided.
+pub type Build<'a> = dyn Fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError> + 'a;
+
+/// What a run is made with.
+#[derive(Clone, Copy)]
+pub struct Parts<'a> {
+    /// Reads scenes.
+    pub load: &'a Load<'a>,
+    /// Makes systems.
+    pub build: &'a Build<'a>,
+    /// Where files go.
+    pub storage: &'a dyn Storage,
+    /// System taken when none is named.
+    pub default_system: &'a str,
+}
+
+/// An open run.
+pub struct Run<'a> {
+    parts: Parts<'a>,
+    /// The run folder.
+    pub folder: PathBuf,
+    /// What determines the result.
+    pub config: RunConfig,
+    /// What the plan decided, a line each.
+    pub plan: Vec<String>,
+    /// The scene.
+    pub scene: Scene,
+    /// Views trained on.
+    pub train: Dataset,
+    /// Views held out.
+    pub held_out: Dataset,
+    /// The method.
+    pub system: Box<dyn System>,
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds.
+    pub seconds: f64,
+    /// Step the run was resumed at.
+    resumed_at: Option<u64>,
+    dataset: String,
+}
+
+impl<'a> Run<'a> {
+    /// Start a run in `folder`.
+    ///
+    /// # Errors
+    /// [`RunError::RunExists`], unreadable scenes, scenes without training views, unwritable folders, settings that
+    /// cannot work, too little memory.
+    pub fn create(
+        folder: &Path,
+        request: &Request,
+        parts: Parts<'a>,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RunError> {
+        if let Some(step) = checkpoint::newest_step(folder) {
+            return Err(RunError::RunExists { folder: folder.into(), step });
+        }
+        let spec = request.scene.as_deref().ok_or_else(|| RunError::Option("no scene is given".into()))?;
+        make_folder(folder)?;
+        // Found out now, not after an hour of training.
+        let probe = folder.join("config.toml");
+        write_file(parts.storage, &probe, b"# a run is being prepared\n")?;
+
+        let name = request.system.as_deref().unwrap_or(parts.default_system);
+        let options = RunOptions {
+            seed: request.seed.unwrap_or(0),
+            background: request.background,
+            error_budget: request.error_budget,
+            set: request.set.clone(),
+        };
+        let data = DataOptions {
+            image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
+            ..request.data.clone()
+        };
+        let scene = (parts.load)(spec, &data)?;
+        let dataset = dataset_hash(&scene)?;
+        let (train, held_out) = datasets(&scene, &data)?;
+        let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
+        let config = RunConfig {
+            scene: spec.into(),
+            system: name.into(),
+            seed: options.seed,
+            background: plan.background,
+            error_budget: plan.error_budget,
+            data,
+            settings: plan.config,
+        };
+        let run = Self {
+            parts,
+            folder: folder.into(),
+            config,
+            plan: plan.lines,
+            scene,
+            train,
+            held_out,
+            system,
+            step: 0,
+            seconds: 0.0,
+            resumed_at: None,
+            dataset,
+        };
+        run.check_memory(observer)?;
+        let text = toml::to_string_pretty(&run.config)
+            .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
+        write_file(parts.storage, &folder.join("config.toml"), text.as_bytes())?;
+        let names: String = run.held_out.views().iter().map(|v| format!("{}\n", v.name)).collect();
+        write_file(parts.storage, &folder.join("heldout.txt"), names.as_bytes())?;
+        MetricsLog::create(&folder.join("metrics.csv"))?;
+        Ok(run)
+    }
+
+    /// Open the run in `folder` at its newest usable checkpoint. What `request` says must agree with the run.
+    ///
+    /// # Errors
+    /// [`RunError::NoCheckpoint`], [`RunError::AllCheckpointsBroken`], [`RunError::ResumeDiffers`],
+    /// [`RunError::DatasetChanged`], and what [`Run::create`] fails with.
+    pub fn open(
+        folder: &Path,
+        request: &Request,
+        parts: Parts<'a>,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RunError> {
+        let Checkpoint { meta, state, warnings } = checkpoint::load_newest(folder)?;
+        for warning in &warnings {
+            observer.event(Event::Warning(warning));
+        }
+        let config = meta.config;
+        request.agree_with(&config)?;
+        let spec = request.scene.as_deref().unwrap_or(&config.scene);
+        let mut data = config.data.clone();
+        let names = folder.join("heldout.txt");
+        if data.holdout.as_ref().is_some_and(|h| h.starts_with("names:")) && names.exists() {
+            // The names as they were, wherever the file has gone.
+            data.holdout = Some(format!("names:{}", names.display()));
+        }
+        let scene = (parts.load)(spec, &data)?;
+        let dataset = dataset_hash(&scene)?;
+        if dataset != meta.dataset {
+            return Err(RunError::DatasetChanged { run: short(&meta.dataset), now: short(&dataset) });
+        }
+        let (train, held_out) = datasets(&scene, &data)?;
+        let options = RunOptions {
+            seed: config.seed,
+            background: Some(config.background),
+            error_budget: Some(config.error_budget),
+            set: config.settings.clone(),
+        };
+        let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
+        system.load_state(&state)?;
+        Ok(Self {
+            parts,
+            folder: folder.into(),
+            config,
+            plan: plan.lines,
+            scene,
+            train,
+            held_out,
+            system,
+            step: meta.step,
+            seconds: meta.seconds,
+            resumed_at: Some(meta.step),
+            dataset,
+        })
+    }
+
+    /// Train until the schedule or `interrupt` stops it; at the end measure the held-out views and write the report.
+    ///
+    /// # Errors
+    /// See [`train`]; the newest checkpoint stays usable.
+    pub fn train(
+        &mut self,
+        schedule: &Schedule,
+        lpips: Option<&Lpips>,
+        observer: &mut dyn Observer,
+        interrupt: &AtomicBool,
+    ) -> Result<(Ended, Option<Evaluation>), RunError> {
+        let path = self.folder.join("metrics.csv");
+        let mut log = MetricsLog::resume(&path, self.step)?;
+        self.train.decode()?;
+        let query = self.query();
+        let mut host = RunHost {
+            folder: &self.folder,
+            storage: self.parts.storage,
+            config: &self.config,
+            dataset: &self.dataset,
+            held_out: &self.held_out,
+            query,
+            lpips,
+            observer,
+            evaluation: None,
+        };
+        let start = (self.step, self.seconds);
+        let ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
+        let evaluation = host.evaluation.take();
+        (self.step, self.seconds) = (ended.step, ended.seconds);
+        self.write_summary()?;
+        report::write(self.parts.storage, &self.folder)?;
+        Ok((ended, evaluation))
+    }
+
+    /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report.
+    ///
+    /// # Errors
+    /// [`RunError::Untrainable`] without held-out views, unreadable images, unwritable files.
+    pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
+        if self.held_out.is_empty() {
+            return Err(RunError::Option(
+                "the run holds no views out, so there is nothing to measure: train with `--holdout every:8`".into(),
+            ));
+        }
+        let at = (self.step, self.seconds);
+        let evaluation = measure_and_write(
+            (self.parts.storage, &self.folder),
+            (self.system.as_ref(), &self.held_out, &self.query(), lpips),
+            at,
+            observer,
+        )?;
+        if !self.folder.join(Summary::FILE).exists() {
+            self.write_summary()?;
+        }
+        report::write(self.parts.storage, &self.folder)?;
+        Ok(evaluation)
+    }
+
+    /// How held-out views are rendered.
+    pub fn query(&self) -> Query {
+        plain_query(self.config.background.colour(), self.config.error_budget)
+    }
+
+    /// One line about the memory the run needs.
+    pub fn memory_line(&self) -> String {
+        let (images, system) = self.memory_estimate();
+        let total = human(images + system);
+        let available = available_bytes().map_or_else(String::new, |b| format!(", {} available", human(b)));
+        format!(
+            "memory: {total} expected (images {}, {} {}){available}",
+            human(images),
+            self.system.name(),
+            human(system)
+        )
+    }
+
+    fn memory_estimate(&self) -> (u64, u64) {
+        (self.train.memory_bytes(), self.system.memory_bytes() as u64)
+    }
+
+    /// Refuse early, with the numbers.
+    fn check_memory(&self, observer: &mut dyn Observer) -> Result<(), RunError> {
+        let (images, system) = self.memory_estimate();
+        let Some(available) = available_bytes() else { return Ok(()) };
+        if images > available {
+            let (images, available) = (human(images), human(available));
+            return Err(RunError::Untrainable(format!(
+                "the decoded images need {images} and {available} are available: give `--image-memory MIB` or \
+                 `--longest-side PX`"
+            )));
+        }
+        if images + system > available / 10 * 9 {
+            let line = format!(
+                "{} expected and {} available: the machine may start to swap; `--longest-side PX` or `--image-memory \
+                 MIB` help",
+                human(images + system),
+                human(available)
+            );
+            observer.event(Event::Warning(&line));
+        }
+        Ok(())
+    }
+
+    fn write_summary(&self) -> Result<(), RunError> {
+        let (images, system) = self.memory_estimate();
+        let summary = Summary::new(
+            self.system.as_ref(),
+            SceneSummary::new(&self.scene, &self.train, &self.held_out),
+            &self.plan,
+            (self.step, self.seconds, self.resumed_at),
+            [images, system],
+        );
+        write_file(self.parts.storage, &self.folder.join(Summary::FILE), summary.json().as_bytes())
+    }
+}
+
+/// The training and the held-out views. A dataset without a test split is measured on its validation split.
+fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
+    let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
+    let store = Arc::new(ImageStore::new(&scene.frames, options)?);
+    let train: Vec<usize> = scene.split(Split::Train).collect();
+    if train.is_empty() {
+        return Err(RunError::Untrainable(format!(
+            "`{}` has no training views ({} frames in all): check the split or give `--holdout none`",
+            scene.name,
+            scene.frames.len()
+        )));
+    }
+    let mut held_out: Vec<usize> = scene.split(Split::Test).collect();
+    if held_out.is_empty() {
+        held_out = scene.split(Split::Val).collect();
+    }
+    Ok((Dataset::new(scene, store.clone(), train)?, Dataset::new(scene, store, held_out)?))
+}
+
+fn short(hash: &str) -> String {
+    hash.chars().take(19).collect() // `sha256:` and twelve digits
+}
+
+/// Connects the training loop to the folder and the observer.
+struct RunHost<'r> {
+    folder: &'r Path,
+    storage: &'r dyn Storage,
+    config: &'r RunConfig,
+    dataset: &'r str,
+    held_out: &'r Dataset,
+    query: Query,
+    lpips: Option<&'r Lpips>,
+    observer: &'r mut dyn Observer,
+    evaluation: Option<Evaluation>,
+}
+
+impl Host for RunHost<'_> {
+    fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
+        let psnr = match occasion {
+            Occasion::Midway => {
+                let of = self.held_out.len();
+                let observer = &mut *self.observer;
+                evaluate(system, self.held_out, &self.query, Measures::Psnr, at, |seen| {
+                    observer.event(Event::View { done: seen.index + 1, of });
+                    Ok(())
+                })?
+                .psnr
+            }
+            Occasion::End => {
+                let views = (system, self.held_out, &self.query, self.lpips);
+                let evaluation = measure_and_write((self.storage, self.folder), views, at, self.observer)?;
+                let psnr = evaluation.psnr;
+                self.evaluation = Some(evaluation);
+                psnr
+            }
+        };
+        self.observer.event(Event::Evaluated { step: at.0, seconds: at.1, psnr });
+        Ok(psnr)
+    }
+
+    fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError> {
+        let path = checkpoint::save(self.storage, self.folder, system, at, self.config, self.dataset)?;
+        self.observer.event(Event::Saved { step: at.0, path: &path });
+        Ok(())
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        self.observer.event(Event::Step(progress));
+    }
+}
+
+/// All metrics of all held-out views, with their pictures, on disk.
+fn measure_and_write(
+    (storage, folder): (&dyn Storage, &Path),
+    (system, data, query, lpips): (&dyn System, &Dataset, &Query, Option<&Lpips>),
+    at: (u64, f64),
+    observer: &mut dyn Observer,
+) -> Result<Evaluation, RunError> {
+    let renders = folder.join("renders");
+    make_folder(&renders)?;
+    let stems: Vec<String> =
+        data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
+    let of = data.len();
+    let mut evaluation = evaluate(system, data, query, Measures::All(lpips), at, |seen| {
+        let stem = &stems[seen.index];
+        let write = |suffix: &str, picture: &image::RgbImage| {
+            write_png(storage, &renders.join(format!("{stem}{suffix}.png")), picture)
+        };
+        write("", seen.picture)?;
+        write("_truth", seen.truth)?;
+        write("_error", &error_map(seen.picture, seen.truth))?;
+        write("_depth", &depth(seen.rendered, depth_range(&[seen.rendered])))?;
+        observer.event(Event::View { done: seen.index + 1, of });
+        Ok(())
+    })?;
+    for (score, stem) in evaluation.views.iter_mut().zip(stems) {
+        score.files = Some(stem);
+    }
+    write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;
+    write_file(storage, &folder.join("eval.csv"), evaluation.csv().as_bytes())?;
+    Ok(evaluation)
+}
+
+/// A frame's name as part of a file name: letters, digits, `-`, `_`, `.`; no extension.
+fn stem(name: &str) -> String {
+    let name = Path::new(name).with_extension("");
+    let clean = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.to_string_lossy().chars().map(clean).collect::<String>().trim_start_matches('.').to_string()
+}
+
+/// Parts that read files and write to the disk; the system is up to `build`.
+pub fn disk_parts<'a>(load: &'a Load<'a>, build: &'a Build<'a>, default_system: &'a str) -> Parts<'a> {
+    Parts { load, build, storage: &Disk, default_system }
+}

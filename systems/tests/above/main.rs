@@ -1,0 +1,8 @@
+//! What stands above every system: batches, the loop, checkpoints, evaluation, the run folder. Driven by a small system
+//! of the tests' own.
+
+mod common;
+mod data;
+mod full_disk;
+mod results;
+mod resume;
