@@ -10,13 +10,8 @@ pub(super) fn evaluate(c: &[f64], x: f64) -> f64 {
 
 /// Smallest root in `(0, limit)` at which `c` changes sign, or `limit` when there is none.
 ///
-/// The roots of the derivative cut the line into pieces on which the polynomial is monotone; each piece holds at most
-/// one root and is bisected. A root at which the sign stays (the curve only touches zero) does not count.
+/// A root at which the sign stays (the curve only touches zero) does not count.
 pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
-    // Without a negative coefficient there is nothing to look for (the usual case: no distortion).
-    if c[0] > 0.0 && c.iter().all(|&c| c >= 0.0) {
-        return limit;
-    }
     let mut roots = [0.0; 16];
     match sign_changes(c, limit, &mut roots) {
         0 => limit,
@@ -25,17 +20,24 @@ pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
 }
 
 /// All sign changes in `(0, limit)`, ascending; returns how many there are.
-fn sign_changes(c: &Coefficients, limit: f64, roots: &mut Coefficients) -> usize {
+///
+/// The roots of the derivative cut the line into pieces on which the polynomial is monotone; each piece holds at most
+/// one root and is bisected. Descartes' rule of signs ends most calls early.
+fn sign_changes(c: &[f64], limit: f64, roots: &mut Coefficients) -> usize {
     let degree = c.iter().rposition(|&c| c != 0.0).unwrap_or(0);
-    if degree == 0 {
-        return 0;
-    }
-    let mut derivative = [0.0; 16];
-    for (i, d) in derivative.iter_mut().enumerate().take(degree) {
-        *d = c[i + 1] * (i + 1) as f64;
-    }
+    let c = &c[..=degree];
     let mut turning = [0.0; 16];
-    let turns = sign_changes(&derivative, limit, &mut turning);
+    let turns = match sign_variations(c) {
+        0 => return 0,
+        1 => 0, // exactly one positive root: the whole line is its bracket
+        _ => {
+            let mut derivative = [0.0; 16];
+            for (i, d) in derivative[..degree].iter_mut().enumerate() {
+                *d = c[i + 1] * (i + 1) as f64;
+            }
+            sign_changes(&derivative[..degree], limit, &mut turning)
+        }
+    };
     let (mut found, mut lo) = (0, 0.0);
     for &hi in turning[..turns].iter().chain(&[limit]) {
         if (evaluate(c, lo) > 0.0) != (evaluate(c, hi) > 0.0) {
@@ -45,6 +47,13 @@ fn sign_changes(c: &Coefficients, limit: f64, roots: &mut Coefficients) -> usize
         lo = hi;
     }
     found
+}
+
+/// How often the sign changes from one nonzero coefficient to the next.
+fn sign_variations(c: &[f64]) -> usize {
+    let mut signs = c.iter().filter(|&&c| c != 0.0).map(|&c| c > 0.0);
+    let Some(mut last) = signs.next() else { return 0 };
+    signs.filter(|&sign| core::mem::replace(&mut last, sign) != sign).count()
 }
 
 /// The sign change between `lo` and `hi`, to the last bit; the returned point is on the side of `lo`.
