@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
 
 /// One of every kind, as strong as real ones get.
-pub const SAMPLES: [(&str, Lens); 9] = [
+pub(crate) const SAMPLES: [(&str, Lens); 9] = [
     ("pinhole", Lens::PINHOLE),
     ("barrel", Lens::Perspective { k: [-0.28, 0.07, -0.005, 0.0, 0.0, 0.0], p: [0.0; 2] }),
     ("pincushion", Lens::Perspective { k: [0.15, 0.03, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] }),
@@ -18,14 +18,14 @@ pub const SAMPLES: [(&str, Lens); 9] = [
 ];
 
 /// A camera of 96 x 72 pixels, off-centre, `fx != fy`, half diagonal about 45 degrees.
-pub fn sample_camera(lens: Lens) -> Camera {
+pub(crate) fn sample_camera(lens: Lens) -> Camera {
     let pose =
         Pose { r: DMat3::from_quat(DQuat::from_xyzw(0.2, -0.4, 0.1, 0.9).normalize()), c: DVec3::new(1.5, -0.5, 2.0) };
     Camera { lens, ..Camera::pinhole(96, 72, 61.0, 58.5, 49.25, 34.5, pose) }
 }
 
 /// Any lens, from none to strong; some fold inside the picture.
-pub fn any_lens() -> impl Strategy<Value = Lens> {
+pub(crate) fn any_lens() -> impl Strategy<Value = Lens> {
     let p = || [-0.003..0.003_f64, -0.003..0.003_f64];
     prop_oneof![
         1 => Just(Lens::PINHOLE),
@@ -41,7 +41,7 @@ pub fn any_lens() -> impl Strategy<Value = Lens> {
 }
 
 /// A camera with any lens and pose, from tele to wide angle.
-pub fn any_camera() -> impl Strategy<Value = Camera> {
+pub(crate) fn any_camera() -> impl Strategy<Value = Camera> {
     (testkit::strategies::any_camera(), any_lens()).prop_map(|(data, lens)| {
         let rows = data.rotation.map(DVec3::from_array);
         let pose =
@@ -51,7 +51,7 @@ pub fn any_camera() -> impl Strategy<Value = Camera> {
 }
 
 /// Pixel of a point in camera axes, `Z > 0`, from the definitions of the models; no limits, nothing clever.
-pub fn naive_project(camera: &Camera, x: DVec3) -> DVec2 {
+pub(crate) fn naive_project(camera: &Camera, x: DVec3) -> DVec2 {
     let (a, b) = (x.x / x.z, x.y / x.z);
     let r = (a * a + b * b).sqrt();
     let theta = r.atan();
