@@ -6,14 +6,19 @@
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
 //! * [`render`], [`picture`], [`eval`], [`report`]: pictures and how good they are.
+//! * [`source`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
+pub mod camera_path;
 pub mod checkpoint;
 pub mod data;
 pub mod error;
 pub mod eval;
+#[cfg(feature = "flip")]
+pub mod flip;
 pub mod identity;
 pub mod layout;
 pub mod log;
+pub mod lpips_file;
 pub mod memory;
 pub mod options;
 pub mod output;
@@ -23,9 +28,11 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod source;
 pub mod space;
 pub mod static_scene;
 pub mod summary;
+pub mod surface;
 pub mod system;
 pub mod train;
 

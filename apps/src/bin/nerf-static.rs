@@ -1,2 +1,5 @@
-//! placeholder
-fn main() {}
+//! Static scenes from photographs: `nerf-static --help`.
+
+fn main() -> std::process::ExitCode {
+    apps::nerf_static()
+}

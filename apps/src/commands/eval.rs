@@ -1,0 +1,14 @@
+//! `eval`: the held-out views of the newest checkpoint.
+
+use super::{Done, Failure, Session, open, train::conclude};
+use crate::cli::Eval;
+
+pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
+    let lpips = session.lpips()?;
+    let mut show = session.show();
+    let run = open(&args.run, &mut show)?;
+    let evaluation = run.evaluate(lpips.as_ref(), &mut show)?;
+    show.finish();
+    conclude(Some(&evaluation), &args.run);
+    Ok(Done::Finished)
+}

@@ -1,0 +1,52 @@
+//! `export`: points, meshes and cameras, in the input's frame and scale.
+
+use super::{Done, Failure, Session, open};
+use crate::cli::Export;
+use crate::show::line;
+use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
+use systems::RunError;
+use systems::run::Run;
+use systems::surface::{CropBox, default_level, mesh, points};
+
+pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
+    let mut show = session.show();
+    let run = open(&args.run, &mut show)?;
+    let crop = crop_box(args, &run)?;
+    if args.points.is_some() || args.mesh.is_some() {
+        let [[x0, y0, z0], [x1, y1, z1]] = crop;
+        line(format_args!("box: ({x0:.4}, {y0:.4}, {z0:.4}) to ({x1:.4}, {y1:.4}, {z1:.4}), the input's frame"));
+    }
+    if let Some(path) = &args.points {
+        let cloud = points(run.system.as_ref(), &run.train, &run.query(), &crop, args.count);
+        write_points(path, &cloud)?;
+        line(format_args!("{} points in {}", cloud.positions.len(), path.display()));
+    }
+    if let Some(path) = &args.mesh {
+        let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);
+        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution))?;
+        write_mesh(path, &mesh)?;
+        let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+        line(format_args!("{triangles} triangles, {vertices} vertices at density {level} in {}", path.display()));
+        if triangles == 0 {
+            line("the mesh is empty: give a lower `--level`");
+        }
+    }
+    if let Some(path) = &args.cameras {
+        match path.extension().is_some_and(|e| e == "json") {
+            true => write_transforms(path, &run.scene.frames)?,
+            false => write_colmap(path, &run.scene.frames, &run.scene.points)?,
+        }
+        line(format_args!("{} cameras in {}", run.scene.frames.len(), path.display()));
+    }
+    Ok(Done::Finished)
+}
+
+fn crop_box(args: &Export, run: &Run<'_>) -> Result<CropBox, RunError> {
+    match args.crop.as_slice() {
+        [] => Ok(run.system.bounds()),
+        &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => Ok([[x0, y0, z0], [x1, y1, z1]]),
+        _ => Err(RunError::Option(
+            "`--box`: write six numbers x0,y0,z0,x1,y1,z1, each of the first three below its fellow".into(),
+        )),
+    }
+}

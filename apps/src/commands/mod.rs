@@ -1,0 +1,111 @@
+//! What the words of the command line do.
+
+mod check;
+mod demo;
+mod eval;
+mod export;
+mod render;
+mod train;
+
+use crate::cli::{Cli, Command, Data, ProgressKind};
+use crate::show::Show;
+use losses::metrics::Lpips;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use systems::RunError;
+use systems::lpips_file::{load_lpips, lpips_path};
+use systems::options::DataOptions;
+use systems::run::{Parts, Run};
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Done {
+    /// As wished.
+    Finished,
+    /// By a signal; a checkpoint is written.
+    Interrupted,
+    /// It has said why not.
+    Refused,
+}
+
+/// Any failure; shown as its line and its causes.
+pub(crate) type Failure = Box<dyn Error>;
+
+/// What all commands share.
+pub(crate) struct Session {
+    pub(crate) progress: ProgressKind,
+    pub(crate) lpips: Option<PathBuf>,
+}
+
+impl Session {
+    /// The LPIPS network, when its weights are given.
+    fn lpips(&self) -> Result<Option<Lpips>, Failure> {
+        match lpips_path(self.lpips.as_deref()) {
+            Some(path) => Ok(Some(load_lpips(&path)?)),
+            None => Ok(None),
+        }
+    }
+
+    fn show(&self) -> Show {
+        Show::new(self.progress)
+    }
+}
+
+/// Do what the command line says.
+pub(crate) fn run(cli: Cli) -> Result<Done, Failure> {
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
+    }
+    let session = Session { progress: cli.progress, lpips: cli.lpips_weights };
+    match cli.command {
+        Command::Demo(args) => demo::run(&session, args),
+        Command::Check(args) => check::run(&args),
+        Command::Train(args) => train::run(&session, args),
+        Command::Eval(args) => eval::run(&session, &args),
+        Command::Render(args) => render::run(&session, &args),
+        Command::Export(args) => export::run(&session, &args),
+    }
+}
+
+/// Scenes from files and the embedded ones, systems by the plan, files to the disk.
+pub(crate) fn parts() -> Parts<'static> {
+    systems::run::disk_parts(&systems::source::load, &systems::plan::build, "ngp")
+}
+
+/// The run in a folder, at its newest checkpoint.
+fn open(folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
+    Run::open(folder, &systems::options::Request::default(), parts(), show)
+}
+
+/// What the command line says about the dataset, with paths that mean the same from everywhere.
+fn data_options(data: &Data) -> DataOptions {
+    DataOptions {
+        longest_side: data.longest_side,
+        holdout: data.holdout.as_ref().map(|h| match h.strip_prefix("names:") {
+            Some(file) => format!("names:{}", absolute(Path::new(file)).display()),
+            None => h.clone(),
+        }),
+        format: data.format.clone(),
+        images: data.images.as_deref().map(absolute),
+        masks: data.masks.as_ref().map(|m| match m.as_str() {
+            "off" => m.clone(),
+            folder => absolute(Path::new(folder)).display().to_string(),
+        }),
+        mask_white: data.mask_white.clone(),
+        missing_images: data.missing_images.clone(),
+        image_memory: data.image_memory,
+    }
+}
+
+/// A scene as the run remembers it: embedded scenes by name, files by absolute path.
+fn scene_spec(scene: &str) -> String {
+    match scene.starts_with(systems::source::SYNTHETIC) {
+        true => scene.into(),
+        false => absolute(Path::new(scene)).display().to_string(),
+    }
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    // Fails for empty paths and unknown working folders only; reading them will say what is wrong.
+    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}

@@ -1,0 +1,114 @@
+//! `render`: pictures along a camera path.
+
+use super::{Done, Failure, Session, open};
+use crate::cli::{Layer, Render};
+use crate::interrupt;
+use crate::show::{Show, line};
+use image::RgbImage;
+use render_core::camera::Camera;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use systems::camera_path::{PathKind, cameras};
+use systems::output::{Disk, make_folder, write_file};
+use systems::picture::{self, gif_bytes, limited, write_png};
+use systems::progress::{Event, Observer};
+use systems::render::{Rendered, render};
+use systems::run::Run;
+use systems::system::{LayerRequest, Normals, Query};
+
+/// Longest side of the animated preview, pixels: GIF is a large format.
+const PREVIEW_SIDE: u32 = 480;
+
+pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
+    let mut show = session.show();
+    let run = open(&args.run, &mut show)?;
+    along(&run, args, &mut show)
+}
+
+/// What a caller other than the command line wants: an orbit in colour and depth.
+pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -> Result<Done, Failure> {
+    let args = Render {
+        run: run.folder.clone(),
+        path: PathKind::Orbit,
+        frames: Some(frames),
+        out: out.into(),
+        layers: vec![Layer::Colour, Layer::Depth],
+        longest_side: None,
+        fps: 15.0,
+        error_budget: None,
+    };
+    along(run, &args, show)
+}
+
+fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
+    let interrupt = interrupt::flag()?;
+    let cameras = cameras(&args.path, &run.scene, &run.train, args.frames)?;
+    make_folder(&args.out)?;
+    let wants = |layer| args.layers.contains(&layer);
+    let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
+    let query = Query {
+        layers: LayerRequest { normals },
+        error_budget: args.error_budget.unwrap_or(run.config.error_budget),
+        ..run.query()
+    };
+    let mut depth_range = None;
+    let mut preview: Vec<RgbImage> = Vec::with_capacity(cameras.len());
+    for (i, camera) in cameras.iter().enumerate() {
+        if interrupt.load(Ordering::Relaxed) {
+            line(format_args!("stopped after {i} of {} frames", cameras.len()));
+            return Ok(Done::Interrupted);
+        }
+        let camera: Camera = limited(camera, args.longest_side);
+        let view = render(run.system.as_ref(), &camera, &query);
+        // One scale for all frames, from the first, with room on both sides.
+        let range = *depth_range.get_or_insert_with(|| {
+            let [near, far] = picture::depth_range(&[&view]);
+            [near * 0.8, far * 1.25]
+        });
+        let write =
+            |name: &str, picture: &RgbImage| write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), picture);
+        let colour = picture::colour(&view);
+        if wants(Layer::Colour) {
+            write("colour", &colour)?;
+        }
+        if wants(Layer::Depth) {
+            write("depth", &picture::depth(&view, range))?;
+        }
+        if wants(Layer::Opacity) {
+            write("opacity", &picture::opacity(&view))?;
+        }
+        if wants(Layer::Normals) {
+            write("normals", &picture::normals(&view))?;
+        }
+        preview.push(small(first_layer(args, &view, &colour, range)));
+        show.event(Event::View { done: i + 1, of: cameras.len() });
+    }
+    let path = args.out.join("preview.gif");
+    write_file(&Disk, &path, &gif_bytes(&preview, args.fps)?)?;
+    show.finish();
+    line(format_args!("{} frames in {}, animated: {}", cameras.len(), args.out.display(), path.display()));
+    if let (true, Some([near, far])) = (wants(Layer::Depth), depth_range) {
+        line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
+    }
+    Ok(Done::Finished)
+}
+
+/// The layer the preview shows: the first one asked for.
+fn first_layer(args: &Render, view: &Rendered, colour: &RgbImage, range: [f32; 2]) -> RgbImage {
+    match args.layers.first() {
+        Some(Layer::Depth) => picture::depth(view, range),
+        Some(Layer::Opacity) => picture::opacity(view),
+        Some(Layer::Normals) => picture::normals(view),
+        Some(Layer::Colour) | None => colour.clone(),
+    }
+}
+
+fn small(picture: RgbImage) -> RgbImage {
+    let (width, height) = picture.dimensions();
+    let longest = width.max(height);
+    if longest <= PREVIEW_SIDE {
+        return picture;
+    }
+    let side = |n: u32| (n * PREVIEW_SIDE / longest).max(1);
+    image::imageops::resize(&picture, side(width), side(height), image::imageops::FilterType::Triangle)
+}

@@ -1,0 +1,97 @@
+//! A reconstruction to points and meshes, in the scene's frame and unit.
+//!
+//! Density is not a surface: points are where half of a ray's light is gone, a mesh is where the density crosses a level
+//! that the caller states.
+
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::system::{LayerRequest, Normals, Query, System};
+use losses::metrics::quantise_value;
+use render_core::ray::Ray;
+use scene_io::export::{Mesh, MeshGrid, PointCloud, marching_cubes};
+
+/// A box of the scene's frame: smallest and largest corner.
+pub type CropBox = [[f64; 3]; 2];
+
+/// Rays or points given to the system at one time.
+const BATCH: usize = 1 << 14;
+
+/// Opacity a ray must have for its hit to count as a point.
+pub const POINT_OPACITY: f32 = 0.5;
+
+/// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
+/// of the training views lose half their light, inside `crop`.
+pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox, count: usize) -> PointCloud {
+    let query = Query { layers: LayerRequest { normals: Normals::Compute }, ..*query };
+    // Every `stride`-th pixel, counted through all views: an odd stride does not fall into columns.
+    let stride = (data.pixel_count() / count.max(1) as u64).max(1) | 1;
+    let mut cloud = PointCloud::default();
+    let mut rays: Vec<Ray> = Vec::with_capacity(BATCH);
+    let mut next = 0;
+    let mut first = 0;
+    for view in data.views() {
+        let (width, pixels) =
+            (u64::from(view.camera.width), u64::from(view.camera.width) * u64::from(view.camera.height));
+        while next < first + pixels {
+            let at = next - first;
+            rays.extend(view.ray((at % width) as u32, (at / width) as u32));
+            if rays.len() == BATCH {
+                add_hits(system, &query, crop, &mut rays, &mut cloud);
+            }
+            next += stride;
+        }
+        first += pixels;
+    }
+    add_hits(system, &query, crop, &mut rays, &mut cloud);
+    cloud
+}
+
+fn add_hits(system: &dyn System, query: &Query, crop: &CropBox, rays: &mut Vec<Ray>, cloud: &mut PointCloud) {
+    let layers = system.render(rays, query);
+    for (i, ray) in rays.iter().enumerate() {
+        let (opacity, t) = (layers.opacity[i], f64::from(layers.median_depth[i]));
+        let x = (ray.o + ray.d * t).to_array();
+        if opacity >= POINT_OPACITY && t.is_finite() && inside(&x, crop) {
+            cloud.positions.push(x);
+            // Undo the compositing on the background: the point's own colour.
+            let own = |c: usize| (layers.rgb[i][c] - (1.0 - opacity) * query.background[c]) / opacity;
+            cloud.colours.push([0, 1, 2].map(|c| quantise_value(own(c))));
+            cloud.normals.push(layers.normal[i]);
+            cloud.confidence.push(opacity.min(1.0));
+        }
+    }
+    rays.clear();
+}
+
+fn inside(x: &[f64; 3], [min, max]: &CropBox) -> bool {
+    (0..3).all(|i| (min[i]..=max[i]).contains(&x[i]))
+}
+
+/// The density at which 2 % of the longest side of `crop` are opaque to `1 - 1/e`: what a mesh is cut at when nothing is
+/// said.
+pub fn default_level(crop: &CropBox) -> f32 {
+    let longest = (0..3).map(|i| crop[1][i] - crop[0][i]).fold(0.0, f64::max);
+    (50.0 / longest) as f32
+}
+
+/// The mesh where the density crosses `level` inside `crop`, with `resolution` cells along the longest side; vertices take
+/// the colour they show along their normal.
+///
+/// # Errors
+/// [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
+pub fn mesh(system: &dyn System, crop: &CropBox, level: f32, resolution: usize) -> Result<Mesh, RunError> {
+    let grid = MeshGrid::cubic(crop[0], crop[1], resolution);
+    let mut mesh = marching_cubes(&grid, level, |points, out| {
+        for (points, out) in points.chunks(BATCH).zip(out.chunks_mut(BATCH)) {
+            system.density(points, out);
+        }
+    })?;
+    let mut colours = vec![[0.0; 3]; mesh.vertices.len()];
+    let inward: Vec<[f32; 3]> = mesh.normals.iter().map(|n| n.map(|c| -c)).collect();
+    let batches = mesh.vertices.chunks(BATCH).zip(inward.chunks(BATCH)).zip(colours.chunks_mut(BATCH));
+    for ((points, d), out) in batches {
+        system.colour(points, d, out);
+    }
+    mesh.colours = colours.iter().map(|c| c.map(quantise_value)).collect();
+    Ok(mesh)
+}
