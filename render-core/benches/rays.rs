@@ -25,10 +25,11 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(rays: usize, length: impl Fn(usize) -> usize) -> Self {
+    fn new(lengths: &[u32]) -> Self {
+        let rays = lengths.len();
         let mut offsets = vec![0_u32];
-        for r in 0..rays {
-            offsets.push(offsets[r] + length(r) as u32);
+        for (r, length) in lengths.iter().enumerate() {
+            offsets.push(offsets[r] + length);
         }
         let n = offsets[rays] as usize;
         Self {
@@ -69,16 +70,16 @@ impl Batch {
 }
 
 fn compositing(c: &mut Criterion) {
-    let cases: [(&str, usize, fn(usize) -> usize); 4] = [
-        ("4096x128", 4096, |_| 128),
-        ("8192x1-47", 8192, |r| 1 + r * 29 % 47),
-        ("64x1024", 64, |_| 1024),
-        ("4096x0", 4096, |_| 0),
+    let cases = [
+        ("4096x128", vec![128; 4096]),
+        ("8192x1-47", (0..8192).map(|r| 1 + r * 29 % 47).collect()),
+        ("64x1024", vec![1024; 64]),
+        ("4096x0", vec![0; 4096]),
     ];
     for simd in Simd::available() {
         let mut group = c.benchmark_group(format!("render-core/composite/{:?}", simd.level()));
-        for (name, rays, length) in cases {
-            let mut batch = Batch::new(rays, length);
+        for (name, lengths) in &cases {
+            let mut batch = Batch::new(lengths);
             group.throughput(Throughput::Elements(batch.tau.len().max(1) as u64));
             group.bench_function(format!("forward/{name}"), |b| b.iter(|| black_box(&mut batch).forward(simd)));
             group.bench_function(format!("backward/{name}"), |b| b.iter(|| black_box(&mut batch).backward(simd)));

@@ -179,12 +179,13 @@ pub fn merge_sorted(a: &[f32], b: &[f32], out: &mut [f32]) {
     debug_assert!(a.is_sorted() && b.is_sorted(), "both sets must be sorted");
     let (mut i, mut j) = (0, 0);
     for out in out {
-        // Written so that a NaN, which debug builds refuse, cannot run past an end.
-        let from_a = j == b.len() || i < a.len() && !(b[j] < a[i]);
-        *out = if from_a { a[i] } else { b[j] };
+        let from_a = j == b.len() || i < a.len() && a[i] <= b[j];
+        // Whatever a NaN compares as (debug builds refuse it), neither end is run past.
         if from_a {
+            *out = a[i];
             i += 1;
         } else {
+            *out = b[j];
             j += 1;
         }
     }

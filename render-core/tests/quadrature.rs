@@ -149,8 +149,8 @@ proptest! {
                 }
                 close(p.trans_end[r], ray.trans[ray.w.len()], 1e-30, 6e-6, "trans_end");
                 close(p.opacity[r], ray.opacity, 1e-30, 1e-6, "opacity");
-                for c in 0..3 {
-                    close(p.colour[3 * r + c], colour[c], 2e-6, 2e-6, "colour");
+                for (c, want) in colour.iter().enumerate() {
+                    close(p.colour[3 * r + c], *want, 2e-6, 2e-6, "colour");
                 }
             }
         }

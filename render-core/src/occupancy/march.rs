@@ -1,6 +1,6 @@
 //! Marching a ray through the occupied cells.
 
-use super::{OccupancyGrid, max_abs};
+use super::{OccupancyGrid, max_abs, pow2};
 use core::ops::ControlFlow;
 use float_core::m32;
 
@@ -87,32 +87,31 @@ impl OccupancyGrid {
             way.t_end - way.t_start
         );
         let mut lattice = Lattice::new(rule, way.t_start + jitter * rule.dt(way.t_start), way.t_start);
+        let side = self.cell_side(0);
         while lattice.t < way.t_end && marched.samples < max_samples {
-            let (t, dt) = (lattice.t, lattice.dt());
-            let p: [f32; 3] = core::array::from_fn(|a| ray.o[a] + t * ray.d[a]);
-            let k = self.cascade(max_abs(p), dt * way.length);
+            let p: [f32; 3] = core::array::from_fn(|a| ray.o[a] + lattice.t * ray.d[a]);
+            let k = self.cascade(max_abs(p), lattice.dt() * way.length);
             let (id, x) = self.locate(p, k);
             marched.tests += 1;
-            let word = self.bits[id as usize >> 6];
-            if word >> (id & 63) & 1 == 1 {
+            // The largest block around the cell, 1, 4 or 16 cells wide, that is known to be all empty or all full.
+            let (word, words) = (self.bits[id as usize >> 6], self.blocks[id as usize >> 12]);
+            let block = 2 * (u32::from(word == 0 || word == u64::MAX) + u32::from(words == 0));
+            let exit = way.exit(x, block, side * pow2(k), pow2(k)).min(way.t_end);
+            if word >> (id & 63) & 1 == 0 {
+                marched.lattice += lattice.skip_to(exit);
+                continue;
+            }
+            loop {
                 marched.samples += 1;
                 marched.lattice += 1;
-                if visit(t, dt).is_break() {
+                if visit(lattice.t, lattice.dt()).is_break() {
                     return marched;
                 }
                 lattice.step();
-                continue;
+                if lattice.t >= exit || marched.samples >= max_samples {
+                    break;
+                }
             }
-            // The largest empty block around the cell: 1, 4 or 16 cells wide.
-            let block = if word != 0 {
-                0
-            } else if self.blocks[id as usize >> 12] != 0 {
-                2
-            } else {
-                4
-            };
-            let exit = way.exit(x, block, self.cell_side(k), (1_u32 << k) as f32);
-            marched.lattice += lattice.skip_to(exit.min(way.t_end));
         }
         marched
     }
@@ -175,8 +174,8 @@ impl Way {
     #[inline(always)]
     fn exit(&self, x: [u32; 3], block: u32, side: f32, half: f32) -> f32 {
         let mut exit = f32::INFINITY;
-        for a in 0..3 {
-            let face = ((x[a] >> block) + self.ahead[a]) << block;
+        for (a, x) in x.into_iter().enumerate() {
+            let face = ((x >> block) + self.ahead[a]) << block;
             let t = (face as f32 * side - half - self.o[a]) * self.inv[a] + self.never[a];
             if t < exit {
                 exit = t;

@@ -281,8 +281,8 @@ impl OccupancyGrid {
     fn locate(&self, p: [f32; 3], k: u32) -> (u32, [u32; 3]) {
         let half = 0.5 * self.settings.resolution as f32;
         let scale = half * inv_pow2(k);
-        let top = self.settings.resolution as i32 - 1;
-        let x = p.map(|p| ((p * scale + half) as i32).clamp(0, top) as u32);
+        let top = (self.settings.resolution - 1) as f32;
+        let x = p.map(|p| floor_within(p * scale + half, top));
         let axis = &self.axis;
         (k * self.cascade_cells() + axis[x[0] as usize][0] + axis[x[1] as usize][1] + axis[x[2] as usize][2], x)
     }
@@ -296,8 +296,25 @@ fn max_abs(p: [f32; 3]) -> f32 {
     if p[2].abs() <= m { m } else { p[2].abs() }
 }
 
-/// `2^-k`.
+/// `2^k`, for `k < 128`.
+#[inline(always)]
+fn pow2(k: u32) -> f32 {
+    f32::from_bits((127 + k) << 23)
+}
+
+/// `2^-k`, for `k < 127`.
 #[inline(always)]
 fn inv_pow2(k: u32) -> f32 {
     f32::from_bits((127 - k) << 23)
+}
+
+/// The whole number in `[0, top]` below `x`, or at its ends.
+#[inline(always)]
+fn floor_within(x: f32, top: f32) -> u32 {
+    // Added to 2^23 a number leaves its integer part in the low bits; the clamp also takes out NaN. Cheaper than a
+    // saturating cast. Rounding up is undone.
+    const MAGIC: f32 = (1 << 23) as f32;
+    let x = x.max(0.0).min(top);
+    let shifted = x + MAGIC;
+    (shifted.to_bits() - MAGIC.to_bits()) - u32::from(shifted - MAGIC > x)
 }

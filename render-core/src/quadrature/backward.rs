@@ -198,8 +198,8 @@ impl BackwardTask<'_> {
                 Some(bar) => V::load(&bar[start + i..]),
                 None => V::splat(0.0),
             };
-            for c in 0..channels {
-                let bar = V::splat(colour_bar[c]);
+            for (c, &bar) in colour_bar[..channels].iter().enumerate() {
+                let bar = V::splat(bar);
                 sum = V::load(&self.values.data[c * stride + start + i..]).mul_add(bar, sum);
                 (weight * bar).store(&mut self.grads.values[c * stride + start + i..]);
             }

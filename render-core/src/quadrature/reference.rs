@@ -54,12 +54,8 @@ pub fn tau_bar(tau: &[f64], last: LastInterval, w_bar: &[f64], trans_bar: &[f64]
         }
         // dw[k]/dtau[k] is the transmittance behind k; the samples behind it lose in proportion.
         *out += w_bar[k] * ray.trans[k + 1];
-        for i in k + 1..n {
-            *out -= w_bar[i] * ray.w[i];
-        }
-        for i in k + 1..=n {
-            *out -= trans_bar[i] * ray.trans[i];
-        }
+        *out -= w_bar[k + 1..].iter().zip(&ray.w[k + 1..]).map(|(bar, w)| bar * w).sum::<f64>();
+        *out -= trans_bar[k + 1..].iter().zip(&ray.trans[k + 1..]).map(|(bar, t)| bar * t).sum::<f64>();
     }
     out
 }
