@@ -11,6 +11,7 @@ mod check;
 pub mod colmap;
 mod detect;
 mod error;
+pub mod export;
 mod files;
 mod hash;
 mod images_folder;
@@ -26,6 +27,7 @@ mod ply;
 mod pose;
 mod scene;
 mod splits;
+pub mod synthetic;
 mod transforms;
 
 pub use check::{Depth, Report, check};

@@ -1,0 +1,85 @@
+//! Scenes to files, in the form of NeRF's synthetic scenes.
+
+use crate::export::write_atomically;
+use crate::{ErrorKind, Frame, Image, ImageSource, LayoutHint, Problem, Scene, SceneError, Split};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use render_core::pose::Axes;
+use serde_json::{Value, json};
+use std::io;
+use std::path::Path;
+
+/// Write a scene of pictures in memory as `transforms_{train,val,test}.json` and PNG files, to be read again by
+/// [`crate::load`]. Splits without frames get no file; unused frames are left out.
+///
+/// # Errors
+/// A frame that is no picture in memory, or whose camera has another lens, focal length or principal point than the
+/// format can say (one horizontal angle for each split, the axis in the middle); files that cannot be written.
+pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
+    for split in [Split::Train, Split::Val, Split::Test] {
+        let frames: Vec<&Frame> = scene.split(split).map(|i| &scene.frames[i]).collect();
+        let Some(first) = frames.first() else { continue };
+        let path = folder.join(format!("transforms_{}.json", split.name()));
+        let angle = angle_x(first);
+        let mut list: Vec<Value> = Vec::with_capacity(frames.len());
+        for frame in frames {
+            check(frame, angle).map_err(|what| {
+                let problem = Problem::new(&path, what, "export the cameras as transforms.json or COLMAP text");
+                SceneError::new(ErrorKind::Value, problem.frame(&frame.name))
+            })?;
+            if let ImageSource::Memory(image) = &frame.image {
+                write_png(&folder.join(format!("{}.png", frame.name)), image)?;
+            }
+            let [a, b, c] = frame.camera.pose.to_matrix(Axes::Gl);
+            let mut entry = json!({
+                "file_path": format!("./{}", frame.name),
+                "transform_matrix": [a, b, c, [0.0, 0.0, 0.0, 1.0]],
+            });
+            if let Some(time) = frame.time {
+                entry["time"] = time.into();
+            }
+            list.push(entry);
+        }
+        let mut root = json!({ "camera_angle_x": angle, "frames": list });
+        if let LayoutHint::Object { near, far } = scene.layout {
+            (root["near"], root["far"]) = (near.into(), far.into());
+        }
+        let text = format!("{root:#}\n");
+        write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
+    }
+    Ok(())
+}
+
+fn angle_x(frame: &Frame) -> f64 {
+    2.0 * (0.5 * f64::from(frame.camera.width) / frame.camera.fx).atan()
+}
+
+fn check(frame: &Frame, angle: f64) -> Result<(), &'static str> {
+    let camera = &frame.camera;
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
+    if !matches!(frame.image, ImageSource::Memory(_)) {
+        return Err("its picture is a file, not in memory");
+    }
+    if !camera.lens.is_pinhole() {
+        return Err("Blender's form has no lens distortion");
+    }
+    if !(near(camera.cx, 0.5 * w) && near(camera.cy, 0.5 * h) && near(camera.fx, camera.fy)) {
+        return Err("Blender's form has square pixels and the axis in the middle");
+    }
+    if !near(angle_x(frame), angle) {
+        return Err("Blender's form has one angle of view for each split");
+    }
+    Ok(())
+}
+
+fn write_png(path: &Path, picture: &Image) -> Result<(), SceneError> {
+    let colour = if picture.channels == 4 { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
+    write_atomically(path, |out| {
+        let encoded = PngEncoder::new(out).write_image(&picture.data, picture.width, picture.height, colour);
+        encoded.map_err(|e| match e {
+            image::ImageError::IoError(e) => e,
+            other => io::Error::other(other),
+        })
+    })
+}

@@ -1,0 +1,29 @@
+//! Scenes made of formulas: exact truth for tests, data for a demo that needs no files.
+//!
+//! Rays are intersected with the shapes in closed form (or, for the torus, with roots refined to the last bits), in
+//! `f64`. So depth and normals are exact, and the only approximation in the pictures is the number of rays for each
+//! pixel.
+//!
+//! ```
+//! use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
+//!
+//! let options = TabletopOptions { width: 32, height: 24, train: 4, test: 2, ..TabletopOptions::default() };
+//! let scene = tabletop(&options);
+//! assert_eq!(scene.frames.len(), 6);
+//!
+//! // Truth for any camera: distance along the ray and outward normal where it hits.
+//! let camera = &scene.frames[0].camera;
+//! let hit = Tabletop::new(options.seed).trace(&camera.ray((16.5, 12.5).into()).unwrap()).unwrap();
+//! assert!(hit.t > 2.0 && hit.t < 6.0 && (hit.normal.length() - 1.0).abs() < 1e-12);
+//! ```
+
+mod blender;
+mod polynomial;
+mod shape;
+mod surface;
+mod tabletop;
+
+pub use blender::write_blender;
+pub use shape::{Placed, Shape};
+pub use surface::{Paint, Surface};
+pub use tabletop::{Hit, Tabletop, TabletopOptions, ViewTruth, tabletop};
