@@ -234,10 +234,7 @@ fn wrong_shapes_are_named() {
     );
     // Only `five` was recorded meanwhile.
     assert_eq!(tape.len(), before + 1);
-    assert_eq!(
-        tape.add(x, row).unwrap_err().to_string(),
-        "add: `b` is [1 x 4], expected [3 x 4]"
-    );
+    assert_eq!(tape.add(x, row).unwrap_err().to_string(), "add: `b` is [1 x 4], expected [3 x 4]");
     assert_eq!(tape.param(4, 7, 1).unwrap_err().to_string(), "parameter: 7 values from 4, but there are only 10");
 }
 

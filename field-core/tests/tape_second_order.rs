@@ -12,8 +12,7 @@ const ENCODED: usize = 3 * (1 + 2 * OCTAVES);
 /// Frequency-encoded position, softplus network, softplus density: leaves are the parameters, then the position.
 fn density(samples: usize) -> Program {
     use Step::*;
-    let leaves =
-        [(HIDDEN, ENCODED), (HIDDEN, 1), (HIDDEN, HIDDEN), (HIDDEN, 1), (1, HIDDEN), (1, 1), (3, samples)];
+    let leaves = [(HIDDEN, ENCODED), (HIDDEN, 1), (HIDDEN, HIDDEN), (HIDDEN, 1), (1, HIDDEN), (1, 1), (3, samples)];
     let mut steps = Vec::new();
     let mut parts = vec![6];
     let mut next = leaves.len();
@@ -202,5 +201,4 @@ fn tangents_of_tangents_are_second_derivatives() {
     close("first", tape.value(first).unwrap().data, &at(&|s, c| 3.0 * s * s * c), 1e-5);
     close("second", tape.value(second).unwrap().data, &at(&|s, c| 6.0 * s * c * c - 3.0 * s.powi(3)), 1e-5);
     close("third", tape.gradient(x).unwrap(), &at(&|s, c| 6.0 * c.powi(3) - 21.0 * s * s * c), 1e-5);
-
 }

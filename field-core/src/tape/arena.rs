@@ -143,7 +143,7 @@ impl core::fmt::Debug for Recycled {
 }
 
 /// Same allocation, another lifetime: collecting an emptied list of the same layout reuses its memory.
-fn recycle<'a, 'b>(mut list: Vec<&'a dyn CustomOp>) -> Vec<&'b dyn CustomOp> {
+fn recycle<'b>(mut list: Vec<&dyn CustomOp>) -> Vec<&'b dyn CustomOp> {
     list.clear();
-    list.into_iter().filter_map(|_| None).collect()
+    list.into_iter().map_while(|_| None).collect()
 }

@@ -209,11 +209,11 @@ fn linear(
         simd.run(Transpose { x: data, rows: k, cols: n, out: xt });
         simd.run(Product { a: g, a_row: n, a_column: 1, b: xt, m, k: n, n: k, start: Start::Add, out });
     }
-    if b != NONE {
-        if let Some(out) = bars.of(b) {
-            for (r, out) in out.iter_mut().enumerate() {
-                *out += sum(&g[r * n..(r + 1) * n]);
-            }
+    if b != NONE
+        && let Some(out) = bars.of(b)
+    {
+        for (r, out) in out.iter_mut().enumerate() {
+            *out += sum(&g[r * n..(r + 1) * n]);
         }
     }
     if let Some(out) = bars.of(x) {
@@ -315,14 +315,14 @@ impl Task for Rows<'_, '_> {
 #[inline(always)]
 fn binary(f: Binary, (a, b): (u32, u32), source: Source<'_>, y: &[f32], g: &[f32], bars: &mut Bars<'_>) {
     let (av, bv) = (source.get(a), source.get(b));
-    if !matches!(f, Binary::Gate(_)) {
-        if let Some(out) = bars.of(a) {
-            match f {
-                Binary::Add | Binary::Sub => add(g, out),
-                Binary::Mul => mul_add(g, bv, out),
-                Binary::Div => fold(g, bv, out, |g, b| g / b),
-                Binary::Gate(_) => {}
-            }
+    if !matches!(f, Binary::Gate(_))
+        && let Some(out) = bars.of(a)
+    {
+        match f {
+            Binary::Add | Binary::Sub => add(g, out),
+            Binary::Mul => mul_add(g, bv, out),
+            Binary::Div => fold(g, bv, out, |g, b| g / b),
+            Binary::Gate(_) => {}
         }
     }
     if let Some(out) = bars.of(b) {

@@ -76,8 +76,42 @@
 //! # Ok::<(), TapeError>(())
 //! ```
 //!
-//! Whole function pairs (encodings, networks, compositing along rays) enter through [`CustomOp`]: the tape borrows the
-//! operation, which is why it is declared before the tape.
+//! # Function pairs
+//! Whole pairs enter through [`CustomOp`]; the tape borrows the operation, which is why it is declared before the tape.
+//! Ready-made: [`EncodingOp`] for the encodings of this crate, [`MlpOp`] for a fused network ([`layers`] records one layer
+//! by layer). The same field with them:
+//!
+//! ```
+//! use field_core::encoding::frequency::{Base, Frequency, Identity};
+//! use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+//! use field_core::tape::{Arena, EncodingOp, MlpOp, Tape, TapeError};
+//! use float_core::Simd;
+//!
+//! let simd = Simd::best();
+//! let encoding = EncodingOp::new(Frequency::new(3, 4, Base::One, Identity::Include)?, simd);
+//! let mlp = Mlp::new(&MlpConfig {
+//!     inputs: 27, hidden: vec![32, 32], outputs: 4, bias: Bias::Zero,
+//!     hidden_activation: Activation::SOFTPLUS, output_activation: Activation::None, skips: vec![],
+//! }).unwrap();
+//! let params: Vec<f32> = (0..mlp.param_count()).map(|i| ((i * 7919 % 1000) as f32 / 1000.0 - 0.5) * 0.4).collect();
+//! let mut packed = Packed::default();
+//! mlp.pack(&params, &mut packed);
+//! let network = MlpOp { mlp: &mlp, packed: &packed, simd };
+//!
+//! let mut arena = Arena::new();
+//! let mut grad = vec![0.0; params.len()];
+//! let mut tape = Tape::new(&mut arena, &params);
+//! let x = tape.input(3, 2, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])?;
+//! let weights = tape.param(0, params.len(), 1)?;
+//! let features = tape.custom(&encoding, &[x])?;
+//! let raw = tape.custom(&network, &[features, weights])?;
+//! let (sigma, rgb) = (tape.slice(raw, 0..1)?, tape.slice(raw, 1..4)?);
+//! let (sigma, rgb) = (tape.trunc_exp(sigma)?, tape.logistic(rgb)?);
+//! let normal = tape.jacobian(sigma, x)?;
+//! tape.backward(&[(rgb, &[1.0; 6]), (normal, &[0.1; 6])], &mut grad)?;
+//! assert_eq!(tape.gradient(x)?.len(), 6);
+//! # Ok::<(), TapeError>(())
+//! ```
 //!
 //! # Numerics
 //! `exp`, `trunc_exp`, logistic and softplus use the vector exponential (relative error below 3e-7), which clamps its
@@ -88,17 +122,25 @@ mod arena;
 mod backward;
 mod custom;
 mod elementwise;
+mod encode;
 mod error;
 mod forward;
+mod grids;
 mod matrix;
+mod network;
 mod op;
 mod product;
 mod tangent;
 mod unary;
+mod waves;
 
 pub use arena::Arena;
 pub use custom::{Bar, CustomOp, Demand, MAX_INPUTS, View};
+pub use encode::{Encoder, EncodingOp};
 pub use error::TapeError;
+pub use grids::HashGridTable;
+pub use network::{MlpOp, activate, layers};
+pub use waves::Windowed;
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -270,9 +312,11 @@ impl<'a> Tape<'a> {
         self.customs.push(op);
         let custom = self.customs.len() - 1;
         let saved = op.saved_len(&shapes[..inputs.len()]);
-        assert!(saved < op::NONE as usize, "{name}: too much to keep");
+        let Ok(saved) = u32::try_from(saved) else {
+            return Err(TapeError::Custom { op: name, reason: "too many numbers to keep" });
+        };
         let (op, first, count) = (custom as u32, first as u32, inputs.len() as u32);
-        self.emit(Op::Custom { op, first, count, saved: saved as u32 }, shape)
+        self.emit(Op::Custom { op, first, count, saved }, shape)
     }
 
     fn overlap(&self, a: Node, b: Node) -> bool {

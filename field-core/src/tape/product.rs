@@ -81,7 +81,11 @@ impl Product<'_> {
         let mut acc = [[V::splat(0.0); W]; H];
         match self.start {
             Start::Zero => {}
-            Start::Bias(bias) => (0..H).for_each(|h| acc[h] = [V::splat(bias[i + h]); W]),
+            Start::Bias(bias) => {
+                for (row, &bias) in acc.iter_mut().zip(&bias[i..]) {
+                    *row = [V::splat(bias); W];
+                }
+            }
             Start::Add => {
                 for (h, row) in acc.iter_mut().enumerate() {
                     for (w, v) in row.iter_mut().enumerate() {

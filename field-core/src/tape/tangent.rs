@@ -135,10 +135,11 @@ impl Tape<'_> {
         }
         for id in 0..frame.count {
             let seeded = self.arena.scratch[frame.base + id] != NONE;
-            if self.arena.scratch[marks + id] == 1 && !seeded {
-                if let Some(tangent) = self.rule(frame, id as u32)? {
-                    self.arena.scratch[frame.base + id] = tangent.id;
-                }
+            if self.arena.scratch[marks + id] == 1
+                && !seeded
+                && let Some(tangent) = self.rule(frame, id as u32)?
+            {
+                self.arena.scratch[frame.base + id] = tangent.id;
             }
         }
         Ok(())
@@ -270,7 +271,7 @@ impl Tape<'_> {
                 self.scale(slope, 4.0)?
             }
             Unary::Abs => self.sign(x)?,
-            Unary::Pow(p) if p == 0.0 => return self.scale(x_dot, 0.0),
+            Unary::Pow(0.0) => return self.scale(x_dot, 0.0),
             Unary::Pow(p) => {
                 let lower = self.pow(x, p - 1.0)?;
                 self.scale(lower, p)?

@@ -66,16 +66,16 @@ impl Task for Forward<'_> {
             Unary::Sqrt => map(x, y, m32::sqrt),
             Unary::Rsqrt => map(x, y, rsqrt),
             Unary::Recip => map(x, y, |x| 1.0 / x),
-            Unary::Exp | Unary::TruncExp => map_lanes::<V>(x, y, vecmath::exp),
+            Unary::Exp | Unary::TruncExp => map_lanes::<V>(x, y, Exp),
             Unary::Log => map(x, y, m32::ln),
             Unary::Sin => map(x, y, m32::sin),
             Unary::Cos => map(x, y, m32::cos),
             // Comparisons are turned so that NaN stays NaN.
             Unary::Relu => map(x, y, |x| if x <= 0.0 { 0.0 } else { x }),
             Unary::LeakyRelu(slope) => map(x, y, |x| if x <= 0.0 { slope * x } else { x }),
-            Unary::Softplus(shift) => map_lanes::<V>(x, y, |x| softplus(x + V::splat(shift))),
-            Unary::Logistic => map_lanes::<V>(x, y, logistic),
-            Unary::LogisticSlope => map_lanes::<V>(x, y, logistic_slope),
+            Unary::Softplus(shift) => map_lanes::<V>(x, y, Softplus(shift)),
+            Unary::Logistic => map_lanes::<V>(x, y, Logistic(0.0)),
+            Unary::LogisticSlope => map_lanes::<V>(x, y, LogisticSlope),
             Unary::Tanh => map(x, y, m32::tanh),
             Unary::Abs => map(x, y, f32::abs),
             Unary::Pow(p) => map(x, y, |x| m32::powf(x, p)),
@@ -108,20 +108,16 @@ impl Task for Backward<'_> {
             Unary::Rsqrt => fold(y, g, out, |y| -0.5 * y * y * y),
             Unary::Recip => fold(y, g, out, |y| -y * y),
             Unary::Exp => fold(y, g, out, |y| y),
-            Unary::TruncExp => fold_lanes::<V>(x, g, out, |x| {
-                vecmath::exp(V::splat(-TRUNC_EXP_LIMIT).max(V::splat(TRUNC_EXP_LIMIT).min(x)))
-            }),
+            Unary::TruncExp => fold_lanes::<V>(x, g, out, ClampedExp),
             Unary::Log => fold(x, g, out, |x| 1.0 / x),
             Unary::Sin => fold(x, g, out, m32::cos),
             Unary::Cos => fold(x, g, out, |x| -m32::sin(x)),
             Unary::Relu => fold(x, g, out, |x| if x <= 0.0 { 0.0 } else { 1.0 }),
             Unary::LeakyRelu(slope) => fold(x, g, out, |x| if x <= 0.0 { slope } else { 1.0 }),
-            Unary::Softplus(shift) => fold_lanes::<V>(x, g, out, |x| logistic(x + V::splat(shift))),
-            Unary::Logistic => fold_lanes::<V>(x, g, out, logistic_slope),
-            Unary::LogisticSlope => {
-                fold_lanes::<V>(x, g, out, |x| logistic_slope(x) * (V::splat(1.0) - V::splat(2.0) * logistic(x)));
-            }
-            Unary::Tanh => fold_lanes::<V>(x, g, out, |x| V::splat(4.0) * logistic_slope(V::splat(2.0) * x)),
+            Unary::Softplus(shift) => fold_lanes::<V>(x, g, out, Logistic(shift)),
+            Unary::Logistic => fold_lanes::<V>(x, g, out, LogisticSlope),
+            Unary::LogisticSlope => fold_lanes::<V>(x, g, out, LogisticBend),
+            Unary::Tanh => fold_lanes::<V>(x, g, out, TanhSlope),
             Unary::Abs => fold(x, g, out, sign),
             Unary::Pow(0.0) => {}
             Unary::Pow(p) => fold(x, g, out, |x| p * m32::powf(x, p - 1.0)),
@@ -154,38 +150,66 @@ fn clamp(x: f32, low: f32, high: f32) -> f32 {
     if x > high { high } else { x }
 }
 
+/// A function of whole vectors. Types, not closures: a closure cannot be marked `inline(always)`, and one that is not
+/// inlined calls every vector instruction as a function.
+trait Curve: Copy {
+    fn at<V: Vector>(self, x: V) -> V;
+}
+
+macro_rules! curves {
+    ($($(#[$doc:meta])* $name:ident $(($($field:ident),+))? |$x:ident| $body:block)+) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy)]
+        struct $name $(($(curves!(@number $field)),+))?;
+
+        impl Curve for $name {
+            #[inline(always)]
+            fn at<V: Vector>(self, $x: V) -> V {
+                $(let Self($($field),+) = self;)?
+                $body
+            }
+        }
+    )+};
+    (@number $field:ident) => { f32 };
+}
+
+curves! {
+    Exp |x| { vecmath::exp(x) }
+    /// Derivative of `trunc_exp`.
+    ClampedExp |x| { vecmath::exp(V::splat(-TRUNC_EXP_LIMIT).max(V::splat(TRUNC_EXP_LIMIT).min(x))) }
+    /// `1 / (1 + e^-(x + shift))` from an exponential of a non-positive number: small values keep their digits.
+    Logistic(shift) |x| {
+        let x = x + V::splat(shift);
+        let e = exp_minus_abs(x);
+        x.select_positive(V::splat(1.0), e) / (V::splat(1.0) + e)
+    }
+    /// `e^-|x| / (1 + e^-|x|)^2`.
+    LogisticSlope |x| {
+        let e = exp_minus_abs(x);
+        let d = V::splat(1.0) + e;
+        e / (d * d)
+    }
+    /// Second derivative of the logistic function.
+    LogisticBend |x| { LogisticSlope.at(x) * (V::splat(1.0) - V::splat(2.0) * Logistic(0.0).at(x)) }
+    TanhSlope |x| { V::splat(4.0) * LogisticSlope.at(V::splat(2.0) * x) }
+    /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`.
+    Softplus(shift) |x| {
+        let x = x + V::splat(shift);
+        let e = exp_minus_abs(x);
+        // ln(1 + e) = 2 atanh(z) with z = e / (2 + e) <= 1/3: the series to z^15 is exact to an ulp.
+        let z = e / (V::splat(2.0) + e);
+        let z2 = z * z;
+        let mut p = V::splat(1.0 / 15.0);
+        for k in [13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0] {
+            p = p.mul_add(z2, V::splat(1.0 / k));
+        }
+        V::splat(0.0).max(x) + V::splat(2.0) * z * p
+    }
+}
+
 #[inline(always)]
 fn exp_minus_abs<V: Vector>(x: V) -> V {
     vecmath::exp(-(x.max(-x)))
-}
-
-/// `1 / (1 + e^-x)` from an exponential of a non-positive number: small values keep their digits.
-#[inline(always)]
-fn logistic<V: Vector>(x: V) -> V {
-    let e = exp_minus_abs(x);
-    x.select_positive(V::splat(1.0), e) / (V::splat(1.0) + e)
-}
-
-/// `e^-|x| / (1 + e^-|x|)^2`.
-#[inline(always)]
-fn logistic_slope<V: Vector>(x: V) -> V {
-    let e = exp_minus_abs(x);
-    let d = V::splat(1.0) + e;
-    e / (d * d)
-}
-
-/// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)`.
-#[inline(always)]
-fn softplus<V: Vector>(x: V) -> V {
-    let e = exp_minus_abs(x);
-    // ln(1 + e) = 2 atanh(z) with z = e / (2 + e) <= 1/3: the series to z^15 is exact to an ulp.
-    let z = e / (V::splat(2.0) + e);
-    let z2 = z * z;
-    let mut p = V::splat(1.0 / 15.0);
-    for k in [13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0] {
-        p = p.mul_add(z2, V::splat(1.0 / k));
-    }
-    V::splat(0.0).max(x) + V::splat(2.0) * z * p
 }
 
 #[inline(always)]
@@ -207,29 +231,35 @@ fn fold(x: &[f32], g: &[f32], out: &mut [f32], f: impl Fn(f32) -> f32) {
 const WIDEST: usize = 16;
 
 #[inline(always)]
-fn map_lanes<V: Vector>(x: &[f32], y: &mut [f32], f: impl Fn(V) -> V) {
+fn map_lanes<V: Vector>(x: &[f32], y: &mut [f32], f: impl Curve) {
     let body = x.len() / V::LANES * V::LANES;
     for (x, y) in x[..body].chunks_exact(V::LANES).zip(y.chunks_exact_mut(V::LANES)) {
-        f(V::load(x)).store(y);
+        f.at(V::load(x)).store(y);
+    }
+    if body == x.len() {
+        return;
     }
     let mut tail = [0.0; WIDEST];
     tail[..x.len() - body].copy_from_slice(&x[body..]);
     let mut done = [0.0; WIDEST];
-    f(V::load(&tail)).store(&mut done);
+    f.at(V::load(&tail)).store(&mut done);
     y[body..].copy_from_slice(&done[..x.len() - body]);
 }
 
 #[inline(always)]
-fn fold_lanes<V: Vector>(x: &[f32], g: &[f32], out: &mut [f32], f: impl Fn(V) -> V) {
+fn fold_lanes<V: Vector>(x: &[f32], g: &[f32], out: &mut [f32], f: impl Curve) {
     let body = x.len() / V::LANES * V::LANES;
     let heads = x[..body].chunks_exact(V::LANES).zip(g.chunks_exact(V::LANES));
     for ((x, g), out) in heads.zip(out.chunks_exact_mut(V::LANES)) {
-        f(V::load(x)).mul_add(V::load(g), V::load(out)).store(out);
+        f.at(V::load(x)).mul_add(V::load(g), V::load(out)).store(out);
+    }
+    if body == x.len() {
+        return;
     }
     let mut tail = [0.0; WIDEST];
     tail[..x.len() - body].copy_from_slice(&x[body..]);
     let mut slope = [0.0; WIDEST];
-    f(V::load(&tail)).store(&mut slope);
+    f.at(V::load(&tail)).store(&mut slope);
     for ((out, &g), &slope) in out[body..].iter_mut().zip(&g[body..]).zip(&slope) {
         *out += slope * g;
     }

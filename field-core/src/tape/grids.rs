@@ -1,0 +1,137 @@
+//! Grids of learned features as tape operations.
+
+use super::encode::Encoder;
+use crate::FieldError;
+use crate::encoding::dense_grid::DenseGrid;
+use crate::encoding::hash_grid::{HashGrid, Touched};
+use core::cell::RefCell;
+use float_core::Simd;
+
+/// A hash grid, and where to mark the entries that get a gradient.
+#[derive(Clone, Copy, Debug)]
+pub struct HashGridTable<'g> {
+    /// The grid.
+    pub grid: &'g HashGrid,
+    /// Marks, for sparse optimisers.
+    pub touched: Option<&'g RefCell<Touched>>,
+}
+
+impl Encoder for HashGridTable<'_> {
+    const NAME: &'static str = "hash_grid";
+
+    fn in_rows(&self) -> usize {
+        3
+    }
+
+    fn out_rows(&self) -> usize {
+        self.grid.out_rows()
+    }
+
+    fn params_len(&self) -> usize {
+        self.grid.params_len()
+    }
+
+    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        self.grid.encode(simd, table, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        out_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            let mut touched = self.touched.map(|t| t.borrow_mut());
+            self.grid.encode_backward(simd, x, out_bar, bar, touched.as_deref_mut())?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.grid.encode_backward_x(simd, table, x, out_bar, bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        self.grid.tangent(simd, table, x, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            let mut touched = self.touched.map(|t| t.borrow_mut());
+            self.grid.tangent_backward(simd, x, x_dot, out_dot_bar, bar, touched.as_deref_mut())?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.grid.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
+    }
+}
+
+impl Encoder for DenseGrid {
+    const NAME: &'static str = "dense_grid";
+
+    fn in_rows(&self) -> usize {
+        3
+    }
+
+    fn out_rows(&self) -> usize {
+        self.features()
+    }
+
+    fn params_len(&self) -> usize {
+        DenseGrid::params_len(self)
+    }
+
+    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        DenseGrid::encode(self, simd, table, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        out_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            self.encode_backward(simd, x, out_bar, bar)?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.encode_backward_x(simd, table, x, out_bar, bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        DenseGrid::tangent(self, simd, table, x, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            DenseGrid::tangent_backward(self, simd, x, x_dot, out_dot_bar, bar)?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
+    }
+}

@@ -1,0 +1,158 @@
+//! Frequency and spherical harmonics encodings as tape operations.
+
+use super::encode::Encoder;
+use crate::FieldError;
+use crate::encoding::frequency::Frequency;
+use crate::encoding::spherical_harmonics::SphericalHarmonics;
+use float_core::Simd;
+
+/// A frequency encoding with a weight for each octave.
+#[derive(Clone, Copy, Debug)]
+pub struct Windowed<'w> {
+    /// The encoding.
+    pub encoding: Frequency,
+    /// `[octaves]`, or `None` for 1.
+    pub window: Option<&'w [f32]>,
+}
+
+impl Encoder for Windowed<'_> {
+    const NAME: &'static str = "frequency";
+
+    fn in_rows(&self) -> usize {
+        self.encoding.dims()
+    }
+
+    fn out_rows(&self) -> usize {
+        self.encoding.out_rows()
+    }
+
+    fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        self.encoding.encode(simd, x, self.window, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        out_bar: &[f32],
+        _table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        x_bar.map_or(Ok(()), |x_bar| self.encoding.encode_backward(simd, x, self.window, out_bar, x_bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        self.encoding.tangent(simd, x, self.window, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        _table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        let Some(x_bar) = x_bar else { return Ok(()) };
+        self.encoding.tangent_backward_x(simd, x, self.window, x_dot, out_dot_bar, x_bar)
+    }
+}
+
+impl Encoder for Frequency {
+    const NAME: &'static str = "frequency";
+
+    fn in_rows(&self) -> usize {
+        self.dims()
+    }
+
+    fn out_rows(&self) -> usize {
+        Frequency::out_rows(self)
+    }
+
+    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        Encoder::encode(&Windowed { encoding: *self, window: None }, simd, table, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        at: (&[f32], &[f32]),
+        out_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        Windowed { encoding: *self, window: None }.backward(simd, at, out_bar, table_bar, x_bar)
+    }
+
+    fn tangent(&self, simd: Simd, at: (&[f32], &[f32]), x_dot: &[f32], out_dot: &mut [f32]) -> Result<(), FieldError> {
+        Windowed { encoding: *self, window: None }.tangent(simd, at, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        at: (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        Windowed { encoding: *self, window: None }.tangent_backward(simd, at, x_dot, out_dot_bar, table_bar, x_bar)
+    }
+}
+
+impl Encoder for SphericalHarmonics {
+    const NAME: &'static str = "spherical_harmonics";
+
+    fn in_rows(&self) -> usize {
+        3
+    }
+
+    fn out_rows(&self) -> usize {
+        SphericalHarmonics::out_rows(self)
+    }
+
+    fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        SphericalHarmonics::encode(self, simd, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        out_bar: &[f32],
+        _table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        x_bar.map_or(Ok(()), |x_bar| self.encode_backward(simd, x, out_bar, x_bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        SphericalHarmonics::tangent(self, simd, x, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        (_, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        _table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        x_bar.map_or(Ok(()), |x_bar| self.tangent_backward_d(simd, x, x_dot, out_dot_bar, x_bar))
+    }
+}
