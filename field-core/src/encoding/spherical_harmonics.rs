@@ -306,10 +306,11 @@ struct Block {
 impl Block {
     #[inline(always)]
     fn new(directions: Directions, d: [Lanes; 3]) -> Self {
+        let [dx, dy, dz] = &d;
         let mut b = Self { u: d, inverse_norm: [1.0; BLOCK], powers: [[[1.0; BLOCK]; MAX_DEGREE]; 3] };
         if directions == Directions::Any {
             for i in 0..BLOCK {
-                let [x, y, z] = [0, 1, 2].map(|a| d[a][i]);
+                let [x, y, z] = [dx[i], dy[i], dz[i]];
                 // Scaled, so that squares neither overflow nor vanish. Lanes past the end are 0.
                 let largest = x.abs().max(y.abs()).max(z.abs());
                 let largest = if largest > 0.0 { largest } else { 1.0 };

@@ -31,7 +31,8 @@ pub fn osr(step: u64, anneal_steps: u64, min_octave: usize, w: &mut [f32]) {
 
 /// Smoothly from 0 at 0 to 1 at 1. NaN counts as 0.
 fn ease(x: f64) -> f32 {
-    ((1.0 - m64::cos(core::f64::consts::PI * x.max(0.0).min(1.0))) * 0.5) as f32
+    let x = if x > 0.0 { x.min(1.0) } else { 0.0 };
+    ((1.0 - m64::cos(core::f64::consts::PI * x)) * 0.5) as f32
 }
 
 #[cfg(test)]

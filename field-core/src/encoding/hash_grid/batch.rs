@@ -112,8 +112,8 @@ impl HashGrid {
         Ok(())
     }
 
-    /// Add the gradient of the positions, `x_bar` `[3][n]`. Also the gradient of [`tangent`](Self::tangent) with respect
-    /// to `x_dot`, given the tangent's cotangent.
+    /// Add the gradient of the positions, `x_bar` `[3][n]`. Also the gradient of [`tangent`](Self::tangent) with
+    /// respect to `x_dot`, given the tangent's cotangent.
     ///
     /// # Errors
     /// [`FieldError::Shape`].
@@ -313,14 +313,11 @@ impl HashGrid {
     }
 }
 
-fn split_rows<'a, const N: usize>(rows: [&'a [f32]; N], mid: usize) -> ([&'a [f32]; N], [&'a [f32]; N]) {
+fn split_rows<const N: usize>(rows: [&[f32]; N], mid: usize) -> ([&[f32]; N], [&[f32]; N]) {
     (rows.map(|r| &r[..mid]), rows.map(|r| &r[mid..]))
 }
 
-fn split_rows_mut<'a, const N: usize>(
-    rows: [&'a mut [f32]; N],
-    mid: usize,
-) -> ([&'a mut [f32]; N], [&'a mut [f32]; N]) {
+fn split_rows_mut<const N: usize>(rows: [&mut [f32]; N], mid: usize) -> ([&mut [f32]; N], [&mut [f32]; N]) {
     let mut tails: [&mut [f32]; N] = core::array::from_fn(|_| Default::default());
     let mut at = 0;
     let heads = rows.map(|row| {

@@ -6,7 +6,7 @@ use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
 use super::features::{Features, Packed};
 use super::{Interpolation, Lattice};
 
-/// Floats of a block that [`Scatter`] marks: 64 bytes, a cache line.
+/// Floats of one block of parameters that are touched together: 64 bytes, a cache line.
 pub const BLOCK_FLOATS: usize = 16;
 
 /// Rows of a batch: one slice for each axis, equally long.
@@ -64,6 +64,19 @@ fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N] {
     out
 }
 
+/// Ask for the cache line of `p`. Any address will do.
+#[inline(always)]
+fn prefetch(p: *const f32) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: a hint of baseline x86-64; it does not access memory and does not fault.
+    unsafe {
+        use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        _mm_prefetch::<_MM_HINT_T0>(p.cast());
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = p;
+}
+
 impl Place<'_> {
     /// Cells, entries and weights of the block at `at`.
     #[inline(always)]
@@ -74,6 +87,27 @@ impl Place<'_> {
             Some(x_dot) => cells.weights(Weights::Tangent(&block(x_dot, at))),
         };
         (cells.starts(&self.lattice, self.stride as u32), weights)
+    }
+
+    /// Call `body` with the start, the entries and the weights of each block, while the entries of the next block are on
+    /// their way into the cache: large tables come from far away. `table` is only a hint.
+    #[inline(always)]
+    fn for_each_block(&self, table: *const f32, mut body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
+        let n = self.x[0].len();
+        if n == 0 {
+            return;
+        }
+        let mut next = self.corners(0);
+        for at in (0..n).step_by(BLOCK) {
+            let (starts, weights) = next;
+            if at + BLOCK < n {
+                next = self.corners(at + BLOCK);
+                for &start in next.0.as_flattened() {
+                    prefetch(table.wrapping_add(start as usize + self.first));
+                }
+            }
+            body(at, &starts, &weights);
+        }
     }
 
     #[inline(always)]
@@ -89,20 +123,19 @@ where
 {
     type Output = ();
     #[inline(always)]
-    fn run<V: Vector>(mut self) {
+    fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
-        let n = self.place.x[0].len();
-        for at in (0..n).step_by(BLOCK) {
-            let (starts, weights) = self.place.corners(at);
+        let Self { place, table, out: mut rows } = self;
+        place.for_each_block(table.as_ptr(), |at, starts, weights| {
             let mut out = [[0.0; BLOCK]; F];
             for i in 0..BLOCK {
                 let mut acc = Packed::zero();
                 for c in 0..8 {
-                    let start = starts[c][i] as usize + self.place.first;
-                    debug_assert!(start + F <= self.table.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries * stride,
-                    // and that first + F <= stride.
-                    let e = unsafe { Packed::load(self.table.as_ptr().add(start)) };
+                    let start = starts[c][i] as usize + place.first;
+                    debug_assert!(start + F <= table.len());
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries *
+                    // stride, and that first + F <= stride.
+                    let e = unsafe { Packed::load(table.as_ptr().add(start)) };
                     acc = Packed::add_scaled(acc, weights[c][i], e);
                 }
                 let acc = Packed::unpack(acc);
@@ -110,7 +143,7 @@ where
                     out[f][i] = acc[f];
                 }
             }
-            for (row, out) in self.out.iter_mut().zip(&out) {
+            for (row, out) in rows.iter_mut().zip(&out) {
                 let row = &mut row[at..];
                 if let Some(full) = row.first_chunk_mut::<BLOCK>() {
                     *full = *out;
@@ -119,7 +152,7 @@ where
                     row.copy_from_slice(&out[..len]);
                 }
             }
-        }
+        });
     }
 }
 
@@ -131,33 +164,32 @@ where
     #[inline(always)]
     fn run<V: Vector>(self) {
         self.place.check::<F>(self.grad);
-        let n = self.place.x[0].len();
-        let mut touched = self.touched;
-        for at in (0..n).step_by(BLOCK) {
-            let (starts, weights) = self.place.corners(at);
-            let out_bar = block(&self.out_bar, at);
+        let Self { place, out_bar: rows, grad, mut touched } = self;
+        let n = place.x[0].len();
+        place.for_each_block(grad.as_ptr(), |at, starts, weights| {
+            let out_bar = block(&rows, at);
             for i in 0..BLOCK.min(n - at) {
                 let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
                 for c in 0..8 {
-                    let start = starts[c][i] as usize + self.place.first;
-                    debug_assert!(start + F <= self.grad.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries * stride,
-                    // and that first + F <= stride.
+                    let start = starts[c][i] as usize + place.first;
+                    debug_assert!(start + F <= grad.len());
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries *
+                    // stride, and that first + F <= stride.
                     unsafe {
-                        let e = self.grad.as_mut_ptr().add(start);
+                        let e = grad.as_mut_ptr().add(start);
                         Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
                     }
                 }
             }
             if let Some(touched) = &mut touched {
                 for i in 0..BLOCK.min(n - at) {
-                    for starts in &starts {
-                        let block = (starts[i] as usize + self.place.first) / BLOCK_FLOATS;
+                    for starts in starts {
+                        let block = (starts[i] as usize + place.first) / BLOCK_FLOATS;
                         touched[block / 64] |= 1 << (block % 64);
                     }
                 }
             }
-        }
+        });
     }
 }
 
