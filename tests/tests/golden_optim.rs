@@ -46,7 +46,13 @@ fn adam_and_adamw_follow_the_golden_trajectories() {
                 let label = record.label();
                 // 50 sums round the moments 50 times.
                 assert_close(&format!("{label} m"), adam.first_moment(), &record.output("exp_avg").data, 1e-5, 1e-45);
-                assert_close(&format!("{label} v"), adam.second_moment(), &record.output("exp_avg_sq").data, 1e-5, 1e-45);
+                assert_close(
+                    &format!("{label} v"),
+                    adam.second_moment(),
+                    &record.output("exp_avg_sq").data,
+                    1e-5,
+                    1e-45,
+                );
             }
         }
     }

@@ -42,7 +42,7 @@ pub struct TabletopOptions {
 impl Default for TabletopOptions {
     /// 60 training and 10 test views of 160 x 160 pixels, 3 x 3 rays each.
     fn default() -> Self {
-        Self { width: 160, height: 160, train: 60, test: 10, seed: 0, angle: 0.72, rays: 3 }
+        Self { width: 160, height: 160, train: 60, test: 10, seed: 0, angle: 0.82, rays: 3 }
     }
 }
 
