@@ -1,0 +1,6 @@
+//! `nerf-static` as people and scripts meet it: exit codes, one clear line for each failure, files left behind.
+
+mod bad_datasets;
+mod commands;
+mod resume;
+mod tools;
