@@ -37,6 +37,9 @@ pub struct ViewScore {
     pub ms_ssim: Option<f64>,
     /// Perceptual distance; `None` without weights, and for masked images.
     pub lpips: Option<f64>,
+    /// Difference that is seen when pictures alternate; `None` without the feature `flip`, and for masked images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flip: Option<f64>,
     /// Seconds to render.
     pub render_seconds: f64,
     /// Stem of the view's files in `renders/`, when they were written: `STEM.png`, `STEM_truth.png`, `STEM_error.png`,
@@ -56,6 +59,9 @@ pub struct Evaluation {
     pub ms_ssim: Option<f64>,
     /// Mean over views.
     pub lpips: Option<f64>,
+    /// Mean over views; only with the feature `flip`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flip: Option<f64>,
     /// Every view, in the dataset's order.
     pub views: Vec<ViewScore>,
     /// Steps trained.
@@ -115,8 +121,8 @@ pub fn evaluate(
         (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     };
     let (psnr, ssim) = (mean(|v| v.psnr), mean(|v| v.ssim));
-    let (ms_ssim, lpips) = (mean(|v| v.ms_ssim), mean(|v| v.lpips));
-    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, steps, seconds, notes, views })
+    let (ms_ssim, lpips, flip) = (mean(|v| v.ms_ssim), mean(|v| v.lpips), mean(|v| v.flip));
+    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, flip, steps, seconds, notes, views })
 }
 
 /// Scores of one picture; what is not defined for it stays `None`, with a note where that is a surprise.
@@ -133,6 +139,7 @@ fn measure(
         ssim: None,
         ms_ssim: None,
         lpips: None,
+        flip: None,
         render_seconds: 0.0,
         files: None,
     };
@@ -167,6 +174,9 @@ fn measure(
         if mask.is_none() && width.min(height) >= MS_SSIM_MIN_SIDE {
             score.ms_ssim = ms_ssim(&a, &b).ok();
         }
+        if mask.is_none() {
+            score.flip = flip(picture, truth, note);
+        }
         if let (Some(weights), None) = (weights, &mask) {
             match weights.distance(&a, &b) {
                 Ok(x) => score.lpips = Some(x),
@@ -175,6 +185,22 @@ fn measure(
         }
     }
     score
+}
+
+#[cfg(feature = "flip")]
+fn flip(picture: &RgbImage, truth: &RgbImage, note: &mut dyn FnMut(&str)) -> Option<f64> {
+    match crate::flip::mean_flip(truth.width(), truth.height(), truth.as_raw(), picture.as_raw()) {
+        Ok(x) => Some(x),
+        Err(e) => {
+            note(&format!("no FLIP: {e}"));
+            None
+        }
+    }
+}
+
+#[cfg(not(feature = "flip"))]
+fn flip(_: &RgbImage, _: &RgbImage, _: &mut dyn FnMut(&str)) -> Option<f64> {
+    None
 }
 
 impl Evaluation {
@@ -187,14 +213,14 @@ impl Evaluation {
 
     /// `eval.csv`: a row a view; empty where not measured.
     pub fn csv(&self) -> String {
-        let mut out = String::from("name,psnr,ssim,ms_ssim,lpips,render_seconds\n");
+        let mut out = String::from("name,psnr,ssim,ms_ssim,lpips,flip,render_seconds\n");
         for v in &self.views {
             let name = match v.name.contains([',', '"', '\n']) {
                 true => format!("\"{}\"", v.name.replace('"', "\"\"")),
                 false => v.name.clone(),
             };
             let show = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:.6}"));
-            let scores = [v.psnr, v.ssim, v.ms_ssim, v.lpips].map(show).join(",");
+            let scores = [v.psnr, v.ssim, v.ms_ssim, v.lpips, v.flip].map(show).join(",");
             out += &format!("{name},{scores},{:.4}\n", v.render_seconds);
         }
         out

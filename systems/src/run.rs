@@ -95,8 +95,9 @@ impl<'a> Run<'a> {
         let spec = request.scene.as_deref().ok_or_else(|| RunError::Option("no scene is given".into()))?;
         make_folder(folder)?;
         // Found out now, not after an hour of training.
-        let probe = folder.join("config.toml");
-        write_file(parts.storage, &probe, b"# a run is being prepared\n")?;
+        let probe = folder.join(".writable");
+        write_file(parts.storage, &probe, b"yes")?;
+        std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
         let name = request.system.as_deref().unwrap_or(parts.default_system);
         let options = RunOptions {

@@ -102,7 +102,8 @@ fn draw(
         }
         let style = font(12).pos(Pos::new(HPos::Right, VPos::Top));
         root.draw(&Text::new(curve.name, (x, 8), style)).ok()?;
-        x -= curve.name.len() as i32 * 7 + 8;
+        // Letters of this size are about five units wide.
+        x -= curve.name.len() as i32 * 5 + 12;
         root.draw(&Circle::new((x, 14), 4, curve.colour.filled())).ok()?;
         x -= 16;
     }
@@ -117,7 +118,7 @@ fn short(x: f64) -> String {
     };
     match x.abs() {
         a if a >= 1e6 => format!("{}M", trim(x / 1e6)),
-        a if a >= 1e4 => format!("{}k", trim(x / 1e3)),
+        a if a >= 1e3 => format!("{}k", trim(x / 1e3)),
         a if a >= 10.0 || a == 0.0 => trim(x),
         _ => format!("{x:.2}"),
     }

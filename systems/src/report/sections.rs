@@ -44,6 +44,9 @@ pub(super) fn cards(s: &Summary, evaluation: Option<&Evaluation>) -> String {
         cards.push((number(e.psnr, 2, " dB"), "PSNR, held out"));
         cards.push((number(e.ssim, 4, ""), "SSIM"));
         cards.push((number(e.lpips, 4, ""), "LPIPS"));
+        if e.flip.is_some() {
+            cards.push((number(e.flip, 4, ""), "FLIP"));
+        }
     }
     cards.push((format!("{:.1} s", s.seconds), "training time"));
     cards.push((grouped(s.steps), "steps"));
@@ -279,7 +282,16 @@ mod tests {
 
     fn score(name: &str, psnr: f64) -> ViewScore {
         let name = name.to_string();
-        ViewScore { name, psnr: Some(psnr), ssim: None, ms_ssim: None, lpips: None, render_seconds: 0.0, files: None }
+        ViewScore {
+            name,
+            psnr: Some(psnr),
+            ssim: None,
+            ms_ssim: None,
+            lpips: None,
+            flip: None,
+            render_seconds: 0.0,
+            files: None,
+        }
     }
 
     #[test]
