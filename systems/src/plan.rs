@@ -4,6 +4,7 @@ use crate::data::Dataset;
 use crate::layout::{Layout, layout};
 use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
+use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{Ngp, NgpConfig};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -14,7 +15,7 @@ use serde::de::DeserializeOwned;
 const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 1] = ["ngp"];
+pub const SYSTEMS: [&str; 2] = ["ngp", "nerf"];
 
 /// Build the system `name` for a scene.
 ///
@@ -41,7 +42,8 @@ pub fn build(
     match name {
         "ngp" => {
             let config = settings(&ngp_settings(&layout, data, &mut lines), run)?;
-            let space = space(&layout, &config, data)?;
+            let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+            let space = space(&layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
             let mut ngp = Ngp::new(config.clone(), space, background, run.seed)?;
             ngp.carve(data)?;
             lines.push(format!(
@@ -50,6 +52,20 @@ pub fn build(
                 if transparent { " and the images' alpha" } else { "" }
             ));
             Ok((Box::new(ngp), plan(lines, table(&config))))
+        }
+        "nerf" => {
+            lines.push("networks, samples and learning rate as published; smaller batches".into());
+            let planned = NerfConfig {
+                centre: layout.centre.to_array(),
+                radius: layout.radius,
+                extent: f64::from(1_u32 << (layout.cascades - 1)),
+                ..NerfConfig::published(layout.kind)
+            };
+            let config = settings(&planned, run)?;
+            let place = (config.centre, config.radius, config.extent);
+            let space = space(&layout, data, config.space, place, config.near)?;
+            let nerf = Nerf::new(config.clone(), space, background, run.seed)?;
+            Ok((Box::new(nerf), plan(lines, table(&config))))
         }
         other => Err(SystemError::Config {
             field: "system",
@@ -130,10 +146,11 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         occupancy: 64,
         cascades: layout.cascades,
         occupancy_threshold: 0.01,
-        occupancy_every: 16,
+        occupancy_every: 8,
         near: 0.05,
         step_min,
         step_cone: if layout.kind == SpaceKind::Contracted { (STEP_PER_PIXEL * pixel) as f32 } else { 0.0 },
+        samples_per_ray: 64.0,
         batch_samples: 1 << 15,
         batch_rays: 1 << 13,
         lr: 1e-2,
@@ -149,14 +166,17 @@ const CELLS_PER_PIXEL: f64 = 2.0;
 /// Smallest step of a march, in pixels' footprints.
 const STEP_PER_PIXEL: f64 = 0.5;
 
-fn space(layout: &Layout, config: &NgpConfig, data: &Dataset) -> Result<Space, SystemError> {
-    let (centre, near) = (config.centre.into(), f64::from(config.near));
-    match (config.space, layout.reference) {
-        (SpaceKind::Box, _) => Ok(Space::boxed(centre, config.radius, near)),
-        (SpaceKind::Contracted, _) => {
-            let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
-            Ok(Space::contracted(centre, config.radius, extent, near))
-        }
+fn space(
+    layout: &Layout,
+    data: &Dataset,
+    kind: SpaceKind,
+    (centre, radius, extent): ([f64; 3], f64, f64),
+    near: f32,
+) -> Result<Space, SystemError> {
+    let (centre, near) = (centre.into(), f64::from(near));
+    match (kind, layout.reference) {
+        (SpaceKind::Box, _) => Ok(Space::boxed(centre, radius, near)),
+        (SpaceKind::Contracted, _) => Ok(Space::contracted(centre, radius, extent, near)),
         (SpaceKind::Ndc, Some((pose, near))) => {
             let cameras: Vec<_> = data.views().iter().map(|v| v.camera).collect();
             Space::ndc(pose, near, &cameras).ok_or_else(not_forward)

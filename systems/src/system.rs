@@ -55,6 +55,17 @@ pub struct Layers {
     pub normal: Vec<[f32; 3]>,
 }
 
+impl Layers {
+    /// Append another batch's layers.
+    pub fn extend(&mut self, more: Self) {
+        self.rgb.extend(more.rgb);
+        self.opacity.extend(more.opacity);
+        self.depth.extend(more.depth);
+        self.median_depth.extend(more.median_depth);
+        self.normal.extend(more.normal);
+    }
+}
+
 /// What a render may vary besides the rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Query {
@@ -142,6 +153,12 @@ pub enum SystemError {
     /// Reading an image failed.
     #[error(transparent)]
     Scene(#[from] scene_io::SceneError),
+}
+
+impl From<optim::TooManyNonFinite> for SystemError {
+    fn from(e: optim::TooManyNonFinite) -> Self {
+        Self::NonFinite { bad: e.bad_steps, steps: e.steps, share_percent: 100.0 * e.allowed as f64 / e.steps as f64 }
+    }
 }
 
 /// One reconstruction method.

@@ -58,7 +58,7 @@ pub enum Demand {
 /// Settings and data of the pair (ray offsets, interval lengths) are fields of the implementing type, which has to be
 /// declared before the tape: the tape borrows it. Two inputs that share memory are told apart by a copy, so the bars
 /// never overlap.
-pub trait CustomOp {
+pub trait CustomOp: Sync {
     /// Name in errors.
     fn name(&self) -> &'static str;
 

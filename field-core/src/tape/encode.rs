@@ -11,7 +11,7 @@ use float_core::Simd;
 /// # Shapes
 /// `x`, `x_dot`, `x_bar` `[in_rows][n]`; `out`, `out_bar` `[out_rows][n]`; `table`, `table_bar` `[params_len]`, empty for an
 /// encoding without parameters. Bars are added to; `None` where nobody wants them.
-pub trait Encoder {
+pub trait Encoder: Sync {
     /// Name in errors.
     const NAME: &'static str;
     /// Numbers encoded.

@@ -3,17 +3,15 @@
 use super::encode::Encoder;
 use crate::FieldError;
 use crate::encoding::dense_grid::DenseGrid;
-use crate::encoding::hash_grid::{HashGrid, Touched};
-use core::cell::RefCell;
+use crate::encoding::hash_grid::HashGrid;
 use float_core::Simd;
 
-/// A hash grid, and where to mark the entries that get a gradient.
+/// A hash grid. Operations are shared by threads, so they cannot mark what they touch: entries without gradient are those
+/// whose gradient is 0.
 #[derive(Clone, Copy, Debug)]
 pub struct HashGridTable<'g> {
     /// The grid.
     pub grid: &'g HashGrid,
-    /// Marks, for sparse optimisers.
-    pub touched: Option<&'g RefCell<Touched>>,
 }
 
 impl Encoder for HashGridTable<'_> {
@@ -44,8 +42,7 @@ impl Encoder for HashGridTable<'_> {
         x_bar: Option<&mut [f32]>,
     ) -> Result<(), FieldError> {
         if let Some(bar) = table_bar {
-            let mut touched = self.touched.map(|t| t.borrow_mut());
-            self.grid.encode_backward(simd, x, out_bar, bar, touched.as_deref_mut())?;
+            self.grid.encode_backward(simd, x, out_bar, bar, None)?;
         }
         x_bar.map_or(Ok(()), |bar| self.grid.encode_backward_x(simd, table, x, out_bar, bar))
     }
@@ -70,8 +67,7 @@ impl Encoder for HashGridTable<'_> {
         x_bar: Option<&mut [f32]>,
     ) -> Result<(), FieldError> {
         if let Some(bar) = table_bar {
-            let mut touched = self.touched.map(|t| t.borrow_mut());
-            self.grid.tangent_backward(simd, x, x_dot, out_dot_bar, bar, touched.as_deref_mut())?;
+            self.grid.tangent_backward(simd, x, x_dot, out_dot_bar, bar, None)?;
         }
         x_bar.map_or(Ok(()), |bar| self.grid.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
     }

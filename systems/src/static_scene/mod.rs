@@ -1,3 +1,4 @@
 //! Systems for scenes that stand still.
 
+pub mod nerf;
 pub mod ngp;

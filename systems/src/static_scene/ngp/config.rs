@@ -54,6 +54,8 @@ pub struct NgpConfig {
     /// Step per distance from the camera; 0 keeps the step constant.
     pub step_cone: f32,
 
+    /// Samples a ray may have on average in training: where there are more, steps grow until empty space is known.
+    pub samples_per_ray: f32,
     /// Samples a batch aims at; the number of rays adapts.
     pub batch_samples: usize,
     /// Rays a batch has at most.
@@ -154,6 +156,7 @@ impl NgpConfig {
         positive("step_min", f64::from(self.step_min))?;
         positive("lr", f64::from(self.lr))?;
         positive("lr_tenfold", f64::from(self.lr_tenfold))?;
+        positive("samples_per_ray", f64::from(self.samples_per_ray))?;
         positive("batch_samples", self.batch_samples as f64)?;
         positive("batch_rays", self.batch_rays as f64)?;
         positive("occupancy_every", self.occupancy_every as f64)?;

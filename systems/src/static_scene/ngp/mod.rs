@@ -43,6 +43,11 @@ const CHUNKS: usize = 16;
 const BACKGROUND: u64 = 0x6261_636b;
 const JITTER: u64 = 0x6a69_7474;
 
+/// Training begins with steps so many times as long, and never makes them longer.
+const MAX_STRETCH: f32 = 8.0;
+/// Largest change of the steps' length from one batch to the next.
+const STRETCH_RATE: f32 = 1.05;
+
 /// Rays of the first batch, before anybody knows how many samples a ray has.
 const FIRST_RAYS: usize = 256;
 
@@ -64,6 +69,8 @@ pub struct Ngp {
     guard: NonFiniteGuard,
     /// Rays of the next batch.
     rays: usize,
+    /// Training steps are so many times as long as those of a render, `>= 1`.
+    stretch: f32,
     work: Work,
     seconds: Seconds,
     skipped: Skipped,
@@ -133,6 +140,7 @@ impl Ngp {
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
             rays: FIRST_RAYS.min(config.batch_rays),
+            stretch: MAX_STRETCH,
             config,
             seed,
             background,
@@ -256,7 +264,7 @@ impl System for Ngp {
             field: &self.field,
             space: &self.space,
             occupancy: &self.occupy.grid,
-            marcher: self.occupy.marcher(&self.config),
+            marcher: self.occupy.marcher(&self.config, self.stretch),
             batch: &self.work.batch,
             background: &self.work.background,
             jitter: &self.work.jitter,
@@ -295,16 +303,14 @@ impl System for Ngp {
         let bad = bad + self.update_networks(lr);
         self.seconds.optimise += since(start);
         stats.nonfinite = bad as u64;
-        self.guard.record(bad).map_err(|e| SystemError::NonFinite {
-            bad: e.bad_steps,
-            steps: e.steps,
-            share_percent: 100.0 * e.allowed as f64 / e.steps as f64,
-        })?;
+        self.guard.record(bad)?;
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
         let aim = (self.config.batch_samples as f64 / per_ray) as usize;
         self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch_rays);
+        let change = (per_ray as f32 / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
+        self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
         Ok(stats)
     }
 

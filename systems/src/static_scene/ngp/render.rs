@@ -71,19 +71,13 @@ pub(super) fn render(ngp: &Ngp, rays: &[Ray], query: &Query) -> Layers {
         .map_init(Scratch::default, |scratch, rays| render_task(ngp, rays, query, scratch))
         .collect();
     let mut out = Layers::default();
-    for part in tasks {
-        out.rgb.extend(part.rgb);
-        out.opacity.extend(part.opacity);
-        out.depth.extend(part.depth);
-        out.median_depth.extend(part.median_depth);
-        out.normal.extend(part.normal);
-    }
+    tasks.into_iter().for_each(|part| out.extend(part));
     out
 }
 
 fn render_task(ngp: &Ngp, rays: &[Ray], query: &Query, s: &mut Scratch) -> Layers {
     let (field, space) = (&ngp.field, &ngp.space);
-    let marcher = ngp.occupy.marcher(&ngp.config);
+    let marcher = ngp.occupy.marcher(&ngp.config, ngp.stretch);
     s.rays.clear();
     s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
     field.basis(&s.rays, &mut s.views, &mut s.basis);

@@ -13,6 +13,7 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
         f32_tensor("field.density", &f.density_params),
         f32_tensor("field.colour", &f.colour_params),
         f32_tensor("occupancy.thickness", ngp.occupy.grid.thickness()),
+        f32_tensor("step.stretch", std::slice::from_ref(&ngp.stretch)),
         u64_tensor(
             "counters",
             vec![
@@ -41,6 +42,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let density = take_f32(tensors, "field.density", f.density_params.len())?;
     let colour = take_f32(tensors, "field.colour", f.colour_params.len())?;
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
+    let stretch = take_f32(tensors, "step.stretch", 1)?[0];
     let counters = take_u64(tensors, "counters", 5)?;
     let adam = |name: String, old: &Adam| {
         let m = take_f32(tensors, &format!("adam.{name}.m"), old.len())?;
@@ -59,7 +61,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
     (ngp.grid_adam, ngp.density_adam, ngp.colour_adam) = (grid_adam, density_adam, colour_adam);
     ngp.occupy.grid = occupancy;
-    ngp.rays = counters[0] as usize;
+    (ngp.rays, ngp.stretch) = (counters[0] as usize, stretch);
     ngp.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
     ngp.field.pack();
     Ok(())

@@ -1,0 +1,622 @@
+//! NeRF: a coarse and a fine network, as published.
+//!
+//! Mildenhall, Srinivasan, Tancik, Barron, Ramamoorthi, Ng, "NeRF: Representing Scenes as Neural Radiance Fields for View
+//! Synthesis", 2020, sections 4 and 5.
+//!
+//! Each ray: stratified samples, the coarse network, its weights as a density from which the fine samples are drawn, the
+//! fine network on all of them; the squared error of both pixels. Gradients stop at the samples' positions. Differences:
+//! rays end at the scene's box instead of at two constants, the last interval is finite, and batches are smaller
+//! (`docs/decisions/0004-nerf-as-published.md`).
+
+mod composite;
+mod config;
+mod network;
+
+pub use config::NerfConfig;
+
+use crate::data::{Batch, Dataset};
+use crate::options::Background;
+use crate::space::{InternalRay, Space};
+use crate::system::{
+    Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64,
+    u64_tensor,
+};
+use composite::CompositeOp;
+use field_core::rng::Rng;
+use field_core::tape::{Arena, Node, Tape, TapeError};
+use float_core::Simd;
+use glam::DVec3;
+use network::{Ops, PackedNetwork, Shapes};
+use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
+use rayon::prelude::*;
+use render_core::quadrature::{LastInterval, Samples, depth_median_exact, weights};
+use render_core::ray::Ray;
+use render_core::sample::{Spacing, dt_from_points, invert_cdf, merge_sorted, mid_points, stratified_bins};
+use std::time::Instant;
+
+/// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
+const CHUNKS: usize = 8;
+/// Rays that go through the networks together.
+const TILE: usize = 4;
+/// Rays of one task of a render.
+const RENDER_TASK: usize = 32;
+/// Added to the weights before fine samples are drawn, so that a ray that sees nothing is sampled evenly.
+const PAD: f32 = 1e-5;
+/// Streams of random numbers.
+const INIT: u64 = 0x6e65_7266;
+const SAMPLES: u64 = 0x7361_6d70;
+const BACKGROUND: u64 = 0x6261_636b;
+/// Adam of the paper.
+const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-7, decay: Decay::None };
+
+/// The system.
+pub struct Nerf {
+    config: NerfConfig,
+    seed: u64,
+    background: Background,
+    space: Space,
+    shapes: Shapes,
+    /// Coarse network, then fine.
+    params: Vec<f32>,
+    packed: [PackedNetwork; 2],
+    adam: Adam,
+    guard: NonFiniteGuard,
+    batch: Batch,
+    chunks: Vec<Chunk>,
+    grad: Vec<f32>,
+    seconds: [f64; 3],
+    missed: u64,
+    cast: u64,
+}
+
+/// Memory of a chunk, kept from step to step.
+#[derive(Default)]
+struct Chunk {
+    grad: Vec<f32>,
+    tile: Tile,
+    loss: f64,
+    fine_error: f64,
+    weight: f64,
+    samples: u64,
+    missed: u64,
+}
+
+/// Memory of a tile.
+#[derive(Default)]
+struct Tile {
+    coarse: Level,
+    fine: Level,
+    bins: Vec<f32>,
+    mid: Vec<f32>,
+    u: Vec<f32>,
+    drawn: Vec<f32>,
+    w: Vec<f32>,
+    trans_end: Vec<f32>,
+    tau: Vec<f32>,
+    cdf: Vec<f64>,
+    background: Vec<f32>,
+    bar: Vec<f32>,
+}
+
+/// One network's samples of a tile.
+#[derive(Default)]
+struct Level {
+    arena: Arena,
+    offsets: Vec<u32>,
+    t: Vec<f32>,
+    dt: Vec<f32>,
+    p: Vec<f32>,
+    x: Vec<f32>,
+    d: Vec<f32>,
+    noise: Vec<f32>,
+}
+
+impl Nerf {
+    /// New networks for a space.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for settings that cannot work.
+    pub fn new(config: NerfConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
+        config.check()?;
+        let shapes = Shapes::new(&config)?;
+        let n = shapes.param_count();
+        let mut params = vec![0.0; 2 * n];
+        let rng = Rng::new(seed, INIT);
+        for (i, params) in params.chunks_exact_mut(n).enumerate() {
+            shapes.init(rng.substream(i as u64), params);
+        }
+        let mut nerf = Self {
+            adam: Adam::new(2 * n, ADAM),
+            guard: NonFiniteGuard::default(),
+            batch: Batch::default(),
+            chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
+            grad: vec![0.0; 2 * n],
+            packed: Default::default(),
+            seconds: [0.0; 3],
+            missed: 0,
+            cast: 0,
+            config,
+            seed,
+            background,
+            space,
+            shapes,
+            params,
+        };
+        nerf.pack();
+        Ok(nerf)
+    }
+
+    fn pack(&mut self) {
+        for (params, packed) in self.params.chunks_exact(self.shapes.param_count()).zip(&mut self.packed) {
+            self.shapes.pack(params, packed);
+        }
+    }
+
+    fn ops(&self) -> [Ops<'_>; 2] {
+        let simd = Simd::best();
+        [0, 1].map(|i| self.shapes.ops(simd, &self.packed[i]))
+    }
+
+    /// Parameters of the coarse (0) or fine (1) network.
+    fn network(&self, level: usize) -> &[f32] {
+        let n = self.shapes.param_count();
+        &self.params[level * n..(level + 1) * n]
+    }
+
+    /// Coarse and fine samples of a tile's rays, then what `use_levels` does with both networks' records.
+    fn fill_coarse(&self, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
+        let n = self.config.coarse;
+        tile.u.resize(n, 0.5);
+        let level = &mut tile.coarse;
+        level.begin();
+        for (r, ray) in rays.iter().enumerate() {
+            fill_u(random, r as u64, 0, &mut tile.u);
+            tile.drawn.resize(n, 0.0);
+            stratified_bins(ray.start, ray.end, self.spacing(), &tile.u, &mut tile.drawn);
+            level.push(&tile.drawn[..n], ray.end);
+        }
+        level.place(rays, &self.space);
+    }
+
+    /// Samples from the coarse weights, merged with the coarse samples.
+    fn fill_fine(&self, rays: &[InternalRay], raw: &[f32], random: Option<&Rng>, tile: &mut Tile) {
+        let (n, m) = (self.config.coarse, self.config.fine);
+        let Tile { coarse, fine, bins, mid, u, drawn, w, trans_end, tau, cdf, .. } = tile;
+        tau.clear();
+        tau.extend(raw.iter().zip(&coarse.dt).map(|(raw, dt)| raw.max(0.0) * dt));
+        w.resize(tau.len(), 0.0);
+        trans_end.resize(rays.len(), 0.0);
+        let samples = Samples { offsets: &coarse.offsets, tau, last: LastInterval::Finite };
+        weights(Simd::best(), samples, w, trans_end);
+        (u.resize(m, 0.0), drawn.resize(m, 0.0), mid.resize(n - 1, 0.0), cdf.resize(n - 1, 0.0));
+        bins.resize(n + m, 0.0);
+        fine.begin();
+        for (r, ray) in rays.iter().enumerate() {
+            let (t, w) = (&coarse.t[r * n..(r + 1) * n], &w[r * n..(r + 1) * n]);
+            mid_points(t, mid);
+            fill_u(random, r as u64, n as u64, u);
+            u.sort_unstable_by(f32::total_cmp);
+            invert_cdf(mid, &w[1..n - 1], PAD, u, cdf, drawn);
+            merge_sorted(t, drawn, bins);
+            fine.push(bins, ray.end);
+        }
+        fine.place(rays, &self.space);
+    }
+
+    fn spacing(&self) -> Spacing {
+        match self.space.kind() {
+            crate::space::SpaceKind::Contracted => Spacing::Disparity,
+            _ => Spacing::Linear,
+        }
+    }
+
+    /// Forward and backward of one tile of training rays; `ids` are their places in the batch.
+    fn train_tile(
+        &self,
+        ops: &[Ops<'_>; 2],
+        rays: &[InternalRay],
+        ids: &[usize],
+        (step, per_ray): (u64, f32),
+        chunk: &mut Chunk,
+    ) -> Result<(), TapeError> {
+        let rng = Rng::new(self.seed, SAMPLES).substream(step);
+        // Rays are told apart by their place in the batch, whatever tile they are in.
+        let rng = rng.substream(ids[0] as u64);
+        let background = Rng::new(self.seed, BACKGROUND).substream(step);
+        let tile = &mut chunk.tile;
+        tile.background.clear();
+        for &i in ids {
+            tile.background.extend(match self.background {
+                Background::Random => [0, 1, 2].map(|c| background.uniform_at(3 * i as u64 + c)),
+                fixed => fixed.colour(),
+            });
+        }
+        self.fill_coarse(rays, Some(&rng), tile);
+        let mut raw = Vec::new();
+        for level in 0..2 {
+            if level == 1 {
+                self.fill_fine(rays, &raw, Some(&rng), tile);
+            }
+            let samples = if level == 0 { &mut tile.coarse } else { &mut tile.fine };
+            samples.noise.resize(samples.t.len(), 0.0);
+            if self.config.density_noise > 0.0 {
+                for (i, v) in samples.noise.iter_mut().enumerate() {
+                    *v = self.config.density_noise * rng.normal_at((1 << 32) + (level << 24) as u64 + i as u64);
+                }
+            }
+            let Level { arena, offsets, dt, x, d, noise, .. } = samples;
+            let composite = CompositeOp { simd: Simd::best(), offsets, dt, background: &tile.background };
+            let mut tape = Tape::new(arena, self.network(level));
+            let n = dt.len();
+            let (x, d) = (tape.constant(3, n, x)?, tape.constant(3, n, d)?);
+            let out = ops[level].record(&mut tape, x, d)?;
+            let noise = tape.constant(1, n, noise)?;
+            let noisy = tape.add(out.raw_density, noise)?;
+            let sigma = tape.relu(noisy)?;
+            let pixel = tape.custom(&composite, &[sigma, out.rgb])?;
+            if level == 0 {
+                raw.extend_from_slice(tape.value(noisy)?.data);
+            }
+            chunk.samples += n as u64;
+            tile.bar.clear();
+            for (r, &i) in ids.iter().enumerate() {
+                let (alpha, weight) = (self.batch.alpha[i], self.batch.weight[i]);
+                for c in 0..3 {
+                    let behind = tile.background[3 * r + c];
+                    let truth = self.batch.rgb[i][c] * alpha + behind * (1.0 - alpha);
+                    let e = tape.value(pixel)?.data[3 * r + c] - truth;
+                    chunk.loss += f64::from(weight * e * e) / 3.0;
+                    if level == 1 {
+                        chunk.fine_error += f64::from(weight * e * e) / 3.0;
+                        chunk.weight += f64::from(weight) / 3.0;
+                    }
+                    tile.bar.push(weight * 2.0 * e * per_ray / 3.0);
+                }
+            }
+            let n = self.shapes.param_count();
+            tape.backward(&[(pixel, &tile.bar)], &mut chunk.grad[level * n..(level + 1) * n])?;
+        }
+        Ok(())
+    }
+
+    /// Values of the fine network for a tile of rays: `(sigma, rgb)` nodes stay on the tape that `then` sees.
+    fn render_tile(&self, ops: &[Ops<'_>; 2], rays: &[InternalRay], tile: &mut Tile) -> Result<Rendered, TapeError> {
+        self.fill_coarse(rays, None, tile);
+        let raw = {
+            let (mut tape, out) = record(&ops[0], &mut tile.coarse, self.network(0))?;
+            let _ = &mut tape;
+            tape.value(out.0)?.data.to_vec()
+        };
+        self.fill_fine(rays, &raw, None, tile);
+        let (tape, out) = record(&ops[1], &mut tile.fine, self.network(1))?;
+        Ok(Rendered { raw: tape.value(out.0)?.data.to_vec(), rgb: tape.value(out.1)?.data.to_vec() })
+    }
+}
+
+/// The fine network's answers: `[n]` and `[3][n]`.
+struct Rendered {
+    raw: Vec<f32>,
+    rgb: Vec<f32>,
+}
+
+fn record<'a>(
+    ops: &'a Ops<'a>,
+    level: &'a mut Level,
+    params: &'a [f32],
+) -> Result<(Tape<'a>, (Node, Node)), TapeError> {
+    let n = level.t.len();
+    let mut tape = Tape::new(&mut level.arena, params);
+    let (x, d) = (tape.constant(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
+    let out = ops.record(&mut tape, x, d)?;
+    Ok((tape, (out.raw_density, out.rgb)))
+}
+
+/// Random numbers of a ray, or evenly spaced ones for a render.
+fn fill_u(random: Option<&Rng>, ray: u64, from: u64, u: &mut [f32]) {
+    match random {
+        Some(rng) => rng.substream(ray).fill_uniform(from, u),
+        None => {
+            let n = u.len() as f32;
+            let middle = from == 0;
+            for (i, u) in u.iter_mut().enumerate() {
+                // The middle of each coarse bin; evenly spread shares of the fine samples' mass.
+                *u = if middle { 0.5 } else { (i as f32 + 0.5) / n };
+            }
+        }
+    }
+}
+
+impl Level {
+    fn begin(&mut self) {
+        (self.t.clear(), self.dt.clear(), self.offsets.clear());
+        self.offsets.push(0);
+    }
+
+    fn push(&mut self, t: &[f32], end: f32) {
+        let from = self.t.len();
+        self.t.extend_from_slice(t);
+        self.dt.resize(self.t.len(), 0.0);
+        dt_from_points(t, end, &mut self.dt[from..]);
+        self.offsets.push(self.t.len() as u32);
+    }
+
+    /// Positions in `[-1, 1]` and directions of all samples.
+    fn place(&mut self, rays: &[InternalRay], space: &Space) {
+        let n = self.t.len();
+        (self.p.resize(3 * n, 0.0), self.x.resize(3 * n, 0.0), self.d.resize(3 * n, 0.0));
+        for (r, ray) in rays.iter().enumerate() {
+            for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
+                let at = ray.at(self.t[i]);
+                for a in 0..3 {
+                    (self.p[a * n + i], self.d[a * n + i]) = (at[a], ray.view[a]);
+                }
+            }
+        }
+        space.grid_positions(Simd::best(), &self.p, &mut self.x);
+        for x in &mut self.x {
+            *x = 2.0 * *x - 1.0;
+        }
+    }
+}
+
+/// The tape is built of shapes that fit: an error is a mistake in this file.
+fn recorded<T>(result: Result<T, TapeError>) -> T {
+    result.unwrap_or_else(|e| panic!("nerf: the record does not fit: {e}"))
+}
+
+impl System for Nerf {
+    fn name(&self) -> &'static str {
+        "nerf"
+    }
+
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        let start = Instant::now();
+        let mut batch = std::mem::take(&mut self.batch);
+        data.draw(self.seed, step, self.config.batch_rays, &mut batch)?;
+        self.batch = batch;
+        let rays = self.batch.len();
+        let per_ray = 1.0 / self.batch.weight.iter().sum::<f32>().max(1.0);
+        self.seconds[0] += start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let mut chunks = std::mem::take(&mut self.chunks);
+        let ops = self.ops();
+        chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
+            chunk.grad.clear();
+            chunk.grad.resize(self.params.len(), 0.0);
+            (chunk.loss, chunk.fine_error, chunk.weight, chunk.samples, chunk.missed) = (0.0, 0.0, 0.0, 0, 0);
+            let ids: Vec<usize> = (c * rays / CHUNKS..(c + 1) * rays / CHUNKS).collect();
+            let (mut hit, mut hit_ids) = (Vec::new(), Vec::new());
+            for &i in &ids {
+                let ray = self.space.internal_ray(&self.batch.rays[i]);
+                if ray.end > ray.start && self.batch.weight[i] > 0.0 {
+                    (hit.push(ray), hit_ids.push(i));
+                } else {
+                    chunk.missed += 1;
+                }
+            }
+            for (rays, ids) in hit.chunks(TILE).zip(hit_ids.chunks(TILE)) {
+                recorded(self.train_tile(&ops, rays, ids, (step, per_ray), chunk));
+            }
+        });
+        drop(ops);
+        self.chunks = chunks;
+        self.seconds[1] += start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let mut stats = StepStats { rays: rays as u64, ..StepStats::default() };
+        let mut weight = 0.0;
+        self.grad.fill(0.0);
+        for chunk in &self.chunks {
+            stats.loss += chunk.loss;
+            stats.mse += chunk.fine_error;
+            stats.samples += chunk.samples;
+            weight += chunk.weight;
+            self.missed += chunk.missed;
+            for (sum, g) in self.grad.iter_mut().zip(&chunk.grad) {
+                *sum += g;
+            }
+        }
+        self.cast += rays as u64;
+        if weight > 0.0 {
+            stats.loss /= weight;
+            stats.mse /= weight;
+        }
+        let bad = self.adam.step(Simd::best(), self.config.learning_rate(step), &mut self.params, &self.grad);
+        self.pack();
+        self.seconds[2] += start.elapsed().as_secs_f64();
+        stats.nonfinite = bad as u64;
+        self.guard.record(bad)?;
+        Ok(stats)
+    }
+
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers {
+        let ops = self.ops();
+        let parts: Vec<Layers> = rays
+            .par_chunks(RENDER_TASK)
+            .map_init(Tile::default, |tile, rays| {
+                let mut out = Layers::default();
+                for rays in rays.chunks(TILE) {
+                    self.render_into(&ops, rays, query, tile, &mut out);
+                }
+                out
+            })
+            .collect();
+        let mut out = Layers::default();
+        parts.into_iter().for_each(|part| out.extend(part));
+        out
+    }
+
+    fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
+        let d = vec![[0.0, 0.0, 1.0]; points.len()];
+        self.evaluate(points, &d, |i, sigma, _| out[i] = sigma);
+    }
+
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+        self.evaluate(points, d, |i, _, rgb| out[i] = rgb);
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        self.space.world_box(1.0)
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        vec![
+            f32_tensor("networks", &self.params),
+            f32_tensor("adam.m", self.adam.first_moment()),
+            f32_tensor("adam.v", self.adam.second_moment()),
+            u64_tensor(
+                "counters",
+                vec![self.adam.steps(), self.guard.steps(), self.guard.bad_steps(), self.guard.entries()],
+            ),
+        ]
+    }
+
+    fn load_state(&mut self, tensors: &TensorMap) -> Result<(), SystemError> {
+        let n = self.params.len();
+        let params = take_f32(tensors, "networks", n)?;
+        let (m, v) = (take_f32(tensors, "adam.m", n)?, take_f32(tensors, "adam.v", n)?);
+        let counters = take_u64(tensors, "counters", 4)?;
+        self.adam = Adam::restore(ADAM, m, v, counters[0])
+            .map_err(|e| SystemError::State { name: "adam".into(), problem: e.to_string() })?;
+        self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
+        self.params = params;
+        self.pack();
+        Ok(())
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.params.len()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        let arenas: usize =
+            self.chunks.iter().map(|c| c.tile.coarse.arena.memory_bytes() + c.tile.fine.arena.memory_bytes()).sum();
+        // Parameters, packed copies, gradient, two moments; a gradient a chunk.
+        4 * self.params.len() * (6 + CHUNKS) + arenas
+    }
+
+    fn skips(&self) -> Vec<SkipRow> {
+        vec![SkipRow {
+            what: "training: rays that miss the scene's box or are masked",
+            skipped: self.missed,
+            total: self.cast,
+            unit: "rays",
+            bound: "0: nothing is there to sample".into(),
+        }]
+    }
+
+    fn timings(&self) -> Vec<(&'static str, f64)> {
+        vec![("draw rays", self.seconds[0]), ("networks", self.seconds[1]), ("gradient fold and Adam", self.seconds[2])]
+    }
+}
+
+impl Nerf {
+    /// Layers of a tile's rays, appended.
+    fn render_into(&self, ops: &[Ops<'_>; 2], rays: &[Ray], query: &Query, tile: &mut Tile, out: &mut Layers) {
+        let internal: Vec<InternalRay> = rays.iter().map(|r| self.space.internal_ray(r)).collect();
+        let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
+        let from = out.rgb.len();
+        out.rgb.resize(from + rays.len(), query.background);
+        out.opacity.resize(from + rays.len(), 0.0);
+        out.depth.resize(from + rays.len(), f32::INFINITY);
+        out.median_depth.resize(from + rays.len(), f32::INFINITY);
+        if query.layers.normals == crate::system::Normals::Compute {
+            out.normal.resize(from + rays.len(), [0.0; 3]);
+        }
+        if hit.is_empty() {
+            return;
+        }
+        let hit_rays: Vec<InternalRay> = hit.iter().map(|&i| internal[i]).collect();
+        let values = recorded(self.render_tile(ops, &hit_rays, tile));
+        let fine = &tile.fine;
+        let n = fine.t.len();
+        let tau: Vec<f32> = values.raw.iter().zip(&fine.dt).map(|(raw, dt)| raw.max(0.0) * dt).collect();
+        let samples = Samples { offsets: &fine.offsets, tau: &tau, last: LastInterval::Finite };
+        let (mut w, mut trans_end) = (vec![0.0; n], vec![0.0; hit.len()]);
+        weights(Simd::best(), samples, &mut w, &mut trans_end);
+        let mut median = vec![0.0; hit.len()];
+        depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
+        let normals = (query.layers.normals == crate::system::Normals::Compute)
+            .then(|| recorded(self.fine_normals(&ops[1], tile, &values.raw)));
+        let fine = &tile.fine;
+        for (r, &i) in hit.iter().enumerate() {
+            let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;
+            let (mut rgb, mut sum, mut distance, mut normal) = ([0.0; 3], 0.0, 0.0, DVec3::ZERO);
+            for k in span {
+                for (c, rgb) in rgb.iter_mut().enumerate() {
+                    *rgb += w[k] * values.rgb[c * n + k];
+                }
+                sum += w[k];
+                distance += w[k] * (fine.t[k] + 0.5 * fine.dt[k]);
+                if let Some(bars) = &normals {
+                    let at = hit_rays[r].at(fine.t[k]);
+                    let g = self.space.world_gradient(at, [bars[k], bars[n + k], bars[2 * n + k]]);
+                    normal -= f64::from(w[k]) * g.normalize_or_zero();
+                }
+            }
+            let world = |t: f32| self.space.world_distance(&rays[i], t) as f32;
+            out.rgb[from + i] = [0, 1, 2].map(|c| rgb[c] + trans_end[r] * query.background[c]);
+            out.opacity[from + i] = 1.0 - trans_end[r];
+            if sum > 1e-3 {
+                out.depth[from + i] = world(distance / sum);
+            }
+            if median[r].is_finite() {
+                out.median_depth[from + i] = world(median[r]);
+            }
+            if normals.is_some() {
+                out.normal[from + i] = normal.normalize_or_zero().as_vec3().to_array();
+            }
+        }
+    }
+
+    /// Gradient of the fine network's density with respect to its positions, `[3][n]`, by a second record with the
+    /// positions as inputs.
+    fn fine_normals(&self, ops: &Ops<'_>, tile: &mut Tile, raw: &[f32]) -> Result<Vec<f32>, TapeError> {
+        let level = &mut tile.fine;
+        let n = level.t.len();
+        let mut unused = vec![0.0; self.shapes.param_count()];
+        let mut tape = Tape::new(&mut level.arena, self.network(1));
+        let (x, d) = (tape.input(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
+        let out = ops.record(&mut tape, x, d)?;
+        let bar: Vec<f32> = raw.iter().map(|raw| if *raw > 0.0 { 1.0 } else { 0.0 }).collect();
+        tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
+        Ok(tape.gradient(x)?.to_vec())
+    }
+
+    /// Fine network at points of the scene's frame: `each(i, density per world unit, colour)`.
+    fn evaluate(&self, points: &[[f64; 3]], d: &[[f32; 3]], mut each: impl FnMut(usize, f32, [f32; 3])) {
+        const TASK: usize = 256;
+        let ops = self.ops();
+        let parts: Vec<Rendered> = points
+            .par_chunks(TASK)
+            .zip(d.par_chunks(TASK))
+            .map_init(Level::default, |level, (points, d)| {
+                let n = points.len();
+                (level.t.resize(n, 0.0), level.p.resize(3 * n, 0.0));
+                (level.x.resize(3 * n, 0.0), level.d.resize(3 * n, 0.0));
+                for (i, (&point, d)) in points.iter().zip(d).enumerate() {
+                    let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
+                    for a in 0..3 {
+                        (level.p[a * n + i], level.d[a * n + i]) = (p[a], d[a]);
+                    }
+                }
+                self.space.grid_positions(Simd::best(), &level.p, &mut level.x);
+                level.x.iter_mut().for_each(|x| *x = 2.0 * *x - 1.0);
+                let (tape, out) = recorded(record(&ops[1], level, self.network(1)));
+                Rendered {
+                    raw: recorded(tape.value(out.0)).data.to_vec(),
+                    rgb: recorded(tape.value(out.1)).data.to_vec(),
+                }
+            })
+            .collect();
+        for (i, &point) in points.iter().enumerate() {
+            let (part, k) = (&parts[i / TASK], i % TASK);
+            let n = part.raw.len();
+            let point = DVec3::from(point);
+            let inside = self.space.internal_point(point).is_some();
+            let sigma = part.raw[k].max(0.0) * self.space.per_world_unit(point) as f32;
+            each(i, if inside { sigma } else { 0.0 }, [part.rgb[k], part.rgb[n + k], part.rgb[2 * n + k]]);
+        }
+    }
+}
