@@ -83,6 +83,9 @@ pub fn folder(run: &Path) -> PathBuf {
 ///
 /// # Errors
 /// [`RunError::Write`]; earlier checkpoints are untouched.
+///
+/// # Panics
+/// When an array of the system's state does not fill its shape.
 pub fn save(
     storage: &dyn Storage,
     run: &Path,

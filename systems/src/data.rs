@@ -23,8 +23,8 @@ const ATTEMPTS: u64 = 8;
 const STEPS_PER_WINDOW: u64 = 16;
 
 /// Random streams: pixels of a step are substream `step` of one, the view order of a round substream `round` of the other.
-const PIXELS: u64 = 0x7069_7865_6c73;
-const VIEWS: u64 = 0x7669_6577_73;
+const PIXELS: u64 = 0x0070_6978_656c;
+const VIEWS: u64 = 0x0076_6965_7773;
 
 /// One view of a [`Dataset`].
 #[derive(Clone, Debug)]

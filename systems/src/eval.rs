@@ -205,6 +205,7 @@ fn flip(_: &RgbImage, _: &RgbImage, _: &mut dyn FnMut(&str)) -> Option<f64> {
 
 impl Evaluation {
     /// `eval.json`.
+    #[expect(clippy::missing_panics_doc, reason = "plain structs always serialise")]
     pub fn json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).expect("a plain struct serialises");
         text.push('\n');

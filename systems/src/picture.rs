@@ -105,6 +105,7 @@ pub fn side_by_side(pictures: &[&RgbImage]) -> RgbImage {
 }
 
 /// `picture` as a PNG file in memory.
+#[expect(clippy::missing_panics_doc, reason = "writing into memory does not fail")]
 pub fn png_bytes(picture: &RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
