@@ -1,0 +1,62 @@
+//! Every math crate without `std`: one forward and one backward of each, and the numbers are right.
+//!
+//! The exit code is 0, or the number of the first proof that failed. See README.md for how a leak of `std` looks.
+#![no_std]
+#![no_main]
+
+extern crate alloc;
+
+mod field;
+mod host;
+mod image;
+mod step;
+
+use host::say;
+
+/// One forward and one backward of something.
+struct Proof {
+    name: &'static str,
+    run: fn() -> Result<(), Wrong>,
+}
+
+/// A number that is not what it should be.
+struct Wrong {
+    what: &'static str,
+    got: f64,
+    want: f64,
+}
+
+const PROOFS: [Proof; 11] = [
+    Proof { name: "float-core: float functions", run: step::float_functions },
+    Proof { name: "float-core: vector kernels", run: step::vector_kernels },
+    Proof { name: "field-core: frequency encoding", run: field::frequency },
+    Proof { name: "field-core: hash grid", run: field::hash_grid },
+    Proof { name: "field-core: network", run: field::network },
+    Proof { name: "field-core: tape", run: field::tape },
+    Proof { name: "render-core: camera both ways", run: image::camera },
+    Proof { name: "render-core: quadrature", run: image::quadrature },
+    Proof { name: "losses: mean squared error", run: step::loss },
+    Proof { name: "losses: PSNR", run: step::metric },
+    Proof { name: "optim: Adam", run: step::adam },
+];
+
+/// Called by the C runtime.
+#[unsafe(no_mangle)]
+extern "C" fn main(_argc: i32, _argv: *const *const u8) -> i32 {
+    for (number, proof) in (1..).zip(&PROOFS) {
+        match (proof.run)() {
+            Ok(()) => say(format_args!("ok  {}", proof.name)),
+            Err(wrong) => {
+                say(format_args!("BAD {}: {} is {}, expected {}", proof.name, wrong.what, wrong.got, wrong.want));
+                return number;
+            }
+        }
+    }
+    0
+}
+
+/// `|got - want| <= tolerance * (1 + |want|)`; NaN is wrong.
+fn near(what: &'static str, got: impl Into<f64>, want: impl Into<f64>, tolerance: f64) -> Result<(), Wrong> {
+    let (got, want) = (got.into(), want.into());
+    if (got - want).abs() <= tolerance * (1.0 + want.abs()) { Ok(()) } else { Err(Wrong { what, got, want }) }
+}
