@@ -46,9 +46,10 @@ fn trained<R>(
 fn tabletop_is_recovered_where_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let load = |_: &str, _: &DataOptions| Ok(small_tabletop());
-    trained(folder.path(), &request("tabletop"), 300, &load, |run, evaluation| {
+    trained(folder.path(), &request("tabletop"), 200, &load, |run, evaluation| {
         let psnr = evaluation.unwrap().psnr.unwrap();
-        assert!(psnr > 23.0, "held-out PSNR {psnr:.2} dB");
+        println!("tabletop: {psnr:.2} dB");
+        assert!(psnr > 27.0, "held-out PSNR {psnr:.2} dB");
 
         // Depth against the exact one: a mirrored axis or a wrong scale would be off by tens of per cent, half a pixel of
         // shift would show at the edges.
@@ -124,7 +125,7 @@ fn real(name: &str, data: DataOptions, views: [usize; 2], least: f64) {
     let Some(path) = real_data(name) else { return };
     let folder = tempfile::tempdir().unwrap();
     let request = Request { data, ..request(path.to_str().unwrap()) };
-    trained(folder.path(), &request, 120, &systems::source::load, |run, evaluation| {
+    trained(folder.path(), &request, 80, &systems::source::load, |run, evaluation| {
         assert_eq!([run.scene.count(Split::Train), run.held_out.len()], views);
         let psnr = evaluation.unwrap().psnr.unwrap();
         println!("{name}: {psnr:.2} dB");
@@ -135,17 +136,17 @@ fn real(name: &str, data: DataOptions, views: [usize; 2], least: f64) {
 #[test]
 fn lego_is_learnt_from_its_files() {
     let data = DataOptions { longest_side: Some(50), ..DataOptions::default() };
-    real("nerf_synthetic/lego", data, [100, 25], 17.0);
+    real("nerf_synthetic/lego", data, [100, 25], 20.0);
 }
 
 #[test]
 fn fox_is_learnt_from_its_photographs() {
     let data = DataOptions { longest_side: Some(60), holdout: Some("every:8".into()), ..DataOptions::default() };
-    real("benchmarks/fox135", data, [43, 7], 15.0);
+    real("benchmarks/fox135", data, [43, 7], 16.5);
 }
 
 #[test]
 fn fern_is_learnt_from_its_photographs() {
     let data = DataOptions { longest_side: Some(60), holdout: Some("every:8".into()), ..DataOptions::default() };
-    real("nerf_llff_data/fern", data, [17, 3], 14.0);
+    real("nerf_llff_data/fern", data, [17, 3], 19.0);
 }

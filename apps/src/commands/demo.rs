@@ -12,7 +12,7 @@ use systems::train::{Schedule, Stop};
 /// The scene.
 const SCENE: &str = "synthetic:tabletop";
 /// About a minute on two cores.
-const STEPS: u64 = 2000;
+const STEPS: u64 = 1000;
 
 pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     remove_earlier_demo(&args.out)?;
