@@ -101,7 +101,7 @@ fn a_custom_pair_composites_along_rays() {
 
 /// `a * b + c`, with scratch, a tangent rule, and a look at what it is asked for.
 struct MulAdd {
-    demands: std::cell::RefCell<Vec<Demand>>,
+    demands: std::sync::Mutex<Vec<Demand>>,
 }
 
 impl CustomOp for MulAdd {
@@ -140,7 +140,7 @@ impl CustomOp for MulAdd {
             bars[1].data[i] += g * inputs[0].data[i];
             bars[2].data[i] += g;
         }
-        *self.demands.borrow_mut() = bars.iter().map(|bar| bar.demand).collect();
+        *self.demands.lock().unwrap() = bars.iter().map(|bar| bar.demand).collect();
         Ok(())
     }
 
@@ -181,7 +181,7 @@ fn a_custom_operation_may_get_one_node_twice_and_slices_of_one_node() {
     let y = tape.custom(&op, &[top, k, top]).unwrap();
     tape.backward(&[(y, &[1.0, 1.0])], grad).unwrap();
     assert_eq!(*grad, [1.1, 1.2, 0.0, 0.0]);
-    assert_eq!(*op.demands.borrow(), [Demand::Wanted, Demand::Ignored, Demand::Wanted]);
+    assert_eq!(*op.demands.lock().unwrap(), [Demand::Wanted, Demand::Ignored, Demand::Wanted]);
     // Its tangent, made of itself, and reverse mode through that: d/dx of (2 x x_dot) is 2 x_dot.
     let y = tape.custom(&op, &[x, x, top]).unwrap();
     let x_dot = tape.constant(1, 2, &[1.0, 10.0]).unwrap();
