@@ -149,10 +149,12 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     }
     if let Some((_, (w, h), (iw, ih))) = resized.first() {
         let names: Vec<&str> = resized.iter().map(|r| r.0).collect();
+        let whose =
+            if names.len() == out.frames.len() { format!("all {} frames", names.len()) } else { listing(&names) };
         out.notes.push(format!(
             "cameras scaled to the images ({w}x{h} listed, {iw}x{ih} found{}): {}",
             if resized.iter().all(|r| (r.1, r.2) == (resized[0].1, resized[0].2)) { "" } else { " in the first" },
-            listing(&names)
+            whose
         ));
     }
     if masked > 0 {
@@ -281,7 +283,8 @@ fn beside_images(image: &Path, reading: &Reading) -> Option<(PathBuf, PathBuf)> 
 }
 
 /// Frames whose name was not met before. Twice in one split is an error; the same frame for validation and testing is
-/// kept for testing; the same for training and testing is an error unless frames are split anew.
+/// kept for testing; the same for training and measuring is a warning, and then it is for training only: its score would
+/// mean nothing.
 fn without_duplicates<'a>(reading: &'a Reading, out: &mut Assembled) -> Vec<&'a RawFrame> {
     let mut seen: HashMap<&str, usize> = HashMap::new();
     let mut kept: Vec<&RawFrame> = Vec::with_capacity(reading.frames.len());

@@ -159,7 +159,9 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
         .into_iter()
         .flatten()
         .filter_map(|e| e.ok().map(|e| e.path()))
-        .filter(|p| p.is_dir() && p.join("transforms_train.json").is_file() || p.join("transforms.json").is_file())
+        .filter(|p| {
+            ["transforms_train.json", "transforms.json", "poses_bounds.npy"].iter().any(|name| p.join(name).is_file())
+        })
         .map(|p| p.display().to_string())
         .collect();
     let remedy = match folders.iter().min() {
