@@ -24,8 +24,12 @@ pub(super) fn first_sign_change(c: &Coefficients, limit: f64) -> f64 {
 /// The roots of the derivative cut the line into pieces on which the polynomial is monotone; each piece holds at most
 /// one root and is bisected. Descartes' rule of signs ends most calls early.
 fn sign_changes(c: &[f64], limit: f64, roots: &mut Coefficients) -> usize {
-    let degree = c.iter().rposition(|&c| c != 0.0).unwrap_or(0);
-    let c = &c[..=degree];
+    let (Some(lowest), Some(highest)) = (c.iter().position(|&c| c != 0.0), c.iter().rposition(|&c| c != 0.0)) else {
+        return 0;
+    };
+    // Without its power of x the polynomial has the same positive roots, and a sign at 0.
+    let c = &c[lowest..=highest];
+    let degree = highest - lowest;
     let mut turning = [0.0; 16];
     let turns = match sign_variations(c) {
         0 => return 0,
@@ -82,6 +86,17 @@ mod tests {
         let c = padded([-3.0, 8.5, -5.5, 1.0]);
         assert!((first_sign_change(&c, 1e12) - 0.5).abs() < 1e-12);
         assert_eq!(first_sign_change(&c, 0.4), 0.4);
+    }
+
+    #[test]
+    fn first_sign_change_is_found_where_a_derivative_vanishes_at_zero() {
+        // -(x^2 - 1)(x^2 - 4)(x^2 - 9) / 36, whose odd derivatives begin with a power of x; and the same with a little of x.
+        let even = [1.0, 0.0, -49.0 / 36.0, 0.0, 14.0 / 36.0, 0.0, -1.0 / 36.0];
+        assert!((first_sign_change(&padded(even), 1e12) - 1.0).abs() < 1e-12);
+        let bent = first_sign_change(&padded([1.0, -0.01, even[2], 0.0, even[4], 0.0, even[6]]), 1e12);
+        assert!((0.98..1.0).contains(&bent), "{bent}");
+        // x^3 - x^5
+        assert!((first_sign_change(&padded([0.0, 0.0, 0.0, 1.0, 0.0, -1.0]), 1e12) - 1.0).abs() < 1e-12);
     }
 
     #[test]
