@@ -23,7 +23,7 @@ pub(super) fn product<V: Vector>(
     ys: usize,
     width: usize,
 ) {
-    assert!(width % 16 == 0 && width <= ys && width <= ws && depth <= xs);
+    assert!(width.is_multiple_of(16) && width <= ys && width <= ws && depth <= xs);
     assert!(x.len() >= PANEL * xs && y.len() >= PANEL * ys && w.len() >= depth * ws);
     assert!(init.is_none_or(|b| b.len() >= width));
     let (xp, wp, yp) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
@@ -55,6 +55,7 @@ pub(super) fn product<V: Vector>(
 /// As checked by [`product`].
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "a kernel: pointers and strides")]
+#[expect(clippy::needless_range_loop, reason = "`r` counts registers and rows of memory alike")]
 unsafe fn columns<V: Vector, const R: usize, const C: usize>(
     x: *const f32,
     xs: usize,
@@ -120,7 +121,7 @@ pub(super) fn outer_product<V: Vector>(
     gs: usize,
 ) {
     let rows = rows.div_ceil(4) * 4;
-    assert!(width % 16 == 0 && width <= xs && width <= gs && rows <= a_stride);
+    assert!(width.is_multiple_of(16) && width <= xs && width <= gs && rows <= a_stride);
     assert!(a.len() >= PANEL * a_stride && x.len() >= PANEL * xs && g.len() >= rows * gs);
     let (a, x, g) = (a.as_ptr(), x.as_ptr(), g.as_mut_ptr());
     for o in (0..rows).step_by(4) {
