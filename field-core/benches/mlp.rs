@@ -5,7 +5,7 @@ use float_core::Simd;
 use std::hint::black_box;
 
 fn bench(c: &mut Criterion) {
-    let shapes: [(&str, usize, Vec<usize>, usize, Vec<usize>); 3] = [
+    let shapes = [
         ("32-64-64-16", 32, vec![64, 64], 16, vec![]),
         ("32-64-16", 32, vec![64], 16, vec![]),
         ("63-8x256-4", 63, vec![256; 8], 4, vec![5]),

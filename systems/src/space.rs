@@ -117,8 +117,8 @@ impl Space {
             for (u, v) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (w / 2.0, 0.0), (0.0, h / 2.0)] {
                 let ray = camera.ray(glam::DVec2::new(u, v))?;
                 let q = ndc.ray(gl(reference.to_camera(ray.o)), gl(reference.r.transpose() * ray.d))?;
-                for a in 0..2 {
-                    widest[a] = widest[a].max(q.o[a].abs()).max((q.o[a] + q.d[a]).abs());
+                for (a, widest) in widest.iter_mut().enumerate() {
+                    *widest = widest.max(q.o[a].abs()).max((q.o[a] + q.d[a]).abs());
                 }
             }
         }
@@ -234,6 +234,9 @@ impl Space {
     }
 
     /// Internal positions `x` `[3][n]` to grid positions `out` `[3][n]` in `[0, 1]`.
+    ///
+    /// # Panics
+    /// When `x` and `out` differ in length.
     pub fn grid_positions(&self, simd: Simd, x: &[f32], out: &mut [f32]) {
         let (scale, shift) = match self.kind {
             SpaceKind::Box | SpaceKind::Ndc => {

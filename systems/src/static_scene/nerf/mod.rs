@@ -188,7 +188,10 @@ impl Nerf {
         trans_end.resize(rays.len(), 0.0);
         let samples = Samples { offsets: &coarse.offsets, tau, last: LastInterval::Finite };
         weights(Simd::best(), samples, w, trans_end);
-        (u.resize(m, 0.0), drawn.resize(m, 0.0), mid.resize(n - 1, 0.0), cdf.resize(n - 1, 0.0));
+        u.resize(m, 0.0);
+        drawn.resize(m, 0.0);
+        mid.resize(n - 1, 0.0);
+        cdf.resize(n - 1, 0.0);
         bins.resize(n + m, 0.0);
         fine.begin();
         for (r, ray) in rays.iter().enumerate() {
@@ -233,7 +236,7 @@ impl Nerf {
         }
         self.fill_coarse(rays, Some(&rng), tile);
         let mut raw = Vec::new();
-        for level in 0..2 {
+        for (level, ops) in ops.iter().enumerate() {
             if level == 1 {
                 self.fill_fine(rays, &raw, Some(&rng), tile);
             }
@@ -249,7 +252,7 @@ impl Nerf {
             let mut tape = Tape::new(arena, self.network(level));
             let n = dt.len();
             let (x, d) = (tape.constant(3, n, x)?, tape.constant(3, n, d)?);
-            let out = ops[level].record(&mut tape, x, d)?;
+            let out = ops.record(&mut tape, x, d)?;
             let noise = tape.constant(1, n, noise)?;
             let noisy = tape.add(out.raw_density, noise)?;
             let sigma = tape.relu(noisy)?;
@@ -328,7 +331,9 @@ fn fill_u(random: Option<&Rng>, ray: u64, from: u64, u: &mut [f32]) {
 
 impl Level {
     fn begin(&mut self) {
-        (self.t.clear(), self.dt.clear(), self.offsets.clear());
+        self.t.clear();
+        self.dt.clear();
+        self.offsets.clear();
         self.offsets.push(0);
     }
 
@@ -343,12 +348,14 @@ impl Level {
     /// Positions in `[-1, 1]` and directions of all samples.
     fn place(&mut self, rays: &[InternalRay], space: &Space) {
         let n = self.t.len();
-        (self.p.resize(3 * n, 0.0), self.x.resize(3 * n, 0.0), self.d.resize(3 * n, 0.0));
+        for rows in [&mut self.p, &mut self.x, &mut self.d] {
+            rows.resize(3 * n, 0.0);
+        }
         for (r, ray) in rays.iter().enumerate() {
             for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
                 let at = ray.at(self.t[i]);
-                for a in 0..3 {
-                    (self.p[a * n + i], self.d[a * n + i]) = (at[a], ray.view[a]);
+                for (a, (at, view)) in at.into_iter().zip(ray.view).enumerate() {
+                    (self.p[a * n + i], self.d[a * n + i]) = (at, view);
                 }
             }
         }
@@ -390,7 +397,8 @@ impl System for Nerf {
             for &i in &ids {
                 let ray = self.space.internal_ray(&self.batch.rays[i]);
                 if ray.end > ray.start && self.batch.weight[i] > 0.0 {
-                    (hit.push(ray), hit_ids.push(i));
+                    hit.push(ray);
+                    hit_ids.push(i);
                 } else {
                     chunk.missed += 1;
                 }
@@ -399,7 +407,6 @@ impl System for Nerf {
                 recorded(self.train_tile(&ops, rays, ids, (step, per_ray), chunk));
             }
         });
-        drop(ops);
         self.chunks = chunks;
         self.seconds[1] += start.elapsed().as_secs_f64();
 
@@ -593,8 +600,10 @@ impl Nerf {
             .zip(d.par_chunks(TASK))
             .map_init(Level::default, |level, (points, d)| {
                 let n = points.len();
-                (level.t.resize(n, 0.0), level.p.resize(3 * n, 0.0));
-                (level.x.resize(3 * n, 0.0), level.d.resize(3 * n, 0.0));
+                level.t.resize(n, 0.0);
+                for rows in [&mut level.p, &mut level.x, &mut level.d] {
+                    rows.resize(3 * n, 0.0);
+                }
                 for (i, (&point, d)) in points.iter().zip(d).enumerate() {
                     let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
                     for a in 0..3 {

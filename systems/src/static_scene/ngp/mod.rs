@@ -247,7 +247,7 @@ impl System for Ngp {
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let start = Instant::now();
-        if step % self.config.occupancy_every == 0 {
+        if step.is_multiple_of(self.config.occupancy_every) {
             self.occupy.update(&self.field, &self.space, self.seed, step);
         }
         self.seconds.occupancy += since(start);

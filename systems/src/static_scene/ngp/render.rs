@@ -81,7 +81,9 @@ fn render_task(ngp: &Ngp, rays: &[Ray], query: &Query, s: &mut Scratch) -> Layer
     s.rays.clear();
     s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
     field.basis(&s.rays, &mut s.views, &mut s.basis);
-    (s.t.clear(), s.dt.clear(), s.offsets.clear());
+    s.t.clear();
+    s.dt.clear();
+    s.offsets.clear();
     s.offsets.push(0);
     for ray in &s.rays {
         let (t, dt) = (&mut s.t, &mut s.dt);
