@@ -156,6 +156,7 @@ impl Distortion {
     fn newton(&self, target: DVec2, start: DVec2, r_max: f64) -> Option<DVec2> {
         let norm = |f: DVec2| f.abs().max_element();
         let scale = norm(target).max(1.0);
+        let converged = |f: DVec2| norm(f) <= CONVERGED * scale;
         let mut q = start;
         let mut f = self.apply(q) - target;
         for _ in 0..MAX_STEPS {
@@ -165,7 +166,8 @@ impl Distortion {
             if !sound {
                 return None;
             }
-            let last = norm(f) < 1e-7 * scale; // quadratic: one more step reaches rounding
+            // Quadratic: one more step reaches rounding, but near a fold, where it may take two.
+            let close = norm(f) < 1e-7 * scale;
             let mut step = jacobian.inverse() * f;
             let mut better = None;
             for _ in 0..12 {
@@ -175,7 +177,7 @@ impl Distortion {
                     better = Some((next, f_next));
                     break;
                 }
-                if last {
+                if converged(f) {
                     break; // rounding: there is nothing left to gain
                 }
                 step *= 0.5;
@@ -184,11 +186,11 @@ impl Distortion {
                 Some((next, f_next)) => (q, f) = (next, f_next),
                 None => break,
             }
-            if last {
+            if close && converged(f) {
                 break;
             }
         }
-        (norm(f) <= CONVERGED * scale && self.jacobian(q).determinant() > MIN_DET).then_some(q)
+        (converged(f) && self.jacobian(q).determinant() > MIN_DET).then_some(q)
     }
 
     /// Inverse of the radial part by bisection; targets past the fold give a point just inside of it.

@@ -42,11 +42,14 @@ fn sign_changes(c: &[f64], limit: f64, roots: &mut Coefficients) -> usize {
             sign_changes(&derivative[..degree], limit, &mut turning)
         }
     };
-    let (mut found, mut lo) = (0, 0.0);
+    let (mut found, mut lo, mut positive) = (0, 0.0, c[0] > 0.0);
     for &hi in turning[..turns].iter().chain(&[limit]) {
-        if (evaluate(c, lo) > 0.0) != (evaluate(c, hi) > 0.0) {
-            roots[found] = bisect(c, lo, hi);
+        let value = evaluate(c, hi);
+        // At 0 the curve touches or crosses: the next piece tells.
+        if value != 0.0 && (value > 0.0) != positive {
+            roots[found] = bisect(c, lo, hi, positive);
             found += 1;
+            positive = !positive;
         }
         lo = hi;
     }
@@ -60,20 +63,22 @@ fn sign_variations(c: &[f64]) -> usize {
     signs.filter(|&sign| core::mem::replace(&mut last, sign) != sign).count()
 }
 
-/// The sign change between `lo` and `hi`, to the last bit; the returned point is on the side of `lo`.
-fn bisect(c: &[f64], mut lo: f64, mut hi: f64) -> f64 {
-    let sign = evaluate(c, lo) > 0.0;
+/// The sign change between `lo` and `hi`, to the last bit; the returned point is on the side of `lo`, where `c` is
+/// `positive` or not.
+fn bisect(c: &[f64], mut lo: f64, mut hi: f64, positive: bool) -> f64 {
     loop {
         let mid = 0.5 * (lo + hi);
         if mid <= lo || mid >= hi {
             return lo;
         }
-        if (evaluate(c, mid) > 0.0) == sign { lo = mid } else { hi = mid }
+        if (evaluate(c, mid) > 0.0) == positive { lo = mid } else { hi = mid }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn padded<const N: usize>(c: [f64; N]) -> Coefficients {
@@ -114,5 +119,47 @@ mod tests {
         let mut c = padded([1.0]);
         c[15] = -1.0;
         assert!((first_sign_change(&c, 1e6) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_derivative_that_starts_at_zero_hides_no_root() {
+        // (1 - x^2)(4 - x^2)(9 - x^2): first, second and third derivatives have no constant, or no linear, term.
+        let even = padded([36.0, 0.0, -49.0, 0.0, 14.0, 0.0, -1.0]);
+        assert!((first_sign_change(&even, 1e6) - 1.0).abs() < 1e-12);
+        // The same with a little slope, as tangential terms give it.
+        let bent = padded([36.0, -0.1, -49.0, 0.0, 14.0, 0.0, -1.0]);
+        assert!((first_sign_change(&bent, 1e6) - 1.0).abs() < 1e-2);
+        // x^2 (x - 2): the root at 0 is not inside of (0, limit).
+        assert!((first_sign_change(&padded([0.0, 0.0, -2.0, 1.0]), 1e6) - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_curve_that_only_touches_zero_has_no_sign_change_there() {
+        // (1 - x)^2, and (1 - x)^2 (3 - x).
+        assert_eq!(first_sign_change(&padded([1.0, -2.0, 1.0]), 1e6), 1e6);
+        assert!((first_sign_change(&padded([3.0, -7.0, 5.0, -1.0]), 1e6) - 3.0).abs() < 1e-12);
+        // (1 - x)^3 crosses.
+        assert!((first_sign_change(&padded([1.0, -3.0, 3.0, -1.0]), 1e6) - 1.0).abs() < 1e-4);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(256))]
+
+        #[test]
+        fn no_sample_before_the_first_sign_change_has_another_sign(
+            c in prop::array::uniform8(prop_oneof![Just(0.0), -1.0..1.0_f64]),
+        ) {
+            // 1 + c0 x + ... + c7 x^8, with gaps.
+            let mut all = padded([1.0]);
+            all[1..9].copy_from_slice(&c);
+            let limit = 8.0;
+            let first = first_sign_change(&all, limit);
+            for i in 0..2000 {
+                let x = first * f64::from(i) / 2000.0;
+                let rounding = 1e-13 * all.iter().rev().fold(0.0, |acc, &c| acc * x + c.abs());
+                prop_assert!(evaluate(&all, x) > -rounding, "{x} of {first}: {}", evaluate(&all, x));
+            }
+            prop_assert!(first == limit || evaluate(&all, first.next_up()) <= 0.0, "{first} is no root");
+        }
     }
 }

@@ -58,6 +58,37 @@ fn tangential_terms_do_not_hide_a_fold() {
 }
 
 #[test]
+fn weak_tangential_terms_do_not_move_a_fold_to_a_later_one() {
+    // 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6 has roots at 0.97, 3.31 and 6.27: only the first is a fold to stop at.
+    let k = [-0.39179486567795946, 0.025250242935355643, -0.00035300368875816433, 0.0, 0.0, 0.0];
+    let at = |p: [f64; 2]| wide(Lens::Perspective { k, p }).prepare();
+    let stretch = |r: f64| 1.0 + r * r * (3.0 * k[0] + r * r * (5.0 * k[1] + r * r * 7.0 * k[2]));
+    let radial = at([0.0; 2]).fold_radius();
+    assert!(stretch(radial - 1e-9) > 0.0 && stretch(radial + 1e-9) < 0.0 && radial < 1.0, "{radial}");
+
+    let p2 = -0.0029670965051608587;
+    for p in [[0.0, p2], [p2, 0.0], [0.0, 1e-12]] {
+        let prepared = at(p);
+        let fold = prepared.fold_radius();
+        let bend = 6.0 * p[0].hypot(p[1]);
+        assert!((stretch(fold) - bend * fold).abs() < 1e-9, "{p:?}: {fold}");
+        assert!(fold <= radial && fold > radial - 0.02, "{p:?}: {fold}, {radial} without p");
+        assert_eq!(prepared.project_from_camera(DVec3::new(1.4763273617908201, 0.0, 1.0)), None);
+        for angle in [0.0_f64, 1.0, 2.5, 4.0, 5.5] {
+            let point = |r: f64| DVec3::new(r * angle.cos(), r * angle.sin(), 1.0);
+            assert_eq!(prepared.project_from_camera(point(fold * 1.001)), None);
+            // Newton's last steps are slow here: it must not stop short and lose the point.
+            for near in [0.9, 0.99, 0.999] {
+                let inside = point(fold * near);
+                let pixel = prepared.project_from_camera(inside).unwrap();
+                let back = prepared.direction(pixel).unwrap();
+                assert!(back.cross(inside.normalize()).length() < 1e-8, "{p:?}, {angle}, {near}: {back}");
+            }
+        }
+    }
+}
+
+#[test]
 fn nothing_behind_a_perspective_camera_is_seen() {
     for (name, lens) in SAMPLES {
         let camera = Camera { pose: Pose::IDENTITY, ..sample_camera(lens) };

@@ -25,14 +25,14 @@ proptest! {
 
     #[test]
     fn a_visible_point_is_on_the_ray_of_its_pixel(camera in any_camera(), a in -1.5..1.5_f64, b in -1.5..1.5_f64) {
-        // Within 0.9 of the fold: tangential terms move it a little.
+        // Up to the fold itself the map has no inverse with derivatives: stay a little inside.
         let x = DVec3::new(a, b, 1.0);
         let prepared = Camera { pose: Pose::IDENTITY, ..camera }.prepare();
         let r = match camera.lens {
             Lens::Perspective { .. } | Lens::Fov { .. } => x.truncate().length(),
             _ => x.truncate().length().atan(),
         };
-        if let (Some(pixel), true) = (prepared.project_from_camera(x), r < 0.9 * prepared.fold_radius()) {
+        if let (Some(pixel), true) = (prepared.project_from_camera(x), r < 0.99 * prepared.fold_radius()) {
             let want = naive_project(&camera, x);
             prop_assert!((pixel - want).length() < 1e-9 * (1.0 + want.length()), "{pixel} {want}");
             let d = prepared.direction(pixel);
