@@ -4,11 +4,11 @@
 //!
 //! A step, as in the paper's section on NeRF:
 //!
-//! 1. rays of random training pixels; samples only where the occupancy grid has something ([`chunk`]);
+//! 1. rays of random training pixels; samples only where the occupancy grid has something (`chunk.rs`);
 //! 2. hash grid -> density network -> density and geometry features; with the view direction's spherical harmonics
 //!    -> colour network -> colour; composited to pixels; the loss, and all of it backwards;
 //! 3. the gradient of each level of the grid, scattered in sample order, and Adam on the entries it touched;
-//! 4. now and then, the occupancy grid looks at the field ([`occupy`]).
+//! 4. now and then, the occupancy grid looks at the field (`occupy.rs`).
 //!
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
