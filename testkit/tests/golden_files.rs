@@ -13,7 +13,8 @@ fn every_golden_file_in_the_repository_is_read() {
             let golden = Golden::read(&path).unwrap();
             // `TOPIC.json`, or `TOPIC_PART.json` for a part of one.
             let stem = path.file_stem().unwrap().to_str().unwrap();
-            let part = stem.strip_prefix(&golden.topic).unwrap_or_else(|| panic!("{stem} is of topic {}", golden.topic));
+            let part =
+                stem.strip_prefix(&golden.topic).unwrap_or_else(|| panic!("{stem} is of topic {}", golden.topic));
             assert!(part.is_empty() || part.starts_with('_'), "{stem} is of topic {}", golden.topic);
             assert!(!golden.records.is_empty());
             files += 1;
