@@ -11,6 +11,8 @@
 mod composite;
 mod config;
 mod network;
+mod render;
+mod samples;
 
 pub use config::NerfConfig;
 
@@ -23,15 +25,13 @@ use crate::system::{
 };
 use composite::CompositeOp;
 use field_core::rng::Rng;
-use field_core::tape::{Arena, Node, Tape, TapeError};
+use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
-use glam::DVec3;
 use network::{Ops, PackedNetwork, Shapes};
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use rayon::prelude::*;
-use render_core::quadrature::{LastInterval, Samples, depth_median_exact, weights};
 use render_core::ray::Ray;
-use render_core::sample::{Spacing, dt_from_points, invert_cdf, merge_sorted, mid_points, stratified_bins};
+use samples::{Level, Tile};
 use std::time::Instant;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
@@ -79,36 +79,6 @@ struct Chunk {
     weight: f64,
     samples: u64,
     missed: u64,
-}
-
-/// Memory of a tile.
-#[derive(Default)]
-struct Tile {
-    coarse: Level,
-    fine: Level,
-    bins: Vec<f32>,
-    mid: Vec<f32>,
-    u: Vec<f32>,
-    drawn: Vec<f32>,
-    w: Vec<f32>,
-    trans_end: Vec<f32>,
-    tau: Vec<f32>,
-    cdf: Vec<f64>,
-    background: Vec<f32>,
-    bar: Vec<f32>,
-}
-
-/// One network's samples of a tile.
-#[derive(Default)]
-struct Level {
-    arena: Arena,
-    offsets: Vec<u32>,
-    t: Vec<f32>,
-    dt: Vec<f32>,
-    p: Vec<f32>,
-    x: Vec<f32>,
-    d: Vec<f32>,
-    noise: Vec<f32>,
 }
 
 impl Nerf {
@@ -161,56 +131,6 @@ impl Nerf {
     fn network(&self, level: usize) -> &[f32] {
         let n = self.shapes.param_count();
         &self.params[level * n..(level + 1) * n]
-    }
-
-    /// Coarse and fine samples of a tile's rays, then what `use_levels` does with both networks' records.
-    fn fill_coarse(&self, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
-        let n = self.config.coarse;
-        tile.u.resize(n, 0.5);
-        let level = &mut tile.coarse;
-        level.begin();
-        for (r, ray) in rays.iter().enumerate() {
-            fill_u(random, r as u64, 0, &mut tile.u);
-            tile.drawn.resize(n, 0.0);
-            stratified_bins(ray.start, ray.end, self.spacing(), &tile.u, &mut tile.drawn);
-            level.push(&tile.drawn[..n], ray.end);
-        }
-        level.place(rays, &self.space);
-    }
-
-    /// Samples from the coarse weights, merged with the coarse samples.
-    fn fill_fine(&self, rays: &[InternalRay], raw: &[f32], random: Option<&Rng>, tile: &mut Tile) {
-        let (n, m) = (self.config.coarse, self.config.fine);
-        let Tile { coarse, fine, bins, mid, u, drawn, w, trans_end, tau, cdf, .. } = tile;
-        tau.clear();
-        tau.extend(raw.iter().zip(&coarse.dt).map(|(raw, dt)| raw.max(0.0) * dt));
-        w.resize(tau.len(), 0.0);
-        trans_end.resize(rays.len(), 0.0);
-        let samples = Samples { offsets: &coarse.offsets, tau, last: LastInterval::Finite };
-        weights(Simd::best(), samples, w, trans_end);
-        u.resize(m, 0.0);
-        drawn.resize(m, 0.0);
-        mid.resize(n - 1, 0.0);
-        cdf.resize(n - 1, 0.0);
-        bins.resize(n + m, 0.0);
-        fine.begin();
-        for (r, ray) in rays.iter().enumerate() {
-            let (t, w) = (&coarse.t[r * n..(r + 1) * n], &w[r * n..(r + 1) * n]);
-            mid_points(t, mid);
-            fill_u(random, r as u64, n as u64, u);
-            u.sort_unstable_by(f32::total_cmp);
-            invert_cdf(mid, &w[1..n - 1], PAD, u, cdf, drawn);
-            merge_sorted(t, drawn, bins);
-            fine.push(bins, ray.end);
-        }
-        fine.place(rays, &self.space);
-    }
-
-    fn spacing(&self) -> Spacing {
-        match self.space.kind() {
-            crate::space::SpaceKind::Contracted => Spacing::Disparity,
-            _ => Spacing::Linear,
-        }
     }
 
     /// Forward and backward of one tile of training rays; `ids` are their places in the batch.
@@ -280,89 +200,6 @@ impl Nerf {
             tape.backward(&[(pixel, &tile.bar)], &mut chunk.grad[level * n..(level + 1) * n])?;
         }
         Ok(())
-    }
-
-    /// Values of the fine network for a tile of rays: `(sigma, rgb)` nodes stay on the tape that `then` sees.
-    fn render_tile(&self, ops: &[Ops<'_>; 2], rays: &[InternalRay], tile: &mut Tile) -> Result<Rendered, TapeError> {
-        self.fill_coarse(rays, None, tile);
-        let raw = {
-            let (mut tape, out) = record(&ops[0], &mut tile.coarse, self.network(0))?;
-            let _ = &mut tape;
-            tape.value(out.0)?.data.to_vec()
-        };
-        self.fill_fine(rays, &raw, None, tile);
-        let (tape, out) = record(&ops[1], &mut tile.fine, self.network(1))?;
-        Ok(Rendered { raw: tape.value(out.0)?.data.to_vec(), rgb: tape.value(out.1)?.data.to_vec() })
-    }
-}
-
-/// The fine network's answers: `[n]` and `[3][n]`.
-struct Rendered {
-    raw: Vec<f32>,
-    rgb: Vec<f32>,
-}
-
-fn record<'a>(
-    ops: &'a Ops<'a>,
-    level: &'a mut Level,
-    params: &'a [f32],
-) -> Result<(Tape<'a>, (Node, Node)), TapeError> {
-    let n = level.t.len();
-    let mut tape = Tape::new(&mut level.arena, params);
-    let (x, d) = (tape.constant(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
-    let out = ops.record(&mut tape, x, d)?;
-    Ok((tape, (out.raw_density, out.rgb)))
-}
-
-/// Random numbers of a ray, or evenly spaced ones for a render.
-fn fill_u(random: Option<&Rng>, ray: u64, from: u64, u: &mut [f32]) {
-    match random {
-        Some(rng) => rng.substream(ray).fill_uniform(from, u),
-        None => {
-            let n = u.len() as f32;
-            let middle = from == 0;
-            for (i, u) in u.iter_mut().enumerate() {
-                // The middle of each coarse bin; evenly spread shares of the fine samples' mass.
-                *u = if middle { 0.5 } else { (i as f32 + 0.5) / n };
-            }
-        }
-    }
-}
-
-impl Level {
-    fn begin(&mut self) {
-        self.t.clear();
-        self.dt.clear();
-        self.offsets.clear();
-        self.offsets.push(0);
-    }
-
-    fn push(&mut self, t: &[f32], end: f32) {
-        let from = self.t.len();
-        self.t.extend_from_slice(t);
-        self.dt.resize(self.t.len(), 0.0);
-        dt_from_points(t, end, &mut self.dt[from..]);
-        self.offsets.push(self.t.len() as u32);
-    }
-
-    /// Positions in `[-1, 1]` and directions of all samples.
-    fn place(&mut self, rays: &[InternalRay], space: &Space) {
-        let n = self.t.len();
-        for rows in [&mut self.p, &mut self.x, &mut self.d] {
-            rows.resize(3 * n, 0.0);
-        }
-        for (r, ray) in rays.iter().enumerate() {
-            for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
-                let at = ray.at(self.t[i]);
-                for (a, (at, view)) in at.into_iter().zip(ray.view).enumerate() {
-                    (self.p[a * n + i], self.d[a * n + i]) = (at, view);
-                }
-            }
-        }
-        space.grid_positions(Simd::best(), &self.p, &mut self.x);
-        for x in &mut self.x {
-            *x = 2.0 * *x - 1.0;
-        }
     }
 }
 
@@ -515,117 +352,5 @@ impl System for Nerf {
 
     fn timings(&self) -> Vec<(&'static str, f64)> {
         vec![("draw rays", self.seconds[0]), ("networks", self.seconds[1]), ("gradient fold and Adam", self.seconds[2])]
-    }
-}
-
-impl Nerf {
-    /// Layers of a tile's rays, appended.
-    fn render_into(&self, ops: &[Ops<'_>; 2], rays: &[Ray], query: &Query, tile: &mut Tile, out: &mut Layers) {
-        let internal: Vec<InternalRay> = rays.iter().map(|r| self.space.internal_ray(r)).collect();
-        let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
-        let from = out.rgb.len();
-        out.rgb.resize(from + rays.len(), query.background);
-        out.opacity.resize(from + rays.len(), 0.0);
-        out.depth.resize(from + rays.len(), f32::INFINITY);
-        out.median_depth.resize(from + rays.len(), f32::INFINITY);
-        if query.layers.normals == crate::system::Normals::Compute {
-            out.normal.resize(from + rays.len(), [0.0; 3]);
-        }
-        if hit.is_empty() {
-            return;
-        }
-        let hit_rays: Vec<InternalRay> = hit.iter().map(|&i| internal[i]).collect();
-        let values = recorded(self.render_tile(ops, &hit_rays, tile));
-        let fine = &tile.fine;
-        let n = fine.t.len();
-        let tau: Vec<f32> = values.raw.iter().zip(&fine.dt).map(|(raw, dt)| raw.max(0.0) * dt).collect();
-        let samples = Samples { offsets: &fine.offsets, tau: &tau, last: LastInterval::Finite };
-        let (mut w, mut trans_end) = (vec![0.0; n], vec![0.0; hit.len()]);
-        weights(Simd::best(), samples, &mut w, &mut trans_end);
-        let mut median = vec![0.0; hit.len()];
-        depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
-        let normals = (query.layers.normals == crate::system::Normals::Compute)
-            .then(|| recorded(self.fine_normals(&ops[1], tile, &values.raw)));
-        let fine = &tile.fine;
-        for (r, &i) in hit.iter().enumerate() {
-            let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;
-            let (mut rgb, mut sum, mut distance, mut normal) = ([0.0; 3], 0.0, 0.0, DVec3::ZERO);
-            for k in span {
-                for (c, rgb) in rgb.iter_mut().enumerate() {
-                    *rgb += w[k] * values.rgb[c * n + k];
-                }
-                sum += w[k];
-                distance += w[k] * (fine.t[k] + 0.5 * fine.dt[k]);
-                if let Some(bars) = &normals {
-                    let at = hit_rays[r].at(fine.t[k]);
-                    let g = self.space.world_gradient(at, [bars[k], bars[n + k], bars[2 * n + k]]);
-                    normal -= f64::from(w[k]) * g.normalize_or_zero();
-                }
-            }
-            let world = |t: f32| self.space.world_distance(&rays[i], t) as f32;
-            out.rgb[from + i] = [0, 1, 2].map(|c| rgb[c] + trans_end[r] * query.background[c]);
-            out.opacity[from + i] = 1.0 - trans_end[r];
-            if sum > 1e-3 {
-                out.depth[from + i] = world(distance / sum);
-            }
-            if median[r].is_finite() {
-                out.median_depth[from + i] = world(median[r]);
-            }
-            if normals.is_some() {
-                out.normal[from + i] = normal.normalize_or_zero().as_vec3().to_array();
-            }
-        }
-    }
-
-    /// Gradient of the fine network's density with respect to its positions, `[3][n]`, by a second record with the
-    /// positions as inputs.
-    fn fine_normals(&self, ops: &Ops<'_>, tile: &mut Tile, raw: &[f32]) -> Result<Vec<f32>, TapeError> {
-        let level = &mut tile.fine;
-        let n = level.t.len();
-        let mut unused = vec![0.0; self.shapes.param_count()];
-        let mut tape = Tape::new(&mut level.arena, self.network(1));
-        let (x, d) = (tape.input(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
-        let out = ops.record(&mut tape, x, d)?;
-        let bar: Vec<f32> = raw.iter().map(|raw| if *raw > 0.0 { 1.0 } else { 0.0 }).collect();
-        tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
-        Ok(tape.gradient(x)?.to_vec())
-    }
-
-    /// Fine network at points of the scene's frame: `each(i, density per world unit, colour)`.
-    fn evaluate(&self, points: &[[f64; 3]], d: &[[f32; 3]], mut each: impl FnMut(usize, f32, [f32; 3])) {
-        const TASK: usize = 256;
-        let ops = self.ops();
-        let parts: Vec<Rendered> = points
-            .par_chunks(TASK)
-            .zip(d.par_chunks(TASK))
-            .map_init(Level::default, |level, (points, d)| {
-                let n = points.len();
-                level.t.resize(n, 0.0);
-                for rows in [&mut level.p, &mut level.x, &mut level.d] {
-                    rows.resize(3 * n, 0.0);
-                }
-                for (i, (&point, d)) in points.iter().zip(d).enumerate() {
-                    let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
-                    for a in 0..3 {
-                        (level.p[a * n + i], level.d[a * n + i]) = (p[a], d[a]);
-                    }
-                }
-                self.space.grid_positions(Simd::best(), &level.p, &mut level.x);
-                level.x.iter_mut().for_each(|x| *x = 2.0 * *x - 1.0);
-                let (tape, out) = recorded(record(&ops[1], level, self.network(1)));
-                Rendered {
-                    raw: recorded(tape.value(out.0)).data.to_vec(),
-                    rgb: recorded(tape.value(out.1)).data.to_vec(),
-                }
-            })
-            .collect();
-        for (i, &point) in points.iter().enumerate() {
-            let (part, k) = (&parts[i / TASK], i % TASK);
-            let n = part.raw.len();
-            let point = DVec3::from(point);
-            let inside = self.space.internal_point(point).is_some();
-            let sigma = part.raw[k].max(0.0) * self.space.per_world_unit(point) as f32;
-            each(i, if inside { sigma } else { 0.0 }, [part.rgb[k], part.rgb[n + k], part.rgb[2 * n + k]]);
-        }
     }
 }
