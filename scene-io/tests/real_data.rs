@@ -7,18 +7,11 @@ use scene_io::{
     Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, Masks, Scene, Split, StoreOptions,
     check, load,
 };
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A dataset's folder, or `None` with a line on why the test is skipped.
 fn data(relative: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("WILDFIELD_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let path = root.join(relative);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("SKIPPED: {} is not there (set WILDFIELD_DATA to the folder of the datasets)", path.display());
-    None
+    testkit::golden::data_or_skip(env!("CARGO_MANIFEST_DIR"), relative, "real_data")
 }
 
 fn counts(scene: &Scene) -> [usize; 4] {

@@ -110,14 +110,7 @@ fn a_resumed_ngp_run_ends_with_the_same_bits() {
 
 /// A dataset of the shared collection; says loudly when it is not there.
 fn real_data(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("WILDFIELD_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let path = root.join(name);
-    if !path.exists() {
-        println!("SKIPPED: `{}` is missing (set WILDFIELD_DATA to the folder of the datasets)", path.display());
-        return None;
-    }
-    Some(path)
+    testkit::golden::data_or_skip(env!("CARGO_MANIFEST_DIR"), name, "e2e_static")
 }
 
 /// Train on real photographs at a small size; the held-out PSNR must pass `least`.
