@@ -90,6 +90,8 @@ fn gl(v: DVec3) -> [f64; 3] {
     [v.x, -v.y, -v.z]
 }
 
+/// Depth, in near planes, to which a forward-facing scene is exported: what is further has hardly any parallax.
+const NDC_EXPORT_DEPTH: f64 = 10.0;
 /// Room around the lateral extent of NDC, so that no training ray runs along the cube's face.
 const NDC_MARGIN: f64 = 1.02;
 
@@ -283,12 +285,22 @@ impl Space {
         }
     }
 
-    /// A box of the scene's frame around the internal cube of half side `half`.
+    /// The part of the scene's frame worth exporting: the box, the inner cube of an unbounded scene, or what lies between
+    /// the near plane of NDC and [`NDC_EXPORT_DEPTH`] of it.
     #[must_use]
-    pub fn world_box(&self, half: f32) -> [[f64; 3]; 2] {
+    pub fn world_bounds(&self) -> [[f64; 3]; 2] {
+        match self.kind {
+            SpaceKind::Box | SpaceKind::Contracted => self.world_box([[-1.0; 3], [1.0; 3]]),
+            SpaceKind::Ndc => self.world_box([[-1.0; 3], [1.0, 1.0, (1.0 - 2.0 / NDC_EXPORT_DEPTH) as f32]]),
+        }
+    }
+
+    /// A box of the scene's frame around a box of internal coordinates.
+    #[must_use]
+    pub fn world_box(&self, [low, high]: [[f32; 3]; 2]) -> [[f64; 3]; 2] {
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in 0..8 {
-            let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { half } else { -half });
+            let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { high[a] } else { low[a] });
             let x = self.world_point(p);
             (min, max) = (min.min(x), max.max(x));
         }

@@ -88,6 +88,18 @@ pub struct Tensor<'a> {
     pub data: TensorData<'a>,
 }
 
+impl Tensor<'_> {
+    /// The same, holding its own values.
+    #[must_use]
+    pub fn into_owned(self) -> Tensor<'static> {
+        let data = match self.data {
+            TensorData::F32(d) => TensorData::F32(Cow::Owned(d.into_owned())),
+            TensorData::U64(d) => TensorData::U64(Cow::Owned(d.into_owned())),
+        };
+        Tensor { name: self.name, shape: self.shape, data }
+    }
+}
+
 /// Values of a tensor.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TensorData<'a> {

@@ -301,7 +301,7 @@ impl System for Nerf {
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {
-        self.space.world_box(1.0)
+        self.space.world_bounds()
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
