@@ -119,9 +119,11 @@ fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     let mut reach: Vec<f64> =
         scene.points.iter().map(|p| (p.xyz - centre).abs().max_element() / radius).filter(|r| r.is_finite()).collect();
     reach.sort_unstable_by(f64::total_cmp);
-    let (extent, how) = match percentile(&reach, FAR_PERCENTILE) {
-        Some(far) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),
-        None => (UNKNOWN_EXTENT, "no points to tell"),
+    let stated = scene.bounds.map(|b| (b.min - centre).abs().max((b.max - centre).abs()).max_element() / radius);
+    let (extent, how) = match (percentile(&reach, FAR_PERCENTILE), stated) {
+        (Some(far), _) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),
+        (None, Some(stated)) => (stated.clamp(2.0, WIDEST), "from the box in the file"),
+        (None, None) => (UNKNOWN_EXTENT, "no points to tell"),
     };
     let cascades = extent.log2().ceil() as usize + 1;
     Layout {

@@ -145,7 +145,8 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         density_bias: 0.0,
         occupancy: 64,
         cascades: layout.cascades,
-        occupancy_threshold: 0.01,
+        // Below half the density that the field starts with: never all of it at once, however short the steps are.
+        occupancy_threshold: (0.5 * step_min).min(0.01),
         occupancy_every: 8,
         near: 0.05,
         step_min,

@@ -286,7 +286,7 @@ impl Space {
     }
 
     /// The part of the scene's frame worth exporting: the box, the inner cube of an unbounded scene, or what lies between
-    /// the near plane of NDC and [`NDC_EXPORT_DEPTH`] of it.
+    /// the near plane of NDC and ten times its depth.
     #[must_use]
     pub fn world_bounds(&self) -> [[f64; 3]; 2] {
         match self.kind {
