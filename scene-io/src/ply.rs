@@ -6,15 +6,17 @@ use std::path::Path;
 
 const REMEDY: &str = "export the points again as PLY with x, y, z and red, green, blue";
 
+/// How values are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Encoding {
+pub(crate) enum Encoding {
     Ascii,
     Little,
     Big,
 }
 
+/// Type of a property, by either of its names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Scalar {
+pub(crate) enum Scalar {
     I8,
     U8,
     I16,
@@ -26,7 +28,7 @@ enum Scalar {
 }
 
 impl Scalar {
-    fn parse(name: &str) -> Option<Self> {
+    pub(crate) fn parse(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
             "uchar" | "uint8" => Self::U8,
@@ -40,7 +42,7 @@ impl Scalar {
         })
     }
 
-    fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -50,7 +52,7 @@ impl Scalar {
     }
 
     /// The value of the first [`Scalar::size`] bytes.
-    fn decode(self, bytes: &[u8], encoding: Encoding) -> f64 {
+    pub(crate) fn decode(self, bytes: &[u8], encoding: Encoding) -> f64 {
         let mut le = [0; 8];
         let n = self.size();
         le[..n].copy_from_slice(&bytes[..n]);

@@ -1,5 +1,6 @@
 //! Reading back what the writers of this module write: any elements and properties, by name.
 
+use crate::ply::{Encoding, Scalar};
 use crate::{ErrorKind, Place, Problem, SceneError};
 use std::path::Path;
 
@@ -58,12 +59,12 @@ impl Ply {
                 for ((_, column), kind) in element.columns.iter_mut().zip(&*kinds) {
                     match (column, kind.length) {
                         (Column::Scalars(values), _) => {
-                            values.push(kind.value.take(bytes, &mut at).ok_or_else(|| end(at))?)
+                            values.push(take(kind.value, bytes, &mut at).ok_or_else(|| end(at))?)
                         }
                         (Column::List(lists), Some(length)) => {
-                            let n = length.take(bytes, &mut at).ok_or_else(|| end(at))?;
+                            let n = take(length, bytes, &mut at).ok_or_else(|| end(at))?;
                             // Not trusted for allocation: values are taken while there are bytes.
-                            let list = (0..n as usize).map(|_| kind.value.take(bytes, &mut at)).collect::<Option<_>>();
+                            let list = (0..n as usize).map(|_| take(kind.value, bytes, &mut at)).collect::<Option<_>>();
                             lists.push(list.ok_or_else(|| end(at))?);
                         }
                         (Column::List(_), None) => unreachable!("lists are declared with a length"),
@@ -95,57 +96,17 @@ impl Element {
     }
 }
 
-#[derive(Clone, Copy)]
-enum Number {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
 /// How a property lies in a row.
 struct Kind {
     /// Of the length, for lists.
-    length: Option<Number>,
-    value: Number,
+    length: Option<Scalar>,
+    value: Scalar,
 }
 
-impl Number {
-    fn parse(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn take(self, bytes: &[u8], at: &mut usize) -> Option<f64> {
-        fn next<const N: usize>(bytes: &[u8], at: &mut usize) -> Option<[u8; N]> {
-            let value = *bytes.get(*at..)?.first_chunk::<N>()?;
-            *at += N;
-            Some(value)
-        }
-        Some(match self {
-            Self::I8 => f64::from(i8::from_le_bytes(next(bytes, at)?)),
-            Self::U8 => f64::from(u8::from_le_bytes(next(bytes, at)?)),
-            Self::I16 => f64::from(i16::from_le_bytes(next(bytes, at)?)),
-            Self::U16 => f64::from(u16::from_le_bytes(next(bytes, at)?)),
-            Self::I32 => f64::from(i32::from_le_bytes(next(bytes, at)?)),
-            Self::U32 => f64::from(u32::from_le_bytes(next(bytes, at)?)),
-            Self::F32 => f64::from(f32::from_le_bytes(next(bytes, at)?)),
-            Self::F64 => f64::from_le_bytes(next(bytes, at)?),
-        })
-    }
+fn take(number: Scalar, bytes: &[u8], at: &mut usize) -> Option<f64> {
+    let value = number.decode(bytes.get(*at..)?.get(..number.size())?, Encoding::Little);
+    *at += number.size();
+    Some(value)
 }
 
 /// An element without its rows, and how they lie.
@@ -175,12 +136,12 @@ fn header(bytes: &[u8], at: &mut usize) -> Result<Vec<Declared>, (Place, String)
                 let (element, kinds) = elements.last_mut().ok_or_else(not_understood)?;
                 let (column, kind) = match *kind {
                     [value] => {
-                        (Column::Scalars(Vec::new()), Number::parse(value).map(|value| Kind { length: None, value }))
+                        (Column::Scalars(Vec::new()), Scalar::parse(value).map(|value| Kind { length: None, value }))
                     }
                     ["list", length, value] => (
                         Column::List(Vec::new()),
-                        Number::parse(length)
-                            .zip(Number::parse(value))
+                        Scalar::parse(length)
+                            .zip(Scalar::parse(value))
                             .map(|(length, value)| Kind { length: Some(length), value }),
                     ),
                     _ => return Err(not_understood()),

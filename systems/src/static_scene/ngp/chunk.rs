@@ -8,6 +8,7 @@ use super::occupy::Marcher;
 use crate::data::Batch;
 use crate::space::{InternalRay, Space};
 use field_core::mlp::Mlp;
+use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
@@ -88,7 +89,7 @@ pub(super) struct StepContext<'a> {
     pub(super) background: &'a [[f32; 3]],
     /// Jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
-    pub(super) huber: f32,
+    pub(super) kernel: Kernel,
     /// One over the rays of the batch that count.
     pub(super) per_ray: f32,
 }
@@ -250,8 +251,9 @@ impl Chunk {
             self.stats.rays += f64::from(weight);
             for c in 0..3 {
                 let truth = ctx.batch.rgb[i][c] * alpha + ctx.background[i][c] * (1.0 - alpha);
-                let e = pixel[3 * r + c] - truth;
-                let (value, slope) = huber(e, ctx.huber);
+                let (value, e) = (pixel[3 * r + c], pixel[3 * r + c] - truth);
+                let slope = ctx.kernel.derivative(value, truth);
+                let value = ctx.kernel.value(value, truth);
                 self.stats.loss += f64::from(weight * value) / 3.0;
                 self.stats.squared_error += f64::from(weight * e * e) / 3.0;
                 pixel_bar[3 * r + c] = weight * slope * ctx.per_ray / 3.0;
@@ -304,16 +306,6 @@ impl Chunk {
             &mut self.density_grad,
             scratch,
         );
-    }
-}
-
-/// Huber loss of `e` and its derivative; the squared error where `delta` is 0. Quadratic part `e^2`, so that both agree
-/// for small errors.
-fn huber(e: f32, delta: f32) -> (f32, f32) {
-    if delta == 0.0 || e.abs() <= delta {
-        (e * e, 2.0 * e)
-    } else {
-        (delta * (2.0 * e.abs() - delta), 2.0 * delta.copysign(e))
     }
 }
 

@@ -4,6 +4,7 @@ use crate::space::SpaceKind;
 use crate::system::SystemError;
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
+use losses::kernel::Kernel;
 use serde::{Deserialize, Serialize};
 
 /// Settings of [`Ngp`](super::Ngp). Lengths are in *internal* units: the radius of the scene is 1.
@@ -130,6 +131,12 @@ impl NgpConfig {
             skips: vec![],
         })
         .map_err(|e| bad("width, colour_layers", "", &e.to_string()))
+    }
+
+    /// The colour loss.
+    #[must_use]
+    pub fn kernel(&self) -> Kernel {
+        if self.huber > 0.0 { Kernel::Huber { delta: self.huber } } else { Kernel::Squared }
     }
 
     /// Learning rate of a step.

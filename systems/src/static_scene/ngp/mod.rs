@@ -268,7 +268,7 @@ impl System for Ngp {
             batch: &self.work.batch,
             background: &self.work.background,
             jitter: &self.work.jitter,
-            huber: self.config.huber,
+            kernel: self.config.kernel(),
             per_ray: 1.0 / counted.max(1.0),
         };
         chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
