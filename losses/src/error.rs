@@ -15,6 +15,11 @@ pub enum LossError {
         /// Values it holds.
         got: usize,
     },
+    /// `what` decreases.
+    Order {
+        /// The argument.
+        what: &'static str,
+    },
     /// A parameter of a kernel is outside its range.
     Parameter {
         /// The parameter, with its kernel.
@@ -30,6 +35,7 @@ impl fmt::Display for LossError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Shape { what, want, got } => write!(f, "`{what}` holds {got} values, expected {want}"),
+            Self::Order { what } => write!(f, "`{what}` decrease"),
             Self::Parameter { what, value, range } => write!(f, "{what} is {value}, expected {range}"),
         }
     }

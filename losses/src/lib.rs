@@ -2,6 +2,7 @@
 //!
 //! * [`kernel`]: what one colour channel's error costs, and its derivative: squared, L1, Charbonnier, Huber, log-squared.
 //! * [`photometric`]: kernels over a batch of rays, weighted, with the backward twin.
+//! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
 //! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS.
 //!
 //! Axes, colour space and letters are those of the workspace's `CONVENTIONS.md`. `no_std` with `alloc`; `libm` instead of
@@ -27,9 +28,12 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("losses needs a float backend: enable `std` or `libm`");
 
+pub mod distortion;
 mod error;
 pub mod kernel;
 pub mod metrics;
 pub mod photometric;
+mod ray_intervals;
 
 pub use error::LossError;
+pub use ray_intervals::{Edges, RayIntervals, Reduction};
