@@ -1,6 +1,5 @@
-//! Work that may be left out, and what that costs at most.
+//! Early termination.
 //!
-//! # Early termination
 //! Let `T` be the transmittance in front of the samples that are dropped. They and the background share the weight `T`;
 //! without them all of `T` goes to the background. The colour changes by
 //!
