@@ -9,8 +9,13 @@
 //! | [`stratified_nerf`] | one around each of `n` equally spaced points, as NeRF's code does it |
 //! | [`invert_cdf`] | where the weights of a histogram are |
 //! | [`nerf_sample_pdf`] | the same as NeRF's code does it, with its epsilons |
+//! | [`invert_linear`] | where the light of a ray with piecewise-linear density comes from |
 //! | [`merge_sorted`] | two sorted sets in one |
 //! | [`dt_from_edges`], [`dt_from_points`] | interval lengths |
+
+mod linear;
+
+pub use linear::invert_linear;
 
 /// What is equally spaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -204,9 +204,21 @@ impl Task for AccumulateTask<'_> {
     }
 }
 
-/// `sum(a[i] * b[i])`: vectors first, then the tail one by one; the order depends on the length only.
+/// Samples of a ray that are summed in `f32`; longer rays go on in `f64`, or a million samples would cost four digits.
+const SHORT: usize = 1024;
+
+/// `sum(a[i] * b[i])`, in an order that depends on the length only.
 #[inline(always)]
 fn dot<V: Vector>(a: &[f32], b: &[f32]) -> f32 {
+    if a.len() <= SHORT {
+        return dot_short::<V>(a, b);
+    }
+    a.chunks(SHORT).zip(b.chunks(SHORT)).map(|(a, b)| f64::from(dot_short::<V>(a, b))).sum::<f64>() as f32
+}
+
+/// Vectors first, then the tail one by one.
+#[inline(always)]
+fn dot_short<V: Vector>(a: &[f32], b: &[f32]) -> f32 {
     let body = a.len() / V::LANES * V::LANES;
     let mut acc = V::splat(0.0);
     for (a, b) in a[..body].chunks_exact(V::LANES).zip(b[..body].chunks_exact(V::LANES)) {

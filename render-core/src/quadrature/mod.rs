@@ -1,6 +1,7 @@
 //! The volume rendering quadrature over a batch of rays, forward and backward, in optical depth.
 //!
-//! Density is constant on each interval. With `tau[i] = sigma[i] * dt[i]` and `T[i] = exp(-sum(tau[j], j < i))`,
+//! Each interval has one optical depth and one value. Under constant density `tau[i] = sigma[i] * dt[i]`; [`rule`] makes them from
+//! other assumptions. With `T[i] = exp(-sum(tau[j], j < i))`,
 //!
 //! ```text
 //! w[i] = T[i] * (1 - exp(-tau[i]))          C = sum(w[i] * c[i]) + T_end * background
@@ -11,6 +12,7 @@
 //!
 //! | function | out of | into |
 //! | --- | --- | --- |
+//! | [`intervals`], [`intervals_backward`] | densities and values at points, a [`Rule`] | optical depths and values of intervals |
 //! | [`weights`], [`weights_backward`] | optical depths | weights and what reaches the background |
 //! | [`composite`], [`composite_backward`] | optical depths, values of any number of channels | pixels |
 //! | [`accumulate`], [`normalise`] | weights, values | sums such as normals |
@@ -35,6 +37,7 @@ mod check;
 mod depth;
 mod forward;
 pub mod reference;
+pub mod rule;
 
 pub use backward::{CompositeBar, CompositeGrads, WeightsBar, composite_backward, weights_backward};
 pub use check::{BadValue, check_density, check_finite};
@@ -43,6 +46,7 @@ pub use depth::{
     disparity, normalise, opacity,
 };
 pub use forward::{Composite, accumulate, composite, weights};
+pub use rule::{IntervalsBar, Points, PointsBar, Rule, intervals, intervals_backward};
 
 use core::ops::Range;
 #[cfg(doc)]
