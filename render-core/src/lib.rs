@@ -15,6 +15,7 @@ pub mod budget;
 pub mod camera;
 pub mod contract;
 pub mod error;
+pub mod frustum;
 pub mod histogram;
 pub mod ndc;
 pub mod occupancy;
