@@ -3,6 +3,7 @@
 //! * [`kernel`]: what one colour channel's error costs, and its derivative: squared, L1, Charbonnier, Huber, log-squared.
 //! * [`photometric`]: kernels over a batch of rays, weighted, with the backward twin.
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
+//! * [`interlevel`]: a proposal's weights have to bound those of the final network.
 //! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS.
 //!
 //! Axes, colour space and letters are those of the workspace's `CONVENTIONS.md`. `no_std` with `alloc`; `libm` instead of
@@ -30,6 +31,7 @@ compile_error!("losses needs a float backend: enable `std` or `libm`");
 
 pub mod distortion;
 mod error;
+pub mod interlevel;
 pub mod kernel;
 pub mod metrics;
 pub mod photometric;
