@@ -95,11 +95,21 @@ impl Activation {
     pub(super) fn apply<V: Vector>(self, y: &mut [f32]) {
         match self {
             Self::None => {}
-            Self::Relu => map::<V>(y, |v| v.max(V::splat(0.0))),
-            Self::Logistic { pad } => {
-                map::<V>(y, |v| vecmath::logistic(v).mul_add(V::splat(1.0 + 2.0 * pad), V::splat(-pad)))
+            Self::Relu => {
+                for c in y.chunks_exact_mut(V::LANES) {
+                    V::load(c).max(V::splat(0.0)).store(c);
+                }
             }
-            Self::TruncExp => map::<V>(y, vecmath::exp),
+            Self::Logistic { pad } => {
+                for c in y.chunks_exact_mut(V::LANES) {
+                    vecmath::logistic(V::load(c)).mul_add(V::splat(1.0 + 2.0 * pad), V::splat(-pad)).store(c);
+                }
+            }
+            Self::TruncExp => {
+                for c in y.chunks_exact_mut(V::LANES) {
+                    vecmath::exp(V::load(c)).store(c);
+                }
+            }
             _ => y.iter_mut().for_each(|v| *v = self.value(*v)),
         }
     }
@@ -116,12 +126,5 @@ impl Activation {
             }
             _ => y.iter().zip(y_bar).for_each(|(y, b)| *b *= self.derivative_from_output(*y)),
         }
-    }
-}
-
-#[inline(always)]
-fn map<V: Vector>(y: &mut [f32], f: impl Fn(V) -> V) {
-    for c in y.chunks_exact_mut(V::LANES) {
-        f(V::load(c)).store(c);
     }
 }

@@ -1,7 +1,8 @@
 //! Backward pass: input gradients and weight gradients of a panel, last layer to first.
 
-use super::kernel::{outer_product, panel_from_rows, product, rows_from_panel};
-use super::{Mlp, PANEL, Packed};
+use super::kernel::{Finish, column_sums, outer_product, product};
+use super::transpose::{panel_from_rows, rows_from_panel};
+use super::{Activation, Layer, Mlp, PANEL, Packed};
 use float_core::{Simd, Task, Vector};
 
 impl Mlp {
@@ -40,12 +41,24 @@ impl Mlp {
         if let Some((x_bar, stride)) = &x_bar {
             assert!(*stride >= n && x_bar.len() >= (self.inputs() - 1) * stride + n, "mlp: x_bar");
         }
-        simd.run(Backward { mlp: self, packed: &packed.backward, acts, y_bar, y_stride, n, x_bar, grad, scratch });
+        simd.run(Backward {
+            mlp: self,
+            simd,
+            packed: &packed.backward,
+            acts,
+            y_bar,
+            y_stride,
+            n,
+            x_bar,
+            grad,
+            scratch,
+        });
     }
 }
 
 struct Backward<'a> {
     mlp: &'a Mlp,
+    simd: Simd,
     packed: &'a [f32],
     acts: &'a [f32],
     y_bar: &'a [f32],
@@ -66,67 +79,70 @@ impl Task for Backward<'_> {
         for (p, s0) in (0..self.n).step_by(PANEL).enumerate() {
             let count = PANEL.min(self.n - s0);
             let acts = &self.acts[p * self.mlp.panel_len..][..self.mlp.panel_len];
-            // Samples past `count` get gradient 0, so they add nothing anywhere below.
-            let mut y_column = 0;
-            let mut y_stride = last.outputs_pad;
-            let panel = &mut y_bar[..PANEL * y_stride];
-            panel_from_rows(self.y_bar, self.y_stride, last.outputs, s0, count, panel, y_stride, 0, y_stride);
-            let mut out = &acts[last.panel + PANEL * last.inputs_pad..];
+            // `y_bar` holds the gradient of a layer's output at `column` of rows of `stride`. Samples past `count` have
+            // gradient 0, so they add nothing anywhere.
+            let (mut column, mut stride) = (0, last.outputs_pad);
+            let rows = &self.y_bar[s0..];
+            if self.mlp.keeps_outputs() {
+                let bars = &mut x_bar[..PANEL * last.outputs];
+                let kept = &acts[last.panel + PANEL * last.inputs_pad..][..bars.len()];
+                for (o, bar) in bars.chunks_exact_mut(PANEL).enumerate() {
+                    bar[..count].copy_from_slice(&rows[o * self.y_stride..][..count]);
+                    bar[count..].fill(0.0);
+                }
+                last.activation.apply_backward::<V>(kept, bars);
+                panel_from_rows(self.simd, bars, PANEL, last.outputs, PANEL, y_bar, stride, stride);
+            } else {
+                panel_from_rows(self.simd, rows, self.y_stride, last.outputs, count, y_bar, stride, stride);
+            }
             for (i, l) in layers.iter().enumerate().rev() {
-                // `y_bar` and `out` hold the layer's output at `y_column` of rows of `y_stride`.
-                for s in 0..PANEL {
-                    let row = s * y_stride + y_column;
-                    let bar = &mut y_bar[row..row + l.outputs_pad];
-                    // Padding holds what the product left there: it must not count.
-                    bar[l.outputs..].fill(0.0);
-                    l.activation.apply_backward::<V>(&out[row..row + l.outputs_pad], bar);
-                }
                 let input = &acts[l.panel..l.panel + PANEL * l.inputs_pad];
-                let grad = &mut self.grad[l.grad..];
-                let bars = Strided { data: &y_bar[y_column..], stride: y_stride };
-                weight_gradient::<V>(&bars, l.outputs, l.outputs_pad, input, l.inputs_pad, grad);
-                let skipped = l.skip_inputs > 0 && self.x_bar.is_some();
-                if i > 0 || self.x_bar.is_some() {
-                    let weights = &self.packed[l.backward..][..l.outputs * l.inputs_pad];
-                    let out = &mut x_bar[..PANEL * l.inputs_pad];
-                    product_strided::<V>(&bars, l.outputs, weights, l.inputs_pad, out);
+                let bars = &y_bar[column..];
+                let (grad, bias) = self.grad[l.grad..].split_at_mut(l.outputs_pad * l.inputs_pad);
+                outer_product::<V>(bars, stride, l.outputs, input, l.inputs_pad, l.inputs_pad, grad, l.inputs_pad);
+                if !l.biases.is_empty() {
+                    column_sums::<V>(bars, stride, l.outputs_pad, &mut bias[..l.outputs_pad]);
                 }
-                if let Some((bar, stride)) = self.x_bar.as_mut().filter(|_| i == 0 || skipped) {
+                if i == 0 && self.x_bar.is_none() {
+                    break;
+                }
+                // The derivative of what came before: in registers where it can be.
+                let before = i.checked_sub(1).map(|i| &layers[i]);
+                let gated = before.is_some_and(|b| b.activation == Activation::Relu) && l.skip_inputs == 0;
+                let finish = if gated { Finish::Gate(input) } else { Finish::Keep };
+                let weights = &self.packed[l.backward..][..l.outputs * l.inputs_pad];
+                product::<V>(
+                    bars,
+                    stride,
+                    l.outputs,
+                    weights,
+                    l.inputs_pad,
+                    None,
+                    finish,
+                    x_bar,
+                    l.inputs_pad,
+                    l.inputs_pad,
+                );
+                if let Some((out, out_stride)) = self.x_bar.as_mut().filter(|_| i == 0 || l.skip_inputs > 0) {
                     let rows = layers[0].inputs;
-                    rows_from_panel::<true>(x_bar, l.inputs_pad, 0, rows, bar, *stride, s0, count);
+                    rows_from_panel::<true>(self.simd, x_bar, l.inputs_pad, rows, &mut out[s0..], *out_stride, count);
+                }
+                if let Some(before) = before.filter(|_| !gated) {
+                    derivative::<V>(before, input, x_bar, l.inputs_pad, l.skip_inputs);
                 }
                 core::mem::swap(&mut y_bar, &mut x_bar);
-                (out, y_stride, y_column) = (input, l.inputs_pad, l.skip_inputs);
+                (column, stride) = (l.skip_inputs, l.inputs_pad);
             }
         }
     }
 }
 
-/// Rows that begin inside wider rows.
-struct Strided<'a> {
-    data: &'a [f32],
-    stride: usize,
-}
-
+/// Bring a gradient panel through a layer's activation: the layer's outputs lie in `y`, at `column` of rows of `stride`,
+/// their gradients at the same places of `bar`.
 #[inline(always)]
-fn product_strided<V: Vector>(bars: &Strided<'_>, outputs: usize, w: &[f32], width: usize, x_bar: &mut [f32]) {
-    product::<V>(bars.data, bars.stride, outputs, w, width, None, x_bar, width, width);
-}
-
-#[inline(always)]
-fn weight_gradient<V: Vector>(
-    bars: &Strided<'_>,
-    outputs: usize,
-    outputs_pad: usize,
-    input: &[f32],
-    width: usize,
-    grad: &mut [f32],
-) {
-    outer_product::<V>(bars.data, bars.stride, outputs, input, width, width, grad, width);
-    let bias = &mut grad[outputs_pad * width..][..outputs];
+fn derivative<V: Vector>(layer: &Layer, y: &[f32], bar: &mut [f32], stride: usize, column: usize) {
     for s in 0..PANEL {
-        for (g, b) in bias.iter_mut().zip(&bars.data[s * bars.stride..]) {
-            *g += b;
-        }
+        let row = s * stride + column..s * stride + column + layer.outputs_pad;
+        layer.activation.apply_backward::<V>(&y[row.clone()], &mut bar[row]);
     }
 }

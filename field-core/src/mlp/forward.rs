@@ -1,7 +1,8 @@
 //! Forward pass: every layer of a panel while it lies in the L1 cache.
 
-use super::kernel::{panel_from_rows, product, rows_from_panel};
-use super::{Mlp, PANEL, Packed};
+use super::kernel::{Finish, product};
+use super::transpose::{panel_from_rows, rows_from_panel};
+use super::{Activation, Mlp, PANEL, Packed};
 use float_core::{Simd, Task, Vector};
 
 impl Mlp {
@@ -45,7 +46,7 @@ impl Mlp {
         y_stride: usize,
         scratch: &mut [f32],
     ) {
-        assert!(scratch.len() >= self.panel_len, "mlp: scratch");
+        assert!(scratch.len() >= self.infer_scratch_len(), "mlp: scratch");
         self.run_forward(simd, packed, x, x_stride, n, y, y_stride, scratch, 0);
     }
 
@@ -68,12 +69,26 @@ impl Mlp {
         assert_eq!(packed.forward.len(), self.forward_len, "mlp: packed parameters of another network");
         assert!(x_stride >= n && x.len() >= (self.inputs() - 1) * x_stride + n, "mlp: x");
         assert!(y_stride >= n && y.len() >= (self.outputs() - 1) * y_stride + n, "mlp: y");
-        simd.run(Forward { mlp: self, packed: &packed.forward, x, x_stride, n, y, y_stride, acts, acts_step });
+        let (acts, last) = acts.split_at_mut(acts.len() - self.output_panel_len());
+        simd.run(Forward {
+            mlp: self,
+            simd,
+            packed: &packed.forward,
+            x,
+            x_stride,
+            n,
+            y,
+            y_stride,
+            acts,
+            acts_step,
+            last,
+        });
     }
 }
 
 struct Forward<'a> {
     mlp: &'a Mlp,
+    simd: Simd,
     packed: &'a [f32],
     x: &'a [f32],
     x_stride: usize,
@@ -83,6 +98,8 @@ struct Forward<'a> {
     acts: &'a mut [f32],
     /// From one panel's activations to the next: 0 to use the same ones over again.
     acts_step: usize,
+    /// The last layer's output panel, before it is turned: the same for all panels.
+    last: &'a mut [f32],
 }
 
 impl Task for Forward<'_> {
@@ -90,71 +107,64 @@ impl Task for Forward<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let layers = self.mlp.layers();
+        let (simd, inputs) = (self.simd, layers[0].inputs);
         for (p, s0) in (0..self.n).step_by(PANEL).enumerate() {
             let count = PANEL.min(self.n - s0);
             let acts = &mut self.acts[p * self.acts_step..][..self.mlp.panel_len];
-            let first = &layers[0];
-            let panel = &mut acts[..PANEL * first.inputs_pad];
-            panel_from_rows(
-                self.x,
-                self.x_stride,
-                first.inputs,
-                s0,
-                count,
-                panel,
-                first.inputs_pad,
-                0,
-                first.inputs_pad,
-            );
+            let x = &self.x[s0..];
+            let first = layers[0].inputs_pad;
+            panel_from_rows(simd, x, self.x_stride, inputs, count, &mut acts[..PANEL * first], first, first);
             for (i, l) in layers.iter().enumerate() {
                 let (before, after) = acts.split_at_mut(l.panel + PANEL * l.inputs_pad);
                 let input = &before[l.panel..];
-                let (out, out_stride) = match layers.get(i + 1) {
+                let (out, stride) = match layers.get(i + 1) {
                     Some(next) => {
-                        if next.skip_inputs > 0 {
-                            let panel = &mut after[..PANEL * next.inputs_pad];
-                            panel_from_rows(
-                                self.x,
-                                self.x_stride,
-                                first.inputs,
-                                s0,
-                                count,
-                                panel,
-                                next.inputs_pad,
-                                0,
-                                next.inputs_pad,
-                            );
+                        let (stride, skip) = (next.inputs_pad, next.skip_inputs);
+                        if skip > 0 {
+                            let panel = &mut after[..PANEL * stride];
+                            panel_from_rows(simd, x, self.x_stride, inputs, count, panel, stride, stride);
                         }
-                        (&mut after[next.skip_inputs..], next.inputs_pad)
+                        (&mut after[skip..PANEL * stride], stride)
                     }
-                    None => (&mut after[..], l.outputs_pad),
+                    None => (&mut self.last[..], l.outputs_pad),
                 };
                 let weights = &self.packed[l.forward..][..l.inputs * l.outputs_pad];
                 let bias = &self.packed[l.forward + l.inputs * l.outputs_pad..][..l.outputs_pad];
-                dense::<V>(input, l.inputs_pad, l.inputs, weights, l.outputs_pad, bias, out, out_stride);
-                for row in out.chunks_mut(out_stride).take(PANEL) {
-                    l.activation.apply::<V>(&mut row[..l.outputs_pad]);
+                let relu = l.activation == Activation::Relu;
+                let finish = if relu { Finish::Relu } else { Finish::Keep };
+                product::<V>(
+                    input,
+                    l.inputs_pad,
+                    l.inputs,
+                    weights,
+                    l.outputs_pad,
+                    Some(bias),
+                    finish,
+                    out,
+                    stride,
+                    l.outputs_pad,
+                );
+                // The last layer's activation waits until lanes are samples: then padding costs nothing.
+                if !relu && l.activation != Activation::None && i + 1 < layers.len() {
+                    for row in out.chunks_mut(stride).take(PANEL) {
+                        l.activation.apply::<V>(&mut row[..l.outputs_pad]);
+                    }
                 }
             }
-            let last = &layers[layers.len() - 1];
-            let panel = &acts[last.panel + PANEL * last.inputs_pad..];
-            rows_from_panel::<false>(panel, last.outputs_pad, 0, last.outputs, self.y, self.y_stride, s0, count);
+            let l = &layers[layers.len() - 1];
+            let y = &mut self.y[s0..];
+            if self.mlp.keeps_outputs() {
+                let kept = &mut acts[l.panel + PANEL * l.inputs_pad..][..PANEL * l.outputs];
+                rows_from_panel::<false>(simd, self.last, l.outputs_pad, l.outputs, kept, PANEL, PANEL);
+                if l.activation != Activation::Relu {
+                    l.activation.apply::<V>(kept);
+                }
+                for (o, row) in kept.chunks_exact(PANEL).enumerate() {
+                    y[o * self.y_stride..][..count].copy_from_slice(&row[..count]);
+                }
+            } else {
+                rows_from_panel::<false>(simd, self.last, l.outputs_pad, l.outputs, y, self.y_stride, count);
+            }
         }
     }
-}
-
-/// One layer of a panel. The output may begin inside a wider row (behind skipped inputs): its last row is shorter then.
-#[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "three matrices with strides")]
-fn dense<V: Vector>(
-    x: &[f32],
-    xs: usize,
-    inputs: usize,
-    w: &[f32],
-    width: usize,
-    bias: &[f32],
-    y: &mut [f32],
-    ys: usize,
-) {
-    product::<V>(x, xs, inputs, w, width, Some(bias), y, ys, width);
 }

@@ -7,7 +7,19 @@
 use super::PANEL;
 use float_core::Vector;
 
-/// `y[s][j] = init[j] + sum_k x[s][k] * w[k][j]` for the panel's samples: `x` `[PANEL][xs]`, `w` `[k][ws]`, `y` `[PANEL][ys]`,
+/// What happens to a result of [`product`] before it leaves the registers.
+#[derive(Clone, Copy)]
+pub(super) enum Finish<'a> {
+    /// Nothing.
+    Keep,
+    /// `max(y, 0)`.
+    Relu,
+    /// `y` where the number at the same place of a panel with rows of the same length is positive, else 0: the
+    /// derivative of [`Finish::Relu`], given its outputs.
+    Gate(&'a [f32]),
+}
+
+/// `y[s][j] = finish(init[j] + sum_k x[s][k] * w[k][j])` for the panel's samples: `x` `[PANEL][xs]`, `w` `[k][ws]`, `y` `[PANEL][ys]`,
 /// `j < width`, a multiple of 16. `init` holds `width` numbers. This is the forward product (`w` = weights by input, `init` =
 /// biases) and the input gradient (`w` = weights by output, `init` = zeros) alike.
 #[inline(always)]
@@ -19,13 +31,17 @@ pub(super) fn product<V: Vector>(
     w: &[f32],
     ws: usize,
     init: Option<&[f32]>,
+    finish: Finish<'_>,
     y: &mut [f32],
     ys: usize,
     width: usize,
 ) {
     assert!(width.is_multiple_of(16) && width <= ys && width <= ws && depth <= xs);
-    assert!(x.len() >= PANEL * xs && y.len() >= PANEL * ys && w.len() >= depth * ws);
+    assert!(x.len() >= PANEL * xs && y.len() >= (PANEL - 1) * ys + width && w.len() >= depth * ws);
     assert!(init.is_none_or(|b| b.len() >= width));
+    if let Finish::Gate(gate) = finish {
+        assert!(gate.len() >= PANEL * ys);
+    }
     let (xp, wp, yp) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
     let init = init.map(<[f32]>::as_ptr);
     let mut j = 0;
@@ -35,15 +51,15 @@ pub(super) fn product<V: Vector>(
         j += V::LANES
             * unsafe {
                 if V::LANES == 16 && left >= 4 {
-                    columns::<V, 6, 4>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                    columns::<V, 6, 4>(xp, xs, depth, wp, ws, init, finish, yp, ys, j)
                 } else if left >= 2 {
                     if V::LANES == 16 {
-                        columns::<V, 12, 2>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                        columns::<V, 12, 2>(xp, xs, depth, wp, ws, init, finish, yp, ys, j)
                     } else {
-                        columns::<V, 6, 2>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                        columns::<V, 6, 2>(xp, xs, depth, wp, ws, init, finish, yp, ys, j)
                     }
                 } else {
-                    columns::<V, 12, 1>(xp, xs, depth, wp, ws, init, yp, ys, j)
+                    columns::<V, 12, 1>(xp, xs, depth, wp, ws, init, finish, yp, ys, j)
                 }
             };
     }
@@ -63,6 +79,7 @@ unsafe fn columns<V: Vector, const R: usize, const C: usize>(
     w: *const f32,
     ws: usize,
     init: Option<*const f32>,
+    finish: Finish<'_>,
     y: *mut f32,
     ys: usize,
     j: usize,
@@ -94,6 +111,22 @@ unsafe fn columns<V: Vector, const R: usize, const C: usize>(
                     }
                 }
                 wk = wk.add(ws);
+            }
+            match finish {
+                Finish::Keep => {}
+                Finish::Relu => {
+                    for v in acc.as_flattened_mut() {
+                        *v = v.max(V::splat(0.0));
+                    }
+                }
+                Finish::Gate(gate) => {
+                    for (r, row) in acc.iter_mut().enumerate() {
+                        for (c, v) in row.iter_mut().enumerate() {
+                            let gate = V::load_ptr(gate.as_ptr().add((s + r) * ys + j + c * V::LANES));
+                            *v = gate.select_positive(*v, V::splat(0.0));
+                        }
+                    }
+                }
             }
             for (r, row) in acc.iter().enumerate() {
                 for (c, v) in row.iter().enumerate() {
@@ -181,55 +214,18 @@ unsafe fn outer_block<V: Vector, const C: usize>(
     C
 }
 
-/// Copy `rows` features of samples `s0..s0 + count` from feature-major `x` into a panel `[PANEL][ps]` at column `column`;
-/// samples past `count` and columns up to `column + padded` are set to 0.
+/// `g[o] += sum_s a[s][o]` over the panel's samples for `o < width`, a multiple of 16: the bias gradient.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
-pub(super) fn panel_from_rows(
-    x: &[f32],
-    stride: usize,
-    rows: usize,
-    s0: usize,
-    count: usize,
-    panel: &mut [f32],
-    ps: usize,
-    column: usize,
-    padded: usize,
-) {
-    if count < PANEL || padded > rows {
-        for row in panel.chunks_exact_mut(ps) {
-            row[column..column + padded].fill(0.0);
-        }
-    }
-    for f in 0..rows {
-        let row = &x[f * stride + s0..][..count];
-        for (v, p) in row.iter().zip(panel[column + f..].iter_mut().step_by(ps)) {
-            *p = *v;
-        }
-    }
-}
-
-/// The way back: write (`ADD = false`) or add (`ADD = true`) columns `column..column + rows` of a panel to feature-major `out`.
-#[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "a kernel: matrices with strides")]
-pub(super) fn rows_from_panel<const ADD: bool>(
-    panel: &[f32],
-    ps: usize,
-    column: usize,
-    rows: usize,
-    out: &mut [f32],
-    stride: usize,
-    s0: usize,
-    count: usize,
-) {
-    for f in 0..rows {
-        let row = &mut out[f * stride + s0..][..count];
-        for (v, p) in row.iter_mut().zip(panel[column + f..].iter().step_by(ps)) {
-            if ADD {
-                *v += *p;
-            } else {
-                *v = *p;
+pub(super) fn column_sums<V: Vector>(a: &[f32], a_stride: usize, width: usize, g: &mut [f32]) {
+    for (o, g) in g[..width].chunks_exact_mut(16).enumerate() {
+        let mut acc = [V::splat(0.0); 2];
+        for row in a.chunks(a_stride).take(PANEL) {
+            for (c, acc) in acc.iter_mut().enumerate().take(16 / V::LANES) {
+                *acc = *acc + V::load(&row[16 * o + c * V::LANES..]);
             }
+        }
+        for (acc, g) in acc.iter().zip(g.chunks_exact_mut(V::LANES)) {
+            (V::load(g) + *acc).store(g);
         }
     }
 }

@@ -33,6 +33,7 @@ mod activation;
 mod backward;
 mod forward;
 mod kernel;
+mod transpose;
 
 pub use activation::Activation;
 
@@ -213,9 +214,20 @@ impl Mlp {
             mlp.layers.push(layer);
             previous = outputs;
         }
-        // The output panel, kept for the derivative of the last activation.
-        mlp.panel_len += PANEL * pad(config.outputs);
+        if mlp.keeps_outputs() {
+            mlp.panel_len += PANEL * config.outputs;
+        }
         Ok(mlp)
+    }
+
+    /// Whether outputs are kept, `[outputs][PANEL]` behind the last layer's input, for the derivative of the last activation.
+    fn keeps_outputs(&self) -> bool {
+        self.layers.last().is_some_and(|l| l.activation != Activation::None)
+    }
+
+    /// Floats of the last layer's output panel.
+    fn output_panel_len(&self) -> usize {
+        PANEL * pad(self.outputs())
     }
 
     /// The layers, first to last.
@@ -245,13 +257,13 @@ impl Mlp {
     /// Floats that [`Mlp::forward`] keeps for the backward pass of `n` samples.
     #[must_use]
     pub fn activations_len(&self, n: usize) -> usize {
-        n.div_ceil(PANEL) * self.panel_len
+        if n == 0 { 0 } else { n.div_ceil(PANEL) * self.panel_len + self.output_panel_len() }
     }
 
     /// Floats of scratch that [`Mlp::infer`] needs, whatever the batch.
     #[must_use]
     pub fn infer_scratch_len(&self) -> usize {
-        self.panel_len
+        self.panel_len + self.output_panel_len()
     }
 
     /// Floats of scratch that [`Mlp::backward`] needs, whatever the batch.
