@@ -4,9 +4,11 @@ use std::path::Path;
 
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Addressing, Growth, HashGrid, HashGridConfig, Interpolation, Rule, Touched};
+use field_core::encoding::integrated::Integrated;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::encoding::window;
 use float_core::Simd;
+use render_core::frustum::{Moments, symmetric};
 use testkit::golden::{Golden, Kind, Record, assert_close};
 
 fn golden() -> Golden {
@@ -221,4 +223,67 @@ fn hash_grid_features_and_gradients_match_golden() {
         }
     }
     assert_eq!(count, 9);
+}
+
+#[test]
+fn integrated_matches_golden() {
+    let golden = golden();
+    let mut count = 0;
+    for record in golden.op("ipe") {
+        assert_eq!(record.param("min_deg").usize(), 0);
+        let (mean, var) = (record.input("mean").f32(), record.input("var").f32());
+        let (dims, octaves) = (mean.len(), record.param("max_deg").usize());
+        let encoding = Integrated::new(dims, octaves).unwrap();
+        // The file has all sines before all cosines; here they take turns, octave by octave.
+        let place = |r: usize| {
+            let (half, r) = (r / (dims * octaves), r % (dims * octaves));
+            (2 * (r / dims) + half) * dims + r % dims
+        };
+        for simd in Simd::available() {
+            let mut out = vec![f32::NAN; encoding.out_rows()];
+            encoding.encode(simd, &mean, &var, &mut out).unwrap();
+            let ordered: Vec<f32> = (0..out.len()).map(|r| out[place(r)]).collect();
+            assert_close(&record.label(), &ordered, &record.output("encoding").data, 0.0, 1e-6);
+            let mut out_bar = vec![0.0; out.len()];
+            for (r, bar) in record.cotangent("encoding").f32().into_iter().enumerate() {
+                out_bar[place(r)] = bar;
+            }
+            let (mut mean_bar, mut var_bar) = (vec![0.0; dims], vec![0.0; dims]);
+            encoding.encode_backward(simd, &mean, &var, &out_bar, Some(&mut mean_bar), Some(&mut var_bar)).unwrap();
+            let (rtol, atol) = gradients(record);
+            assert_close(&record.label(), &mean_bar, &record.grad("mean").data, rtol, atol);
+            assert_close(&record.label(), &var_bar, &record.grad("var").data, rtol, atol);
+        }
+        count += 1;
+    }
+    assert_eq!(count, 8);
+}
+
+#[test]
+fn conical_frusta_match_golden() {
+    let golden = golden();
+    let mut count = 0;
+    for record in golden.op("conical_frustum") {
+        let label = record.label();
+        let vector = |name| <[f64; 3]>::try_from(&record.input(name).data[..]).unwrap();
+        let scalar = |name| record.input(name).data[0];
+        let (o, d) = (vector("origin"), vector("direction"));
+        let m = Moments::conical(scalar("t0"), scalar("t1"), scalar("radius"));
+        for (name, got) in [("t_mean", m.mean_t), ("t_var", m.var_t), ("r_var", m.var_r)] {
+            assert_close(&format!("{label} {name}"), &[got], &record.output(name).data, 1e-12, 1e-30);
+        }
+        let (mean, upper) = m.covariance(o, d);
+        let cov = symmetric(upper).concat();
+        assert_close(&label, &mean, &record.output("mean").data, 1e-12, 0.0);
+        assert_close(&label, &cov, &record.output("cov").data, 1e-12, 1e-30);
+        assert_close(&label, &m.diagonal(o, d).1, &record.output("cov_diag").data, 1e-12, 1e-30);
+        // The same in f32.
+        let f = |x: [f64; 3]| x.map(|x| x as f32);
+        let m = Moments::conical(scalar("t0") as f32, scalar("t1") as f32, scalar("radius") as f32);
+        let (rtol, atol) = values(record);
+        assert_close(&label, &m.diagonal(f(o), f(d)).1, &record.output("cov_diag").data, rtol, 0.0);
+        assert_close(&label, &m.covariance(f(o), f(d)).0, &record.output("mean").data, rtol, atol);
+        count += 1;
+    }
+    assert_eq!(count, 8);
 }

@@ -5,9 +5,9 @@
 pub mod dense_grid;
 pub mod frequency;
 pub mod hash_grid;
+pub mod integrated;
 mod lattice;
 pub mod spherical_harmonics;
-mod turn;
 pub mod window;
 
 use crate::FieldError;
