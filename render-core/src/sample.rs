@@ -65,11 +65,13 @@ pub fn bin_edges(near: f32, far: f32, spacing: Spacing, edges: &mut [f32]) {
 pub fn stratified_bins(near: f32, far: f32, spacing: Spacing, u: &[f32], t: &mut [f32]) {
     assert_eq!(u.len(), t.len(), "one random number a sample");
     let n = u.len() as f64;
-    let edge = |i: usize| spacing.at(near.into(), far.into(), i as f64 / n);
+    let edge_at = |i: f64| spacing.at(near.into(), far.into(), i / n);
     let mut lower = f64::from(near);
     for (i, (t, &u)) in t.iter_mut().zip(u).enumerate() {
-        let upper = edge(i + 1);
-        *t = between(lower, upper, u) as f32;
+        let upper = edge_at((i + 1) as f64);
+        // A bin that ends at infinity has its share in the inverse of the distance.
+        let shared = if upper.is_finite() { between(lower, upper, u) } else { edge_at(i as f64 + f64::from(u)) };
+        *t = shared as f32;
         lower = upper;
     }
 }

@@ -17,8 +17,8 @@ impl OccupancyGrid {
         for (&cell, &new) in cells.iter().zip(thickness) {
             let old = &mut self.thickness[cell as usize];
             if *old >= 0.0 {
-                // `max` drops a NaN.
-                *old = (*old * self.settings.decay).max(new);
+                // `max` drops a NaN. An infinite thickness would never decay.
+                *old = (*old * self.settings.decay).max(new).min(f32::MAX);
             }
         }
         self.updates += 1;
