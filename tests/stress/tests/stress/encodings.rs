@@ -1,0 +1,138 @@
+//! Hash grids, frequencies and spherical harmonics of positions and directions that no scene has.
+
+use field_core::FieldError;
+use field_core::encoding::frequency::{Base, Frequency, Identity};
+use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig};
+use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
+use float_core::Simd;
+use stress::{MAGNITUDES, Tally, close, ensure, finite};
+
+pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
+    hash_grid(tally, simd);
+    frequency(tally, simd);
+    harmonics(tally, simd);
+}
+
+fn hash_grid(tally: &mut Tally, simd: Simd) {
+    for (log2_table, n_min, n_max) in [(3, 1, 1), (10, 16, 2048), (14, 1, 1 << 20), (8, 1 << 20, 1 << 22)] {
+        let grid = HashGrid::new(HashGridConfig {
+            levels: 6,
+            log2_table,
+            n_min,
+            growth: Growth::UpTo(n_max),
+            ..HashGridConfig::default()
+        })
+        .unwrap();
+        let params: Vec<f32> = (0..grid.params_len()).map(|i| (i as f32 * 0.37).sin()).collect();
+        let positions = MAGNITUDES.iter().flat_map(|&m| [m, -m]).chain([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+        for x in positions {
+            let name = format!("hash grid of 2^{log2_table}, {n_min} to {n_max}, x = {x:e}");
+            tally.case(name, "the features of the clamped position, NaN as 0; no gradient past the edge", || {
+                let n = 17;
+                let at = |x: f32| [vec![x; n], vec![0.3; n], vec![x; n]].concat();
+                let clamped = if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
+                let (mut got, mut want) = (vec![f32::NAN; grid.out_rows() * n], vec![f32::NAN; grid.out_rows() * n]);
+                grid.encode(simd, &params, &at(x), &mut got).map_err(|e| e.to_string())?;
+                grid.encode(simd, &params, &at(clamped), &mut want).map_err(|e| e.to_string())?;
+                finite("features", &got)?;
+                ensure(got == want, || "other features than at the clamped position".into())?;
+                // A blend of the table stays within it.
+                ensure(got.iter().all(|f| f.abs() <= 1.000_001), || "features leave the table's range".into())?;
+                let (mut grad, mut x_bar) = (vec![0.0; params.len()], vec![0.0; 3 * n]);
+                let bars = vec![1.0; got.len()];
+                grid.encode_backward(simd, &at(x), &bars, &mut grad, None).map_err(|e| e.to_string())?;
+                grid.encode_backward_x(simd, &params, &at(x), &bars, &mut x_bar).map_err(|e| e.to_string())?;
+                finite("table gradient", &grad)?;
+                finite("position gradient", &x_bar)?;
+                ensure((0.0..=1.0).contains(&x) || x_bar[..n].iter().all(|&g| g == 0.0), || "a pull outside".into())
+            });
+        }
+    }
+    for value in [1e-45_f32, 1e-38, 1e30, 1e37] {
+        tally.case(format!("hash grid that holds {value:e}"), "the features are what it holds, to 1e-6", || {
+            let grid = HashGrid::new(HashGridConfig { log2_table: 8, ..HashGridConfig::default() }).unwrap();
+            let params = vec![value; grid.params_len()];
+            let mut out = vec![f32::NAN; grid.out_rows() * 5];
+            grid.encode(simd, &params, &[0.123; 15], &mut out).map_err(|e| e.to_string())?;
+            // Eight products of denormals round eight times.
+            out.iter().try_for_each(|&f| close("feature", f.into(), value.into(), 1e-6 * f64::from(value) + 6e-45))
+        });
+    }
+}
+
+fn frequency(tally: &mut Tally, simd: Simd) {
+    for base in [Base::One, Base::Pi] {
+        for octaves in [1, 10, 32] {
+            let encoding = Frequency::new(1, octaves, base, Identity::Omit).unwrap();
+            for x in MAGNITUDES.iter().flat_map(|&m| [m, -m]) {
+                tally.case(
+                    format!("{octaves} octaves, base {base:?}, x = {x:e}"),
+                    "sine and cosine on the circle",
+                    || {
+                        let n = 17;
+                        let mut out = vec![f32::NAN; encoding.out_rows() * n];
+                        encoding.encode(simd, &[x; 17], None, &mut out).map_err(|e| e.to_string())?;
+                        finite("out", &out)?;
+                        for k in 0..octaves {
+                            let (s, c) = (f64::from(out[2 * k * n + 3]), f64::from(out[(2 * k + 1) * n + 3]));
+                            close("sin^2 + cos^2", s * s + c * c, 1.0, 1e-6)?;
+                            let kappa = if base == Base::One { 1.0 } else { core::f64::consts::PI };
+                            let argument = f64::from(x) * kappa * (k as f64).exp2();
+                            // Where an f32 still resolves a period, the value is the exact one.
+                            if argument.abs() < 1e9 {
+                                close("sine", s, argument.sin(), 2e-7)?;
+                                close("cosine", c, argument.cos(), 2e-7)?;
+                            }
+                        }
+                        let mut x_bar = [0.0; 17];
+                        let bars = vec![1.0; out.len()];
+                        encoding.encode_backward(simd, &[x; 17], None, &bars, &mut x_bar).map_err(|e| e.to_string())?;
+                        finite("x_bar", &x_bar)
+                    },
+                );
+            }
+        }
+    }
+    for bad in [f32::NAN, f32::INFINITY] {
+        tally.case(format!("frequency of {bad}"), "NaN, not a number that looks right", || {
+            let encoding = Frequency::new(1, 4, Base::One, Identity::Omit).unwrap();
+            let mut out = vec![0.0; encoding.out_rows()];
+            encoding.encode(simd, &[bad], None, &mut out).map_err(|e| e.to_string())?;
+            ensure(out.iter().all(|v| v.is_nan()), || format!("{out:?}"))
+        });
+    }
+}
+
+fn harmonics(tally: &mut Tally, simd: Simd) {
+    let any = SphericalHarmonics::new(4, Directions::Any).unwrap();
+    let unit = {
+        let mut out = vec![f32::NAN; 16];
+        any.encode(simd, &[0.36, -0.48, 0.8], &mut out).unwrap();
+        out
+    };
+    for length in MAGNITUDES.into_iter().filter(|m| *m > 1e-37) {
+        tally.case(
+            format!("harmonics of a direction of length {length:e}"),
+            "those of the unit direction, 1e-6",
+            || {
+                let d: Vec<f32> = [0.36_f32, -0.48, 0.8].iter().map(|v| v * length).collect();
+                let (mut out, mut d_bar) = (vec![f32::NAN; 16], vec![0.0; 3]);
+                any.encode(simd, &d, &mut out).map_err(|e| e.to_string())?;
+                for (got, want) in out.iter().zip(&unit) {
+                    close("harmonic", (*got).into(), (*want).into(), 1e-6)?;
+                }
+                any.encode_backward(simd, &d, &[1.0; 16], &mut d_bar).map_err(|e| e.to_string())?;
+                ensure(d_bar.iter().all(|g| !g.is_nan()), || format!("gradient {d_bar:?}"))
+            },
+        );
+    }
+    for bad in [[0.0; 3], [f32::NAN, 1.0, 0.0], [0.0, f32::INFINITY, 0.0], [f32::INFINITY, f32::NEG_INFINITY, 0.0]] {
+        tally.case(format!("harmonics of {bad:?}"), "refused, with the number of the direction", || {
+            let d = [1.0, bad[0], 0.0, bad[1], 0.0, bad[2]];
+            match any.encode(simd, &d, &mut [0.0; 32]) {
+                Err(FieldError::Direction { index: 1 }) => Ok(()),
+                other => Err(format!("{other:?}")),
+            }
+        });
+    }
+}
