@@ -4,6 +4,7 @@
 //!   differences, an `f32` kernel against the twin, functions with corners.
 //! * [`strategies`]: proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the
 //!   values that break code mixed in.
+//! * [`reference`](mod@reference): `f64` twins that several crates need.
 //! * [`golden`]: reader for the golden-vector files, [`golden::assert_close`], where the shared data lies.
 //!
 //! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written
@@ -26,4 +27,5 @@
 
 pub mod golden;
 pub mod gradient;
+pub mod reference;
 pub mod strategies;
