@@ -4,6 +4,8 @@
 //! [`Task`]; `Simd::run` compiles its body once for each level and picks the right one. Vector types are private, so
 //! they are reachable only inside a `Task`, that is, only where the features they need are present.
 
+mod bits;
+
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Name of a level.
@@ -98,7 +100,7 @@ pub trait Vector:
     + Mul<Output = Self>
     + Div<Output = Self>
     + Neg<Output = Self>
-    + sealed::Sealed
+    + bits::Bits
 {
     /// How many.
     const LANES: usize;
@@ -141,15 +143,9 @@ pub trait Vector:
     fn sum(self) -> f32;
 }
 
-mod sealed {
-    pub trait Sealed {}
-}
-
 /// Plain arrays of eight.
 #[derive(Clone, Copy)]
 struct Scalar([f32; 8]);
-
-impl sealed::Sealed for Scalar {}
 
 macro_rules! lane_ops {
     ($($trait:ident $name:ident $op:tt;)+) => {$(
@@ -241,7 +237,7 @@ impl Vector for Scalar {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Task, Vector, sealed::Sealed};
+    use super::{Task, Vector};
     use core::arch::x86_64::*;
     use core::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -260,11 +256,9 @@ mod x86 {
     }
 
     #[derive(Clone, Copy)]
-    struct Avx2(__m256);
+    pub(super) struct Avx2(pub(super) __m256);
     #[derive(Clone, Copy)]
-    struct Avx512(__m512);
-    impl Sealed for Avx2 {}
-    impl Sealed for Avx512 {}
+    pub(super) struct Avx512(pub(super) __m512);
 
     // SAFETY (all intrinsics below): the types are private and handed out only as the type parameter of a `Task` that
     // `run_avx2` / `run_avx512` runs, so the features are present; loads and stores go through slices of checked length.
@@ -439,10 +433,7 @@ mod x86 {
         // SAFETY: see the head of the macro.
         |x, a, b| unsafe { _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(x, _mm512_setzero_ps()), b, a) },
         // SAFETY: see the head of the macro.
-        |x, n| unsafe {
-            let bits = _mm512_slli_epi32::<23>(_mm512_add_epi32(_mm512_cvtps_epi32(n), _mm512_set1_epi32(127)));
-            _mm512_mul_ps(x, _mm512_castsi512_ps(bits))
-        },
+        |x, n| unsafe { _mm512_scalef_ps(x, n) },
         // SAFETY: `Vector::gather` has checked every index against the table.
         |table, index| unsafe {
             _mm512_i32gather_ps::<4>(_mm512_loadu_si512(index.as_ptr().cast()), table.as_ptr())
