@@ -5,9 +5,11 @@
 //! * [`strategies`]: proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the
 //!   values that break code mixed in.
 //! * [`reference`](mod@reference): `f64` twins that several crates need.
+//! * [`analytic`]: densities and colours along a ray whose pixel is known.
 //! * [`golden`]: reader for the golden-vector files, [`golden::assert_close`], where the shared data lies.
 //!
-//! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written
+//! With the feature `convergence`, `convergence` measures the quadrature rules and samplers of `render-core` on those. But for
+//! that, nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written
 //! elsewhere is tested in the same way as one of ours. `examples/own_pair.rs` does it from start to end:
 //!
 //! ```
@@ -25,6 +27,9 @@
 //! The checks return a [`gradient::Mismatch`], which names the worst entry, both values and the bound; `unwrap` it in a
 //! test. They have tests of their own, which feed them wrong gradients: a check that always passes is the worst bug.
 
+pub mod analytic;
+#[cfg(feature = "convergence")]
+pub mod convergence;
 pub mod golden;
 pub mod gradient;
 pub mod reference;
