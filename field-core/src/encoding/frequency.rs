@@ -1,9 +1,8 @@
 //! Frequency (positional) encoding: sines and cosines of octaves.
 
-use float_core::{Simd, Task, Vector};
+use float_core::{Simd, Task, Vector, vecmath};
 
 use super::lattice::cell::{BLOCK, Lanes};
-use super::turn::sin_cos;
 use crate::FieldError;
 use crate::error::check_len;
 
@@ -36,7 +35,9 @@ pub enum Identity {
 /// * `out` `[out_rows][n]`
 ///
 /// # Numerics
-/// Arguments are reduced in `f64`: sines are within `1.5e-7` for all octaves. NaN and infinity give NaN.
+/// The product of input and power of two is exact, and so is the reduction of what comes out of it
+/// ([`vecmath::sin_cos`], [`vecmath::sin_cos_pi`]): sines and cosines are within 2 units in the last place for all octaves,
+/// at every SIMD level with the same bits. NaN, infinity and products past `f32::MAX` give NaN.
 ///
 /// # Source
 /// Mildenhall et al., "NeRF", 2020, eq. 4.
@@ -242,28 +243,41 @@ impl<F: FnMut(Octave, &Lanes, &Lanes)> Task for Octaves<'_, F> {
                 let mut x = [0.0; BLOCK];
                 x[..row.len()].copy_from_slice(row);
                 for k in 0..octaves {
-                    let frequency = kappa * (1_u64 << k) as f64;
-                    // For the base pi the quadrants are 2^k+1: the product is exact.
-                    let quadrants = match base {
-                        Base::One => frequency * core::f64::consts::FRAC_2_PI,
-                        Base::Pi => (2_u64 << k) as f64,
-                    };
-                    let (sin, cos) = sin_cos(&x, quadrants);
+                    let octave = (1_u64 << k) as f32;
+                    let frequency = (kappa * f64::from(octave)) as f32;
+                    let (sin, cos) = sin_cos::<V>(&x, octave, base);
                     let sin_row = first + 2 * k * dims + dim;
-                    let octave = Octave {
+                    let part = Octave {
                         dim,
                         at: block * BLOCK,
                         len: row.len(),
                         sin_row,
                         cos_row: sin_row + dims,
-                        frequency: frequency as f32,
+                        frequency,
                         window: self.window.map_or(1.0, |w| w[k]),
                     };
-                    (self.body)(octave, &sin, &cos);
+                    (self.body)(part, &sin, &cos);
                 }
             }
         }
     }
+}
+
+/// Sines and cosines of `octave * x`, or `pi` times that. `octave` is a power of two.
+#[inline(always)]
+fn sin_cos<V: Vector>(x: &Lanes, octave: f32, base: Base) -> (Lanes, Lanes) {
+    let (mut sin, mut cos) = ([0.0; BLOCK], [0.0; BLOCK]);
+    let out = sin.chunks_exact_mut(V::LANES).zip(cos.chunks_exact_mut(V::LANES));
+    for (x, (sin, cos)) in x.chunks_exact(V::LANES).zip(out) {
+        let x = V::load(x) * V::splat(octave);
+        let (s, c) = match base {
+            Base::One => vecmath::sin_cos(x),
+            Base::Pi => vecmath::sin_cos_pi(x),
+        };
+        s.store(sin);
+        c.store(cos);
+    }
+    (sin, cos)
 }
 
 /// `row[i] = f(i, lanes[i])`.
