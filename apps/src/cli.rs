@@ -118,6 +118,9 @@ pub(crate) struct Train {
     /// Error a pixel may have from skipped work, in colour units; 0 skips nothing
     #[arg(long, value_name = "X", value_parser = budget)]
     pub(crate) error_budget: Option<f32>,
+    /// Train on images at full, half, quarter … size: so many scales, pixels weighted with their area
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
+    pub(crate) scales: Option<u32>,
     /// Any setting of the system
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
@@ -161,6 +164,9 @@ pub(crate) struct Data {
 pub(crate) struct Eval {
     /// Run folder
     pub(crate) run: PathBuf,
+    /// Measure at full, half, quarter … size instead: so many scales, against the means of the held-out pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
+    pub(crate) scales: Option<u32>,
 }
 
 #[derive(Debug, Args)]
@@ -291,6 +297,8 @@ mod tests {
             "train s --out d --seconds 60 --eval-at 10,30.5 --progress json",
             "train --resume --out d",
             "eval d --lpips-weights w",
+            "train s --out d --system mip-nerf --scales 4 --set width=64",
+            "eval d --scales 4",
             "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals --longest-side 50",
             "render d --path cameras.json --out e",
             "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",

@@ -5,11 +5,12 @@
 //! directions are computed.
 
 use field_core::rng::Rng;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use render_core::camera::{Camera, RayTable};
+use render_core::camera::{Camera, Prepared, RayTable};
 use render_core::ray::Ray;
 use scene_io::{Image, ImageStore, Scene, SceneError};
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 /// Rays of one task: fixed, so that the batch does not depend on the number of threads.
@@ -35,8 +36,12 @@ pub struct View {
     pub name: String,
     /// Camera at training resolution.
     pub camera: Camera,
+    /// How often the frame was halved: the view is `1 / 2^level` of the training resolution.
+    pub level: u32,
     /// Directions of a lens with distortion, shared by views with equal intrinsics.
     table: Option<Arc<RayTable>>,
+    /// The same lens, for what the table does not hold.
+    prepared: Option<Prepared>,
 }
 
 impl View {
@@ -57,6 +62,25 @@ impl View {
         }
     }
 
+    /// Radius of the cone of pixel `(x, y)` at distance 1, for unit directions; see [`Prepared::cone_radius`]. `None` where
+    /// the lens has no preimage.
+    pub fn cone_radius(&self, x: u32, y: u32) -> Option<f64> {
+        let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        match &self.prepared {
+            Some(prepared) => prepared.cone_radius(at),
+            None => {
+                let Camera { fx, fy, cx, cy, .. } = self.camera;
+                let v = DVec3::new((at.x - cx) / fx, (at.y - cy) / fy, 1.0);
+                Some(0.5 * (1.0 / fx + 1.0 / fy) / v.length() * (2.0 / 12.0_f64.sqrt()))
+            }
+        }
+    }
+
+    /// Area of a pixel, in pixels of the training resolution.
+    pub fn pixel_area(&self) -> f32 {
+        4.0_f32.powi(self.level as i32)
+    }
+
     /// Rays of all pixels of the rows `rows`, row by row; `None` where the lens has no preimage.
     pub fn rays(&self, rows: std::ops::Range<u32>) -> impl Iterator<Item = Option<Ray>> + '_ {
         rows.flat_map(move |y| (0..self.camera.width).map(move |x| self.ray(x, y)))
@@ -72,7 +96,8 @@ pub struct Batch {
     pub rgb: Vec<[f32; 3]>,
     /// Opacity of the pixel, 1 for images without alpha.
     pub alpha: Vec<f32>,
-    /// 1, or 0 for a ray that must not count: ignored by a mask, or without a ray through the lens.
+    /// The area of the pixel ([`View::pixel_area`]), 1 unless images are trained on at several scales; 0 for a ray that must
+    /// not count: ignored by a mask, or without a ray through the lens.
     pub weight: Vec<f32>,
     /// View of the dataset.
     pub view: Vec<u32>,
@@ -130,32 +155,65 @@ impl Dataset {
     /// # Panics
     /// When an index in `frames` is not one of `scene.frames`.
     pub fn new(scene: &Scene, store: Arc<ImageStore>, frames: Vec<usize>) -> Result<Self, SceneError> {
-        let mut tables: Vec<(Camera, Arc<RayTable>)> = Vec::new();
-        let mut views = Vec::with_capacity(frames.len());
-        let (mut bytes, mut largest) = (0, 0);
-        for &frame in &frames {
-            let camera = *store.camera(frame);
-            let table = (!camera.lens.is_pinhole()).then(|| {
-                let known = tables.iter().find(|(c, _)| c.same_optics(&camera)).map(|(_, table)| table.clone());
-                known.unwrap_or_else(|| {
-                    let table = Arc::new(RayTable::new(&camera));
-                    tables.push((camera, table.clone()));
-                    table
-                })
-            });
-            let size = store.bytes(frame);
-            bytes += size;
-            largest = largest.max(size);
-            views.push(View { frame, name: scene.frames[frame].name.clone(), camera, table });
+        Self::with_levels(scene, store, frames, 0..1)
+    }
+
+    /// The same, each frame once for each level: a view of level `k` is the frame's mean over squares of `2^k` pixels.
+    ///
+    /// All pixels of all levels are equally likely in a batch, and weigh as much as their area.
+    ///
+    /// # Errors
+    /// As [`Dataset::new`].
+    ///
+    /// # Panics
+    /// As [`Dataset::new`].
+    pub fn with_levels(
+        scene: &Scene,
+        store: Arc<ImageStore>,
+        frames: Vec<usize>,
+        levels: Range<u32>,
+    ) -> Result<Self, SceneError> {
+        let frames: Vec<(usize, String)> = frames.into_iter().map(|f| (f, scene.frames[f].name.clone())).collect();
+        Ok(Self::of_frames(store, &frames, levels))
+    }
+
+    /// The views of this dataset at one level; see [`Dataset::with_levels`].
+    #[must_use]
+    pub fn at_level(&self, level: u32) -> Self {
+        let mut frames: Vec<(usize, String)> = self.views.iter().map(|v| (v.frame, v.name.clone())).collect();
+        let mut seen = std::collections::HashSet::new();
+        frames.retain(|(frame, _)| seen.insert(*frame));
+        Self::of_frames(self.store.clone(), &frames, level..level + 1)
+    }
+
+    fn of_frames(store: Arc<ImageStore>, frames: &[(usize, String)], levels: Range<u32>) -> Self {
+        let mut tables: Vec<(Camera, Arc<RayTable>, Prepared)> = Vec::new();
+        let mut views = Vec::with_capacity(frames.len() * levels.len());
+        for level in levels {
+            for (frame, name) in frames {
+                let camera = level_camera(store.camera(*frame), level);
+                let lens = (!camera.lens.is_pinhole()).then(|| {
+                    let known = tables.iter().find(|(c, ..)| c.same_optics(&camera)).map(|(_, t, p)| (t.clone(), *p));
+                    known.unwrap_or_else(|| {
+                        let (table, prepared) = (Arc::new(RayTable::new(&camera)), camera.prepare());
+                        tables.push((camera, table.clone(), prepared));
+                        (table, prepared)
+                    })
+                });
+                let (table, prepared) = lens.unzip();
+                views.push(View { frame: *frame, name: name.clone(), camera, level, table, prepared });
+            }
         }
         let mut first_pixel = vec![0];
         for view in &views {
             let pixels = u64::from(view.camera.width) * u64::from(view.camera.height);
             first_pixel.push(first_pixel[first_pixel.len() - 1] + pixels);
         }
-        let fits = bytes <= store.budget_bytes();
+        let bytes = views.iter().map(|view| view_bytes(&store, view));
+        let (total, largest) = bytes.fold((0, 0), |(total, largest), size| (total + size, size.max(largest)));
+        let fits = total <= store.budget_bytes();
         let window = store.budget_bytes().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1) as u64);
-        Ok(Self { views, store, fits, resident: OnceLock::new(), window_views: window, first_pixel })
+        Self { views, store, fits, resident: OnceLock::new(), window_views: window, first_pixel }
     }
 
     /// Decode all views, in parallel, where they fit in the store's memory; the first [`Dataset::draw`] does it otherwise.
@@ -164,7 +222,7 @@ impl Dataset {
     /// [`SceneError`] of the first image that cannot be read.
     pub fn decode(&self) -> Result<(), SceneError> {
         if self.fits && self.resident.get().is_none() {
-            let decoded: Vec<_> = self.views.par_iter().map(|view| self.store.get(view.frame)).collect();
+            let decoded: Vec<_> = self.views.par_iter().map(|view| self.read(view)).collect();
             // Another thread may have been faster: it has the same pixels.
             let _ = self.resident.set(decoded.into_iter().collect::<Result<_, _>>()?);
         }
@@ -204,8 +262,17 @@ impl Dataset {
     pub fn image(&self, i: usize) -> Result<Arc<Image>, SceneError> {
         match self.resident.get() {
             Some(images) => Ok(images[i].clone()),
-            None => self.store.get(self.views[i].frame),
+            None => self.read(&self.views[i]),
         }
+    }
+
+    /// Decode a view's frame, at the view's level.
+    fn read(&self, view: &View) -> Result<Arc<Image>, SceneError> {
+        let image = self.store.get(view.frame)?;
+        Ok(match view.level {
+            0 => image,
+            _ => Arc::new(image.resized(view.camera.width, view.camera.height)),
+        })
     }
 
     /// Ray through the centre of a pixel of view `i`, or `None` where the lens has no preimage.
@@ -223,7 +290,7 @@ impl Dataset {
 
     /// Bytes the decoded views may take at one time, with the direction tables.
     pub fn memory_bytes(&self) -> u64 {
-        let images: u64 = self.views.iter().map(|view| self.store.bytes(view.frame)).sum();
+        let images: u64 = self.views.iter().map(|view| view_bytes(&self.store, view)).sum();
         let images = images.min(self.store.budget_bytes());
         let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
         tables.sort_by_key(|t| Arc::as_ptr(t));
@@ -299,7 +366,7 @@ impl Dataset {
             drawn = Drawn {
                 rgb: [p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0),
                 alpha: if channels == 4 { f32::from(p[3]) / 255.0 } else { 1.0 },
-                weight: if used && ray.is_some() { 1.0 } else { 0.0 },
+                weight: if used && ray.is_some() { self.views[v].pixel_area() } else { 0.0 },
                 view: v as u32,
                 pixel: [x as u16, y as u16],
                 // A ray that does not count still has to be a ray.
@@ -329,13 +396,28 @@ impl Dataset {
             batch.order.sort_unstable();
             for (place, &(_, v)) in (round * n..).zip(&batch.order) {
                 if places.contains(&place) {
-                    batch.pool.push((v, self.store.get(self.views[v as usize].frame)?));
+                    batch.pool.push((v, self.read(&self.views[v as usize])?));
                 }
             }
         }
         batch.pool_key = Some((seed, window));
         Ok(())
     }
+}
+
+/// The camera of a level: sides halved so often, rounded down, at least 1.
+fn level_camera(camera: &Camera, level: u32) -> Camera {
+    match level {
+        0 => *camera,
+        _ => camera.resized((camera.width >> level).max(1), (camera.height >> level).max(1)),
+    }
+}
+
+/// Bytes of a decoded view.
+fn view_bytes(store: &ImageStore, view: &View) -> u64 {
+    let full = store.camera(view.frame);
+    let pixels = |c: &Camera| u64::from(c.width) * u64::from(c.height);
+    (store.bytes(view.frame) * pixels(&view.camera)).div_ceil(pixels(full).max(1))
 }
 
 /// One drawn pixel.

@@ -41,7 +41,7 @@ pub struct Layout {
 /// Look at cameras and points.
 #[must_use]
 pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
-    let cameras: Vec<Camera> = data.views().iter().map(|v| v.camera).collect();
+    let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
     let poses: Vec<Pose> = cameras.iter().map(|c| c.pose).collect();
     let focal = cameras.iter().map(|c| 0.5 * (c.fx + c.fy)).sum::<f64>() / cameras.len().max(1) as f64;
     match scene.layout {

@@ -5,7 +5,7 @@
 //! * [`options`]: what a run is told and what was decided from it.
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
-//! * [`render`], [`picture`], [`eval`], [`report`]: pictures and how good they are.
+//! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`report`]: pictures and how good they are.
 //! * [`source`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
 pub mod camera_path;
@@ -13,6 +13,7 @@ pub mod checkpoint;
 pub mod data;
 pub mod error;
 pub mod eval;
+pub mod eval_scales;
 #[cfg(feature = "flip")]
 pub mod flip;
 pub mod identity;

@@ -88,6 +88,9 @@ pub struct DataOptions {
     /// What to do about images that are listed and missing: `refuse` or `skip`; absent: as the format's own tools do.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missing_images: Option<String>,
+    /// Scales trained on: 2 for images at full and half size, 3 for a quarter as well, …; absent: 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scales: Option<u32>,
     /// Memory for decoded images, MiB. Sets how many views a batch is drawn from when they do not all fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image_memory: Option<u64>,
@@ -197,6 +200,7 @@ impl Request {
         agree("--masks", given.masks.as_ref(), data.masks.as_ref())?;
         agree("--mask-white", given.mask_white.as_ref(), data.mask_white.as_ref())?;
         agree("--missing-images", given.missing_images.as_ref(), data.missing_images.as_ref())?;
+        agree("--scales", given.scales.as_ref(), Some(&data.scales.unwrap_or(1)))?;
         let memory = data.image_memory.unwrap_or(IMAGE_MEMORY_MIB);
         agree("--image-memory", given.image_memory.as_ref(), Some(&memory))?;
         for (key, given) in &self.set {

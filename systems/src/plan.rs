@@ -4,6 +4,7 @@ use crate::data::Dataset;
 use crate::layout::{Layout, layout};
 use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
+use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{Ngp, NgpConfig};
 use crate::system::{System, SystemError};
@@ -15,7 +16,7 @@ use serde::de::DeserializeOwned;
 const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 2] = ["ngp", "nerf"];
+pub const SYSTEMS: [&str; 3] = ["ngp", "nerf", "mip-nerf"];
 
 /// Build the system `name` for a scene.
 ///
@@ -66,6 +67,21 @@ pub fn build(
             let space = space(&layout, data, config.space, place, config.near)?;
             let nerf = Nerf::new(config.clone(), space, background, run.seed)?;
             Ok((Box::new(nerf), plan(lines, table(&config))))
+        }
+        "mip-nerf" => {
+            lines.push("network, intervals and learning rate as published; smaller batches".into());
+            let planned = MipNerfConfig {
+                centre: layout.centre.to_array(),
+                radius: layout.radius,
+                extent: f64::from(1_u32 << (layout.cascades - 1)),
+                point_size: layout.footprint as f32,
+                ..MipNerfConfig::published(layout.kind)
+            };
+            let config = settings(&planned, run)?;
+            let place = (config.centre, config.radius, config.extent);
+            let space = space(&layout, data, config.space, place, config.near)?;
+            let system = MipNerf::new(config.clone(), space, background, run.seed)?;
+            Ok((Box::new(system), plan(lines, table(&config))))
         }
         other => Err(SystemError::Config {
             field: "system",

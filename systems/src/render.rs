@@ -5,7 +5,7 @@ use glam::DVec2;
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 
-/// Rays of one call to [`System::render`]: enough work for many threads, little memory.
+/// Rays of one call to [`System::render_cones`]: enough work for many threads, little memory.
 const STRIP: usize = 1 << 14;
 
 /// The layers of a whole image, row by row; pixels the lens has no ray for show the background and nothing else.
@@ -33,15 +33,18 @@ pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     };
     let prepared = camera.prepare();
     let mut rays: Vec<Ray> = Vec::with_capacity(STRIP);
+    let mut radii: Vec<f32> = Vec::with_capacity(STRIP);
     let mut places: Vec<usize> = Vec::with_capacity(STRIP);
     for pixel in 0..pixels {
         let (x, y) = (pixel % width as usize, pixel / width as usize);
-        if let Some(ray) = prepared.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) {
+        let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+        if let Some(ray) = prepared.ray(centre) {
             rays.push(ray);
+            radii.push(prepared.cone_radius(centre).unwrap_or(0.0) as f32);
             places.push(pixel);
         }
         if rays.len() == STRIP || pixel + 1 == pixels {
-            let strip = system.render(&rays, query);
+            let strip = system.render_cones(&rays, &radii, query);
             for (k, &place) in places.iter().enumerate() {
                 layers.rgb[place] = strip.rgb[k];
                 layers.opacity[place] = strip.opacity[k];
@@ -52,6 +55,7 @@ pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
                 }
             }
             rays.clear();
+            radii.clear();
             places.clear();
         }
     }

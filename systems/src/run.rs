@@ -15,6 +15,7 @@ use crate::checkpoint::{self, Checkpoint};
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{Evaluation, Measures, evaluate};
+use crate::eval_scales::{ScaleTable, evaluate_scales};
 use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
@@ -241,11 +242,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// [`RunError::Untrainable`] without held-out views, unreadable images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
-        if self.held_out.is_empty() {
-            return Err(RunError::Option(
-                "the run holds no views out, so there is nothing to measure: train with `--holdout every:8`".into(),
-            ));
-        }
+        self.need_held_out()?;
         let at = (self.step, self.seconds);
         let evaluation = measure_and_write(
             (self.parts.storage, &self.folder),
@@ -258,6 +255,25 @@ impl<'a> Run<'a> {
         }
         report::write(self.parts.storage, &self.folder)?;
         Ok(evaluation)
+    }
+
+    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures.
+    ///
+    /// # Errors
+    /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
+    pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
+        self.need_held_out()?;
+        let place = (self.parts.storage, self.folder.as_path());
+        evaluate_scales(place, self.system.as_ref(), &self.held_out, &self.query(), scales, observer)
+    }
+
+    fn need_held_out(&self) -> Result<(), RunError> {
+        if self.held_out.is_empty() {
+            return Err(RunError::Option(
+                "the run holds no views out, so there is nothing to measure: train with `--holdout every:8`".into(),
+            ));
+        }
+        Ok(())
     }
 
     /// How held-out views are rendered.
@@ -334,7 +350,14 @@ fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), Run
     if held_out.is_empty() {
         held_out = scene.split(Split::Val).collect();
     }
-    Ok((Dataset::new(scene, store.clone(), train)?, Dataset::new(scene, store, held_out)?))
+    let scales = data.scales.unwrap_or(1);
+    let smallest = train.iter().map(|&f| store.camera(f)).map(|c| c.width.min(c.height)).min().unwrap_or(0);
+    if scales == 0 || smallest.checked_shr(scales - 1).unwrap_or(0) == 0 {
+        return Err(RunError::Option(format!(
+            "`--scales {scales}`: the smallest side is {smallest} pixels; the smallest scale needs one at least"
+        )));
+    }
+    Ok((Dataset::with_levels(scene, store.clone(), train, 0..scales)?, Dataset::new(scene, store, held_out)?))
 }
 
 fn short(hash: &str) -> String {
@@ -425,7 +448,7 @@ fn measure_and_write(
 }
 
 /// A frame's name as part of a file name: letters, digits, `-`, `_`, `.`; no extension.
-fn stem(name: &str) -> String {
+pub(crate) fn stem(name: &str) -> String {
     let name = Path::new(name).with_extension("");
     let clean = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     name.to_string_lossy().chars().map(clean).collect::<String>().trim_start_matches('.').to_string()

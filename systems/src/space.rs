@@ -16,6 +16,7 @@ use render_core::camera::{Camera, Pose};
 use render_core::contract::{Norm, contract_backward, contract_batch, inv_contract};
 use render_core::ndc::Ndc;
 use render_core::ray::Ray;
+use render_core::sample::Spacing;
 use serde::{Deserialize, Serialize};
 
 /// How space is laid out.
@@ -74,6 +75,8 @@ pub struct InternalRay {
     pub end: f32,
     /// Unit direction in the scene's frame, for the colour.
     pub view: [f32; 3],
+    /// Radius of the pixel's cone at distance 1; in NDC that of its cylinder.
+    pub radius: f32,
 }
 
 impl InternalRay {
@@ -147,8 +150,19 @@ impl Space {
     /// A ray of the scene's frame in internal coordinates.
     #[must_use]
     pub fn internal_ray(&self, ray: &Ray) -> InternalRay {
+        self.internal_cone(ray, 0.0)
+    }
+
+    /// A pixel's cone of the scene's frame in internal coordinates; `radius` at distance 1.
+    ///
+    /// In NDC all pixels of a camera run parallel: the radius is that of the pixel where space ends, which depends on the
+    /// direction alone, and is exact for cameras that look as the reference does. (The paper's code takes the distance of
+    /// neighbouring rays on the near plane, which is 0 for a camera that stands there.)
+    #[must_use]
+    pub fn internal_cone(&self, ray: &Ray, radius: f64) -> InternalRay {
         let view = ray.d.as_vec3().to_array();
-        let nowhere = InternalRay { o: [0.0; 3], d: [0.0, 0.0, 1.0], start: 0.0, end: 0.0, view };
+        let nowhere = InternalRay { o: [0.0; 3], d: [0.0, 0.0, 1.0], start: 0.0, end: 0.0, view, radius: 0.0 };
+        let mut wide = radius;
         let (o, d, near, far) = match self.kind {
             SpaceKind::Box | SpaceKind::Contracted => {
                 ((ray.o - self.centre) / self.radius, ray.d, self.near, f64::from(f32::MAX))
@@ -159,6 +173,8 @@ impl Space {
                     return nowhere;
                 };
                 let (o, d) = (DVec3::from(q.o), DVec3::from(q.d));
+                // On the image plane a pixel is 1 / cos times as large as across its ray.
+                wide *= 0.5 * (r.ndc.scale[0] + r.ndc.scale[1]) / (r.pose.r.transpose() * ray.d).z.abs();
                 // The far plane is infinity: Z stays below 1.
                 (o, d.normalize(), 0.0, d.length())
             }
@@ -171,8 +187,18 @@ impl Space {
                 start: start as f32,
                 end: end as f32,
                 view,
+                radius: wide as f32,
             },
             None => nowhere,
+        }
+    }
+
+    /// What lies evenly along a ray: where space has no end, the inverse of the distance.
+    #[must_use]
+    pub fn spacing(&self) -> Spacing {
+        match self.kind {
+            SpaceKind::Contracted => Spacing::Disparity,
+            SpaceKind::Box | SpaceKind::Ndc => Spacing::Linear,
         }
     }
 
@@ -369,6 +395,31 @@ mod tests {
                 let want = x[3 * a + i];
                 assert!((back[a] - want).abs() < 1e-3 * want.abs().max(1.0), "{back:?}");
             }
+        }
+    }
+
+    #[test]
+    fn cones_are_as_wide_as_the_pixels_around_them() {
+        let pose = Pose { r: DMat3::IDENTITY, c: DVec3::ZERO };
+        let cameras = [camera(DVec3::ZERO), camera(DVec3::new(0.3, -0.2, 0.1))];
+        let to_disc = 2.0 / 12.0_f64.sqrt();
+        for camera in &cameras {
+            let pixel = DVec2::new(11.5, 37.5);
+            let ray = camera.ray(pixel).unwrap();
+            let radius = camera.prepare().cone_radius(pixel).unwrap();
+            // A scene in other units looks the same.
+            for space in
+                [Space::boxed(DVec3::new(0.0, 0.0, 5.0), 6.0, 0.01), Space::contracted(DVec3::ZERO, 2.0, 16.0, 0.01)]
+            {
+                assert_eq!(space.internal_cone(&ray, radius).radius, radius as f32);
+            }
+            let space = Space::ndc(pose, 1.0, &cameras).unwrap();
+            let cone = space.internal_cone(&ray, radius);
+            // Far away, the neighbours are one pixel aside.
+            let far = |pixel| space.internal_point(camera.ray(pixel).unwrap().at(1e5)).unwrap();
+            let [at, right, below] = [DVec2::ZERO, DVec2::X, DVec2::Y].map(|step| far(pixel + step));
+            let pitch = 0.5 * ((right[0] - at[0]) + (at[1] - below[1]));
+            assert!((f64::from(cone.radius / pitch) - to_disc).abs() < 1e-3, "{} {pitch}", cone.radius);
         }
     }
 

@@ -188,6 +188,14 @@ pub trait System: Send + Sync {
     /// Render rays given in the scene's frame.
     fn render(&self, rays: &[Ray], query: &Query) -> Layers;
 
+    /// Render pixels: rays with the radius of each pixel's cone at distance 1
+    /// ([`Prepared::cone_radius`](render_core::camera::Prepared::cone_radius)). Systems that do not look at the footprint
+    /// of a pixel need not know of it.
+    fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
+        let _ = radii;
+        self.render(rays, query)
+    }
+
     /// Density at points of the scene's frame, 1 / world unit. `out` has one entry a point.
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]);
 

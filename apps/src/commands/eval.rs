@@ -2,11 +2,18 @@
 
 use super::{Done, Failure, Session, open, train::conclude};
 use crate::cli::Eval;
+use crate::show::line;
 
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let lpips = session.lpips()?;
     let mut show = session.show();
     let run = open(&args.run, &mut show)?;
+    if let Some(scales) = args.scales {
+        let table = run.evaluate_scales(scales, &mut show)?;
+        show.finish();
+        line(table.table().trim_end());
+        return Ok(Done::Finished);
+    }
     let evaluation = run.evaluate(lpips.as_ref(), &mut show)?;
     show.finish();
     conclude(Some(&evaluation), &args.run);

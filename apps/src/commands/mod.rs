@@ -93,6 +93,7 @@ fn data_options(data: &Data) -> DataOptions {
         }),
         mask_white: data.mask_white.clone(),
         missing_images: data.missing_images.clone(),
+        scales: None,
         image_memory: data.image_memory,
     }
 }

@@ -7,7 +7,7 @@ use crate::show::line;
 use std::path::Path;
 use std::time::Duration;
 use systems::eval::Evaluation;
-use systems::options::Request;
+use systems::options::{DataOptions, Request};
 use systems::run::Run;
 use systems::train::{Reason, Schedule, Stop};
 
@@ -21,7 +21,7 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         seed: args.seed,
         background: args.background.map(Into::into),
         error_budget: args.error_budget,
-        data: data_options(&args.data),
+        data: DataOptions { scales: args.scales, ..data_options(&args.data) },
         set: args.set.into_iter().collect(),
     };
     let stop = match (args.steps, args.seconds) {
@@ -74,7 +74,10 @@ pub(super) fn train(
 fn introduce(run: &Run<'_>, schedule: &Schedule) {
     let sizes = run.train.views().first().map(|v| (v.camera.width, v.camera.height));
     let sizes = sizes.map_or_else(String::new, |(w, h)| format!(", {w}x{h}"));
-    line(format_args!("{} ({}): {} training views{sizes}", run.scene.name, run.scene.dialect, run.train.len()));
+    let scales = run.config.data.scales.unwrap_or(1);
+    let sizes = if scales > 1 { format!("{sizes}, at {scales} scales") } else { sizes };
+    let views = run.train.len() / scales as usize;
+    line(format_args!("{} ({}): {views} training views{sizes}", run.scene.name, run.scene.dialect));
     for note in &run.scene.notes {
         line(format_args!("  {note}"));
     }

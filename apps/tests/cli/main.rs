@@ -3,4 +3,5 @@
 mod bad_datasets;
 mod commands;
 mod resume;
+mod scales;
 mod tools;

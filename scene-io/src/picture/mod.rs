@@ -74,6 +74,13 @@ impl Image {
         self.mask.as_ref().is_none_or(|m| m[row as usize * self.width as usize + column as usize] >= 128)
     }
 
+    /// The image at another size: each pixel is the mean of the area it covers, colours weighted with their opacity. A pixel
+    /// of the mask is used where half of its area is.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        resize::resize(self.clone(), width, height)
+    }
+
     /// Bytes of memory held.
     #[must_use]
     pub fn bytes(&self) -> u64 {

@@ -1,6 +1,9 @@
 //! Batches: which pixels they hold, and that they are the same whoever computes them.
 
 use crate::common::{sky_scene, train_split};
+use render_core::camera::Camera;
+use scene_io::{ImageStore, Split, StoreOptions};
+use std::sync::Arc;
 use systems::data::{Batch, Dataset};
 
 const ROOM: u64 = 1 << 30;
@@ -109,4 +112,74 @@ fn an_empty_dataset_gives_an_empty_batch() {
     assert!(data.is_empty() && draw(&data, 0, 0, 100).is_empty());
     let full = train_split(&sky_scene(4, 8, false), ROOM);
     assert!(draw(&full, 0, 0, 0).is_empty());
+}
+
+#[test]
+fn smaller_scales_hold_the_means_of_the_pixels_and_weigh_as_much_as_their_area() {
+    let scene = sky_scene(4, 20, false);
+    let frames: Vec<usize> = scene.split(Split::Train).collect();
+    for budget in [ROOM, 20 * 20 * 3 * 2] {
+        let store = Arc::new(
+            ImageStore::new(&scene.frames, StoreOptions { longest_side: None, budget_bytes: budget }).unwrap(),
+        );
+        let data = Dataset::with_levels(&scene, store, frames.clone(), 0..4).unwrap();
+        assert_eq!(data.len(), 12);
+        // 20, 10, 5, and 2: a fifth pixel is shared.
+        assert_eq!(data.pixel_count(), 3 * (400 + 100 + 25 + 4));
+        for v in 0..data.len() {
+            let view = data.view(v);
+            assert_eq!(view.level as usize, v / 3);
+            let image = data.image(v).unwrap();
+            assert_eq!((image.width, image.height), (view.camera.width, view.camera.height));
+            let fine = data.image(v % 3).unwrap();
+            if (1..3).contains(&view.level) {
+                let side = 1 << view.level;
+                for (x, y) in [(0, 0), (3, 1), (4, 4)] {
+                    let mut sum = 0;
+                    for (u, w) in (0..side * side).map(|k| (side * x + k % side, side * y + k / side)) {
+                        sum += u32::from(fine.pixel(u, w)[0]);
+                    }
+                    let mean = f64::from(sum) / f64::from(side * side);
+                    assert!((f64::from(image.pixel(x, y)[0]) - mean).abs() <= 0.5, "{mean} at {x} {y}");
+                }
+            }
+            // The same field of view.
+            let full = &data.view(v % 3).camera;
+            let corner = |c: &Camera| c.ray(glam::DVec2::new(f64::from(c.width), 0.0)).unwrap().d;
+            assert!((corner(full) - corner(&view.camera)).length() < 1e-12);
+        }
+        let batch = draw(&data, 1, 5, 20_000);
+        let mut drawn = [0.0; 4];
+        for i in 0..batch.len() {
+            let view = data.view(batch.view[i] as usize);
+            assert_eq!(batch.weight[i], [1.0, 4.0, 16.0, 64.0][view.level as usize]);
+            drawn[view.level as usize] += batch.weight[i] / 20_000.0;
+        }
+        if budget == ROOM {
+            // Each level counts as much as its area: all the same, but for the pixels lost at the edge.
+            for (level, pixels) in [400.0_f32, 100.0, 25.0, 4.0].into_iter().enumerate() {
+                let want = pixels / 529.0 * 4.0_f32.powi(level as i32);
+                assert!((drawn[level] / want - 1.0).abs() < 0.3, "{drawn:?}");
+            }
+        }
+        let half = data.at_level(1);
+        assert_eq!((half.len(), half.view(0).camera.width, half.view(0).level), (3, 10, 1));
+        assert_eq!(half.image(2).unwrap().data, data.image(5).unwrap().data);
+    }
+}
+
+#[test]
+fn cone_radii_are_those_of_the_prepared_camera() {
+    let scene = sky_scene(4, 12, false);
+    let data = train_split(&scene, ROOM);
+    let view = data.view(1);
+    for (x, y) in [(0, 0), (5, 7), (11, 11)] {
+        let at = glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let want = view.camera.prepare().cone_radius(at).unwrap();
+        assert!((view.cone_radius(x, y).unwrap() - want).abs() < 1e-12 * want);
+    }
+    // Half as many pixels: twice the radius at the same place of the image plane, but for the place inside the pixel.
+    let half = data.at_level(1);
+    let ratio = half.view(1).cone_radius(3, 3).unwrap() / view.cone_radius(6, 6).unwrap();
+    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
 }

@@ -2,10 +2,10 @@
 
 use super::network::Ops;
 use super::samples::{Level, Tile};
-use super::{Nerf, recorded};
+use super::{Recipe, TwoLevel, recorded};
 use crate::space::InternalRay;
 use crate::system::{Layers, Normals, Query};
-use field_core::tape::{Node, Tape, TapeError};
+use field_core::tape::{Encoder, Node, Tape, TapeError};
 use float_core::Simd;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -18,28 +18,34 @@ struct Rendered {
     rgb: Vec<f32>,
 }
 
-fn record<'a>(
-    ops: &'a Ops<'a>,
+fn record<'a, P: Encoder>(
+    ops: &'a Ops<'a, P>,
     level: &'a mut Level,
     params: &'a [f32],
 ) -> Result<(Tape<'a>, (Node, Node)), TapeError> {
     let n = level.t.len();
     let mut tape = Tape::new(&mut level.arena, params);
-    let (x, d) = (tape.constant(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
+    let (x, d) = (tape.constant(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
     let out = ops.record(&mut tape, x, d)?;
     Ok((tape, (out.raw_density, out.rgb)))
 }
 
-impl Nerf {
+impl<R: Recipe> TwoLevel<R> {
     /// Values of the fine network for a tile of rays: `(sigma, rgb)` nodes stay on the tape that `then` sees.
-    fn render_tile(&self, ops: &[Ops<'_>; 2], rays: &[InternalRay], tile: &mut Tile) -> Result<Rendered, TapeError> {
-        self.fill_coarse(rays, None, tile);
+    fn render_tile(
+        &self,
+        ops: &[Ops<'_, R::Position>; 2],
+        rays: &[InternalRay],
+        tile: &mut Tile,
+    ) -> Result<Rendered, TapeError> {
+        self.config.fill_coarse(&self.space, rays, None, tile);
         let raw = {
             let (mut tape, out) = record(&ops[0], &mut tile.coarse, self.network(0))?;
             let _ = &mut tape;
             tape.value(out.0)?.data.to_vec()
         };
-        self.fill_fine(rays, &raw, None, tile);
+        tile.weigh(raw.iter().map(|&raw| self.config.density_of(raw)), rays.len());
+        self.config.fill_fine(&self.space, rays, None, tile);
         let (tape, out) = record(&ops[1], &mut tile.fine, self.network(1))?;
         Ok(Rendered { raw: tape.value(out.0)?.data.to_vec(), rgb: tape.value(out.1)?.data.to_vec() })
     }
@@ -47,13 +53,14 @@ impl Nerf {
     /// Layers of a tile's rays, appended.
     pub(super) fn render_into(
         &self,
-        ops: &[Ops<'_>; 2],
-        rays: &[Ray],
+        ops: &[Ops<'_, R::Position>; 2],
+        (rays, radii): (&[Ray], &[f32]),
         query: &Query,
         tile: &mut Tile,
         out: &mut Layers,
     ) {
-        let internal: Vec<InternalRay> = rays.iter().map(|r| self.space.internal_ray(r)).collect();
+        let internal: Vec<InternalRay> =
+            rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
         out.rgb.resize(from + rays.len(), query.background);
@@ -70,7 +77,8 @@ impl Nerf {
         let values = recorded(self.render_tile(ops, &hit_rays, tile));
         let fine = &tile.fine;
         let n = fine.t.len();
-        let tau: Vec<f32> = values.raw.iter().zip(&fine.dt).map(|(raw, dt)| raw.max(0.0) * dt).collect();
+        let tau: Vec<f32> =
+            values.raw.iter().zip(&fine.dt).map(|(&raw, dt)| self.config.density_of(raw) * dt).collect();
         let samples = Samples { offsets: &fine.offsets, tau: &tau, last: LastInterval::Finite };
         let (mut w, mut trans_end) = (vec![0.0; n], vec![0.0; hit.len()]);
         weights(Simd::best(), samples, &mut w, &mut trans_end);
@@ -89,7 +97,7 @@ impl Nerf {
                 sum += w[k];
                 distance += w[k] * (fine.t[k] + 0.5 * fine.dt[k]);
                 if let Some(bars) = &normals {
-                    let at = hit_rays[r].at(fine.t[k]);
+                    let at = [fine.p[k], fine.p[n + k], fine.p[2 * n + k]];
                     let g = self.space.world_gradient(at, [bars[k], bars[n + k], bars[2 * n + k]]);
                     normal -= f64::from(w[k]) * g.normalize_or_zero();
                 }
@@ -111,16 +119,17 @@ impl Nerf {
 
     /// Gradient of the fine network's density with respect to its positions, `[3][n]`, by a second record with the
     /// positions as inputs.
-    fn fine_normals(&self, ops: &Ops<'_>, tile: &mut Tile, raw: &[f32]) -> Result<Vec<f32>, TapeError> {
+    fn fine_normals(&self, ops: &Ops<'_, R::Position>, tile: &mut Tile, raw: &[f32]) -> Result<Vec<f32>, TapeError> {
         let level = &mut tile.fine;
         let n = level.t.len();
         let mut unused = vec![0.0; self.shapes.param_count()];
         let mut tape = Tape::new(&mut level.arena, self.network(1));
-        let (x, d) = (tape.input(3, n, &level.x)?, tape.constant(3, n, &level.d)?);
+        let (x, d) = (tape.input(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
         let out = ops.record(&mut tape, x, d)?;
-        let bar: Vec<f32> = raw.iter().map(|raw| if *raw > 0.0 { 1.0 } else { 0.0 }).collect();
+        // Directions only: any positive slope of the activation will do.
+        let bar: Vec<f32> = raw.iter().map(|&raw| if self.config.density_of(raw) > 0.0 { 1.0 } else { 0.0 }).collect();
         tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
-        Ok(tape.gradient(x)?.to_vec())
+        Ok(tape.gradient(x)?[..3 * n].to_vec())
     }
 
     /// Fine network at points of the scene's frame: `each(i, density per world unit, colour)`.
@@ -133,17 +142,14 @@ impl Nerf {
             .map_init(Level::default, |level, (points, d)| {
                 let n = points.len();
                 level.t.resize(n, 0.0);
-                for rows in [&mut level.p, &mut level.x, &mut level.d] {
-                    rows.resize(3 * n, 0.0);
-                }
+                level.make_room(n, self.shapes.position_rows());
                 for (i, (&point, d)) in points.iter().zip(d).enumerate() {
                     let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
                     for a in 0..3 {
                         (level.p[a * n + i], level.d[a * n + i]) = (p[a], d[a]);
                     }
                 }
-                self.space.grid_positions(Simd::best(), &level.p, &mut level.x);
-                level.x.iter_mut().for_each(|x| *x = 2.0 * *x - 1.0);
+                self.config.place_points(&self.space, n, level);
                 let (tape, out) = recorded(record(&ops[1], level, self.network(1)));
                 Rendered {
                     raw: recorded(tape.value(out.0)).data.to_vec(),
@@ -156,7 +162,7 @@ impl Nerf {
             let n = part.raw.len();
             let point = DVec3::from(point);
             let inside = self.space.internal_point(point).is_some();
-            let sigma = part.raw[k].max(0.0) * self.space.per_world_unit(point) as f32;
+            let sigma = self.config.density_of(part.raw[k]) * self.space.per_world_unit(point) as f32;
             each(i, if inside { sigma } else { 0.0 }, [part.rgb[k], part.rgb[n + k], part.rgb[2 * n + k]]);
         }
     }

@@ -1,20 +1,33 @@
-//! The network of the paper (supplement, figure 7): eight layers of 256 with a skip into the sixth, density from the
+//! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the sixth, density from the
 //! eighth, colour from it and the viewing direction.
 
-use super::NerfConfig;
 use crate::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use field_core::tape::{EncodingOp, MlpOp, Node, Tape, TapeError};
+use field_core::tape::{Encoder, EncodingOp, MlpOp, Node, Tape, TapeError};
 use float_core::Simd;
 use std::ops::Range;
 
+/// What a network is made of.
+pub struct NetworkConfig<P> {
+    /// Encoding of positions.
+    pub(crate) position: P,
+    /// Octaves of the direction.
+    pub(crate) direction_octaves: usize,
+    /// Width of the layers; the colour's has half of it.
+    pub(crate) width: usize,
+    /// Layers of the trunk.
+    pub(crate) depth: usize,
+    /// How far colours may leave `[0, 1]`.
+    pub(crate) colour_pad: f32,
+}
+
 /// Shapes; coarse and fine network share them.
-pub(super) struct Shapes {
-    pub(super) position: Frequency,
-    pub(super) direction: Frequency,
+pub(super) struct Shapes<P> {
+    position: P,
+    direction: Frequency,
     trunk: Mlp,
     density: Mlp,
     bottleneck: Mlp,
@@ -26,19 +39,21 @@ pub(super) struct Shapes {
 pub(super) struct PackedNetwork([Packed; 4]);
 
 /// The tape operations of one network.
-pub(super) struct Ops<'a> {
-    position: EncodingOp<Frequency>,
+pub(super) struct Ops<'a, P> {
+    position: EncodingOp<P>,
     direction: EncodingOp<Frequency>,
     parts: [(MlpOp<'a>, Range<usize>); 4],
 }
 
-impl Shapes {
-    pub(super) fn new(config: &NerfConfig) -> Result<Self, SystemError> {
-        let refuse =
-            |e: String| SystemError::Config { field: "octaves, width, depth", value: String::new(), problem: e };
-        let frequency =
-            |octaves| Frequency::new(3, octaves, Base::One, Identity::Include).map_err(|e| refuse(e.to_string()));
-        let (position, direction) = (frequency(config.position_octaves)?, frequency(config.direction_octaves)?);
+/// Settings of which no network can be made.
+pub(crate) fn refuse(e: impl ToString) -> SystemError {
+    SystemError::Config { field: "octaves, width, depth", value: String::new(), problem: e.to_string() }
+}
+
+impl<P: Encoder + Copy> Shapes<P> {
+    pub(super) fn new(config: &NetworkConfig<P>) -> Result<Self, SystemError> {
+        let position = config.position;
+        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
             Mlp::new(&MlpConfig {
                 inputs,
@@ -49,26 +64,37 @@ impl Shapes {
                 output_activation: out,
                 skips,
             })
-            .map_err(|e| refuse(e.to_string()))
+            .map_err(refuse)
         };
         let (w, d) = (config.width, config.depth.max(1));
         // The paper's skip goes into the sixth of eight layers.
         let skips = if d > 5 { vec![5] } else { vec![] };
         Ok(Self {
-            trunk: mlp(position.out_rows(), vec![w; d - 1], w, Activation::Relu, skips)?,
+            trunk: mlp(Encoder::out_rows(&position), vec![w; d - 1], w, Activation::Relu, skips)?,
             density: mlp(w, vec![], 1, Activation::None, vec![])?,
             bottleneck: mlp(w, vec![], w, Activation::None, vec![])?,
-            colour: mlp(w + direction.out_rows(), vec![w / 2], 3, Activation::LOGISTIC, vec![])?,
+            colour: mlp(
+                w + direction.out_rows(),
+                vec![w / 2],
+                3,
+                Activation::Logistic { pad: config.colour_pad },
+                vec![],
+            )?,
             position,
             direction,
         })
+    }
+
+    /// Rows that the position encoding sees.
+    pub(super) fn position_rows(&self) -> usize {
+        self.position.in_rows()
     }
 
     fn mlps(&self) -> [&Mlp; 4] {
         [&self.trunk, &self.density, &self.bottleneck, &self.colour]
     }
 
-    /// Parameters of one network: 595 844 as published.
+    /// Parameters of one network.
     pub(super) fn param_count(&self) -> usize {
         self.mlps().iter().map(|m| m.param_count()).sum()
     }
@@ -102,7 +128,7 @@ impl Shapes {
         }
     }
 
-    pub(super) fn ops<'a>(&'a self, simd: Simd, packed: &'a PackedNetwork) -> Ops<'a> {
+    pub(super) fn ops<'a>(&'a self, simd: Simd, packed: &'a PackedNetwork) -> Ops<'a, P> {
         let mut parts = self.mlps().into_iter().zip(&packed.0).zip(self.ranges());
         Ops {
             position: EncodingOp::new(self.position, simd),
@@ -123,8 +149,8 @@ pub(super) struct Output {
     pub(super) rgb: Node,
 }
 
-impl<'a> Ops<'a> {
-    /// Record the network: `x` `[3 x n]` positions in `[-1, 1]`, `d` `[3 x n]` unit directions.
+impl<'a, P: Encoder> Ops<'a, P> {
+    /// Record the network: `x` what the position encoding sees, `d` `[3 x n]` unit directions.
     pub(super) fn record(&'a self, tape: &mut Tape<'a>, x: Node, d: Node) -> Result<Output, TapeError> {
         let [trunk, density, bottleneck, colour] = &self.parts;
         let apply = |tape: &mut Tape<'a>, part: &'a (MlpOp<'a>, Range<usize>), x| {

@@ -1,0 +1,98 @@
+//! How good the held-out views are when they are seen from further away: at full, half, quarter … size.
+//!
+//! The truth of a scale is the mean of the held-out image over squares of pixels, so that every measured pixel is what a
+//! camera with larger pixels would have seen. A field that is sampled at points shows the difference: it has more detail
+//! than such a pixel can hold, and aliases.
+
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::eval::{Measures, evaluate};
+use crate::output::{Storage, make_folder, write_file};
+use crate::picture::write_png;
+use crate::progress::{Event, Observer};
+use crate::run::stem;
+use crate::system::{Query, System};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Scores at one scale, means over the views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScaleScore {
+    /// Length of a pixel's side, in pixels of full size: 1, 2, 4, …
+    pub pixel: u32,
+    /// Columns and rows of the first view.
+    pub size: [u32; 2],
+    /// Peak signal-to-noise ratio, dB.
+    pub psnr: Option<f64>,
+    /// Structural similarity; `None` for images under 11 pixels a side.
+    pub ssim: Option<f64>,
+    /// Seconds to render a view.
+    pub render_seconds: f64,
+}
+
+/// Scores at all scales: the content of `eval_scales.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScaleTable {
+    /// Full size first.
+    pub scales: Vec<ScaleScore>,
+}
+
+impl ScaleTable {
+    /// A row a scale, for a terminal.
+    pub fn table(&self) -> String {
+        let mut out = format!("{:>5}  {:>9}  {:>8}  {:>7}  {:>8}\n", "scale", "size", "PSNR dB", "SSIM", "s a view");
+        for s in &self.scales {
+            let cell = |x: Option<f64>, digits: usize| x.map_or_else(|| "n/a".into(), |x| format!("{x:.digits$}"));
+            let scale = if s.pixel == 1 { "1".into() } else { format!("1/{}", s.pixel) };
+            let size = format!("{}x{}", s.size[0], s.size[1]);
+            let (psnr, ssim) = (cell(s.psnr, 3), cell(s.ssim, 4));
+            out += &format!("{scale:>5}  {size:>9}  {psnr:>8}  {ssim:>7}  {:>8.3}\n", s.render_seconds);
+        }
+        out
+    }
+}
+
+/// Render and measure all views of `data` at `scales` scales; the pictures go to `renders/scale_2` and so on.
+pub(crate) fn evaluate_scales(
+    (storage, folder): (&dyn Storage, &Path),
+    system: &dyn System,
+    data: &Dataset,
+    query: &Query,
+    scales: u32,
+    observer: &mut dyn Observer,
+) -> Result<ScaleTable, RunError> {
+    let smallest = data.views().iter().map(|v| v.camera.width.min(v.camera.height)).min().unwrap_or(0);
+    if scales == 0 || smallest.checked_shr(scales - 1).unwrap_or(0) == 0 {
+        return Err(RunError::Option(format!(
+            "`--scales {scales}`: the smallest held-out side is {smallest} pixels; the smallest scale needs one at least"
+        )));
+    }
+    let mut rows = Vec::new();
+    let of = data.len() * scales as usize;
+    for level in 0..scales {
+        let (data, pixel) = (data.at_level(level), 1 << level);
+        let renders = folder.join("renders").join(format!("scale_{pixel}"));
+        make_folder(&renders)?;
+        let scores = evaluate(system, &data, query, Measures::All(None), (0, 0.0), |seen| {
+            let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
+            write_png(storage, &renders.join(format!("{name}.png")), seen.picture)?;
+            write_png(storage, &renders.join(format!("{name}_truth.png")), seen.truth)?;
+            observer.event(Event::View { done: level as usize * data.len() + seen.index + 1, of });
+            Ok(())
+        })?;
+        let seconds: f64 = scores.views.iter().map(|v| v.render_seconds).sum();
+        let camera = &data.view(0).camera;
+        rows.push(ScaleScore {
+            pixel,
+            size: [camera.width, camera.height],
+            psnr: scores.psnr,
+            ssim: scores.ssim,
+            render_seconds: seconds / data.len() as f64,
+        });
+    }
+    let table = ScaleTable { scales: rows };
+    let mut text = serde_json::to_string_pretty(&table).expect("a plain struct serialises");
+    text.push('\n');
+    write_file(storage, &folder.join("eval_scales.json"), text.as_bytes())?;
+    Ok(table)
+}

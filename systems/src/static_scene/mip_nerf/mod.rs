@@ -1,0 +1,88 @@
+//! mip-NeRF: cones instead of rays, one network for both levels.
+//!
+//! Barron, Mildenhall, Tancik, Hedman, Martin-Brualla, Srinivasan, "Mip-NeRF: A Multiscale Representation for Anti-Aliasing
+//! Neural Radiance Fields", 2021.
+//!
+//! Each pixel's cone is cut into frusta, each frustum is a Gaussian, and the network sees the mean of the encoding over it:
+//! detail finer than the frustum fades out. The weights of the coarse intervals, blurred and padded, say where the fine ones
+//! are; these replace the coarse ones. Gradients stop at the positions. In normalised device coordinates cones are cylinders;
+//! where space has no end, Gaussians are contracted. Differences to the paper are those of `nerf`
+//! (`docs/decisions/0008-mip-nerf.md`).
+
+mod config;
+mod samples;
+
+pub use config::MipNerfConfig;
+
+use super::two_level::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::space::{InternalRay, Space};
+use crate::system::SystemError;
+use field_core::encoding::integrated::Integrated;
+use field_core::mlp::Activation;
+use field_core::rng::Rng;
+use field_core::tape::{Node, Tape, TapeError};
+use optim::{AdamConfig, Decay};
+
+/// The system.
+pub type MipNerf = TwoLevel<MipNerfConfig>;
+
+/// Added to the raw density before the softplus, so that space begins thin.
+const DENSITY_SHIFT: f32 = -1.0;
+
+impl Recipe for MipNerfConfig {
+    const NAME: &'static str = "mip-nerf";
+    const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-8, decay: Decay::None };
+    const NETWORKS: usize = 1;
+    const FOOTPRINT: Footprint = Footprint::Cone;
+    type Position = Integrated;
+
+    fn check(&self) -> Result<(), SystemError> {
+        MipNerfConfig::check(self)
+    }
+
+    fn network(&self) -> Result<NetworkConfig<Integrated>, SystemError> {
+        Ok(NetworkConfig {
+            position: Integrated::new(3, self.position_octaves).map_err(refuse)?,
+            direction_octaves: self.direction_octaves,
+            width: self.width,
+            depth: self.depth,
+            colour_pad: self.colour_padding,
+        })
+    }
+
+    fn batch_rays(&self) -> usize {
+        self.batch_rays
+    }
+
+    fn learning_rate(&self, step: u64) -> f64 {
+        MipNerfConfig::learning_rate(self, step)
+    }
+
+    fn level_weight(&self, level: usize) -> f32 {
+        if level == 0 { self.coarse_loss } else { 1.0 }
+    }
+
+    fn density_noise(&self) -> f32 {
+        self.density_noise
+    }
+
+    fn density(&self, tape: &mut Tape<'_>, raw: Node) -> Result<Node, TapeError> {
+        tape.softplus(raw, DENSITY_SHIFT)
+    }
+
+    fn density_of(&self, raw: f32) -> f32 {
+        Activation::Softplus { shift: DENSITY_SHIFT }.value(raw)
+    }
+
+    fn fill_coarse(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
+        samples::coarse(self, space, rays, random, tile);
+    }
+
+    fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
+        samples::fine(self, space, rays, random, tile);
+    }
+
+    fn place_points(&self, space: &Space, n: usize, level: &mut Level) {
+        samples::cubes(self.point_size, space, n, level);
+    }
+}

@@ -1,0 +1,73 @@
+//! What tells the systems of two levels apart.
+
+use super::{Level, NetworkConfig, Tile};
+use crate::space::{InternalRay, Space};
+use crate::system::SystemError;
+use field_core::rng::Rng;
+use field_core::tape::{Encoder, Node, Tape, TapeError};
+use optim::AdamConfig;
+
+/// What a ray of a system is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Footprint {
+    /// A line.
+    Point,
+    /// The cone of a pixel.
+    Cone,
+}
+
+/// Settings of a system of two levels, and what follows from them.
+pub trait Recipe: Clone + Send + Sync {
+    /// Name on the command line.
+    const NAME: &'static str;
+    /// The optimiser.
+    const ADAM: AdamConfig;
+    /// 2 where each level has its own network, 1 where they share one.
+    const NETWORKS: usize;
+    /// What a ray is.
+    const FOOTPRINT: Footprint;
+    /// Encoding of positions.
+    type Position: Encoder + Copy + Send;
+
+    /// Check what the parts do not check themselves.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the field.
+    fn check(&self) -> Result<(), SystemError>;
+
+    /// Shapes of a network.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for encodings that cannot be.
+    fn network(&self) -> Result<NetworkConfig<Self::Position>, SystemError>;
+
+    /// Rays of a batch.
+    fn batch_rays(&self) -> usize;
+
+    /// Learning rate of a step.
+    fn learning_rate(&self, step: u64) -> f64;
+
+    /// Factor of a level's squared error in the loss.
+    fn level_weight(&self, level: usize) -> f32;
+
+    /// Deviation of the noise on the raw density in training.
+    fn density_noise(&self) -> f32;
+
+    /// Densities from raw ones, on the tape.
+    ///
+    /// # Errors
+    /// What the tape refuses.
+    fn density(&self, tape: &mut Tape<'_>, raw: Node) -> Result<Node, TapeError>;
+
+    /// Density of one raw one.
+    fn density_of(&self, raw: f32) -> f32;
+
+    /// Samples of the first look; random ones in training.
+    fn fill_coarse(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
+
+    /// Samples of the second look, from the weights `tile.w` of the first.
+    fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
+
+    /// Fill in `level.x` for the `n` points `level.p`.
+    fn place_points(&self, space: &Space, n: usize, level: &mut Level);
+}

@@ -1,0 +1,226 @@
+//! `mip-nerf`: the published shapes and settings, and a small one that learns, resumes, does not mind threads, works in
+//! normalised device coordinates and in contracted space, and sees the footprint of its pixels.
+
+use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use std::sync::Arc;
+use systems::data::Dataset;
+use systems::options::{Background, Plan, RunOptions, parse_set};
+use systems::plan::build;
+use systems::render::{plain_query, render};
+use systems::system::{LayerRequest, Normals, Query, System, TensorMap};
+
+const SMALL: [&str; 10] = [
+    "width=32",
+    "depth=4",
+    "coarse=24",
+    "fine=24",
+    "batch_rays=96",
+    "lr=3e-3",
+    "lr_final=1e-3",
+    "lr_steps=2000",
+    "warmup_steps=20",
+    "position_octaves=8",
+];
+
+fn scene(size: u32) -> Scene {
+    let options =
+        TabletopOptions { width: size, height: size, train: 20, test: 2, rays: 2, ..TabletopOptions::default() };
+    tabletop(&options)
+}
+
+/// Training views at `levels` scales, and the held-out ones.
+fn data(scene: &Scene, levels: u32) -> (Dataset, Dataset) {
+    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
+    let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
+    let of = |split, levels| Dataset::with_levels(scene, store.clone(), scene.split(split).collect(), levels).unwrap();
+    (of(Split::Train, 0..levels), of(Split::Test, 0..1))
+}
+
+fn mip_nerf(scene: &Scene, train: &Dataset, set: &[&str]) -> (Box<dyn System>, Plan) {
+    let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    build("mip-nerf", scene, train, &run).unwrap()
+}
+
+#[test]
+fn shapes_and_settings_are_the_published_ones() {
+    let scene = scene(8);
+    let (train, _) = data(&scene, 1);
+    let (system, plan) = mip_nerf(&scene, &train, &[]);
+    // As `nerf`, but 96 channels of position and one network for both levels.
+    let trunk = (96 * 256 + 256) + 6 * (256 * 256 + 256) + ((256 + 96) * 256 + 256);
+    let heads = 257 + (256 * 256 + 256) + ((256 + 27) * 128 + 128) + (128 * 3 + 3);
+    assert_eq!(system.parameter_count(), trunk + heads);
+    assert_eq!(system.name(), "mip-nerf");
+    for (name, value) in [("coarse", "128"), ("fine", "128"), ("position_octaves", "16"), ("lr_steps", "1000000")] {
+        assert_eq!(plan.config[name].to_string(), value, "{name}");
+    }
+}
+
+/// Mean PSNR over views, from the mean squared error over pixels.
+fn psnr(system: &dyn System, views: &Dataset) -> f64 {
+    let (mut sum, mut n) = (0.0, 0.0);
+    for v in 0..views.len() {
+        let (view, image) = (views.view(v), views.image(v).unwrap());
+        let picture = render(system, &view.camera, &plain_query([1.0; 3], 0.0));
+        for (got, want) in picture.layers.rgb.iter().zip(image.data.chunks(usize::from(image.channels))) {
+            let a = want.get(3).map_or(1.0, |&a| f32::from(a) / 255.0);
+            for c in 0..3 {
+                let want = f32::from(want[c]) / 255.0 * a + 1.0 - a;
+                sum += f64::from((got[c] - want).powi(2));
+                n += 1.0;
+            }
+        }
+    }
+    -10.0 * (sum / n as f64).log10()
+}
+
+#[test]
+fn a_small_one_learns_the_table_at_two_scales() {
+    let scene = scene(32);
+    let (train, test) = data(&scene, 2);
+    let (mut system, _) = mip_nerf(&scene, &train, &SMALL);
+    let half = test.at_level(1);
+    let before = psnr(system.as_ref(), &test);
+    for step in 0..400 {
+        let stats = system.step(&train, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+        assert_eq!(stats.rays, 96);
+    }
+    let (after, after_half) = (psnr(system.as_ref(), &test), psnr(system.as_ref(), &half));
+    println!("mip-nerf on the table: {before:.2} dB, after 400 steps {after:.2} dB, at half size {after_half:.2} dB");
+    assert!(after > before + 5.0 && after > 18.0, "{before:.2} dB, then {after:.2} dB");
+    // Larger pixels are easier.
+    assert!(after_half > after, "{after:.2} dB, at half size {after_half:.2} dB");
+
+    // The footprint is seen: without it the same rays give another picture, and not a better one at half size.
+    let camera = &half.view(0).camera;
+    let query = Query { layers: LayerRequest { normals: Normals::Compute }, ..plain_query([1.0; 3], 0.0) };
+    let cones = render(system.as_ref(), camera, &query).layers;
+    let prepared = camera.prepare();
+    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
+    let rays: Vec<_> = pixels
+        .map(|(x, y)| prepared.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap())
+        .collect();
+    let lines = system.render(&rays, &query);
+    assert_ne!(cones.rgb, lines.rgb);
+    for layers in [&cones, &lines] {
+        assert!(layers.rgb.iter().flatten().all(|c| (-0.01..=1.01).contains(c)), "colours past the padding");
+        assert!(layers.opacity.iter().all(|o| (0.0..=1.0).contains(o)));
+        for (n, o) in layers.normal.iter().zip(&layers.opacity) {
+            let length = n.iter().map(|x| x * x).sum::<f32>().sqrt();
+            assert!(length < 1.0 + 1e-5 && (length > 0.99 || *o < 1e-3), "{n:?} at opacity {o}");
+        }
+    }
+    // Where the table is, there is something; far above it there is nothing.
+    let mut sigma = [0.0; 2];
+    let [low, high] = system.bounds();
+    let middle = [0, 1, 2].map(|a| 0.5 * (low[a] + high[a]));
+    system.density(&[middle, [1e3; 3]], &mut sigma);
+    assert!(sigma[0] >= 0.0 && sigma[0].is_finite() && sigma[1] == 0.0, "{sigma:?}");
+}
+
+#[test]
+fn every_space_can_be_trained_in() {
+    let scene = scene(16);
+    let (train, test) = data(&scene, 1);
+    for space in ["box", "contracted"] {
+        let (mut system, _) = mip_nerf(&scene, &train, &[&SMALL[..], &[&format!("space={space}")]].concat());
+        let first = system.step(&train, 0).unwrap();
+        let mut last = first;
+        for step in 1..60 {
+            last = system.step(&train, step).unwrap();
+        }
+        assert!(last.loss.is_finite() && last.loss < first.loss, "{space}: {first:?}, then {last:?}");
+        assert!(psnr(system.as_ref(), &test).is_finite());
+    }
+}
+
+#[test]
+fn forward_facing_cameras_get_cylinders_and_learn() {
+    // Cameras side by side, all looking along z at the table of another scene: what they see is the sky scene of a plane.
+    let scene = forward_facing();
+    let (train, test) = data(&scene, 1);
+    let (mut system, plan) = mip_nerf(&scene, &train, &SMALL);
+    assert_eq!(plan.config["space"].as_str(), Some("ndc"), "{:?}", plan.lines);
+    let before = psnr(system.as_ref(), &test);
+    for step in 0..150 {
+        let stats = system.step(&train, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0);
+    }
+    let after = psnr(system.as_ref(), &test);
+    assert!(after > before + 3.0, "{before:.2} dB, then {after:.2} dB");
+}
+
+/// A striped wall at depth 4, seen by a row of cameras.
+fn forward_facing() -> Scene {
+    use render_core::camera::{Camera, Pose};
+    use scene_io::{Dialect, Frame, Image, ImageSource, LayoutHint};
+    let frames = (0..10).map(|i| {
+        let c = glam::DVec3::new(0.06 * (f64::from(i) - 4.5), 0.03 * f64::from(i % 3), 0.0);
+        let camera = Camera::pinhole(16, 16, 16.0, 16.0, 8.0, 8.0, Pose { r: glam::DMat3::IDENTITY, c });
+        let mut data = Vec::new();
+        for y in 0..16 {
+            for x in 0..16 {
+                let ray = camera.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+                let p = ray.at(4.0 / ray.d.z);
+                data.extend([(p.x * 2.0).sin(), (p.y * 2.0).cos(), 0.3].map(|v| (127.0 + 100.0 * v) as u8));
+            }
+        }
+        let image = Image::rgb(16, 16, data).unwrap();
+        let mut frame = Frame::new(format!("view_{i}"), ImageSource::Memory(Arc::new(image)), camera);
+        frame.split = if i == 5 { Split::Test } else { Split::Train };
+        frame.z_bounds = Some([3.5, 4.5]);
+        frame
+    });
+    Scene {
+        name: "wall".into(),
+        root: ".".into(),
+        dialect: Dialect::Synthetic,
+        frames: frames.collect(),
+        points: Vec::new(),
+        layout: LayoutHint::ForwardFacing,
+        bounds: None,
+        notes: Vec::new(),
+    }
+}
+
+/// All parameters and moments after `steps` steps on `threads` threads, from `state` if there is one.
+fn state_after(threads: usize, steps: std::ops::Range<u64>, state: Option<&TensorMap>) -> TensorMap {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let scene = scene(16);
+        let (train, _) = data(&scene, 2);
+        let (mut system, _) = mip_nerf(&scene, &train, &SMALL);
+        if let Some(state) = state {
+            system.load_state(state).unwrap();
+        }
+        for step in steps {
+            system.step(&train, step).unwrap();
+        }
+        system.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+    })
+}
+
+#[test]
+fn it_gives_the_same_bits_with_1_2_and_4_threads_and_after_a_resume() {
+    let one = state_after(1, 0..6, None);
+    for threads in [2, 4] {
+        assert!(state_after(threads, 0..6, None) == one, "{threads} threads");
+    }
+    let half = state_after(2, 0..3, None);
+    assert!(state_after(2, 3..6, Some(&half)) == one, "resumed");
+}
+
+#[test]
+fn settings_that_cannot_work_are_refused_by_name() {
+    let scene = scene(8);
+    let (train, _) = data(&scene, 1);
+    for (set, name) in [("coarse=0", "coarse"), ("fine=0", "fine"), ("lr_final=0.0", "lr_final"), ("width=1", "width")] {
+        let set = [parse_set(set).unwrap()].into_iter().collect();
+        let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+        let error = build("mip-nerf", &scene, &train, &run).err().unwrap().to_string();
+        assert!(error.contains(&format!("`{name}`")), "{error}");
+    }
+}
