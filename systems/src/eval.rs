@@ -8,6 +8,7 @@ use crate::data::Dataset;
 use crate::error::RunError;
 use crate::picture::{colour, over_background};
 use crate::render::{Rendered, render};
+use crate::skips::MeasuredSkips;
 use crate::system::{Query, System};
 use image::RgbImage;
 use losses::metrics::{
@@ -70,6 +71,9 @@ pub struct Evaluation {
     pub seconds: f64,
     /// What a reader of the numbers should know.
     pub notes: Vec<String>,
+    /// What renders skip, measured; `None` where that was not asked for, or where they skip nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skips: Option<MeasuredSkips>,
 }
 
 /// A view with everything that was seen of it.
@@ -122,7 +126,7 @@ pub fn evaluate(
     };
     let (psnr, ssim) = (mean(|v| v.psnr), mean(|v| v.ssim));
     let (ms_ssim, lpips, flip) = (mean(|v| v.ms_ssim), mean(|v| v.lpips), mean(|v| v.flip));
-    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, flip, steps, seconds, notes, views })
+    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, flip, steps, seconds, notes, views, skips: None })
 }
 
 /// Scores of one picture; what is not defined for it stays `None`, with a note where that is a surprise.
@@ -251,6 +255,9 @@ impl Evaluation {
             out += &row(&name, [v.psnr, v.ssim, v.ms_ssim, v.lpips]);
         }
         out += &row("mean", [self.psnr, self.ssim, self.ms_ssim, self.lpips]);
+        if let Some(skips) = &self.skips {
+            out += &format!("\n{}", skips.table());
+        }
         out
     }
 }

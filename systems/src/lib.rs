@@ -5,7 +5,7 @@
 //! * [`options`]: what a run is told and what was decided from it.
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
-//! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`report`]: pictures and how good they are.
+//! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
 //! * [`source`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
 pub mod camera_path;
@@ -29,6 +29,7 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod skips;
 pub mod source;
 pub mod space;
 pub mod static_scene;

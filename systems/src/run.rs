@@ -25,6 +25,7 @@ use crate::picture::{depth, depth_range, error_map, write_png};
 use crate::progress::{Event, Observer};
 use crate::render::plain_query;
 use crate::report;
+use crate::skips;
 use crate::summary::{SceneSummary, Summary};
 use crate::system::{Query, System, SystemError};
 use crate::train::{Ended, Host, Occasion, Progress, Schedule, train};
@@ -442,6 +443,7 @@ fn measure_and_write(
     for (score, stem) in evaluation.views.iter_mut().zip(stems) {
         score.files = Some(stem);
     }
+    evaluation.skips = skips::measure(system, data, query);
     write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;
     write_file(storage, &folder.join("eval.csv"), evaluation.csv().as_bytes())?;
     Ok(evaluation)

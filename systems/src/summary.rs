@@ -65,6 +65,12 @@ pub struct Skip {
     pub unit: String,
     /// Bound on the error of a pixel.
     pub bound: String,
+    /// Seconds saved, where measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds_saved: Option<f64>,
+    /// Largest and mean error over pixels, colour units, where measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<[f64; 2]>,
 }
 
 /// Bytes.
@@ -105,6 +111,8 @@ impl Summary {
             total: row.total,
             unit: row.unit.into(),
             bound: row.bound,
+            seconds_saved: row.seconds_saved,
+            error: row.error,
         };
         Self {
             system: system.name().into(),

@@ -4,6 +4,7 @@
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
 use crate::data::Dataset;
+use render_core::budget::{Ledger, SkipSet};
 use render_core::ray::Ray;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -77,6 +78,29 @@ pub struct Query {
     pub error_budget: f32,
 }
 
+/// A render that takes some of its skips only: what the table of skips compares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trial {
+    /// Skips it may take, as far as the query's error budget goes.
+    pub skips: SkipSet,
+    /// What is in cells that count as empty.
+    pub empty: EmptyCells,
+}
+
+impl Trial {
+    /// What [`System::render`] does.
+    pub const USUAL: Self = Self { skips: SkipSet::ALL, empty: EmptyCells::Nothing };
+}
+
+/// What is in cells of an occupancy grid that count as empty.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EmptyCells {
+    /// Nothing: that is the model, as training never looks there.
+    Nothing,
+    /// What the field holds there, unless the cameras rule the cell out.
+    Field,
+}
+
 /// A named array of a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor<'a> {
@@ -125,6 +149,18 @@ pub struct SkipRow {
     pub unit: &'static str,
     /// Bound on the error of a pixel, colour units, as a sentence: `<= 1e-4 per pixel`.
     pub bound: String,
+    /// Seconds that were saved, where somebody measured.
+    pub seconds_saved: Option<f64>,
+    /// Largest and mean error over pixels, colour units, where somebody measured.
+    pub error: Option<[f64; 2]>,
+}
+
+impl SkipRow {
+    /// A row that nobody has measured yet.
+    #[must_use]
+    pub fn counted(what: &'static str, (skipped, total): (u64, u64), unit: &'static str, bound: String) -> Self {
+        Self { what, skipped, total, unit, bound, seconds_saved: None, error: None }
+    }
 }
 
 /// A failure inside a system.
@@ -185,8 +221,18 @@ pub trait System: Send + Sync {
     /// [`SystemError::NonFinite`] past the allowed share; [`SystemError::Scene`] when an image cannot be read.
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError>;
 
+    /// Rays along each side of a pixel that a picture takes the mean of.
+    fn rays_per_side(&self) -> u32 {
+        1
+    }
+
     /// Render rays given in the scene's frame.
     fn render(&self, rays: &[Ray], query: &Query) -> Layers;
+
+    /// [`System::render`] with some of its skips only, and what was skipped. `None` for a system whose renders skip nothing.
+    fn render_trial(&self, _rays: &[Ray], _query: &Query, _trial: &Trial) -> Option<(Layers, Ledger)> {
+        None
+    }
 
     /// Render pixels: rays with the radius of each pixel's cone at distance 1
     /// ([`Prepared::cone_radius`](render_core::camera::Prepared::cone_radius)). Systems that do not look at the footprint

@@ -89,6 +89,9 @@ pub struct Account {
 }
 
 impl Account {
+    /// Nothing spent yet.
+    pub const NEW: Self = Self { spent: 0.0 };
+
     /// Colour units.
     #[must_use]
     pub fn spent(&self) -> f64 {
@@ -117,11 +120,18 @@ impl Budget {
         self.total > 0.0 && self.skips.has(skip)
     }
 
+    /// What stopping at the transmittance `trans` costs at most, colour units.
+    #[inline(always)]
+    #[must_use]
+    pub fn stop_cost(&self, trans: f64) -> f64 {
+        trans * self.spread
+    }
+
     /// Whether a ray may stop where its transmittance is `trans`: what that costs, if so, goes on its account. Then
     /// the background gets all of `trans`; nothing is renormalised.
     #[inline(always)]
     pub fn stops(&self, account: &mut Account, trans: f64) -> bool {
-        let cost = trans * self.spread;
+        let cost = self.stop_cost(trans);
         let stops = self.takes(Skip::Behind) && cost <= self.total - account.spent;
         if stops {
             account.spent += cost;

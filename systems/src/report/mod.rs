@@ -56,7 +56,7 @@ fn page(sources: &Sources, folder: &Path) -> String {
         sources.evaluation.as_ref().map(sections::scores).unwrap_or_default(),
         sections::plan(s),
         sections::costs(s),
-        sections::skips(s),
+        sections::skips(s, sources.evaluation.as_ref()),
         sections::held_out(s),
         sections::config(&sources.config),
     ];

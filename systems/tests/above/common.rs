@@ -187,7 +187,7 @@ impl System for Sky {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![SkipRow { what: "nothing", skipped: 0, total: self.steps, unit: "steps", bound: "0".into() }]
+        vec![SkipRow::counted("nothing", (0, self.steps), "steps", "0".into())]
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

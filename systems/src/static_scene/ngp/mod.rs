@@ -12,6 +12,8 @@
 //!
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
+#[cfg(test)]
+mod budget_tests;
 mod chunk;
 mod config;
 mod field;
@@ -24,7 +26,7 @@ pub use config::NgpConfig;
 use crate::data::{Batch, Dataset};
 use crate::options::Background;
 use crate::space::Space;
-use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial};
 use chunk::{Chunk, StepContext};
 use field::Field;
 use field_core::encoding::hash_grid::Touched;
@@ -32,7 +34,9 @@ use field_core::rng::Rng;
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use rayon::prelude::*;
+use render_core::budget::Ledger;
 use render_core::ray::Ray;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -107,9 +111,8 @@ struct Skipped {
     /// Samples placed, and those a march without the occupancy grid would have placed.
     placed: AtomicU64,
     dense: AtomicU64,
-    /// Samples of renders: evaluated, and cut off behind what is opaque.
-    rendered: AtomicU64,
-    terminated: AtomicU64,
+    /// What renders skipped.
+    renders: Mutex<Ledger>,
 }
 
 impl Ngp {
@@ -318,6 +321,10 @@ impl System for Ngp {
         render::render(self, rays, query)
     }
 
+    fn render_trial(&self, rays: &[Ray], query: &Query, trial: &Trial) -> Option<(Layers, Ledger)> {
+        Some(render::render_trial(self, rays, query, trial))
+    }
+
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
         render::density(self, points, out);
     }
@@ -352,26 +359,17 @@ impl System for Ngp {
     fn skips(&self) -> Vec<SkipRow> {
         let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
         let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
-        let (rendered, terminated) = (read(&self.skipped.rendered), read(&self.skipped.terminated));
-        vec![
-            SkipRow {
-                what: "training: empty space",
-                skipped: dense.saturating_sub(placed),
-                total: dense,
-                unit: "samples",
-                bound: format!(
-                    "optical thickness < {} per cell at the smallest step, as last seen",
-                    self.config.occupancy_threshold
-                ),
-            },
-            SkipRow {
-                what: "render: behind what is opaque",
-                skipped: terminated,
-                total: rendered + terminated,
-                unit: "samples",
-                bound: "<= error budget per pixel".into(),
-            },
-        ]
+        let mut rows = vec![SkipRow::counted(
+            "training: empty space",
+            (dense.saturating_sub(placed), dense),
+            "samples",
+            format!(
+                "optical thickness < {} per cell at the smallest step, as last seen",
+                self.config.occupancy_threshold
+            ),
+        )];
+        rows.extend(render::skip_rows(&self.skipped.renders));
+        rows
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

@@ -25,8 +25,8 @@ const EAGER_SHARE: u32 = 2;
 const DECAY: f32 = 0.8;
 /// Cells of one task.
 const TASK: usize = 4096;
-/// Samples of a ray at most.
-const MAX_SAMPLES: u32 = 2048;
+/// Samples of a ray at most: more than any planned scene has, so that no march ends early.
+const MAX_SAMPLES: u32 = 1 << 16;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 

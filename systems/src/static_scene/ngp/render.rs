@@ -1,14 +1,23 @@
 //! Rendering: density in rounds along the ray until it is opaque, colour only for samples that carry weight.
+//!
+//! # What is skipped
+//! Each ray deals out the query's [`Budget`]: it stops where what is left costs no more than what it has, and leaves out
+//! colours of samples that its account can pay for. Cells that the occupancy grid counts as empty hold no density: that
+//! is part of the model, as training never looks there, so passing over them is exact. A budget of 0 skips nothing: it
+//! visits all samples of the lattice and asks for every density and every colour.
 
 use super::Ngp;
 use super::field::{Field, shapes_hold, sized};
+use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
-use crate::system::{Layers, Normals, Query};
+use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, Trial};
 use glam::DVec3;
 use rayon::prelude::*;
+use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
+use render_core::occupancy::OccupancyGrid;
 use render_core::quadrature::normalise;
 use render_core::ray::Ray;
-use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
 
 /// Rays of one task.
 const TASK: usize = 256;
@@ -22,6 +31,9 @@ const JITTER: f32 = 0.5;
 struct Scratch {
     t: Vec<f32>,
     dt: Vec<f32>,
+    /// Samples in cells that count as empty; only where those are visited.
+    empty: Vec<bool>,
+    occupied: Vec<f32>,
     offsets: Vec<u32>,
     rays: Vec<InternalRay>,
     views: Vec<f32>,
@@ -54,122 +66,236 @@ struct Kept {
 }
 
 /// A ray on its way.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Progress {
+    account: Account,
     depth: f64,
-    rgb: [f32; 3],
+    /// `exp(-depth)`
+    trans: f64,
+    /// Optical depth of the samples in cells that count as empty.
+    hidden: f64,
+    stopped: bool,
+    rgb: [f64; 3],
     opacity: f32,
     distance: f32,
     median: f32,
     normal: [f32; 3],
 }
 
+impl Progress {
+    const START: Self = Self {
+        account: Account::NEW,
+        depth: 0.0,
+        trans: 1.0,
+        hidden: 0.0,
+        stopped: false,
+        rgb: [0.0; 3],
+        opacity: 0.0,
+        distance: 0.0,
+        median: f32::INFINITY,
+        normal: [0.0; 3],
+    };
+}
+
+/// What all tasks of a render share.
+struct Job<'a> {
+    ngp: &'a Ngp,
+    query: &'a Query,
+    budget: Budget,
+    empty: EmptyCells,
+    /// What is marched through where empty cells are not passed over.
+    full: Option<OccupancyGrid>,
+}
+
 /// Layers of rays of the scene's frame.
 pub(super) fn render(ngp: &Ngp, rays: &[Ray], query: &Query) -> Layers {
-    let tasks: Vec<Layers> = rays
-        .par_chunks(TASK)
-        .map_init(Scratch::default, |scratch, rays| render_task(ngp, rays, query, scratch))
-        .collect();
-    let mut out = Layers::default();
-    tasks.into_iter().for_each(|part| out.extend(part));
-    out
+    let (layers, ledger) = render_trial(ngp, rays, query, &Trial::USUAL);
+    ngp.skipped.renders.lock().unwrap_or_else(PoisonError::into_inner).merge(&ledger);
+    layers
 }
 
-fn render_task(ngp: &Ngp, rays: &[Ray], query: &Query, s: &mut Scratch) -> Layers {
-    let (field, space) = (&ngp.field, &ngp.space);
-    let marcher = ngp.occupy.marcher(&ngp.config, ngp.stretch);
-    s.rays.clear();
-    s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
-    field.basis(&s.rays, &mut s.views, &mut s.basis);
-    s.t.clear();
-    s.dt.clear();
-    s.offsets.clear();
-    s.offsets.push(0);
-    for ray in &s.rays {
-        let (t, dt) = (&mut s.t, &mut s.dt);
-        marcher.march(&ngp.occupy.grid, ray, JITTER, |at, step| {
-            t.push(at);
-            dt.push(step);
-        });
-        s.offsets.push(s.t.len() as u32);
+/// The same with some skips only, and what they were.
+pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial) -> (Layers, Ledger) {
+    let budget = Budget::new(query.error_budget, Radiance::UNIT, query.background).only(trial.skips);
+    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty) };
+    let tasks: Vec<(Layers, Ledger)> =
+        rays.par_chunks(TASK).map_init(Scratch::default, |scratch, rays| job.render(rays, scratch)).collect();
+    let (mut out, mut ledger) = Default::default();
+    for (layers, part) in tasks {
+        Layers::extend(&mut out, layers);
+        Ledger::merge(&mut ledger, &part);
     }
-    let mut progress = vec![Progress { median: f32::INFINITY, ..Progress::default() }; rays.len()];
-    s.alive.clear();
-    s.alive.extend((0..rays.len() as u32).filter(|&r| s.offsets[r as usize + 1] > s.offsets[r as usize]));
-    // Half of the error budget goes to what lies behind the last sample, half to samples of little weight.
-    let (stop, mut evaluated) = (0.5 * query.error_budget, 0);
-    for round in 0.. {
-        if s.alive.is_empty() {
-            break;
-        }
-        evaluated += shade_round(ngp, query, round, stop, &mut progress, s);
-        let (offsets, progress) = (&s.offsets, &progress);
-        s.alive.retain(|&r| {
-            let r = r as usize;
-            let more = (offsets[r + 1] - offsets[r]) as usize > (round + 1) * ROUND;
-            more && (stop == 0.0 || (-progress[r].depth).exp() > f64::from(stop))
-        });
-    }
-    ngp.skipped.rendered.fetch_add(evaluated, Ordering::Relaxed);
-    ngp.skipped.terminated.fetch_add(s.t.len() as u64 - evaluated, Ordering::Relaxed);
-    finish(space, rays, query, &progress)
+    (out, ledger)
 }
 
-/// Samples `round * ROUND ..` of the rays still alive. Returns how many there were.
-fn shade_round(ngp: &Ngp, query: &Query, round: usize, stop: f32, progress: &mut [Progress], s: &mut Scratch) -> u64 {
-    let (field, space) = (&ngp.field, &ngp.space);
-    let span = |offsets: &[u32], r: usize| {
-        let first = offsets[r] as usize + round * ROUND;
-        first..(first + ROUND).min(offsets[r + 1] as usize)
+/// What renders have skipped so far.
+pub(super) fn skip_rows(ledger: &Mutex<Ledger>) -> Vec<SkipRow> {
+    let ledger = *ledger.lock().unwrap_or_else(PoisonError::into_inner);
+    let row = |what, skip, unit| {
+        let entry = ledger.entry(skip);
+        SkipRow::counted(what, (entry.skipped, entry.total), unit, bound_of(&entry))
     };
-    let n: usize = s.alive.iter().map(|&r| span(&s.offsets, r as usize).len()).sum();
-    let p = sized(&mut s.p, 3 * n);
-    let mut column = 0;
-    for &r in &s.alive {
-        for i in span(&s.offsets, r as usize) {
-            let at = s.rays[r as usize].at(s.t[i]);
-            (p[column], p[n + column], p[2 * n + column]) = (at[0], at[1], at[2]);
-            column += 1;
-        }
-    }
-    let x = sized(&mut s.x, 3 * n);
-    space.grid_positions(field.simd, p, x);
-    let features = sized(&mut s.features, field.grid.out_rows() * n);
-    field.encode(x, features);
-    let raw = sized(&mut s.raw, field.density.outputs() * n);
-    let acts = sized(&mut s.acts, field.density.activations_len(n));
-    field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
+    vec![
+        row("render: empty space", Skip::Empty, "samples"),
+        row("render: behind what is opaque", Skip::Behind, "samples"),
+        row("render: colours without weight", Skip::Faint, "colours"),
+    ]
+}
 
-    // Weights; samples whose weights together stay below `stop` a ray carry nothing that shows.
-    s.kept.clear();
-    let mut column = 0;
-    for &r in &s.alive {
-        let r = r as usize;
-        let ray = &mut progress[r];
-        let count = (s.offsets[r + 1] - s.offsets[r]) as f32;
-        for i in span(&s.offsets, r) {
-            let sigma = field.density_of(raw[column]);
-            let tau = sigma * s.dt[i];
-            let before = (-ray.depth).exp() as f32;
-            let w = before * -(-tau).exp_m1();
-            ray.depth += f64::from(tau);
-            if before > 0.5 && (-ray.depth).exp() <= 0.5 {
-                // Where within the step the transmittance passes one half.
-                ray.median = s.t[i] + s.dt[i] * ((2.0 * before).ln() / tau).clamp(0.0, 1.0);
+/// All cells, or all but those that the cameras rule out; `None` where empty ones are passed over.
+fn full_grid(ngp: &Ngp, budget: &Budget, empty: EmptyCells) -> Option<OccupancyGrid> {
+    if empty == EmptyCells::Nothing && budget.takes(Skip::Empty) {
+        return None;
+    }
+    let mut full = OccupancyGrid::new(ngp.occupy.grid.settings()).ok()?;
+    if empty == EmptyCells::Field {
+        // Asked for every cell in order: none is marked yet.
+        let mut cells = ngp.occupy.grid.thickness().iter();
+        full.mark_invisible(|_, _| cells.next().is_some_and(|&thickness| thickness >= 0.0));
+    }
+    Some(full)
+}
+
+impl Job<'_> {
+    fn render(&self, rays: &[Ray], s: &mut Scratch) -> (Layers, Ledger) {
+        let (field, space) = (&self.ngp.field, &self.ngp.space);
+        s.rays.clear();
+        s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
+        field.basis(&s.rays, &mut s.views, &mut s.basis);
+        let mut ledger = Ledger::default();
+        self.march(s, &mut ledger);
+        let mut progress = vec![Progress::START; rays.len()];
+        s.alive.clear();
+        s.alive.extend((0..rays.len() as u32).filter(|&r| s.offsets[r as usize + 1] > s.offsets[r as usize]));
+        let mut looked = 0;
+        for round in 0.. {
+            if s.alive.is_empty() {
+                break;
             }
-            ray.opacity += w;
-            ray.distance += w * (s.t[i] + 0.5 * s.dt[i]);
-            if w * count > stop {
-                s.kept.push(Kept { ray: r as u32, column: column as u32, t: s.t[i], w, sigma });
-            }
-            column += 1;
+            looked += self.shade_round(round, &mut progress, s, &mut ledger);
+            let offsets = &s.offsets;
+            s.alive.retain(|&r| {
+                let r = r as usize;
+                !progress[r].stopped && (offsets[r + 1] - offsets[r]) as usize > (round + 1) * ROUND
+            });
         }
+        ledger.count(Skip::Behind, s.t.len() as u64 - looked, s.t.len() as u64);
+        let spread = Radiance::UNIT.spread(self.query.background) as f32;
+        for p in &progress {
+            let behind = if p.stopped { self.budget.stop_cost(p.trans) } else { 0.0 };
+            ledger.spend(Skip::Behind, behind);
+            ledger.spend(Skip::Faint, p.account.spent() - behind);
+            ledger.spend(Skip::Empty, f64::from(empty_bound(p.hidden as f32, spread)));
+        }
+        (finish(space, rays, self.query, &progress), ledger)
     }
-    if query.layers.normals == Normals::Compute {
-        add_normals(field, space, n, progress, s);
+
+    /// Place samples along the rays.
+    fn march(&self, s: &mut Scratch, ledger: &mut Ledger) {
+        let (ngp, marcher) = (self.ngp, self.ngp.occupy.marcher(&self.ngp.config, self.ngp.stretch));
+        s.t.clear();
+        s.dt.clear();
+        s.empty.clear();
+        s.offsets.clear();
+        s.offsets.push(0);
+        let mut lattice = 0;
+        for ray in &s.rays {
+            let (t, dt, empty, occupied) = (&mut s.t, &mut s.dt, &mut s.empty, &mut s.occupied);
+            if let Some(full) = &self.full {
+                // Samples lie where they would without the empty ones: what is in both is occupied.
+                occupied.clear();
+                marcher.march(&ngp.occupy.grid, ray, JITTER, |at, _| occupied.push(at));
+                let mut next = 0;
+                let marched = marcher.march(full, ray, JITTER, |at, step| {
+                    let holds = occupied.get(next) == Some(&at);
+                    next += usize::from(holds);
+                    t.push(at);
+                    dt.push(step);
+                    empty.push(!holds);
+                });
+                debug_assert_eq!(next, occupied.len(), "every occupied sample lies on the lattice");
+                lattice += u64::from(marched.lattice);
+            } else {
+                let marched = marcher.march(&ngp.occupy.grid, ray, JITTER, |at, step| {
+                    t.push(at);
+                    dt.push(step);
+                });
+                lattice += u64::from(marched.lattice);
+            }
+            s.offsets.push(s.t.len() as u32);
+        }
+        ledger.count(Skip::Empty, lattice - s.t.len() as u64, lattice);
     }
-    add_colours(ngp, n, progress, s);
-    n as u64
+
+    /// Samples `round * ROUND ..` of the rays still alive. Returns how many there were.
+    fn shade_round(&self, round: usize, progress: &mut [Progress], s: &mut Scratch, ledger: &mut Ledger) -> u64 {
+        let (field, space) = (&self.ngp.field, &self.ngp.space);
+        let span = |offsets: &[u32], r: usize| {
+            let first = offsets[r] as usize + round * ROUND;
+            first..(first + ROUND).min(offsets[r + 1] as usize)
+        };
+        let n: usize = s.alive.iter().map(|&r| span(&s.offsets, r as usize).len()).sum();
+        let p = sized(&mut s.p, 3 * n);
+        let mut column = 0;
+        for &r in &s.alive {
+            for i in span(&s.offsets, r as usize) {
+                let at = s.rays[r as usize].at(s.t[i]);
+                (p[column], p[n + column], p[2 * n + column]) = (at[0], at[1], at[2]);
+                column += 1;
+            }
+        }
+        let x = sized(&mut s.x, 3 * n);
+        space.grid_positions(field.simd, p, x);
+        let features = sized(&mut s.features, field.grid.out_rows() * n);
+        field.encode(x, features);
+        let raw = sized(&mut s.raw, field.density.outputs() * n);
+        let acts = sized(&mut s.acts, field.density.activations_len(n));
+        field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
+
+        s.kept.clear();
+        let (mut column, mut shaded) = (0, 0);
+        for &r in &s.alive {
+            let r = r as usize;
+            let (ray, end) = (&mut progress[r], s.offsets[r + 1]);
+            let first = column;
+            column += span(&s.offsets, r).len();
+            for (column, i) in (first..).zip(span(&s.offsets, r)) {
+                let sigma = field.density_of(raw[column]);
+                let mut tau = sigma * s.dt[i];
+                if s.empty.get(i) == Some(&true) {
+                    match self.empty {
+                        EmptyCells::Nothing => tau = 0.0,
+                        EmptyCells::Field => ray.hidden += f64::from(tau),
+                    }
+                }
+                let before = ray.trans;
+                let w = before as f32 * -(-tau).exp_m1();
+                ray.depth += f64::from(tau);
+                ray.trans = (-ray.depth).exp();
+                if before > 0.5 && ray.trans <= 0.5 {
+                    // Where within the step the transmittance passes one half.
+                    ray.median = s.t[i] + s.dt[i] * ((2.0 * before as f32).ln() / tau).clamp(0.0, 1.0);
+                }
+                ray.opacity += w;
+                ray.distance += w * (s.t[i] + 0.5 * s.dt[i]);
+                shaded += 1;
+                let left = end - i as u32;
+                if !self.budget.drops(&mut ray.account, w, left) {
+                    s.kept.push(Kept { ray: r as u32, column: column as u32, t: s.t[i], w, sigma });
+                }
+                if left > 1 && self.budget.stops(&mut ray.account, ray.trans) {
+                    ray.stopped = true;
+                    break;
+                }
+            }
+        }
+        ledger.count(Skip::Faint, shaded - s.kept.len() as u64, shaded);
+        if self.query.layers.normals == Normals::Compute {
+            add_normals(field, space, n, progress, s);
+        }
+        add_colours(self.ngp, n, progress, s);
+        n as u64
+    }
 }
 
 /// Colours of the kept samples.
@@ -194,7 +320,7 @@ fn add_colours(ngp: &Ngp, n: usize, progress: &mut [Progress], s: &mut Scratch) 
     field.colour.infer(field.simd, &field.colour_packed, input, m, m, rgb, m, mlp);
     for (j, kept) in s.kept.iter().enumerate() {
         for c in 0..3 {
-            progress[kept.ray as usize].rgb[c] += kept.w * rgb[c * m + j];
+            progress[kept.ray as usize].rgb[c] += f64::from(kept.w) * f64::from(rgb[c * m + j]);
         }
     }
 }
@@ -233,9 +359,8 @@ fn add_normals(field: &Field, space: &Space, n: usize, progress: &mut [Progress]
 fn finish(space: &Space, rays: &[Ray], query: &Query, progress: &[Progress]) -> Layers {
     let mut out = Layers::default();
     for (ray, p) in rays.iter().zip(progress) {
-        let rest = (-p.depth).exp() as f32;
-        out.rgb.push([0, 1, 2].map(|c| p.rgb[c] + rest * query.background[c]));
-        out.opacity.push(1.0 - rest);
+        out.rgb.push([0, 1, 2].map(|c| (p.rgb[c] + p.trans * f64::from(query.background[c])) as f32));
+        out.opacity.push((1.0 - p.trans) as f32);
         let world = |t: f32| space.world_distance(ray, t) as f32;
         out.depth.push(if p.opacity > 1e-3 { world(p.distance / p.opacity) } else { f32::INFINITY });
         out.median_depth.push(if p.median.is_finite() { world(p.median) } else { f32::INFINITY });

@@ -1,0 +1,256 @@
+//! Renders against the full sum, over random fields, occupancy grids, spaces and rays.
+
+use super::render::render_trial;
+use super::{Ngp, NgpConfig};
+use crate::data::Dataset;
+use crate::options::{Background, RunOptions};
+use crate::plan::build;
+use crate::skips::{MeasuredSkips, measure};
+use crate::space::{Space, SpaceKind};
+use crate::system::{EmptyCells, LayerRequest, Layers, Normals, Query, System, Trial};
+use field_core::rng::Rng;
+use glam::DVec3;
+use proptest::prelude::*;
+use render_core::budget::{Skip, SkipSet};
+use render_core::occupancy::OccupancyGrid;
+use render_core::ray::Ray;
+use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use std::sync::Arc;
+
+const RAYS: usize = 24;
+
+/// A scene of a few pixels, and its training views.
+fn table() -> (Scene, Dataset) {
+    let options = TabletopOptions { width: 8, height: 8, train: 3, test: 1, rays: 1, ..TabletopOptions::default() };
+    let scene = tabletop(&options);
+    let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
+    let data = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
+    (scene, data)
+}
+
+/// Settings of a field so small that the full sum is quick.
+fn small(kind: SpaceKind) -> NgpConfig {
+    let (scene, data) = table();
+    let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
+    let (_, plan) = build("ngp", &scene, &data, &run).unwrap();
+    let contracted = kind == SpaceKind::Contracted;
+    NgpConfig {
+        space: kind,
+        levels: 4,
+        log2_table: 10,
+        n_min: 4,
+        n_max: 32,
+        width: 16,
+        occupancy: 16,
+        cascades: if contracted { 3 } else { 1 },
+        step_min: 0.04,
+        step_cone: if contracted { 0.04 } else { 0.0 },
+        centre: [0.0; 3],
+        radius: 1.0,
+        near: 0.01,
+        ..plan.config.try_into().unwrap()
+    }
+}
+
+/// A field of random parameters: from mist to walls, with cells that count as empty and cells the cameras rule out.
+fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
+    let config = NgpConfig { density_bias, ..small(kind) };
+    let space = match kind {
+        SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
+        _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
+    };
+    let mut ngp = Ngp::new(config, space, Background::White, seed).unwrap();
+    ngp.stretch = 1.0;
+    let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
+    for (i, x) in ngp.field.grid_params.iter_mut().enumerate() {
+        *x = 4.0 * (uniform(1, i) - 0.5);
+    }
+    for (i, x) in ngp.field.density_params.iter_mut().enumerate() {
+        *x = 3.0 * (uniform(2, i) - 0.5);
+    }
+    for (i, x) in ngp.field.colour_params.iter_mut().enumerate() {
+        *x = 3.0 * (uniform(3, i) - 0.5);
+    }
+    ngp.field.pack();
+    let grid = &ngp.occupy.grid;
+    let thickness: Vec<f32> = (0..grid.cells())
+        .map(|i| match uniform(4, i) {
+            u if u < 0.1 => -1.0,
+            u if u < 0.5 => 0.0,
+            _ => 1.0,
+        })
+        .collect();
+    ngp.occupy.grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
+    ngp
+}
+
+/// Rays from in and around the scene.
+fn random_rays(seed: u64) -> Vec<Ray> {
+    let rng = Rng::new(seed, 9);
+    let v = |i: usize| DVec3::from([0, 1, 2].map(|a| f64::from(rng.uniform_at(3 * i as u64 + a)) - 0.5));
+    let ray = |i: usize| {
+        let (o, target) = (5.0 * v(2 * i), 2.0 * v(2 * i + 1));
+        Ray { o, d: (target - o).try_normalize().unwrap_or(DVec3::Z) }
+    };
+    (0..RAYS).map(ray).collect()
+}
+
+fn query(background: [f32; 3], error_budget: f32) -> Query {
+    Query { background, layers: LayerRequest::default(), error_budget }
+}
+
+/// The sum over all samples of a ray, one at a time, straight from the definition.
+fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32; 3] {
+    let (field, ray) = (&ngp.field, ngp.space.internal_ray(ray));
+    let marcher = ngp.occupy.marcher(&ngp.config, ngp.stretch);
+    let all = OccupancyGrid::new(ngp.occupy.grid.settings()).unwrap();
+    let (mut samples, mut occupied) = (Vec::new(), Vec::new());
+    marcher.march(&all, &ray, 0.5, |t, dt| samples.push((t, dt)));
+    marcher.march(&ngp.occupy.grid, &ray, 0.5, |t, _| occupied.push(t));
+    let (mut depth, mut rgb) = (0.0_f64, [0.0_f64; 3]);
+    for (t, dt) in samples {
+        let p = ray.at(t);
+        if empty == EmptyCells::Nothing && !occupied.contains(&t) {
+            continue;
+        }
+        let mut x = [0.0; 3];
+        ngp.space.grid_positions(field.simd, &p, &mut x);
+        let mut features = vec![0.0; field.grid.out_rows()];
+        field.encode(&x, &mut features);
+        let mut input = vec![0.0; field.colour.inputs()];
+        let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
+        field.density.infer(field.simd, &field.density_packed, &features, 1, 1, &mut input, 1, &mut scratch);
+        let tau = field.density_of(input[0]) * dt;
+        field.harmonics.encode(field.simd, &ray.view, &mut input[field.density.outputs()..]).unwrap();
+        let mut colour = [0.0; 3];
+        field.colour.infer(field.simd, &field.colour_packed, &input, 1, 1, &mut colour, 1, &mut scratch);
+        let w = (-depth).exp() as f32 * -(-tau).exp_m1();
+        for (sum, c) in rgb.iter_mut().zip(colour) {
+            *sum += f64::from(w) * f64::from(c);
+        }
+        depth += f64::from(tau);
+    }
+    [0, 1, 2].map(|c| (rgb[c] + (-depth).exp() * f64::from(background[c])) as f32)
+}
+
+fn kinds() -> impl Strategy<Value = SpaceKind> {
+    prop_oneof![Just(SpaceKind::Box), Just(SpaceKind::Contracted)]
+}
+
+fn largest_difference(a: &Layers, b: &Layers) -> f32 {
+    let channels = |l: &Layers| l.rgb.iter().flatten().copied().collect::<Vec<f32>>();
+    channels(a).into_iter().zip(channels(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn a_budget_of_0_is_the_full_sum_bit_for_bit(
+        seed in any::<u64>(), kind in kinds(), bias in -3.0..4.0_f32, background in [0.0..1.0_f32, 0.0..1.0, 0.0..1.0],
+    ) {
+        let (ngp, rays) = (random_field(seed, kind, bias), random_rays(seed));
+        let (layers, ledger) = render_trial(&ngp, &rays, &query(background, 0.0), &Trial::USUAL);
+        for (rgb, ray) in layers.rgb.iter().zip(&rays) {
+            prop_assert_eq!(*rgb, naive(&ngp, ray, background, EmptyCells::Nothing));
+        }
+        for skip in Skip::ALL {
+            prop_assert_eq!((ledger.entry(skip).skipped, ledger.entry(skip).spent()), (0, 0.0));
+        }
+        // Allowing the skips by name does not help where there is no budget; forbidding them is the same as no budget.
+        let forbidden = Trial { skips: SkipSet::NONE, ..Trial::USUAL };
+        prop_assert_eq!(&render_trial(&ngp, &rays, &query(background, 0.1), &forbidden).0.rgb, &layers.rgb);
+    }
+
+    #[test]
+    fn the_picture_stays_inside_its_budget(
+        seed in any::<u64>(), kind in kinds(), bias in -3.0..4.0_f32, background in [0.0..1.0_f32, 0.0..1.0, 0.0..1.0],
+    ) {
+        let (ngp, rays) = (random_field(seed, kind, bias), random_rays(seed));
+        let full = ngp.render(&rays, &query(background, 0.0));
+        for eps in [1.0 / 2048.0, 1.0 / 255.0, 1e-2, 0.1] {
+            for skips in [SkipSet::ALL, SkipSet::only(Skip::Behind), SkipSet::only(Skip::Faint), SkipSet::only(Skip::Empty)] {
+                let trial = Trial { skips, ..Trial::USUAL };
+                let (layers, ledger) = render_trial(&ngp, &rays, &query(background, eps), &trial);
+                let error = largest_difference(&layers, &full);
+                prop_assert!(error <= eps, "{error} > {eps}");
+                let promised = Skip::ALL.map(|s| ledger.entry(s).most()).iter().sum::<f64>();
+                prop_assert!(f64::from(error) <= promised + 5e-7, "{error} > {promised}");
+                // Passing over empty cells is exact.
+                if skips == SkipSet::only(Skip::Empty) {
+                    prop_assert_eq!(&layers.rgb, &full.rgb);
+                    prop_assert!(ledger.entry(Skip::Empty).skipped > 0);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_field_holds_in_empty_cells_is_within_its_thickness_of_the_model() {
+    for seed in 0..4 {
+        let (mut ngp, rays) = (random_field(seed, SpaceKind::Box, -2.0), random_rays(seed));
+        let model = ngp.render(&rays, &query([1.0; 3], 0.0));
+        let field = Trial { skips: SkipSet::NONE, empty: EmptyCells::Field };
+        let (seen, ledger) = render_trial(&ngp, &rays, &query([1.0; 3], 0.0), &field);
+        let (error, bound) = (largest_difference(&seen, &model), ledger.entry(Skip::Empty).most());
+        assert!(error > 1e-3 && f64::from(error) <= bound + 1e-6, "{error}, {bound}");
+        // Nothing ruled out: the field everywhere.
+        let thickness: Vec<f32> = ngp.occupy.grid.thickness().iter().map(|t| t.max(0.0)).collect();
+        ngp.occupy.grid = OccupancyGrid::from_state(ngp.occupy.grid.settings(), &thickness, 1).unwrap();
+        let (seen, _) = render_trial(&ngp, &rays, &query([1.0; 3], 0.0), &field);
+        for (rgb, ray) in seen.rgb.iter().zip(&rays) {
+            assert_eq!(*rgb, naive(&ngp, ray, [1.0; 3], EmptyCells::Field));
+        }
+    }
+}
+
+#[test]
+fn renders_have_the_same_bits_with_1_2_and_4_threads() {
+    let ngp = random_field(7, SpaceKind::Contracted, 0.0);
+    let rays: Vec<Ray> = (0..20).flat_map(random_rays).collect();
+    let layers = LayerRequest { normals: Normals::Compute };
+    for eps in [0.0, 1.0 / 255.0] {
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let query = Query { layers, ..query([0.2, 0.5, 1.0], eps) };
+            pool.install(|| render_trial(&ngp, &rays, &query, &Trial::USUAL))
+        };
+        let one = on(1);
+        assert!(on(2) == one && on(4) == one);
+        // Colours do not depend on what else is asked for, nor on what the rays are rendered with.
+        let plain = ngp.render(&rays, &query([0.2, 0.5, 1.0], eps));
+        assert_eq!(plain.rgb, one.0.rgb);
+        assert_eq!(ngp.render(&rays[333..334], &query([0.2, 0.5, 1.0], eps)).rgb[0], plain.rgb[333]);
+    }
+}
+
+#[test]
+fn the_measured_table_holds_every_skip_and_keeps_to_the_budget() {
+    let (ngp, (_, data)) = (random_field(3, SpaceKind::Box, 0.0), table());
+    let eps = 1.0 / 255.0;
+    let measured = measure(&ngp, &data, &query([1.0; 3], eps)).unwrap();
+    assert_eq!(measured.rays, 3 * 64);
+    let names: Vec<&str> = measured.rows.iter().map(|r| r.what.as_str()).collect();
+    let skips = [Skip::Behind, Skip::Faint, Skip::Empty].map(|s| format!("{}, alone", s.name()));
+    assert_eq!(names[..3], skips);
+    assert!(names.len() == 5 && names[3] == "all together" && names[4].contains("count as empty"), "{names:?}");
+    for row in &measured.rows[..4] {
+        let [most, mean] = row.error.unwrap();
+        assert!(mean <= most && most <= f64::from(eps) && row.skipped > 0 && row.skipped <= row.total, "{row:?}");
+        assert!(row.seconds_saved.is_some());
+    }
+    // Empty cells are passed over exactly; what the field holds in them shows.
+    assert_eq!(measured.rows[2].error, Some([0.0, 0.0]));
+    assert!(measured.rows[4].error.unwrap()[0] > f64::from(eps));
+    let text = serde_json::to_string(&measured).unwrap();
+    assert_eq!(serde_json::from_str::<MeasuredSkips>(&text).unwrap().rows.len(), 5);
+    assert_eq!(measured.table().lines().count(), 7);
+}
+
+#[test]
+fn no_rays_are_no_work() {
+    let ngp = random_field(1, SpaceKind::Box, 0.0);
+    assert_eq!(ngp.render(&[], &query([0.0; 3], 0.0)), Layers::default());
+}
