@@ -26,6 +26,7 @@ const STEPS_PER_WINDOW: u64 = 16;
 /// Random streams: pixels of a step are substream `step` of one, the view order of a round substream `round` of the other.
 const PIXELS: u64 = 0x0070_6978_656c;
 const VIEWS: u64 = 0x0076_6965_7773;
+const PLACES: u64 = 0x706c_6163_6573;
 
 /// One view of a [`Dataset`].
 #[derive(Clone, Debug)]
@@ -60,6 +61,38 @@ impl View {
                 Some(Ray { o: camera.pose.c, d: (camera.pose.r * d).normalize() })
             }
         }
+    }
+
+    /// Ray through a point of pixel `(x, y)`, `offset` from its centre in pixels, `-1/2 ..= 1/2`; `None` where the lens has
+    /// no preimage. Directions of a lens with distortion are interpolated between those of pixel centres.
+    ///
+    /// # Panics
+    /// When the pixel lies outside the image.
+    pub fn ray_within(&self, x: u32, y: u32, offset: [f64; 2]) -> Option<Ray> {
+        let camera = &self.camera;
+        let Some(table) = &self.table else {
+            assert!(x < camera.width && y < camera.height, "pixel ({x}, {y}) of a view");
+            let (x, y) = (f64::from(x) + 0.5 + offset[0], f64::from(y) + 0.5 + offset[1]);
+            let d = DVec3::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0);
+            return Some(Ray { o: camera.pose.c, d: (camera.pose.r * d).normalize() });
+        };
+        let centre = table.ray(&camera.pose, x, y)?;
+        let mut d = centre.d;
+        for (axis, last) in [camera.width - 1, camera.height - 1].into_iter().enumerate() {
+            let at = [x, y][axis];
+            let neighbour = if offset[axis] < 0.0 { at.checked_sub(1) } else { (at < last).then_some(at + 1) };
+            // At the border, and beside pixels without a ray, the neighbour on the other side does.
+            let (next, way) = match neighbour {
+                Some(next) => (next, offset[axis].abs()),
+                None if last == 0 => continue,
+                None => (if at == 0 { 1 } else { at - 1 }, -offset[axis].abs()),
+            };
+            let (nx, ny) = if axis == 0 { (next, y) } else { (x, next) };
+            if let Some(other) = table.ray(&camera.pose, nx, ny) {
+                d += (other.d - centre.d) * way;
+            }
+        }
+        Some(Ray { o: centre.o, d: d.normalize() })
     }
 
     /// Radius of the cone of pixel `(x, y)` at distance 1, for unit directions; see [`Prepared::cone_radius`]. `None` where
@@ -336,6 +369,33 @@ impl Dataset {
             }
         });
         Ok(())
+    }
+
+    /// `side^2` rays of each pixel of a batch, one at a random place in each of as many equal squares of the pixel; for
+    /// `side = 1` the ray through its centre. Written over `out`, `[pixels * side^2]`.
+    pub fn spread(&self, seed: u64, step: u64, side: u32, batch: &Batch, out: &mut Vec<Ray>) {
+        let k = (side * side) as usize;
+        out.resize(batch.len() * k, Ray { o: DVec3::ZERO, d: DVec3::Z });
+        if side == 1 {
+            out.copy_from_slice(&batch.rays);
+            return;
+        }
+        let rng = Rng::new(seed, PLACES).substream(step);
+        out.par_chunks_mut(CHUNK * k).enumerate().for_each(|(chunk, out)| {
+            for (i, rays) in (chunk * CHUNK..).zip(out.chunks_exact_mut(k)) {
+                let (view, [x, y]) = (&self.views[batch.view[i] as usize], batch.pixel[i].map(u32::from));
+                for (j, ray) in rays.iter_mut().enumerate() {
+                    let u = rng.block_at((i * k + j) as u64);
+                    let cell = [j as u32 % side, j as u32 / side];
+                    let offset = [0, 1].map(|a| {
+                        let within = f64::from(u[a]) / 4_294_967_296.0;
+                        (f64::from(cell[a]) + within) / f64::from(side) - 0.5
+                    });
+                    // A pixel that does not count keeps whatever ray it has.
+                    *ray = view.ray_within(x, y, offset).unwrap_or(batch.rays[i]);
+                }
+            }
+        });
     }
 
     fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)]) -> Drawn {

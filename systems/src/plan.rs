@@ -29,6 +29,7 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
+    check_parallax(data, run)?;
     let layout = layout(scene, data);
     let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
     let transparent = has_alpha(data)?;
@@ -39,7 +40,11 @@ pub fn build(
         (None, false) => "background: random (the images have no alpha: every ray must end on something)".into(),
     });
     let error_budget = run.error_budget.unwrap_or(EVALUATION_BUDGET);
-    let plan = |lines, config| Plan { lines, background, error_budget, config };
+    let plan = |lines, mut config: toml::Table| {
+        // A resumed run must be told again.
+        config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
+        Plan { lines, background, error_budget, config }
+    };
     match name {
         "ngp" => {
             let config = settings(&ngp_settings(&layout, data, &mut lines), run)?;
@@ -91,6 +96,30 @@ pub fn build(
     }
 }
 
+/// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
+const NO_PARALLAX: &str = "accept_no_parallax";
+
+/// Two or more training cameras that all stand and look the same way tell nothing about depth.
+fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
+    let refuse = |value: String, problem: String| Err(SystemError::Config { field: NO_PARALLAX, value, problem });
+    match run.set.get(NO_PARALLAX) {
+        Some(toml::Value::Boolean(true)) => return Ok(()),
+        None | Some(toml::Value::Boolean(false)) => {}
+        Some(other) => return refuse(other.to_string(), "must be true or false".into()),
+    }
+    let [first, rest @ ..] = data.views() else { return Ok(()) };
+    let a = first.camera.pose;
+    // Relative to the distance from the origin, which rounding is relative to.
+    let same =
+        |b: render_core::pose::Pose| a.c.distance(b.c) <= 1e-9 * a.c.length().max(1.0) && a.r.abs_diff_eq(b.r, 1e-9);
+    // The same view at several scales is one view.
+    if rest.iter().all(|view| view.frame == first.frame) || !rest.iter().all(|view| same(view.camera.pose)) {
+        return Ok(());
+    }
+    let what = format!("all {} training cameras have the same pose: no parallax, so no depth", data.len());
+    refuse("false".into(), format!("{what}; check the poses, or set it to true to train all the same"))
+}
+
 fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
@@ -103,7 +132,7 @@ fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
 /// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
 fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
     let mut all = table(planned);
-    for (key, value) in &run.set {
+    for (key, value) in run.set.iter().filter(|(key, _)| *key != NO_PARALLAX) {
         let Some(slot) = all.get_mut(key) else {
             let names: Vec<String> = table(planned).keys().cloned().collect();
             return Err(SystemError::Config {
@@ -140,9 +169,14 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
     lines.push(format!(
         "finest grid: {n_max} cells along an axis ({CELLS_PER_PIXEL} to a pixel of {pixel:.4} radii at the scene)"
     ));
-    let step_min = (STEP_PER_PIXEL * pixel) as f32;
-    lines.push(format!("steps: {step_min:.4} radii ({STEP_PER_PIXEL} of a pixel), growing with the distance"));
     let pixels = data.pixel_count();
+    // Where pixels are few they come often enough to be taken for the areas they are; where they are many, a run on a
+    // CPU sees each but once or twice, and more of them are worth more than each of them done better.
+    let (rays_per_side, step_per_pixel) = if pixels < MANY_PIXELS { (2, 0.5) } else { (1, 1.5) };
+    lines.push(format!("pixels: the mean of {} ray(s) each ({pixels} training pixels)", rays_per_side * rays_per_side));
+    // Pixels of extreme lenses are as large as the scene, or nothing.
+    let step_min = (step_per_pixel * pixel).clamp(1e-4, 0.25) as f32;
+    lines.push(format!("steps: {step_min:.4} radii ({step_per_pixel} of a pixel), growing with the distance"));
     let log2_table = if pixels > 4_000_000 { 18 } else { 17 };
     lines.push(format!("hash table: 2^{log2_table} entries a level ({pixels} training pixels)"));
     NgpConfig {
@@ -154,8 +188,8 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         log2_table,
         n_min: 16,
         n_max,
-        width: 64,
-        colour_layers: 2,
+        width: 32,
+        colour_layers: 1,
         geometry: 16,
         sh_degree: 4,
         density_bias: 0.0,
@@ -166,13 +200,15 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         occupancy_every: 8,
         near: 0.05,
         step_min,
-        step_cone: if layout.kind == SpaceKind::Contracted { (STEP_PER_PIXEL * pixel) as f32 } else { 0.0 },
+        step_cone: if layout.kind == SpaceKind::Contracted { (step_per_pixel * pixel) as f32 } else { 0.0 },
+        rays_per_side,
+        train_stop: 1e-4,
         samples_per_ray: 64.0,
         batch_samples: 1 << 15,
         batch_rays: 1 << 13,
-        lr: 1e-2,
-        lr_hold: 2000,
-        lr_tenfold: 0.3,
+        lr: 2e-2,
+        lr_hold: 500,
+        lr_tenfold: 0.1,
         weight_decay: 1e-6,
         huber: 0.0,
     }
@@ -180,8 +216,8 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
 
 /// Cells of the finest level to a pixel's footprint.
 const CELLS_PER_PIXEL: f64 = 2.0;
-/// Smallest step of a march, in pixels' footprints.
-const STEP_PER_PIXEL: f64 = 0.5;
+/// From so many training pixels on, a pixel is one ray.
+const MANY_PIXELS: u64 = 2_500_000;
 
 fn space(
     layout: &Layout,

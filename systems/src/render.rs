@@ -1,9 +1,10 @@
 //! A camera to a picture: whole images of layers, strip by strip.
 
 use crate::system::{LayerRequest, Layers, Normals, Query, System};
-use glam::DVec2;
+use glam::{DVec2, Vec3};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
+use std::ops::Range;
 
 /// Rays of one call to [`System::render_cones`]: enough work for many threads, little memory.
 const STRIP: usize = 1 << 14;
@@ -32,34 +33,71 @@ pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
         normal: if normals { vec![[0.0; 3]; pixels] } else { Vec::new() },
     };
     let prepared = camera.prepare();
-    let mut rays: Vec<Ray> = Vec::with_capacity(STRIP);
-    let mut radii: Vec<f32> = Vec::with_capacity(STRIP);
-    let mut places: Vec<usize> = Vec::with_capacity(STRIP);
+    let side = system.rays_per_side().max(1);
+    let k = (side * side) as usize;
+    // Where a pixel's rays go through it.
+    let places: Vec<DVec2> = (0..side * side)
+        .map(|j| DVec2::new(f64::from(j % side) + 0.5, f64::from(j / side) + 0.5) / f64::from(side))
+        .collect();
+    let mut rays: Vec<Ray> = Vec::with_capacity(STRIP + k);
+    let mut radii: Vec<f32> = Vec::with_capacity(STRIP + k);
+    let mut seen: Vec<usize> = Vec::with_capacity(STRIP / k + 1);
     for pixel in 0..pixels {
-        let (x, y) = (pixel % width as usize, pixel / width as usize);
-        let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        if let Some(ray) = prepared.ray(centre) {
-            rays.push(ray);
-            radii.push(prepared.cone_radius(centre).unwrap_or(0.0) as f32);
-            places.push(pixel);
+        let corner = DVec2::new((pixel % width as usize) as f64, (pixel / width as usize) as f64);
+        let before = rays.len();
+        rays.extend(places.iter().filter_map(|&place| prepared.ray(corner + place)));
+        if rays.len() == before + k {
+            // Each ray stands for its share of the pixel.
+            let radius = prepared.cone_radius(corner + 0.5).unwrap_or(0.0) / f64::from(side);
+            radii.resize(rays.len(), radius as f32);
+            seen.push(pixel);
+        } else {
+            rays.truncate(before);
         }
-        if rays.len() == STRIP || pixel + 1 == pixels {
+        if rays.len() >= STRIP || pixel + 1 == pixels {
             let strip = system.render_cones(&rays, &radii, query);
-            for (k, &place) in places.iter().enumerate() {
-                layers.rgb[place] = strip.rgb[k];
-                layers.opacity[place] = strip.opacity[k];
-                layers.depth[place] = strip.depth[k];
-                layers.median_depth[place] = strip.median_depth[k];
-                if normals {
-                    layers.normal[place] = strip.normal[k];
-                }
+            for (i, &pixel) in seen.iter().enumerate() {
+                average(&strip, i * k..(i + 1) * k, &mut layers, pixel);
             }
             rays.clear();
             radii.clear();
-            places.clear();
+            seen.clear();
         }
     }
     Rendered { width, height, layers }
+}
+
+/// The layers of a pixel from those of its rays.
+fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize) {
+    let k = rays.len();
+    if k == 1 {
+        let ray = rays.start;
+        layers.rgb[pixel] = strip.rgb[ray];
+        layers.opacity[pixel] = strip.opacity[ray];
+        layers.depth[pixel] = strip.depth[ray];
+        layers.median_depth[pixel] = strip.median_depth[ray];
+        if let (Some(to), Some(from)) = (layers.normal.get_mut(pixel), strip.normal.get(ray)) {
+            *to = *from;
+        }
+        return;
+    }
+    let share = 1.0 / k as f32;
+    let opacity = &strip.opacity[rays.clone()];
+    layers.rgb[pixel] = [0, 1, 2].map(|c| share * strip.rgb[rays.clone()].iter().map(|rgb| rgb[c]).sum::<f32>());
+    layers.opacity[pixel] = share * opacity.iter().sum::<f32>();
+    // Of what was hit, as each ray's depth is.
+    let hits = || strip.depth[rays.clone()].iter().zip(opacity).filter(|(depth, _)| depth.is_finite());
+    let weight: f32 = hits().map(|(_, a)| a).sum();
+    layers.depth[pixel] =
+        if weight > 0.0 { hits().map(|(d, a)| d * a).sum::<f32>() / weight } else { f32::INFINITY };
+    // One of them, not a mean over an edge.
+    let mut medians: Vec<f32> = strip.median_depth[rays.clone()].to_vec();
+    medians.sort_unstable_by(f32::total_cmp);
+    layers.median_depth[pixel] = medians[(k - 1) / 2];
+    if let (Some(to), Some(from)) = (layers.normal.get_mut(pixel), strip.normal.get(rays)) {
+        let sum = from.iter().fold(Vec3::ZERO, |sum, &n| sum + Vec3::from(n));
+        *to = sum.normalize_or_zero().to_array();
+    }
 }
 
 /// A query for colour, opacity and depth.

@@ -1,15 +1,17 @@
-//! One chunk of a training batch: its rays, their samples, and the way there and back through the networks.
+//! One chunk of a training batch: its rays, the samples they keep, and the way there and back through the networks.
 //!
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
 //! samples go through the networks in tiles of whole rays, small enough that a tile's activations stay in the L2 cache.
 
 use super::field::{Field, sized};
+use super::look::{Kept, Look};
 use super::occupy::Marcher;
 use crate::data::Batch;
 use crate::space::{InternalRay, Space};
 use field_core::mlp::Mlp;
 use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
+use render_core::ray::Ray;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
@@ -24,10 +26,14 @@ const TILE: usize = 480;
 pub(super) struct ChunkStats {
     pub(super) loss: f64,
     pub(super) squared_error: f64,
-    /// Rays that count.
-    pub(super) rays: f64,
+    /// Pixels that count.
+    pub(super) pixels: f64,
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
+    /// Samples the march placed.
+    pub(super) placed: u64,
+    /// Samples whose density was asked for.
+    pub(super) looked: u64,
     pub(super) seconds: [f64; 3],
 }
 
@@ -39,12 +45,10 @@ pub(super) struct Chunk {
     views: Vec<f32>,
     /// `[rays + 1]`
     offsets: Vec<u32>,
-    t: Vec<f32>,
+    /// Steps of the samples.
     dt: Vec<f32>,
-    /// Samples.
+    /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
-    /// `[3][n]`, internal positions.
-    p: Vec<f32>,
     /// `[3][n]`, positions in the grid.
     pub(super) x: Vec<f32>,
     features: Vec<f32>,
@@ -53,6 +57,7 @@ pub(super) struct Chunk {
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) stats: ChunkStats,
+    look: Look,
     tile: Tile,
 }
 
@@ -85,13 +90,19 @@ pub(super) struct StepContext<'a> {
     pub(super) occupancy: &'a OccupancyGrid,
     pub(super) marcher: Marcher,
     pub(super) batch: &'a Batch,
-    /// Background of each ray of the batch.
+    /// Rays of a pixel: its colour is the mean of theirs.
+    pub(super) per_pixel: usize,
+    /// `[pixels * per_pixel]`
+    pub(super) rays: &'a [Ray],
+    /// Background of each pixel of the batch.
     pub(super) background: &'a [[f32; 3]],
     /// Jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     pub(super) kernel: Kernel,
-    /// One over the rays of the batch that count.
-    pub(super) per_ray: f32,
+    /// Optical depth behind which nothing is looked at.
+    pub(super) depth_limit: f64,
+    /// One over the pixels of the batch that count.
+    pub(super) share: f32,
 }
 
 impl Chunk {
@@ -101,16 +112,15 @@ impl Chunk {
             basis: Vec::new(),
             views: Vec::new(),
             offsets: Vec::new(),
-            t: Vec::new(),
             dt: Vec::new(),
             n: 0,
-            p: Vec::new(),
             x: Vec::new(),
             features: Vec::new(),
             features_bar: Vec::new(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             stats: ChunkStats::default(),
+            look: Look::default(),
             tile: Tile::default(),
         }
     }
@@ -119,7 +129,6 @@ impl Chunk {
     pub(super) fn bytes(&self) -> usize {
         let t = &self.tile;
         let floats = [
-            &self.t,
             &self.dt,
             &self.x,
             &self.features,
@@ -136,71 +145,49 @@ impl Chunk {
             &t.tau_bar,
             &t.w,
         ];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.rays.capacity() * size_of::<InternalRay>()
+        let rays = self.rays.capacity() * size_of::<InternalRay>();
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + self.look.bytes()
     }
 
-    /// Sample the chunk's rays, render them, and bring the loss back to features and network gradients.
-    pub(super) fn run(&mut self, ctx: &StepContext<'_>, rays: Range<usize>) {
+    /// Sample the rays of the batch's pixels `pixels`, render them, and bring the loss back to features and network
+    /// gradients.
+    pub(super) fn run(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
         let start = Instant::now();
         self.stats = ChunkStats::default();
         self.density_grad.fill(0.0);
         self.colour_grad.fill(0.0);
-        self.march(ctx, rays.clone());
+        let rays = pixels.start * ctx.per_pixel..pixels.end * ctx.per_pixel;
+        self.rays.clear();
+        self.rays.extend(ctx.rays[rays.clone()].iter().map(|ray| ctx.space.internal_ray(ray)));
+        ctx.field.basis(&self.rays, &mut self.views, &mut self.basis);
+        self.look.march(ctx, &self.rays, rays);
         let marched = Instant::now();
+        let Self { offsets, dt, x, features, .. } = self;
+        self.n = self.look.follow(ctx, &self.rays, Kept { offsets, dt, x, features });
         let (n, rows) = (self.n, ctx.field.grid.out_rows());
-        ctx.field.encode(&self.x[..3 * n], sized(&mut self.features, rows * n));
         sized(&mut self.features_bar, rows * n).fill(0.0);
+        self.stats.dense = self.look.dense;
+        self.stats.placed = self.look.placed();
+        self.stats.looked = self.look.looked;
         let encoded = Instant::now();
-        let count = rays.len();
+        let (count, k) = (pixels.len(), ctx.per_pixel);
         let mut first = 0;
         while first < count {
-            let begin = self.offsets[first];
             let mut last = first + 1;
-            while last < count && (self.offsets[last + 1] - begin) as usize <= TILE {
+            while last < count && (self.offsets[(last + 1) * k] - self.offsets[first * k]) as usize <= TILE {
                 last += 1;
             }
-            self.render_tile(ctx, rays.start, first..last);
+            self.render_tile(ctx, pixels.start, first..last);
             first = last;
         }
         let seconds = |a: Instant, b: Instant| (b - a).as_secs_f64();
         self.stats.seconds = [seconds(start, marched), seconds(marched, encoded), seconds(encoded, Instant::now())];
     }
 
-    /// Place samples along the rays, skipping what the occupancy grid knows to be empty.
-    fn march(&mut self, ctx: &StepContext<'_>, rays: Range<usize>) {
-        self.rays.clear();
-        self.offsets.clear();
-        self.offsets.push(0);
-        self.t.clear();
-        self.dt.clear();
-        for i in rays {
-            let ray = ctx.space.internal_ray(&ctx.batch.rays[i]);
-            if ctx.batch.weight[i] > 0.0 {
-                let marched = ctx.marcher.march(ctx.occupancy, &ray, ctx.jitter[i], |t, dt| {
-                    self.t.push(t);
-                    self.dt.push(dt);
-                });
-                self.stats.dense += u64::from(marched.lattice);
-            }
-            self.rays.push(ray);
-            self.offsets.push(self.t.len() as u32);
-        }
-        ctx.field.basis(&self.rays, &mut self.views, &mut self.basis);
-        self.n = self.t.len();
-        let n = self.n;
-        let p = sized(&mut self.p, 3 * n);
-        for (r, ray) in self.rays.iter().enumerate() {
-            for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
-                let at = ray.at(self.t[i]);
-                (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
-            }
-        }
-        ctx.space.grid_positions(ctx.field.simd, p, sized(&mut self.x, 3 * n));
-    }
-
-    /// Rays `rays` of the chunk (`base` is the chunk's first ray in the batch), forward and backward.
-    fn render_tile(&mut self, ctx: &StepContext<'_>, base: usize, rays: Range<usize>) {
-        let (field, n_all) = (ctx.field, self.n);
+    /// Pixels `pixels` of the chunk (`base` is the chunk's first in the batch), forward and backward.
+    fn render_tile(&mut self, ctx: &StepContext<'_>, base: usize, pixels: Range<usize>) {
+        let (field, n_all, k) = (ctx.field, self.n, ctx.per_pixel);
+        let rays = pixels.start * k..pixels.end * k;
         let samples = self.offsets[rays.start] as usize..self.offsets[rays.end] as usize;
         let (n, count) = (samples.len(), rays.len());
         let t = &mut self.tile;
@@ -231,10 +218,10 @@ impl Chunk {
         field.colour.forward(field.simd, &field.colour_packed, input, n, n, rgb, n, colour_acts);
 
         // Pixel.
-        let batch_rays = base + rays.start..base + rays.end;
+        let pixels = base + pixels.start..base + pixels.end;
         let background = sized(&mut t.background, 3 * count);
-        for (b, i) in background.chunks_exact_mut(3).zip(batch_rays.clone()) {
-            b.copy_from_slice(&ctx.background[i]);
+        for (b, i) in background.chunks_exact_mut(3 * k).zip(pixels.clone()) {
+            b.as_chunks_mut().0.fill(ctx.background[i]);
         }
         let quadrature = Samples { offsets: &t.offsets, tau, last: LastInterval::Finite };
         let values = Values { data: rgb, stride: n, channels: 3 };
@@ -246,17 +233,18 @@ impl Chunk {
 
         // Loss: truth and prediction on the same background.
         let pixel_bar = sized(&mut t.pixel_bar, 3 * count);
-        for (r, i) in batch_rays.enumerate() {
+        let per_ray = 1.0 / k as f32;
+        for (i, (rays, bars)) in pixels.zip(pixel.chunks_exact(3 * k).zip(pixel_bar.chunks_exact_mut(3 * k))) {
             let (alpha, weight) = (ctx.batch.alpha[i], ctx.batch.weight[i]);
-            self.stats.rays += f64::from(weight);
+            self.stats.pixels += f64::from(weight);
             for c in 0..3 {
                 let truth = ctx.batch.rgb[i][c] * alpha + ctx.background[i][c] * (1.0 - alpha);
-                let (value, e) = (pixel[3 * r + c], pixel[3 * r + c] - truth);
-                let slope = ctx.kernel.derivative(value, truth);
-                let value = ctx.kernel.value(value, truth);
-                self.stats.loss += f64::from(weight * value) / 3.0;
+                let value = per_ray * rays[c..].iter().step_by(3).sum::<f32>();
+                let e = value - truth;
+                self.stats.loss += f64::from(weight * ctx.kernel.value(value, truth)) / 3.0;
                 self.stats.squared_error += f64::from(weight * e * e) / 3.0;
-                pixel_bar[3 * r + c] = weight * slope * ctx.per_ray / 3.0;
+                let slope = weight * ctx.kernel.derivative(value, truth) * ctx.share * per_ray / 3.0;
+                bars[c..].iter_mut().step_by(3).for_each(|bar| *bar = slope);
             }
         }
         if n == 0 {

@@ -55,6 +55,10 @@ pub struct NgpConfig {
     /// Step per distance from the camera; 0 keeps the step constant.
     pub step_cone: f32,
 
+    /// A pixel is the mean of this many rays along each of its sides: 1 is a ray through its centre, 2 are four rays.
+    pub rays_per_side: u32,
+    /// A training ray ends where its transmittance falls below this; 0: it never does.
+    pub train_stop: f32,
     /// Samples a ray may have on average in training: where there are more, steps grow until empty space is known.
     pub samples_per_ray: f32,
     /// Samples a batch aims at; the number of rays adapts.
@@ -168,6 +172,11 @@ impl NgpConfig {
         positive("batch_rays", self.batch_rays as f64)?;
         positive("occupancy_every", self.occupancy_every as f64)?;
         positive("occupancy_threshold", f64::from(self.occupancy_threshold))?;
+        // The march counts steps in `f32`: the diagonal of the outermost cube must have fewer than 2^23.
+        let shortest = 4.2e-7 * 2.0_f32.powi(self.cascades.clamp(1, 16) as i32);
+        if !(shortest..=100.0).contains(&self.step_min) {
+            return Err(bad("step_min", self.step_min, &format!("must be in {shortest:e}..=100")));
+        }
         if !self.centre.iter().all(|c| c.is_finite()) {
             return Err(bad("centre", format!("{:?}", self.centre), "must be three finite numbers"));
         }
@@ -176,6 +185,12 @@ impl NgpConfig {
         }
         if !(0.0..=10.0).contains(&self.huber) || !(0.0..=1.0).contains(&self.weight_decay) {
             return Err(bad("huber, weight_decay", format!("{}, {}", self.huber, self.weight_decay), "out of range"));
+        }
+        if !(1..=8).contains(&self.rays_per_side) {
+            return Err(bad("rays_per_side", self.rays_per_side, "must be in 1..=8"));
+        }
+        if !(0.0..1.0).contains(&self.train_stop) {
+            return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
         }
         if !self.density_bias.is_finite() {
             return Err(bad("density_bias", self.density_bias, "must be finite"));

@@ -17,6 +17,7 @@ mod budget_tests;
 mod chunk;
 mod config;
 mod field;
+mod look;
 mod occupy;
 mod render;
 mod state;
@@ -34,7 +35,7 @@ use field_core::rng::Rng;
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use rayon::prelude::*;
-use render_core::budget::Ledger;
+use render_core::budget::{Ledger, depth_limit};
 use render_core::ray::Ray;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -83,6 +84,7 @@ pub struct Ngp {
 /// What steps reuse.
 struct Work {
     batch: Batch,
+    rays: Vec<Ray>,
     background: Vec<[f32; 3]>,
     jitter: Vec<f32>,
     chunks: Vec<Chunk>,
@@ -108,7 +110,8 @@ struct Seconds {
 /// Counts for the table of skips.
 #[derive(Debug, Default)]
 struct Skipped {
-    /// Samples placed, and those a march without the occupancy grid would have placed.
+    /// Training samples kept, placed, and those a march without the occupancy grid would have placed.
+    kept: AtomicU64,
     placed: AtomicU64,
     dense: AtomicU64,
     /// What renders skipped.
@@ -128,6 +131,7 @@ impl Ngp {
         let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
         let work = Work {
             batch: Batch::default(),
+            rays: Vec::new(),
             background: Vec::new(),
             jitter: Vec::new(),
             chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
@@ -173,7 +177,7 @@ impl Ngp {
     /// Random backgrounds and first samples of a step's rays.
     fn draw_randoms(&mut self, step: u64) {
         let (n, work) = (self.work.batch.len(), &mut self.work);
-        work.jitter.resize(n, 0.0);
+        work.jitter.resize(work.rays.len(), 0.0);
         Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
         work.background.resize(n, [0.0; 3]);
         let rng = Rng::new(self.seed, BACKGROUND).substream(step);
@@ -256,9 +260,12 @@ impl System for Ngp {
         self.seconds.occupancy += since(start);
 
         let start = Instant::now();
-        data.draw(self.seed, step, self.rays, &mut self.work.batch)?;
+        let per_pixel = (self.config.rays_per_side * self.config.rays_per_side) as usize;
+        let Work { batch, rays, .. } = &mut self.work;
+        data.draw(self.seed, step, self.rays.div_ceil(per_pixel), batch)?;
+        data.spread(self.seed, step, self.config.rays_per_side, batch, rays);
         self.draw_randoms(step);
-        let rays = self.work.batch.len();
+        let (pixels, rays) = (self.work.batch.len(), self.work.rays.len());
         let counted: f32 = self.work.batch.weight.iter().sum();
         self.seconds.draw += since(start);
 
@@ -269,13 +276,16 @@ impl System for Ngp {
             occupancy: &self.occupy.grid,
             marcher: self.occupy.marcher(&self.config, self.stretch),
             batch: &self.work.batch,
+            per_pixel,
+            rays: &self.work.rays,
             background: &self.work.background,
             jitter: &self.work.jitter,
             kernel: self.config.kernel(),
-            per_ray: 1.0 / counted.max(1.0),
+            depth_limit: depth_limit(self.config.train_stop),
+            share: 1.0 / counted.max(1.0),
         };
         chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
-            chunk.run(&ctx, c * rays / CHUNKS..(c + 1) * rays / CHUNKS);
+            chunk.run(&ctx, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS);
         });
         self.work.chunks = chunks;
 
@@ -286,13 +296,14 @@ impl System for Ngp {
             stats.loss += s.loss;
             stats.mse += s.squared_error;
             stats.samples += chunk.n as u64;
-            weight += s.rays;
+            weight += s.pixels;
             self.seconds.march += s.seconds[0];
             self.seconds.encode += s.seconds[1];
             self.seconds.networks += s.seconds[2];
             self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
+            self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
+            self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
         }
-        self.skipped.placed.fetch_add(stats.samples, Ordering::Relaxed);
         if weight > 0.0 {
             stats.loss /= weight;
             stats.mse /= weight;
@@ -319,6 +330,10 @@ impl System for Ngp {
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
         render::render(self, rays, query)
+    }
+
+    fn rays_per_side(&self) -> u32 {
+        self.config.rays_per_side
     }
 
     fn render_trial(&self, rays: &[Ray], query: &Query, trial: &Trial) -> Option<(Layers, Ledger)> {
@@ -359,15 +374,23 @@ impl System for Ngp {
     fn skips(&self) -> Vec<SkipRow> {
         let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
         let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
-        let mut rows = vec![SkipRow::counted(
-            "training: empty space",
-            (dense.saturating_sub(placed), dense),
-            "samples",
-            format!(
-                "optical thickness < {} per cell at the smallest step, as last seen",
-                self.config.occupancy_threshold
+        let mut rows = vec![
+            SkipRow::counted(
+                "training: empty space",
+                (dense.saturating_sub(placed), dense),
+                "samples",
+                format!(
+                    "optical thickness < {} per cell at the smallest step, as last seen",
+                    self.config.occupancy_threshold
+                ),
             ),
-        )];
+            SkipRow::counted(
+                "training: behind what is opaque",
+                (placed.saturating_sub(read(&self.skipped.kept)), placed),
+                "samples",
+                format!("transmittance < {}", self.config.train_stop),
+            ),
+        ];
         rows.extend(render::skip_rows(&self.skipped.renders));
         rows
     }

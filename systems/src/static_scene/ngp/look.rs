@@ -1,0 +1,211 @@
+//! Density first: along the rays of a chunk in rounds, until each is opaque. Only what lies in front goes on to the colour
+//! network and the backward pass.
+//!
+//! A round encodes the next samples of all rays that still let light through and asks the density network alone. A ray
+//! ends behind the sample at which its transmittance falls below [`super::NgpConfig::train_stop`]; what is left out
+//! changes a pixel by that much at most ([`render_core::budget`]).
+
+use super::chunk::StepContext;
+use super::field::sized;
+use crate::space::InternalRay;
+use std::ops::Range;
+
+/// Samples of each ray in one round.
+const ROUND: usize = 16;
+
+/// The samples of a chunk's rays, and how many of each the ray keeps.
+#[derive(Default)]
+pub(super) struct Look {
+    /// `[rays + 1]`, all samples of the march.
+    offsets: Vec<u32>,
+    t: Vec<f32>,
+    dt: Vec<f32>,
+    /// Rays that are not opaque yet.
+    alive: Vec<u32>,
+    /// `[rays]`, optical depth so far.
+    depth: Vec<f64>,
+    /// `[rays]`, samples to keep.
+    kept: Vec<u32>,
+    rounds: Vec<Round>,
+    p: Vec<f32>,
+    raw: Vec<f32>,
+    mlp: Vec<f32>,
+    /// Samples a march without the occupancy grid would have placed.
+    pub(super) dense: u64,
+    /// Samples whose density was asked for.
+    pub(super) looked: u64,
+}
+
+/// What one round saw.
+#[derive(Default)]
+struct Round {
+    /// Columns.
+    n: usize,
+    runs: Vec<Run>,
+    /// `[3][n]`, positions in the grid.
+    x: Vec<f32>,
+    /// `[rows][n]`
+    features: Vec<f32>,
+}
+
+/// A ray's columns in a round.
+#[derive(Clone, Copy)]
+struct Run {
+    ray: u32,
+    first: u32,
+    len: u32,
+}
+
+/// Where the kept samples go, ray after ray.
+pub(super) struct Kept<'a> {
+    /// `[rays + 1]`
+    pub(super) offsets: &'a mut Vec<u32>,
+    /// `[n]`, steps.
+    pub(super) dt: &'a mut Vec<f32>,
+    /// `[3][n]`, positions in the grid.
+    pub(super) x: &'a mut Vec<f32>,
+    /// `[rows][n]`
+    pub(super) features: &'a mut Vec<f32>,
+}
+
+impl Look {
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        let rounds: usize = self.rounds.iter().map(|r| r.x.capacity() + r.features.capacity()).sum();
+        4 * (rounds + self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity())
+    }
+
+    /// Samples the march placed.
+    pub(super) fn placed(&self) -> u64 {
+        self.t.len() as u64
+    }
+
+    /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
+    pub(super) fn march(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], range: Range<usize>) {
+        (self.dense, self.looked) = (0, 0);
+        self.t.clear();
+        self.dt.clear();
+        self.offsets.clear();
+        self.offsets.push(0);
+        for (ray, i) in rays.iter().zip(range) {
+            if ctx.batch.weight[i / ctx.per_pixel] > 0.0 {
+                let marched = ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], |t, dt| {
+                    self.t.push(t);
+                    self.dt.push(dt);
+                });
+                self.dense += u64::from(marched.lattice);
+            }
+            self.offsets.push(self.t.len() as u32);
+        }
+    }
+
+    /// Follow the rays until they are opaque or end; what they keep is written over `out`. Returns its number of samples.
+    pub(super) fn follow(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], out: Kept<'_>) -> usize {
+        self.depth.clear();
+        self.depth.resize(rays.len(), 0.0);
+        self.kept.clear();
+        self.kept.resize(rays.len(), 0);
+        self.alive.clear();
+        self.alive.extend(0..rays.len() as u32);
+        let mut count = 0;
+        loop {
+            let (offsets, kept) = (&self.offsets, &self.kept);
+            // Rays that are opaque have been taken out; this takes out those at their end.
+            self.alive.retain(|&r| offsets[r as usize] + kept[r as usize] < offsets[r as usize + 1]);
+            if self.alive.is_empty() {
+                break;
+            }
+            if self.rounds.len() == count {
+                self.rounds.push(Round::default());
+            }
+            self.round(ctx, rays, count);
+            count += 1;
+        }
+        self.gather(ctx, count, out)
+    }
+
+    fn round(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], index: usize) {
+        let (field, round) = (ctx.field, &mut self.rounds[index]);
+        round.runs.clear();
+        let mut n = 0;
+        for &r in &self.alive {
+            let left = self.offsets[r as usize + 1] - self.offsets[r as usize] - self.kept[r as usize];
+            let len = left.min(ROUND as u32);
+            round.runs.push(Run { ray: r, first: n, len });
+            n += len;
+        }
+        let n = n as usize;
+        round.n = n;
+        let p = sized(&mut self.p, 3 * n);
+        for run in &round.runs {
+            let (ray, from) = (&rays[run.ray as usize], self.offsets[run.ray as usize] + self.kept[run.ray as usize]);
+            for k in 0..run.len {
+                let (i, at) = ((run.first + k) as usize, ray.at(self.t[(from + k) as usize]));
+                (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
+            }
+        }
+        let x = sized(&mut round.x, 3 * n);
+        ctx.space.grid_positions(field.simd, p, x);
+        let features = sized(&mut round.features, field.grid.out_rows() * n);
+        field.encode(x, features);
+        let raw = sized(&mut self.raw, field.density.outputs() * n);
+        let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());
+        field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);
+        self.looked += n as u64;
+
+        let mut still = 0;
+        for run in &mut round.runs {
+            let r = run.ray as usize;
+            let from = (self.offsets[r] + self.kept[r]) as usize;
+            let mut opaque = false;
+            for k in 0..run.len as usize {
+                self.depth[r] += f64::from(field.density_of(raw[run.first as usize + k]) * self.dt[from + k]);
+                if self.depth[r] > ctx.depth_limit {
+                    // This sample still counts, those behind it do not.
+                    run.len = k as u32 + 1;
+                    opaque = true;
+                    break;
+                }
+            }
+            self.kept[r] += run.len;
+            if !opaque {
+                self.alive[still] = run.ray;
+                still += 1;
+            }
+        }
+        self.alive.truncate(still);
+    }
+
+    /// Bring the rounds' columns into the order of the rays.
+    fn gather(&self, ctx: &StepContext<'_>, rounds: usize, out: Kept<'_>) -> usize {
+        let rows = ctx.field.grid.out_rows();
+        out.offsets.clear();
+        out.offsets.push(0);
+        let mut n = 0;
+        for &kept in &self.kept {
+            n += kept;
+            out.offsets.push(n);
+        }
+        let n = n as usize;
+        let dt = sized(out.dt, n);
+        for (r, &kept) in self.kept.iter().enumerate() {
+            let (from, kept) = (self.offsets[r] as usize, kept as usize);
+            dt[out.offsets[r] as usize..][..kept].copy_from_slice(&self.dt[from..][..kept]);
+        }
+        let (x, features) = (sized(out.x, 3 * n), sized(out.features, rows * n));
+        for (k, round) in self.rounds[..rounds].iter().enumerate() {
+            let parts = [(3, &round.x[..], &mut *x), (rows, &round.features[..], &mut *features)];
+            for (rows, from, to) in parts {
+                for row in 0..rows {
+                    let (from, to) = (&from[row * round.n..][..round.n], &mut to[row * n..][..n]);
+                    for run in &round.runs {
+                        let at = out.offsets[run.ray as usize] as usize + k * ROUND;
+                        let len = run.len as usize;
+                        to[at..at + len].copy_from_slice(&from[run.first as usize..][..len]);
+                    }
+                }
+            }
+        }
+        n
+    }
+}
