@@ -33,9 +33,11 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("float-core needs a float backend: enable `std` or `libm`");
 
+mod bf16;
 mod door;
 mod simd;
 pub mod vecmath;
 
+pub use bf16::Bf16;
 pub use door::{m32, m64};
 pub use simd::{Simd, SimdLevel, Task, Vector};

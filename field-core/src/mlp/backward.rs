@@ -34,6 +34,7 @@ impl Mlp {
             return;
         }
         assert_eq!(packed.backward.len(), self.backward_len, "mlp: packed parameters of another network");
+        assert!(packed.precision == self.precision, "mlp: parameters packed for another precision");
         assert!(acts.len() >= self.activations_len(n), "mlp: activations");
         assert!(y_stride >= n && y_bar.len() >= (self.outputs() - 1) * y_stride + n, "mlp: y_bar");
         assert_eq!(grad.len(), self.grad_len, "mlp: packed gradient");
@@ -41,32 +42,26 @@ impl Mlp {
         if let Some((x_bar, stride)) = &x_bar {
             assert!(*stride >= n && x_bar.len() >= (self.inputs() - 1) * stride + n, "mlp: x_bar");
         }
-        simd.run(Backward {
-            mlp: self,
-            simd,
-            packed: &packed.backward,
-            acts,
-            y_bar,
-            y_stride,
-            n,
-            x_bar,
-            grad,
-            scratch,
-        });
+        let task = Backward { mlp: self, simd, packed, acts, y_bar, y_stride, n, x_bar, grad, scratch };
+        #[cfg(target_arch = "x86_64")]
+        if let Some(bf16) = self.pairs(simd) {
+            return super::bf16::pass::backward(bf16, task);
+        }
+        simd.run(task);
     }
 }
 
-struct Backward<'a> {
-    mlp: &'a Mlp,
-    simd: Simd,
-    packed: &'a [f32],
-    acts: &'a [f32],
-    y_bar: &'a [f32],
-    y_stride: usize,
-    n: usize,
-    x_bar: Option<(&'a mut [f32], usize)>,
-    grad: &'a mut [f32],
-    scratch: &'a mut [f32],
+pub(super) struct Backward<'a> {
+    pub(super) mlp: &'a Mlp,
+    pub(super) simd: Simd,
+    pub(super) packed: &'a Packed,
+    pub(super) acts: &'a [f32],
+    pub(super) y_bar: &'a [f32],
+    pub(super) y_stride: usize,
+    pub(super) n: usize,
+    pub(super) x_bar: Option<(&'a mut [f32], usize)>,
+    pub(super) grad: &'a mut [f32],
+    pub(super) scratch: &'a mut [f32],
 }
 
 impl Task for Backward<'_> {
@@ -95,6 +90,7 @@ impl Task for Backward<'_> {
             } else {
                 panel_from_rows(self.simd, rows, self.y_stride, last.outputs, count, y_bar, stride, stride);
             }
+            self.mlp.round(&mut y_bar[..PANEL * stride]);
             for (i, l) in layers.iter().enumerate().rev() {
                 let input = &acts[l.panel..l.panel + PANEL * l.inputs_pad];
                 let bars = &y_bar[column..];
@@ -110,7 +106,7 @@ impl Task for Backward<'_> {
                 let before = i.checked_sub(1).map(|i| &layers[i]);
                 let gated = before.is_some_and(|b| b.activation == Activation::Relu) && l.skip_inputs == 0;
                 let finish = if gated { Finish::Gate(input) } else { Finish::Keep };
-                let weights = &self.packed[l.backward..][..l.outputs * l.inputs_pad];
+                let weights = &self.packed.backward[l.backward..][..l.outputs * l.inputs_pad];
                 product::<V>(
                     bars,
                     stride,
@@ -130,6 +126,7 @@ impl Task for Backward<'_> {
                 if let Some(before) = before.filter(|_| !gated) {
                     derivative::<V>(before, input, x_bar, l.inputs_pad, l.skip_inputs);
                 }
+                self.mlp.round(&mut x_bar[..PANEL * l.inputs_pad]);
                 core::mem::swap(&mut y_bar, &mut x_bar);
                 (column, stride) = (l.skip_inputs, l.inputs_pad);
             }

@@ -67,39 +67,33 @@ impl Mlp {
             return;
         }
         assert_eq!(packed.forward.len(), self.forward_len, "mlp: packed parameters of another network");
+        assert!(packed.precision == self.precision, "mlp: parameters packed for another precision");
         assert!(x_stride >= n && x.len() >= (self.inputs() - 1) * x_stride + n, "mlp: x");
         assert!(y_stride >= n && y.len() >= (self.outputs() - 1) * y_stride + n, "mlp: y");
         let (acts, last) = acts.split_at_mut(acts.len() - self.output_panel_len());
-        simd.run(Forward {
-            mlp: self,
-            simd,
-            packed: &packed.forward,
-            x,
-            x_stride,
-            n,
-            y,
-            y_stride,
-            acts,
-            acts_step,
-            last,
-        });
+        let task = Forward { mlp: self, simd, packed, x, x_stride, n, y, y_stride, acts, acts_step, last };
+        #[cfg(target_arch = "x86_64")]
+        if let Some(bf16) = self.pairs(simd) {
+            return super::bf16::pass::forward(bf16, task);
+        }
+        simd.run(task);
     }
 }
 
-struct Forward<'a> {
-    mlp: &'a Mlp,
-    simd: Simd,
-    packed: &'a [f32],
-    x: &'a [f32],
-    x_stride: usize,
-    n: usize,
-    y: &'a mut [f32],
-    y_stride: usize,
-    acts: &'a mut [f32],
+pub(super) struct Forward<'a> {
+    pub(super) mlp: &'a Mlp,
+    pub(super) simd: Simd,
+    pub(super) packed: &'a Packed,
+    pub(super) x: &'a [f32],
+    pub(super) x_stride: usize,
+    pub(super) n: usize,
+    pub(super) y: &'a mut [f32],
+    pub(super) y_stride: usize,
+    pub(super) acts: &'a mut [f32],
     /// From one panel's activations to the next: 0 to use the same ones over again.
-    acts_step: usize,
+    pub(super) acts_step: usize,
     /// The last layer's output panel, before it is turned: the same for all panels.
-    last: &'a mut [f32],
+    pub(super) last: &'a mut [f32],
 }
 
 impl Task for Forward<'_> {
@@ -114,6 +108,7 @@ impl Task for Forward<'_> {
             let x = &self.x[s0..];
             let first = layers[0].inputs_pad;
             panel_from_rows(simd, x, self.x_stride, inputs, count, &mut acts[..PANEL * first], first, first);
+            self.mlp.round(&mut acts[..PANEL * first]);
             for (i, l) in layers.iter().enumerate() {
                 let (before, after) = acts.split_at_mut(l.panel + PANEL * l.inputs_pad);
                 let input = &before[l.panel..];
@@ -128,8 +123,8 @@ impl Task for Forward<'_> {
                     }
                     None => (&mut self.last[..], l.outputs_pad),
                 };
-                let weights = &self.packed[l.forward..][..l.inputs * l.outputs_pad];
-                let bias = &self.packed[l.forward + l.inputs * l.outputs_pad..][..l.outputs_pad];
+                let weights = &self.packed.forward[l.forward..][..l.inputs * l.outputs_pad];
+                let bias = &self.packed.forward[l.forward + l.inputs * l.outputs_pad..][..l.outputs_pad];
                 let relu = l.activation == Activation::Relu;
                 let finish = if relu { Finish::Relu } else { Finish::Keep };
                 product::<V>(
@@ -149,6 +144,9 @@ impl Task for Forward<'_> {
                     for row in out.chunks_mut(stride).take(PANEL) {
                         l.activation.apply::<V>(&mut row[..l.outputs_pad]);
                     }
+                }
+                if i + 1 < layers.len() {
+                    self.mlp.round(&mut after[..PANEL * stride]);
                 }
             }
             let l = &layers[layers.len() - 1];

@@ -100,9 +100,12 @@ mod avx512 {
             let lanes = mask(count.saturating_sub(s));
             for f in (0..width).step_by(16) {
                 let mut v = [_mm512_setzero_ps(); 16];
-                for (r, v) in v.iter_mut().enumerate().take(rows.saturating_sub(f)) {
-                    // SAFETY: row `f + r < rows`; lanes past `count` are masked off.
-                    *v = unsafe { _mm512_maskz_loadu_ps(lanes, x.wrapping_add((f + r) * stride + s)) };
+                // Sixteen turns whatever `rows`: only a loop that unrolls keeps `v` in registers.
+                for (r, v) in v.iter_mut().enumerate() {
+                    if f + r < rows {
+                        // SAFETY: row `f + r < rows`; lanes past `count` are masked off.
+                        *v = unsafe { _mm512_maskz_loadu_ps(lanes, x.wrapping_add((f + r) * stride + s)) };
+                    }
                 }
                 let v = transpose(v);
                 for (r, v) in v.iter().enumerate() {
@@ -133,12 +136,14 @@ mod avx512 {
                     *v = unsafe { _mm512_loadu_ps(panel.add((s + r) * ps + f)) };
                 }
                 let v = transpose(v);
-                for (r, v) in v.iter().enumerate().take(rows - f) {
-                    let p = out.wrapping_add((f + r) * stride + s);
-                    // SAFETY: row `f + r < rows`; lanes past `count` are masked off.
-                    unsafe {
-                        let v = if ADD { _mm512_add_ps(_mm512_maskz_loadu_ps(lanes, p), *v) } else { *v };
-                        _mm512_mask_storeu_ps(p, lanes, v);
+                for (r, v) in v.iter().enumerate() {
+                    if f + r < rows {
+                        let p = out.wrapping_add((f + r) * stride + s);
+                        // SAFETY: row `f + r < rows`; lanes past `count` are masked off.
+                        unsafe {
+                            let v = if ADD { _mm512_add_ps(_mm512_maskz_loadu_ps(lanes, p), *v) } else { *v };
+                            _mm512_mask_storeu_ps(p, lanes, v);
+                        }
                     }
                 }
             }
