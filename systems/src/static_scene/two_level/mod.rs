@@ -362,13 +362,12 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![SkipRow {
-            what: "training: rays that miss the scene's box or are masked",
-            skipped: self.missed,
-            total: self.cast,
-            unit: "rays",
-            bound: "0: nothing is there to sample".into(),
-        }]
+        vec![SkipRow::counted(
+            "training: rays that miss the scene's box or are masked",
+            (self.missed, self.cast),
+            "rays",
+            "0: nothing is there to sample".into(),
+        )]
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {
