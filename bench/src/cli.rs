@@ -1,0 +1,59 @@
+//! The command line.
+
+use crate::sections::Name;
+use clap::Parser;
+use std::path::PathBuf;
+
+/// Time against error, and kernels against the ceilings of this machine: writes Markdown, CSV and SVG.
+#[derive(Debug, Parser)]
+#[command(name = "nerf-bench", version, about)]
+pub(crate) struct Cli {
+    /// Under two minutes: all sections at smaller sizes, training on the embedded scene only
+    #[arg(long)]
+    pub(crate) quick: bool,
+
+    /// Sections to run; the pages of the others stay as they are
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "SECTION,…")]
+    pub(crate) only: Vec<Name>,
+
+    /// Folder the pages go to
+    #[arg(long, default_value = "docs/bench", value_name = "DIR")]
+    pub(crate) out: PathBuf,
+
+    /// Folder of the datasets that are trained (default: variable WILDFIELD_DATA, else `../shared/data`)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+
+    /// Protocols to train, where not all (`lego100`, `fox135`, …)
+    #[arg(long, value_delimiter = ',', value_name = "NAME,…")]
+    pub(crate) protocol: Vec<String>,
+
+    /// Training seconds of each protocol
+    #[arg(long, default_value_t = 300.0, value_name = "S", value_parser = seconds)]
+    pub(crate) seconds: f64,
+
+    /// Threads where a figure is for several (default: all cores)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("write a number above 0".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+        assert!(Cli::try_parse_from(["nerf-bench", "--quick", "--only", "kernels,maths", "--out", "x"]).is_ok());
+        assert!(Cli::try_parse_from(["nerf-bench", "--only", "weather"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--seconds", "nan"]).is_err());
+    }
+}

@@ -1,0 +1,156 @@
+//! What is measured, a file a section.
+
+mod budgets;
+mod ceilings;
+mod growth;
+mod kernels;
+mod maths;
+mod precision;
+mod quadrature;
+mod scene;
+mod tables;
+mod training;
+
+use crate::cli::Cli;
+use crate::error::BenchError;
+use crate::machine::Machine;
+use crate::measure::{Effort, Pools};
+use crate::page::{self, Section};
+use clap::ValueEnum;
+use float_core::Simd;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// A section, in the order of the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Name {
+    /// What the machine can do: FMA, memory, random reads
+    Ceilings,
+    /// Networks, grids, compositing, optimiser: time, error, share of the ceiling
+    Kernels,
+    /// Quadrature rules and samplers: time against error
+    Quadrature,
+    /// Vector functions against the standard library
+    Maths,
+    /// f32 against bf16 in networks
+    Precision,
+    /// Layouts of hash grids: time against the error of a fit
+    Tables,
+    /// Skipped work: time, bound and true error
+    Budgets,
+    /// Cost against samples, pixels, table size, width, threads
+    Growth,
+    /// PSNR over time
+    Training,
+}
+
+impl Name {
+    fn file(self) -> &'static str {
+        match self {
+            Self::Ceilings => "ceilings",
+            Self::Kernels => "kernels",
+            Self::Quadrature => "quadrature",
+            Self::Maths => "maths",
+            Self::Precision => "precision",
+            Self::Tables => "tables",
+            Self::Budgets => "budgets",
+            Self::Growth => "growth",
+            Self::Training => "training",
+        }
+    }
+
+    fn run(self, bench: &Bench) -> Result<Section, BenchError> {
+        match self {
+            Self::Ceilings => ceilings::run(bench),
+            Self::Kernels => kernels::run(bench),
+            Self::Quadrature => quadrature::run(bench),
+            Self::Maths => maths::run(bench),
+            Self::Precision => precision::run(bench),
+            Self::Tables => tables::run(bench),
+            Self::Budgets => budgets::run(bench),
+            Self::Growth => growth::run(bench),
+            Self::Training => training::run(bench),
+        }
+    }
+}
+
+/// How large everything is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Extent {
+    /// Seconds a section.
+    Quick,
+    /// Minutes, and the protocols.
+    Full,
+}
+
+/// What all sections share.
+pub(crate) struct Bench {
+    pub(crate) extent: Extent,
+    pub(crate) effort: Effort,
+    pub(crate) pools: Pools,
+    /// The fastest level here.
+    pub(crate) simd: Simd,
+    /// Folder of the datasets, if there is one.
+    pub(crate) data: Option<PathBuf>,
+    /// Protocols wanted; empty for all.
+    pub(crate) protocols: Vec<String>,
+    /// Training seconds of a protocol.
+    pub(crate) seconds: f64,
+}
+
+impl Bench {
+    fn new(cli: &Cli) -> Result<Self, BenchError> {
+        let threads = cli.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+        let extent = if cli.quick { Extent::Quick } else { Extent::Full };
+        let (repetitions, least) = match extent {
+            Extent::Quick => (5, Duration::from_millis(12)),
+            Extent::Full => (15, Duration::from_millis(60)),
+        };
+        let data = match &cli.data {
+            Some(folder) if !folder.is_dir() => {
+                return Err(BenchError::Part(format!("`--data {}`: no such folder", folder.display())));
+            }
+            Some(folder) => Some(folder.clone()),
+            None => testkit::golden::data_dir(env!("CARGO_MANIFEST_DIR")),
+        };
+        Ok(Self {
+            extent,
+            effort: Effort { repetitions, least },
+            pools: Pools::new(threads).map_err(BenchError::part)?,
+            simd: Simd::best(),
+            data,
+            protocols: cli.protocol.clone(),
+            seconds: cli.seconds,
+        })
+    }
+
+    /// The one or the other size.
+    pub(crate) fn pick<T>(&self, quick: T, full: T) -> T {
+        if self.extent == Extent::Quick { quick } else { full }
+    }
+}
+
+/// Run what was asked for; each section is on the disk before the next begins.
+pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
+    training::check_protocols(&cli.protocol)?;
+    let bench = Bench::new(cli)?;
+    let machine = Machine::here(bench.pools.most());
+    let clock = Instant::now();
+    for &name in Name::value_variants().iter().filter(|n| cli.only.is_empty() || cli.only.contains(n)) {
+        say(&format!("{:4.0} s  {}", clock.elapsed().as_secs_f64(), name.file()));
+        let section = name.run(&bench)?;
+        page::write(&cli.out, name.file(), &machine, &section)?;
+    }
+    let names: Vec<&str> = Name::value_variants().iter().map(|n| n.file()).collect();
+    page::write_index(&cli.out, &names)?;
+    say(&format!("{:4.0} s  done", clock.elapsed().as_secs_f64()));
+    // A closed pipe is no failure of ours.
+    let _ = writeln!(std::io::stdout().lock(), "{}", cli.out.join("README.md").display());
+    Ok(())
+}
+
+/// A line of progress.
+pub(crate) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}

@@ -1,0 +1,235 @@
+//! PSNR of held-out views over training time.
+
+use super::scene::{Subject, dataset, embedded, names_file, train};
+use super::{Bench, Extent};
+use crate::error::BenchError;
+use crate::goals::Goal;
+use crate::page::{Item, Section};
+use crate::plot::{Axis, Plot, Scale, Series, Style};
+use crate::table::Table;
+use systems::options::DataOptions;
+
+/// A scene, its settings, and what others and the plan expect of it.
+struct Protocol {
+    name: &'static str,
+    /// In the folder of datasets.
+    path: &'static str,
+    longest_side: Option<u32>,
+    holdout: Held,
+    /// Seconds and dB.
+    targets: &'static [(f64, f64)],
+    /// Other programs, seconds and dB, measured before on a machine of the class.
+    peers: &'static [(&'static str, &'static [(f64, f64)])],
+    /// Name of its plot.
+    plot: &'static str,
+}
+
+/// Which views are held out.
+#[derive(Clone, Copy)]
+enum Held {
+    /// The dataset's own.
+    Own,
+    /// Every eighth of all, by name.
+    EveryEighth,
+    /// Every 24th of the dataset's test views, eight in all.
+    EightOfTest,
+}
+
+const PROTOCOLS: [Protocol; 5] = [
+    Protocol {
+        name: "lego100",
+        path: "nerf_synthetic/lego",
+        longest_side: Some(100),
+        holdout: Held::EightOfTest,
+        targets: &[(60.0, 31.0), (300.0, 34.0)],
+        peers: &[
+            ("TensoRF VM (torch)", &[(60.0, 24.5), (300.0, 30.1)]),
+            ("nerf-pytorch, light", &[(60.0, 19.5), (300.0, 22.0)]),
+            ("HashNeRF-pytorch, light", &[(60.0, 18.4), (300.0, 22.5)]),
+        ],
+        plot: "lego100",
+    },
+    Protocol {
+        name: "lego400",
+        path: "nerf_synthetic/lego",
+        longest_side: None,
+        holdout: Held::Own,
+        targets: &[(60.0, 28.5), (300.0, 32.0)],
+        peers: &[],
+        plot: "lego400",
+    },
+    Protocol {
+        name: "fox135",
+        path: "benchmarks/fox135",
+        longest_side: None,
+        holdout: Held::EveryEighth,
+        targets: &[(60.0, 25.5), (300.0, 27.0)],
+        peers: &[
+            ("OpenSplat 1.1.5 (CPU)", &[(60.0, 23.2), (300.0, 25.2)]),
+            ("HashNeRF-pytorch, light", &[(300.0, 21.6)]),
+            ("nerf-pytorch, light", &[(300.0, 21.4)]),
+        ],
+        plot: "fox135",
+    },
+    Protocol {
+        name: "fox480",
+        path: "instant_ngp/fox",
+        longest_side: Some(480),
+        holdout: Held::EveryEighth,
+        targets: &[],
+        peers: &[],
+        plot: "fox480",
+    },
+    Protocol {
+        name: "fern",
+        path: "nerf_llff_data/fern",
+        longest_side: None,
+        holdout: Held::Own,
+        targets: &[],
+        peers: &[],
+        plot: "fern",
+    },
+];
+
+/// Where curves of the protocols are measured, seconds.
+const EVAL_AT: [f64; 5] = [10.0, 30.0, 60.0, 120.0, 300.0];
+
+/// Refuse names that mean nothing before an hour has passed.
+pub(super) fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
+    let known = || PROTOCOLS.iter().map(|p| p.name);
+    match wanted.iter().find(|w| known().all(|k| k != w.as_str())) {
+        Some(name) => {
+            let known: Vec<&str> = known().collect();
+            Err(BenchError::Part(format!("`--protocol {name}`: write one of {}", known.join(", "))))
+        }
+        None => Ok(()),
+    }
+}
+
+pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
+    let mut table = Table::new(
+        "curves",
+        "Seconds are training seconds: from decoded images to the last step, evaluation not counted.",
+        &["protocol", "train / test views", "seconds", "steps", "PSNR, dB", "M samples/s (median)"],
+    );
+    let (mut plots, mut goals, mut missing) = (Vec::new(), Vec::new(), Vec::new());
+    if bench.extent == Extent::Quick {
+        let (seconds, eval_at) = (6.0, [1.0, 2.0, 4.0]);
+        let curve = one(bench, &embedded(), seconds, &eval_at, &mut table)?;
+        plots.push(plot("embedded", "Embedded scene, 64x64", vec![Series::line("ngp, this run", curve)]));
+    } else {
+        let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
+        let wanted = |p: &&Protocol| bench.protocols.is_empty() || bench.protocols.iter().any(|w| w == p.name);
+        for protocol in PROTOCOLS.iter().filter(wanted) {
+            let data = data_options(protocol, folder.path())?;
+            let Some(subject) = dataset(bench, protocol.name, protocol.path, data) else {
+                missing.push(protocol.name);
+                continue;
+            };
+            let curve = one(bench, &subject, bench.seconds, &EVAL_AT, &mut table)?;
+            goals.extend(protocol_goals(protocol, &curve));
+            let mut series = vec![Series::line("ngp, this run", curve)];
+            for (name, points) in protocol.peers {
+                let name = format!("{name} (measured before, machine of the class)");
+                series.push(Series { name, style: Style::Cross, points: points.to_vec() });
+            }
+            if !protocol.targets.is_empty() {
+                let points = protocol.targets.to_vec();
+                series.push(Series { name: "target".into(), style: Style::Dashed, points });
+            }
+            plots.push(plot(protocol.plot, protocol.name, series));
+        }
+    }
+    let mut items = vec![Item::Table(table)];
+    if !missing.is_empty() {
+        items.push(Item::Text(format!("**Not run**, their datasets are not there: {}.", missing.join(", "))));
+    }
+    items.extend(plots.into_iter().map(Item::Plot));
+    Ok(Section {
+        title: "Training",
+        intro: "Held-out PSNR over training time, settings as planned from the scene, nothing set by hand. The time is the \
+                wall time of one run, so the figures wander with the machine; the error is the PSNR itself.",
+        items,
+        goals,
+    })
+}
+
+/// Train, and put the curve into the table.
+fn one(
+    bench: &Bench,
+    subject: &Subject,
+    seconds: f64,
+    eval_at: &[f64],
+    table: &mut Table,
+) -> Result<Vec<(f64, f64)>, BenchError> {
+    let trained = train(bench, subject, seconds, eval_at)?;
+    let views = format!("{} / {}", trained.run.train.len(), trained.run.held_out.len());
+    for &(step, at, psnr) in &trained.curve {
+        let rate = trained.samples_per_s.map(|s| s * 1e-6);
+        let name = subject.name.as_str();
+        table.row([name.into(), views.as_str().into(), at.into(), (step as usize).into(), psnr.into(), rate.into()])?;
+    }
+    Ok(trained.curve.iter().map(|&(_, at, psnr)| (at, psnr)).collect())
+}
+
+/// Each target that the run came to, with the first measurement from its time on.
+fn protocol_goals(protocol: &Protocol, curve: &[(f64, f64)]) -> Vec<Goal> {
+    let reached = |at: f64| curve.iter().find(|(s, _)| *s >= at).map(|p| p.1);
+    let best_peer = |at: f64| {
+        let of_all = protocol.peers.iter().flat_map(|(_, points)| points.iter());
+        of_all.filter(|p| p.0 == at).map(|p| p.1).reduce(f64::max)
+    };
+    let goal = |&(at, target): &(f64, f64)| {
+        Some(Goal {
+            work: format!("{} after {at} s", protocol.name),
+            unit: "dB",
+            figure: reached(at)?,
+            target,
+            ceiling: None,
+            peer: best_peer(at),
+            error: "the figure is one".into(),
+        })
+    };
+    protocol.targets.iter().filter_map(goal).collect()
+}
+
+fn data_options(protocol: &Protocol, folder: &std::path::Path) -> Result<DataOptions, BenchError> {
+    let holdout = match protocol.holdout {
+        Held::Own => None,
+        Held::EveryEighth => Some("every:8".into()),
+        Held::EightOfTest => {
+            let names: Vec<String> = (0..8).map(|i| format!("test/r_{}", 24 * i)).collect();
+            Some(names_file(folder, &names)?)
+        }
+    };
+    Ok(DataOptions { longest_side: protocol.longest_side, holdout, ..DataOptions::default() })
+}
+
+fn plot(name: &'static str, title: &str, series: Vec<Series>) -> Plot {
+    Plot {
+        name,
+        title: format!("{title}: held-out PSNR over training time"),
+        x: Axis { label: "training seconds", scale: Scale::Log },
+        y: Axis { label: "PSNR, dB", scale: Scale::Linear },
+        series,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_take_the_first_measurement_from_their_time_on() {
+        let goals = protocol_goals(&PROTOCOLS[0], &[(30.0, 29.0), (60.01, 31.5), (300.2, 33.0)]);
+        assert_eq!(goals.iter().map(|g| (g.figure, g.target)).collect::<Vec<_>>(), [(31.5, 31.0), (33.0, 34.0)]);
+        assert_eq!(goals[0].peer, Some(24.5));
+        assert_eq!(protocol_goals(&PROTOCOLS[0], &[(30.0, 29.0)]).len(), 0, "no measurement, no claim");
+    }
+
+    #[test]
+    fn protocols_are_known_by_name() {
+        assert!(check_protocols(&["fern".into(), "lego100".into()]).is_ok());
+        assert!(check_protocols(&["yard".into()]).unwrap_err().to_string().contains("lego400"));
+    }
+}

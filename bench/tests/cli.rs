@@ -1,0 +1,112 @@
+//! `nerf-bench` from the outside: the files of quick sections are there, parse, and hold numbers only.
+
+use assert_cmd::Command;
+use std::fs;
+use std::path::Path;
+
+fn bench(words: &[&str]) -> std::process::Output {
+    Command::cargo_bin("nerf-bench").unwrap().env_remove("WILDFIELD_DATA").args(words).output().unwrap()
+}
+
+/// Every cell of a numeric column is a finite number or empty.
+fn check_csv(path: &Path) {
+    let text = fs::read_to_string(path).unwrap();
+    let mut lines = text.lines();
+    let columns = lines.next().unwrap().split(',').count();
+    let mut rows = 0;
+    for line in lines {
+        // Cells with commas are quoted; what is counted are commas outside of quotes.
+        let mut quoted = false;
+        let commas = line.chars().filter(|&c| {
+            quoted ^= c == '"';
+            c == ',' && !quoted
+        });
+        assert_eq!(commas.count() + 1, columns, "{}: {line}", path.display());
+        rows += 1;
+    }
+    assert!(rows > 0, "{} has no rows", path.display());
+    for word in text.split([',', '\n', ' ']) {
+        if let Ok(x) = word.parse::<f64>() {
+            assert!(x.is_finite(), "{}: {word}", path.display());
+        }
+    }
+}
+
+#[test]
+fn quick_sections_write_pages_tables_and_plots() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pages");
+    let answer = bench(&["--quick", "--only", "ceilings,quadrature", "--out", out.to_str().unwrap(), "--threads", "1"]);
+    let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert!(answer.status.success(), "{err}");
+    assert!(String::from_utf8_lossy(&answer.stdout).trim_end().ends_with("README.md"));
+    assert!(err.contains("ceilings") && err.contains("done"), "{err}");
+
+    let names: Vec<String> =
+        fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    for expected in [
+        "README.md",
+        "ceilings.md",
+        "ceilings-ceilings.csv",
+        "quadrature.md",
+        "quadrature-orders.csv",
+        "quadrature-bumps.svg",
+    ] {
+        assert!(names.iter().any(|n| n == expected), "{expected} is not in {names:?}");
+    }
+    for name in &names {
+        let path = out.join(name);
+        let text = fs::read_to_string(&path).unwrap();
+        if name.ends_with(".csv") {
+            check_csv(&path);
+        } else if name.ends_with(".svg") {
+            assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>") && !text.contains("NaN"), "{name}");
+        } else {
+            // Every file that a page names is there; nothing on it is no number.
+            for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+                assert!(out.join(link).exists(), "{name}: {link}");
+            }
+            assert!(!text.contains("NaN") && !text.contains("| inf"), "{name}");
+        }
+    }
+    let index = fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(index.contains("(ceilings.md)") && !index.contains("(kernels.md)"), "{index}");
+    assert!(index.contains("--quick --only ceilings,quadrature"), "the command is on the page");
+
+    // A second run of one section leaves the other's page alone and on the list.
+    let before = fs::read(out.join("ceilings.md")).unwrap();
+    let answer = bench(&["--quick", "--only", "quadrature", "--out", out.to_str().unwrap(), "--threads", "1"]);
+    assert!(answer.status.success());
+    assert_eq!(fs::read(out.join("ceilings.md")).unwrap(), before);
+    assert!(fs::read_to_string(out.join("README.md")).unwrap().contains("(ceilings.md)"));
+}
+
+#[test]
+fn what_cannot_be_done_is_said_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "in the way").unwrap();
+    for (words, code, part) in [
+        (&["--only", "weather"][..], 2, "weather"),
+        (&["--quick", "--only", "training", "--protocol", "moon"], 1, "moon"),
+        (&["--quick", "--only", "training", "--data", "/nowhere"], 1, "/nowhere"),
+        (&["--quick", "--only", "ceilings", "--threads", "1", "--out", file.to_str().unwrap()], 1, "file"),
+    ] {
+        let answer = bench(words);
+        let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+        assert_eq!(answer.status.code(), Some(code), "{words:?}: {err}");
+        assert!(err.contains(part) && !err.contains("panicked"), "{words:?}: {err}");
+        assert_eq!(err.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{err}");
+    }
+}
+
+#[test]
+fn missing_datasets_are_skipped_loudly() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pages");
+    let data = folder.path().to_str().unwrap();
+    let answer = bench(&["--only", "training", "--protocol", "fern", "--data", data, "--out", out.to_str().unwrap()]);
+    let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert!(answer.status.success(), "{err}");
+    assert!(err.contains("SKIPPED: fern"), "{err}");
+}
