@@ -60,7 +60,7 @@ fn shapes_and_settings_are_the_published_ones() {
 
 /// Mean PSNR over views, from the mean squared error over pixels.
 fn psnr(system: &dyn System, views: &Dataset) -> f64 {
-    let (mut sum, mut n) = (0.0, 0.0);
+    let (mut sum, mut n) = (0.0_f64, 0.0_f64);
     for v in 0..views.len() {
         let (view, image) = (views.view(v), views.image(v).unwrap());
         let picture = render(system, &view.camera, &plain_query([1.0; 3], 0.0));
@@ -73,7 +73,7 @@ fn psnr(system: &dyn System, views: &Dataset) -> f64 {
             }
         }
     }
-    -10.0 * (sum / n as f64).log10()
+    -10.0 * (sum / n).log10()
 }
 
 #[test]
@@ -126,7 +126,8 @@ fn every_space_can_be_trained_in() {
     let scene = scene(16);
     let (train, test) = data(&scene, 1);
     for space in ["box", "contracted"] {
-        let (mut system, _) = mip_nerf(&scene, &train, &[&SMALL[..], &[&format!("space={space}")]].concat());
+        let space_word = format!("space={space}");
+        let (mut system, _) = mip_nerf(&scene, &train, &[&SMALL[..], &[space_word.as_str()]].concat());
         let first = system.step(&train, 0).unwrap();
         let mut last = first;
         for step in 1..60 {
@@ -139,7 +140,6 @@ fn every_space_can_be_trained_in() {
 
 #[test]
 fn forward_facing_cameras_get_cylinders_and_learn() {
-    // Cameras side by side, all looking along z at the table of another scene: what they see is the sky scene of a plane.
     let scene = forward_facing();
     let (train, test) = data(&scene, 1);
     let (mut system, plan) = mip_nerf(&scene, &train, &SMALL);

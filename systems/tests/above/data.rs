@@ -181,5 +181,5 @@ fn cone_radii_are_those_of_the_prepared_camera() {
     // Half as many pixels: twice the radius at the same place of the image plane, but for the place inside the pixel.
     let half = data.at_level(1);
     let ratio = half.view(1).cone_radius(3, 3).unwrap() / view.cone_radius(6, 6).unwrap();
-    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
+    assert!((ratio - 2.0).abs() < 0.1, "{ratio}");
 }
