@@ -100,9 +100,8 @@ fn a_small_one_learns_the_table_at_two_scales() {
     let cones = render(system.as_ref(), camera, &query).layers;
     let prepared = camera.prepare();
     let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
-    let rays: Vec<_> = pixels
-        .map(|(x, y)| prepared.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap())
-        .collect();
+    let rays: Vec<_> =
+        pixels.map(|(x, y)| prepared.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap()).collect();
     let lines = system.render(&rays, &query);
     assert_ne!(cones.rgb, lines.rgb);
     for layers in [&cones, &lines] {
@@ -217,7 +216,8 @@ fn it_gives_the_same_bits_with_1_2_and_4_threads_and_after_a_resume() {
 fn settings_that_cannot_work_are_refused_by_name() {
     let scene = scene(8);
     let (train, _) = data(&scene, 1);
-    for (set, name) in [("coarse=0", "coarse"), ("fine=0", "fine"), ("lr_final=0.0", "lr_final"), ("width=1", "width")] {
+    for (set, name) in [("coarse=0", "coarse"), ("fine=0", "fine"), ("lr_final=0.0", "lr_final"), ("width=1", "width")]
+    {
         let set = [parse_set(set).unwrap()].into_iter().collect();
         let run = RunOptions { seed: 0, background: None, error_budget: None, set };
         let error = build("mip-nerf", &scene, &train, &run).err().unwrap().to_string();
