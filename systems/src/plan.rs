@@ -47,7 +47,7 @@ pub fn build(
     };
     match name {
         "ngp" => {
-            let config = settings(&ngp_settings(&layout, data, &mut lines), run)?;
+            let config = settings(&ngp_settings(&layout, data, transparent, &mut lines), run)?;
             let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
             let space = space(&layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
             let mut ngp = Ngp::new(config.clone(), space, background, run.seed)?;
@@ -160,7 +160,7 @@ fn table<C: Serialize>(config: &C) -> toml::Table {
 }
 
 /// Settings of `ngp` for a scene.
-fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> NgpConfig {
+fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut Vec<String>) -> NgpConfig {
     let pixel = layout.footprint;
     // The grid spans two internal units, four where space is contracted.
     let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
@@ -170,9 +170,11 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         "finest grid: {n_max} cells along an axis ({CELLS_PER_PIXEL} to a pixel of {pixel:.4} radii at the scene)"
     ));
     let pixels = data.pixel_count();
-    // Where pixels are few they come often enough to be taken for the areas they are; where they are many, a run on a
-    // CPU sees each but once or twice, and more of them are worth more than each of them done better.
-    let (rays_per_side, step_per_pixel) = if pixels < MANY_PIXELS { (2, 0.5) } else { (1, 1.5) };
+    // Where pixels are few and their rays short, each comes often enough to be taken for the area it is. Where a run on a
+    // CPU sees a pixel but once or twice, more pixels are worth more than each of them done better.
+    let samples = if transparent { SAMPLES_OF_AN_OBJECT } else { SAMPLES_OF_A_SCENE };
+    let rays_per_side = if 4 * samples * pixels < SAMPLES_OF_A_RUN { 2 } else { 1 };
+    let step_per_pixel = if transparent && rays_per_side == 1 { 1.5 } else { 0.5 };
     lines.push(format!("pixels: the mean of {} ray(s) each ({pixels} training pixels)", rays_per_side * rays_per_side));
     // Pixels of extreme lenses are as large as the scene, or nothing.
     let step_min = (step_per_pixel * pixel).clamp(1e-4, 0.25) as f32;
@@ -195,8 +197,8 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
         density_bias: 0.0,
         occupancy: 64,
         cascades: layout.cascades,
-        // Below half the density that the field starts with: never all of it at once, however short the steps are.
-        occupancy_threshold: (0.5 * step_min).min(0.01),
+        occupancy_threshold: 0.01,
+        occupancy_settle: 500,
         occupancy_every: 8,
         near: 0.05,
         step_min,
@@ -216,8 +218,11 @@ fn ngp_settings(layout: &Layout, data: &Dataset, lines: &mut Vec<String>) -> Ngp
 
 /// Cells of the finest level to a pixel's footprint.
 const CELLS_PER_PIXEL: f64 = 2.0;
-/// From so many training pixels on, a pixel is one ray.
-const MANY_PIXELS: u64 = 2_500_000;
+/// Samples of a ray past an object whose surroundings are transparent, of one through a scene that fills the picture, and
+/// those that a minute or two are good for: all roughly.
+const SAMPLES_OF_AN_OBJECT: u64 = 8;
+const SAMPLES_OF_A_SCENE: u64 = 64;
+const SAMPLES_OF_A_RUN: u64 = 100_000_000;
 
 fn space(
     layout: &Layout,

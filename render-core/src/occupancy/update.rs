@@ -82,6 +82,11 @@ impl OccupancyGrid {
         }
     }
 
+    /// From the next update on, cells with at most this thickness are empty.
+    pub fn set_threshold(&mut self, threshold: f32) {
+        self.settings.threshold = threshold;
+    }
+
     /// Bits from thickness.
     pub(super) fn rebuild(&mut self) {
         let threshold = self.bit_threshold();

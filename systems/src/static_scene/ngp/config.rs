@@ -45,6 +45,8 @@ pub struct NgpConfig {
     pub cascades: usize,
     /// A cell is empty below this optical thickness at the smallest step.
     pub occupancy_threshold: f32,
+    /// Steps in which that threshold rises to its place, from half the thickness of a step through the initial field.
+    pub occupancy_settle: u64,
     /// Steps between updates of the occupancy grid.
     pub occupancy_every: u64,
 

@@ -38,6 +38,13 @@ pub(super) struct DensityScratch {
     mlp: Vec<f32>,
 }
 
+impl DensityScratch {
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity())
+    }
+}
+
 /// A buffer that cannot be refused its length: the callers cut it to size.
 pub(super) fn shapes_hold(result: Result<(), FieldError>) {
     result.expect("buffers are cut to the shapes of the field");

@@ -30,7 +30,7 @@ use crate::space::Space;
 use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial};
 use chunk::{Chunk, StepContext};
 use field::Field;
-use field_core::encoding::hash_grid::Touched;
+use field_core::encoding::hash_grid::{MAX_LEVELS, Touched};
 use field_core::rng::Rng;
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
@@ -93,6 +93,14 @@ struct Work {
     density_grad: Vec<f32>,
     colour_grad: Vec<f32>,
     packed_grad: Vec<f32>,
+}
+
+/// What the update of one level of the grid writes.
+struct LevelJob<'a> {
+    adam: &'a mut Adam,
+    touched: &'a mut [u64],
+    params: &'a mut [f32],
+    grad: &'a mut [f32],
 }
 
 /// Seconds of work in each part: of all threads together where a part runs on several.
@@ -193,30 +201,28 @@ impl Ngp {
     fn update_grid(&mut self, lr: f64) -> usize {
         let (field, work) = (&mut self.field, &mut self.work);
         let (grid, simd, features) = (&field.grid, field.simd, field.grid.config().features);
-        let mut jobs = Vec::with_capacity(self.grid_adam.len());
+        let mut jobs: [Option<LevelJob<'_>>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
         let (mut params, mut grads) = (&mut field.grid_params[..], &mut work.grid_grad[..]);
         for ((level, adam), touched) in self.grid_adam.iter_mut().enumerate().zip(work.touched.levels_mut()) {
             let len = grid.level_range(level).len();
             let (p, rest) = params.split_at_mut(len);
             params = rest;
-            let (g, rest) = grads.split_at_mut(len);
+            let (grad, rest) = grads.split_at_mut(len);
             grads = rest;
-            jobs.push((level, adam, touched, p, g));
+            jobs[level] = Some(LevelJob { adam, touched, params: p, grad });
         }
         let chunks = &work.chunks;
-        jobs.into_par_iter()
-            .map(|(level, adam, touched, params, grad)| {
-                for chunk in chunks {
-                    let n = chunk.n;
-                    let bars = &chunk.features_bar[level * features * n..][..features * n];
-                    let done = grid.encode_level_backward(simd, level, &chunk.x[..3 * n], bars, grad, Some(touched));
-                    field::shapes_hold(done);
-                }
-                adam.step_touched(simd, lr, params, grad, touched)
-            })
-            .collect::<Vec<_>>()
-            .iter()
-            .sum()
+        let update = |(level, job): (usize, &mut Option<LevelJob<'_>>)| {
+            let Some(LevelJob { adam, touched, params, grad }) = job else { return 0 };
+            for chunk in chunks {
+                let n = chunk.n;
+                let bars = &chunk.features_bar[level * features * n..][..features * n];
+                let done = grid.encode_level_backward(simd, level, &chunk.x[..3 * n], bars, grad, Some(touched));
+                field::shapes_hold(done);
+            }
+            adam.step_touched(simd, lr, params, grad, touched)
+        };
+        jobs[..grid.levels().len()].par_iter_mut().enumerate().map(update).sum()
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
@@ -255,7 +261,7 @@ impl System for Ngp {
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let start = Instant::now();
         if step.is_multiple_of(self.config.occupancy_every) {
-            self.occupy.update(&self.field, &self.space, self.seed, step);
+            self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
         }
         self.seconds.occupancy += since(start);
 

@@ -23,8 +23,10 @@ const EAGER_SHARE: u32 = 2;
 /// Factor on a cell's running maximum each time it is looked at. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
-/// Cells of one task.
+/// Cells looked at together.
 const TASK: usize = 4096;
+/// Tasks of an update at most: each has its buffers.
+const LOOKERS: usize = 32;
 /// Samples of a ray at most: more than any planned scene has, so that no march ends early.
 const MAX_SAMPLES: u32 = 1 << 16;
 /// Longest step: in a cascade the step doubles with the cells.
@@ -36,6 +38,15 @@ pub(super) struct Occupy {
     step_min: f32,
     cells: Vec<u32>,
     thickness: Vec<f32>,
+    lookers: Vec<Looker>,
+}
+
+/// Buffers of a task of an update.
+#[derive(Default)]
+struct Looker {
+    densities: DensityScratch,
+    p: Vec<f32>,
+    x: Vec<f32>,
 }
 
 /// Step rule of a march.
@@ -63,21 +74,26 @@ impl Marcher {
 
 impl Occupy {
     pub(super) fn new(config: &NgpConfig) -> Result<Self, SystemError> {
-        let settings = Self::settings(config);
+        let settings = Self::settings(config, 0);
         let grid = OccupancyGrid::new(settings).map_err(|e| SystemError::Config {
             field: "occupancy",
             value: config.occupancy.to_string(),
             problem: e.to_string(),
         })?;
-        Ok(Self { grid, step_min: config.step_min, cells: Vec::new(), thickness: Vec::new() })
+        let lookers = (0..LOOKERS).map(|_| Looker::default()).collect();
+        Ok(Self { grid, step_min: config.step_min, cells: Vec::new(), thickness: Vec::new(), lookers })
     }
 
-    pub(super) fn settings(config: &NgpConfig) -> Settings {
+    /// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
+    /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nobody needs.
+    pub(super) fn settings(config: &NgpConfig, updates: u64) -> Settings {
+        let settled = (updates * config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
+        let (first, last) = ((0.5 * config.step_min).min(config.occupancy_threshold), config.occupancy_threshold);
         Settings {
             resolution: config.occupancy as u32,
             cascades: config.cascades as u32,
             decay: DECAY,
-            threshold: config.occupancy_threshold,
+            threshold: first * (last / first).powf(settled.min(1.0)),
         }
     }
 
@@ -89,11 +105,13 @@ impl Occupy {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity())
+        let lookers: usize = self.lookers.iter().map(Looker::bytes).sum();
+        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + lookers
     }
 
     /// Look at a share of the cells, each at a random point.
-    pub(super) fn update(&mut self, field: &Field, space: &Space, seed: u64, step: u64) {
+    pub(super) fn update(&mut self, config: &NgpConfig, field: &Field, space: &Space, seed: u64, step: u64) {
+        self.grid.set_threshold(Self::settings(config, self.grid.updates() + 1).threshold);
         let update = self.grid.updates();
         let share = if update < EAGER_UPDATES { EAGER_SHARE } else { SHARE };
         let (phase, bits, thickness) = (update as u32, self.grid.bits(), self.grid.thickness());
@@ -108,25 +126,17 @@ impl Occupy {
         let rng = Rng::new(seed, POINTS).substream(step);
         self.thickness.resize(self.cells.len(), 0.0);
         let (grid, step_min) = (&self.grid, self.step_min);
-        let tasks = self.thickness.par_chunks_mut(TASK).zip(self.cells.par_chunks(TASK));
-        tasks.for_each_init(
-            || (DensityScratch::default(), Vec::new(), Vec::new()),
-            |(scratch, p, x), (out, cells)| {
-                let n = cells.len();
-                let p = sized(p, 3 * n);
-                for (i, &id) in cells.iter().enumerate() {
-                    let u = [0, 1, 2].map(|a| rng.uniform_at(3 * u64::from(id) + a));
-                    let point = grid.cell_point(id, u);
-                    (p[i], p[n + i], p[2 * n + i]) = (point[0], point[1], point[2]);
-                }
-                let x = sized(x, 3 * n);
-                space.grid_positions(field.simd, p, x);
-                field.densities(x, out, scratch);
+        // Whole blocks of `TASK` to each task.
+        let share = TASK * self.cells.len().div_ceil(TASK * LOOKERS).max(1);
+        let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
+        tasks.zip(&mut self.lookers).for_each(|((out, cells), looker)| {
+            for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
+                looker.look(grid, field, space, &rng, cells, out);
                 for (out, &id) in out.iter_mut().zip(cells) {
                     *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
                 }
-            },
-        );
+            }
+        });
         self.grid.update(&self.cells, &self.thickness);
     }
 
@@ -163,6 +173,26 @@ impl Occupy {
         // Asked for every cell in order: none is marked yet.
         self.grid.mark_invisible(|_, _| cells.next().copied().unwrap_or(true));
         Ok(())
+    }
+}
+
+impl Looker {
+    /// Densities of cells, each at a random point, written over `out`.
+    fn look(&mut self, grid: &OccupancyGrid, field: &Field, space: &Space, rng: &Rng, cells: &[u32], out: &mut [f32]) {
+        let n = cells.len();
+        let p = sized(&mut self.p, 3 * n);
+        for (i, &id) in cells.iter().enumerate() {
+            let u = [0, 1, 2].map(|a| rng.uniform_at(3 * u64::from(id) + a));
+            let point = grid.cell_point(id, u);
+            (p[i], p[n + i], p[2 * n + i]) = (point[0], point[1], point[2]);
+        }
+        let x = sized(&mut self.x, 3 * n);
+        space.grid_positions(field.simd, p, x);
+        field.densities(x, out, &mut self.densities);
+    }
+
+    fn bytes(&self) -> usize {
+        4 * (self.p.capacity() + self.x.capacity()) + self.densities.bytes()
     }
 }
 

@@ -55,7 +55,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
         ngp.grid_adam.iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
     let density_adam = adam("density".into(), &ngp.density_adam)?;
     let colour_adam = adam("colour".into(), &ngp.colour_adam)?;
-    let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config), &thickness, counters[1])
+    let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config, counters[1]), &thickness, counters[1])
         .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
 
     (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
