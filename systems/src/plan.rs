@@ -6,7 +6,7 @@ use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
-use crate::static_scene::ngp::{Ngp, NgpConfig};
+use crate::static_scene::ngp::{NetworkPrecision, Ngp, NgpConfig};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 use serde::Serialize;
@@ -190,6 +190,7 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         log2_table,
         n_min: 16,
         n_max,
+        precision: NetworkPrecision::F32,
         width: 32,
         colour_layers: 1,
         geometry: 16,
@@ -212,6 +213,7 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         lr_hold: 500,
         lr_tenfold: 0.1,
         weight_decay: 1e-6,
+        distortion: 0.0,
         huber: 0.0,
     }
 }

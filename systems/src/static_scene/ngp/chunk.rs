@@ -10,11 +10,13 @@ use crate::data::Batch;
 use crate::space::{InternalRay, Space};
 use field_core::mlp::Mlp;
 use losses::kernel::Kernel;
+use losses::{Edges, RayIntervals, Reduction, distortion};
 use render_core::occupancy::OccupancyGrid;
-use render_core::ray::Ray;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
+use render_core::ray::Ray;
+use render_core::ray_distance::RayDistance;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -45,7 +47,8 @@ pub(super) struct Chunk {
     views: Vec<f32>,
     /// `[rays + 1]`
     offsets: Vec<u32>,
-    /// Steps of the samples.
+    /// Distances of the samples, and their steps.
+    t: Vec<f32>,
     dt: Vec<f32>,
     /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
@@ -81,6 +84,9 @@ struct Tile {
     opacity: Vec<f32>,
     trans_end: Vec<f32>,
     scratch: Vec<f32>,
+    /// Ends of the intervals in normalised distance, and the gradient of their weights.
+    ends: [Vec<f32>; 2],
+    w_bar: Vec<f32>,
 }
 
 /// What all chunks of a step share.
@@ -99,6 +105,9 @@ pub(super) struct StepContext<'a> {
     /// Jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     pub(super) kernel: Kernel,
+    /// Factor of the distortion loss, and the distance it is measured in.
+    pub(super) distortion: f32,
+    pub(super) distance: RayDistance,
     /// Optical depth behind which nothing is looked at.
     pub(super) depth_limit: f64,
     /// One over the pixels of the batch that count.
@@ -112,6 +121,7 @@ impl Chunk {
             basis: Vec::new(),
             views: Vec::new(),
             offsets: Vec::new(),
+            t: Vec::new(),
             dt: Vec::new(),
             n: 0,
             x: Vec::new(),
@@ -129,6 +139,7 @@ impl Chunk {
     pub(super) fn bytes(&self) -> usize {
         let t = &self.tile;
         let floats = [
+            &self.t,
             &self.dt,
             &self.x,
             &self.features,
@@ -162,8 +173,8 @@ impl Chunk {
         ctx.field.basis(&self.rays, &mut self.views, &mut self.basis);
         self.look.march(ctx, &self.rays, rays);
         let marched = Instant::now();
-        let Self { offsets, dt, x, features, .. } = self;
-        self.n = self.look.follow(ctx, &self.rays, Kept { offsets, dt, x, features });
+        let Self { offsets, t, dt, x, features, .. } = self;
+        self.n = self.look.follow(ctx, &self.rays, Kept { offsets, t, dt, x, features });
         let (n, rows) = (self.n, ctx.field.grid.out_rows());
         sized(&mut self.features_bar, rows * n).fill(0.0);
         self.stats.dense = self.look.dense;
@@ -251,6 +262,26 @@ impl Chunk {
             return;
         }
 
+        // Weight that is spread along the ray costs.
+        let w_bar = if ctx.distortion > 0.0 {
+            let [start, end] = t.ends.each_mut().map(|buffer| sized(buffer, n));
+            for i in 0..n {
+                let (at, dt) = (self.t[samples.start + i], self.dt[samples.start + i]);
+                (start[i], end[i]) = (ctx.distance.s_of(at.into()) as f32, ctx.distance.s_of((at + dt).into()) as f32);
+            }
+            let intervals = RayIntervals { offsets: &t.offsets, edges: Edges::Apart { start, end } };
+            let w_bar = sized(&mut t.w_bar, n);
+            w_bar.fill(0.0);
+            let factor = f64::from(ctx.distortion * per_ray);
+            let fits = "offsets and samples are those of the tile";
+            self.stats.loss += factor * distortion::distortion(intervals, w, Reduction::Sum).expect(fits);
+            let factor = factor * f64::from(ctx.share);
+            distortion::distortion_backward(intervals, w, Reduction::Sum, factor, w_bar).expect(fits);
+            Some(&*w_bar)
+        } else {
+            None
+        };
+
         // And back.
         let tau_bar = sized(&mut t.tau_bar, n);
         let rgb_bar = sized(&mut t.rgb_bar, 3 * n);
@@ -260,7 +291,7 @@ impl Chunk {
             values,
             background,
             Weights { w, trans_end },
-            CompositeBar { colour: pixel_bar, w: None, trans_end: None },
+            CompositeBar { colour: pixel_bar, w: w_bar, trans_end: None },
             CompositeGrads { tau: tau_bar, values: rgb_bar, background: None },
         );
         let input_bar = sized(&mut t.input_bar, inputs * n);

@@ -3,9 +3,29 @@
 use crate::space::SpaceKind;
 use crate::system::SystemError;
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
+use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};
 use losses::kernel::Kernel;
 use serde::{Deserialize, Serialize};
+
+/// How networks multiply.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NetworkPrecision {
+    /// 32-bit floats.
+    #[default]
+    F32,
+    /// Factors rounded to bfloat16, sums and parameters 32-bit floats.
+    Bf16,
+}
+
+impl NetworkPrecision {
+    fn of(self, mlp: Mlp) -> Mlp {
+        mlp.with_precision(match self {
+            Self::F32 => Precision::F32,
+            Self::Bf16 => Precision::Bf16,
+        })
+    }
+}
 
 /// Settings of [`Ngp`](super::Ngp). Lengths are in *internal* units: the radius of the scene is 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +48,8 @@ pub struct NgpConfig {
     pub n_min: u32,
     /// Cells along an axis of the finest level.
     pub n_max: u32,
+    /// How the networks multiply: `f32`, or `bf16` with sums in f32.
+    pub precision: NetworkPrecision,
     /// Width of the hidden layers of both networks.
     pub width: usize,
     /// Hidden layers of the colour network.
@@ -76,6 +98,8 @@ pub struct NgpConfig {
     pub lr_tenfold: f32,
     /// L2 penalty on the networks' weights (not on the grid).
     pub weight_decay: f32,
+    /// Factor of the distortion loss, which draws the weight of a ray together; 0: none.
+    pub distortion: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
 }
@@ -119,6 +143,7 @@ impl NgpConfig {
             output_activation: Activation::None,
             skips: vec![],
         })
+        .map(|mlp| self.precision.of(mlp))
         .map_err(|e| bad("width, geometry", "", &e.to_string()))
     }
 
@@ -136,6 +161,7 @@ impl NgpConfig {
             output_activation: Activation::LOGISTIC,
             skips: vec![],
         })
+        .map(|mlp| self.precision.of(mlp))
         .map_err(|e| bad("width, colour_layers", "", &e.to_string()))
     }
 
@@ -193,6 +219,9 @@ impl NgpConfig {
         }
         if !(0.0..1.0).contains(&self.train_stop) {
             return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
+        }
+        if !(0.0..=10.0).contains(&self.distortion) {
+            return Err(bad("distortion", self.distortion, "must be in 0..=10"));
         }
         if !self.density_bias.is_finite() {
             return Err(bad("density_bias", self.density_bias, "must be finite"));

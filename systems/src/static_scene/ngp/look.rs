@@ -60,7 +60,8 @@ struct Run {
 pub(super) struct Kept<'a> {
     /// `[rays + 1]`
     pub(super) offsets: &'a mut Vec<u32>,
-    /// `[n]`, steps.
+    /// `[n]`, distances and steps.
+    pub(super) t: &'a mut Vec<f32>,
     pub(super) dt: &'a mut Vec<f32>,
     /// `[3][n]`, positions in the grid.
     pub(super) x: &'a mut Vec<f32>,
@@ -187,10 +188,11 @@ impl Look {
             out.offsets.push(n);
         }
         let n = n as usize;
-        let dt = sized(out.dt, n);
+        let (t, dt) = (sized(out.t, n), sized(out.dt, n));
         for (r, &kept) in self.kept.iter().enumerate() {
-            let (from, kept) = (self.offsets[r] as usize, kept as usize);
-            dt[out.offsets[r] as usize..][..kept].copy_from_slice(&self.dt[from..][..kept]);
+            let (from, to, kept) = (self.offsets[r] as usize, out.offsets[r] as usize, kept as usize);
+            t[to..][..kept].copy_from_slice(&self.t[from..][..kept]);
+            dt[to..][..kept].copy_from_slice(&self.dt[from..][..kept]);
         }
         let (x, features) = (sized(out.x, 3 * n), sized(out.features, rows * n));
         for (k, round) in self.rounds[..rounds].iter().enumerate() {

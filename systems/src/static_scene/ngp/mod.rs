@@ -22,11 +22,11 @@ mod occupy;
 mod render;
 mod state;
 
-pub use config::NgpConfig;
+pub use config::{NetworkPrecision, NgpConfig};
 
 use crate::data::{Batch, Dataset};
 use crate::options::Background;
-use crate::space::Space;
+use crate::space::{Space, SpaceKind};
 use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial};
 use chunk::{Chunk, StepContext};
 use field::Field;
@@ -37,6 +37,7 @@ use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use rayon::prelude::*;
 use render_core::budget::{Ledger, depth_limit};
 use render_core::ray::Ray;
+use render_core::ray_distance::{RayDistance, Warp};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -65,6 +66,8 @@ pub struct Ngp {
     seed: u64,
     background: Background,
     space: Space,
+    /// What the distortion loss measures distances in.
+    distance: RayDistance,
     field: Field,
     occupy: Occupy,
     /// One for each level of the grid.
@@ -126,6 +129,17 @@ struct Skipped {
     renders: Mutex<Ledger>,
 }
 
+/// Normalised distance of a ray: even across a box, half linear and half inverse where space has no end.
+fn normalised_distance(space: &Space, near: f32) -> RayDistance {
+    let near = f64::from(near);
+    let (warp, far) = match space.kind() {
+        SpaceKind::Contracted => (Warp::Piecewise, f64::INFINITY),
+        // Further than any ray from a camera nearby goes through a box of half side 1.
+        SpaceKind::Box | SpaceKind::Ndc => (Warp::Linear, near + 8.0),
+    };
+    RayDistance::new(warp, near, far).expect("`near` is positive and finite, and checked before")
+}
+
 impl Ngp {
     /// A new field for a space.
     ///
@@ -156,6 +170,7 @@ impl Ngp {
             guard: NonFiniteGuard::default(),
             rays: FIRST_RAYS.min(config.batch_rays),
             stretch: MAX_STRETCH,
+            distance: normalised_distance(&space, config.near),
             config,
             seed,
             background,
@@ -287,6 +302,8 @@ impl System for Ngp {
             background: &self.work.background,
             jitter: &self.work.jitter,
             kernel: self.config.kernel(),
+            distortion: self.config.distortion,
+            distance: self.distance,
             depth_limit: depth_limit(self.config.train_stop),
             share: 1.0 / counted.max(1.0),
         };
