@@ -12,15 +12,21 @@ pub(crate) struct Effort {
     pub(crate) least: Duration,
 }
 
-/// Something to time.
+/// Something to time: does its work so many times.
 pub(crate) struct Case<'a> {
-    work: Box<dyn FnMut() + Send + 'a>,
+    work: Box<dyn FnMut(u32) + Send + 'a>,
 }
 
 impl<'a> Case<'a> {
     /// `work` runs as it is, on the thread that measures.
-    pub(crate) fn new(work: impl FnMut() + Send + 'a) -> Self {
-        Self { work: Box::new(work) }
+    pub(crate) fn new(mut work: impl FnMut() + Send + 'a) -> Self {
+        Self { work: Box::new(move |times| (0..times).for_each(|_| work())) }
+    }
+
+    /// `work` runs in the pool of `threads` threads and shares itself out. The pool is entered once for all of a
+    /// repetition: on a busy machine that alone takes longer than a short call.
+    pub(crate) fn pooled(pools: &'a Pools, threads: usize, mut work: impl FnMut() + Send + 'a) -> Self {
+        Self { work: Box::new(move |times| pools.run(threads, || (0..times).for_each(|_| work()))) }
     }
 
     /// `work` runs at once on `threads` threads, on a state of its own each.
@@ -31,7 +37,12 @@ impl<'a> Case<'a> {
         work: impl Fn(&mut S) + Send + Sync + 'a,
     ) -> Self {
         let mut states: Vec<S> = std::iter::repeat_with(state).take(threads).collect();
-        Self::new(move || pools.run(threads, || states.par_iter_mut().with_max_len(1).for_each(&work)))
+        Self {
+            work: Box::new(move |times| {
+                let own = |state: &mut S| (0..times).for_each(|_| work(state));
+                pools.run(threads, || states.par_iter_mut().with_max_len(1).for_each(own));
+            }),
+        }
     }
 }
 
@@ -40,7 +51,7 @@ impl<'a> Case<'a> {
 pub(crate) fn interleaved(effort: Effort, cases: &mut [Case<'_>]) -> Vec<f64> {
     let timed = |case: &mut Case<'_>, times: u32| {
         let clock = Instant::now();
-        (0..times).for_each(|_| (case.work)());
+        (case.work)(times);
         clock.elapsed().as_secs_f64()
     };
     let times: Vec<u32> = cases
@@ -154,8 +165,8 @@ mod tests {
         let mut case = Case::parallel(&pools, 2, || 0_u8, |_| {
             count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         });
-        (case.work)();
+        (case.work)(3);
         drop(case);
-        assert_eq!(count.into_inner(), 2);
+        assert_eq!(count.into_inner(), 6);
     }
 }

@@ -119,7 +119,7 @@ impl Ruler {
                 (first..).map(|i| i as f64 * step).take_while(|&v| v <= self.high).collect()
             }
             Scale::Log => {
-                let marks: &[f64] = if span < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+                let marks: &[f64] = if span < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
                 let every = (span / 8.0).ceil().max(1.0) as i32;
                 let (first, last) = (self.low.floor() as i32, self.high.ceil() as i32);
                 (first..=last)

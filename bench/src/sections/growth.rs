@@ -123,11 +123,9 @@ fn table_size(bench: &Bench) -> Result<Curve, BenchError> {
     let mut cases: Vec<Case<'_>> = batches
         .iter_mut()
         .map(|b| {
-            Case::new(|| {
-                pools.run(1, || {
-                    b.forward(simd);
-                    b.backward(simd);
-                });
+            Case::pooled(pools, 1, || {
+                b.forward(simd);
+                b.backward(simd);
             })
         })
         .collect();

@@ -42,11 +42,9 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
     let mut cases: Vec<Case<'_>> = batches
         .iter_mut()
         .map(|b| {
-            Case::new(|| {
-                pools.run(pools.most(), || {
-                    b.forward(simd);
-                    b.backward(simd);
-                });
+            Case::pooled(pools, pools.most(), || {
+                b.forward(simd);
+                b.backward(simd);
             })
         })
         .collect();

@@ -115,12 +115,10 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
             let mut cases = [
                 small,
                 large,
-                Case::new(move || pools.run(threads, || one.forward(bench.simd))),
-                Case::new(move || {
-                    pools.run(threads, || {
-                        two.forward(bench.simd);
-                        two.backward(bench.simd);
-                    });
+                Case::pooled(pools, threads, move || one.forward(bench.simd)),
+                Case::pooled(pools, threads, move || {
+                    two.forward(bench.simd);
+                    two.backward(bench.simd);
                 }),
             ];
             let seconds = interleaved(bench.effort, &mut cases);

@@ -10,6 +10,7 @@ use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
+use std::hint::black_box;
 
 const OCTAVES: usize = 10;
 
@@ -63,8 +64,8 @@ fn adam(bench: &Bench, found: &mut Found, threads: usize, big: &Big) -> Result<(
     let (stream, bytes) = read(pools, simd, threads, big);
     let mut cases = [
         stream,
-        Case::new(|| {
-            pools.run(threads, || state.step(simd, 1e-3, &mut params, &gradient));
+        Case::pooled(pools, threads, || {
+            black_box(state.step(simd, 1e-3, &mut params, &gradient));
         }),
     ];
     let seconds = interleaved(bench.effort, &mut cases);
