@@ -177,10 +177,15 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
     let step_per_pixel = if transparent && rays_per_side == 1 { 1.5 } else { 0.5 };
     lines.push(format!("pixels: the mean of {} ray(s) each ({pixels} training pixels)", rays_per_side * rays_per_side));
     // Pixels of extreme lenses are as large as the scene, or nothing.
-    let step_min = (step_per_pixel * pixel).clamp(1e-4, 0.25) as f32;
+    let step_min = (step_per_pixel * pixel).clamp(2e-4, 0.25) as f32;
     lines.push(format!("steps: {step_min:.4} radii ({step_per_pixel} of a pixel), growing with the distance"));
     let log2_table = if pixels > 4_000_000 { 18 } else { 17 };
     lines.push(format!("hash table: 2^{log2_table} entries a level ({pixels} training pixels)"));
+    // Where a ray never ends, fog close to the cameras explains any picture but the next.
+    let distortion = if layout.kind == SpaceKind::Contracted { 0.02 } else { 0.0 };
+    if distortion > 0.0 {
+        lines.push(format!("distortion loss: {distortion} (space has no end: weight spread along a ray costs)"));
+    }
     NgpConfig {
         space: layout.kind,
         centre: layout.centre.to_array(),
@@ -203,7 +208,7 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         occupancy_every: 8,
         near: 0.05,
         step_min,
-        step_cone: if layout.kind == SpaceKind::Contracted { (step_per_pixel * pixel) as f32 } else { 0.0 },
+        step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
         rays_per_side,
         train_stop: 1e-4,
         samples_per_ray: 64.0,
@@ -213,7 +218,7 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         lr_hold: 500,
         lr_tenfold: 0.1,
         weight_decay: 1e-6,
-        distortion: 0.0,
+        distortion,
         huber: 0.0,
     }
 }
