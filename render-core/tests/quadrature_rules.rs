@@ -128,7 +128,7 @@ proptest! {
                 let thin = |k: usize| (k.max(1) - 1..=k).any(|j| {
                     let next = sigma[(j + 1).min(sigma.len() - 1)];
                     let tau = 0.5 * dt[j] * (sigma[j] + next);
-                    tau < 1e-28 || tau > 1e29
+                    !(1e-28..=1e29).contains(&tau)
                 });
                 // What one interval may contribute: 2 from its depth, and what its centre moves by, at most its colour
                 // step times 3 / tau.
