@@ -148,7 +148,7 @@ impl Function {
             Self::Exp | Self::ExpNeg => (1.1, 1.1),
             Self::ExpM1 => (1.6, 1.7),
             Self::Ln => (0.9, 0.9),
-            Self::Logistic => (2.4, 2.4),
+            Self::Logistic => (2.5, 2.5),
             Self::Softplus => (1.9, 2.3),
             Self::Tanh => (2.6, 2.6),
             Self::Sin | Self::Cos | Self::SinPi | Self::CosPi => (1.7, 1.7),

@@ -4,7 +4,7 @@ use super::exp::{exp_m1_tail, exp_tail};
 use crate::Vector;
 
 /// `1 / (1 + e^-x)`, with full digits where it is small, down to 0 through the subnormal numbers. Error at most
-/// 2.4 ulp.
+/// 2.5 ulp.
 #[inline(always)]
 pub fn logistic<V: Vector>(x: V) -> V {
     // exp of a non-positive number only: neither side overflows, neither loses digits.
