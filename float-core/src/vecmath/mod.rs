@@ -13,7 +13,7 @@
 //! | [`softplus`] | 2.221 | 1.850 | 2.3 / 1.9 | all, subnormal results too | every argument |
 //! | [`tanh`] | 2.499 | 2.499 | 2.6 | all | every argument |
 //! | [`sin`], [`cos`], [`sin_cos`] | 1.543 | 1.543 | 1.7 | all; rounded `f64` door from `2^25` on | every argument below `2^25` |
-//! | [`sin_cos_pi`] | 1.579 | 1.579 | 1.7 | all | every 1009th |
+//! | [`sin_cos_pi`] | 1.650 | 1.650 | 1.7 | all | every argument |
 //!
 //! Time beside it: `cargo run --release -p float-core --example vecmath_table` (`-- --all` for every argument).
 //!
