@@ -74,6 +74,7 @@ impl AdamConfig {
 /// * An entry whose gradient is NaN or infinite is left as it is, parameter and moments; the steps return how many there
 ///   were. Hand that to a [`NonFiniteGuard`](crate::NonFiniteGuard).
 /// * Gradients beyond `±1.8e19` count as `±1.8e19`: their squares would overflow and freeze the entry for ever.
+/// * Parameters stay finite with every learning rate: a step that overflows ends at the largest number of its sign.
 /// * Below `1e-19` the square underflows and the step is `lr m / eps`-like. With `eps >= 1e-8` it is the same to `1e-11`.
 /// * No fused multiply-add: all SIMD levels give the same bits.
 ///
@@ -267,13 +268,18 @@ impl Adam {
             rest1: (1.0 - beta1) as f32,
             beta2: beta2 as f32,
             rest2: (1.0 - beta2) as f32,
-            rate: (lr / (1.0 - m64::powf(beta1, t))) as f32,
+            rate: within(lr / (1.0 - m64::powf(beta1, t))),
             root: (1.0 / m64::sqrt(1.0 - m64::powf(beta2, t))) as f32,
             eps: eps as f32,
             l2: l2 as f32,
-            keep: keep as f32,
+            keep: within(keep),
         }
     }
+}
+
+/// The nearest `f32` that is finite.
+fn within(x: f64) -> f32 {
+    (x as f32).clamp(f32::MIN, f32::MAX)
 }
 
 fn check(config: AdamConfig) {

@@ -85,6 +85,8 @@ impl RayDistance {
         if !(starts && ends && near < far && near.is_finite()) {
             return Err(RayDistanceError { warp, near, far });
         }
+        // From 1 on it is the inverse distance, which does not take differences of numbers that are nearly 1.
+        let warp = if warp == Warp::Piecewise && near >= 1.0 { Warp::Reciprocal } else { warp };
         let g = match warp {
             Warp::Linear => [near, far],
             Warp::Reciprocal => [1.0 / near, 1.0 / far],

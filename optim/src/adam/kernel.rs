@@ -150,6 +150,7 @@ fn step_lanes<V: Vector, const SPARSE: bool>(k: Coefficients, (p, g, m, v): (V, 
     let new_m = V::splat(k.beta1) * m + V::splat(k.rest1) * g;
     let new_v = V::splat(k.beta2) * v + V::splat(k.rest2) * (g * g);
     let step = V::splat(k.rate) * new_m / (new_v.sqrt() * V::splat(k.root) + V::splat(k.eps));
-    let new_p = V::splat(k.keep) * p - step;
+    // A step may overflow where the learning rate is absurd, but not to NaN: the parameter ends at the largest number.
+    let new_p = (V::splat(k.keep) * p - step).min(V::splat(f32::MAX)).max(V::splat(f32::MIN));
     (active.select_positive(new_p, p), active.select_positive(new_m, m), active.select_positive(new_v, v), not_finite)
 }

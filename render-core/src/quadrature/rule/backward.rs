@@ -158,7 +158,8 @@ impl IntervalsBackward<'_> {
             let dt = V::load(&s.dt[i..]);
             (a_bar * dt).store(&mut s.to_own[i..]);
             (b_bar * dt).store(&mut s.to_next[i..]);
-            (a_bar * V::load(&s.sigma[i..]) + b_bar * V::load(&s.next[i..])).store(&mut s.tau_bar[i..]);
+            let (of_own, of_next) = (product(a_bar, &s.sigma[i..]), product(b_bar, &s.next[i..]));
+            (of_own + of_next).store(&mut s.tau_bar[i..]);
         }
         scatter(walk, &s.to_own, &s.to_next, self.grads.sigma);
         if let Some(dt_bar) = self.grads.dt.as_deref_mut() {
@@ -176,6 +177,13 @@ fn clamped<V: Vector>(dt: &[f32], sigma: &[f32], next: &[f32]) -> (V, V) {
     let half = V::splat(0.5);
     let (a, b) = (optical::<V>(dt, sigma).min(most), optical::<V>(dt, next).min(most));
     (a, half.mul_add(a, half * b))
+}
+
+/// `bar * sigma`, finite where `bar` is: both products of an interval may overflow, and must not meet as `inf - inf`.
+#[inline(always)]
+fn product<V: Vector>(bar: V, sigma: &[f32]) -> V {
+    let most = V::splat(f32::MAX);
+    (bar * V::load(sigma).min(most)).min(most).max(-most)
 }
 
 /// Add the parts of each sample to it and to its neighbour; the last one of a ray is its own neighbour.

@@ -3,6 +3,7 @@
 use field_core::FieldError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig};
+use field_core::encoding::integrated::Integrated;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use float_core::Simd;
 use stress::{MAGNITUDES, Tally, close, ensure, finite};
@@ -11,6 +12,7 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
     hash_grid(tally, simd);
     frequency(tally, simd);
     harmonics(tally, simd);
+    integrated(tally, simd);
 }
 
 fn hash_grid(tally: &mut Tally, simd: Simd) {
@@ -135,5 +137,37 @@ fn harmonics(tally: &mut Tally, simd: Simd) {
                 other => Err(format!("{other:?}")),
             }
         });
+    }
+}
+
+fn integrated(tally: &mut Tally, simd: Simd) {
+    for octaves in [1, 16, 32] {
+        let encoding = Integrated::new(1, octaves).unwrap();
+        for mean in MAGNITUDES.into_iter().flat_map(|m| [m, -m]) {
+            if !(mean * 2.0_f32.powi(octaves as i32 - 1)).is_finite() {
+                continue; // NaN, as it is said
+            }
+            for var in MAGNITUDES.into_iter().chain([f32::INFINITY]) {
+                let name = format!("{octaves} octaves of mean {mean:e}, variance {var:e}");
+                tally.case(name, "means of sine and cosine to 1e-6, finite gradients", || {
+                    let (mean, var) = ([mean; 17], [var; 17]);
+                    let mut out = vec![f32::NAN; 17 * encoding.out_rows()];
+                    encoding.encode(simd, &mean, &var, &mut out).map_err(|e| e.to_string())?;
+                    for (k, rows) in out.chunks_exact(2 * 17).enumerate() {
+                        let f = 2.0_f64.powi(k as i32);
+                        let damped = (-0.5 * f * f * f64::from(var[0])).exp();
+                        let (sin, cos) = (f * f64::from(mean[0])).sin_cos();
+                        for (got, want) in rows.chunks_exact(17).zip([sin, cos]) {
+                            got.iter().try_for_each(|&got| close("mean", got.into(), damped * want, 1e-6))?;
+                        }
+                    }
+                    let (mut mean_bar, mut var_bar) = ([0.0; 17], [0.0; 17]);
+                    let (bars, grads) = (vec![1.0; out.len()], (Some(&mut mean_bar[..]), Some(&mut var_bar[..])));
+                    encoding.encode_backward(simd, &mean, &var, &bars, grads.0, grads.1).map_err(|e| e.to_string())?;
+                    finite("mean_bar", &mean_bar)?;
+                    finite("var_bar", &var_bar)
+                });
+            }
+        }
     }
 }

@@ -71,6 +71,20 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
             Ok(())
         });
     }
+    for lr in [0.0, 1e-45, 1e4, 1e30, 1e38, 1e300] {
+        for (name, config) in CONFIGS {
+            tally.case(format!("Adam {name}, learning rate {lr:e}"), "no parameter is ever non-finite", || {
+                let (mut adam, mut p) = (Adam::new(40, config), vec![0.1_f32; 40]);
+                for step in 0..200 {
+                    let grad: Vec<f32> = (0..40).map(|i| MAGNITUDES[(i + step) % 20]).collect();
+                    let _ = adam.step(simd, lr, &mut p, &grad);
+                    finite("p", &p)?;
+                }
+                finite("m", adam.first_moment())?;
+                finite("v", adam.second_moment())
+            });
+        }
+    }
     for scale in MAGNITUDES {
         tally.case(format!("gradients of {scale:e}, norm clipped to 1"), "the norm is at most 1 afterwards", || {
             let mut grad = vec![scale; 1000];
