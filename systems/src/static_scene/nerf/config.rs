@@ -89,6 +89,14 @@ impl NerfConfig {
         positive("lr", f64::from(self.lr))?;
         positive("lr_decay", self.lr_decay as f64)?;
         positive("density_noise + 1", f64::from(self.density_noise) + 1.0)?;
+        for (field, octaves) in
+            [("position_octaves", self.position_octaves), ("direction_octaves", self.direction_octaves)]
+        {
+            if octaves > 32 {
+                let problem = "must be at most 32".into();
+                return Err(SystemError::Config { field, value: octaves.to_string(), problem });
+            }
+        }
         if self.coarse < 3 {
             return Err(SystemError::Config {
                 field: "coarse",

@@ -1,5 +1,6 @@
 //! Settings of the system, each with what it does; all of them can be given as `--set name=value`.
 
+use super::occupy;
 use crate::space::SpaceKind;
 use crate::system::SystemError;
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
@@ -175,7 +176,7 @@ impl NgpConfig {
     #[must_use]
     pub fn learning_rate(&self, step: u64) -> f32 {
         let x = (step.max(1) as f64 / self.lr_hold.max(1) as f64).log10().max(0.0);
-        (f64::from(self.lr) * f64::from(self.lr_tenfold).powf(x)) as f32
+        (f64::from(self.lr) * f64::from(self.lr_tenfold).powf(x)).min(f32::MAX.into()) as f32
     }
 
     /// Check what the parts do not check themselves.
@@ -192,6 +193,9 @@ impl NgpConfig {
         };
         positive("radius", self.radius)?;
         positive("near", f64::from(self.near))?;
+        if self.near > 1e6 {
+            return Err(bad("near", self.near, "must be at most 1e6 radii"));
+        }
         positive("step_min", f64::from(self.step_min))?;
         positive("lr", f64::from(self.lr))?;
         positive("lr_tenfold", f64::from(self.lr_tenfold))?;
@@ -200,16 +204,11 @@ impl NgpConfig {
         positive("batch_rays", self.batch_rays as f64)?;
         positive("occupancy_every", self.occupancy_every as f64)?;
         positive("occupancy_threshold", f64::from(self.occupancy_threshold))?;
-        // The march counts steps in `f32`: the diagonal of the outermost cube must have fewer than 2^23.
-        let shortest = 4.2e-7 * 2.0_f32.powi(self.cascades.clamp(1, 16) as i32);
-        if !(shortest..=100.0).contains(&self.step_min) {
-            return Err(bad("step_min", self.step_min, &format!("must be in {shortest:e}..=100")));
+        if !(0.0..=1.0).contains(&self.step_cone) {
+            return Err(bad("step_cone", self.step_cone, "must be in 0..=1"));
         }
         if !self.centre.iter().all(|c| c.is_finite()) {
             return Err(bad("centre", format!("{:?}", self.centre), "must be three finite numbers"));
-        }
-        if !(0.0..=1.0).contains(&self.step_cone) {
-            return Err(bad("step_cone", self.step_cone, "must be in 0..=1"));
         }
         if !(0.0..=10.0).contains(&self.huber) || !(0.0..=1.0).contains(&self.weight_decay) {
             return Err(bad("huber, weight_decay", format!("{}, {}", self.huber, self.weight_decay), "out of range"));
@@ -234,6 +233,16 @@ impl NgpConfig {
         }
         if !(1..=16).contains(&self.cascades) || (self.space != SpaceKind::Contracted && self.cascades != 1) {
             return Err(bad("cascades", self.cascades, "must be in 1..=16, and 1 unless `space` is contracted"));
+        }
+        // Along the diagonal of the outermost cube: equal steps, then steps that grow with the distance.
+        let diagonal = 3.0_f32.sqrt() * 2.0_f32.powi(self.cascades as i32);
+        let equal = diagonal.min(self.step_min / self.step_cone);
+        let steps = equal / self.step_min + (diagonal / equal).ln() / self.step_cone.max(f32::MIN_POSITIVE);
+        let (shortest, most) = (diagonal / 4e6, occupy::MAX_SAMPLES);
+        if !(shortest..=100.0).contains(&self.step_min) || steps > most as f32 {
+            let problem =
+                format!("must be in {shortest:e}..=100, and make at most {most} steps of a ray, not {steps:e}");
+            return Err(bad("step_min", self.step_min, &problem));
         }
         Ok(())
     }

@@ -27,8 +27,8 @@ const DECAY: f32 = 0.8;
 const TASK: usize = 4096;
 /// Tasks of an update at most: each has its buffers.
 const LOOKERS: usize = 32;
-/// Samples of a ray at most: more than any planned scene has, so that no march ends early.
-const MAX_SAMPLES: u32 = 1 << 16;
+/// Samples of a ray at most: [`super::NgpConfig::check`] sees to it that no march ends early.
+pub(super) const MAX_SAMPLES: u32 = 1 << 16;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 
