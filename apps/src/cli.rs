@@ -167,6 +167,9 @@ pub(crate) struct Eval {
     /// Measure at full, half, quarter … size instead: so many scales, against the means of the held-out pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
+    /// Error a pixel may have from skipped work, in colour units (default: the run's); 0 skips nothing
+    #[arg(long, value_name = "X", value_parser = budget)]
+    pub(crate) error_budget: Option<f32>,
 }
 
 #[derive(Debug, Args)]
@@ -191,7 +194,7 @@ pub(crate) struct Render {
     /// Frames per second of the animated preview
     #[arg(long, default_value_t = 15.0, value_name = "X", value_parser = seconds)]
     pub(crate) fps: f64,
-    /// Error a pixel may have from skipped work, in colour units; 0 skips nothing
+    /// Error a pixel may have from skipped work, in colour units (default: 1/255); 0 skips nothing
     #[arg(long, value_name = "X", value_parser = budget)]
     pub(crate) error_budget: Option<f32>,
 }

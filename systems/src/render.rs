@@ -88,8 +88,7 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
     // Of what was hit, as each ray's depth is.
     let hits = || strip.depth[rays.clone()].iter().zip(opacity).filter(|(depth, _)| depth.is_finite());
     let weight: f32 = hits().map(|(_, a)| a).sum();
-    layers.depth[pixel] =
-        if weight > 0.0 { hits().map(|(d, a)| d * a).sum::<f32>() / weight } else { f32::INFINITY };
+    layers.depth[pixel] = if weight > 0.0 { hits().map(|(d, a)| d * a).sum::<f32>() / weight } else { f32::INFINITY };
     // One of them, not a mean over an edge.
     let mut medians: Vec<f32> = strip.median_depth[rays.clone()].to_vec();
     medians.sort_unstable_by(f32::total_cmp);

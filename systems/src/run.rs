@@ -74,6 +74,8 @@ pub struct Run<'a> {
     pub step: u64,
     /// Training seconds.
     pub seconds: f64,
+    /// Error budget of renders.
+    error_budget: f32,
     /// Step the run was resumed at.
     resumed_at: Option<u64>,
     dataset: String,
@@ -128,6 +130,7 @@ impl<'a> Run<'a> {
         let run = Self {
             parts,
             folder: folder.into(),
+            error_budget: config.error_budget,
             config,
             plan: plan.lines,
             scene,
@@ -190,6 +193,7 @@ impl<'a> Run<'a> {
         Ok(Self {
             parts,
             folder: folder.into(),
+            error_budget: config.error_budget,
             config,
             plan: plan.lines,
             scene,
@@ -277,9 +281,14 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// Render held-out views within another error budget than the run's; what is written down stays the run's.
+    pub fn render_within(&mut self, error_budget: Option<f32>) {
+        self.error_budget = error_budget.unwrap_or(self.config.error_budget);
+    }
+
     /// How held-out views are rendered.
     pub fn query(&self) -> Query {
-        plain_query(self.config.background.colour(), self.config.error_budget)
+        plain_query(self.config.background.colour(), self.error_budget)
     }
 
     /// One line about the memory the run needs.

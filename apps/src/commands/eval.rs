@@ -7,7 +7,8 @@ use crate::show::line;
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let lpips = session.lpips()?;
     let mut show = session.show();
-    let run = open(&args.run, &mut show)?;
+    let mut run = open(&args.run, &mut show)?;
+    run.render_within(args.error_budget);
     if let Some(scales) = args.scales {
         let table = run.evaluate_scales(scales, &mut show)?;
         show.finish();

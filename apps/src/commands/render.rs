@@ -16,6 +16,9 @@ use systems::render::{Rendered, render};
 use systems::run::Run;
 use systems::system::{LayerRequest, Normals, Query};
 
+/// Error of a pixel from skipped work where nothing is said: one step of an 8-bit picture.
+const PREVIEW_BUDGET: f32 = 1.0 / 255.0;
+
 /// Longest side of the animated preview, pixels: GIF is a large format.
 const PREVIEW_SIDE: u32 = 480;
 
@@ -48,7 +51,7 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
     let query = Query {
         layers: LayerRequest { normals },
-        error_budget: args.error_budget.unwrap_or(run.config.error_budget),
+        error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET),
         ..run.query()
     };
     let mut depth_range = None;
