@@ -31,7 +31,18 @@ pub(crate) fn table(goals: &[Goal]) -> Result<Option<Table>, BenchError> {
         "goals",
         "Targets: reached where the figure is at least the target. Ceiling: arithmetic over ceilings measured in the same run. \
          Peer: the best other program, measured before on a machine of the class, not in this run.",
-        &["work", "unit", "figure", "target", "reached", "ceiling here", "% of ceiling", "peer", "ratio to peer", "error"],
+        &[
+            "work",
+            "unit",
+            "figure",
+            "target",
+            "reached",
+            "ceiling here",
+            "% of ceiling",
+            "peer",
+            "ratio to peer",
+            "error",
+        ],
     );
     for g in goals {
         table.row([
@@ -43,7 +54,15 @@ pub(crate) fn table(goals: &[Goal]) -> Result<Option<Table>, BenchError> {
             g.ceiling.into(),
             g.ceiling.map(|c| 100.0 * g.figure / c).into(),
             g.peer.into(),
-            g.peer.map(|p| if g.unit == "dB" { format!("{:+.1} dB", g.figure - p) } else { format!("{}x", number(g.figure / p)) }).into(),
+            g.peer
+                .map(|p| {
+                    if g.unit == "dB" {
+                        format!("{:+.1} dB", g.figure - p)
+                    } else {
+                        format!("{}x", number(g.figure / p))
+                    }
+                })
+                .into(),
             Cell::from(g.error.as_str()),
         ])?;
     }

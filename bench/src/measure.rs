@@ -110,7 +110,10 @@ pub(crate) struct Pools(Vec<rayon::ThreadPool>);
 impl Pools {
     /// Pools up to `threads` threads.
     pub(crate) fn new(threads: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
-        (1..=threads.max(1)).map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build()).collect::<Result<_, _>>().map(Self)
+        (1..=threads.max(1))
+            .map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build())
+            .collect::<Result<_, _>>()
+            .map(Self)
     }
 
     /// Threads of the largest pool.
@@ -150,10 +153,7 @@ mod tests {
         let (mut a, mut b) = (0_u64, 0_u64);
         let effort = Effort { repetitions: 3, least: Duration::from_micros(200) };
         let spin = |n: u64, sum: &mut u64| (0..n).for_each(|i| *sum = std::hint::black_box(*sum ^ i));
-        let times = interleaved(
-            effort,
-            &mut [Case::new(|| spin(1_000, &mut a)), Case::new(|| spin(200_000, &mut b))],
-        );
+        let times = interleaved(effort, &mut [Case::new(|| spin(1_000, &mut a)), Case::new(|| spin(200_000, &mut b))]);
         assert!(times[0] > 0.0 && times[1] > 3.0 * times[0], "{times:?}");
     }
 
@@ -162,9 +162,14 @@ mod tests {
         let pools = Pools::new(2).unwrap();
         assert_eq!(pools.one_and_most(), [1, 2]);
         let count = std::sync::atomic::AtomicUsize::new(0);
-        let mut case = Case::parallel(&pools, 2, || 0_u8, |_| {
-            count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        });
+        let mut case = Case::parallel(
+            &pools,
+            2,
+            || 0_u8,
+            |_| {
+                count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            },
+        );
         (case.work)(3);
         drop(case);
         assert_eq!(count.into_inner(), 6);

@@ -199,8 +199,7 @@ impl Plot {
         let mut key = top + 6;
         for (i, series) in self.series.iter().enumerate() {
             let colour = COLOURS[i % COLOURS.len()];
-            let points: Vec<(i32, i32)> =
-                series.points.iter().filter_map(|p| Some((x.at(p.0)?, y.at(p.1)?))).collect();
+            let points: Vec<(i32, i32)> = series.points.iter().filter_map(|p| Some((x.at(p.0)?, y.at(p.1)?))).collect();
             if points.is_empty() {
                 continue;
             }

@@ -28,7 +28,16 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
         "budgets",
         "Held-out views of a trained scene at each budget against the same views at budget 0: largest and mean distance of a \
          colour channel. The budget is the bound.",
-        &["scene", "budget", "ms a view", "time / budget 0", "largest error", "mean error", "share of the budget", "inside"],
+        &[
+            "scene",
+            "budget",
+            "ms a view",
+            "time / budget 0",
+            "largest error",
+            "mean error",
+            "share of the budget",
+            "inside",
+        ],
     );
     let mut series = Vec::new();
     let data = |longest_side, holdout: Option<&str>| DataOptions {

@@ -99,9 +99,14 @@ pub(crate) fn fma(pools: &Pools, simd: Simd, threads: usize) -> (Case<'_>, f64) 
         _ => simd.run(Fma::<12> { rounds: ROUNDS, factor }),
     };
     let (_, flops) = work(0.5);
-    let case = Case::parallel(pools, threads, || 0.9_f32, move |factor| {
-        black_box(work(black_box(*factor)));
-    });
+    let case = Case::parallel(
+        pools,
+        threads,
+        || 0.9_f32,
+        move |factor| {
+            black_box(work(black_box(*factor)));
+        },
+    );
     (case, (flops * threads) as f64)
 }
 
@@ -126,9 +131,14 @@ impl Task for Sum<'_> {
 pub(crate) fn read<'a>(pools: &'a Pools, simd: Simd, threads: usize, big: &'a Big) -> (Case<'a>, f64) {
     let part = big.0.len() / threads;
     let mut parts = big.0.chunks_exact(part);
-    let case = Case::parallel(pools, threads, move || parts.next().unwrap_or(&[]), move |part| {
-        black_box(simd.run(Sum(black_box(part))));
-    });
+    let case = Case::parallel(
+        pools,
+        threads,
+        move || parts.next().unwrap_or(&[]),
+        move |part| {
+            black_box(simd.run(Sum(black_box(part))));
+        },
+    );
     (case, (part * threads * 4) as f64)
 }
 

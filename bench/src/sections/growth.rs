@@ -93,10 +93,17 @@ fn samples(bench: &Bench) -> Result<Curve, BenchError> {
 fn pixels(bench: &Bench, trained: &Trained) -> Curve {
     let system: &dyn System = trained.run.system.as_ref();
     let query = plain_query(trained.run.query().background, 1.0 / 2048.0);
-    let cameras: Vec<_> = trained.run.held_out.views().iter().take(1).flat_map(|view| {
-        let sides = bench.pick(vec![16, 32, 64, 128], vec![16, 32, 64, 128, 256, 512]);
-        sides.into_iter().map(|side| view.camera.resized(side, side)).collect::<Vec<_>>()
-    }).collect();
+    let cameras: Vec<_> = trained
+        .run
+        .held_out
+        .views()
+        .iter()
+        .take(1)
+        .flat_map(|view| {
+            let sides = bench.pick(vec![16, 32, 64, 128], vec![16, 32, 64, 128, 256, 512]);
+            sides.into_iter().map(|side| view.camera.resized(side, side)).collect::<Vec<_>>()
+        })
+        .collect();
     let mut cases: Vec<Case<'_>> = cameras
         .iter()
         .map(|camera| {
@@ -131,7 +138,12 @@ fn table_size(bench: &Bench) -> Result<Curve, BenchError> {
         .collect();
     let seconds = interleaved(bench.effort, &mut cases);
     let points = sizes.iter().zip(seconds).map(|(&t, s)| (2_f64.powi(t as i32), s / samples as f64)).collect();
-    Ok(Curve { what: "hash grid 16x2 forward+backward, 1 thread", size: "entries of a level", cost: "a sample", points })
+    Ok(Curve {
+        what: "hash grid 16x2 forward+backward, 1 thread",
+        size: "entries of a level",
+        cost: "a sample",
+        points,
+    })
 }
 
 /// A network with two hidden layers, forward and backward, against their width.
@@ -202,7 +214,10 @@ fn threads(bench: &Bench, mut trained: Trained) -> Result<(Table, Vec<Goal>), Be
     add(&mut table, "training step (ngp, embedded scene)", "samples", &counts, &rates)?;
     if let Some(two) = counts.iter().position(|&t| t == 2) {
         goals.push(Goal {
-            work: format!("second core, training step{}", if bench.extent == Extent::Quick { " (small scene)" } else { "" }),
+            work: format!(
+                "second core, training step{}",
+                if bench.extent == Extent::Quick { " (small scene)" } else { "" }
+            ),
             unit: "x",
             figure: rates[two] / rates[0],
             target: 1.9,

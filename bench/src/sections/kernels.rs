@@ -22,7 +22,18 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
             "Ceiling: the arithmetic or the reads of one unit of work over what the machine was seen to do in the same \
              repetitions. Errors are the largest distance from the `f64` twin as a share of the largest value; gradients \
              include that of the forward pass before them.",
-            &["kernel", "level", "threads", "M/s", "unit", "ceiling M/s", "ceiling is", "% of ceiling", "error forward", "error gradient"],
+            &[
+                "kernel",
+                "level",
+                "threads",
+                "M/s",
+                "unit",
+                "ceiling M/s",
+                "ceiling is",
+                "% of ceiling",
+                "error forward",
+                "error gradient",
+            ],
         ),
         goals: Vec::new(),
     };

@@ -101,7 +101,8 @@ pub(crate) struct Bench {
 
 impl Bench {
     fn new(cli: &Cli) -> Result<Self, BenchError> {
-        let threads = cli.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+        let threads =
+            cli.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
         let extent = if cli.quick { Extent::Quick } else { Extent::Full };
         let (repetitions, least) = match extent {
             Extent::Quick => (5, Duration::from_millis(12)),

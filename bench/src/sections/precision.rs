@@ -63,9 +63,14 @@ fn one(bench: &Bench, network: &Network, table: &mut Table, goals: &mut Vec<Goal
                 .iter()
                 .map(|(_, shape)| {
                     let simd = bench.simd;
-                    Case::parallel(&bench.pools, threads, move || case(shape), move |b: &mut NetworkBatch| {
-                        b.run(shape, simd, job, tiles);
-                    })
+                    Case::parallel(
+                        &bench.pools,
+                        threads,
+                        move || case(shape),
+                        move |b: &mut NetworkBatch| {
+                            b.run(shape, simd, job, tiles);
+                        },
+                    )
                 })
                 .collect();
             let seconds = interleaved(bench.effort, &mut cases);

@@ -108,7 +108,8 @@ fn draw(rng: Rng, n: usize) -> (Vec<f32>, Vec<f32>) {
         for a in 0..3 {
             x[a * n + i] = p[a] as f32;
         }
-        y[i] = (0.5 * (wave(1.0, 0, 1) + wave(3.0, 1, 2) + wave(9.0, 2, 0) + wave(20.0, 0, 2) + wave(40.0, 1, 0))) as f32;
+        y[i] =
+            (0.5 * (wave(1.0, 0, 1) + wave(3.0, 1, 2) + wave(9.0, 2, 0) + wave(20.0, 0, 2) + wave(40.0, 1, 0))) as f32;
     }
     (x, y)
 }
@@ -135,7 +136,10 @@ pub(super) fn fit(bench: &Bench, config: HashGridConfig, precision: Precision, s
     let (mut packed_grad, mut net_grad) = (vec![0.0; net.mlp.packed_grad_len()], vec![0.0; net.mlp.param_count()]);
     for step in 0..steps {
         let (x, want) = draw(rng.substream(step), BATCH);
-        bench.pools.run(bench.pools.most(), || grid.encode(simd, &table, &x, &mut features)).map_err(BenchError::part)?;
+        bench
+            .pools
+            .run(bench.pools.most(), || grid.encode(simd, &table, &x, &mut features))
+            .map_err(BenchError::part)?;
         features_bar.fill(0.0);
         packed_grad.fill(0.0);
         for at in (0..BATCH).step_by(TILE) {
