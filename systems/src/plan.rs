@@ -5,6 +5,7 @@ use crate::layout::{Layout, layout};
 use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
+use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{NetworkPrecision, Ngp, NgpConfig};
 use crate::system::{System, SystemError};
@@ -16,7 +17,7 @@ use serde::de::DeserializeOwned;
 const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 3] = ["ngp", "nerf", "mip-nerf"];
+pub const SYSTEMS: [&str; 4] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360"];
 
 /// Build the system `name` for a scene.
 ///
@@ -86,6 +87,22 @@ pub fn build(
             let place = (config.centre, config.radius, config.extent);
             let space = space(&layout, data, config.space, place, config.near)?;
             let system = MipNerf::new(config.clone(), space, background, run.seed)?;
+            Ok((Box::new(system), plan(lines, table(&config))))
+        }
+        "mip-nerf-360" => {
+            lines.push("networks, intervals and learning rate as published; smaller batches".into());
+            // Objects and open scenes have different settings: those of the space asked for.
+            let asked = run.set.get("space").and_then(|word| word.clone().try_into().ok());
+            let planned = MipNerf360Config {
+                centre: layout.centre.to_array(),
+                radius: layout.radius,
+                ..MipNerf360Config::published(asked.unwrap_or(layout.kind))
+            };
+            let config: MipNerf360Config = settings(&planned, run)?;
+            config.check()?;
+            let place = (config.centre, config.radius, f64::from(config.far));
+            let space = space(&layout, data, config.space, place, config.near)?;
+            let system = MipNerf360::new(config.clone(), space, background, run.seed)?;
             Ok((Box::new(system), plan(lines, table(&config))))
         }
         other => Err(SystemError::Config {
