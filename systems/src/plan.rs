@@ -7,7 +7,7 @@ use crate::space::{Space, SpaceKind};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
-use crate::static_scene::ngp::{NetworkPrecision, Ngp, NgpConfig};
+use crate::static_scene::ngp::{NetworkPrecision, Ngp, NgpConfig, Sampler};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 use serde::Serialize;
@@ -218,6 +218,9 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         geometry: 16,
         sh_degree: 4,
         density_bias: 0.0,
+        sampler: Sampler::Occupancy,
+        proposal_samples: vec![64, 48],
+        final_samples: 32,
         occupancy: 64,
         cascades: layout.cascades,
         occupancy_threshold: 0.01,

@@ -30,7 +30,7 @@ fn table() -> (Scene, Dataset) {
 }
 
 /// Settings of a field so small that the full sum is quick.
-fn small(kind: SpaceKind) -> NgpConfig {
+pub(super) fn small(kind: SpaceKind) -> NgpConfig {
     let (scene, data) = table();
     let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
     let (_, plan) = build("ngp", &scene, &data, &run).unwrap();
@@ -55,7 +55,12 @@ fn small(kind: SpaceKind) -> NgpConfig {
 
 /// A field of random parameters: from mist to walls, with cells that count as empty and cells the cameras rule out.
 fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
-    let config = NgpConfig { density_bias, ..small(kind) };
+    randomised(NgpConfig { density_bias, ..small(kind) }, seed)
+}
+
+/// Random parameters for these settings.
+pub(super) fn randomised(config: NgpConfig, seed: u64) -> Ngp {
+    let kind = config.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
@@ -73,6 +78,15 @@ fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
         *x = 3.0 * (uniform(3, i) - 0.5);
     }
     ngp.field.pack();
+    for proposal in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields) {
+        for (i, x) in proposal.grid_params.iter_mut().enumerate() {
+            *x = 4.0 * (uniform(5, i) - 0.5);
+        }
+        for (i, x) in proposal.mlp_params.iter_mut().enumerate() {
+            *x = 3.0 * (uniform(6, i) - 0.5);
+        }
+        proposal.pack();
+    }
     let grid = &ngp.occupy.grid;
     let thickness: Vec<f32> = (0..grid.cells())
         .map(|i| match uniform(4, i) {
@@ -86,7 +100,7 @@ fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
 }
 
 /// Rays from in and around the scene.
-fn random_rays(seed: u64) -> Vec<Ray> {
+pub(super) fn random_rays(seed: u64) -> Vec<Ray> {
     let rng = Rng::new(seed, 9);
     let v = |i: usize| DVec3::from([0, 1, 2].map(|a| f64::from(rng.uniform_at(3 * i as u64 + a)) - 0.5));
     let ray = |i: usize| {
@@ -96,7 +110,7 @@ fn random_rays(seed: u64) -> Vec<Ray> {
     (0..RAYS).map(ray).collect()
 }
 
-fn query(background: [f32; 3], error_budget: f32) -> Query {
+pub(super) fn query(background: [f32; 3], error_budget: f32) -> Query {
     Query { background, layers: LayerRequest::default(), error_budget }
 }
 
@@ -138,7 +152,7 @@ fn kinds() -> impl Strategy<Value = SpaceKind> {
     prop_oneof![Just(SpaceKind::Box), Just(SpaceKind::Contracted)]
 }
 
-fn largest_difference(a: &Layers, b: &Layers) -> f32 {
+pub(super) fn largest_difference(a: &Layers, b: &Layers) -> f32 {
     let channels = |l: &Layers| l.rgb.iter().flatten().copied().collect::<Vec<f32>>();
     channels(a).into_iter().zip(channels(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }

@@ -4,8 +4,11 @@
 //! samples go through the networks in tiles of whole rays, small enough that a tile's activations stay in the L2 cache.
 
 use super::field::{Field, sized};
+use super::grid_trainer::Part;
 use super::look::{Kept, Look};
 use super::occupy::Marcher;
+use super::proposal::Proposals;
+use super::proposed::{Draw, Proposed};
 use crate::data::Batch;
 use crate::space::{InternalRay, Space};
 use field_core::mlp::Mlp;
@@ -36,7 +39,10 @@ pub(super) struct ChunkStats {
     pub(super) placed: u64,
     /// Samples whose density was asked for.
     pub(super) looked: u64,
-    pub(super) seconds: [f64; 3],
+    /// Intervals that proposals weighed.
+    pub(super) proposed: u64,
+    /// March or proposals, encoding, networks, the proposals' way back.
+    pub(super) seconds: [f64; 4],
 }
 
 /// Buffers of a chunk, kept from step to step.
@@ -60,6 +66,9 @@ pub(super) struct Chunk {
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) stats: ChunkStats,
+    pub(super) proposed: Proposed,
+    /// `[n]`, weights of the samples; only where proposals learn from them.
+    w: Vec<f32>,
     look: Look,
     tile: Tile,
 }
@@ -95,6 +104,11 @@ pub(super) struct StepContext<'a> {
     pub(super) space: &'a Space,
     pub(super) occupancy: &'a OccupancyGrid,
     pub(super) marcher: Marcher,
+    /// Where samples are placed by proposals instead, and the exponent of their weights.
+    pub(super) proposals: Option<&'a Proposals>,
+    pub(super) exponent: f32,
+    /// Part of a sample's interval that lies in front of it.
+    pub(super) lead: f32,
     pub(super) batch: &'a Batch,
     /// Rays of a pixel: its colour is the mean of theirs.
     pub(super) per_pixel: usize,
@@ -102,7 +116,7 @@ pub(super) struct StepContext<'a> {
     pub(super) rays: &'a [Ray],
     /// Background of each pixel of the batch.
     pub(super) background: &'a [[f32; 3]],
-    /// Jitter of each ray's first sample, `[0, 1)`.
+    /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     pub(super) kernel: Kernel,
     /// Factor of the distortion loss, and the distance it is measured in.
@@ -130,9 +144,16 @@ impl Chunk {
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             stats: ChunkStats::default(),
+            proposed: Proposed::default(),
+            w: Vec::new(),
             look: Look::default(),
             tile: Tile::default(),
         }
+    }
+
+    /// What it brings to the gradient of the grid.
+    pub(super) fn part(&self) -> Part<'_> {
+        Part { n: self.n, x: &self.x, features_bar: &self.features_bar }
     }
 
     /// Bytes held.
@@ -155,9 +176,10 @@ impl Chunk {
             &t.tau,
             &t.tau_bar,
             &t.w,
+            &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + self.look.bytes()
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + self.look.bytes() + self.proposed.bytes()
     }
 
     /// Sample the rays of the batch's pixels `pixels`, render them, and bring the loss back to features and network
@@ -171,12 +193,25 @@ impl Chunk {
         self.rays.clear();
         self.rays.extend(ctx.rays[rays.clone()].iter().map(|ray| ctx.space.internal_ray(ray)));
         ctx.field.basis(&self.rays, &mut self.views, &mut self.basis);
-        self.look.march(ctx, &self.rays, rays);
+        match ctx.proposals {
+            None => self.look.march(ctx, &self.rays, rays),
+            Some(proposals) => {
+                let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
+                let (all, first) = (ctx.rays.len(), rays.start);
+                let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent: ctx.exponent };
+                self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, draw);
+                self.look.take(&self.proposed, self.rays.len());
+                self.stats.proposed = self.proposed.looked();
+            }
+        }
         let marched = Instant::now();
         let Self { offsets, t, dt, x, features, .. } = self;
         self.n = self.look.follow(ctx, &self.rays, Kept { offsets, t, dt, x, features });
         let (n, rows) = (self.n, ctx.field.grid.out_rows());
         sized(&mut self.features_bar, rows * n).fill(0.0);
+        if ctx.proposals.is_some() {
+            sized(&mut self.w, n);
+        }
         self.stats.dense = self.look.dense;
         self.stats.placed = self.look.placed();
         self.stats.looked = self.look.looked;
@@ -191,8 +226,19 @@ impl Chunk {
             self.render_tile(ctx, pixels.start, first..last);
             first = last;
         }
+        let rendered = Instant::now();
+        if let Some(proposals) = ctx.proposals {
+            // The mean over rays and final intervals.
+            let factor = f64::from(ctx.share) / (k * proposals.last()) as f64;
+            self.proposed.learn((proposals, ctx.field.simd), &self.offsets, &self.w[..n], factor);
+        }
         let seconds = |a: Instant, b: Instant| (b - a).as_secs_f64();
-        self.stats.seconds = [seconds(start, marched), seconds(marched, encoded), seconds(encoded, Instant::now())];
+        self.stats.seconds = [
+            seconds(start, marched),
+            seconds(marched, encoded),
+            seconds(encoded, rendered),
+            seconds(rendered, Instant::now()),
+        ];
     }
 
     /// Pixels `pixels` of the chunk (`base` is the chunk's first in the batch), forward and backward.
@@ -241,6 +287,9 @@ impl Chunk {
         let opacity = sized(&mut t.opacity, count);
         let trans_end = sized(&mut t.trans_end, count);
         composite(field.simd, quadrature, values, background, Composite { colour: pixel, opacity, trans_end, w });
+        if ctx.proposals.is_some() {
+            self.w[samples.clone()].copy_from_slice(w);
+        }
 
         // Loss: truth and prediction on the same background.
         let pixel_bar = sized(&mut t.pixel_bar, 3 * count);
@@ -266,7 +315,8 @@ impl Chunk {
         let w_bar = if ctx.distortion > 0.0 {
             let [start, end] = t.ends.each_mut().map(|buffer| sized(buffer, n));
             for i in 0..n {
-                let (at, dt) = (self.t[samples.start + i], self.dt[samples.start + i]);
+                let dt = self.dt[samples.start + i];
+                let at = self.t[samples.start + i] - ctx.lead * dt;
                 (start[i], end[i]) = (ctx.distance.s_of(at.into()) as f32, ctx.distance.s_of((at + dt).into()) as f32);
             }
             let intervals = RayIntervals { offsets: &t.offsets, edges: Edges::Apart { start, end } };

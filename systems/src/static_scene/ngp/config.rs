@@ -28,6 +28,17 @@ impl NetworkPrecision {
     }
 }
 
+/// What places samples along a ray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sampler {
+    /// A march that skips what an occupancy grid knows to be empty.
+    #[default]
+    Occupancy,
+    /// Small density fields that are asked first: a fixed number of samples a ray, however far space goes.
+    Proposal,
+}
+
 /// Settings of [`Ngp`](super::Ngp). Lengths are in *internal* units: the radius of the scene is 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -61,6 +72,13 @@ pub struct NgpConfig {
     pub sh_degree: usize,
     /// Added to the raw log-density: where the fog starts.
     pub density_bias: f32,
+
+    /// What places samples: `occupancy` or `proposal`.
+    pub sampler: Sampler,
+    /// Intervals of a ray that each proposal weighs, one proposal for each number.
+    pub proposal_samples: Vec<usize>,
+    /// Samples of a ray after the proposals.
+    pub final_samples: usize,
 
     /// Cells along an axis of the occupancy grid.
     pub occupancy: usize,
@@ -104,6 +122,10 @@ pub struct NgpConfig {
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
 }
+
+/// Rounds of proposals at most, and intervals of a ray in each.
+const MAX_PROPOSALS: usize = 3;
+const MAX_INTERVALS: usize = 1024;
 
 pub(super) fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
     SystemError::Config { field, value: value.to_string(), problem: problem.into() }
@@ -164,6 +186,40 @@ impl NgpConfig {
         })
         .map(|mlp| self.precision.of(mlp))
         .map_err(|e| bad("width, colour_layers", "", &e.to_string()))
+    }
+
+    /// The hash grid of proposal `round`: small, and finer from round to round.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a table the grid refuses.
+    pub fn proposal_grid(&self, round: usize) -> Result<HashGrid, SystemError> {
+        HashGrid::new(HashGridConfig {
+            levels: 5,
+            features: 2,
+            log2_table: self.log2_table.min(17),
+            n_min: 16,
+            growth: Growth::UpTo(128 << round.min(MAX_PROPOSALS)),
+            rule: Rule::Ngp,
+            interpolation: Interpolation::Linear,
+        })
+        .map_err(|e| bad("log2_table", self.log2_table, &e.to_string()))
+    }
+
+    /// The network of each proposal.
+    ///
+    /// # Errors
+    /// None: its shape is fixed.
+    pub fn proposal_mlp(&self) -> Result<Mlp, SystemError> {
+        Mlp::new(&MlpConfig {
+            inputs: 10,
+            hidden: vec![16],
+            outputs: 1,
+            bias: Bias::None,
+            hidden_activation: Activation::Relu,
+            output_activation: Activation::None,
+            skips: vec![],
+        })
+        .map_err(|e| bad("proposal_samples", format!("{:?}", self.proposal_samples), &e.to_string()))
     }
 
     /// The colour loss.
@@ -227,6 +283,16 @@ impl NgpConfig {
         }
         if !(1..=4).contains(&self.sh_degree) {
             return Err(bad("sh_degree", self.sh_degree, "must be 1, 2, 3 or 4"));
+        }
+        let counts = 2..=MAX_INTERVALS;
+        let rounds = (1..=MAX_PROPOSALS).contains(&self.proposal_samples.len());
+        if !rounds || !self.proposal_samples.iter().all(|n| counts.contains(n)) {
+            let given = format!("{:?}", self.proposal_samples);
+            let problem = format!("must be 1 to {MAX_PROPOSALS} numbers in 2..={MAX_INTERVALS}");
+            return Err(bad("proposal_samples", given, &problem));
+        }
+        if !counts.contains(&self.final_samples) {
+            return Err(bad("final_samples", self.final_samples, &format!("must be in 2..={MAX_INTERVALS}")));
         }
         if !(8..=512).contains(&self.occupancy) {
             return Err(bad("occupancy", self.occupancy, "must be in 8..=512"));

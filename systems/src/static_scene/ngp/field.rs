@@ -58,20 +58,49 @@ pub(super) fn sized(buffer: &mut Vec<f32>, n: usize) -> &mut [f32] {
     &mut buffer[..n]
 }
 
+/// Xavier weights of a network, no biases.
+pub(super) fn xavier(mlp: &Mlp, rng: Rng) -> Vec<f32> {
+    let mut params = vec![0.0; mlp.param_count()];
+    for (i, l) in mlp.layers().iter().enumerate() {
+        let weights = &mut params[l.weights.clone()];
+        Init::XavierUniform.fill(rng.substream(i as u64), l.inputs, l.outputs, weights);
+    }
+    params
+}
+
+/// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`. Level by level, so that one level's table is in the
+/// cache at a time.
+pub(super) fn encode(grid: &HashGrid, simd: Simd, params: &[f32], x: &[f32], out: &mut [f32]) {
+    let rows = grid.config().features * (x.len() / 3);
+    for (level, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
+        shapes_hold(grid.encode_level(simd, params, level, x, out));
+    }
+}
+
+/// The sum of the chunks' packed gradients of a network, in order: `out`, written.
+pub(super) fn fold_gradients<'g>(
+    mlp: &Mlp,
+    grads: impl Iterator<Item = &'g [f32]>,
+    packed: &mut Vec<f32>,
+    out: &mut [f32],
+) {
+    packed.clear();
+    packed.resize(mlp.packed_grad_len(), 0.0);
+    for grad in grads {
+        for (sum, g) in packed.iter_mut().zip(grad) {
+            *sum += g;
+        }
+    }
+    out.fill(0.0);
+    mlp.unpack_grad(packed, out);
+}
+
 impl Field {
     pub(super) fn new(config: &NgpConfig, seed: u64) -> Result<Self, SystemError> {
         let (grid, density, colour) = (config.grid()?, config.density_mlp()?, config.colour_mlp()?);
         let rng = Rng::new(seed, INIT);
         let mut grid_params = vec![0.0; grid.params_len()];
         Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
-        let xavier = |mlp: &Mlp, rng: Rng| {
-            let mut params = vec![0.0; mlp.param_count()];
-            for (i, l) in mlp.layers().iter().enumerate() {
-                let weights = &mut params[l.weights.clone()];
-                Init::XavierUniform.fill(rng.substream(i as u64), l.inputs, l.outputs, weights);
-            }
-            params
-        };
         let density_params = xavier(&density, rng.substream(1));
         let colour_params = xavier(&colour, rng.substream(2));
         let mut field = Self {
@@ -98,13 +127,9 @@ impl Field {
         self.colour.pack(&self.colour_params, &mut self.colour_packed);
     }
 
-    /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`. Level by level, so that one level's table is
-    /// in the cache at a time.
+    /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`.
     pub(super) fn encode(&self, x: &[f32], out: &mut [f32]) {
-        let rows = self.grid.config().features * (x.len() / 3);
-        for (level, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
-            shapes_hold(self.grid.encode_level(self.simd, &self.grid_params, level, x, out));
-        }
+        encode(&self.grid, self.simd, &self.grid_params, x, out);
     }
 
     /// Basis of the view directions of rays, `[sh][rays]`.

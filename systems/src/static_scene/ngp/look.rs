@@ -7,6 +7,7 @@
 
 use super::chunk::StepContext;
 use super::field::sized;
+use super::proposed::Proposed;
 use crate::space::InternalRay;
 use std::ops::Range;
 
@@ -98,6 +99,12 @@ impl Look {
             }
             self.offsets.push(self.t.len() as u32);
         }
+    }
+
+    /// Take the intervals that proposals cut.
+    pub(super) fn take(&mut self, proposed: &Proposed, rays: usize) {
+        proposed.intervals(rays, &mut self.t, &mut self.dt, &mut self.offsets);
+        (self.dense, self.looked) = (self.placed(), 0);
     }
 
     /// Follow the rays until they are opaque or end; what they keep is written over `out`. Returns its number of samples.

@@ -10,6 +10,8 @@
 //! 3. the gradient of each level of the grid, scattered in sample order, and Adam on the entries it touched;
 //! 4. now and then, the occupancy grid looks at the field (`occupy.rs`).
 //!
+//! With `sampler = "proposal"` there is no occupancy grid: proposals place the samples (`proposal.rs`), for space without end.
+//!
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
 #[cfg(test)]
@@ -17,27 +19,34 @@ mod budget_tests;
 mod chunk;
 mod config;
 mod field;
+mod grid_trainer;
 mod look;
 mod occupy;
+mod proposal;
+#[cfg(test)]
+mod proposal_tests;
+mod proposed;
 mod render;
 mod state;
 
-pub use config::{NetworkPrecision, NgpConfig};
+pub use config::{NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
 use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial};
 use chunk::{Chunk, StepContext};
-use field::Field;
-use field_core::encoding::hash_grid::{MAX_LEVELS, Touched};
+use field::{Field, fold_gradients};
 use field_core::rng::Rng;
+use grid_trainer::{GridTrainer, Part};
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
+use proposal::Proposals;
 use rayon::prelude::*;
 use render_core::budget::{Ledger, depth_limit};
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
+use std::array;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -70,8 +79,9 @@ pub struct Ngp {
     distance: RayDistance,
     field: Field,
     occupy: Occupy,
-    /// One for each level of the grid.
-    grid_adam: Vec<Adam>,
+    /// Where samples are placed by proposals.
+    proposals: Option<Proposals>,
+    grid: GridTrainer,
     density_adam: Adam,
     colour_adam: Adam,
     guard: NonFiniteGuard,
@@ -91,19 +101,9 @@ struct Work {
     background: Vec<[f32; 3]>,
     jitter: Vec<f32>,
     chunks: Vec<Chunk>,
-    grid_grad: Vec<f32>,
-    touched: Touched,
     density_grad: Vec<f32>,
     colour_grad: Vec<f32>,
     packed_grad: Vec<f32>,
-}
-
-/// What the update of one level of the grid writes.
-struct LevelJob<'a> {
-    adam: &'a mut Adam,
-    touched: &'a mut [u64],
-    params: &'a mut [f32],
-    grad: &'a mut [f32],
 }
 
 /// Seconds of work in each part: of all threads together where a part runs on several.
@@ -113,6 +113,7 @@ struct Seconds {
     march: f64,
     encode: f64,
     networks: f64,
+    proposals: f64,
     scatter: f64,
     optimise: f64,
     occupancy: f64,
@@ -125,6 +126,8 @@ struct Skipped {
     kept: AtomicU64,
     placed: AtomicU64,
     dense: AtomicU64,
+    /// Intervals that proposals weighed.
+    proposed: AtomicU64,
     /// What renders skipped.
     renders: Mutex<Ledger>,
 }
@@ -149,7 +152,6 @@ impl Ngp {
         config.check()?;
         let field = Field::new(&config, seed)?;
         let occupy = Occupy::new(&config)?;
-        let levels = 0..field.grid.levels().len();
         let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
         let work = Work {
             batch: Batch::default(),
@@ -157,14 +159,13 @@ impl Ngp {
             background: Vec::new(),
             jitter: Vec::new(),
             chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
-            grid_grad: vec![0.0; field.grid_params.len()],
-            touched: Touched::new(&field.grid),
             density_grad: vec![0.0; field.density_params.len()],
             colour_grad: vec![0.0; field.colour_params.len()],
             packed_grad: Vec::new(),
         };
         Ok(Self {
-            grid_adam: levels.map(|l| Adam::new(field.grid.level_range(l).len(), ADAM)).collect(),
+            proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
+            grid: GridTrainer::new(&field.grid),
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
@@ -197,10 +198,16 @@ impl Ngp {
         1.0 - self.occupy.grid.visible_cells() as f64 / self.occupy.grid.cells() as f64
     }
 
+    /// Part of a sample's interval that lies in front of it: a march samples where a step begins, proposals in the middle.
+    fn lead(&self) -> f32 {
+        if self.proposals.is_some() { 0.5 } else { 0.0 }
+    }
+
     /// Random backgrounds and first samples of a step's rays.
     fn draw_randoms(&mut self, step: u64) {
         let (n, work) = (self.work.batch.len(), &mut self.work);
-        work.jitter.resize(work.rays.len(), 0.0);
+        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
+        work.jitter.resize((1 + rounds) * work.rays.len(), 0.0);
         Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
         work.background.resize(n, [0.0; 3]);
         let rng = Rng::new(self.seed, BACKGROUND).substream(step);
@@ -214,52 +221,33 @@ impl Ngp {
 
     /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
     fn update_grid(&mut self, lr: f64) -> usize {
-        let (field, work) = (&mut self.field, &mut self.work);
-        let (grid, simd, features) = (&field.grid, field.simd, field.grid.config().features);
-        let mut jobs: [Option<LevelJob<'_>>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
-        let (mut params, mut grads) = (&mut field.grid_params[..], &mut work.grid_grad[..]);
-        for ((level, adam), touched) in self.grid_adam.iter_mut().enumerate().zip(work.touched.levels_mut()) {
-            let len = grid.level_range(level).len();
-            let (p, rest) = params.split_at_mut(len);
-            params = rest;
-            let (grad, rest) = grads.split_at_mut(len);
-            grads = rest;
-            jobs[level] = Some(LevelJob { adam, touched, params: p, grad });
-        }
-        let chunks = &work.chunks;
-        let update = |(level, job): (usize, &mut Option<LevelJob<'_>>)| {
-            let Some(LevelJob { adam, touched, params, grad }) = job else { return 0 };
-            for chunk in chunks {
-                let n = chunk.n;
-                let bars = &chunk.features_bar[level * features * n..][..features * n];
-                let done = grid.encode_level_backward(simd, level, &chunk.x[..3 * n], bars, grad, Some(touched));
-                field::shapes_hold(done);
-            }
-            adam.step_touched(simd, lr, params, grad, touched)
-        };
-        jobs[..grid.levels().len()].par_iter_mut().enumerate().map(update).sum()
+        let field = &mut self.field;
+        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part());
+        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
-        let (field, work) = (&mut self.field, &mut self.work);
-        let Work { chunks, packed_grad, density_grad, colour_grad, .. } = work;
-        let mut fold = |grads: &dyn Fn(&Chunk) -> &[f32], mlp: &field_core::mlp::Mlp, out: &mut [f32]| {
-            packed_grad.clear();
-            packed_grad.resize(mlp.packed_grad_len(), 0.0);
-            for chunk in chunks.iter() {
-                for (sum, g) in packed_grad.iter_mut().zip(grads(chunk)) {
-                    *sum += g;
-                }
-            }
-            out.fill(0.0);
-            mlp.unpack_grad(packed_grad, out);
-        };
-        fold(&|c| &c.density_grad, &field.density, density_grad);
-        fold(&|c| &c.colour_grad, &field.colour, colour_grad);
+        let field = &mut self.field;
+        let Work { chunks, packed_grad, density_grad, colour_grad, .. } = &mut self.work;
+        fold_gradients(&field.density, chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
+        fold_gradients(&field.colour, chunks.iter().map(|c| &c.colour_grad[..]), packed_grad, colour_grad);
         let bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
             + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
         field.pack();
+        bad
+    }
+
+    /// One step of each proposal. Returns the count of non-finite gradients.
+    fn update_proposals(&mut self, lr: f64) -> usize {
+        let Some(proposals) = &mut self.proposals else { return 0 };
+        let Work { chunks, packed_grad, .. } = &mut self.work;
+        let mut bad = 0;
+        for (round, field) in proposals.fields.iter_mut().enumerate() {
+            let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].proposed.part(round));
+            let grads = chunks.iter().map(|c| c.proposed.mlp_grad(round));
+            bad += field.step(self.field.simd, lr, &parts, grads, packed_grad);
+        }
         bad
     }
 }
@@ -275,7 +263,7 @@ impl System for Ngp {
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let start = Instant::now();
-        if step.is_multiple_of(self.config.occupancy_every) {
+        if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
             self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
         }
         self.seconds.occupancy += since(start);
@@ -296,6 +284,9 @@ impl System for Ngp {
             space: &self.space,
             occupancy: &self.occupy.grid,
             marcher: self.occupy.marcher(&self.config, self.stretch),
+            proposals: self.proposals.as_ref(),
+            exponent: Proposals::exponent(step),
+            lead: self.lead(),
             batch: &self.work.batch,
             per_pixel,
             rays: &self.work.rays,
@@ -323,6 +314,8 @@ impl System for Ngp {
             self.seconds.march += s.seconds[0];
             self.seconds.encode += s.seconds[1];
             self.seconds.networks += s.seconds[2];
+            self.seconds.proposals += s.seconds[3];
+            self.skipped.proposed.fetch_add(s.proposed, Ordering::Relaxed);
             self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
             self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
             self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
@@ -334,7 +327,7 @@ impl System for Ngp {
 
         let lr = f64::from(self.config.learning_rate(step));
         let start = Instant::now();
-        let bad = self.update_grid(lr);
+        let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
         let bad = bad + self.update_networks(lr);
@@ -385,19 +378,29 @@ impl System for Ngp {
 
     fn parameter_count(&self) -> usize {
         let f = &self.field;
-        f.grid_params.len() + f.density_params.len() + f.colour_params.len()
+        let proposals = self.proposals.as_ref().map_or(0, Proposals::parameter_count);
+        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals
     }
 
     fn memory_bytes(&self) -> usize {
         let chunks: usize = self.work.chunks.iter().map(Chunk::bytes).sum();
         // Gradient and two moments of each parameter.
-        self.field.bytes() + 12 * self.parameter_count() + chunks + self.occupy.bytes()
+        let proposals = self.proposals.as_ref().map_or(0, |p| 4 * p.parameter_count());
+        self.field.bytes() + proposals + 12 * self.parameter_count() + chunks + self.occupy.bytes()
     }
 
     fn skips(&self) -> Vec<SkipRow> {
         let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
         let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
-        let mut rows = vec![
+        let space = if self.proposals.is_some() {
+            let proposed = read(&self.skipped.proposed);
+            SkipRow::counted(
+                "training: weighed by proposals alone",
+                (proposed, proposed + placed),
+                "samples",
+                "weights that the proposals bound (interlevel loss)".into(),
+            )
+        } else {
             SkipRow::counted(
                 "training: empty space",
                 (dense.saturating_sub(placed), dense),
@@ -406,7 +409,10 @@ impl System for Ngp {
                     "optical thickness < {} per cell at the smallest step, as last seen",
                     self.config.occupancy_threshold
                 ),
-            ),
+            )
+        };
+        let mut rows = vec![
+            space,
             SkipRow::counted(
                 "training: behind what is opaque",
                 (placed.saturating_sub(read(&self.skipped.kept)), placed),
@@ -422,12 +428,16 @@ impl System for Ngp {
         let s = &self.seconds;
         vec![
             ("draw rays", s.draw),
-            ("march (all threads)", s.march),
+            (if self.proposals.is_some() { "proposals (all threads)" } else { "march (all threads)" }, s.march),
             ("encode (all threads)", s.encode),
             ("networks and compositing (all threads)", s.networks),
             ("grid gradient and Adam", s.scatter),
             ("network Adam", s.optimise),
-            ("occupancy", s.occupancy),
+            if self.proposals.is_some() {
+                ("proposals backwards (all threads)", s.proposals)
+            } else {
+                ("occupancy", s.occupancy)
+            },
         ]
     }
 }

@@ -4,10 +4,12 @@
 //! Each ray deals out the query's [`Budget`]: it stops where what is left costs no more than what it has, and leaves out
 //! colours of samples that its account can pay for. Cells that the occupancy grid counts as empty hold no density: that
 //! is part of the model, as training never looks there, so passing over them is exact. A budget of 0 skips nothing: it
-//! visits all samples of the lattice and asks for every density and every colour.
+//! visits all samples of the lattice and asks for every density and every colour. Where proposals place the samples, these
+//! are the lattice, and no cell is empty.
 
 use super::Ngp;
 use super::field::{Field, shapes_hold, sized};
+use super::proposed::{Draw, Proposed};
 use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
 use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, Trial};
@@ -53,6 +55,7 @@ struct Scratch {
     features_bar: Vec<f32>,
     x_bar: Vec<f32>,
     grad: Vec<f32>,
+    proposed: Proposed,
 }
 
 #[derive(Clone, Copy)]
@@ -144,7 +147,7 @@ pub(super) fn skip_rows(ledger: &Mutex<Ledger>) -> Vec<SkipRow> {
 
 /// All cells, or all but those that the cameras rule out; `None` where empty ones are passed over.
 fn full_grid(ngp: &Ngp, budget: &Budget, empty: EmptyCells) -> Option<OccupancyGrid> {
-    if empty == EmptyCells::Nothing && budget.takes(Skip::Empty) {
+    if ngp.proposals.is_some() || (empty == EmptyCells::Nothing && budget.takes(Skip::Empty)) {
         return None;
     }
     let mut full = OccupancyGrid::new(ngp.occupy.grid.settings()).ok()?;
@@ -163,7 +166,13 @@ impl Job<'_> {
         s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
         field.basis(&s.rays, &mut s.views, &mut s.basis);
         let mut ledger = Ledger::default();
-        self.march(s, &mut ledger);
+        match &self.ngp.proposals {
+            None => self.march(s, &mut ledger),
+            Some(proposals) => {
+                s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, Draw::Render);
+                s.proposed.intervals(rays.len(), &mut s.t, &mut s.dt, &mut s.offsets);
+            }
+        }
         let mut progress = vec![Progress::START; rays.len()];
         s.alive.clear();
         s.alive.extend((0..rays.len() as u32).filter(|&r| s.offsets[r as usize + 1] > s.offsets[r as usize]));
@@ -229,7 +238,7 @@ impl Job<'_> {
 
     /// Samples `round * ROUND ..` of the rays still alive. Returns how many there were.
     fn shade_round(&self, round: usize, progress: &mut [Progress], s: &mut Scratch, ledger: &mut Ledger) -> u64 {
-        let (field, space) = (&self.ngp.field, &self.ngp.space);
+        let (field, space, lead) = (&self.ngp.field, &self.ngp.space, self.ngp.lead());
         let span = |offsets: &[u32], r: usize| {
             let first = offsets[r] as usize + round * ROUND;
             first..(first + ROUND).min(offsets[r + 1] as usize)
@@ -274,10 +283,10 @@ impl Job<'_> {
                 ray.trans = (-ray.depth).exp();
                 if before > 0.5 && ray.trans <= 0.5 {
                     // Where within the step the transmittance passes one half.
-                    ray.median = s.t[i] + s.dt[i] * ((2.0 * before as f32).ln() / tau).clamp(0.0, 1.0);
+                    ray.median = s.t[i] + s.dt[i] * (((2.0 * before as f32).ln() / tau).clamp(0.0, 1.0) - lead);
                 }
                 ray.opacity += w;
-                ray.distance += w * (s.t[i] + 0.5 * s.dt[i]);
+                ray.distance += w * (s.t[i] + (0.5 - lead) * s.dt[i]);
                 shaded += 1;
                 let left = end - i as u32;
                 if !self.budget.drops(&mut ray.account, w, left) {
@@ -384,14 +393,14 @@ fn place(ngp: &Ngp, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
             let at = ngp.space.internal_point(DVec3::from(point));
             let q = at.unwrap_or([0.0; 3]);
             (p[i], p[n + i], p[2 * n + i]) = (q[0], q[1], q[2]);
-            at.is_some_and(|q| ngp.occupy.grid.occupied(q, 0.0))
+            at.is_some_and(|q| ngp.proposals.is_some() || ngp.occupy.grid.occupied(q, 0.0))
         })
         .collect();
     ngp.space.grid_positions(ngp.field.simd, &p, &mut x);
     (x, inside)
 }
 
-/// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid is empty.
+/// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty.
 pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], out: &mut [f32]) {
     out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).for_each(|(out, points)| {
         let (x, inside) = place(ngp, points);

@@ -2,6 +2,7 @@
 
 use super::Ngp;
 use super::occupy::Occupy;
+use super::proposal::ProposalField;
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
@@ -25,14 +26,34 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
             ],
         ),
     ];
-    let names = (0..ngp.grid_adam.len()).map(|l| format!("grid.{l}"));
+    let names = (0..ngp.grid.adam.len()).map(|l| format!("grid.{l}"));
     let names = names.chain(["density".into(), "colour".into()]);
-    for (name, adam) in names.zip(ngp.grid_adam.iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
-        out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
-        out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
-        out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
+    for (name, adam) in names.zip(ngp.grid.adam.iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
+        push_adam(&mut out, &name, adam);
+    }
+    for (i, proposal) in ngp.proposals.iter().flat_map(|p| &p.fields).enumerate() {
+        out.push(f32_tensor(format!("proposal.{i}.grid"), &proposal.grid_params));
+        out.push(f32_tensor(format!("proposal.{i}.network"), &proposal.mlp_params));
+        for (l, adam) in proposal.trainer.adam.iter().enumerate() {
+            push_adam(&mut out, &format!("proposal.{i}.grid.{l}"), adam);
+        }
+        push_adam(&mut out, &format!("proposal.{i}.network"), &proposal.mlp_adam);
     }
     out
+}
+
+fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
+    out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
+    out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
+    out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
+}
+
+/// Parameters and moments of a proposal.
+struct ProposalState {
+    grid: Vec<f32>,
+    network: Vec<f32>,
+    grid_adam: Vec<Adam>,
+    network_adam: Adam,
 }
 
 /// All arrays are read and checked before the first is put in its place.
@@ -52,15 +73,33 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
             .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
     };
     let grid_adam: Vec<Adam> =
-        ngp.grid_adam.iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
+        ngp.grid.adam.iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
     let density_adam = adam("density".into(), &ngp.density_adam)?;
     let colour_adam = adam("colour".into(), &ngp.colour_adam)?;
+    let proposal = |(i, old): (usize, &ProposalField)| {
+        let grid_adam = old.trainer.adam.iter().enumerate();
+        Ok(ProposalState {
+            grid: take_f32(tensors, &format!("proposal.{i}.grid"), old.grid_params.len())?,
+            network: take_f32(tensors, &format!("proposal.{i}.network"), old.mlp_params.len())?,
+            grid_adam: grid_adam
+                .map(|(l, old)| adam(format!("proposal.{i}.grid.{l}"), old))
+                .collect::<Result<_, _>>()?,
+            network_adam: adam(format!("proposal.{i}.network"), &old.mlp_adam)?,
+        })
+    };
+    let proposals = ngp.proposals.iter().flat_map(|p| &p.fields).enumerate().map(proposal);
+    let proposals: Vec<ProposalState> = proposals.collect::<Result<_, SystemError>>()?;
     let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config, counters[1]), &thickness, counters[1])
         .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
 
     (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
-    (ngp.grid_adam, ngp.density_adam, ngp.colour_adam) = (grid_adam, density_adam, colour_adam);
+    (ngp.grid.adam, ngp.density_adam, ngp.colour_adam) = (grid_adam, density_adam, colour_adam);
     ngp.occupy.grid = occupancy;
+    for (field, state) in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields).zip(proposals) {
+        (field.grid_params, field.mlp_params) = (state.grid, state.network);
+        (field.trainer.adam, field.mlp_adam) = (state.grid_adam, state.network_adam);
+        field.pack();
+    }
     (ngp.rays, ngp.stretch) = (counters[0] as usize, stretch);
     ngp.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
     ngp.field.pack();
