@@ -96,7 +96,7 @@ proptest! {
         });
         prop_assume!(!near_corner);
         let with = |w: &[f32], f: &mut dyn FnMut(Levels<'_>)| {
-            with_levels(&fine, &(p.clone(), w.to_vec()), |l| f(l));
+            with_levels(&fine, &(p.clone(), w.to_vec()), f);
         };
         check_f32_pair(
             &proposal.1,

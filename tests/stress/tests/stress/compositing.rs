@@ -1,5 +1,7 @@
 //! Densities times lengths from nothing to overflow, and rays of 1 to 10^6 samples, against `f64`.
 
+#![expect(clippy::needless_range_loop, reason = "several slices are read at one index")]
+
 use float_core::Simd;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, check_density, composite,
