@@ -1,7 +1,7 @@
 //! `nerf-bench`: time against error, and kernels against the ceilings of the machine they run on.
 //!
-//! Each file of `sections` measures one thing and gives a [`page::Section`]; [`page`] writes sections as Markdown, CSV and
-//! SVG. What is compared is measured interleaved in one run ([`measure`]), so that a ratio means something on a machine
+//! Each file of `sections` measures one thing and gives a `page::Section`; `page` writes sections as Markdown, CSV and
+//! SVG. What is compared is measured interleaved in one run (`measure`), so that a ratio means something on a machine
 //! that others use too. No time stands without an error: kernels are compared with `f64` twins on the same inputs.
 
 mod cli;
