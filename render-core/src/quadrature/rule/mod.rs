@@ -40,7 +40,7 @@
 //! let out = Composite { colour: &mut pixel, opacity: &mut opacity, w: &mut w, trans_end: &mut end };
 //! composite(Simd::best(), samples, values, &[0.0], out);
 //! assert!((end[0] - (-2.5_f32).exp()).abs() < 1e-7);
-//! assert!((pixel[0] - 0.619_55).abs() < 1e-5);
+//! assert!((pixel[0] - 0.617_81).abs() < 1e-5);
 //! ```
 //!
 //! # Numerics
