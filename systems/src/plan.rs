@@ -7,7 +7,7 @@ use crate::space::{Space, SpaceKind};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
-use crate::static_scene::ngp::{NetworkPrecision, Ngp, NgpConfig, Sampler};
+use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, Ngp, NgpConfig, Sampler};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 use serde::Serialize;
@@ -240,6 +240,8 @@ fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut 
         weight_decay: 1e-6,
         distortion,
         huber: 0.0,
+        head_width: 32,
+        mixture: MixtureKind::Paper,
     }
 }
 
