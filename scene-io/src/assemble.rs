@@ -6,6 +6,7 @@ use crate::files::{IMAGE_EXTENSIONS, with_image_extension};
 use crate::options::{LoadOptions, Masks, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
+use crate::priors::{Priors, TrackPoint, TransientTruth};
 use crate::{Bounds, Frame, ImageSource, LayoutHint, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
@@ -85,6 +86,10 @@ pub(crate) struct RawFrame {
     pub(crate) time: Option<f64>,
     pub(crate) mask: Option<PathBuf>,
     pub(crate) depth: Option<PathBuf>,
+    /// Truth mask, white = occluder: for scoring.
+    pub(crate) transient: Option<PathBuf>,
+    /// At the size of [`RawFrame::size`].
+    pub(crate) tracks: Vec<TrackPoint>,
     pub(crate) z_bounds: Option<[f64; 2]>,
     pub(crate) sharpness: Option<f64>,
 }
@@ -160,6 +165,7 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     if masked > 0 {
         out.notes.push(format!("{masked} of {} frames have an ignore mask", out.frames.len()));
     }
+    note_priors(&mut out);
     note_mended(&unique, &mut out);
     normalise_time(&mut out);
     out
@@ -189,12 +195,22 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         Ok(mask) => mask,
         Err(problem) => return Looked::Bad(Box::new(problem)),
     };
+    if let Some(truth) = raw.transient.as_ref().filter(|truth| !truth.is_file()) {
+        let (file, field) = &raw.listed;
+        let problem = Problem::new(file, "the truth mask is not there", "add it, or remove the field");
+        return Looked::Bad(Box::new(problem.frame(&raw.name).field(field).value(truth.display())));
+    }
+    let scale = [f64::from(is.0) / f64::from(said.0), f64::from(is.1) / f64::from(said.1)];
+    let scaled = |pixel: [f32; 2]| [0, 1].map(|k| (f64::from(pixel[k]) * scale[k]) as f32);
     let frame = Frame {
         name: raw.name.clone(),
+        priors: Priors::beside(&path),
         image: ImageSource::File(path),
         mask,
         mask_polarity: options.mask_polarity,
         depth: raw.depth.clone(),
+        transient: raw.transient.clone().map(TransientTruth::File),
+        tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
         camera,
         split: raw.split,
         time: raw.time,
@@ -232,6 +248,10 @@ fn find_mask(
                     .frame(&raw.name)
                     .field(format!("{field}.mask_path"))
                     .value(mask.display()));
+            }
+            let beside = image.with_extension("mask.png");
+            if beside.is_file() {
+                return Ok(Some(beside));
             }
             if reading.mask_folder == MaskFolder::Unknown {
                 return Ok(None);
@@ -345,6 +365,19 @@ fn report_missing(missing: &[&RawFrame], total: usize, policy: MissingImages, ou
                 out.problems.push(problem.frame(&raw.name).field(field).value(raw.image.display()));
             }
         }
+    }
+}
+
+fn note_priors(out: &mut Assembled) {
+    let count = |has: &dyn Fn(&Frame) -> bool| out.frames.iter().filter(|f| has(f)).count();
+    let kinds = [
+        ("segments", count(&|f| f.priors.segments.is_some())),
+        ("segments around feature points", count(&|f| f.priors.prompted.is_some())),
+        ("dense features", count(&|f| f.priors.features.is_some())),
+        ("truth masks of what does not belong there (for scoring only)", count(&|f| f.transient.is_some())),
+    ];
+    for (what, n) in kinds.into_iter().filter(|(_, n)| *n > 0) {
+        out.notes.push(format!("{n} of {} frames have {what}", out.frames.len()));
     }
 }
 

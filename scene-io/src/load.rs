@@ -3,7 +3,7 @@
 use crate::assemble::{Assembled, Reading, assemble};
 use crate::detect::{Found, detect};
 use crate::{
-    Dialect, ErrorKind, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp, llff,
+    Dialect, ErrorKind, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp, llff, naming,
     nerfstudio, splits,
 };
 use std::path::Path;
@@ -33,7 +33,8 @@ fn kind_of(problem: &Problem) -> ErrorKind {
 pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec<Problem>), SceneError> {
     let (found, mut notes) = detect(path, options)?;
     let dialect = found.dialect();
-    let reading = read(found, options)?;
+    let mut reading = read(found, options)?;
+    naming::apply(&mut reading, dialect, options)?;
     let Assembled { mut frames, notes: more_notes, problems: more_problems } = assemble(&reading, options);
     let Reading { root, points, layout, bounds, splits, notes: reading_notes, mut problems, .. } = reading;
     notes.extend(reading_notes);
