@@ -20,6 +20,8 @@ pub(crate) struct Reading {
     pub(crate) frames: Vec<RawFrame>,
     pub(crate) points: Vec<Point>,
     pub(crate) layout: LayoutHint,
+    /// Whether the layout holds only where images have alpha: the dialect's custom, and not written in the file.
+    pub(crate) layout_needs_alpha: bool,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) splits: DialectSplits,
     /// What this dialect's own tools do about missing images.
@@ -57,6 +59,7 @@ impl Reading {
             frames: Vec::new(),
             points: Vec::new(),
             layout: LayoutHint::Unknown,
+            layout_needs_alpha: false,
             bounds: None,
             splits: DialectSplits::Every(8),
             missing: MissingImages::Refuse,
@@ -123,6 +126,8 @@ pub(crate) struct Assembled {
     pub(crate) frames: Vec<Frame>,
     pub(crate) notes: Vec<String>,
     pub(crate) problems: Vec<Problem>,
+    /// Whether any image has alpha.
+    pub(crate) has_alpha: bool,
 }
 
 /// Looks at every image's header and makes frames of what fits.
@@ -134,7 +139,8 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     let (mut missing, mut renamed, mut resized, mut masked) = (Vec::new(), Vec::new(), Vec::new(), 0);
     for (raw, looked) in unique.iter().zip(looked_at) {
         match looked {
-            Looked::Frame { frame, other_name, other_size } => {
+            Looked::Frame { frame, other_name, other_size, has_alpha } => {
+                out.has_alpha |= has_alpha;
                 if other_name {
                     renamed.push(raw.name.as_str());
                 }
@@ -172,7 +178,7 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
 }
 
 enum Looked {
-    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)> },
+    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)>, has_alpha: bool },
     Missing,
     Bad(Box<Problem>),
 }
@@ -211,13 +217,19 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         depth: raw.depth.clone(),
         transient: raw.transient.clone().map(TransientTruth::File),
         tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
+        perturbation: None,
         camera,
         split: raw.split,
         time: raw.time,
         z_bounds: raw.z_bounds,
         sharpness: raw.sharpness,
     };
-    Looked::Frame { frame: Box::new(frame), other_name, other_size: (said != is).then_some(said) }
+    Looked::Frame {
+        frame: Box::new(frame),
+        other_name,
+        other_size: (said != is).then_some(said),
+        has_alpha: header.channels == 4,
+    }
 }
 
 /// The listed file, the same with an extension appended, or the same with another extension (`true`).

@@ -2,7 +2,7 @@
 //!
 //! RGBA images with straight alpha, `file_path` without extension (`.png` is tried first), horizontal angle of view,
 //! camera-to-world matrices with OpenGL axes, cameras 2 to 6 units from what they look at unless the file's `near` and
-//! `far` say otherwise. `time` (D-NeRF) is read; `mask_path` has no agreed meaning in this dialect and is not, except in
+//! `far` say otherwise, or no image has alpha. `time` (D-NeRF) is read; `mask_path` has no agreed meaning in this dialect and is not, except in
 //! `transforms_train_clutter.json`: there it is the truth about the clutter (white), which is for scoring only.
 
 use crate::assemble::{DialectSplits, MaskFolder, Reading};
@@ -66,6 +66,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
             .notes
             .push(format!("{ignored_masks} frames name a mask_path, which has no agreed meaning here: not used"));
     }
+    reading.layout_needs_alpha = near.is_none() && far.is_none();
     let (near, far) = (near.unwrap_or(2.0), far.unwrap_or(6.0));
     if near > 0.0 && far > near {
         reading.layout = LayoutHint::Object { near, far };

@@ -24,10 +24,12 @@ mod naming;
 mod nerfstudio;
 mod npy;
 mod options;
+mod perturb;
 mod picture;
 mod ply;
 mod pose;
 mod priors;
+mod random;
 mod scene;
 mod splits;
 pub mod synthetic;
@@ -37,6 +39,7 @@ pub use check::{Depth, Report, check};
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::load;
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
+pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions};
 pub use priors::{
     BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TransientTruth, refuse_blank_masks,

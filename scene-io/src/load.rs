@@ -3,8 +3,8 @@
 use crate::assemble::{Assembled, Reading, assemble};
 use crate::detect::{Found, detect};
 use crate::{
-    Dialect, ErrorKind, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp, llff, naming,
-    nerfstudio, splits,
+    Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp,
+    llff, naming, nerfstudio, splits,
 };
 use std::path::Path;
 
@@ -35,11 +35,25 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec
     let dialect = found.dialect();
     let mut reading = read(found, options)?;
     naming::apply(&mut reading, dialect, options)?;
-    let Assembled { mut frames, notes: more_notes, problems: more_problems } = assemble(&reading, options);
-    let Reading { root, points, layout, bounds, splits, notes: reading_notes, mut problems, .. } = reading;
+    let Assembled { mut frames, notes: more_notes, problems: more_problems, has_alpha } = assemble(&reading, options);
+    let Reading {
+        root,
+        points,
+        mut layout,
+        layout_needs_alpha,
+        bounds,
+        splits,
+        notes: reading_notes,
+        mut problems,
+        ..
+    } = reading;
     notes.extend(reading_notes);
     notes.extend(more_notes);
     problems.extend(more_problems);
+    if layout_needs_alpha && !has_alpha {
+        layout = LayoutHint::Unknown;
+        notes.push("no alpha, and no near and far in the file: not taken for an object on an empty background".into());
+    }
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes);
     if let Err(error) = split {
         // With broken frames left out, an empty split may only be their consequence: they are named first.

@@ -1,5 +1,6 @@
 //! A dataset as every system sees it: frames, cameras, points. Dialects end here.
 
+use crate::perturb::Perturbation;
 use crate::picture::Image;
 use crate::priors::{Priors, TrackPoint, TransientTruth};
 use glam::DVec3;
@@ -158,6 +159,8 @@ pub struct Frame {
     pub transient: Option<TransientTruth>,
     /// Features that belong to reconstructed points (COLMAP), in the order of the model.
     pub tracks: Vec<TrackPoint>,
+    /// What is done to the picture when it is decoded; see [`crate::perturb`].
+    pub perturbation: Option<Arc<Perturbation>>,
     /// Camera at the image's native size.
     pub camera: Camera,
     /// What the frame is for.
@@ -183,6 +186,7 @@ impl Frame {
             priors: Priors::default(),
             transient: None,
             tracks: Vec::new(),
+            perturbation: None,
             camera,
             split: Split::Train,
             time: None,
