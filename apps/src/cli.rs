@@ -74,7 +74,7 @@ pub(crate) struct Demo {
 
 #[derive(Debug, Args)]
 pub(crate) struct Check {
-    /// Dataset folder or file, or `synthetic:tabletop`
+    /// Dataset folder or file, or `synthetic:tabletop`; `perturbed:co:` before it disturbs colours and view
     pub(crate) scene: String,
     /// Look at image headers only, without decoding every image
     #[arg(long)]

@@ -6,6 +6,7 @@ use crate::files::{IMAGE_EXTENSIONS, with_image_extension};
 use crate::options::{LoadOptions, Masks, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
+use crate::priors::{Priors, TrackPoint, TransientTruth};
 use crate::{Bounds, Frame, ImageSource, LayoutHint, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
@@ -19,6 +20,8 @@ pub(crate) struct Reading {
     pub(crate) frames: Vec<RawFrame>,
     pub(crate) points: Vec<Point>,
     pub(crate) layout: LayoutHint,
+    /// Whether the layout holds only where images have alpha: the dialect's custom, and not written in the file.
+    pub(crate) layout_needs_alpha: bool,
     pub(crate) bounds: Option<Bounds>,
     pub(crate) splits: DialectSplits,
     /// What this dialect's own tools do about missing images.
@@ -56,6 +59,7 @@ impl Reading {
             frames: Vec::new(),
             points: Vec::new(),
             layout: LayoutHint::Unknown,
+            layout_needs_alpha: false,
             bounds: None,
             splits: DialectSplits::Every(8),
             missing: MissingImages::Refuse,
@@ -85,6 +89,10 @@ pub(crate) struct RawFrame {
     pub(crate) time: Option<f64>,
     pub(crate) mask: Option<PathBuf>,
     pub(crate) depth: Option<PathBuf>,
+    /// Truth mask, white = occluder: for scoring.
+    pub(crate) transient: Option<PathBuf>,
+    /// At the size of [`RawFrame::size`].
+    pub(crate) tracks: Vec<TrackPoint>,
     pub(crate) z_bounds: Option<[f64; 2]>,
     pub(crate) sharpness: Option<f64>,
 }
@@ -118,6 +126,8 @@ pub(crate) struct Assembled {
     pub(crate) frames: Vec<Frame>,
     pub(crate) notes: Vec<String>,
     pub(crate) problems: Vec<Problem>,
+    /// Whether any image has alpha.
+    pub(crate) has_alpha: bool,
 }
 
 /// Looks at every image's header and makes frames of what fits.
@@ -129,7 +139,8 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     let (mut missing, mut renamed, mut resized, mut masked) = (Vec::new(), Vec::new(), Vec::new(), 0);
     for (raw, looked) in unique.iter().zip(looked_at) {
         match looked {
-            Looked::Frame { frame, other_name, other_size } => {
+            Looked::Frame { frame, other_name, other_size, has_alpha } => {
+                out.has_alpha |= has_alpha;
                 if other_name {
                     renamed.push(raw.name.as_str());
                 }
@@ -160,13 +171,14 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     if masked > 0 {
         out.notes.push(format!("{masked} of {} frames have an ignore mask", out.frames.len()));
     }
+    note_priors(&mut out);
     note_mended(&unique, &mut out);
     normalise_time(&mut out);
     out
 }
 
 enum Looked {
-    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)> },
+    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)>, has_alpha: bool },
     Missing,
     Bad(Box<Problem>),
 }
@@ -189,19 +201,35 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         Ok(mask) => mask,
         Err(problem) => return Looked::Bad(Box::new(problem)),
     };
+    if let Some(truth) = raw.transient.as_ref().filter(|truth| !truth.is_file()) {
+        let (file, field) = &raw.listed;
+        let problem = Problem::new(file, "the truth mask is not there", "add it, or remove the field");
+        return Looked::Bad(Box::new(problem.frame(&raw.name).field(field).value(truth.display())));
+    }
+    let scale = [f64::from(is.0) / f64::from(said.0), f64::from(is.1) / f64::from(said.1)];
+    let scaled = |pixel: [f32; 2]| [0, 1].map(|k| (f64::from(pixel[k]) * scale[k]) as f32);
     let frame = Frame {
         name: raw.name.clone(),
+        priors: Priors::beside(&path),
         image: ImageSource::File(path),
         mask,
         mask_polarity: options.mask_polarity,
         depth: raw.depth.clone(),
+        transient: raw.transient.clone().map(TransientTruth::File),
+        tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
+        perturbation: None,
         camera,
         split: raw.split,
         time: raw.time,
         z_bounds: raw.z_bounds,
         sharpness: raw.sharpness,
     };
-    Looked::Frame { frame: Box::new(frame), other_name, other_size: (said != is).then_some(said) }
+    Looked::Frame {
+        frame: Box::new(frame),
+        other_name,
+        other_size: (said != is).then_some(said),
+        has_alpha: header.channels == 4,
+    }
 }
 
 /// The listed file, the same with an extension appended, or the same with another extension (`true`).
@@ -232,6 +260,10 @@ fn find_mask(
                     .frame(&raw.name)
                     .field(format!("{field}.mask_path"))
                     .value(mask.display()));
+            }
+            let beside = image.with_extension("mask.png");
+            if beside.is_file() {
+                return Ok(Some(beside));
             }
             if reading.mask_folder == MaskFolder::Unknown {
                 return Ok(None);
@@ -345,6 +377,19 @@ fn report_missing(missing: &[&RawFrame], total: usize, policy: MissingImages, ou
                 out.problems.push(problem.frame(&raw.name).field(field).value(raw.image.display()));
             }
         }
+    }
+}
+
+fn note_priors(out: &mut Assembled) {
+    let count = |has: &dyn Fn(&Frame) -> bool| out.frames.iter().filter(|f| has(f)).count();
+    let kinds = [
+        ("segments", count(&|f| f.priors.segments.is_some())),
+        ("segments around feature points", count(&|f| f.priors.prompted.is_some())),
+        ("dense features", count(&|f| f.priors.features.is_some())),
+        ("truth masks of what does not belong there (for scoring only)", count(&|f| f.transient.is_some())),
+    ];
+    for (what, n) in kinds.into_iter().filter(|(_, n)| *n > 0) {
+        out.notes.push(format!("{n} of {} frames have {what}", out.frames.len()));
     }
 }
 

@@ -2,11 +2,12 @@
 //!
 //! RGBA images with straight alpha, `file_path` without extension (`.png` is tried first), horizontal angle of view,
 //! camera-to-world matrices with OpenGL axes, cameras 2 to 6 units from what they look at unless the file's `near` and
-//! `far` say otherwise. `time` (D-NeRF) is read; `mask_path` has no agreed meaning in this dialect and is not.
+//! `far` say otherwise, or no image has alpha. `time` (D-NeRF) is read; `mask_path` has no agreed meaning in this dialect and is not, except in
+//! `transforms_train_clutter.json`: there it is the truth about the clutter (white), which is for scoring only.
 
 use crate::assemble::{DialectSplits, MaskFolder, Reading};
 use crate::json::Document;
-use crate::options::{LoadOptions, Masks};
+use crate::options::{LoadOptions, Masks, TrainPhotos};
 use crate::transforms::raw_frame;
 use crate::{ErrorKind, LayoutHint, Problem, SceneError, Split};
 use std::path::{Path, PathBuf};
@@ -19,6 +20,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
     reading.mask_folder = MaskFolder::Unknown;
     let (mut near, mut far) = (None, None);
     let mut ignored_masks = 0;
+    let is_truth = train.file_name().is_some_and(|name| name == CLUTTER);
     let beside = |name: &str| Some(root.join(name)).filter(|p| p.is_file());
     let files = [
         (Some(train.to_path_buf()), Split::Train),
@@ -47,7 +49,12 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
         for frame in frames {
             match raw_frame(&root, &top, &frame, split) {
                 Ok(mut raw) => {
-                    ignored_masks += usize::from(raw.mask.take().is_some());
+                    let mask = raw.mask.take();
+                    if is_truth && split == Split::Train {
+                        raw.transient = raw.transient.or(mask);
+                    } else {
+                        ignored_masks += usize::from(mask.is_some());
+                    }
                     reading.frames.push(raw);
                 }
                 Err(problem) => reading.problems.push(problem),
@@ -59,6 +66,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
             .notes
             .push(format!("{ignored_masks} frames name a mask_path, which has no agreed meaning here: not used"));
     }
+    reading.layout_needs_alpha = near.is_none() && far.is_none();
     let (near, far) = (near.unwrap_or(2.0), far.unwrap_or(6.0));
     if near > 0.0 && far > near {
         reading.layout = LayoutHint::Object { near, far };
@@ -73,6 +81,25 @@ fn no_frames(file: &Path) -> SceneError {
     let problem = Problem::new(file, "is missing", "is this a transforms file? It needs a list of frames");
     SceneError::new(ErrorKind::Format, problem.field("frames"))
 }
+
+/// The training file of a folder: `transforms_train.json`, or one of the two variants that hold cluttered and clean
+/// photos. Clean ones are never replaced by others.
+pub(crate) fn training_file(folder: &Path, options: &LoadOptions) -> Result<Option<PathBuf>, SceneError> {
+    let file = |name: &str| Some(folder.join(name)).filter(|p| p.is_file());
+    let (plain, clutter, clean) = (file("transforms_train.json"), file(CLUTTER), file("transforms_train_clean.json"));
+    match options.train_photos {
+        TrainPhotos::Clutter => Ok(plain.or(clutter)),
+        TrainPhotos::Clean if clean.is_none() && (plain.is_some() || clutter.is_some()) => {
+            let what = "has no transforms_train_clean.json, so no clean photos";
+            let problem = Problem::new(folder, what, "train on the cluttered ones, which is the default");
+            Err(SceneError::new(ErrorKind::Split, problem))
+        }
+        TrainPhotos::Clean => Ok(clean),
+    }
+}
+
+/// Training file of photos with things in the way; white in the masks it names shows where.
+const CLUTTER: &str = "transforms_train_clutter.json";
 
 /// The `transforms_train*.json` files of a folder, sorted.
 pub(crate) fn training_files(folder: &Path) -> Vec<PathBuf> {

@@ -2,6 +2,7 @@
 
 use crate::assemble::listing;
 use crate::load::load_all;
+use crate::priors::refuse_blank_masks;
 use crate::splits::numbers;
 use crate::{Dialect, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions};
 use rayon::prelude::*;
@@ -74,6 +75,7 @@ impl Report {
                         .map(|i| store.get(i).err().map(|e| e.into_problem()))
                         .collect();
                     problems.extend(decoded.into_iter().flatten());
+                    problems.extend(priors(&scene));
                 }
             }
             Err(error) => problems.push(error.into_problem()),
@@ -152,6 +154,20 @@ fn geometry(scene: &Scene) -> Vec<Problem> {
         problems.push(warn(what, "check fl_x, fl_y or the camera file"));
     }
     problems
+}
+
+/// What is wrong with files that belong to the photos, each read once.
+fn priors(scene: &Scene) -> Vec<Problem> {
+    let read = |frame: &Frame| {
+        [
+            frame.read_segments().err(),
+            frame.read_prompted().err(),
+            frame.read_features().err(),
+            frame.read_transient().err(),
+        ]
+    };
+    let errors: Vec<_> = scene.frames.par_iter().flat_map_iter(read).flatten().collect();
+    errors.into_iter().chain(refuse_blank_masks(&scene.frames).err()).map(|e| e.into_problem()).collect()
 }
 
 impl fmt::Display for Report {

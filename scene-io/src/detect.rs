@@ -2,7 +2,7 @@
 
 use crate::colmap::{self, ModelFiles};
 use crate::json::Document;
-use crate::options::LoadOptions;
+use crate::options::{LoadOptions, TrainPhotos};
 use crate::{Dialect, ErrorKind, Problem, SceneError, blender};
 use std::path::{Path, PathBuf};
 
@@ -39,7 +39,7 @@ impl Found {
 }
 
 /// What a folder is searched for, in this order.
-const LOOKED_FOR: &str = "transforms_train.json (blender), transforms.json (instant-ngp, nerfstudio), sparse/0 with \
+const LOOKED_FOR: &str = "transforms_train.json (blender), transforms_train_clutter.json, transforms.json (instant-ngp, nerfstudio), sparse/0 with \
                           cameras and images (colmap), poses_bounds.npy (llff)";
 
 /// Finds the dialect of a folder or file, and what else the folder holds.
@@ -55,8 +55,9 @@ pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<S
         return file(path, options).map(|found| (found, Vec::new()));
     }
     let mut found = Vec::new();
-    let train = path.join("transforms_train.json");
-    if wanted(Dialect::Blender) && train.is_file() {
+    if wanted(Dialect::Blender)
+        && let Some(train) = blender::training_file(path, options)?
+    {
         found.push(Found::Blender(train));
     }
     let transforms = path.join("transforms.json");
@@ -88,6 +89,10 @@ pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<S
 fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
     let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
     if blender::is_training_file(path) && options.dialect.is_none_or(|d| d == Dialect::Blender) {
+        if options.train_photos == TrainPhotos::Clean && !name.ends_with("_clean.json") {
+            let what = "is not the file of clean photos, which were asked for";
+            return Err(SceneError::new(ErrorKind::Split, Problem::new(path, what, "give the dataset's folder")));
+        }
         return Ok(Found::Blender(path.to_path_buf()));
     }
     if name.ends_with(".json") {

@@ -70,13 +70,13 @@ pub(crate) fn is_image(path: &Path) -> bool {
     extension.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str()))
 }
 
-/// The image files of a folder, sorted by name.
+/// The image files of a folder, sorted by name; those that belong to another (see [`crate::Priors`]) left out.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let entries = std::fs::read_dir(folder).map_err(|e| SceneError::io(folder, "list the folder", e))?;
     let mut files = Vec::new();
     for entry in entries {
         let path = entry.map_err(|e| SceneError::io(folder, "list the folder", e))?.path();
-        if is_image(&path) && path.is_file() {
+        if is_image(&path) && path.is_file() && !crate::priors::is_beside(&path) {
             files.push(path);
         }
     }

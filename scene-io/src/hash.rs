@@ -5,7 +5,8 @@ use render_core::camera::Lens;
 use sha2::{Digest, Sha256};
 
 impl Scene {
-    /// SHA-256, in hex, over names, image sizes, cameras, splits and times of all frames in order, and which have masks.
+    /// SHA-256, in hex, over names, image sizes, cameras, splits and times of all frames in order, which have
+    /// masks, and what is done to pictures when they are decoded.
     ///
     /// Pixels are not part of it (they are not read), nor are paths: a dataset may move.
     #[must_use]
@@ -45,6 +46,9 @@ impl Scene {
                     numbers.extend(p);
                     numbers.extend(s);
                 }
+            }
+            if let Some(perturbation) = &frame.perturbation {
+                numbers.extend(perturbation.numbers());
             }
             for number in numbers {
                 // -0 and 0 are the same camera.

@@ -175,6 +175,14 @@ impl<'a> Object<'a> {
         texts.flatten().map(Some).ok_or_else(|| self.problem(key, "is no list of texts", "write [\"a\", \"b\"]"))
     }
 
+    /// A list of whole numbers from 0.
+    pub(crate) fn indices(&self, key: &str) -> Result<Option<Vec<usize>>, Problem> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let index = |v: &Value| v.as_u64().and_then(|i| usize::try_from(i).ok());
+        let indices = value.as_array().map(|items| items.iter().map(index).collect::<Option<Vec<_>>>());
+        indices.flatten().map(Some).ok_or_else(|| self.problem(key, "is no list of whole numbers", "write [0, 1]"))
+    }
+
     /// A list of three finite numbers.
     pub(crate) fn triple(&self, key: &str) -> Result<Option<[f64; 3]>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };

@@ -20,12 +20,16 @@ mod instant_ngp;
 mod json;
 mod llff;
 mod load;
+mod naming;
 mod nerfstudio;
 mod npy;
 mod options;
+mod perturb;
 mod picture;
 mod ply;
 mod pose;
+mod priors;
+mod random;
 mod scene;
 mod splits;
 pub mod synthetic;
@@ -34,6 +38,10 @@ mod transforms;
 pub use check::{Depth, Report, check};
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::load;
-pub use options::{Holdout, LoadOptions, Masks, MissingImages};
+pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
+pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions};
+pub use priors::{
+    BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TransientTruth, refuse_blank_masks,
+};
 pub use scene::{Bounds, Dialect, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split};

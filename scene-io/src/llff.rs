@@ -84,6 +84,8 @@ fn frame(file: &Path, i: usize, name: &str, image: &Path, row: &[f64]) -> Result
         time: None,
         mask: None,
         depth: None,
+        transient: None,
+        tracks: Vec::new(),
         // Bounds that say nothing (some writers fill in 0) are left out.
         z_bounds: (near > 0.0 && far > near).then_some([near, far]),
         sharpness: None,

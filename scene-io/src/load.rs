@@ -3,8 +3,8 @@
 use crate::assemble::{Assembled, Reading, assemble};
 use crate::detect::{Found, detect};
 use crate::{
-    Dialect, ErrorKind, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp, llff,
-    nerfstudio, splits,
+    Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp,
+    llff, naming, nerfstudio, splits,
 };
 use std::path::Path;
 
@@ -33,12 +33,27 @@ fn kind_of(problem: &Problem) -> ErrorKind {
 pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec<Problem>), SceneError> {
     let (found, mut notes) = detect(path, options)?;
     let dialect = found.dialect();
-    let reading = read(found, options)?;
-    let Assembled { mut frames, notes: more_notes, problems: more_problems } = assemble(&reading, options);
-    let Reading { root, points, layout, bounds, splits, notes: reading_notes, mut problems, .. } = reading;
+    let mut reading = read(found, options)?;
+    naming::apply(&mut reading, dialect, options)?;
+    let Assembled { mut frames, notes: more_notes, problems: more_problems, has_alpha } = assemble(&reading, options);
+    let Reading {
+        root,
+        points,
+        mut layout,
+        layout_needs_alpha,
+        bounds,
+        splits,
+        notes: reading_notes,
+        mut problems,
+        ..
+    } = reading;
     notes.extend(reading_notes);
     notes.extend(more_notes);
     problems.extend(more_problems);
+    if layout_needs_alpha && !has_alpha {
+        layout = LayoutHint::Unknown;
+        notes.push("no alpha, and no near and far in the file: not taken for an object on an empty background".into());
+    }
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes);
     if let Err(error) = split {
         // With broken frames left out, an empty split may only be their consequence: they are named first.

@@ -13,6 +13,8 @@ pub struct LoadOptions {
     pub dialect: Option<Dialect>,
     /// Folder of the images, where it is not beside the cameras (COLMAP, LLFF).
     pub images: Option<PathBuf>,
+    /// Which photos are trained on, where a dataset holds cluttered and clean ones.
+    pub train_photos: TrainPhotos,
     /// Where ignore masks come from.
     pub masks: Masks,
     /// What white means in them.
@@ -24,10 +26,47 @@ pub struct LoadOptions {
     pub missing_images: Option<MissingImages>,
 }
 
+/// Which photos are trained on, where a dataset holds the place both with and without things that do not belong there:
+/// `transforms_train_clutter.json` and `transforms_train_clean.json` in the Blender form, file names that start with
+/// `clutter` and `clean` (RobustNeRF), lists of these names in `split.json` (NeRF On-the-go). Tested on are `extra` photos,
+/// or those of `transforms_test.json`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TrainPhotos {
+    /// Those with things in the way; and all photos of datasets that make no difference.
+    #[default]
+    Clutter,
+    /// Those without: the oracle a robust system is measured against. Datasets that make no difference are refused.
+    Clean,
+}
+
+impl TrainPhotos {
+    /// Name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Clutter => "clutter",
+            Self::Clean => "clean",
+        }
+    }
+}
+
+impl std::str::FromStr for TrainPhotos {
+    type Err = String;
+
+    /// Accepts the names of [`TrainPhotos::name`].
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Clutter, Self::Clean]
+            .into_iter()
+            .find(|photos| photos.name() == text)
+            .ok_or_else(|| format!("`{text}` is no sort of training photos: use clutter or clean"))
+    }
+}
+
 /// Where ignore masks come from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Masks {
-    /// Masks that the dataset names, else those in a folder `masks` beside the images' folder. Blender scenes have none.
+    /// Masks that the dataset names, else `STEM.mask.png` beside the image, else those in a folder `masks` beside the
+    /// images' folder. Blender scenes have neither of the named ones nor that folder.
     #[default]
     Auto,
     /// No masks.

@@ -1,6 +1,8 @@
 //! A dataset as every system sees it: frames, cameras, points. Dialects end here.
 
+use crate::perturb::Perturbation;
 use crate::picture::Image;
+use crate::priors::{Priors, TrackPoint, TransientTruth};
 use glam::DVec3;
 use render_core::camera::Camera;
 use std::fmt;
@@ -151,6 +153,14 @@ pub struct Frame {
     pub mask_polarity: MaskPolarity,
     /// Depth map, kept as a path.
     pub depth: Option<PathBuf>,
+    /// What other programs made of the photo.
+    pub priors: Priors,
+    /// Truth about what does not belong to the place: for scoring only, never for training.
+    pub transient: Option<TransientTruth>,
+    /// Features that belong to reconstructed points (COLMAP), in the order of the model.
+    pub tracks: Vec<TrackPoint>,
+    /// What is done to the picture when it is decoded; see [`crate::perturb`].
+    pub perturbation: Option<Arc<Perturbation>>,
     /// Camera at the image's native size.
     pub camera: Camera,
     /// What the frame is for.
@@ -173,6 +183,10 @@ impl Frame {
             mask: None,
             mask_polarity: MaskPolarity::WhiteIsUsed,
             depth: None,
+            priors: Priors::default(),
+            transient: None,
+            tracks: Vec::new(),
+            perturbation: None,
             camera,
             split: Split::Train,
             time: None,

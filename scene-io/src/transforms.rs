@@ -44,6 +44,8 @@ pub(crate) fn raw_frame(root: &Path, top: &Object<'_>, frame: &Object<'_>, split
             None => optional_path("depth_path").map_err(in_frame)?,
             depth => depth,
         },
+        transient: optional_path("transient_mask_path").map_err(in_frame)?,
+        tracks: Vec::new(),
         z_bounds: None,
         sharpness: frame.number("sharpness").map_err(in_frame)?,
         name,

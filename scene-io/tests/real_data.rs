@@ -4,8 +4,8 @@ use glam::DVec3;
 use render_core::camera::Lens;
 use scene_io::colmap::Model;
 use scene_io::{
-    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, Masks, Scene, Split, StoreOptions,
-    check, load,
+    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, Scene, Split,
+    StoreOptions, TrainPhotos, check, load, refuse_blank_masks,
 };
 use std::path::PathBuf;
 
@@ -38,6 +38,32 @@ fn share_in_view(scene: &Scene) -> f64 {
         }
     }
     inside as f64 / (scene.frames.len() * scene.points.len()) as f64
+}
+
+/// Every point a photo sees projects to where it sees it; lengths count the photos that see it.
+fn tracks_hit_their_points(scene: &Scene, median_at_most: f64) {
+    let mut seen = vec![0; scene.points.len()];
+    let mut off = Vec::new();
+    for frame in &scene.frames {
+        let camera = frame.camera.prepare();
+        let mut points: Vec<u32> = frame.tracks.iter().map(|t| t.point).collect();
+        points.sort_unstable();
+        points.dedup();
+        points.iter().for_each(|p| seen[*p as usize] += 1);
+        for track in &frame.tracks {
+            let at = camera.project(scene.points[track.point as usize].xyz).unwrap();
+            off.push((at - glam::DVec2::from(track.pixel.map(f64::from))).length());
+        }
+    }
+    assert!(off.len() > 3 * scene.frames.len());
+    off.sort_by(f64::total_cmp);
+    let median = off[off.len() / 2];
+    assert!(median < median_at_most, "half of the features are more than {median} px off");
+    let tracks = scene.frames.iter().flat_map(|f| &f.tracks);
+    for track in tracks {
+        assert_eq!(track.length, seen[track.point as usize]);
+        assert!(track.length >= 2);
+    }
 }
 
 #[test]
@@ -109,18 +135,46 @@ fn partial_hdr_hexplane_is_a_blender_scene_with_extensions_and_frame_numbers() {
 }
 
 #[test]
-fn workbench_has_times_and_yard_says_which_file_to_give() {
+fn workbench_has_times() {
     let Some(path) = data("blender_rendered/workbench") else { return };
     let scene = load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(counts(&scene), [120, 10, 20, 0]);
     assert_eq!(scene.frames[119].time, Some(1.0));
+    assert_eq!(scene.layout, LayoutHint::Object { near: 2.0, far: 6.0 });
+}
+
+#[test]
+fn yard_trains_on_clutter_or_on_clean_photos_and_its_masks_are_truth() {
     let Some(path) = data("blender_rendered/yard") else { return };
-    let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("transforms_train_clean.json") && error.contains("give one of them"), "{error}");
-    let scene = load(&path.join("transforms_train_clutter.json"), &LoadOptions::default()).unwrap();
-    assert_eq!(counts(&scene), [60, 0, 20, 0]);
-    assert!(scene.frames.iter().all(|f| f.mask.is_none()));
-    has_note(&scene, "60 frames name a mask_path");
+    let clutter = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(counts(&clutter), [60, 0, 20, 0]);
+    assert_eq!(clutter.frames[0].name, "train_clutter/000");
+    assert_eq!(clutter.layout, LayoutHint::Unknown, "a yard with a sky is no object on an empty background");
+    assert!(clutter.frames.iter().all(|f| f.mask.is_none()));
+    has_note(&clutter, "60 of 80 frames have truth masks");
+    let shares: Vec<f64> = clutter.frames[..60]
+        .iter()
+        .map(|f| f.read_transient().unwrap().unwrap().count() as f64 / (200.0 * 200.0))
+        .collect();
+    let mean = shares.iter().sum::<f64>() / 60.0;
+    assert!((mean - 0.132).abs() < 0.001, "{mean} of the pixels are clutter");
+    assert!((shares[0] - 0.1565).abs() < 0.001, "{} of the first picture", shares[0]);
+    // No mask reaches training.
+    let store = ImageStore::new(&clutter.frames, StoreOptions::default()).unwrap();
+    assert!(store.get(0).unwrap().mask.is_none());
+
+    let options = LoadOptions { train_photos: TrainPhotos::Clean, ..LoadOptions::default() };
+    let clean = load(&path, &options).unwrap();
+    assert_eq!(counts(&clean), [60, 0, 20, 0]);
+    assert_eq!(clean.frames[0].name, "train_clean/000");
+    assert!(clean.frames.iter().all(|f| f.transient.is_none()));
+    assert_eq!(clean.held_out_names(), clutter.held_out_names());
+    let file = load(&path.join("transforms_train_clutter.json"), &LoadOptions::default()).unwrap();
+    assert_eq!(file.fingerprint(), clutter.fingerprint());
+    let error = load(&path.join("transforms_train_clutter.json"), &options).unwrap_err().to_string();
+    assert!(error.contains("is not the file of clean photos"), "{error}");
+    let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+    assert!(report.can_train() && report.problems.is_empty(), "{report}");
 }
 
 #[test]
@@ -162,6 +216,17 @@ fn plaza_has_a_camera_a_frame_and_named_splits() {
     assert_eq!(scene.dialect, Dialect::Nerfstudio);
     assert_eq!(counts(&scene), [40, 0, 10, 0]);
     assert!(scene.frames.iter().any(|f| f.camera.width == 138) && scene.frames.iter().any(|f| f.camera.width == 184));
+    // Passers-by are marked in training photos, and never as an ignore mask.
+    let shares: Vec<f64> = scene
+        .frames
+        .iter()
+        .filter_map(|f| Some(f.read_transient().unwrap()?.count() as f64 / f64::from(f.camera.width * f.camera.height)))
+        .collect();
+    let mean = shares.iter().sum::<f64>() / 40.0;
+    assert!(shares.len() == 40 && (mean - 0.122).abs() < 0.001, "{mean} of {} pictures", shares.len());
+    assert!(scene.frames.iter().all(|f| f.mask.is_none() && (f.transient.is_some() == (f.split == Split::Train))));
+    let widths: std::collections::HashSet<u64> = scene.frames.iter().map(|f| f.camera.fx.to_bits()).collect();
+    assert!(widths.len() > 40, "{} focal lengths", widths.len());
 }
 
 #[test]
@@ -192,6 +257,10 @@ fn statue_reads_the_same_as_colmap_and_llff() {
     assert_eq!(counts(&colmap), [35, 0, 5, 0]);
     has_note(&colmap, "`--dialect llff` reads that instead");
     has_note(&colmap, "40 of 40 frames have an ignore mask");
+    refuse_blank_masks(&colmap.frames).unwrap();
+    let inverted = LoadOptions { mask_polarity: MaskPolarity::WhiteIsIgnored, ..LoadOptions::default() };
+    refuse_blank_masks(&load(&path, &inverted).unwrap().frames).unwrap();
+    tracks_hit_their_points(&colmap, 3.0);
     let llff = load(&path, &LoadOptions { dialect: Some(Dialect::Llff), ..LoadOptions::default() }).unwrap();
     assert_eq!(llff.dialect, Dialect::Llff);
     assert_eq!(counts(&llff), [35, 0, 5, 0]);
@@ -228,6 +297,7 @@ fn sacre_coeur_has_a_camera_a_photograph() {
     assert_eq!(scene.points.len(), 1516);
     let share = share_in_view(&scene);
     assert!(share > 0.4, "only {share} of the points are in view");
+    tracks_hit_their_points(&scene, 1.0);
     let report = check(&path, &LoadOptions::default(), Depth::Pixels);
     assert!(report.can_train(), "{report}");
     assert!(report.sizes.len() > 1 && report.problems.is_empty(), "{report}");

@@ -3,17 +3,25 @@
 use crate::error::RunError;
 use crate::options::DataOptions;
 use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Depth, Report, Scene};
+use scene_io::{Depth, Disturbance, Report, Scene};
 use std::path::Path;
 
 /// What embedded scenes begin with.
 pub const SYNTHETIC: &str = "synthetic:";
+/// What perturbed scenes begin with: `perturbed:c:SCENE`, `perturbed:o:SCENE`, `perturbed:co:SCENE`.
+pub const PERTURBED: &str = "perturbed:";
+/// Seed of the perturbations: that of the protocol.
+const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, or a dataset.
+/// The scene a word or path names: `synthetic:tabletop`, or a dataset; `perturbed:` before either disturbs its training
+/// views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.
 pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    if let Some((what, inner)) = perturbed(spec)? {
+        return Ok(scene_io::perturb(load(inner, data)?, what, SEED));
+    }
     match spec.strip_prefix(SYNTHETIC) {
         Some(name) => synthetic(name, data),
         None => Ok(scene_io::load(Path::new(spec), &data.load_options()?)?),
@@ -25,10 +33,30 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
 /// # Errors
 /// [`RunError::Option`] for words that mean nothing. Everything wrong with the dataset is in the report.
 pub fn check(spec: &str, data: &DataOptions, depth: Depth) -> Result<Report, RunError> {
+    if let Some((what, inner)) = perturbed(spec)? {
+        let mut report = check(inner, data, depth)?;
+        if let Some(scene) = report.scene.take() {
+            let known = scene.notes.len();
+            let scene = scene_io::perturb(scene, what, SEED);
+            report.notes.extend_from_slice(&scene.notes[known..]);
+            report.scene = Some(scene);
+        }
+        return Ok(report);
+    }
     match spec.strip_prefix(SYNTHETIC) {
         Some(name) => Ok(Report::new(synthetic(name, data)?, Vec::new(), depth)),
         None => Ok(scene_io::check(Path::new(spec), &data.load_options()?, depth)),
     }
+}
+
+/// What is done to which scene, where the word asks for a perturbation.
+fn perturbed(spec: &str) -> Result<Option<(Disturbance, &str)>, RunError> {
+    let Some(rest) = spec.strip_prefix(PERTURBED) else { return Ok(None) };
+    let Some((what, inner)) = rest.split_once(':').filter(|(_, inner)| !inner.is_empty()) else {
+        return Err(RunError::Option(format!("`{spec}`: write `{PERTURBED}c:SCENE`, `o:` or `co:`")));
+    };
+    let what = what.parse().map_err(|e| RunError::Option(format!("`{spec}`: {e}")))?;
+    Ok(Some((what, inner)))
 }
 
 fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
@@ -41,6 +69,25 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
         other => {
             Err(RunError::Option(format!("there is no scene `{SYNTHETIC}{other}`; there is `{SYNTHETIC}tabletop`")))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn perturbed_scenes_are_scenes_with_disturbed_training_views() {
+        let data = DataOptions::default();
+        let scene = load("perturbed:co:synthetic:tabletop", &data).unwrap();
+        let disturbed = scene.split(scene_io::Split::Train).filter(|i| scene.frames[*i].perturbation.is_some()).count();
+        assert_eq!(disturbed, scene.count(scene_io::Split::Train) - 1);
+        assert!(scene.split(scene_io::Split::Test).all(|i| scene.frames[i].perturbation.is_none()));
+        let report = check("perturbed:o:synthetic:tabletop", &data, Depth::Headers).unwrap();
+        assert!(report.notes.iter().any(|n| n.contains("occluders, seed 0")), "{report}");
+        for wrong in ["perturbed:", "perturbed:c", "perturbed:c:", "perturbed:x:synthetic:tabletop"] {
+            assert!(matches!(load(wrong, &data), Err(RunError::Option(_))), "{wrong}");
         }
     }
 }

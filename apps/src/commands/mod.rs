@@ -98,8 +98,11 @@ fn data_options(data: &Data) -> DataOptions {
     }
 }
 
-/// A scene as the run remembers it: embedded scenes by name, files by absolute path.
+/// A scene as the run remembers it: embedded scenes by name, files by absolute path, what is done to them before it.
 fn scene_spec(scene: &str) -> String {
+    if let Some((what, inner)) = scene.strip_prefix(systems::source::PERTURBED).and_then(|rest| rest.split_once(':')) {
+        return format!("{}{what}:{}", systems::source::PERTURBED, scene_spec(inner));
+    }
     match scene.starts_with(systems::source::SYNTHETIC) {
         true => scene.into(),
         false => absolute(Path::new(scene)).display().to_string(),

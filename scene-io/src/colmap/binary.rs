@@ -128,16 +128,17 @@ pub(super) fn images(path: &Path, model: &mut Model) -> Result<(), SceneError> {
         let camera_id = reader.u32()?;
         let name = reader.text()?;
         let points = reader.count("image points", 24)?;
-        let mut point_ids = Vec::new();
+        let (mut point_ids, mut pixels) = (Vec::new(), Vec::new());
         for _ in 0..points {
-            reader.take(16)?;
+            let pixel = reader.f64s::<2>()?;
             let id = reader.u64()?;
             if id != u64::MAX {
                 point_ids.push(id);
+                pixels.push(pixel.map(|x| x as f32));
             }
         }
         match pose_of(path, place, &name, q, t, &mut model.notes) {
-            Ok(pose) => model.images.push(ModelImage { id, name, camera_id, pose, point_ids }),
+            Ok(pose) => model.images.push(ModelImage { id, name, camera_id, pose, point_ids, pixels }),
             Err(problem) => model.problems.push(problem),
         }
     }

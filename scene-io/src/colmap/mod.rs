@@ -65,6 +65,8 @@ pub struct ModelImage {
     pub pose: Pose,
     /// Keys of [`Model::points`] seen in this image.
     pub point_ids: Vec<u64>,
+    /// Where they are seen, column and row, in the same order.
+    pub pixels: Vec<[f32; 2]>,
 }
 
 /// The files of a model.

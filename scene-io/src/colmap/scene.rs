@@ -1,12 +1,14 @@
 //! A COLMAP model with its images as a scene.
 
-use super::{Model, ModelFiles};
+use super::{Model, ModelFiles, ModelImage};
 use crate::assemble::{DialectSplits, Intrinsics, RawFrame, Reading, listing};
 use crate::options::LoadOptions;
 use crate::pose::Mended;
+use crate::priors::TrackPoint;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, Split, images_folder};
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::Pose;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// A camera-to-world pose from COLMAP's world-to-camera quaternion (w first) and translation.
@@ -47,7 +49,7 @@ pub(crate) fn find_models(path: &Path) -> Vec<ModelFiles> {
         return vec![files];
     }
     let mut found = Vec::new();
-    for sparse in ["sparse", "colmap/sparse"] {
+    for sparse in ["dense/sparse", "sparse", "colmap/sparse"] {
         let sparse = path.join(sparse);
         found.extend(ModelFiles::find(&sparse));
         found.extend(subfolders(&sparse).iter().filter_map(|folder| ModelFiles::find(folder)));
@@ -127,7 +129,13 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
     }
     reading.problems.extend(model.problems.iter().cloned());
     let names: Vec<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
-    let folder = images_folder::find(root, options, &names)?;
+    // Phototourism keeps undistorted photos beside their model, in `dense/images`.
+    let beside = dataset_root(&files.folder);
+    let folder = match images_folder::find(&beside, options, &names) {
+        Err(_) if beside != root => images_folder::find(root, options, &names)?,
+        found => found?,
+    };
+    let tracks = Tracks::of(&model);
     for image in &model.images {
         let listed = (files.images.clone(), format!("image {}", image.id));
         let problem =
@@ -154,6 +162,8 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
             time: None,
             mask: None,
             depth: None,
+            transient: None,
+            tracks: tracks.seen_in(image),
             z_bounds: z_bounds(&model, image.pose, &image.point_ids),
             sharpness: None,
         });
@@ -169,6 +179,39 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
     points.sort_by_key(|(id, _)| *id);
     reading.points = points.into_iter().map(|(_, point)| point).collect();
     Ok(reading)
+}
+
+/// In how many images each point is seen, and where it stands in [`crate::Scene::points`].
+struct Tracks(HashMap<u64, (u32, u32)>);
+
+impl Tracks {
+    fn of(model: &Model) -> Self {
+        let mut ids: Vec<u64> = model.points.keys().copied().collect();
+        ids.sort_unstable();
+        let mut tracks: HashMap<u64, (u32, u32)> = (0_u32..).zip(ids).map(|(at, id)| (id, (0, at))).collect();
+        let mut seen = Vec::new();
+        for image in &model.images {
+            // An image may see a point twice; it counts once.
+            seen.clone_from(&image.point_ids);
+            seen.sort_unstable();
+            seen.dedup();
+            for id in &seen {
+                if let Some((length, _)) = tracks.get_mut(id) {
+                    *length += 1;
+                }
+            }
+        }
+        Self(tracks)
+    }
+
+    fn seen_in(&self, image: &ModelImage) -> Vec<TrackPoint> {
+        let features =
+            image.point_ids.iter().zip(&image.pixels).filter(|(_, pixel)| pixel.iter().all(|x| x.is_finite()));
+        features
+            .filter_map(|(id, pixel)| self.0.get(id).map(|(length, point)| (pixel, *length, *point)))
+            .map(|(pixel, length, point)| TrackPoint { pixel: *pixel, length, point })
+            .collect()
+    }
 }
 
 /// Images with fewer points before the camera get no depth range.

@@ -99,26 +99,28 @@ pub(super) fn images(path: &Path, model: &mut Model) -> Result<(), SceneError> {
             return Err(line.error("NAME", None, "is missing: the line is too short"));
         }
         // The second line may be empty, and at the end of the file it may not be there at all.
-        let point_ids = lines.next().map_or(Ok(Vec::new()), image_points)?;
+        let (point_ids, pixels) = lines.next().map_or(Ok(Default::default()), image_points)?;
         match pose_of(path, place, name, q, t, &mut model.notes) {
-            Ok(pose) => model.images.push(ModelImage { id, name: name.to_owned(), camera_id, pose, point_ids }),
+            Ok(pose) => model.images.push(ModelImage { id, name: name.to_owned(), camera_id, pose, point_ids, pixels }),
             Err(problem) => model.problems.push(problem),
         }
     }
     Ok(())
 }
 
-fn image_points(mut line: Line<'_>) -> Result<Vec<u64>, SceneError> {
-    let mut ids = Vec::new();
+/// Ids of points and where they are seen.
+fn image_points(mut line: Line<'_>) -> Result<(Vec<u64>, Vec<[f32; 2]>), SceneError> {
+    let (mut ids, mut pixels) = (Vec::new(), Vec::new());
     while !line.rest.trim().is_empty() {
-        line.numbers(["X", "Y"])?;
+        let pixel = line.numbers(["X", "Y"])?;
         let id: i64 = line.parse("POINT3D_ID")?;
         // -1 is no point.
         if let Ok(id) = u64::try_from(id) {
             ids.push(id);
+            pixels.push(pixel.map(|x| x as f32));
         }
     }
-    Ok(ids)
+    Ok((ids, pixels))
 }
 
 pub(super) fn points(path: &Path) -> Result<HashMap<u64, Point>, SceneError> {

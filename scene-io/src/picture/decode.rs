@@ -66,6 +66,22 @@ pub(crate) fn decode_mask(path: &Path) -> Result<(Vec<u8>, (u32, u32)), SceneErr
     Ok((grey.into_raw(), size))
 }
 
+/// Decodes a map of whole numbers: a grey picture of 8 or 16 bits.
+pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), SceneError> {
+    let picture = decode_dynamic(path)?;
+    let size = (picture.width(), picture.height());
+    let labels = match picture {
+        DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
+        DynamicImage::ImageLuma16(grey) => grey.into_raw(),
+        other => {
+            let what = format!("is no label map but a picture of {:?}", other.color());
+            let remedy = "write the numbers of at most 65535 segments as 16-bit grey PNG";
+            return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
+        }
+    };
+    Ok((labels, size))
+}
+
 fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
     let bytes = crate::files::read_bytes(path)?;
     if bytes.is_empty() {

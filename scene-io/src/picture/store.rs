@@ -4,6 +4,7 @@ use super::Image;
 use super::decode::{decode, decode_mask};
 use super::header::read_header;
 use super::resize::{fitted, resize, resize_mask};
+use crate::perturb::Perturbation;
 use crate::{ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
 use render_core::camera::Camera;
 use std::collections::HashMap;
@@ -43,6 +44,7 @@ struct Entry {
     name: String,
     image: ImageSource,
     mask: Option<(PathBuf, MaskPolarity)>,
+    perturbation: Option<Arc<Perturbation>>,
     /// Camera at the size images are handed out.
     camera: Camera,
     native: (u32, u32),
@@ -155,6 +157,7 @@ impl Entry {
             name: frame.name.clone(),
             image: frame.image.clone(),
             mask: frame.mask.clone().map(|path| (path, frame.mask_polarity)),
+            perturbation: frame.perturbation.clone(),
             camera: frame.camera.resized(width, height),
             native,
             channels,
@@ -172,7 +175,7 @@ impl Entry {
 
     fn read(&self) -> Result<Image, SceneError> {
         let mask = self.mask.as_ref().map(|(path, polarity)| read_mask(path, *polarity, self.native)).transpose()?;
-        let native = match &self.image {
+        let mut native = match &self.image {
             ImageSource::File(path) => {
                 let image = decode(path, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?;
                 if (image.width, image.height) != self.native {
@@ -182,6 +185,9 @@ impl Entry {
             }
             ImageSource::Memory(image) => Image::clone(image),
         };
+        if let Some(perturbation) = &self.perturbation {
+            perturbation.apply(&mut native);
+        }
         let size = (self.camera.width, self.camera.height);
         let mut image = resize(native, size.0, size.1);
         if let Some((mask, from)) = mask {

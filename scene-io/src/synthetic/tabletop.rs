@@ -2,6 +2,7 @@
 
 use super::shape::{Placed, Shape};
 use super::surface::{Paint, Surface, TO_SUN, to_srgb};
+use crate::random::random;
 use crate::{Bounds, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
@@ -81,17 +82,6 @@ pub struct ViewTruth {
     pub distance: Vec<f64>,
     /// Outward normals in the world, `[height * width]`; zero where nothing is hit.
     pub normal: Vec<DVec3>,
-}
-
-/// A number in `[0, 1)` for a seed and an index.
-fn random(seed: u64, index: u64) -> f64 {
-    // SplitMix64, public domain.
-    let mut z = seed
-        .wrapping_mul(0xd134_2543_de82_ef95)
-        .wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 impl Tabletop {

@@ -1,0 +1,86 @@
+//! What other programs made of the photos: segments, features, point tracks, and truth to score against.
+//!
+//! No foreign network runs here; what one would produce is read from files. All of them are optional, stand beside the
+//! photo and are named after it, `STEM` being its name without extension:
+//!
+//! | file | holds | without it |
+//! | --- | --- | --- |
+//! | `STEM.mask.png` | ignore mask, white = used (see [`crate::Masks`]) | all pixels are used |
+//! | `STEM.segs.png` | segments: 16-bit (or 8-bit) grey label map, 0 = in no segment | the stack below |
+//! | `STEM.segs/*.png` | segments: one black and white picture each, may overlap | no segments |
+//! | `STEM.points/*.png` | segments around feature points, one picture each; `scores.txt` beside them: a line for each picture in the order of names, score and stability | none |
+//! | `STEM.features.npy` | dense features, `C x H' x W'`, `f32` or `f16` | none |
+//!
+//! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
+//! [`TransientTruth`]): they are for scoring and never reach training.
+//!
+//! Paths only are kept in a [`Frame`]; `Frame::read_*` decodes at the file's own size and checks it.
+
+mod bits;
+mod features;
+mod segments;
+mod transient;
+
+use crate::Frame;
+use std::path::{Path, PathBuf};
+
+pub use bits::BitMask;
+pub use features::Features;
+pub use segments::{LabelMap, PromptedSegment, Segments};
+pub use transient::{TransientTruth, refuse_blank_masks};
+
+/// Files that other programs made of a photo. See the table above for their names and forms.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Priors {
+    /// Segments that cover the photo: a label map, or a folder of black and white pictures.
+    pub segments: Option<PathBuf>,
+    /// Segments around feature points: a folder of black and white pictures.
+    pub prompted: Option<PathBuf>,
+    /// Dense features.
+    pub features: Option<PathBuf>,
+}
+
+impl Priors {
+    /// The files that stand beside a photo. A label map comes before a stack.
+    #[must_use]
+    pub fn beside(photo: &Path) -> Self {
+        let file = |extension: &str| Some(photo.with_extension(extension)).filter(|p| p.is_file());
+        let folder = |extension: &str| Some(photo.with_extension(extension)).filter(|p| p.is_dir());
+        Self {
+            segments: file("segs.png").or_else(|| folder("segs")),
+            prompted: folder("points"),
+            features: file("features.npy"),
+        }
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Whether a picture is no photo but belongs to one.
+pub(crate) fn is_beside(path: &Path) -> bool {
+    let inner = path.file_stem().map(Path::new).and_then(Path::extension).and_then(|e| e.to_str());
+    inner.is_some_and(|e| ["mask", "segs", "inpaint"].contains(&e))
+}
+
+/// A feature of a photo that belongs to a reconstructed point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackPoint {
+    /// Where it is seen: column and row at the photo's native size, [`Frame::camera`]; pixel `(i, j)` has its centre at
+    /// `(i + 0.5, j + 0.5)`.
+    pub pixel: [f32; 2],
+    /// Number of photos of the model the point is seen in, this one included.
+    pub length: u32,
+    /// Index into [`crate::Scene::points`].
+    pub point: u32,
+}
+
+impl Frame {
+    /// The photo's native size.
+    fn size(&self) -> (u32, u32) {
+        (self.camera.width, self.camera.height)
+    }
+}
