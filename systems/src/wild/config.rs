@@ -90,8 +90,10 @@ pub struct WildConfig {
     pub kernel: KernelKind,
     /// Scale of the other kernels, colour units.
     pub kernel_scale: f32,
-    /// Trimmed: share of the rays that are inliers by their residual alone.
+    /// Trimmed: share of the rays that a residual is compared with.
     pub trim_quantile: f32,
+    /// Trimmed: that residual times this is the largest of an inlier.
+    pub trim_scale: f32,
     /// Trimmed: share of inliers around a ray that makes it one.
     pub trim_diffuse: f32,
     /// Trimmed: share of inliers in a patch that makes its inner block so.
@@ -129,7 +131,8 @@ impl WildConfig {
             code_size: 1e-5,
             kernel: KernelKind::Trimmed,
             kernel_scale: 0.1,
-            trim_quantile: 0.8,
+            trim_quantile: 0.5,
+            trim_scale: 1.0,
             trim_diffuse: 0.5,
             trim_vote: 0.6,
             patch: 16,
@@ -154,13 +157,19 @@ impl WildConfig {
     /// # Errors
     /// [`SystemError::Config`] naming the field.
     pub fn check(&self) -> Result<(), SystemError> {
-        let refuse = |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
+        let refuse =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
         for (field, value) in [("appearance_dims", self.appearance_dims), ("transient_dims", self.transient_dims)] {
             if !(1..=512).contains(&value) {
                 return refuse(field, value.to_string(), "must be in 1..=512");
             }
         }
-        let positive = [("beta_min", self.beta_min), ("kernel_scale", self.kernel_scale), ("code_lr", self.code_lr)];
+        let positive = [
+            ("beta_min", self.beta_min),
+            ("kernel_scale", self.kernel_scale),
+            ("code_lr", self.code_lr),
+            ("trim_scale", self.trim_scale),
+        ];
         for (field, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
                 return refuse(field, value.to_string(), "must be positive and finite");

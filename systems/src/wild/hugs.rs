@@ -149,9 +149,8 @@ impl Method for Hugs {
         let frame = self.frames[data.view(seen.view).frame].clone();
         let segments = frame.read_segments()?.map(|s| s.resized(width as u32, height as u32));
         let h_sfm = self.shared_features(&frame, extent, segments.as_ref())?;
-        let error = |(pixel, truth): (&Pixel, &[f32; 3])| {
-            (0..3).map(|c| (pixel.rgb[c] - truth[c]).abs()).sum::<f32>() / 3.0
-        };
+        let error =
+            |(pixel, truth): (&Pixel, &[f32; 3])| (0..3).map(|c| (pixel.rgb[c] - truth[c]).abs()).sum::<f32>() / 3.0;
         let residuals: Vec<f32> = seen.pixels.iter().zip(seen.truth).map(error).collect();
         let mut mask = vec![0; extent.pixels()];
         let stack: Vec<Vec<u8>> = match &segments {
@@ -164,9 +163,7 @@ impl Method for Hugs {
             Some(scene_io::Segments::Labels(map)) => Segments::Labels(&map.labels),
             Some(scene_io::Segments::Stack(_)) => Segments::Stack(&stack),
         };
-        self.rule
-            .run(extent, &h_sfm, &residuals, vote, &mut self.scratch, &mut mask)
-            .map_err(|e| refused(&e))?;
+        self.rule.run(extent, &h_sfm, &residuals, vote, &mut self.scratch, &mut mask).map_err(|e| refused(&e))?;
         self.masks.resize(data.len(), Vec::new());
         self.masks[seen.view] = mask.iter().map(|&m| u8::from(m > 0)).collect();
         Ok(())

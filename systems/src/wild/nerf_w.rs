@@ -84,9 +84,10 @@ impl Method for NerfW {
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let light = self.light.as_mut().map_or(0, |light| light.learn(outcome));
-        let strangers = self.strangers.as_mut().map_or(0, |s| {
-            s.codes.learn(outcome.simd, outcome.lr * s.lr, outcome.batch, outcome.transient_bar, 0.0)
-        });
+        let strangers = self
+            .strangers
+            .as_mut()
+            .map_or(0, |s| s.codes.learn(outcome.simd, outcome.lr * s.lr, outcome.batch, outcome.transient_bar, 0.0));
         light + strangers
     }
 

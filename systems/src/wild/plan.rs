@@ -102,7 +102,12 @@ const SMALL_PHOTO: u32 = 320;
 /// `--set` for the method and for the field.
 fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {
     let keep = |mine: bool| RunOptions {
-        set: run.set.iter().filter(|(key, _)| ours.contains_key(*key) == mine).map(|(k, v)| (k.clone(), v.clone())).collect(),
+        set: run
+            .set
+            .iter()
+            .filter(|(key, _)| ours.contains_key(*key) == mine)
+            .map(|(k, v)| (k.clone(), v.clone()))
+            .collect(),
         ..run.clone()
     };
     (keep(true), keep(false))

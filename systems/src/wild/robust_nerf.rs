@@ -25,6 +25,8 @@ pub(super) struct RobustNerf {
     light: Option<Light>,
     kernel: Option<Kernel>,
     mask: TrimmedMask,
+    /// Threshold in units of the residual that `mask.quantile` of the rays do not exceed.
+    scale: f32,
     /// Residual below which a ray of the last batch was an inlier.
     threshold: f32,
     /// Weight of each pixel of the batch.
@@ -66,7 +68,8 @@ impl RobustNerf {
         kernel.map_or(Ok(()), Kernel::check).map_err(bad)?;
         mask.check().map_err(bad)?;
         let [weights, residuals, voters, scratch] = [const { Vec::new() }; 4];
-        Ok(Self { light, kernel, mask, threshold: f32::INFINITY, weights, residuals, voters, scratch })
+        let scale = config.trim_scale;
+        Ok(Self { light, kernel, mask, scale, threshold: f32::INFINITY, weights, residuals, voters, scratch })
     }
 }
 
@@ -101,7 +104,7 @@ impl Method for RobustNerf {
         let votes = |i: &usize| batch.weight[*i] > 0.0 && batch.alpha[*i] > 0.0;
         self.voters.clear();
         self.voters.extend((0..batch.len()).filter(votes).map(|i| self.residuals[i]));
-        self.threshold = self.mask.threshold(&self.voters, &mut self.scratch);
+        self.threshold = self.scale * self.mask.threshold(&self.voters, &mut self.scratch);
         self.weights.resize(batch.len(), 0.0);
         let fits = "patches are whole, and the settings are checked before";
         self.mask.weights(&self.residuals, self.threshold, &mut self.scratch, &mut self.weights).expect(fits);
