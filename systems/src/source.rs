@@ -2,8 +2,8 @@
 
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Depth, Disturbance, Report, Scene};
+use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
+use scene_io::{Depth, Disturbance, Report, Scene, TrainPhotos};
 use std::path::Path;
 
 /// What embedded scenes begin with.
@@ -13,7 +13,7 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, or a dataset; `perturbed:` before either disturbs its training
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training
 /// views (see [`scene_io::perturb`]).
 ///
 /// # Errors
@@ -65,11 +65,16 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
             "`--holdout`: `{SYNTHETIC}{name}` has a split of its own; leave the option out"
         )));
     }
+    let photos = data.load_options()?.train_photos;
     match name {
-        "tabletop" => Ok(tabletop(&TabletopOptions::default())),
-        other => {
-            Err(RunError::Option(format!("there is no scene `{SYNTHETIC}{other}`; there is `{SYNTHETIC}tabletop`")))
+        "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
+        "tabletop" if photos == TrainPhotos::Clean => {
+            Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
+        "tabletop" => Ok(tabletop(&TabletopOptions::default())),
+        other => Err(RunError::Option(format!(
+            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop` and `{SYNTHETIC}plaza`"
+        ))),
     }
 }
 
