@@ -20,15 +20,27 @@ pub enum LossError {
         /// The argument.
         what: &'static str,
     },
-    /// A parameter of a kernel is outside its range.
+    /// A parameter is outside its range.
     Parameter {
-        /// The parameter, with its kernel.
+        /// The parameter, with what it belongs to.
         what: &'static str,
         /// What it holds.
         value: f32,
         /// What it may hold.
         range: &'static str,
     },
+    /// `what[index]` is NaN or infinite where nothing can be made of it.
+    NonFinite {
+        /// The argument.
+        what: &'static str,
+        /// Which of its values.
+        index: usize,
+    },
+}
+
+/// `Ok` if `what` holds `want` values.
+pub(crate) fn same(what: &'static str, want: usize, got: usize) -> Result<(), LossError> {
+    if want == got { Ok(()) } else { Err(LossError::Shape { what, want, got }) }
 }
 
 impl fmt::Display for LossError {
@@ -37,6 +49,7 @@ impl fmt::Display for LossError {
             Self::Shape { what, want, got } => write!(f, "`{what}` holds {got} values, expected {want}"),
             Self::Order { what } => write!(f, "`{what}` decrease"),
             Self::Parameter { what, value, range } => write!(f, "{what} is {value}, expected {range}"),
+            Self::NonFinite { what, index } => write!(f, "value {index} of `{what}` is NaN or infinite"),
         }
     }
 }

@@ -19,7 +19,7 @@
 //!
 //! Source: Barron, Mildenhall, Verbin, Srinivasan, Hedman, "Mip-NeRF 360", 2022, eqs. 12 and 13.
 
-use crate::{LossError, RayIntervals, Reduction};
+use crate::{LossError, RayIntervals, Reduction, error::same};
 use alloc::vec::Vec;
 
 /// Added to a weight that divides: one ulp at 1.
@@ -222,8 +222,4 @@ impl Levels<'_> {
             *out += bar as f32;
         }
     }
-}
-
-fn same(what: &'static str, want: usize, got: usize) -> Result<(), LossError> {
-    if want == got { Ok(()) } else { Err(LossError::Shape { what, want, got }) }
 }

@@ -1,10 +1,17 @@
 //! An error becomes a number and a gradient.
 //!
-//! * [`kernel`]: what one colour channel's error costs, and its derivative: squared, L1, Charbonnier, Huber, log-squared.
+//! * [`kernel`]: what one colour channel's error costs, its derivative and its weight: squared, L1, Charbonnier, Huber,
+//!   log-squared; the general robust kernel, Cauchy, Geman-McClure, Welsch, Tukey, trimmed.
 //! * [`photometric`]: kernels over a batch of rays, weighted, with the backward twin.
+//! * [`irls`]: robust fits by iteratively reweighted least squares.
+//! * [`trimmed`]: which rays of a batch of patches to learn from, by the size of their errors (RobustNeRF).
+//! * [`heuristics`]: masks of what stands still, from feature tracks, errors and segments (HuGS).
+//! * [`uncertainty`]: errors under an uncertainty that is learned along (NeRF-W).
+//! * [`visibility`], [`codes`]: a learned mask of strangers, and appearance codes that renders agree with (Ha-NeRF).
+//! * [`concrete`], [`smoothness`], [`sparsity`]: opacities that decide, without flicker and without excess (SF-NeRF).
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
 //! * [`interlevel`]: a proposal's weights have to bound those of the final network.
-//! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS.
+//! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; how good a mask is: IoU and F1.
 //!
 //! Axes, colour space and letters are those of the workspace's `CONVENTIONS.md`. `no_std` with `alloc`; `libm` instead of
 //! `std` for the float functions; `rayon` spreads LPIPS over threads, with the same bits for any number of them.
@@ -29,13 +36,23 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("losses needs a float backend: enable `std` or `libm`");
 
+pub mod codes;
+pub mod concrete;
 pub mod distortion;
 mod error;
+pub mod heuristics;
 pub mod interlevel;
+pub mod irls;
 pub mod kernel;
 pub mod metrics;
+mod order;
 pub mod photometric;
 mod ray_intervals;
+pub mod smoothness;
+pub mod sparsity;
+pub mod trimmed;
+pub mod uncertainty;
+pub mod visibility;
 
 pub use error::LossError;
 pub use ray_intervals::{Edges, RayIntervals, Reduction};

@@ -11,7 +11,7 @@
 //!
 //! Values are not scanned: NaN in gives NaN out.
 
-use crate::{LossError, kernel::Kernel};
+use crate::{LossError, error::same, kernel::Kernel};
 
 /// Loss of each ray: the mean over channels of the kernel.
 ///
@@ -136,8 +136,4 @@ fn check(kernel: Kernel, prediction: &[[f32; 3]], target: &[[f32; 3]], w: Option
     kernel.check()?;
     same("target", prediction.len(), target.len())?;
     w.map_or(Ok(()), |w| same("w", prediction.len(), w.len()))
-}
-
-fn same(what: &'static str, want: usize, got: usize) -> Result<(), LossError> {
-    if want == got { Ok(()) } else { Err(LossError::Shape { what, want, got }) }
 }

@@ -1,6 +1,7 @@
 //! Radiance-field systems, composed from the math crates, and what is written once above them.
 //!
 //! * [`system`]: the contract of a reconstruction method.
+//! * [`method`]: the seam between a field and what a method for photographs from the wild adds to it.
 //! * [`data`]: views at training resolution and the ray batches drawn from them.
 //! * [`options`]: what a run is told and what was decided from it.
 //! * [`run`]: the folder of one training, from start or resume to report.
@@ -21,6 +22,7 @@ pub mod layout;
 pub mod log;
 pub mod lpips_file;
 pub mod memory;
+pub mod method;
 pub mod options;
 pub mod output;
 pub mod picture;
@@ -37,5 +39,6 @@ pub mod summary;
 pub mod surface;
 pub mod system;
 pub mod train;
+pub mod wild;
 
 pub use error::RunError;

@@ -1,6 +1,6 @@
 //! A camera to a picture: whole images of layers, strip by strip.
 
-use crate::system::{LayerRequest, Layers, Normals, Query, System};
+use crate::system::{Appearance, LayerRequest, Layers, Normals, Query, System};
 use glam::{DVec2, Vec3};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
@@ -101,5 +101,5 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
 
 /// A query for colour, opacity and depth.
 pub fn plain_query(background: [f32; 3], error_budget: f32) -> Query {
-    Query { background, layers: LayerRequest::default(), error_budget }
+    Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean }
 }

@@ -8,6 +8,7 @@ use render_core::budget::{Ledger, SkipSet};
 use render_core::ray::Ray;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,8 +68,20 @@ impl Layers {
     }
 }
 
+/// In which photo's light a picture is rendered. Systems without appearance know one light only.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Appearance {
+    /// The mean of all training photos.
+    #[default]
+    Mean,
+    /// That of a training view.
+    View(usize),
+    /// A code: fitted to a photo, or between two others.
+    Code(Arc<[f32]>),
+}
+
 /// What a render may vary besides the rays.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Query {
     /// What is behind the scene.
     pub background: [f32; 3],
@@ -76,6 +89,25 @@ pub struct Query {
     pub layers: LayerRequest,
     /// Error a pixel may have from skipped work, in colour units; 0 skips nothing.
     pub error_budget: f32,
+    /// In which light.
+    pub appearance: Appearance,
+}
+
+/// Pixels an appearance is fitted to.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit<'a> {
+    /// Rays in the scene's frame.
+    pub rays: &'a [Ray],
+    /// Their colours, on the background.
+    pub rgb: &'a [[f32; 3]],
+    /// What is behind the scene.
+    pub background: [f32; 3],
+    /// Steps of the fit.
+    pub steps: u64,
+    /// Learning rate at the start; a tenth of it after each third.
+    pub lr: f64,
+    /// Seed of the pixels of each step.
+    pub seed: u64,
 }
 
 /// A render that takes some of its skips only: what the table of skips compares.
@@ -240,6 +272,31 @@ pub trait System: Send + Sync {
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let _ = radii;
         self.render(rays, query)
+    }
+
+    /// The code of an appearance; `None` for a system that knows one light only.
+    fn appearance_code(&self, _appearance: &Appearance) -> Option<Vec<f32>> {
+        None
+    }
+
+    /// The appearance code that explains pixels best, everything else as it is; `None` for a system that knows one light
+    /// only.
+    fn fit_appearance(&self, _pixels: &Fit<'_>) -> Option<Vec<f32>> {
+        None
+    }
+
+    /// The appearance code of a photo by the system's own encoder; `None` where codes are fitted.
+    fn encode_appearance(&self, _photo: &scene_io::Image) -> Option<Vec<f32>> {
+        None
+    }
+
+    /// Which pixels of a training view show the static scene, row by row: 1 static, 0 transient. `None` for a system that
+    /// takes all for static.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when the image cannot be read.
+    fn visibility(&self, _data: &Dataset, _view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        Ok(None)
     }
 
     /// Density at points of the scene's frame, 1 / world unit. `out` has one entry a point.

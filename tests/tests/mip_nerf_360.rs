@@ -70,7 +70,7 @@ fn shapes_are_the_published_ones() {
 /// PSNR over held-out views, pixels as cones; layers are checked on the way.
 fn psnr(system: &dyn System, test: &Dataset) -> f64 {
     let layers = LayerRequest { normals: Normals::Compute };
-    let query = Query { background: [1.0; 3], layers, error_budget: 0.0 };
+    let query = Query { layers, ..plain_query([1.0; 3], 0.0) };
     let (mut sum, mut n) = (0.0, 0);
     for v in 0..test.len() {
         let out = render(system, &test.view(v).camera, &query).layers;

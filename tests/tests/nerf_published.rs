@@ -46,7 +46,7 @@ fn shapes_and_parameter_counts_are_the_published_ones() {
 
 fn psnr(nerf: &dyn System, test: &Dataset) -> f64 {
     let layers = LayerRequest { normals: Normals::Compute };
-    let query = Query { background: [1.0; 3], layers, error_budget: 0.0 };
+    let query = Query { layers, ..plain_query([1.0; 3], 0.0) };
     let (mut sum, mut n) = (0.0, 0);
     for v in 0..test.len() {
         let camera = test.view(v).camera;

@@ -1,6 +1,6 @@
 //! The Charbonnier kernel: an L1 with a rounded tip.
 
-use float_core::m32;
+use float_core::{m32, m64};
 
 /// `sqrt(x^2 + c^2)`, a hyperbola that is `c` at 0 and tends to `|x|`.
 ///
@@ -28,4 +28,12 @@ pub fn charbonnier_derivative(x: f32, c: f32) -> f32 {
     } else {
         x / root
     }
+}
+
+/// Weight of iteratively reweighted least squares, `1 / sqrt(x^2 + c^2)`; `1 / c` at 0. `c = 0` is
+/// [`l1_weight`](super::l1_weight).
+#[inline]
+#[must_use]
+pub fn charbonnier_weight(x: f32, c: f32) -> f32 {
+    if c == 0.0 { super::l1_weight(x) } else { (1.0 / m64::hypot(f64::from(x), f64::from(c))) as f32 }
 }

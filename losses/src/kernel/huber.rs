@@ -42,3 +42,17 @@ pub fn huber_ngp(x: f32) -> f32 {
 pub fn huber_ngp_derivative(x: f32) -> f32 {
     huber_derivative(x, NGP_DELTA) / (NGP_DELTA * NGP_DIVISOR)
 }
+
+/// Weight of iteratively reweighted least squares: 1 where `|x| <= delta`, else `delta / |x|`.
+#[inline(always)]
+#[must_use]
+pub fn huber_weight(x: f32, delta: f32) -> f32 {
+    if x.abs() <= delta { 1.0 } else { delta / x.abs() }
+}
+
+/// [`huber_weight`] of [`huber_ngp`]: 2 inside, `0.2 / |x|` outside.
+#[inline(always)]
+#[must_use]
+pub fn huber_ngp_weight(x: f32) -> f32 {
+    huber_weight(x, NGP_DELTA) / (NGP_DELTA * NGP_DIVISOR)
+}

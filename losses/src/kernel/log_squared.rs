@@ -1,6 +1,6 @@
 //! The squared error of logarithms, for radiance without an upper end (log-MSE).
 
-use float_core::m32;
+use float_core::{m32, m64};
 
 /// Usual `eps` of [`log_squared`], colour units.
 pub const LOG_EPS: f32 = 1e-3;
@@ -34,6 +34,27 @@ pub fn log_squared_derivative(prediction: f32, target: f32, eps: f32) -> f32 {
         return 0.0;
     }
     2.0 * log_ratio(prediction, non_negative(target), eps) / (prediction + eps)
+}
+
+/// Weight of iteratively reweighted least squares: [`log_squared_derivative`] over `prediction - target`;
+/// `2 / (target + eps)^2` where they are equal.
+#[inline]
+#[must_use]
+pub fn log_squared_weight(prediction: f32, target: f32, eps: f32) -> f32 {
+    if prediction < 0.0 {
+        return 0.0;
+    }
+    let (p, t, eps) = (f64::from(prediction), f64::from(target), f64::from(eps));
+    let (difference, base) = (p - t.max(0.0), t.max(0.0) + eps);
+    // A NaN target is not to pass for a black one.
+    if target.is_nan() {
+        return target;
+    }
+    if difference == 0.0 && target >= 0.0 {
+        return (2.0 / (base * base)) as f32;
+    }
+    let slope = 2.0 * m64::ln_1p(difference / base) / (p + eps);
+    (slope / (p - t)) as f32
 }
 
 /// `ln((p + eps) / (t + eps))` for `p, t >= 0`.

@@ -18,3 +18,10 @@ pub fn squared(x: f32) -> f32 {
 pub fn squared_derivative(x: f32) -> f32 {
     2.0 * x
 }
+
+/// Weight of iteratively reweighted least squares: 2 everywhere.
+#[inline(always)]
+#[must_use]
+pub fn squared_weight(x: f32) -> f32 {
+    if x.is_nan() { x } else { 2.0 }
+}

@@ -25,6 +25,7 @@ pub mod lpips;
 mod masked;
 mod ms_ssim;
 mod psnr;
+mod segmentation;
 mod ssim;
 
 pub use error::MetricError;
@@ -33,4 +34,5 @@ pub use lpips::{Lpips, LpipsError};
 pub use masked::{MaskedSsim, masked_mse, masked_psnr, masked_ssim};
 pub use ms_ssim::{MS_SSIM_MIN_SIDE, MS_SSIM_WEIGHTS, ms_ssim};
 pub use psnr::{mse, psnr, psnr_of_mse};
+pub use segmentation::{Average, Confusion, EmptyClass, SegmentationScores, segmentation};
 pub use ssim::{Border, Clamp, SsimVariant, Window, ssim};

@@ -209,7 +209,7 @@ const SHORT: usize = 1024;
 
 /// `sum(a[i] * b[i])`, in an order that depends on the length only.
 #[inline(always)]
-fn dot<V: Vector>(a: &[f32], b: &[f32]) -> f32 {
+pub(super) fn dot<V: Vector>(a: &[f32], b: &[f32]) -> f32 {
     if a.len() <= SHORT {
         return dot_short::<V>(a, b);
     }

@@ -18,6 +18,7 @@
 //! | [`accumulate`], [`normalise`] | weights, values | sums such as normals |
 //! | [`depth_expected`], [`depth_median`], [`depth_median_exact`] | weights or optical depths, distances | depths |
 //! | [`opacity`] | weights | accumulated opacity |
+//! | [`two::composite_two`], [`two::composite_two_backward`] | optical depths and values of a static and a transient part | pixels |
 //!
 //! # Numerics
 //! The optical depth is summed in `f64` and rounded once for each sample, so the transmittance of optical depth `c` is
@@ -38,6 +39,7 @@ mod depth;
 mod forward;
 pub mod reference;
 pub mod rule;
+pub mod two;
 
 pub use backward::{CompositeBar, CompositeGrads, WeightsBar, composite_backward, weights_backward};
 pub use check::{BadValue, check_density, check_finite};

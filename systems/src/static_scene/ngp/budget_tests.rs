@@ -7,7 +7,7 @@ use crate::options::{Background, RunOptions};
 use crate::plan::build;
 use crate::skips::{MeasuredSkips, measure};
 use crate::space::{Space, SpaceKind};
-use crate::system::{EmptyCells, LayerRequest, Layers, Normals, Query, System, Trial};
+use crate::system::{Appearance, EmptyCells, LayerRequest, Layers, Normals, Query, System, Trial};
 use field_core::rng::Rng;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -111,7 +111,7 @@ pub(super) fn random_rays(seed: u64) -> Vec<Ray> {
 }
 
 pub(super) fn query(background: [f32; 3], error_budget: f32) -> Query {
-    Query { background, layers: LayerRequest::default(), error_budget }
+    Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean }
 }
 
 /// The sum over all samples of a ray, one at a time, straight from the definition.

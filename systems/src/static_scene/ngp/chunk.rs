@@ -1,7 +1,7 @@
 //! One chunk of a training batch: its rays, the samples they keep, and the way there and back through the networks.
 //!
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
-//! samples go through the networks in tiles of whole rays, small enough that a tile's activations stay in the L2 cache.
+//! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
 use super::field::{Field, sized};
 use super::grid_trainer::Part;
@@ -9,22 +9,16 @@ use super::look::{Kept, Look};
 use super::occupy::Marcher;
 use super::proposal::Proposals;
 use super::proposed::{Draw, Proposed};
+use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::data::Batch;
+use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::space::{InternalRay, Space};
-use field_core::mlp::Mlp;
 use losses::kernel::Kernel;
-use losses::{Edges, RayIntervals, Reduction, distortion};
 use render_core::occupancy::OccupancyGrid;
-use render_core::quadrature::{
-    Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
-};
 use render_core::ray::Ray;
 use render_core::ray_distance::RayDistance;
 use std::ops::Range;
 use std::time::Instant;
-
-/// Samples a tile aims at (rays stay whole).
-const TILE: usize = 480;
 
 /// What a chunk adds up besides gradients.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,8 +31,6 @@ pub(super) struct ChunkStats {
     pub(super) dense: u64,
     /// Samples the march placed.
     pub(super) placed: u64,
-    /// Samples whose density was asked for.
-    pub(super) looked: u64,
     /// Intervals that proposals weighed.
     pub(super) proposed: u64,
     /// March or proposals, encoding, networks, the proposals' way back.
@@ -48,8 +40,10 @@ pub(super) struct ChunkStats {
 /// Buffers of a chunk, kept from step to step.
 pub(super) struct Chunk {
     rays: Vec<InternalRay>,
-    /// `[sh][rays]`, spherical harmonics of the view directions.
+    /// `[sh + appearance][rays]`: spherical harmonics of the view directions, then the codes of the photos.
     basis: Vec<f32>,
+    /// `[transient][rays]`, the codes of the photos.
+    transient: Vec<f32>,
     views: Vec<f32>,
     /// `[rays + 1]`
     offsets: Vec<u32>,
@@ -65,37 +59,18 @@ pub(super) struct Chunk {
     pub(super) features_bar: Vec<f32>,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
+    pub(super) head_grad: Vec<f32>,
+    /// `[rays][dims]`, gradients of the rays' codes.
+    pub(super) appearance_bar: Vec<f32>,
+    pub(super) transient_bar: Vec<f32>,
+    /// The chunk's pixels as they were rendered; only where a method asks.
+    pub(super) seen: Vec<Pixel>,
     pub(super) stats: ChunkStats,
     pub(super) proposed: Proposed,
     /// `[n]`, weights of the samples; only where proposals learn from them.
     w: Vec<f32>,
     look: Look,
     tile: Tile,
-}
-
-/// Buffers of a tile.
-#[derive(Default)]
-struct Tile {
-    density_acts: Vec<f32>,
-    colour_acts: Vec<f32>,
-    /// Input of the colour network, `[geometry + sh][n]`; its first rows are the density network's output.
-    input: Vec<f32>,
-    input_bar: Vec<f32>,
-    rgb: Vec<f32>,
-    rgb_bar: Vec<f32>,
-    tau: Vec<f32>,
-    tau_bar: Vec<f32>,
-    w: Vec<f32>,
-    offsets: Vec<u32>,
-    background: Vec<f32>,
-    pixel: Vec<f32>,
-    pixel_bar: Vec<f32>,
-    opacity: Vec<f32>,
-    trans_end: Vec<f32>,
-    scratch: Vec<f32>,
-    /// Ends of the intervals in normalised distance, and the gradient of their weights.
-    ends: [Vec<f32>; 2],
-    w_bar: Vec<f32>,
 }
 
 /// What all chunks of a step share.
@@ -110,12 +85,18 @@ pub(super) struct StepContext<'a> {
     /// Part of a sample's interval that lies in front of it.
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
+    /// What else the loss depends on.
+    pub(super) method: Option<&'a dyn Method>,
+    /// Codes of the training views.
+    pub(super) appearance: Option<Codes<'a>>,
+    pub(super) transient: Option<Codes<'a>>,
     /// Rays of a pixel: its colour is the mean of theirs.
     pub(super) per_pixel: usize,
     /// `[pixels * per_pixel]`
     pub(super) rays: &'a [Ray],
-    /// Background of each pixel of the batch.
+    /// Background and true colour of each pixel of the batch, the one on the other.
     pub(super) background: &'a [[f32; 3]],
+    pub(super) truth: &'a [[f32; 3]],
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     pub(super) kernel: Kernel,
@@ -128,11 +109,37 @@ pub(super) struct StepContext<'a> {
     pub(super) share: f32,
 }
 
+impl StepContext<'_> {
+    /// What the error of pixel `i` costs and the derivative of that.
+    fn loss(&self, i: usize, pixel: &Pixel) -> (f32, PixelBar) {
+        let truth = self.truth[i];
+        match self.method {
+            Some(method) => method.loss(i, pixel, truth),
+            None => {
+                let value = |c: usize| self.kernel.value(pixel.rgb[c], truth[c]);
+                let slope = |c: usize| self.kernel.derivative(pixel.rgb[c], truth[c]) / 3.0;
+                ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(slope)))
+            }
+        }
+    }
+}
+
+/// Rows of codes for the pixels `pixels` of a batch, `per_pixel` rays each: `out` is `[dims][rays]`.
+fn fill_codes(codes: Codes<'_>, batch: &Batch, pixels: Range<usize>, per_pixel: usize, out: &mut [f32]) {
+    let rays = pixels.len() * per_pixel;
+    for (p, i) in pixels.enumerate() {
+        for (k, &value) in codes.of(batch.view[i] as usize).iter().enumerate() {
+            out[k * rays + p * per_pixel..][..per_pixel].fill(value);
+        }
+    }
+}
+
 impl Chunk {
     pub(super) fn new(field: &Field) -> Self {
         Self {
             rays: Vec::new(),
             basis: Vec::new(),
+            transient: Vec::new(),
             views: Vec::new(),
             offsets: Vec::new(),
             t: Vec::new(),
@@ -143,6 +150,10 @@ impl Chunk {
             features_bar: Vec::new(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
+            head_grad: vec![0.0; field.head.as_ref().map_or(0, |head| head.mlp.packed_grad_len())],
+            appearance_bar: Vec::new(),
+            transient_bar: Vec::new(),
+            seen: Vec::new(),
             stats: ChunkStats::default(),
             proposed: Proposed::default(),
             w: Vec::new(),
@@ -158,7 +169,6 @@ impl Chunk {
 
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        let t = &self.tile;
         let floats = [
             &self.t,
             &self.dt,
@@ -167,32 +177,29 @@ impl Chunk {
             &self.features_bar,
             &self.density_grad,
             &self.colour_grad,
-            &t.density_acts,
-            &t.colour_acts,
-            &t.input,
-            &t.input_bar,
-            &t.rgb,
-            &t.rgb_bar,
-            &t.tau,
-            &t.tau_bar,
-            &t.w,
             &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + self.look.bytes() + self.proposed.bytes()
+        let parts = self.look.bytes() + self.proposed.bytes() + self.tile.bytes();
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }
 
-    /// Sample the rays of the batch's pixels `pixels`, render them, and bring the loss back to features and network
-    /// gradients.
-    pub(super) fn run(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
+    /// Place the samples of the batch's pixels `pixels` and keep those in front of what is opaque.
+    pub(super) fn sample(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
         let start = Instant::now();
         self.stats = ChunkStats::default();
-        self.density_grad.fill(0.0);
-        self.colour_grad.fill(0.0);
         let rays = pixels.start * ctx.per_pixel..pixels.end * ctx.per_pixel;
         self.rays.clear();
         self.rays.extend(ctx.rays[rays.clone()].iter().map(|ray| ctx.space.internal_ray(ray)));
-        ctx.field.basis(&self.rays, &mut self.views, &mut self.basis);
+        let dims = ctx.appearance.map_or(0, |codes| codes.dims);
+        let codes = ctx.field.basis(&self.rays, dims, &mut self.views, &mut self.basis);
+        if let Some(table) = ctx.appearance {
+            fill_codes(table, ctx.batch, pixels.clone(), ctx.per_pixel, codes);
+        }
+        if let Some(table) = ctx.transient {
+            let codes = sized(&mut self.transient, table.dims * rays.len());
+            fill_codes(table, ctx.batch, pixels, ctx.per_pixel, codes);
+        }
         match ctx.proposals {
             None => self.look.march(ctx, &self.rays, rays),
             Some(proposals) => {
@@ -207,188 +214,139 @@ impl Chunk {
         let marched = Instant::now();
         let Self { offsets, t, dt, x, features, .. } = self;
         self.n = self.look.follow(ctx, &self.rays, Kept { offsets, t, dt, x, features });
-        let (n, rows) = (self.n, ctx.field.grid.out_rows());
-        sized(&mut self.features_bar, rows * n).fill(0.0);
+        self.stats.dense = self.look.dense;
+        self.stats.placed = self.look.placed();
+        self.stats.seconds[0] = (marched - start).as_secs_f64();
+        self.stats.seconds[1] = marched.elapsed().as_secs_f64();
+    }
+
+    /// Render what [`Chunk::sample`] placed into `seen`, for a method that wants to see the batch first.
+    pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
+        let start = Instant::now();
+        self.seen.clear();
+        self.each_tile(ctx, pixels, |tile, chunk, _, seen, rays, pixels| {
+            tile.forward(ctx, chunk, rays, pixels);
+            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
+        });
+        self.stats.seconds[2] += start.elapsed().as_secs_f64();
+    }
+
+    /// Render what [`Chunk::sample`] placed and bring the loss back to features and network gradients.
+    pub(super) fn learn(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
+        let start = Instant::now();
+        self.density_grad.fill(0.0);
+        self.colour_grad.fill(0.0);
+        self.head_grad.fill(0.0);
+        self.seen.clear();
+        let n = self.n;
+        sized(&mut self.features_bar, ctx.field.grid.out_rows() * n).fill(0.0);
+        let rays = pixels.len() * ctx.per_pixel;
+        for (buffer, codes) in [(&mut self.appearance_bar, ctx.appearance), (&mut self.transient_bar, ctx.transient)] {
+            buffer.clear();
+            buffer.resize(codes.map_or(0, |codes| codes.dims * rays), 0.0);
+        }
         if ctx.proposals.is_some() {
             sized(&mut self.w, n);
         }
-        self.stats.dense = self.look.dense;
-        self.stats.placed = self.look.placed();
-        self.stats.looked = self.look.looked;
-        let encoded = Instant::now();
+        let mut stats = self.stats;
+        self.each_tile(ctx, pixels, |tile, chunk, (out, w), seen, rays, pixels| {
+            tile.forward(ctx, chunk, rays.clone(), pixels.clone());
+            if ctx.proposals.is_some() {
+                let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
+                let n = samples.len();
+                w[samples].copy_from_slice(&tile.w[..n]);
+            }
+            let first = seen.len();
+            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
+            tile.set_bars(
+                ctx.per_pixel,
+                seen[first..].iter().zip(pixels).map(|(pixel, i)| {
+                    let weight = ctx.batch.weight[i];
+                    let (loss, bar) = ctx.loss(i, pixel);
+                    let squared: f32 = (0..3).map(|c| (pixel.rgb[c] - ctx.truth[i][c]).powi(2)).sum();
+                    stats.pixels += f64::from(weight);
+                    stats.loss += f64::from(weight * loss);
+                    stats.squared_error += f64::from(weight * squared) / 3.0;
+                    let factor = weight * ctx.share;
+                    PixelBar {
+                        rgb: bar.rgb.map(|g| g * factor),
+                        beta: bar.beta * factor,
+                        sigma_t: bar.sigma_t * factor,
+                    }
+                }),
+            );
+            stats.loss += tile.backward(ctx, chunk, rays, out);
+        });
+        self.stats = stats;
+        let rendered = Instant::now();
+        if let Some(proposals) = ctx.proposals {
+            // The mean over rays and final intervals.
+            let factor = f64::from(ctx.share) / (ctx.per_pixel * proposals.last()) as f64;
+            self.proposed.learn((proposals, ctx.field.simd), &self.offsets, &self.w[..n], factor);
+        }
+        self.stats.seconds[2] += (rendered - start).as_secs_f64();
+        self.stats.seconds[3] = rendered.elapsed().as_secs_f64();
+    }
+
+    /// Each ray with what the static part holds along it; one ray a pixel.
+    pub(super) fn each_ray(
+        &mut self,
+        ctx: &StepContext<'_>,
+        pixels: Range<usize>,
+        mut each: impl FnMut(usize, StaticRay<'_>),
+    ) {
+        self.each_tile(ctx, pixels, |tile, chunk, _, _, rays, pixels| {
+            tile.forward(ctx, chunk, rays.clone(), pixels.clone());
+            for (r, pixel) in pixels.enumerate() {
+                each(pixel, tile.static_ray(r));
+            }
+        });
+    }
+
+    /// Cut the chunk into tiles of whole pixels: `work(tile, samples, gradients and weights, seen, rays, pixels)` with rays
+    /// counted from the chunk's first and pixels from the batch's.
+    fn each_tile(
+        &mut self,
+        ctx: &StepContext<'_>,
+        pixels: Range<usize>,
+        mut work: impl FnMut(
+            &mut Tile,
+            Marched<'_>,
+            (&mut Gradients<'_>, &mut [f32]),
+            &mut Vec<Pixel>,
+            Range<usize>,
+            Range<usize>,
+        ),
+    ) {
         let (count, k) = (pixels.len(), ctx.per_pixel);
+        let chunk = Marched {
+            rays: count * k,
+            offsets: &self.offsets,
+            t: &self.t,
+            dt: &self.dt,
+            features: &self.features,
+            n: self.n,
+            basis: &self.basis,
+            transient: &self.transient,
+        };
+        let mut gradients = Gradients {
+            features: &mut self.features_bar,
+            density: &mut self.density_grad,
+            colour: &mut self.colour_grad,
+            head: &mut self.head_grad,
+            appearance: &mut self.appearance_bar,
+            transient: &mut self.transient_bar,
+        };
         let mut first = 0;
         while first < count {
             let mut last = first + 1;
             while last < count && (self.offsets[(last + 1) * k] - self.offsets[first * k]) as usize <= TILE {
                 last += 1;
             }
-            self.render_tile(ctx, pixels.start, first..last);
+            let out = (&mut gradients, &mut self.w[..]);
+            let place = pixels.start + first..pixels.start + last;
+            work(&mut self.tile, chunk, out, &mut self.seen, first * k..last * k, place);
             first = last;
         }
-        let rendered = Instant::now();
-        if let Some(proposals) = ctx.proposals {
-            // The mean over rays and final intervals.
-            let factor = f64::from(ctx.share) / (k * proposals.last()) as f64;
-            self.proposed.learn((proposals, ctx.field.simd), &self.offsets, &self.w[..n], factor);
-        }
-        let seconds = |a: Instant, b: Instant| (b - a).as_secs_f64();
-        self.stats.seconds = [
-            seconds(start, marched),
-            seconds(marched, encoded),
-            seconds(encoded, rendered),
-            seconds(rendered, Instant::now()),
-        ];
     }
-
-    /// Pixels `pixels` of the chunk (`base` is the chunk's first in the batch), forward and backward.
-    fn render_tile(&mut self, ctx: &StepContext<'_>, base: usize, pixels: Range<usize>) {
-        let (field, n_all, k) = (ctx.field, self.n, ctx.per_pixel);
-        let rays = pixels.start * k..pixels.end * k;
-        let samples = self.offsets[rays.start] as usize..self.offsets[rays.end] as usize;
-        let (n, count) = (samples.len(), rays.len());
-        let t = &mut self.tile;
-        let geometry = field.density.outputs();
-        let inputs = field.colour.inputs();
-
-        // Density, and with it the geometry features of the colour network.
-        let input = sized(&mut t.input, inputs * n);
-        let density_acts = sized(&mut t.density_acts, field.density.activations_len(n));
-        let features = &self.features[samples.start.min(self.features.len())..];
-        field.density.forward(field.simd, &field.density_packed, features, n_all, n, input, n, density_acts);
-        let tau = sized(&mut t.tau, n);
-        for (i, tau) in tau.iter_mut().enumerate() {
-            *tau = field.density_of(input[i]) * self.dt[samples.start + i];
-        }
-
-        // Colour.
-        t.offsets.clear();
-        t.offsets.extend(self.offsets[rays.start..=rays.end].iter().map(|o| o - samples.start as u32));
-        for r in 0..count {
-            let span = t.offsets[r] as usize..t.offsets[r + 1] as usize;
-            for k in 0..inputs - geometry {
-                input[(geometry + k) * n..][span.clone()].fill(self.basis[k * self.rays.len() + rays.start + r]);
-            }
-        }
-        let rgb = sized(&mut t.rgb, 3 * n);
-        let colour_acts = sized(&mut t.colour_acts, field.colour.activations_len(n));
-        field.colour.forward(field.simd, &field.colour_packed, input, n, n, rgb, n, colour_acts);
-
-        // Pixel.
-        let pixels = base + pixels.start..base + pixels.end;
-        let background = sized(&mut t.background, 3 * count);
-        for (b, i) in background.chunks_exact_mut(3 * k).zip(pixels.clone()) {
-            b.as_chunks_mut().0.fill(ctx.background[i]);
-        }
-        let quadrature = Samples { offsets: &t.offsets, tau, last: LastInterval::Finite };
-        let values = Values { data: rgb, stride: n, channels: 3 };
-        let w = sized(&mut t.w, n);
-        let pixel = sized(&mut t.pixel, 3 * count);
-        let opacity = sized(&mut t.opacity, count);
-        let trans_end = sized(&mut t.trans_end, count);
-        composite(field.simd, quadrature, values, background, Composite { colour: pixel, opacity, trans_end, w });
-        if ctx.proposals.is_some() {
-            self.w[samples.clone()].copy_from_slice(w);
-        }
-
-        // Loss: truth and prediction on the same background.
-        let pixel_bar = sized(&mut t.pixel_bar, 3 * count);
-        let per_ray = 1.0 / k as f32;
-        for (i, (rays, bars)) in pixels.zip(pixel.chunks_exact(3 * k).zip(pixel_bar.chunks_exact_mut(3 * k))) {
-            let (alpha, weight) = (ctx.batch.alpha[i], ctx.batch.weight[i]);
-            self.stats.pixels += f64::from(weight);
-            for c in 0..3 {
-                let truth = ctx.batch.rgb[i][c] * alpha + ctx.background[i][c] * (1.0 - alpha);
-                let value = per_ray * rays[c..].iter().step_by(3).sum::<f32>();
-                let e = value - truth;
-                self.stats.loss += f64::from(weight * ctx.kernel.value(value, truth)) / 3.0;
-                self.stats.squared_error += f64::from(weight * e * e) / 3.0;
-                let slope = weight * ctx.kernel.derivative(value, truth) * ctx.share * per_ray / 3.0;
-                bars[c..].iter_mut().step_by(3).for_each(|bar| *bar = slope);
-            }
-        }
-        if n == 0 {
-            return;
-        }
-
-        // Weight that is spread along the ray costs.
-        let w_bar = if ctx.distortion > 0.0 {
-            let [start, end] = t.ends.each_mut().map(|buffer| sized(buffer, n));
-            for i in 0..n {
-                let dt = self.dt[samples.start + i];
-                let at = self.t[samples.start + i] - ctx.lead * dt;
-                (start[i], end[i]) = (ctx.distance.s_of(at.into()) as f32, ctx.distance.s_of((at + dt).into()) as f32);
-            }
-            let intervals = RayIntervals { offsets: &t.offsets, edges: Edges::Apart { start, end } };
-            let w_bar = sized(&mut t.w_bar, n);
-            w_bar.fill(0.0);
-            let factor = f64::from(ctx.distortion * per_ray);
-            let fits = "offsets and samples are those of the tile";
-            self.stats.loss += factor * distortion::distortion(intervals, w, Reduction::Sum).expect(fits);
-            let factor = factor * f64::from(ctx.share);
-            distortion::distortion_backward(intervals, w, Reduction::Sum, factor, w_bar).expect(fits);
-            Some(&*w_bar)
-        } else {
-            None
-        };
-
-        // And back.
-        let tau_bar = sized(&mut t.tau_bar, n);
-        let rgb_bar = sized(&mut t.rgb_bar, 3 * n);
-        composite_backward(
-            field.simd,
-            quadrature,
-            values,
-            background,
-            Weights { w, trans_end },
-            CompositeBar { colour: pixel_bar, w: w_bar, trans_end: None },
-            CompositeGrads { tau: tau_bar, values: rgb_bar, background: None },
-        );
-        let input_bar = sized(&mut t.input_bar, inputs * n);
-        input_bar.fill(0.0);
-        let scratch_len = field.colour.backward_scratch_len().max(field.density.backward_scratch_len());
-        let scratch = sized(&mut t.scratch, scratch_len);
-        backward(
-            &field.colour,
-            ctx,
-            &field.colour_packed,
-            colour_acts,
-            rgb_bar,
-            n,
-            (input_bar, n),
-            &mut self.colour_grad,
-            scratch,
-        );
-        for i in 0..n {
-            // d tau / d raw = tau, as the density is an exponential.
-            input_bar[i] += tau_bar[i] * tau[i];
-        }
-        let features_bar = &mut self.features_bar[samples.start..];
-        backward(
-            &field.density,
-            ctx,
-            &field.density_packed,
-            density_acts,
-            input_bar,
-            n,
-            (features_bar, n_all),
-            &mut self.density_grad,
-            scratch,
-        );
-    }
-}
-
-#[expect(clippy::too_many_arguments, reason = "forwards a kernel call")]
-fn backward(
-    mlp: &Mlp,
-    ctx: &StepContext<'_>,
-    packed: &field_core::mlp::Packed,
-    acts: &[f32],
-    y_bar: &[f32],
-    n: usize,
-    x_bar: (&mut [f32], usize),
-    grad: &mut [f32],
-    scratch: &mut [f32],
-) {
-    mlp.backward(ctx.field.simd, packed, acts, y_bar, n, n, Some(x_bar), grad, scratch);
 }

@@ -6,6 +6,7 @@ use crate::system::SystemError;
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};
 use losses::kernel::Kernel;
+use render_core::quadrature::two::Mixture;
 use serde::{Deserialize, Serialize};
 
 /// How networks multiply.
@@ -121,6 +122,31 @@ pub struct NgpConfig {
     pub distortion: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
+
+    /// Width of the two hidden layers of the transient head, where a method has one.
+    pub head_width: usize,
+    /// How static and transient part share an interval: `paper` or `proportional`.
+    pub mixture: MixtureKind,
+}
+
+/// How static and transient part share an interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MixtureKind {
+    /// As published: each as if the other were not there, so that what both cover counts twice.
+    #[default]
+    Paper,
+    /// In proportion to their densities: weights sum to 1.
+    Proportional,
+}
+
+impl From<MixtureKind> for Mixture {
+    fn from(kind: MixtureKind) -> Self {
+        match kind {
+            MixtureKind::Paper => Self::Paper,
+            MixtureKind::Proportional => Self::Proportional,
+        }
+    }
 }
 
 /// Rounds of proposals at most, and intervals of a ray in each.
@@ -170,13 +196,13 @@ impl NgpConfig {
         .map_err(|e| bad("width, geometry", "", &e.to_string()))
     }
 
-    /// The colour network.
+    /// The colour network; `code` is the length of the appearance code it sees.
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.
-    pub fn colour_mlp(&self) -> Result<Mlp, SystemError> {
+    pub fn colour_mlp(&self, code: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
-            inputs: self.geometry + self.sh_degree * self.sh_degree,
+            inputs: self.geometry + self.sh_degree * self.sh_degree + code,
             hidden: vec![self.width; self.colour_layers],
             outputs: 3,
             bias: Bias::None,

@@ -1,6 +1,7 @@
 //! The field: a hash grid, a network for density and one for colour.
 
 use super::NgpConfig;
+use super::head::Head;
 use crate::space::InternalRay;
 use crate::system::SystemError;
 use field_core::FieldError;
@@ -28,6 +29,8 @@ pub(super) struct Field {
     pub(super) density_packed: Packed,
     pub(super) colour_packed: Packed,
     pub(super) density_bias: f32,
+    /// What one photo alone shows; only where a method asks.
+    pub(super) head: Option<Head>,
 }
 
 /// Scratch for evaluating density without gradients.
@@ -96,14 +99,21 @@ pub(super) fn fold_gradients<'g>(
 }
 
 impl Field {
-    pub(super) fn new(config: &NgpConfig, seed: u64) -> Result<Self, SystemError> {
-        let (grid, density, colour) = (config.grid()?, config.density_mlp()?, config.colour_mlp()?);
+    /// `codes` are the lengths of the appearance and of the transient codes.
+    pub(super) fn new(config: &NgpConfig, codes: [Option<usize>; 2], seed: u64) -> Result<Self, SystemError> {
+        let (grid, density) = (config.grid()?, config.density_mlp()?);
+        let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let rng = Rng::new(seed, INIT);
         let mut grid_params = vec![0.0; grid.params_len()];
         Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
         let density_params = xavier(&density, rng.substream(1));
         let colour_params = xavier(&colour, rng.substream(2));
+        let head = codes[1].map(|dims| {
+            let (geometry, width) = (density.outputs(), config.head_width);
+            Head::new(geometry, dims, width, config.step_min, config.mixture.into(), rng.substream(3))
+        });
         let mut field = Self {
+            head: head.transpose()?,
             simd: Simd::best(),
             grid,
             density,
@@ -125,6 +135,9 @@ impl Field {
     pub(super) fn pack(&mut self) {
         self.density.pack(&self.density_params, &mut self.density_packed);
         self.colour.pack(&self.colour_params, &mut self.colour_packed);
+        if let Some(head) = &mut self.head {
+            head.pack();
+        }
     }
 
     /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`.
@@ -132,16 +145,24 @@ impl Field {
         encode(&self.grid, self.simd, &self.grid_params, x, out);
     }
 
-    /// Basis of the view directions of rays, `[sh][rays]`.
-    pub(super) fn basis<'b>(&self, rays: &[InternalRay], d: &mut Vec<f32>, out: &'b mut Vec<f32>) -> &'b [f32] {
+    /// What the colour network sees of rays: `[sh + more][rays]`, the basis of the view directions and room for `more` rows,
+    /// which are returned.
+    pub(super) fn basis<'b>(
+        &self,
+        rays: &[InternalRay],
+        more: usize,
+        d: &mut Vec<f32>,
+        out: &'b mut Vec<f32>,
+    ) -> &'b mut [f32] {
         let n = rays.len();
         let d = sized(d, 3 * n);
         for (i, ray) in rays.iter().enumerate() {
             (d[i], d[n + i], d[2 * n + i]) = (ray.view[0], ray.view[1], ray.view[2]);
         }
-        let out = sized(out, self.harmonics.out_rows() * n);
-        shapes_hold(self.harmonics.encode(self.simd, d, out));
-        out
+        let rows = self.harmonics.out_rows() * n;
+        let (basis, codes) = sized(out, rows + more * n).split_at_mut(rows);
+        shapes_hold(self.harmonics.encode(self.simd, d, basis));
+        codes
     }
 
     /// Densities, per internal unit, at `x` `[3][n]`.

@@ -33,8 +33,6 @@ pub(super) struct Look {
     mlp: Vec<f32>,
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
-    /// Samples whose density was asked for.
-    pub(super) looked: u64,
 }
 
 /// What one round saw.
@@ -84,13 +82,18 @@ impl Look {
 
     /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
     pub(super) fn march(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], range: Range<usize>) {
-        (self.dense, self.looked) = (0, 0);
+        self.dense = 0;
         self.t.clear();
         self.dt.clear();
         self.offsets.clear();
         self.offsets.push(0);
         for (ray, i) in rays.iter().zip(range) {
             if ctx.batch.weight[i / ctx.per_pixel] > 0.0 {
+                if ctx.field.head.is_some() && ray.start < ray.end {
+                    // The veil: see `super::head`.
+                    self.t.push(ray.start);
+                    self.dt.push(ctx.marcher.shortest());
+                }
                 let marched = ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], |t, dt| {
                     self.t.push(t);
                     self.dt.push(dt);
@@ -104,7 +107,7 @@ impl Look {
     /// Take the intervals that proposals cut.
     pub(super) fn take(&mut self, proposed: &Proposed, rays: usize) {
         proposed.intervals(rays, &mut self.t, &mut self.dt, &mut self.offsets);
-        (self.dense, self.looked) = (self.placed(), 0);
+        self.dense = self.placed();
     }
 
     /// Follow the rays until they are opaque or end; what they keep is written over `out`. Returns its number of samples.
@@ -159,14 +162,15 @@ impl Look {
         let raw = sized(&mut self.raw, field.density.outputs() * n);
         let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());
         field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);
-        self.looked += n as u64;
 
         let mut still = 0;
         for run in &mut round.runs {
             let r = run.ray as usize;
             let from = (self.offsets[r] + self.kept[r]) as usize;
             let mut opaque = false;
-            for k in 0..run.len as usize {
+            // Nothing static is where the veil is.
+            let veil = usize::from(ctx.field.head.is_some() && self.kept[r] == 0);
+            for k in veil..run.len as usize {
                 self.depth[r] += f64::from(field.density_of(raw[run.first as usize + k]) * self.dt[from + k]);
                 if self.depth[r] > ctx.depth_limit {
                     // This sample still counts, those behind it do not.

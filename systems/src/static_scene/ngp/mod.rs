@@ -19,7 +19,9 @@ mod budget_tests;
 mod chunk;
 mod config;
 mod field;
+mod fit;
 mod grid_trainer;
+mod head;
 mod look;
 mod occupy;
 mod proposal;
@@ -28,35 +30,33 @@ mod proposal_tests;
 mod proposed;
 mod render;
 mod state;
+mod step;
+mod survey;
+mod tile;
 
-pub use config::{NetworkPrecision, NgpConfig, Sampler};
+pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};
+use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
-use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial};
-use chunk::{Chunk, StepContext};
-use field::{Field, fold_gradients};
-use field_core::rng::Rng;
-use grid_trainer::{GridTrainer, Part};
+use crate::system::{
+    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+};
+use chunk::Chunk;
+use field::Field;
+use grid_trainer::GridTrainer;
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use proposal::Proposals;
-use rayon::prelude::*;
-use render_core::budget::{Ledger, depth_limit};
+use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
-use std::array;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
-
-/// Streams of random numbers of a step.
-const BACKGROUND: u64 = 0x6261_636b;
-const JITTER: u64 = 0x6a69_7474;
 
 /// Training begins with steps so many times as long, and never makes them longer.
 const MAX_STRETCH: f32 = 8.0;
@@ -81,6 +81,8 @@ pub struct Ngp {
     occupy: Occupy,
     /// Where samples are placed by proposals.
     proposals: Option<Proposals>,
+    /// What else the loss depends on; `None`: the photos show the scene as it is.
+    method: Option<Box<dyn Method>>,
     grid: GridTrainer,
     density_adam: Adam,
     colour_adam: Adam,
@@ -94,16 +96,31 @@ pub struct Ngp {
     skipped: Skipped,
 }
 
-/// What steps reuse.
-struct Work {
+/// Pixels to render and all that is random about them.
+#[derive(Default)]
+struct Inputs {
     batch: Batch,
+    /// `[pixels * rays of a pixel]`
     rays: Vec<Ray>,
     background: Vec<[f32; 3]>,
+    /// Colours on that background.
+    truth: Vec<[f32; 3]>,
+    /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     jitter: Vec<f32>,
+}
+
+/// What steps reuse.
+struct Work {
+    inputs: Inputs,
     chunks: Vec<Chunk>,
     density_grad: Vec<f32>,
     colour_grad: Vec<f32>,
+    head_grad: Vec<f32>,
     packed_grad: Vec<f32>,
+    /// All pixels of the batch as they were rendered, and the gradients of their codes; only where a method asks.
+    seen: Vec<Pixel>,
+    appearance_bar: Vec<f32>,
+    transient_bar: Vec<f32>,
 }
 
 /// Seconds of work in each part: of all threads together where a part runs on several.
@@ -149,19 +166,39 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot work.
     pub fn new(config: NgpConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
+        Self::with_method(config, space, background, seed, None)
+    }
+
+    /// A new field that learns what a method says.
+    ///
+    /// # Errors
+    /// As [`Ngp::new`].
+    pub fn with_method(
+        config: NgpConfig,
+        space: Space,
+        background: Background,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Self, SystemError> {
         config.check()?;
-        let field = Field::new(&config, seed)?;
+        if config.sampler == Sampler::Proposal && method.as_ref().is_some_and(|m| m.transient().is_some()) {
+            let problem = "a transient part needs `occupancy`: proposals know of static matter only";
+            return Err(config::bad("sampler", "proposal", problem));
+        }
+        let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
+        let field = Field::new(&config, codes.map(|codes| codes.map(|codes| codes.dims)), seed)?;
         let occupy = Occupy::new(&config)?;
         let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
         let work = Work {
-            batch: Batch::default(),
-            rays: Vec::new(),
-            background: Vec::new(),
-            jitter: Vec::new(),
+            inputs: Inputs::default(),
             chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
             density_grad: vec![0.0; field.density_params.len()],
             colour_grad: vec![0.0; field.colour_params.len()],
+            head_grad: vec![0.0; field.head.as_ref().map_or(0, |head| head.params.len())],
             packed_grad: Vec::new(),
+            seen: Vec::new(),
+            appearance_bar: Vec::new(),
+            transient_bar: Vec::new(),
         };
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
@@ -176,6 +213,7 @@ impl Ngp {
             seed,
             background,
             space,
+            method,
             field,
             occupy,
             work,
@@ -202,146 +240,15 @@ impl Ngp {
     fn lead(&self) -> f32 {
         if self.proposals.is_some() { 0.5 } else { 0.0 }
     }
-
-    /// Random backgrounds and first samples of a step's rays.
-    fn draw_randoms(&mut self, step: u64) {
-        let (n, work) = (self.work.batch.len(), &mut self.work);
-        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
-        work.jitter.resize((1 + rounds) * work.rays.len(), 0.0);
-        Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
-        work.background.resize(n, [0.0; 3]);
-        let rng = Rng::new(self.seed, BACKGROUND).substream(step);
-        for (i, b) in work.background.iter_mut().enumerate() {
-            *b = match self.background {
-                Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i as u64 + c)),
-                fixed => fixed.colour(),
-            };
-        }
-    }
-
-    /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
-    fn update_grid(&mut self, lr: f64) -> usize {
-        let field = &mut self.field;
-        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part());
-        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
-    }
-
-    /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
-    fn update_networks(&mut self, lr: f64) -> usize {
-        let field = &mut self.field;
-        let Work { chunks, packed_grad, density_grad, colour_grad, .. } = &mut self.work;
-        fold_gradients(&field.density, chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
-        fold_gradients(&field.colour, chunks.iter().map(|c| &c.colour_grad[..]), packed_grad, colour_grad);
-        let bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
-            + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
-        field.pack();
-        bad
-    }
-
-    /// One step of each proposal. Returns the count of non-finite gradients.
-    fn update_proposals(&mut self, lr: f64) -> usize {
-        let Some(proposals) = &mut self.proposals else { return 0 };
-        let Work { chunks, packed_grad, .. } = &mut self.work;
-        let mut bad = 0;
-        for (round, field) in proposals.fields.iter_mut().enumerate() {
-            let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].proposed.part(round));
-            let grads = chunks.iter().map(|c| c.proposed.mlp_grad(round));
-            bad += field.step(self.field.simd, lr, &parts, grads, packed_grad);
-        }
-        bad
-    }
-}
-
-fn since(start: Instant) -> f64 {
-    start.elapsed().as_secs_f64()
 }
 
 impl System for Ngp {
     fn name(&self) -> &'static str {
-        "ngp"
+        self.method.as_ref().map_or("ngp", |method| method.name())
     }
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
-        let start = Instant::now();
-        if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
-            self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
-        }
-        self.seconds.occupancy += since(start);
-
-        let start = Instant::now();
-        let per_pixel = (self.config.rays_per_side * self.config.rays_per_side) as usize;
-        let Work { batch, rays, .. } = &mut self.work;
-        data.draw(self.seed, step, self.rays.div_ceil(per_pixel), batch)?;
-        data.spread(self.seed, step, self.config.rays_per_side, batch, rays);
-        self.draw_randoms(step);
-        let (pixels, rays) = (self.work.batch.len(), self.work.rays.len());
-        let counted: f32 = self.work.batch.weight.iter().sum();
-        self.seconds.draw += since(start);
-
-        let mut chunks = std::mem::take(&mut self.work.chunks);
-        let ctx = StepContext {
-            field: &self.field,
-            space: &self.space,
-            occupancy: &self.occupy.grid,
-            marcher: self.occupy.marcher(&self.config, self.stretch),
-            proposals: self.proposals.as_ref(),
-            exponent: Proposals::exponent(step),
-            lead: self.lead(),
-            batch: &self.work.batch,
-            per_pixel,
-            rays: &self.work.rays,
-            background: &self.work.background,
-            jitter: &self.work.jitter,
-            kernel: self.config.kernel(),
-            distortion: self.config.distortion,
-            distance: self.distance,
-            depth_limit: depth_limit(self.config.train_stop),
-            share: 1.0 / counted.max(1.0),
-        };
-        chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
-            chunk.run(&ctx, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS);
-        });
-        self.work.chunks = chunks;
-
-        let mut stats = StepStats { rays: rays as u64, ..StepStats::default() };
-        let mut weight = 0.0;
-        for chunk in &self.work.chunks {
-            let s = &chunk.stats;
-            stats.loss += s.loss;
-            stats.mse += s.squared_error;
-            stats.samples += chunk.n as u64;
-            weight += s.pixels;
-            self.seconds.march += s.seconds[0];
-            self.seconds.encode += s.seconds[1];
-            self.seconds.networks += s.seconds[2];
-            self.seconds.proposals += s.seconds[3];
-            self.skipped.proposed.fetch_add(s.proposed, Ordering::Relaxed);
-            self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
-            self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
-            self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
-        }
-        if weight > 0.0 {
-            stats.loss /= weight;
-            stats.mse /= weight;
-        }
-
-        let lr = f64::from(self.config.learning_rate(step));
-        let start = Instant::now();
-        let bad = self.update_grid(lr) + self.update_proposals(lr);
-        self.seconds.scatter += since(start);
-        let start = Instant::now();
-        let bad = bad + self.update_networks(lr);
-        self.seconds.optimise += since(start);
-        stats.nonfinite = bad as u64;
-        self.guard.record(bad)?;
-
-        // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
-        let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
-        let aim = (self.config.batch_samples as f64 / per_ray) as usize;
-        self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch_rays);
-        let change = (per_ray as f32 / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
-        self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
-        Ok(stats)
+        self.train_step(data, step)
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
@@ -354,6 +261,27 @@ impl System for Ngp {
 
     fn render_trial(&self, rays: &[Ray], query: &Query, trial: &Trial) -> Option<(Layers, Ledger)> {
         Some(render::render_trial(self, rays, query, trial))
+    }
+
+    fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
+        let codes = self.method.as_ref()?.appearance()?;
+        Some(match appearance {
+            Appearance::Mean => codes.mean(),
+            Appearance::View(view) => codes.of(*view).to_vec(),
+            Appearance::Code(code) => code.to_vec(),
+        })
+    }
+
+    fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
+        fit::fit(self, pixels)
+    }
+
+    fn encode_appearance(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
+        self.method.as_ref()?.encode(photo)
+    }
+
+    fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        survey::visibility(self, data, view)
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
@@ -379,14 +307,21 @@ impl System for Ngp {
     fn parameter_count(&self) -> usize {
         let f = &self.field;
         let proposals = self.proposals.as_ref().map_or(0, Proposals::parameter_count);
-        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals
+        let head = f.head.as_ref().map_or(0, |head| head.params.len());
+        let method = self.method.as_ref().map_or(0, |method| method.parameter_count());
+        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals + head + method
     }
 
     fn memory_bytes(&self) -> usize {
         let chunks: usize = self.work.chunks.iter().map(Chunk::bytes).sum();
         // Gradient and two moments of each parameter.
         let proposals = self.proposals.as_ref().map_or(0, |p| 4 * p.parameter_count());
-        self.field.bytes() + proposals + 12 * self.parameter_count() + chunks + self.occupy.bytes()
+        self.field.bytes()
+            + proposals
+            + 12 * self.parameter_count()
+            + chunks
+            + self.occupy.bytes()
+            + self.method.as_ref().map_or(0, |m| m.memory_bytes())
     }
 
     fn skips(&self) -> Vec<SkipRow> {

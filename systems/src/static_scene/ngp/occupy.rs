@@ -56,6 +56,11 @@ pub(super) struct Marcher {
 }
 
 impl Marcher {
+    /// Length of the shortest step.
+    pub(super) fn shortest(&self) -> f32 {
+        self.rule.dt_min
+    }
+
     /// Visit the samples of a ray.
     pub(super) fn march(
         &self,

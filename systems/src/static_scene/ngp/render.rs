@@ -12,7 +12,7 @@ use super::field::{Field, shapes_hold, sized};
 use super::proposed::{Draw, Proposed};
 use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
-use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, Trial};
+use crate::system::{Appearance, EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
@@ -108,6 +108,8 @@ struct Job<'a> {
     empty: EmptyCells,
     /// What is marched through where empty cells are not passed over.
     full: Option<OccupancyGrid>,
+    /// Appearance code of the query; empty where the field knows one light only.
+    code: Vec<f32>,
 }
 
 /// Layers of rays of the scene's frame.
@@ -120,7 +122,8 @@ pub(super) fn render(ngp: &Ngp, rays: &[Ray], query: &Query) -> Layers {
 /// The same with some skips only, and what they were.
 pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial) -> (Layers, Ledger) {
     let budget = Budget::new(query.error_budget, Radiance::UNIT, query.background).only(trial.skips);
-    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty) };
+    let code = ngp.appearance_code(&query.appearance).unwrap_or_default();
+    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty), code };
     let tasks: Vec<(Layers, Ledger)> =
         rays.par_chunks(TASK).map_init(Scratch::default, |scratch, rays| job.render(rays, scratch)).collect();
     let (mut out, mut ledger) = Default::default();
@@ -164,7 +167,10 @@ impl Job<'_> {
         let (field, space) = (&self.ngp.field, &self.ngp.space);
         s.rays.clear();
         s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
-        field.basis(&s.rays, &mut s.views, &mut s.basis);
+        let codes = field.basis(&s.rays, self.code.len(), &mut s.views, &mut s.basis);
+        for (row, value) in codes.chunks_exact_mut(rays.len().max(1)).zip(&self.code) {
+            row.fill(*value);
+        }
         let mut ledger = Ledger::default();
         match &self.ngp.proposals {
             None => self.march(s, &mut ledger),
@@ -318,7 +324,7 @@ fn add_colours(ngp: &Ngp, n: usize, progress: &mut [Progress], s: &mut Scratch) 
             *v = row[kept.column as usize];
         }
     }
-    for k in 0..field.harmonics.out_rows() {
+    for k in 0..field.colour.inputs() - geometry {
         let row = &s.basis[k * s.rays.len()..];
         for (v, kept) in input[(geometry + k) * m..][..m].iter_mut().zip(&s.kept) {
             *v = row[kept.ray as usize];
@@ -414,6 +420,7 @@ pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], out: &mut [f32]) {
 
 /// Colour at points of the scene's frame seen along `d`.
 pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    let code = ngp.appearance_code(&Appearance::Mean).unwrap_or_default();
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).zip(d.par_chunks(TASK));
     tasks.for_each(|((out, points), d)| {
         let (field, n) = (&ngp.field, points.len());
@@ -424,7 +431,11 @@ pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);
         let views: Vec<f32> = (0..3).flat_map(|a| d.iter().map(move |d| d[a])).collect();
-        shapes_hold(field.harmonics.encode(field.simd, &views, &mut input[field.density.outputs() * n..]));
+        let (basis, codes) = input[field.density.outputs() * n..].split_at_mut(field.harmonics.out_rows() * n);
+        shapes_hold(field.harmonics.encode(field.simd, &views, basis));
+        for (row, value) in codes.chunks_exact_mut(n.max(1)).zip(&code) {
+            row.fill(*value);
+        }
         let mut rgb = vec![0.0; 3 * n];
         field.colour.infer(field.simd, &field.colour_packed, &input, n, n, &mut rgb, n, &mut scratch);
         for (i, out) in out.iter_mut().enumerate() {

@@ -31,6 +31,11 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
     for (name, adam) in names.zip(ngp.grid.adam.iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
         push_adam(&mut out, &name, adam);
     }
+    if let Some(head) = &f.head {
+        out.push(f32_tensor("field.head", &head.params));
+        push_adam(&mut out, "head", &head.adam);
+    }
+    out.extend(ngp.method.iter().flat_map(|method| method.state()));
     for (i, proposal) in ngp.proposals.iter().flat_map(|p| &p.fields).enumerate() {
         out.push(f32_tensor(format!("proposal.{i}.grid"), &proposal.grid_params));
         out.push(f32_tensor(format!("proposal.{i}.network"), &proposal.mlp_params));
@@ -89,12 +94,22 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     };
     let proposals = ngp.proposals.iter().flat_map(|p| &p.fields).enumerate().map(proposal);
     let proposals: Vec<ProposalState> = proposals.collect::<Result<_, SystemError>>()?;
+    let head = f.head.as_ref().map(|old| {
+        Ok::<_, SystemError>((take_f32(tensors, "field.head", old.params.len())?, adam("head".into(), &old.adam)?))
+    });
+    let head = head.transpose()?;
     let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config, counters[1]), &thickness, counters[1])
         .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
 
+    if let Some(method) = &mut ngp.method {
+        method.load_state(tensors)?;
+    }
     (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
     (ngp.grid.adam, ngp.density_adam, ngp.colour_adam) = (grid_adam, density_adam, colour_adam);
     ngp.occupy.grid = occupancy;
+    if let (Some(field), Some((params, adam))) = (&mut ngp.field.head, head) {
+        (field.params, field.adam) = (params, adam);
+    }
     for (field, state) in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields).zip(proposals) {
         (field.grid_params, field.mlp_params) = (state.grid, state.network);
         (field.trainer.adam, field.mlp_adam) = (state.grid_adam, state.network_adam);

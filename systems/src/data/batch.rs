@@ -1,0 +1,271 @@
+//! Random training pixels: one by one.
+
+use super::Dataset;
+use field_core::rng::Rng;
+use glam::DVec3;
+use rayon::prelude::*;
+use render_core::ray::Ray;
+use scene_io::{Image, SceneError};
+use std::sync::Arc;
+
+/// Rays of one task: fixed, so that the batch does not depend on the number of threads.
+pub(super) const CHUNK: usize = 1024;
+
+/// Draws tried for one ray before it is given weight 0: pixels a mask ignores and pixels the lens has no ray for are
+/// drawn again, which keeps the batch uniform over the usable pixels.
+const ATTEMPTS: u64 = 8;
+
+/// Steps one set of views is drawn from when not all views fit in memory; then one of them is replaced.
+const STEPS_PER_WINDOW: u64 = 16;
+
+/// Random streams: pixels of a step are substream `step` of one, the view order of a round substream `round` of the other.
+const PIXELS: u64 = 0x0070_6978_656c;
+const VIEWS: u64 = 0x0076_6965_7773;
+const PLACES: u64 = 0x706c_6163_6573;
+/// A batch of training pixels, one entry a ray. Reused from step to step.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// Rays in the scene's frame.
+    pub rays: Vec<Ray>,
+    /// Straight (not premultiplied) colour in `[0, 1]`.
+    pub rgb: Vec<[f32; 3]>,
+    /// Opacity of the pixel, 1 for images without alpha.
+    pub alpha: Vec<f32>,
+    /// The area of the pixel ([`View::pixel_area`]), 1 unless images are trained on at several scales; 0 for a ray that must
+    /// not count: ignored by a mask, or without a ray through the lens.
+    pub weight: Vec<f32>,
+    /// View of the dataset.
+    pub view: Vec<u32>,
+    /// Column and row.
+    pub pixel: Vec<[u16; 2]>,
+    /// Decoded images of the current window of views, when not all fit in memory.
+    pub(super) pool: Vec<(u32, Arc<Image>)>,
+    /// Scratch: keys and views of one round.
+    order: Vec<(u64, u32)>,
+    /// What `pool` was filled for: seed and window.
+    pool_key: Option<(u64, u64)>,
+}
+
+impl Batch {
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// Whether the batch holds no ray.
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
+    }
+
+    /// Rays with their colours that belong to no view but the first.
+    #[must_use]
+    pub fn of_rays(rays: &[Ray], rgb: &[[f32; 3]]) -> Self {
+        let mut batch = Self::default();
+        batch.resize(rays.len());
+        batch.rays.copy_from_slice(rays);
+        batch.rgb.copy_from_slice(rgb);
+        batch.alpha.fill(1.0);
+        batch.weight.fill(1.0);
+        batch
+    }
+
+    pub(super) fn resize(&mut self, n: usize) {
+        self.rays.resize(n, Ray { o: DVec3::ZERO, d: DVec3::Z });
+        self.rgb.resize(n, [0.0; 3]);
+        self.alpha.resize(n, 0.0);
+        self.weight.resize(n, 0.0);
+        self.view.resize(n, 0);
+        self.pixel.resize(n, [0; 2]);
+    }
+
+    /// Write every entry `i` as `draw(i, pool)`.
+    pub(super) fn fill(&mut self, draw: impl Fn(u64, &[(u32, Arc<Image>)]) -> Drawn + Sync) {
+        let Self { rays, rgb, alpha, weight, view, pixel, pool, .. } = self;
+        let pool = &pool[..];
+        let colours = rgb.par_chunks_mut(CHUNK).zip(alpha.par_chunks_mut(CHUNK)).zip(weight.par_chunks_mut(CHUNK));
+        let places = rays.par_chunks_mut(CHUNK).zip(view.par_chunks_mut(CHUNK)).zip(pixel.par_chunks_mut(CHUNK));
+        colours.zip(places).enumerate().for_each(|(chunk, (((rgb, alpha), weight), ((rays, view), pixel)))| {
+            for k in 0..rays.len() {
+                let drawn = draw((chunk * CHUNK + k) as u64, pool);
+                rays[k] = drawn.ray;
+                rgb[k] = drawn.rgb;
+                alpha[k] = drawn.alpha;
+                weight[k] = drawn.weight;
+                view[k] = drawn.view;
+                pixel[k] = drawn.pixel;
+            }
+        });
+    }
+}
+
+impl Dataset {
+    /// Fill `batch` with the `n` training pixels of step `step`: a function of `seed`, `step` and `n` alone, whatever
+    /// the number of threads. No allocation once `batch` has held `n` rays.
+    ///
+    /// Uniform over all usable pixels of all views when the views fit in the image memory. Otherwise uniform over a
+    /// window of views, of which one is replaced every 16 steps, each view coming once before any comes twice. An empty
+    /// dataset gives an empty batch.
+    ///
+    /// # Errors
+    /// [`SceneError`] when an image cannot be read.
+    pub fn draw(&self, seed: u64, step: u64, n: usize, batch: &mut Batch) -> Result<(), SceneError> {
+        if self.views.is_empty() {
+            batch.resize(0);
+            return Ok(());
+        }
+        batch.resize(n);
+        self.ready(seed, step, batch)?;
+        let rng = Rng::new(seed, PIXELS).substream(step);
+        batch.fill(|i, pool| self.draw_one(&rng, i, pool));
+        Ok(())
+    }
+
+    /// `side^2` rays of each pixel of a batch, one at a random place in each of as many equal squares of the pixel; for
+    /// `side = 1` the ray through its centre. Written over `out`, `[pixels * side^2]`.
+    pub fn spread(&self, seed: u64, step: u64, side: u32, batch: &Batch, out: &mut Vec<Ray>) {
+        let k = (side * side) as usize;
+        out.resize(batch.len() * k, Ray { o: DVec3::ZERO, d: DVec3::Z });
+        if side == 1 {
+            out.copy_from_slice(&batch.rays);
+            return;
+        }
+        let rng = Rng::new(seed, PLACES).substream(step);
+        out.par_chunks_mut(CHUNK * k).enumerate().for_each(|(chunk, out)| {
+            for (i, rays) in (chunk * CHUNK..).zip(out.chunks_exact_mut(k)) {
+                let (view, [x, y]) = (&self.views[batch.view[i] as usize], batch.pixel[i].map(u32::from));
+                for (j, ray) in rays.iter_mut().enumerate() {
+                    let u = rng.block_at((i * k + j) as u64);
+                    let cell = [j as u32 % side, j as u32 / side];
+                    let offset = [0, 1].map(|a| {
+                        let within = f64::from(u[a]) / 4_294_967_296.0;
+                        (f64::from(cell[a]) + within) / f64::from(side) - 0.5
+                    });
+                    // A pixel that does not count keeps whatever ray it has.
+                    *ray = view.ray_within(x, y, offset).unwrap_or(batch.rays[i]);
+                }
+            }
+        });
+    }
+
+    fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)]) -> Drawn {
+        let mut drawn = Drawn::default();
+        for attempt in 0..ATTEMPTS {
+            let bits = rng.block_at(i * ATTEMPTS + attempt);
+            let u = u64::from(bits[0]) << 32 | u64::from(bits[1]);
+            let (v, image, x, y) = match self.resident.get() {
+                Some(images) => {
+                    let at = scale(u, self.pixel_count());
+                    let v = self.view_of_pixel(at);
+                    let (x, y) = split(at - self.first_pixel[v], self.views[v].camera.width);
+                    (v, &images[v], x, y)
+                }
+                None => {
+                    let u_view = u64::from(bits[2]) << 32 | u64::from(bits[3]);
+                    let (v, image) = &pool[scale(u_view, pool.len() as u64) as usize];
+                    let camera = &self.views[*v as usize].camera;
+                    let (x, y) = split(scale(u, u64::from(camera.width) * u64::from(camera.height)), camera.width);
+                    (*v as usize, image, x, y)
+                }
+            };
+            drawn = self.pixel(v, image, x, y);
+            if drawn.weight > 0.0 {
+                break;
+            }
+        }
+        drawn
+    }
+
+    /// Pixel `(x, y)` of view `v`, whose image is `image`.
+    pub(super) fn pixel(&self, v: usize, image: &Image, x: u32, y: u32) -> Drawn {
+        let at = y as usize * image.width as usize + x as usize;
+        let channels = usize::from(image.channels);
+        let p = &image.data[at * channels..][..channels];
+        let used = image.mask.as_ref().is_none_or(|mask| mask[at] >= 128);
+        let view = &self.views[v];
+        let ray = view.ray(x, y);
+        Drawn {
+            rgb: [p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0),
+            alpha: if channels == 4 { f32::from(p[3]) / 255.0 } else { 1.0 },
+            weight: if used && ray.is_some() { view.pixel_area() } else { 0.0 },
+            view: v as u32,
+            pixel: [x as u16, y as u16],
+            // A ray that does not count still has to be a ray.
+            ray: ray.unwrap_or(Ray { o: view.camera.pose.c, d: view.camera.optical_axis() }),
+        }
+    }
+
+    /// Decode what the steps around `step` draw from, where that is not done yet.
+    pub(super) fn ready(&self, seed: u64, step: u64, batch: &mut Batch) -> Result<(), SceneError> {
+        if self.fits { self.decode() } else { self.fill_pool(seed, step / STEPS_PER_WINDOW, batch) }
+    }
+
+    /// A view that is in memory and its image: as likely as its share of the pixels, or as any other of the pool.
+    pub(super) fn view_at<'a>(&'a self, u: u64, pool: &'a [(u32, Arc<Image>)]) -> (usize, &'a Image) {
+        match self.resident.get() {
+            Some(images) => {
+                let v = self.view_of_pixel(scale(u, self.pixel_count()));
+                (v, &images[v])
+            }
+            None => {
+                let (v, image) = &pool[scale(u, pool.len() as u64) as usize];
+                (*v as usize, image)
+            }
+        }
+    }
+
+    fn view_of_pixel(&self, at: u64) -> usize {
+        self.first_pixel.partition_point(|&first| first <= at) - 1
+    }
+
+    /// Decode the views of window `window` into the batch's pool; does nothing when it holds them.
+    fn fill_pool(&self, seed: u64, window: u64, batch: &mut Batch) -> Result<(), SceneError> {
+        if batch.pool_key == Some((seed, window)) {
+            return Ok(());
+        }
+        batch.pool_key = None;
+        batch.pool.clear();
+        let n = self.views.len() as u64;
+        let places = window..window + self.window_views;
+        for round in places.start / n..=(places.end - 1) / n {
+            // An endless sequence of rounds, each all views in the order of the round's random keys.
+            let rng = Rng::new(seed, VIEWS).substream(round);
+            batch.order.clear();
+            batch.order.extend((0..n).map(|v| (rng.u64_at(v), v as u32)));
+            batch.order.sort_unstable();
+            for (place, &(_, v)) in (round * n..).zip(&batch.order) {
+                if places.contains(&place) {
+                    batch.pool.push((v, self.read(&self.views[v as usize])?));
+                }
+            }
+        }
+        batch.pool_key = Some((seed, window));
+        Ok(())
+    }
+}
+
+/// One drawn pixel.
+#[derive(Clone, Copy)]
+pub(super) struct Drawn {
+    ray: Ray,
+    rgb: [f32; 3],
+    alpha: f32,
+    weight: f32,
+    view: u32,
+    pixel: [u16; 2],
+}
+
+impl Default for Drawn {
+    fn default() -> Self {
+        let ray = Ray { o: DVec3::ZERO, d: DVec3::Z };
+        Self { ray, rgb: [0.0; 3], alpha: 0.0, weight: 0.0, view: 0, pixel: [0; 2] }
+    }
+}
+
+/// A uniform 64-bit number to a uniform number below `n`.
+fn scale(u: u64, n: u64) -> u64 {
+    ((u128::from(u) * u128::from(n)) >> 64) as u64
+}
+
+fn split(at: u64, width: u32) -> (u32, u32) {
+    ((at % u64::from(width)) as u32, (at / u64::from(width)) as u32)
+}

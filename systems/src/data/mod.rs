@@ -1,0 +1,202 @@
+//! Views of one split at training resolution, and the random ray batches drawn from them.
+//!
+//! Images stay 8 bit. A view costs its pixels (3 or 4 bytes each, one more with a mask) while it is decoded; lenses with
+//! distortion add 12 bytes a pixel for a table of directions, shared by all views with equal intrinsics. Pinhole
+//! directions are computed.
+
+mod batch;
+mod patches;
+mod view;
+
+pub use batch::Batch;
+pub use patches::{Patches, Shape};
+pub use view::View;
+
+use rayon::prelude::*;
+use render_core::camera::{Camera, Prepared, RayTable};
+use render_core::ray::Ray;
+use scene_io::{Image, ImageStore, Scene, SceneError};
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+/// Views of one split at training resolution.
+pub struct Dataset {
+    views: Vec<View>,
+    store: Arc<ImageStore>,
+    /// Whether all images fit in the store's memory.
+    fits: bool,
+    /// All images, decoded at the first draw, where they fit.
+    resident: OnceLock<Vec<Arc<Image>>>,
+    /// Views a window holds when they do not fit.
+    window_views: u64,
+    /// `first_pixel[v]` is the number of pixels of the views before `v`; one entry more than views.
+    first_pixel: Vec<u64>,
+}
+
+impl Dataset {
+    /// The frames `frames` of `scene`, to be decoded through `store`, a store of all frames of the scene.
+    ///
+    /// # Errors
+    /// None today; kept so that reading ahead may fail.
+    ///
+    /// # Panics
+    /// When an index in `frames` is not one of `scene.frames`.
+    pub fn new(scene: &Scene, store: Arc<ImageStore>, frames: Vec<usize>) -> Result<Self, SceneError> {
+        Self::with_levels(scene, store, frames, 0..1)
+    }
+
+    /// The same, each frame once for each level: a view of level `k` is the frame's mean over squares of `2^k` pixels.
+    ///
+    /// All pixels of all levels are equally likely in a batch, and weigh as much as their area.
+    ///
+    /// # Errors
+    /// As [`Dataset::new`].
+    ///
+    /// # Panics
+    /// As [`Dataset::new`].
+    pub fn with_levels(
+        scene: &Scene,
+        store: Arc<ImageStore>,
+        frames: Vec<usize>,
+        levels: Range<u32>,
+    ) -> Result<Self, SceneError> {
+        let frames: Vec<(usize, String)> = frames.into_iter().map(|f| (f, scene.frames[f].name.clone())).collect();
+        Ok(Self::of_frames(store, &frames, levels))
+    }
+
+    /// The views of this dataset at one level; see [`Dataset::with_levels`].
+    #[must_use]
+    pub fn at_level(&self, level: u32) -> Self {
+        let mut frames: Vec<(usize, String)> = self.views.iter().map(|v| (v.frame, v.name.clone())).collect();
+        let mut seen = std::collections::HashSet::new();
+        frames.retain(|(frame, _)| seen.insert(*frame));
+        Self::of_frames(self.store.clone(), &frames, level..level + 1)
+    }
+
+    fn of_frames(store: Arc<ImageStore>, frames: &[(usize, String)], levels: Range<u32>) -> Self {
+        let mut tables: Vec<(Camera, Arc<RayTable>, Prepared)> = Vec::new();
+        let mut views = Vec::with_capacity(frames.len() * levels.len());
+        for level in levels {
+            for (frame, name) in frames {
+                let camera = level_camera(store.camera(*frame), level);
+                let lens = (!camera.lens.is_pinhole()).then(|| {
+                    let known = tables.iter().find(|(c, ..)| c.same_optics(&camera)).map(|(_, t, p)| (t.clone(), *p));
+                    known.unwrap_or_else(|| {
+                        let (table, prepared) = (Arc::new(RayTable::new(&camera)), camera.prepare());
+                        tables.push((camera, table.clone(), prepared));
+                        (table, prepared)
+                    })
+                });
+                let (table, prepared) = lens.unzip();
+                views.push(View { frame: *frame, name: name.clone(), camera, level, table, prepared });
+            }
+        }
+        let mut first_pixel = vec![0];
+        for view in &views {
+            let pixels = u64::from(view.camera.width) * u64::from(view.camera.height);
+            first_pixel.push(first_pixel[first_pixel.len() - 1] + pixels);
+        }
+        let bytes = views.iter().map(|view| view_bytes(&store, view));
+        let (total, largest) = bytes.fold((0, 0), |(total, largest), size| (total + size, size.max(largest)));
+        let fits = total <= store.budget_bytes();
+        let window = store.budget_bytes().checked_div(largest).unwrap_or(0).clamp(1, views.len().max(1) as u64);
+        Self { views, store, fits, resident: OnceLock::new(), window_views: window, first_pixel }
+    }
+
+    /// Decode all views, in parallel, where they fit in the store's memory; the first [`Dataset::draw`] does it otherwise.
+    ///
+    /// # Errors
+    /// [`SceneError`] of the first image that cannot be read.
+    pub fn decode(&self) -> Result<(), SceneError> {
+        if self.fits && self.resident.get().is_none() {
+            let decoded: Vec<_> = self.views.par_iter().map(|view| self.read(view)).collect();
+            // Another thread may have been faster: it has the same pixels.
+            let _ = self.resident.set(decoded.into_iter().collect::<Result<_, _>>()?);
+        }
+        Ok(())
+    }
+
+    /// Number of views.
+    pub fn len(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Whether there is no view.
+    pub fn is_empty(&self) -> bool {
+        self.views.is_empty()
+    }
+
+    /// The views, in the order of the frames given.
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// View `i`.
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn view(&self, i: usize) -> &View {
+        &self.views[i]
+    }
+
+    /// Pixels of view `i`.
+    ///
+    /// # Errors
+    /// [`SceneError`] when the image cannot be read.
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn image(&self, i: usize) -> Result<Arc<Image>, SceneError> {
+        match self.resident.get() {
+            Some(images) => Ok(images[i].clone()),
+            None => self.read(&self.views[i]),
+        }
+    }
+
+    /// Decode a view's frame, at the view's level.
+    fn read(&self, view: &View) -> Result<Arc<Image>, SceneError> {
+        let image = self.store.get(view.frame)?;
+        Ok(match view.level {
+            0 => image,
+            _ => Arc::new(image.resized(view.camera.width, view.camera.height)),
+        })
+    }
+
+    /// Ray through the centre of a pixel of view `i`, or `None` where the lens has no preimage.
+    ///
+    /// # Panics
+    /// When there is no such view or pixel.
+    pub fn ray(&self, i: usize, x: u32, y: u32) -> Option<Ray> {
+        self.views[i].ray(x, y)
+    }
+
+    /// Pixels of all views.
+    pub fn pixel_count(&self) -> u64 {
+        self.first_pixel[self.views.len()]
+    }
+
+    /// Bytes the decoded views may take at one time, with the direction tables.
+    pub fn memory_bytes(&self) -> u64 {
+        let images: u64 = self.views.iter().map(|view| view_bytes(&self.store, view)).sum();
+        let images = images.min(self.store.budget_bytes());
+        let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
+        tables.sort_by_key(|t| Arc::as_ptr(t));
+        tables.dedup_by_key(|t| Arc::as_ptr(t));
+        images + tables.iter().map(|t| t.directions().len() as u64 * 12).sum::<u64>()
+    }
+}
+
+/// The camera of a level: sides halved so often, rounded down, at least 1.
+fn level_camera(camera: &Camera, level: u32) -> Camera {
+    match level {
+        0 => *camera,
+        _ => camera.resized((camera.width >> level).max(1), (camera.height >> level).max(1)),
+    }
+}
+
+/// Bytes of a decoded view.
+fn view_bytes(store: &ImageStore, view: &View) -> u64 {
+    let full = store.camera(view.frame);
+    let pixels = |c: &Camera| u64::from(c.width) * u64::from(c.height);
+    (store.bytes(view.frame) * pixels(&view.camera)).div_ceil(pixels(full).max(1))
+}

@@ -1,0 +1,231 @@
+//! The seam between a radiance field and what a method adds to it: codes for each photo, a transient part of its own, and
+//! what the error of a pixel costs.
+//!
+//! A field (`ngp`, or the published networks) knows how to render rays and how to learn from the gradient of their pixels.
+//! A [`Method`] knows nothing of samples. A step calls it in this order:
+//!
+//! 1. [`Method::drawing`]: how pixels are drawn; [`Method::begin`]: the batch is drawn;
+//! 2. where [`Method::looks_ahead`]: the field renders the batch, and [`Method::judge`] sees all of it;
+//! 3. [`Method::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
+//! 4. [`Method::learn`]: what came out, for the method's own parameters.
+//!
+//! A field without a method does none of this and pays for none of it.
+
+use crate::data::{Batch, Dataset, Patches};
+use crate::system::{SystemError, Tensor, TensorMap};
+use float_core::Simd;
+
+/// A code for each training view, `[views][dims]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Codes<'a> {
+    /// Length of a code.
+    pub dims: usize,
+    /// The codes, one after the other.
+    pub rows: &'a [f32],
+}
+
+impl<'a> Codes<'a> {
+    /// The code of a view.
+    ///
+    /// # Panics
+    /// When there is no such view: a code is never wrapped around.
+    #[must_use]
+    pub fn of(self, view: usize) -> &'a [f32] {
+        &self.rows[view * self.dims..][..self.dims]
+    }
+
+    /// Number of codes.
+    #[must_use]
+    pub fn len(self) -> usize {
+        self.rows.len().checked_div(self.dims).unwrap_or(0)
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// The mean of all codes.
+    #[must_use]
+    pub fn mean(self) -> Vec<f32> {
+        let n = self.len().max(1) as f32;
+        (0..self.dims).map(|k| self.rows.iter().skip(k).step_by(self.dims).sum::<f32>() / n).collect()
+    }
+}
+
+/// How the pixels of a batch are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawing {
+    /// Each at random.
+    Pixels,
+    /// In patches, at least so many of them: one photo alone says little about the others.
+    Patches(Patches, usize),
+}
+
+/// A pixel as the field renders it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pixel {
+    /// Colour of static and transient part together, on the background of the batch.
+    pub rgb: [f32; 3],
+    /// Weighted sum of the transient samples' uncertainties, `>= 0`; 0 without a transient part.
+    pub beta: f32,
+    /// Weight of the transient samples.
+    pub transient: f32,
+    /// Mean density of the transient samples, one over the length of the smallest step.
+    pub sigma_t: f32,
+}
+
+/// The derivative of a pixel's loss with respect to each of its numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PixelBar {
+    /// With respect to the colour.
+    pub rgb: [f32; 3],
+    /// With respect to the uncertainty.
+    pub beta: f32,
+    /// With respect to the mean transient density.
+    pub sigma_t: f32,
+}
+
+impl PixelBar {
+    /// A derivative with respect to the colour alone.
+    #[must_use]
+    pub fn colour(rgb: [f32; 3]) -> Self {
+        Self { rgb, ..Self::default() }
+    }
+}
+
+/// What a step left behind for the method's own parameters. Derivatives are those of the mean over the pixels that count.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome<'a> {
+    /// Number of the step.
+    pub step: u64,
+    /// Learning rate of the field's networks.
+    pub lr: f64,
+    /// For the method's kernels.
+    pub simd: Simd,
+    /// The batch.
+    pub batch: &'a Batch,
+    /// One over the pixels of the batch that count: the factor between the loss of a pixel and its part in the mean.
+    pub share: f32,
+    /// Each pixel as it was rendered.
+    pub pixels: &'a [Pixel],
+    /// What it should be, on the same background.
+    pub truth: &'a [[f32; 3]],
+    /// `[pixels][dims]`, derivatives of the appearance codes; empty without.
+    pub appearance_bar: &'a [f32],
+    /// `[pixels][dims]`, derivatives of the transient codes; empty without.
+    pub transient_bar: &'a [f32],
+}
+
+/// All pixels of a training view beside what the field renders there.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewSeen<'a> {
+    /// The view.
+    pub view: usize,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Row by row.
+    pub pixels: &'a [Pixel],
+    /// The photo, on the same background.
+    pub truth: &'a [[f32; 3]],
+}
+
+/// What a method adds to a field.
+pub trait Method: Send + Sync {
+    /// Name on the command line.
+    fn name(&self) -> &'static str;
+
+    /// Codes that the colour of the static part depends on; `None`: all photos have the same light.
+    fn appearance(&self) -> Option<Codes<'_>> {
+        None
+    }
+
+    /// Codes of the transient part; `None`: there is no such part.
+    fn transient(&self) -> Option<Codes<'_>> {
+        None
+    }
+
+    /// How pixels are drawn.
+    fn drawing(&self) -> Drawing {
+        Drawing::Pixels
+    }
+
+    /// The batch of a step is drawn.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when a photo cannot be read.
+    fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+        let _ = (data, batch, step);
+        Ok(())
+    }
+
+    /// Whether [`Method::judge`] wants to see the whole batch before any of it is learnt from, in this step.
+    fn looks_ahead(&self, _step: u64) -> bool {
+        false
+    }
+
+    /// The whole batch, rendered, before any of it is learnt from.
+    fn judge(&mut self, batch: &Batch, step: u64, pixels: &[Pixel], truth: &[[f32; 3]]) {
+        let _ = (batch, step, pixels, truth);
+    }
+
+    /// What the error of pixel `i` of the batch costs, and the derivative of that. Times the pixel's weight it is summed.
+    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar);
+
+    /// Learn from a step. Returns how many gradient entries were not finite.
+    fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
+        let _ = outcome;
+        0
+    }
+
+    /// Before this step the method wants to see every training view as the field renders it; then training starts anew.
+    fn survey_before(&self) -> Option<u64> {
+        None
+    }
+
+    /// One of the views of [`Method::survey_before`].
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when a prior of the photo cannot be read.
+    fn survey(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+        let _ = (data, seen);
+        Ok(())
+    }
+
+    /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the method has no opinion.
+    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        let _ = seen;
+        None
+    }
+
+    /// The appearance code of a photo that was not trained on, from its pixels; `None` where codes are fitted instead.
+    fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
+        let _ = photo;
+        None
+    }
+
+    /// Everything the next step depends on.
+    fn state(&self) -> Vec<Tensor<'_>> {
+        Vec::new()
+    }
+
+    /// Put back what [`Method::state`] gave.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let _ = state;
+        Ok(())
+    }
+
+    /// Trainable numbers.
+    fn parameter_count(&self) -> usize {
+        0
+    }
+
+    /// Bytes held.
+    fn memory_bytes(&self) -> usize {
+        0
+    }
+}

@@ -1,0 +1,134 @@
+//! The appearance of a photo that was not trained on: the code that explains some of its pixels best, the field as it is.
+//!
+//! Geometry does not depend on the code, so the samples of the rays are placed, weighed and encoded once; a step of the fit
+//! asks the colour network alone (NeRF in the Wild, section 5: the left half of a test photo).
+
+use super::Ngp;
+use super::chunk::{Chunk, StepContext};
+use super::field::sized;
+use super::step::Plan;
+use crate::data::Batch;
+use crate::method::Codes;
+use crate::system::{Appearance, Fit, System};
+use field_core::rng::Rng;
+use optim::{Adam, AdamConfig};
+
+/// Pixels the fit knows of, and those of one of its steps.
+const PIXELS: usize = 1 << 14;
+const BATCH: usize = 1 << 10;
+/// Samples that bring less than this to their pixel are left out, colour units.
+const FAINT: f32 = 1e-3;
+/// Stream of the pixels of each step.
+const FITTED: u64 = 0x6669_7474;
+
+/// The samples of the fitted pixels that carry weight.
+#[derive(Default)]
+struct Kept {
+    /// `[pixels + 1]`
+    offsets: Vec<u32>,
+    /// `[n]`, weights.
+    w: Vec<f32>,
+    /// `[n][geometry + sh]`: what the colour network sees besides the code.
+    input: Vec<f32>,
+    /// `[pixels][3]`: the truth less what is behind the samples.
+    rest: Vec<[f32; 3]>,
+}
+
+/// See [`System::fit_appearance`].
+pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
+    let mut code = ngp.appearance_code(&Appearance::Mean)?;
+    let kept = keep(ngp, pixels, code.len());
+    let count = kept.rest.len();
+    if count == 0 {
+        return Some(code);
+    }
+    let field = &ngp.field;
+    let mlp = &field.colour;
+    let (inputs, rows) = (mlp.inputs(), mlp.inputs() - code.len());
+    let mut adam = Adam::new(code.len(), AdamConfig::DEFAULT);
+    let rng = Rng::new(pixels.seed, FITTED);
+    let [mut x, mut acts, mut rgb, mut rgb_bar, mut x_bar, mut scratch] = [const { Vec::new() }; 6];
+    let mut grad = vec![0.0; mlp.packed_grad_len()];
+    let mut columns: Vec<u32> = Vec::new();
+    for step in 0..pixels.steps {
+        let draw = rng.substream(step);
+        let chosen: Vec<usize> = match count <= BATCH {
+            true => (0..count).collect(),
+            false => (0..BATCH as u64).map(|i| (draw.u64_at(i) % count as u64) as usize).collect(),
+        };
+        columns.clear();
+        chosen.iter().for_each(|&p| columns.extend(kept.offsets[p]..kept.offsets[p + 1]));
+        let n = columns.len();
+        let x = sized(&mut x, inputs * n);
+        for (j, &i) in columns.iter().enumerate() {
+            for (k, value) in kept.input[i as usize * rows..][..rows].iter().enumerate() {
+                x[k * n + j] = *value;
+            }
+        }
+        for (k, value) in code.iter().enumerate() {
+            x[(rows + k) * n..][..n].fill(*value);
+        }
+        let acts = sized(&mut acts, mlp.activations_len(n));
+        let rgb = sized(&mut rgb, 3 * n);
+        mlp.forward(field.simd, &field.colour_packed, x, n, n, rgb, n, acts);
+        let rgb_bar = sized(&mut rgb_bar, 3 * n);
+        let mut first = 0;
+        for &p in &chosen {
+            let w = &kept.w[kept.offsets[p] as usize..kept.offsets[p + 1] as usize];
+            for c in 0..3 {
+                let value: f32 = rgb[c * n + first..].iter().zip(w).map(|(rgb, w)| rgb * w).sum();
+                // Half the mean squared error.
+                let slope = (value - kept.rest[p][c]) / (3 * chosen.len()) as f32;
+                rgb_bar[c * n + first..].iter_mut().zip(w).for_each(|(bar, w)| *bar = slope * w);
+            }
+            first += w.len();
+        }
+        let x_bar = sized(&mut x_bar, inputs * n);
+        x_bar.fill(0.0);
+        let scratch = sized(&mut scratch, mlp.backward_scratch_len());
+        grad.fill(0.0);
+        let out = Some((&mut *x_bar, n));
+        mlp.backward(field.simd, &field.colour_packed, acts, rgb_bar, n, n, out, &mut grad, scratch);
+        let bar: Vec<f32> = (0..code.len()).map(|k| x_bar[(rows + k) * n..][..n].iter().sum()).collect();
+        let third = (3 * step / pixels.steps.max(1)) as i32;
+        // Entries that are not finite stay as they are.
+        let _ = adam.step(field.simd, pixels.lr * 0.1_f64.powi(third), &mut code, &bar);
+    }
+    Some(code)
+}
+
+/// Samples that carry weight along at most [`PIXELS`] of the rays.
+fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
+    let every = pixels.rays.len().div_ceil(PIXELS).max(1);
+    let mut inputs = super::Inputs::default();
+    inputs.rays.extend(pixels.rays.iter().step_by(every));
+    inputs.truth.extend(pixels.rgb.iter().step_by(every));
+    let n = inputs.rays.len();
+    inputs.background = vec![pixels.background; n];
+    inputs.jitter = vec![0.5; (1 + ngp.proposals.as_ref().map_or(0, |p| p.fields.len())) * n];
+    inputs.batch = Batch::of_rays(&inputs.rays, &inputs.truth);
+    let rows = ngp.field.colour.inputs() - dims;
+    let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
+    // The codes of these rays are what is sought: any will do for where their samples lie.
+    let blank = vec![0.0; dims];
+    let ctx = StepContext {
+        appearance: Some(Codes { dims, rows: &blank }),
+        transient: ngp.method.as_ref().and_then(|method| method.transient()),
+        ..ngp.context(&plan, &inputs)
+    };
+    let mut kept = Kept { offsets: vec![0], ..Kept::default() };
+    let mut chunk = Chunk::new(&ngp.field);
+    for first in (0..n).step_by(2048) {
+        let span = first..(first + 2048).min(n);
+        chunk.sample(&ctx, span.clone());
+        chunk.each_ray(&ctx, span, |pixel, ray| {
+            for (i, &w) in ray.w.iter().enumerate().filter(|(_, w)| **w > FAINT) {
+                kept.w.push(w);
+                kept.input.extend((0..rows).map(|k| ray.input[k * ray.stride + ray.first + i]));
+            }
+            kept.offsets.push(kept.w.len() as u32);
+            kept.rest.push([0, 1, 2].map(|c| inputs.truth[pixel][c] - ray.trans_end * pixels.background[c]));
+        });
+    }
+    kept
+}

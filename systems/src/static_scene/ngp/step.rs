@@ -1,0 +1,292 @@
+//! One training step, from random pixels to Adam.
+
+use super::chunk::StepContext;
+use super::field::fold_gradients;
+use super::grid_trainer::Part;
+use super::proposal::Proposals;
+use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
+use crate::data::{Batch, Dataset};
+use crate::method::{Drawing, Outcome};
+use crate::options::Background;
+use crate::system::{StepStats, SystemError};
+use field_core::rng::Rng;
+use rayon::prelude::*;
+use render_core::budget::depth_limit;
+use std::array;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Streams of random numbers of a step.
+const BACKGROUND: u64 = 0x6261_636b;
+const JITTER: u64 = 0x6a69_7474;
+
+fn since(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64()
+}
+
+/// What a step is about, before the context that chunks share is made of it.
+pub(super) struct Plan {
+    pub(super) step: u64,
+    pub(super) per_pixel: usize,
+    /// One over the pixels that count.
+    pub(super) share: f32,
+}
+
+impl Ngp {
+    /// See [`crate::system::System::step`].
+    pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        let mut step = step;
+        if let Some(first) = self.method.as_ref().and_then(|method| method.survey_before()) {
+            if step == first {
+                self.survey(data)?;
+            }
+            // The schedules begin anew with the field.
+            step -= if step >= first { first } else { 0 };
+        }
+        let start = Instant::now();
+        if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
+            self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
+        }
+        self.seconds.occupancy += since(start);
+
+        let start = Instant::now();
+        let per_pixel = (self.config.rays_per_side * self.config.rays_per_side) as usize;
+        self.draw(data, step, per_pixel)?;
+        let rays = self.work.inputs.rays.len();
+        let counted: f32 = self.work.inputs.batch.weight.iter().sum();
+        self.seconds.draw += since(start);
+
+        let plan = Plan { step, per_pixel, share: 1.0 / counted.max(1.0) };
+        let ahead = self.method.as_ref().is_some_and(|method| method.looks_ahead(step));
+        if ahead {
+            self.each_chunk(&plan, |chunk, ctx, pixels| {
+                chunk.sample(ctx, pixels.clone());
+                chunk.look_ahead(ctx, pixels);
+            });
+            self.gather_seen();
+            let Work { inputs, seen, .. } = &self.work;
+            if let Some(method) = &mut self.method {
+                method.judge(&inputs.batch, step, seen, &inputs.truth);
+            }
+            self.each_chunk(&plan, |chunk, ctx, pixels| chunk.learn(ctx, pixels));
+        } else {
+            self.each_chunk(&plan, |chunk, ctx, pixels| {
+                chunk.sample(ctx, pixels.clone());
+                chunk.learn(ctx, pixels);
+            });
+        }
+        let mut stats = self.count(rays);
+
+        let lr = f64::from(self.config.learning_rate(step));
+        let start = Instant::now();
+        let bad = self.update_grid(lr) + self.update_proposals(lr);
+        self.seconds.scatter += since(start);
+        let start = Instant::now();
+        let bad = bad + self.update_networks(lr) + self.update_method(&plan, lr);
+        self.seconds.optimise += since(start);
+        stats.nonfinite = bad as u64;
+        self.guard.record(bad)?;
+
+        // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
+        let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
+        let aim = (self.config.batch_samples as f64 / per_ray) as usize;
+        self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch_rays);
+        let change = (per_ray as f32 / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
+        self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
+        Ok(stats)
+    }
+
+    /// The pixels of a step, their rays, and all that is random about them.
+    fn draw(&mut self, data: &Dataset, step: u64, per_pixel: usize) -> Result<(), SystemError> {
+        let Inputs { batch, rays, .. } = &mut self.work.inputs;
+        let pixels = self.rays.div_ceil(per_pixel);
+        match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
+            Drawing::Pixels => data.draw(self.seed, step, pixels, batch)?,
+            Drawing::Patches(patches, least) => {
+                let count = pixels.div_ceil(patches.pixels()).max(least);
+                data.draw_patches(self.seed, step, count, patches, batch)?;
+            }
+        }
+        if let Some(method) = &mut self.method {
+            method.begin(data, batch, step)?;
+        }
+        data.spread(self.seed, step, self.config.rays_per_side, batch, rays);
+        self.draw_randoms(step);
+        Ok(())
+    }
+
+    /// Random backgrounds, the truth before them, and first samples of a step's rays.
+    fn draw_randoms(&mut self, step: u64) {
+        let work = &mut self.work.inputs;
+        let n = work.batch.len();
+        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
+        work.jitter.resize((1 + rounds) * work.rays.len(), 0.0);
+        Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
+        work.background.resize(n, [0.0; 3]);
+        let rng = Rng::new(self.seed, BACKGROUND).substream(step);
+        for (i, b) in work.background.iter_mut().enumerate() {
+            *b = match self.background {
+                Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i as u64 + c)),
+                fixed => fixed.colour(),
+            };
+        }
+        truth_on(&work.batch, &work.background, &mut work.truth);
+    }
+
+    /// What the chunks of a step share.
+    pub(super) fn context<'a>(&'a self, plan: &Plan, inputs: &'a Inputs) -> StepContext<'a> {
+        StepContext {
+            field: &self.field,
+            space: &self.space,
+            occupancy: &self.occupy.grid,
+            marcher: self.occupy.marcher(&self.config, self.stretch),
+            proposals: self.proposals.as_ref(),
+            exponent: Proposals::exponent(plan.step),
+            lead: self.lead(),
+            batch: &inputs.batch,
+            method: self.method.as_deref(),
+            appearance: self.method.as_ref().and_then(|method| method.appearance()),
+            transient: self.method.as_ref().and_then(|method| method.transient()),
+            per_pixel: plan.per_pixel,
+            rays: &inputs.rays,
+            background: &inputs.background,
+            truth: &inputs.truth,
+            jitter: &inputs.jitter,
+            kernel: self.config.kernel(),
+            distortion: self.config.distortion,
+            distance: self.distance,
+            depth_limit: depth_limit(self.config.train_stop),
+            share: plan.share,
+        }
+    }
+
+    /// All chunks with their share of the batch's pixels, in parallel.
+    pub(super) fn each_chunk(
+        &mut self,
+        plan: &Plan,
+        work: impl Fn(&mut super::chunk::Chunk, &StepContext<'_>, std::ops::Range<usize>) + Sync,
+    ) {
+        let mut chunks = std::mem::take(&mut self.work.chunks);
+        let pixels = self.work.inputs.batch.len();
+        let ctx = self.context(plan, &self.work.inputs);
+        chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
+            work(chunk, &ctx, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS);
+        });
+        self.work.chunks = chunks;
+    }
+
+    /// The pixels the chunks rendered, in the order of the batch.
+    pub(super) fn gather_seen(&mut self) {
+        let Work { chunks, seen, .. } = &mut self.work;
+        seen.clear();
+        chunks.iter().for_each(|chunk| seen.extend_from_slice(&chunk.seen));
+    }
+
+    /// Add up what the chunks counted.
+    fn count(&mut self, rays: usize) -> StepStats {
+        let mut stats = StepStats { rays: rays as u64, ..StepStats::default() };
+        let mut weight = 0.0;
+        for chunk in &self.work.chunks {
+            let s = &chunk.stats;
+            stats.loss += s.loss;
+            stats.mse += s.squared_error;
+            stats.samples += chunk.n as u64;
+            weight += s.pixels;
+            self.seconds.march += s.seconds[0];
+            self.seconds.encode += s.seconds[1];
+            self.seconds.networks += s.seconds[2];
+            self.seconds.proposals += s.seconds[3];
+            self.skipped.proposed.fetch_add(s.proposed, Ordering::Relaxed);
+            self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
+            self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
+            self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
+        }
+        if weight > 0.0 {
+            stats.loss /= weight;
+            stats.mse /= weight;
+        }
+        stats
+    }
+
+    /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
+    fn update_grid(&mut self, lr: f64) -> usize {
+        let field = &mut self.field;
+        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part());
+        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
+    }
+
+    /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
+    fn update_networks(&mut self, lr: f64) -> usize {
+        let field = &mut self.field;
+        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, .. } = &mut self.work;
+        fold_gradients(&field.density, chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
+        fold_gradients(&field.colour, chunks.iter().map(|c| &c.colour_grad[..]), packed_grad, colour_grad);
+        let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
+            + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        if let Some(head) = &mut field.head {
+            fold_gradients(&head.mlp, chunks.iter().map(|c| &c.head_grad[..]), packed_grad, head_grad);
+            bad += head.adam.step(field.simd, lr, &mut head.params, head_grad);
+        }
+        field.pack();
+        bad
+    }
+
+    /// One step of each proposal. Returns the count of non-finite gradients.
+    fn update_proposals(&mut self, lr: f64) -> usize {
+        let Some(proposals) = &mut self.proposals else { return 0 };
+        let Work { chunks, packed_grad, .. } = &mut self.work;
+        let mut bad = 0;
+        for (round, field) in proposals.fields.iter_mut().enumerate() {
+            let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].proposed.part(round));
+            let grads = chunks.iter().map(|c| c.proposed.mlp_grad(round));
+            bad += field.step(self.field.simd, lr, &parts, grads, packed_grad);
+        }
+        bad
+    }
+
+    /// The method's own step. Returns the count of non-finite gradients.
+    fn update_method(&mut self, plan: &Plan, lr: f64) -> usize {
+        if self.method.is_none() {
+            return 0;
+        }
+        self.gather_seen();
+        let Work { chunks, appearance_bar, transient_bar, .. } = &mut self.work;
+        for (out, of) in [(appearance_bar, 0), (transient_bar, 1)] {
+            out.clear();
+            for chunk in chunks.iter() {
+                let bars = if of == 0 { &chunk.appearance_bar } else { &chunk.transient_bar };
+                // The code of a pixel is that of each of its rays.
+                let dims = bars.len() / (chunk.seen.len() * plan.per_pixel).max(1);
+                for rays in bars.chunks_exact((dims * plan.per_pixel).max(1)) {
+                    out.extend((0..dims).map(|k| rays[k..].iter().step_by(dims).sum::<f32>()));
+                }
+            }
+        }
+        let Work { inputs, seen, appearance_bar, transient_bar, .. } = &self.work;
+        let Some(method) = &mut self.method else { return 0 };
+        method.learn(&Outcome {
+            step: plan.step,
+            lr,
+            simd: self.field.simd,
+            batch: &inputs.batch,
+            share: plan.share,
+            pixels: seen,
+            truth: &inputs.truth,
+            appearance_bar,
+            transient_bar,
+        })
+    }
+}
+
+/// Colours of a batch on backgrounds.
+pub(super) fn truth_on(batch: &Batch, background: &[[f32; 3]], truth: &mut Vec<[f32; 3]>) {
+    truth.clear();
+    truth.extend(
+        batch
+            .rgb
+            .iter()
+            .zip(&batch.alpha)
+            .zip(background)
+            .map(|((rgb, alpha), behind)| [0, 1, 2].map(|c| rgb[c] * alpha + behind[c] * (1.0 - alpha))),
+    );
+}

@@ -1,0 +1,330 @@
+//! A tile: whole rays of a chunk, few enough that their activations stay in the L2 cache. Forward to pixels, and back.
+
+use super::chunk::StepContext;
+use super::field::{Field, sized};
+use super::head::{HeadBars, HeadTile};
+use crate::method::{Pixel, PixelBar};
+use field_core::mlp::{Mlp, Packed};
+use losses::{Edges, RayIntervals, Reduction, distortion};
+use render_core::quadrature::{
+    Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
+};
+use std::ops::Range;
+
+/// Samples a tile aims at (rays stay whole).
+pub(super) const TILE: usize = 480;
+
+/// The samples of a chunk, as its tiles read them.
+#[derive(Clone, Copy)]
+pub(super) struct Marched<'a> {
+    /// Rays of the chunk.
+    pub(super) rays: usize,
+    /// `[rays + 1]`
+    pub(super) offsets: &'a [u32],
+    /// `[n]`, distances and steps.
+    pub(super) t: &'a [f32],
+    pub(super) dt: &'a [f32],
+    /// `[levels * features][n]`
+    pub(super) features: &'a [f32],
+    /// Samples of the chunk.
+    pub(super) n: usize,
+    /// `[sh + appearance][rays]`: what the colour network sees of a ray.
+    pub(super) basis: &'a [f32],
+    /// `[transient code][rays]`
+    pub(super) transient: &'a [f32],
+}
+
+/// A ray of a tile, static part alone.
+pub(super) struct StaticRay<'a> {
+    /// Weights of its samples.
+    pub(super) w: &'a [f32],
+    /// What the colour network saw, `[rows][stride]`; the ray's samples begin at `first`.
+    pub(super) input: &'a [f32],
+    pub(super) stride: usize,
+    pub(super) first: usize,
+    pub(super) trans_end: f32,
+}
+
+/// Where a tile's gradients go.
+pub(super) struct Gradients<'a> {
+    /// `[levels * features][n]` of the chunk.
+    pub(super) features: &'a mut [f32],
+    pub(super) density: &'a mut [f32],
+    pub(super) colour: &'a mut [f32],
+    pub(super) head: &'a mut [f32],
+    /// `[rays of the chunk][dims]`, added to.
+    pub(super) appearance: &'a mut [f32],
+    pub(super) transient: &'a mut [f32],
+}
+
+/// Buffers of a tile.
+#[derive(Default)]
+pub(super) struct Tile {
+    density_acts: Vec<f32>,
+    colour_acts: Vec<f32>,
+    /// Input of the colour network, `[geometry + sh + appearance][n]`; its first rows are the density network's output.
+    input: Vec<f32>,
+    input_bar: Vec<f32>,
+    rgb: Vec<f32>,
+    rgb_bar: Vec<f32>,
+    tau: Vec<f32>,
+    tau_bar: Vec<f32>,
+    /// Weights of the static part alone.
+    pub(super) w: Vec<f32>,
+    offsets: Vec<u32>,
+    background: Vec<f32>,
+    pixel: Vec<f32>,
+    pixel_bar: Vec<f32>,
+    opacity: Vec<f32>,
+    trans_end: Vec<f32>,
+    scratch: Vec<f32>,
+    /// Ends of the intervals in normalised distance, and the gradient of their weights.
+    ends: [Vec<f32>; 2],
+    w_bar: Vec<f32>,
+    /// Gradient of the rays' uncertainties and mean transient densities.
+    head_bars: HeadBars,
+    head: HeadTile,
+}
+
+impl Tile {
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        let floats = [
+            &self.density_acts,
+            &self.colour_acts,
+            &self.input,
+            &self.input_bar,
+            &self.rgb,
+            &self.rgb_bar,
+            &self.tau,
+            &self.tau_bar,
+            &self.w,
+            &self.w_bar,
+            &self.scratch,
+        ];
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.head.bytes()
+    }
+
+    /// Render the rays `rays` of a chunk; `pixels` are their pixels in the batch.
+    pub(super) fn forward(
+        &mut self,
+        ctx: &StepContext<'_>,
+        chunk: Marched<'_>,
+        rays: Range<usize>,
+        pixels: Range<usize>,
+    ) {
+        let field = ctx.field;
+        let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
+        let (n, count) = (samples.len(), rays.len());
+        let geometry = field.density.outputs();
+        let inputs = field.colour.inputs();
+
+        // Density, and with it the geometry features of the colour network.
+        let input = sized(&mut self.input, inputs * n);
+        let density_acts = sized(&mut self.density_acts, field.density.activations_len(n));
+        let features = &chunk.features[samples.start.min(chunk.features.len())..];
+        field.density.forward(field.simd, &field.density_packed, features, chunk.n, n, input, n, density_acts);
+        let tau = sized(&mut self.tau, n);
+        for (i, tau) in tau.iter_mut().enumerate() {
+            *tau = field.density_of(input[i]) * chunk.dt[samples.start + i];
+        }
+
+        // Colour.
+        self.offsets.clear();
+        self.offsets.extend(chunk.offsets[rays.start..=rays.end].iter().map(|o| o - samples.start as u32));
+        for r in 0..count {
+            let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
+            for k in 0..inputs - geometry {
+                input[(geometry + k) * n..][span.clone()].fill(chunk.basis[k * chunk.rays + rays.start + r]);
+            }
+        }
+        let rgb = sized(&mut self.rgb, 3 * n);
+        let colour_acts = sized(&mut self.colour_acts, field.colour.activations_len(n));
+        field.colour.forward(field.simd, &field.colour_packed, input, n, n, rgb, n, colour_acts);
+
+        // Pixel.
+        let background = sized(&mut self.background, 3 * count);
+        for (b, i) in background.chunks_exact_mut(3 * ctx.per_pixel).zip(pixels) {
+            b.as_chunks_mut().0.fill(ctx.background[i]);
+        }
+        if let Some(head) = &field.head {
+            // The first sample of a ray is the veil's: nothing static is there.
+            for r in 0..count {
+                if self.offsets[r] < self.offsets[r + 1] {
+                    tau[self.offsets[r] as usize] = 0.0;
+                }
+            }
+            self.head.forward(head, ctx, chunk, (rays, samples), &self.offsets, (input, tau, rgb, background));
+        }
+        let quadrature = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
+        let values = Values { data: rgb, stride: n, channels: 3 };
+        let w = sized(&mut self.w, n);
+        let pixel = sized(&mut self.pixel, 3 * count);
+        let opacity = sized(&mut self.opacity, count);
+        let trans_end = sized(&mut self.trans_end, count);
+        composite(field.simd, quadrature, values, background, Composite { colour: pixel, opacity, trans_end, w });
+    }
+
+    /// The pixels of [`Tile::forward`], each the mean of its rays.
+    pub(super) fn pixels(&self, field: &Field, per_pixel: usize) -> impl Iterator<Item = Pixel> {
+        let count = self.offsets.len().saturating_sub(1);
+        let with_head = field.head.is_some();
+        let colours = if with_head { self.head.colour() } else { &self.pixel[..] };
+        let per_ray = 1.0 / per_pixel as f32;
+        (0..count / per_pixel).map(move |p| {
+            let rays = &colours[3 * p * per_pixel..][..3 * per_pixel];
+            let rgb = [0, 1, 2].map(|c| per_ray * rays[c..].iter().step_by(3).sum::<f32>());
+            if with_head {
+                self.head.pixel(rgb, p * per_pixel..(p + 1) * per_pixel)
+            } else {
+                Pixel { rgb, ..Pixel::default() }
+            }
+        })
+    }
+
+    /// Ray `r` of [`Tile::forward`].
+    pub(super) fn static_ray(&self, r: usize) -> StaticRay<'_> {
+        let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
+        let stride = self.offsets[self.offsets.len() - 1] as usize;
+        let (first, trans_end) = (span.start, self.trans_end[r]);
+        StaticRay { w: &self.w[span], input: &self.input, stride, first, trans_end }
+    }
+
+    /// Take the derivatives of the pixels of [`Tile::forward`], in their order, each times `factor`.
+    pub(super) fn set_bars(&mut self, per_pixel: usize, bars: impl Iterator<Item = PixelBar>) {
+        self.pixel_bar.clear();
+        self.head_bars.clear();
+        let per_ray = 1.0 / per_pixel as f32;
+        for bar in bars {
+            for _ in 0..per_pixel {
+                self.pixel_bar.extend(bar.rgb.map(|g| g * per_ray));
+                self.head_bars.push(bar.beta * per_ray, bar.sigma_t * per_ray);
+            }
+        }
+    }
+
+    /// Bring the derivatives back to features and network gradients. Returns the distortion loss of the rays.
+    pub(super) fn backward(
+        &mut self,
+        ctx: &StepContext<'_>,
+        chunk: Marched<'_>,
+        rays: Range<usize>,
+        out: &mut Gradients<'_>,
+    ) -> f64 {
+        let (field, k) = (ctx.field, ctx.per_pixel);
+        let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
+        let (n, count) = (samples.len(), rays.len());
+        if n == 0 {
+            return 0.0;
+        }
+        let per_ray = 1.0 / k as f32;
+        let mut loss = 0.0;
+        let tau = &self.tau[..n];
+        let (w, trans_end) = (&self.w[..n], &self.trans_end[..count]);
+        let background = &self.background[..3 * count];
+
+        // Weight that is spread along the ray costs.
+        let w_bar = if ctx.distortion > 0.0 {
+            let [start, end] = self.ends.each_mut().map(|buffer| sized(buffer, n));
+            for i in 0..n {
+                let dt = chunk.dt[samples.start + i];
+                let at = chunk.t[samples.start + i] - ctx.lead * dt;
+                (start[i], end[i]) = (ctx.distance.s_of(at.into()) as f32, ctx.distance.s_of((at + dt).into()) as f32);
+            }
+            let intervals = RayIntervals { offsets: &self.offsets, edges: Edges::Apart { start, end } };
+            let w_bar = sized(&mut self.w_bar, n);
+            w_bar.fill(0.0);
+            let factor = f64::from(ctx.distortion * per_ray);
+            let fits = "offsets and samples are those of the tile";
+            loss = factor * distortion::distortion(intervals, w, Reduction::Sum).expect(fits);
+            let factor = factor * f64::from(ctx.share);
+            distortion::distortion_backward(intervals, w, Reduction::Sum, factor, w_bar).expect(fits);
+            Some(&*w_bar)
+        } else {
+            None
+        };
+
+        let tau_bar = sized(&mut self.tau_bar, n);
+        let rgb_bar = sized(&mut self.rgb_bar, 3 * n);
+        let quadrature = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
+        let values = Values { data: &self.rgb[..3 * n], stride: n, channels: 3 };
+        let plain = |pixel_bar: &[f32], tau_bar: &mut [f32], rgb_bar: &mut [f32]| {
+            composite_backward(
+                field.simd,
+                quadrature,
+                values,
+                background,
+                Weights { w, trans_end },
+                CompositeBar { colour: pixel_bar, w: w_bar, trans_end: None },
+                CompositeGrads { tau: tau_bar, values: rgb_bar, background: None },
+            );
+        };
+        let inputs = field.colour.inputs();
+        let geometry = field.density.outputs();
+        let input_bar = sized(&mut self.input_bar, inputs * n);
+        input_bar.fill(0.0);
+        match &field.head {
+            None => plain(&self.pixel_bar, tau_bar, rgb_bar),
+            Some(head) => {
+                // The static part alone is spread along the ray, as it alone is rendered elsewhere.
+                if w_bar.is_some() {
+                    let nothing = sized(&mut self.pixel, 3 * count);
+                    nothing.fill(0.0);
+                    plain(nothing, tau_bar, rgb_bar);
+                } else {
+                    tau_bar.fill(0.0);
+                }
+                let colour = (&self.pixel_bar[..], &self.head_bars);
+                let forward = (tau, &self.rgb[..3 * n], background);
+                let bars = (&mut *tau_bar, &mut *rgb_bar, &mut input_bar[..geometry * n]);
+                self.head.backward(head, ctx, rays.clone(), &self.offsets, forward, colour, bars, out);
+                // Nothing static is where the veil is.
+                for r in 0..count {
+                    if self.offsets[r] < self.offsets[r + 1] {
+                        tau_bar[self.offsets[r] as usize] = 0.0;
+                    }
+                }
+            }
+        }
+        let scratch_len = field.colour.backward_scratch_len().max(field.density.backward_scratch_len());
+        let scratch = sized(&mut self.scratch, scratch_len);
+        let colour_acts = &self.colour_acts;
+        let x_bar = (&mut *input_bar, n);
+        backward(&field.colour, field, &field.colour_packed, colour_acts, rgb_bar, n, x_bar, out.colour, scratch);
+        // What the colour network sees of a ray is the same at all its samples.
+        if let Some(codes) = ctx.appearance {
+            let first = inputs - codes.dims;
+            for (r, bars) in
+                out.appearance[rays.start * codes.dims..].chunks_exact_mut(codes.dims).take(count).enumerate()
+            {
+                let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
+                for (k, bar) in bars.iter_mut().enumerate() {
+                    *bar += input_bar[(first + k) * n..][span.clone()].iter().sum::<f32>();
+                }
+            }
+        }
+        for i in 0..n {
+            // d tau / d raw = tau, as the density is an exponential.
+            input_bar[i] += tau_bar[i] * tau[i];
+        }
+        let features_bar = &mut out.features[samples.start..];
+        let (packed, acts) = (&field.density_packed, &self.density_acts);
+        backward(&field.density, field, packed, acts, input_bar, n, (features_bar, chunk.n), out.density, scratch);
+        loss
+    }
+}
+
+#[expect(clippy::too_many_arguments, reason = "forwards a kernel call")]
+pub(super) fn backward(
+    mlp: &Mlp,
+    field: &Field,
+    packed: &Packed,
+    acts: &[f32],
+    y_bar: &[f32],
+    n: usize,
+    x_bar: (&mut [f32], usize),
+    grad: &mut [f32],
+    scratch: &mut [f32],
+) {
+    mlp.backward(field.simd, packed, acts, y_bar, n, n, Some(x_bar), grad, scratch);
+}
