@@ -85,11 +85,11 @@ mod tests {
     #[test]
     fn perturbed_scenes_are_scenes_with_disturbed_training_views() {
         let data = DataOptions::default();
-        let scene = load("perturbed:co:synthetic:tabletop", &data).unwrap();
+        let scene = load("perturbed:co:synthetic:plaza", &data).unwrap();
         let disturbed = scene.split(scene_io::Split::Train).filter(|i| scene.frames[*i].perturbation.is_some()).count();
         assert_eq!(disturbed, scene.count(scene_io::Split::Train) - 1);
         assert!(scene.split(scene_io::Split::Test).all(|i| scene.frames[i].perturbation.is_none()));
-        let report = check("perturbed:o:synthetic:tabletop", &data, Depth::Headers).unwrap();
+        let report = check("perturbed:o:synthetic:plaza", &data, Depth::Headers).unwrap();
         assert!(report.notes.iter().any(|n| n.contains("occluders, seed 0")), "{report}");
         for wrong in ["perturbed:", "perturbed:c", "perturbed:c:", "perturbed:x:synthetic:tabletop"] {
             assert!(matches!(load(wrong, &data), Err(RunError::Option(_))), "{wrong}");
