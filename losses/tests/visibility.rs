@@ -149,16 +149,16 @@ proptest! {
         )
         .unwrap();
         // The render with the other code is what learns.
-        let (own, code) = ([0.31_f32, 0.0], [0.2_f32, -0.4, 0.9]);
-        let modes = |other| TwoModes { own: b, other, code_own: &own, code_other: &code[..2] };
+        let (own, code) = ([0.31_f32, 0.0], [0.2_f32, -0.4]);
+        let fixed = TwoModes { own: b, other: &[], code_own: &own, code_other: &code };
         let g = (f64::from(0.31_f32) - f64::from(0.2_f32)).abs() / 2.0 + f64::from(0.4_f32) / 2.0;
         let d = |x: &[f64]| mean(x.iter().zip(&wide).map(|(x, b)| (x - b).abs()));
         check_f32_pair(
             &a,
             &bar,
             (
-                |x, out| out[0] = mode_seeking(modes(x)).unwrap() as f32,
-                |x, bar, x_bar| mode_seeking_backward(modes(x), bar[0].into(), x_bar).unwrap(),
+                |x, out| out[0] = mode_seeking(TwoModes { other: x, ..fixed }).unwrap() as f32,
+                |x, bar, x_bar| mode_seeking_backward(TwoModes { other: x, ..fixed }, bar[0].into(), x_bar).unwrap(),
             ),
             (
                 |x, out| out[0] = 1.0 / (d(x) / g + 1e-5),
