@@ -97,6 +97,10 @@ proptest! {
         seed in 0_u64..1000,
     ) {
         for kernel in robust(c) {
+            // The definition itself loses digits there; `shape_has_no_seams` looks at it.
+            if kernel == (Kernel::General { shape: -1e5, c }) {
+                continue;
+            }
             // The corner of the trimmed parabola has no derivative.
             if kernel == (Kernel::Trimmed { c }) && (x.abs() - c).abs() < 1e-4 {
                 continue;
@@ -261,14 +265,14 @@ fn robust_kernels_hold_at_extremes_and_keep_nan() {
             for x in [0.0_f32, -0.0, 1e-45, -1e-40, 1e-30, 1e-8, -1.0, 1e15, -1e30, f32::MAX] {
                 let [value, slope, weight] = [kernel.value(x, 0.0), kernel.derivative(x, 0.0), kernel.weight(x, 0.0)];
                 let (x, c) = (f64::from(x), f64::from(c));
+                // What an f32 can't hold is infinite.
+                let fits = |most: f64| if most * (1.0 + 1e-6) > f64::from(f32::MAX) { f64::INFINITY } else { most };
                 assert!(value >= 0.0 && weight >= 0.0, "{kernel:?} at {x}: {value}, {weight}");
                 // Every robust cost is at most that of least squares: finite wherever that is.
-                let most = 0.5 * (x / c).powi(2);
+                let most = fits(0.5 * (x / c).powi(2));
                 assert!(f64::from(value) <= most * (1.0 + 1e-6) + 1e-44, "{kernel:?} at {x}: {value} above {most}");
-                assert!(
-                    !slope.is_nan() && f64::from(slope).abs() <= x.abs() / c / c * (1.0 + 1e-6) + 1e-44,
-                    "{kernel:?}"
-                );
+                let most = fits(x.abs() / c / c);
+                assert!(f64::from(slope).abs() <= most * (1.0 + 1e-6) + 1e-44, "{kernel:?}' at {x}: {slope}, {most}");
             }
             for [p, t] in [[f32::NAN, 0.5], [0.5, f32::NAN]] {
                 assert!(kernel.value(p, t).is_nan(), "{kernel:?} hides a NaN");
