@@ -84,7 +84,9 @@ impl Task for CompositeTask<'_> {
             let (tau_s, tau_t) = (&samples.tau_s[span.clone()], &samples.tau_t[span.clone()]);
             match mixture {
                 Mixture::Paper => mix::<V, Separate>(tau_s, tau_t, &mut out.w_s[span.clone()], &mut out.w_t[span]),
-                Mixture::Proportional => mix::<V, Divided>(tau_s, tau_t, &mut out.w_s[span.clone()], &mut out.w_t[span]),
+                Mixture::Proportional => {
+                    mix::<V, Divided>(tau_s, tau_t, &mut out.w_s[span.clone()], &mut out.w_t[span])
+                }
             }
             for r in rays {
                 let range = samples.range(r);

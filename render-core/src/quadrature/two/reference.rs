@@ -70,13 +70,7 @@ pub fn pixel<const C: usize>(
 /// Gradients with respect to both optical depths, given those with respect to all weights and all `n + 1` transmittances:
 /// every entry of the Jacobian, O(n²).
 #[must_use]
-pub fn tau_bar(
-    mixture: Mixture,
-    tau_s: &[f64],
-    tau_t: &[f64],
-    w_bar: [&[f64]; 2],
-    trans_bar: &[f64],
-) -> [Vec<f64>; 2] {
+pub fn tau_bar(mixture: Mixture, tau_s: &[f64], tau_t: &[f64], w_bar: [&[f64]; 2], trans_bar: &[f64]) -> [Vec<f64>; 2] {
     let ray = weights(mixture, tau_s, tau_t);
     let n = tau_s.len();
     let mut out = [vec![0.0; n], vec![0.0; n]];
