@@ -22,7 +22,7 @@ pub struct EncoderConfig {
 }
 
 impl EncoderConfig {
-    /// Ha-NeRF's encoder: 2.9 million parameters.
+    /// Ha-NeRF's encoder: 2.8 million parameters.
     #[must_use]
     pub fn published() -> Self {
         Self { inputs: 3, channels: vec![64, 128, 256, 256, 256], code: 48 }
