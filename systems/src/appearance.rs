@@ -62,13 +62,13 @@ impl FromStr for LightPath {
 
     fn from_str(text: &str) -> Result<Self, String> {
         // Paths hold dots, too: only those before another word part two lights.
-        let parting = text.match_indices("..").find(|(at, dots)| {
-            let rest = &text[at + dots.len()..];
-            rest == "mean" || rest.starts_with("image:") || rest.starts_with("fit:")
-        });
-        match parting {
+        let parts = |at: &usize| {
+            let rest = text.get(*at..).and_then(|rest| rest.strip_prefix(".."));
+            rest.is_some_and(|rest| rest == "mean" || rest.starts_with("image:") || rest.starts_with("fit:"))
+        };
+        match (0..text.len()).find(parts) {
             None => Ok(Self::Still(text.parse()?)),
-            Some((at, dots)) => Ok(Self::Between(text[..at].parse()?, text[at + dots.len()..].parse()?)),
+            Some(at) => Ok(Self::Between(text[..at].parse()?, text[at + 2..].parse()?)),
         }
     }
 }
@@ -160,7 +160,9 @@ impl Run<'_> {
             prepared.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))
         });
         if rays.is_empty() {
-            return Err(RunError::Option(format!("{option}: no pixel of the photo is used, so there is nothing to fit")));
+            return Err(RunError::Option(format!(
+                "{option}: no pixel of the photo is used, so there is nothing to fit"
+            )));
         }
         let (steps, lr, seed) = (FIT_STEPS, FIT_LR, self.config.seed);
         let code = self.system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed });
@@ -182,15 +184,19 @@ impl Run<'_> {
             return match names::find(&all, &word, option) {
                 // Its pixels are in the scene; another frame's camera would be a mistake.
                 Ok(frame) if named.is_none_or(|named| named == frame) => Ok(frames[frame].clone()),
-                Ok(_) => Err(RunError::Option(format!("{option}: a frame has its own camera; leave `--fit-camera` out"))),
+                Ok(_) => {
+                    Err(RunError::Option(format!("{option}: a frame has its own camera; leave `--fit-camera` out")))
+                }
                 Err(_) => Err(RunError::Option(format!("{option}: there is no such file, and no frame of that name"))),
             };
         }
         if let (Some(frame), None) = (named, camera) {
             return Ok(frames[frame].clone());
         }
-        let (width, height) = image::image_dimensions(file)
-            .map_err(|e| RunError::Content { path: file.into(), problem: format!("is no photo that can be read: {e}") })?;
+        let (width, height) = image::image_dimensions(file).map_err(|e| RunError::Content {
+            path: file.into(),
+            problem: format!("is no photo that can be read: {e}"),
+        })?;
         let beside = file.with_extension("json");
         let camera = match named {
             Some(frame) => frames[frame].camera,

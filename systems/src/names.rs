@@ -51,7 +51,8 @@ mod tests {
         for (wanted, want) in [("train/r_0.png", 0), ("train/r_0", 0), ("test/r_0", 1), ("r_10", 3), ("r_10.png", 2)] {
             assert_eq!(find(&names, wanted, "`x`").unwrap(), want, "{wanted}");
         }
-        for (wrong, part) in [("r_0", "may mean `train/r_0.png`, `test/r_0.png`"), ("_10", "no such"), ("", "no such")] {
+        for (wrong, part) in [("r_0", "may mean `train/r_0.png`, `test/r_0.png`"), ("_10", "no such"), ("", "no such")]
+        {
             let error = find(&names, wrong, "`image:x`").unwrap_err().to_string();
             assert!(error.starts_with("`image:x`: ") && error.contains(part), "{wrong}: {error}");
         }

@@ -14,8 +14,8 @@ mod measure;
 mod protocol;
 mod table;
 
-pub use protocol::{EvalAppearance, FIT_LR, FIT_STEPS, Part, Protocol, Scored};
 pub(crate) use half::pixels;
+pub use protocol::{EvalAppearance, FIT_LR, FIT_STEPS, Part, Protocol, Scored};
 pub(crate) use protocol::{need_codes, view_of};
 
 use crate::data::Dataset;

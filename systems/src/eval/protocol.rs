@@ -205,7 +205,9 @@ impl fmt::Display for Protocol {
             (Some(EvalAppearance::Fit), None) => f.write_str("one light, nothing to fit")?,
             (Some(EvalAppearance::Mean), _) => f.write_str("mean appearance of the training photos")?,
             (Some(EvalAppearance::Image(name)), _) => write!(f, "appearance of training photo `{name}`")?,
-            (Some(EvalAppearance::Encode(Part::Left)), _) => f.write_str("appearance encoded from each view's left half")?,
+            (Some(EvalAppearance::Encode(Part::Left)), _) => {
+                f.write_str("appearance encoded from each view's left half")?
+            }
             (Some(EvalAppearance::Encode(Part::Whole)), _) => {
                 f.write_str("appearance encoded from each whole view, so that the scored half leaks into it")?;
             }
