@@ -1,13 +1,20 @@
-//! The command line: words others script against.
+//! The command line: words others script against. The same words mean the same in every app; see [`crate::app`] for what
+//! differs.
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use crate::app::App;
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use losses::metrics::EmptyClass;
+use std::ffi::OsString;
 use std::path::PathBuf;
+use systems::appearance::LightPath;
 use systems::camera_path::PathKind;
+use systems::eval::EvalAppearance;
 use systems::options::Background;
 
-/// Radiance fields of static scenes, reconstructed on the CPU.
 #[derive(Debug, Parser)]
-#[command(name = "nerf-static", version, about, propagate_version = true)]
+#[command(version, propagate_version = true)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -51,12 +58,67 @@ pub(crate) enum Command {
     Render(Render),
     /// Write points, a mesh or cameras, in the input's frame and scale
     Export(Export),
+    /// Write which pixels of the training photos show the place itself, and score that where the truth is known
+    Masks(Masks),
+}
+
+/// Words of apps for photos from the wild: subcommand and argument, or a subcommand alone.
+const WILD: [(&str, Option<&str>); 7] = [
+    ("demo", Some("field")),
+    ("train", Some("field")),
+    ("train", Some("eval_appearance")),
+    ("eval", Some("eval_appearance")),
+    ("render", Some("appearance")),
+    ("render", Some("fit_camera")),
+    ("masks", None),
+];
+
+impl Cli {
+    /// The command line of an app. Words that it has not are not shown, and refused by [`Cli::read`].
+    pub(crate) fn of(app: &App) -> clap::Command {
+        let mut command = Self::command().name(app.name).about(app.about).mut_subcommand("demo", |demo| {
+            demo.mut_arg("out", |out| out.required(false).default_value(app.demo_folder))
+        });
+        if !app.is_wild {
+            for (word, argument) in WILD {
+                command = command.mut_subcommand(word, |sub| match argument {
+                    Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
+                    None => sub.hide(true),
+                });
+            }
+        }
+        command
+    }
+
+    /// Read the words of a command line, the program's name first.
+    ///
+    /// # Errors
+    /// What is wrong with them, for the person; `--help` and `--version` come this way, too.
+    pub(crate) fn read(app: &App, words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let mut command = Self::of(app);
+        let matches = command.try_get_matches_from_mut(words)?;
+        if let Some(word) = foreign(app, &matches) {
+            let problem = format!("`{word}` is a word of nerf-wild: {} knows one light and no passers-by", app.name);
+            return Err(command.error(ErrorKind::UnknownArgument, problem));
+        }
+        Self::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
+    }
+}
+
+/// A word given that the app has not.
+fn foreign(app: &App, matches: &ArgMatches) -> Option<String> {
+    let (word, given) = matches.subcommand().filter(|_| !app.is_wild)?;
+    WILD.iter().filter(|(sub, _)| *sub == word).find_map(|(_, argument)| match argument {
+        None => Some(word.to_string()),
+        Some(argument) => (given.value_source(argument) == Some(ValueSource::CommandLine))
+            .then(|| format!("--{}", argument.replace('_', "-"))),
+    })
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct Demo {
     /// Run folder; an earlier demo in it is replaced
-    #[arg(long, default_value = "runs/demo", value_name = "DIR")]
+    #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
     /// Training steps
     #[arg(long, value_name = "N")]
@@ -67,6 +129,9 @@ pub(crate) struct Demo {
     /// Method
     #[arg(long, value_name = "NAME")]
     pub(crate) system: Option<String>,
+    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
+    pub(crate) field: Option<String>,
     /// Any setting of the system
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
@@ -94,6 +159,9 @@ pub(crate) struct Train {
     /// Method; the default is chosen from the scene
     #[arg(long, value_name = "NAME")]
     pub(crate) system: Option<String>,
+    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
+    pub(crate) field: Option<String>,
     /// Stop after so many steps, counted from the start of the run
     #[arg(long, value_name = "N", conflicts_with = "seconds")]
     pub(crate) steps: Option<u64>,
@@ -109,6 +177,10 @@ pub(crate) struct Train {
     /// Minutes between checkpoints
     #[arg(long, default_value_t = 5.0, value_name = "MIN", value_parser = seconds)]
     pub(crate) checkpoint_minutes: f64,
+    /// Light of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
+    /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
+    #[arg(long, value_name = "LIGHT")]
+    pub(crate) eval_appearance: Option<EvalAppearance>,
     /// What is behind the scene
     #[arg(long, value_enum, value_name = "COLOUR")]
     pub(crate) background: Option<BackgroundWord>,
@@ -140,6 +212,9 @@ pub(crate) struct Data {
     /// Frames held out: `every:8`, `names:FILE` or `none`
     #[arg(long, value_name = "WHICH")]
     pub(crate) holdout: Option<String>,
+    /// Photos trained on where a dataset holds cluttered and clean ones: `clutter` (the default) or `clean`
+    #[arg(long, value_name = "WHICH", value_parser = ["clutter", "clean"])]
+    pub(crate) train_split: Option<String>,
     /// Format of the dataset, where the folder holds several
     #[arg(long, value_name = "NAME")]
     pub(crate) format: Option<String>,
@@ -167,6 +242,10 @@ pub(crate) struct Eval {
     /// Measure at full, half, quarter … size instead: so many scales, against the means of the held-out pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
+    /// Light of the held-out views (default: the run's): `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
+    /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
+    #[arg(long, value_name = "LIGHT")]
+    pub(crate) eval_appearance: Option<EvalAppearance>,
     /// Error a pixel may have from skipped work, in colour units (default: the run's); 0 skips nothing
     #[arg(long, value_name = "X", value_parser = budget)]
     pub(crate) error_budget: Option<f32>,
@@ -176,10 +255,17 @@ pub(crate) struct Eval {
 pub(crate) struct Render {
     /// Run folder
     pub(crate) run: PathBuf,
-    /// `orbit`, `spiral` or a JSON file of cameras
+    /// `orbit`, `spiral`, `hold:NAME` (the camera of that frame) or a JSON file of cameras
     #[arg(long, value_name = "PATH")]
     pub(crate) path: PathKind,
-    /// Frames (default: 60, or as many as the file holds)
+    /// Light: `mean`, `image:NAME` (a training photo), `fit:FILE` (another photo, or a frame's name), or `A..B` to go from
+    /// one to another over the frames
+    #[arg(long, value_name = "LIGHT")]
+    pub(crate) appearance: Option<LightPath>,
+    /// Frame whose camera took the photo of `fit:FILE`; without, the frame FILE is, or the camera in `FILE`.json beside it
+    #[arg(long, value_name = "NAME", requires = "appearance")]
+    pub(crate) fit_camera: Option<String>,
+    /// Frames (default: 60, or as many as the file holds; 1 for `hold:` in one light)
     #[arg(long, value_name = "N", value_parser = frame_count)]
     pub(crate) frames: Option<usize>,
     /// Folder of the pictures
@@ -240,6 +326,42 @@ pub(crate) struct Export {
     pub(crate) crop: Vec<f64>,
 }
 
+#[derive(Debug, Args)]
+pub(crate) struct Masks {
+    /// Run folder
+    pub(crate) run: PathBuf,
+    /// Folder of the masks, white = the place itself (default: `masks` in the run, which the report shows)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Every so many training photos only
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = frame_count)]
+    pub(crate) every: usize,
+    /// What a class scores in a photo where neither mask nor truth has a pixel of it
+    #[arg(long, value_enum, default_value_t = EmptyWord::One, value_name = "SCORE")]
+    pub(crate) empty_class: EmptyWord,
+}
+
+/// `one | zero | left-out`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EmptyWord {
+    /// 1: both say that there is nothing
+    One,
+    /// 0
+    Zero,
+    /// Nothing: it stays out of the means
+    LeftOut,
+}
+
+impl From<EmptyWord> for EmptyClass {
+    fn from(word: EmptyWord) -> Self {
+        match word {
+            EmptyWord::One => Self::One,
+            EmptyWord::Zero => Self::Zero,
+            EmptyWord::LeftOut => Self::LeftOut,
+        }
+    }
+}
+
 /// `white | black | random`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BackgroundWord {
@@ -283,37 +405,90 @@ fn frame_count(text: &str) -> Result<usize, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
+    use crate::app::{STATIC, WILD as WILD_APP};
 
-    #[test]
-    fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
+    fn read(app: &App, line: &str) -> Result<Cli, clap::Error> {
+        Cli::read(app, std::iter::once(app.name).chain(line.split_whitespace()).map(Into::into))
     }
 
     #[test]
-    fn agreed_words_are_understood() {
-        for line in [
-            "demo --out d",
-            "check s --holdout every:8",
-            "train s --out d --system ngp --steps 10 --eval-every 5 --longest-side 100 --holdout none --background black \
-             --seed 3 --threads 2 --error-budget 0.001 --set lr=0.1 --set space=ndc --image-memory 100",
-            "train s --out d --seconds 60 --eval-at 10,30.5 --progress json",
-            "train --resume --out d",
-            "eval d --lpips-weights w",
-            "train s --out d --system mip-nerf --scales 4 --set width=64",
-            "eval d --scales 4",
-            "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals --longest-side 50",
-            "render d --path cameras.json --out e",
-            "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
-        ] {
-            let words = std::iter::once("nerf-static").chain(line.split_whitespace());
-            Cli::try_parse_from(words).unwrap_or_else(|e| panic!("{line}: {e}"));
+    fn the_command_lines_are_consistent() {
+        for app in [&STATIC, &WILD_APP] {
+            Cli::of(app).debug_assert();
         }
-        for line in
-            ["train s", "train --out d", "train s --out d --steps 1 --seconds 1", "export d", "render d --out e"]
-        {
-            let words = std::iter::once("nerf-static").chain(line.split_whitespace());
-            assert!(Cli::try_parse_from(words).is_err(), "{line}");
+    }
+
+    const SHARED: [&str; 13] = [
+        "demo --out d",
+        "demo",
+        "check s --holdout every:8",
+        "train s --out d --system ngp --steps 10 --eval-every 5 --longest-side 100 --holdout none --background black \
+         --seed 3 --threads 2 --error-budget 0.001 --set lr=0.1 --set space=ndc --image-memory 100",
+        "train s --out d --seconds 60 --eval-at 10,30.5 --progress json",
+        "train s --out d --train-split clean",
+        "train --resume --out d",
+        "eval d --lpips-weights w",
+        "train s --out d --system mip-nerf --scales 4 --set width=64",
+        "eval d --scales 4",
+        "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals --longest-side 50",
+        "render d --path hold:train/r_0 --out e",
+        "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
+    ];
+
+    const OF_WILD: [&str; 9] = [
+        "demo --field mlp",
+        "train s --out d --field ngp",
+        "train s --out d --eval-appearance fit",
+        "eval d --eval-appearance encode:whole",
+        "eval d --eval-appearance image:train/r_0.png",
+        "render d --path orbit --out e --appearance mean",
+        "render d --path hold:a --out e --appearance image:a..fit:../b.png --fit-camera b",
+        "masks d --out m --every 4 --empty-class left-out",
+        "masks d",
+    ];
+
+    #[test]
+    fn agreed_words_are_understood() {
+        for line in SHARED {
+            for app in [&STATIC, &WILD_APP] {
+                read(app, line).unwrap_or_else(|e| panic!("{}: {line}: {e}", app.name));
+            }
+        }
+        for line in OF_WILD {
+            read(&WILD_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+            let error = read(&STATIC, line).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-wild"), "{line}: {error}");
+        }
+        for line in [
+            "train s",
+            "train --out d",
+            "train s --out d --steps 1 --seconds 1",
+            "export d",
+            "render d --out e",
+            "train s --out d --train-split dirty",
+            "train s --out d --field fog",
+            "train s --out d --eval-appearance encode:right",
+            "render d --path orbit --out e --appearance noon",
+            "render d --path orbit --out e --fit-camera b",
+            "masks d --every 0",
+            "masks d --empty-class two",
+        ] {
+            assert!(read(&WILD_APP, line).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn help_shows_the_words_of_the_app_alone() {
+        for (app, has) in [(&STATIC, false), (&WILD_APP, true)] {
+            let help = |line: &str| read(app, line).unwrap_err().to_string();
+            assert_eq!(help("--help").contains("masks"), has, "{}", app.name);
+            assert_eq!(help("train --help").contains("--eval-appearance"), has, "{}", app.name);
+            assert_eq!(help("render --help").contains("--appearance"), has, "{}", app.name);
+            assert!(
+                help("--help").contains(app.about) && help("demo --help").contains(app.demo_folder),
+                "{}",
+                app.name
+            );
         }
     }
 }

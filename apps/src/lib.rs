@@ -3,17 +3,27 @@
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (the checkpoint is written). Results go to standard
 //! output, progress and errors to standard error.
 
+mod app;
 mod cli;
 mod commands;
 mod interrupt;
 mod show;
 
-use clap::Parser;
 use std::process::ExitCode;
 
 /// `nerf-static`: static scenes.
 pub fn nerf_static() -> ExitCode {
-    match commands::run(cli::Cli::parse()) {
+    run(&app::STATIC)
+}
+
+/// `nerf-wild`: one place in photos of many people.
+pub fn nerf_wild() -> ExitCode {
+    run(&app::WILD)
+}
+
+fn run(app: &'static app::App) -> ExitCode {
+    let cli = cli::Cli::read(app, std::env::args_os()).unwrap_or_else(|e| e.exit());
+    match commands::run(app, cli) {
         Ok(commands::Done::Finished) => ExitCode::SUCCESS,
         Ok(commands::Done::Interrupted) => ExitCode::from(130),
         Ok(commands::Done::Refused) => ExitCode::FAILURE,

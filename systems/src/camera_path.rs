@@ -11,6 +11,8 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::names;
+use crate::picture::limited;
 use render_core::camera::{Camera, Lens, Pose};
 use render_core::path::{Ends, Orbit, Spiral, through};
 use render_core::pose::Axes;
@@ -26,6 +28,8 @@ pub enum PathKind {
     Orbit,
     /// A spiral among forward-facing cameras.
     Spiral,
+    /// The camera of a frame, again and again: for light that changes while nothing else does.
+    Hold(String),
     /// From a file.
     File(PathBuf),
 }
@@ -33,12 +37,15 @@ pub enum PathKind {
 impl std::str::FromStr for PathKind {
     type Err = std::convert::Infallible;
 
-    /// `orbit`, `spiral`, or a file name.
+    /// `orbit`, `spiral`, `hold:NAME`, or a file name.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         Ok(match text {
             "orbit" => Self::Orbit,
             "spiral" => Self::Spiral,
-            file => Self::File(file.into()),
+            other => match other.strip_prefix("hold:") {
+                Some(name) => Self::Hold(name.into()),
+                None => Self::File(other.into()),
+            },
         })
     }
 }
@@ -72,6 +79,7 @@ pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<us
             let spiral = Spiral::fit(&poses, near, far).ok_or_else(|| none("spiral", "orbit"))?;
             along(spiral.poses(n))
         }
+        PathKind::Hold(name) => vec![held(name, scene, data)?; n],
         PathKind::File(path) => {
             let keys = read(path, &optics)?;
             match (frames, keys.first()) {
@@ -87,6 +95,14 @@ pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<us
         return Err(none("path with a direction to look into", "FILE.json"));
     }
     Ok(found)
+}
+
+/// The camera of a frame as it is, no larger than the training views; lens and all, so that it can be laid beside the photo.
+fn held(name: &str, scene: &Scene, data: &Dataset) -> Result<Camera, RunError> {
+    let names: Vec<&str> = scene.frames.iter().map(|f| f.name.as_str()).collect();
+    let frame = names::find(&names, name, &format!("`--path hold:{name}`"))?;
+    let known = data.views().iter().find(|v| v.frame == frame && v.level == 0);
+    Ok(known.map_or_else(|| limited(&scene.frames[frame].camera, data.longest_side()), |v| v.camera))
 }
 
 /// Smallest and largest z depth of what the cameras see.
@@ -117,7 +133,7 @@ fn depths(scene: &Scene, poses: &[Pose]) -> Option<[f64; 2]> {
 }
 
 /// Cameras of a path file.
-fn read(path: &Path, optics: &Camera) -> Result<Vec<Camera>, RunError> {
+pub(crate) fn read(path: &Path, optics: &Camera) -> Result<Vec<Camera>, RunError> {
     let text = std::fs::read_to_string(path).map_err(RunError::read(path))?;
     let wrong = |problem: String| RunError::Content { path: path.into(), problem };
     let json: Value = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;

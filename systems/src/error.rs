@@ -35,7 +35,7 @@ pub enum RunError {
         problem: String,
     },
     /// There is no checkpoint where one is needed.
-    #[error("`{}` holds no checkpoint: train into it first (`nerf-static train SCENE --out {}`)", .0.display(), .0.display())]
+    #[error("`{}` holds no checkpoint: train into it first (`train SCENE --out {}`)", .0.display(), .0.display())]
     NoCheckpoint(PathBuf),
     /// Checkpoints are there and none can be used.
     #[error("none of the {} checkpoints of `{}` can be used: {}", problems.len(), folder.display(), problems.join("; "))]

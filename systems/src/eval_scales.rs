@@ -6,12 +6,12 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::eval::{Measures, evaluate};
+use crate::eval::{Terms, evaluate};
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::write_png;
 use crate::progress::{Event, Observer};
 use crate::run::stem;
-use crate::system::{Query, System};
+use crate::system::System;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -57,7 +57,7 @@ pub(crate) fn evaluate_scales(
     (storage, folder): (&dyn Storage, &Path),
     system: &dyn System,
     data: &Dataset,
-    query: &Query,
+    terms: &Terms<'_>,
     scales: u32,
     observer: &mut dyn Observer,
 ) -> Result<ScaleTable, RunError> {
@@ -73,7 +73,7 @@ pub(crate) fn evaluate_scales(
         let (data, pixel) = (data.at_level(level), 1 << level);
         let renders = folder.join("renders").join(format!("scale_{pixel}"));
         make_folder(&renders)?;
-        let scores = evaluate(system, &data, query, Measures::All(None), (0, 0.0), |seen| {
+        let scores = evaluate(system, &data, terms, (0, 0.0), |seen| {
             let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
             write_png(storage, &renders.join(format!("{name}.png")), seen.picture)?;
             write_png(storage, &renders.join(format!("{name}_truth.png")), seen.truth)?;

@@ -7,8 +7,10 @@
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
 //! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
-//! * [`source`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
+//! * [`appearance`]: in which photo's light pictures are rendered.
+//! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
+pub mod appearance;
 pub mod camera_path;
 pub mod checkpoint;
 pub mod data;
@@ -23,6 +25,7 @@ pub mod log;
 pub mod lpips_file;
 pub mod memory;
 pub mod method;
+pub mod names;
 pub mod options;
 pub mod output;
 pub mod picture;

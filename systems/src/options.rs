@@ -1,7 +1,8 @@
 //! What a run is told and what was decided from it.
 
 use crate::error::RunError;
-use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages};
+use crate::eval::EvalAppearance;
+use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -73,6 +74,9 @@ pub struct DataOptions {
     /// `every:N`, `names:FILE`, `none`; absent: the dataset's own split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub holdout: Option<String>,
+    /// Which photos are trained on where the dataset holds cluttered and clean ones: `clutter` or `clean`; absent: `clutter`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub train_split: Option<String>,
     /// Name of the dataset's format; absent: detected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
@@ -113,6 +117,10 @@ impl DataOptions {
                 None => None,
             },
             images: self.images.clone(),
+            train_photos: match &self.train_split {
+                Some(word) => word.parse().map_err(|e| RunError::Option(format!("`--train-split`: {e}")))?,
+                None => TrainPhotos::default(),
+            },
             masks: match self.masks.as_deref() {
                 None => Masks::Auto,
                 Some("off") => Masks::Off,
@@ -157,6 +165,9 @@ pub struct RunConfig {
     pub background: Background,
     /// Error a pixel may have from skipped work, in colour units.
     pub error_budget: f32,
+    /// In which light held-out views are measured; absent: as the system suggests. No part of the training.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eval_appearance: Option<EvalAppearance>,
     /// How the dataset is read.
     pub data: DataOptions,
     /// Every field of the system's configuration.
@@ -176,6 +187,8 @@ pub struct Request {
     pub background: Option<Background>,
     /// Error a pixel may have from skipped work.
     pub error_budget: Option<f32>,
+    /// In which light held-out views are measured.
+    pub eval_appearance: Option<EvalAppearance>,
     /// How the dataset is read.
     pub data: DataOptions,
     /// `--set key=value`.
@@ -193,9 +206,12 @@ impl Request {
         agree("--seed", self.seed.as_ref(), Some(&run.seed))?;
         agree("--background", self.background.map(Background::name).as_ref(), Some(&run.background.name()))?;
         agree("--error-budget", self.error_budget.as_ref(), Some(&run.error_budget))?;
+        agree("--eval-appearance", self.eval_appearance.as_ref(), run.eval_appearance.as_ref())?;
         let (given, data) = (&self.data, &run.data);
         agree("--longest-side", given.longest_side.as_ref(), data.longest_side.as_ref())?;
         agree("--holdout", given.holdout.as_ref(), data.holdout.as_ref())?;
+        let split = data.train_split.as_deref().unwrap_or(TrainPhotos::default().name());
+        agree("--train-split", given.train_split.as_deref().as_ref(), Some(&split))?;
         agree("--format", given.format.as_ref(), data.format.as_ref())?;
         agree("--images", shown(&given.images).as_ref(), shown(&data.images).as_ref())?;
         agree("--masks", given.masks.as_ref(), data.masks.as_ref())?;

@@ -3,6 +3,7 @@
 //! Every file of a run goes to a temporary name beside its place, is flushed to the disk, and is renamed over it.
 
 use crate::error::RunError;
+use serde::de::DeserializeOwned;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -63,6 +64,15 @@ pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<()
         let _ = fs::remove_file(&temporary);
         RunError::Write { path: path.to_path_buf(), source }
     })
+}
+
+/// What a JSON file of a run holds; `None` where there is no such file.
+///
+/// # Errors
+/// [`RunError::Content`] where it holds something else.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, RunError> {
+    let Ok(text) = fs::read_to_string(path) else { return Ok(None) };
+    serde_json::from_str(&text).map(Some).map_err(|e| RunError::Content { path: path.into(), problem: e.to_string() })
 }
 
 /// Make a folder and those above it.

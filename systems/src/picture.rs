@@ -5,7 +5,7 @@ use crate::output::{Storage, write_file};
 use crate::render::Rendered;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{Delay, ExtendedColorType, Frame, ImageEncoder, RgbImage, RgbaImage};
+use image::{Delay, ExtendedColorType, Frame, GrayImage, ImageEncoder, RgbImage, RgbaImage};
 use losses::metrics::quantise_value;
 use render_core::camera::Camera;
 use std::path::Path;
@@ -112,6 +112,17 @@ pub fn png_bytes(picture: &RgbImage) -> Vec<u8> {
     encoder
         .write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
         .expect("an RGB picture encodes into memory");
+    bytes
+}
+
+/// `mask` as a grey PNG file in memory.
+#[expect(clippy::missing_panics_doc, reason = "writing into memory does not fail")]
+pub fn grey_png_bytes(mask: &GrayImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
+    encoder
+        .write_image(mask.as_raw(), mask.width(), mask.height(), ExtendedColorType::L8)
+        .expect("a grey picture encodes into memory");
     bytes
 }
 

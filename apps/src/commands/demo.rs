@@ -1,6 +1,6 @@
 //! `demo`: the whole job without a file.
 
-use super::{Done, Failure, Session, open, render, train};
+use super::{Done, Failure, Session, render, settings, train};
 use crate::cli::Demo;
 use crate::show::line;
 use std::fs;
@@ -9,33 +9,29 @@ use systems::RunError;
 use systems::options::{Request, RunConfig};
 use systems::train::{Schedule, Stop};
 
-/// The scene.
-const SCENE: &str = "synthetic:tabletop";
-/// About a minute on two cores.
-const STEPS: u64 = 1000;
-
 pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
-    remove_earlier_demo(&args.out)?;
+    let app = session.app;
+    remove_earlier_demo(&args.out, app.demo_scene)?;
     let request = Request {
-        scene: Some(SCENE.into()),
+        scene: Some(app.demo_scene.into()),
         system: args.system,
-        set: args.set.into_iter().collect(),
+        set: settings(args.set, args.field),
         ..Request::default()
     };
-    let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(STEPS)));
+    let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(app.demo_steps)));
     let done = train::train(session, &args.out, &request, &schedule, false)?;
     if done != Done::Finished {
         return Ok(done);
     }
     let mut show = session.show();
-    let run = open(&args.out, &mut show)?;
+    let run = session.open(&args.out, &mut show)?;
     render::orbit(&run, args.frames, &args.out.join("orbit"), &mut show)
 }
 
 /// A demo may be run again; any other run in the folder is left alone, and starting over it is refused later.
-fn remove_earlier_demo(folder: &Path) -> Result<(), RunError> {
+fn remove_earlier_demo(folder: &Path, scene: &str) -> Result<(), RunError> {
     let Ok(text) = fs::read_to_string(folder.join("config.toml")) else { return Ok(()) };
-    if toml::from_str::<RunConfig>(&text).is_ok_and(|config| config.scene == SCENE) {
+    if toml::from_str::<RunConfig>(&text).is_ok_and(|config| config.scene == scene) {
         line(format_args!("replacing the earlier demo in {}", folder.display()));
         let checkpoints = systems::checkpoint::folder(folder);
         if checkpoints.exists() {

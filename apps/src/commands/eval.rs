@@ -1,13 +1,14 @@
 //! `eval`: the held-out views of the newest checkpoint.
 
-use super::{Done, Failure, Session, open, train::conclude};
+use super::{Done, Failure, Session, train::conclude};
 use crate::cli::Eval;
 use crate::show::line;
 
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let lpips = session.lpips()?;
     let mut show = session.show();
-    let mut run = open(&args.run, &mut show)?;
+    let mut run = session.open(&args.run, &mut show)?;
+    run.measure_in(args.eval_appearance.clone());
     run.render_within(args.error_budget);
     if let Some(scales) = args.scales {
         let table = run.evaluate_scales(scales, &mut show)?;

@@ -1,6 +1,6 @@
 //! `export`: points, meshes and cameras, in the input's frame and scale.
 
-use super::{Done, Failure, Session, open};
+use super::{Done, Failure, Session};
 use crate::cli::Export;
 use crate::show::line;
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
@@ -10,7 +10,7 @@ use systems::surface::{CropBox, default_level, mesh, points};
 
 pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     let mut show = session.show();
-    let run = open(&args.run, &mut show)?;
+    let run = session.open(&args.run, &mut show)?;
     let crop = crop_box(args, &run)?;
     if args.points.is_some() || args.mesh.is_some() {
         let [[x0, y0, z0], [x1, y1, z1]] = crop;

@@ -4,9 +4,11 @@ mod check;
 mod demo;
 mod eval;
 mod export;
+mod masks;
 mod render;
 mod train;
 
+use crate::app::App;
 use crate::cli::{Cli, Command, Data, ProgressKind};
 use crate::show::Show;
 use losses::metrics::Lpips;
@@ -33,6 +35,7 @@ pub(crate) type Failure = Box<dyn Error>;
 
 /// What all commands share.
 pub(crate) struct Session {
+    pub(crate) app: &'static App,
     pub(crate) progress: ProgressKind,
     pub(crate) lpips: Option<PathBuf>,
 }
@@ -46,17 +49,27 @@ impl Session {
         }
     }
 
+    /// Scenes from files and the embedded ones, systems by the app's plan, files to the disk.
+    fn parts(&self) -> Parts<'static> {
+        systems::run::disk_parts(&systems::source::load, &self.app.build, self.app.default_system)
+    }
+
+    /// The run in a folder, at its newest checkpoint.
+    fn open(&self, folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
+        Run::open(folder, &systems::options::Request::default(), self.parts(), show)
+    }
+
     fn show(&self) -> Show {
         Show::new(self.progress)
     }
 }
 
 /// Do what the command line says.
-pub(crate) fn run(cli: Cli) -> Result<Done, Failure> {
+pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
-    let session = Session { progress: cli.progress, lpips: cli.lpips_weights };
+    let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights };
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Check(args) => check::run(&args),
@@ -64,17 +77,8 @@ pub(crate) fn run(cli: Cli) -> Result<Done, Failure> {
         Command::Eval(args) => eval::run(&session, &args),
         Command::Render(args) => render::run(&session, &args),
         Command::Export(args) => export::run(&session, &args),
+        Command::Masks(args) => masks::run(&session, &args),
     }
-}
-
-/// Scenes from files and the embedded ones, systems by the plan, files to the disk.
-pub(crate) fn parts() -> Parts<'static> {
-    systems::run::disk_parts(&systems::source::load, &systems::plan::build, "ngp")
-}
-
-/// The run in a folder, at its newest checkpoint.
-fn open(folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
-    Run::open(folder, &systems::options::Request::default(), parts(), show)
 }
 
 /// What the command line says about the dataset, with paths that mean the same from everywhere.
@@ -85,6 +89,7 @@ fn data_options(data: &Data) -> DataOptions {
             Some(file) => format!("names:{}", absolute(Path::new(file)).display()),
             None => h.clone(),
         }),
+        train_split: data.train_split.clone(),
         format: data.format.clone(),
         images: data.images.as_deref().map(absolute),
         masks: data.masks.as_ref().map(|m| match m.as_str() {
@@ -112,4 +117,25 @@ fn scene_spec(scene: &str) -> String {
 fn absolute(path: &Path) -> PathBuf {
     // Fails for empty paths and unknown working folders only; reading them will say what is wrong.
     std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// The table behind `--set`, with `--field` as one of its words.
+fn settings(set: Vec<(String, toml::Value)>, field: Option<String>) -> toml::Table {
+    let mut table: toml::Table = set.into_iter().collect();
+    table.extend(field.map(|kind| ("field".to_string(), toml::Value::String(kind))));
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_field_is_a_setting_like_any_other() {
+        let set = || vec![("lr".to_string(), toml::Value::Float(0.5))];
+        let table = settings(set(), Some("mlp".into()));
+        assert_eq!(table["field"].as_str(), Some("mlp"));
+        assert_eq!(table["lr"].as_float(), Some(0.5));
+        assert!(!settings(set(), None).contains_key("field"));
+    }
 }

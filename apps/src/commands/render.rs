@@ -1,6 +1,6 @@
 //! `render`: pictures along a camera path.
 
-use super::{Done, Failure, Session, open};
+use super::{Done, Failure, Session};
 use crate::cli::{Layer, Render};
 use crate::interrupt;
 use crate::show::{Show, line};
@@ -8,6 +8,7 @@ use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::Path;
 use std::sync::atomic::Ordering;
+use systems::appearance::{Light, LightPath};
 use systems::camera_path::{PathKind, cameras};
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
@@ -24,7 +25,7 @@ const PREVIEW_SIDE: u32 = 480;
 
 pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
     let mut show = session.show();
-    let run = open(&args.run, &mut show)?;
+    let run = session.open(&args.run, &mut show)?;
     along(&run, args, &mut show)
 }
 
@@ -33,6 +34,8 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
     let args = Render {
         run: run.folder.clone(),
         path: PathKind::Orbit,
+        appearance: None,
+        fit_camera: None,
         frames: Some(frames),
         out: out.into(),
         layers: vec![Layer::Colour, Layer::Depth],
@@ -45,7 +48,14 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
 
 fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
     let interrupt = interrupt::flag()?;
-    let cameras = cameras(&args.path, &run.scene, &run.train, args.frames)?;
+    let light = args.appearance.clone().unwrap_or(LightPath::Still(Light::Mean));
+    let frames = match (&args.path, &light) {
+        // The same picture again and again is one picture.
+        (PathKind::Hold(_), LightPath::Still(_)) => args.frames.or(Some(1)),
+        _ => args.frames,
+    };
+    let cameras = cameras(&args.path, &run.scene, &run.train, frames)?;
+    let lighting = run.lighting(&light, args.fit_camera.as_deref())?;
     make_folder(&args.out)?;
     let wants = |layer| args.layers.contains(&layer);
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
@@ -62,6 +72,7 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
             return Ok(Done::Interrupted);
         }
         let camera: Camera = limited(camera, args.longest_side);
+        let query = Query { appearance: lighting.at(i, cameras.len()), ..query.clone() };
         let view = render(run.system.as_ref(), &camera, &query);
         // One scale for all frames, from the first, with room on both sides.
         let range = *depth_range.get_or_insert_with(|| {

@@ -1,6 +1,6 @@
 //! `train`: a scene to a run folder.
 
-use super::{Done, Failure, Session, data_options, parts, scene_spec};
+use super::{Done, Failure, Session, data_options, scene_spec, settings};
 use crate::cli::Train;
 use crate::interrupt;
 use crate::show::line;
@@ -21,8 +21,9 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         seed: args.seed,
         background: args.background.map(Into::into),
         error_budget: args.error_budget,
+        eval_appearance: args.eval_appearance,
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
-        set: args.set.into_iter().collect(),
+        set: settings(args.set, args.field),
     };
     let stop = match (args.steps, args.seconds) {
         (Some(steps), _) => Stop::Steps(steps),
@@ -50,8 +51,8 @@ pub(super) fn train(
     let interrupt = interrupt::flag()?;
     let mut show = session.show();
     let mut run = match resume {
-        true => Run::open(folder, request, parts(), &mut show)?,
-        false => Run::create(folder, request, parts(), &mut show)?,
+        true => Run::open(folder, request, session.parts(), &mut show)?,
+        false => Run::create(folder, request, session.parts(), &mut show)?,
     };
     introduce(&run, schedule);
     let (ended, evaluation) = run.train(schedule, lpips.as_ref(), &mut show, &interrupt)?;
@@ -59,8 +60,9 @@ pub(super) fn train(
     let Run { folder, .. } = &run;
     if ended.reason == Reason::Interrupted {
         line(format_args!(
-            "stopped at step {}; continue with: nerf-static train --resume --out {}",
+            "stopped at step {}; continue with: {} train --resume --out {}",
             ended.step,
+            session.app.name,
             folder.display()
         ));
         return Ok(Done::Interrupted);

@@ -170,6 +170,11 @@ impl Dataset {
         self.views[i].ray(x, y)
     }
 
+    /// Longest side of any view, pixels; `None` without views.
+    pub fn longest_side(&self) -> Option<u32> {
+        self.views.iter().map(|v| v.camera.width.max(v.camera.height)).max()
+    }
+
     /// Pixels of all views.
     pub fn pixel_count(&self) -> u64 {
         self.first_pixel[self.views.len()]

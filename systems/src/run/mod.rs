@@ -7,33 +7,39 @@
 //! checkpoint/        see `checkpoint`
 //! eval.json eval.csv scores of the held-out views
 //! renders/           held-out views: render, truth, error map, depth
+//! appearance/        one view in the light of a few training photos, where the system has several
+//! masks/             static masks of a few training photos, where the system finds them
 //! summary.json       plan, time per part, memory, skip table: what the report is made of
 //! report.html        all of it, self-contained
 //! ```
 
+mod datasets;
+mod host;
+mod measured;
+mod showcase;
+
 use crate::checkpoint::{self, Checkpoint};
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::eval::{Evaluation, Measures, evaluate};
-use crate::eval_scales::{ScaleTable, evaluate_scales};
+use crate::eval::{EvalAppearance, Evaluation, Measures};
 use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
 use crate::output::{Disk, Storage, make_folder, write_file};
-use crate::picture::{depth, depth_range, error_map, write_png};
 use crate::progress::{Event, Observer};
-use crate::render::plain_query;
 use crate::report;
-use crate::skips;
 use crate::summary::{SceneSummary, Summary};
-use crate::system::{Query, System, SystemError};
-use crate::train::{Ended, Host, Occasion, Progress, Schedule, train};
+use crate::system::{System, SystemError};
+use crate::train::{Ended, Reason, Schedule, train};
+use datasets::datasets;
+use host::RunHost;
 use losses::metrics::Lpips;
-use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use scene_io::Scene;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+
+pub use showcase::{AppearanceRow, MASKS};
 
 /// Reads the scene a word or path names.
 pub type Load<'a> = dyn Fn(&str, &DataOptions) -> Result<Scene, RunError> + 'a;
@@ -76,6 +82,8 @@ pub struct Run<'a> {
     pub seconds: f64,
     /// Error budget of renders.
     error_budget: f32,
+    /// In which light held-out views are measured.
+    eval_appearance: Option<EvalAppearance>,
     /// Step the run was resumed at.
     resumed_at: Option<u64>,
     dataset: String,
@@ -124,6 +132,7 @@ impl<'a> Run<'a> {
             seed: options.seed,
             background: plan.background,
             error_budget: plan.error_budget,
+            eval_appearance: request.eval_appearance.clone(),
             data,
             settings: plan.config,
         };
@@ -131,6 +140,7 @@ impl<'a> Run<'a> {
             parts,
             folder: folder.into(),
             error_budget: config.error_budget,
+            eval_appearance: config.eval_appearance.clone(),
             config,
             plan: plan.lines,
             scene,
@@ -143,6 +153,8 @@ impl<'a> Run<'a> {
             dataset,
         };
         run.check_memory(observer)?;
+        // A light that the system has not is found out now, too.
+        run.protocol()?;
         let text = toml::to_string_pretty(&run.config)
             .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
         write_file(parts.storage, &folder.join("config.toml"), text.as_bytes())?;
@@ -194,6 +206,7 @@ impl<'a> Run<'a> {
             parts,
             folder: folder.into(),
             error_budget: config.error_budget,
+            eval_appearance: config.eval_appearance.clone(),
             config,
             plan: plan.lines,
             scene,
@@ -221,15 +234,15 @@ impl<'a> Run<'a> {
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
         self.train.decode()?;
-        let query = self.query();
+        let (protocol, query) = self.protocol()?;
+        let terms = self.terms((&protocol, &query), Measures::All(lpips));
         let mut host = RunHost {
             folder: &self.folder,
             storage: self.parts.storage,
             config: &self.config,
             dataset: &self.dataset,
             held_out: &self.held_out,
-            query,
-            lpips,
+            terms,
             observer,
             evaluation: None,
         };
@@ -238,57 +251,11 @@ impl<'a> Run<'a> {
         let evaluation = host.evaluation.take();
         (self.step, self.seconds) = (ended.step, ended.seconds);
         self.write_summary()?;
+        if ended.reason != Reason::Interrupted {
+            self.write_showcase()?;
+        }
         report::write(self.parts.storage, &self.folder)?;
         Ok((ended, evaluation))
-    }
-
-    /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report.
-    ///
-    /// # Errors
-    /// [`RunError::Untrainable`] without held-out views, unreadable images, unwritable files.
-    pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
-        self.need_held_out()?;
-        let at = (self.step, self.seconds);
-        let evaluation = measure_and_write(
-            (self.parts.storage, &self.folder),
-            (self.system.as_ref(), &self.held_out, &self.query(), lpips),
-            at,
-            observer,
-        )?;
-        if !self.folder.join(Summary::FILE).exists() {
-            self.write_summary()?;
-        }
-        report::write(self.parts.storage, &self.folder)?;
-        Ok(evaluation)
-    }
-
-    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures.
-    ///
-    /// # Errors
-    /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
-    pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
-        self.need_held_out()?;
-        let place = (self.parts.storage, self.folder.as_path());
-        evaluate_scales(place, self.system.as_ref(), &self.held_out, &self.query(), scales, observer)
-    }
-
-    fn need_held_out(&self) -> Result<(), RunError> {
-        if self.held_out.is_empty() {
-            return Err(RunError::Option(
-                "the run holds no views out, so there is nothing to measure: train with `--holdout every:8`".into(),
-            ));
-        }
-        Ok(())
-    }
-
-    /// Render held-out views within another error budget than the run's; what is written down stays the run's.
-    pub fn render_within(&mut self, error_budget: Option<f32>) {
-        self.error_budget = error_budget.unwrap_or(self.config.error_budget);
-    }
-
-    /// How held-out views are rendered.
-    pub fn query(&self) -> Query {
-        plain_query(self.config.background.colour(), self.error_budget)
     }
 
     /// One line about the memory the run needs.
@@ -344,118 +311,8 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The training and the held-out views. A dataset without a test split is measured on its validation split.
-fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
-    let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
-    let store = Arc::new(ImageStore::new(&scene.frames, options)?);
-    let train: Vec<usize> = scene.split(Split::Train).collect();
-    if train.is_empty() {
-        return Err(RunError::Untrainable(format!(
-            "`{}` has no training views ({} frames in all): check the split or give `--holdout none`",
-            scene.name,
-            scene.frames.len()
-        )));
-    }
-    let mut held_out: Vec<usize> = scene.split(Split::Test).collect();
-    if held_out.is_empty() {
-        held_out = scene.split(Split::Val).collect();
-    }
-    let scales = data.scales.unwrap_or(1);
-    let smallest = train.iter().map(|&f| store.camera(f)).map(|c| c.width.min(c.height)).min().unwrap_or(0);
-    if scales == 0 || smallest.checked_shr(scales - 1).unwrap_or(0) == 0 {
-        return Err(RunError::Option(format!(
-            "`--scales {scales}`: the smallest side is {smallest} pixels; the smallest scale needs one at least"
-        )));
-    }
-    Ok((Dataset::with_levels(scene, store.clone(), train, 0..scales)?, Dataset::new(scene, store, held_out)?))
-}
-
 fn short(hash: &str) -> String {
     hash.chars().take(19).collect() // `sha256:` and twelve digits
-}
-
-/// Connects the training loop to the folder and the observer.
-struct RunHost<'r> {
-    folder: &'r Path,
-    storage: &'r dyn Storage,
-    config: &'r RunConfig,
-    dataset: &'r str,
-    held_out: &'r Dataset,
-    query: Query,
-    lpips: Option<&'r Lpips>,
-    observer: &'r mut dyn Observer,
-    evaluation: Option<Evaluation>,
-}
-
-impl Host for RunHost<'_> {
-    fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError> {
-        if self.held_out.is_empty() {
-            return Ok(None);
-        }
-        let psnr = match occasion {
-            Occasion::Midway => {
-                let of = self.held_out.len();
-                let observer = &mut *self.observer;
-                evaluate(system, self.held_out, &self.query, Measures::Psnr, at, |seen| {
-                    observer.event(Event::View { done: seen.index + 1, of });
-                    Ok(())
-                })?
-                .psnr
-            }
-            Occasion::End => {
-                let views = (system, self.held_out, &self.query, self.lpips);
-                let evaluation = measure_and_write((self.storage, self.folder), views, at, self.observer)?;
-                let psnr = evaluation.psnr;
-                self.evaluation = Some(evaluation);
-                psnr
-            }
-        };
-        self.observer.event(Event::Evaluated { step: at.0, seconds: at.1, psnr });
-        Ok(psnr)
-    }
-
-    fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError> {
-        let path = checkpoint::save(self.storage, self.folder, system, at, self.config, self.dataset)?;
-        self.observer.event(Event::Saved { step: at.0, path: &path });
-        Ok(())
-    }
-
-    fn progress(&mut self, progress: &Progress) {
-        self.observer.event(Event::Step(progress));
-    }
-}
-
-/// All metrics of all held-out views, with their pictures, on disk.
-fn measure_and_write(
-    (storage, folder): (&dyn Storage, &Path),
-    (system, data, query, lpips): (&dyn System, &Dataset, &Query, Option<&Lpips>),
-    at: (u64, f64),
-    observer: &mut dyn Observer,
-) -> Result<Evaluation, RunError> {
-    let renders = folder.join("renders");
-    make_folder(&renders)?;
-    let stems: Vec<String> =
-        data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
-    let of = data.len();
-    let mut evaluation = evaluate(system, data, query, Measures::All(lpips), at, |seen| {
-        let stem = &stems[seen.index];
-        let write = |suffix: &str, picture: &image::RgbImage| {
-            write_png(storage, &renders.join(format!("{stem}{suffix}.png")), picture)
-        };
-        write("", seen.picture)?;
-        write("_truth", seen.truth)?;
-        write("_error", &error_map(seen.picture, seen.truth))?;
-        write("_depth", &depth(seen.rendered, depth_range(&[seen.rendered])))?;
-        observer.event(Event::View { done: seen.index + 1, of });
-        Ok(())
-    })?;
-    for (score, stem) in evaluation.views.iter_mut().zip(stems) {
-        score.files = Some(stem);
-    }
-    evaluation.skips = skips::measure(system, data, query);
-    write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;
-    write_file(storage, &folder.join("eval.csv"), evaluation.csv().as_bytes())?;
-    Ok(evaluation)
 }
 
 /// A frame's name as part of a file name: letters, digits, `-`, `_`, `.`; no extension.

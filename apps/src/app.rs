@@ -1,0 +1,53 @@
+//! What one app is and another is not. Commands and words are shared.
+
+use scene_io::Scene;
+use systems::data::Dataset;
+use systems::options::{Plan, RunOptions};
+use systems::system::{System, SystemError};
+
+/// Makes a system for a scene and says what it decided.
+pub(crate) type BuildFn = fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError>;
+
+/// An app.
+pub(crate) struct App {
+    /// Name of the program.
+    pub(crate) name: &'static str,
+    /// What it does, for `--help`.
+    pub(crate) about: &'static str,
+    /// System taken when none is named.
+    pub(crate) default_system: &'static str,
+    /// Makes systems.
+    pub(crate) build: BuildFn,
+    /// Embedded scene of the demo.
+    pub(crate) demo_scene: &'static str,
+    /// Where the demo goes.
+    pub(crate) demo_folder: &'static str,
+    /// Training steps of the demo: about a minute on two cores.
+    pub(crate) demo_steps: u64,
+    /// Whether photos have lights of their own and passers-by in them: words for these are understood.
+    pub(crate) is_wild: bool,
+}
+
+/// `nerf-static`.
+pub(crate) static STATIC: App = App {
+    name: "nerf-static",
+    about: "Radiance fields of static scenes, reconstructed on the CPU",
+    default_system: "ngp",
+    build: systems::plan::build,
+    demo_scene: "synthetic:tabletop",
+    demo_folder: "runs/demo",
+    demo_steps: 1000,
+    is_wild: false,
+};
+
+/// `nerf-wild`.
+pub(crate) static WILD: App = App {
+    name: "nerf-wild",
+    about: "Radiance fields from photos of many people: the place, without the passers-by, in any photo's light",
+    default_system: "ngp",
+    build: systems::plan::build,
+    demo_scene: "synthetic:plaza",
+    demo_folder: "runs/demo-wild",
+    demo_steps: 1000,
+    is_wild: true,
+};

@@ -1,0 +1,187 @@
+//! How good the held-out views are.
+//!
+//! Renders are clipped to `[0, 1]` and rounded to 8 bit; the truth is the 8-bit image at training resolution,
+//! composited on the run's background. PSNR is over all three channels; SSIM is the reference variant (11x11 Gaussian
+//! window, per channel, no border). Pixels that a mask ignores count in neither. Means are over views.
+//!
+//! Photos from the wild have a light of their own each: see [`protocol`](Protocol) for which one a view is rendered in, and
+//! why right halves alone are scored then. Views are measured one after the other and none depends on another: a view's
+//! scores are the same bits in whatever company and with however many threads.
+
+mod half;
+pub mod masks;
+mod measure;
+mod protocol;
+mod table;
+
+pub(crate) use half::pixels;
+pub use protocol::{EvalAppearance, FIT_LR, FIT_STEPS, Part, Protocol, Scored};
+pub(crate) use protocol::{need_codes, view_of};
+
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::picture::{colour, over_background};
+use crate::render::{Rendered, render};
+use crate::skips::MeasuredSkips;
+use crate::system::{Query, System};
+use image::RgbImage;
+use losses::metrics::Lpips;
+use measure::measure;
+use serde::{Deserialize, Serialize};
+
+/// Which metrics are wanted.
+#[derive(Clone, Copy)]
+pub enum Measures<'a> {
+    /// PSNR alone: for the curve during training.
+    Psnr,
+    /// All; LPIPS where its weights are there.
+    All(Option<&'a Lpips>),
+}
+
+/// How views are rendered and measured.
+#[derive(Clone, Copy)]
+pub struct Terms<'a> {
+    /// How they are rendered: [`Protocol::query`].
+    pub query: &'a Query,
+    /// In which light, and what is scored.
+    pub protocol: &'a Protocol,
+    /// What is measured.
+    pub measures: Measures<'a>,
+    /// Seed of the pixels an appearance is fitted to.
+    pub seed: u64,
+}
+
+/// Scores of a view; `None` where not measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewScore {
+    /// Name of the frame.
+    pub name: String,
+    /// Peak signal-to-noise ratio, dB; `None` when the render equals the truth (infinite) or all pixels are ignored.
+    pub psnr: Option<f64>,
+    /// Structural similarity; `None` for images under 11 pixels a side.
+    pub ssim: Option<f64>,
+    /// Multi-scale SSIM; `None` for images under its smallest side, and for masked ones.
+    pub ms_ssim: Option<f64>,
+    /// Perceptual distance; `None` without weights, and for masked images.
+    pub lpips: Option<f64>,
+    /// Difference that is seen when pictures alternate; `None` without the feature `flip`, and for masked images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flip: Option<f64>,
+    /// Seconds to render.
+    pub render_seconds: f64,
+    /// Stem of the view's files in `renders/`, when they were written: `STEM.png`, `STEM_truth.png`, `STEM_error.png`,
+    /// `STEM_depth.png`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<String>,
+}
+
+/// Scores of all held-out views: the content of `eval.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Mean over views, dB.
+    pub psnr: Option<f64>,
+    /// Mean over views.
+    pub ssim: Option<f64>,
+    /// Mean over views.
+    pub ms_ssim: Option<f64>,
+    /// Mean over views.
+    pub lpips: Option<f64>,
+    /// Mean over views; only with the feature `flip`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flip: Option<f64>,
+    /// Every view, in the dataset's order.
+    pub views: Vec<ViewScore>,
+    /// Steps trained.
+    pub steps: u64,
+    /// Training seconds, evaluation not counted.
+    pub seconds: f64,
+    /// In which light views were rendered, and which of their pixels were scored.
+    #[serde(default)]
+    pub protocol: Protocol,
+    /// What a reader of the numbers should know.
+    pub notes: Vec<String>,
+    /// What renders skip, measured; `None` where that was not asked for, or where they skip nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skips: Option<MeasuredSkips>,
+}
+
+/// A view with everything that was seen of it.
+pub struct Seen<'a> {
+    /// View of the dataset.
+    pub index: usize,
+    /// Its scores.
+    pub score: &'a ViewScore,
+    /// All layers.
+    pub rendered: &'a Rendered,
+    /// The colour layer, 8 bit.
+    pub picture: &'a RgbImage,
+    /// The held-out image on the background.
+    pub truth: &'a RgbImage,
+}
+
+/// Render and measure every view of `data`; `each` sees them as they come, whole.
+///
+/// # Errors
+/// [`RunError::Scene`] when an image cannot be read, [`RunError::Option`] for views that are too narrow to have halves where
+/// those are scored, and whatever `each` fails with.
+pub fn evaluate(
+    system: &dyn System,
+    data: &Dataset,
+    terms: &Terms<'_>,
+    (steps, seconds): (u64, f64),
+    mut each: impl FnMut(Seen<'_>) -> Result<(), RunError>,
+) -> Result<Evaluation, RunError> {
+    let Terms { query, protocol, measures, seed } = *terms;
+    need_halves(data, protocol)?;
+    let mut views = Vec::with_capacity(data.len());
+    let mut notes = Vec::new();
+    for index in 0..data.len() {
+        let view = data.view(index);
+        let image = data.image(index)?;
+        let truth = over_background(&image, query.background);
+        let own = protocol.light(system, (data, index), (&image, &truth), (query.background, seed));
+        if own.is_none() && protocol.fit_steps.is_some() {
+            notes.push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
+        }
+        let query = Query { appearance: own.unwrap_or_else(|| query.appearance.clone()), ..query.clone() };
+        let clock = std::time::Instant::now();
+        let rendered = render(system, &view.camera, &query);
+        let render_seconds = clock.elapsed().as_secs_f64();
+        let picture = colour(&rendered);
+        let mut note = |note: &str| notes.push(format!("{}: {note}", view.name));
+        let mut score = match protocol.scored {
+            Scored::Whole => measure(&picture, &truth, image.mask.as_deref(), measures, &mut note),
+            Scored::RightHalf => {
+                let mask = image.mask.as_deref().map(|mask| half::right_mask(mask, image.width));
+                measure(&half::right(&picture), &half::right(&truth), mask.as_deref(), measures, &mut note)
+            }
+        };
+        score.name.clone_from(&view.name);
+        score.render_seconds = render_seconds;
+        each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
+        views.push(score);
+    }
+    let mean = |value: fn(&ViewScore) -> Option<f64>| {
+        let values: Vec<f64> = views.iter().filter_map(value).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let (psnr, ssim) = (mean(|v| v.psnr), mean(|v| v.ssim));
+    let (ms_ssim, lpips, flip) = (mean(|v| v.ms_ssim), mean(|v| v.lpips), mean(|v| v.flip));
+    let protocol = protocol.clone();
+    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, flip, steps, seconds, protocol, notes, views, skips: None })
+}
+
+/// Refuses views of one column where a protocol needs two halves.
+///
+/// # Errors
+/// [`RunError::Option`] naming the view.
+pub(crate) fn need_halves(data: &Dataset, protocol: &Protocol) -> Result<(), RunError> {
+    let narrow = data.views().iter().find(|view| view.camera.width < 2);
+    match (protocol.scored, narrow) {
+        (Scored::RightHalf, Some(view)) => Err(RunError::Option(format!(
+            "`{}` is {} pixel wide, which has no two halves: measure whole views with `--eval-appearance mean`",
+            view.name, view.camera.width
+        ))),
+        _ => Ok(()),
+    }
+}

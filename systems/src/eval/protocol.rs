@@ -1,0 +1,275 @@
+//! In which light held-out views are rendered, and which of their pixels are scored.
+//!
+//! A held-out photo has a light of its own that no training photo tells. In the half-image protocol the appearance code is
+//! fitted to the left half of the photo, everything else frozen, and the right half is scored: what is scored was never
+//! seen. An encoder's code may be had from the left half or from the whole photo; with the whole photo the scored half
+//! leaks into the code, and tables must say so.
+//!
+//! Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 4.4; Chen et al., "Ha-NeRF", 2022, section 5.
+
+use super::half;
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::names;
+use crate::system::{Appearance, Fit, Query, System};
+use image::RgbImage;
+use scene_io::Image;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// Steps of a fit: past these, codes of 4 to 48 numbers have settled.
+pub const FIT_STEPS: u64 = 300;
+/// Learning rate at the start of a fit.
+pub const FIT_LR: f64 = 0.05;
+
+/// What is said about the light of held-out views: `fit`, `mean`, `image:NAME`, `encode:whole`, `encode:left`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum EvalAppearance {
+    /// Fitted on the left half of each view; the right half is scored, whether or not the system has anything to fit.
+    Fit,
+    /// The mean of the training photos; whole views are scored.
+    Mean,
+    /// That of a training photo; whole views are scored.
+    Image(String),
+    /// What the system's own encoder makes of part of each view; the right half is scored.
+    Encode(Part),
+}
+
+/// Part of a photo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All of it.
+    Whole,
+    /// Columns `0 .. W / 2`.
+    Left,
+}
+
+impl FromStr for EvalAppearance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "fit" => Ok(Self::Fit),
+            "mean" => Ok(Self::Mean),
+            "encode:whole" => Ok(Self::Encode(Part::Whole)),
+            "encode:left" => Ok(Self::Encode(Part::Left)),
+            _ => match text.strip_prefix("image:").filter(|name| !name.is_empty()) {
+                Some(name) => Ok(Self::Image(name.into())),
+                None => Err(format!("`{text}`: write `fit`, `mean`, `image:NAME`, `encode:left` or `encode:whole`")),
+            },
+        }
+    }
+}
+
+impl TryFrom<String> for EvalAppearance {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<EvalAppearance> for String {
+    fn from(what: EvalAppearance) -> Self {
+        what.to_string()
+    }
+}
+
+impl fmt::Display for EvalAppearance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fit => f.write_str("fit"),
+            Self::Mean => f.write_str("mean"),
+            Self::Image(name) => write!(f, "image:{name}"),
+            Self::Encode(Part::Whole) => f.write_str("encode:whole"),
+            Self::Encode(Part::Left) => f.write_str("encode:left"),
+        }
+    }
+}
+
+/// Which pixels are scored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scored {
+    /// All.
+    #[default]
+    Whole,
+    /// Columns `W / 2 .. W`, `W / 2` rounded down.
+    RightHalf,
+}
+
+/// How held-out views are measured; part of `eval.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Protocol {
+    /// In which light; absent where the system knows one light and nothing was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub appearance: Option<EvalAppearance>,
+    /// Which pixels count.
+    pub scored: Scored,
+    /// Steps of each fit; absent where nothing is fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit_steps: Option<u64>,
+    /// Learning rate at the start of each fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit_lr: Option<f64>,
+}
+
+impl Protocol {
+    /// The protocol for `asked`, or where nothing is asked for: a fit where the system has appearance codes, whole views in
+    /// its only light otherwise. `train` are the views it was trained on.
+    ///
+    /// # Errors
+    /// [`RunError::Option`] for a light that the system has not.
+    pub fn new(asked: Option<&EvalAppearance>, system: &dyn System, train: &Dataset) -> Result<Self, RunError> {
+        let has_codes = system.appearance_code(&Appearance::Mean).is_some();
+        let appearance = match (asked, has_codes) {
+            (None, false) => return Ok(Self::default()),
+            (None, true) => EvalAppearance::Fit,
+            (Some(asked), _) => asked.clone(),
+        };
+        match &appearance {
+            EvalAppearance::Fit | EvalAppearance::Mean => {}
+            EvalAppearance::Image(name) => {
+                view_of(system, train, name, "--eval-appearance")?;
+            }
+            EvalAppearance::Encode(_) => {
+                if system.encode_appearance(train.image(0)?.as_ref()).is_none() {
+                    return Err(RunError::Option(format!(
+                        "`--eval-appearance {appearance}`: `{}` has no encoder of photos; use `fit` or `mean`",
+                        system.name()
+                    )));
+                }
+            }
+        }
+        let fits = has_codes && appearance == EvalAppearance::Fit;
+        Ok(Self {
+            scored: match appearance {
+                EvalAppearance::Fit | EvalAppearance::Encode(_) => Scored::RightHalf,
+                EvalAppearance::Mean | EvalAppearance::Image(_) => Scored::Whole,
+            },
+            fit_steps: fits.then_some(FIT_STEPS),
+            fit_lr: fits.then_some(FIT_LR),
+            appearance: Some(appearance),
+        })
+    }
+
+    /// What is the same for all views: `query` in the light of the mean or of a training view.
+    ///
+    /// # Errors
+    /// As [`Protocol::new`].
+    pub fn query(&self, query: Query, system: &dyn System, train: &Dataset) -> Result<Query, RunError> {
+        Ok(match &self.appearance {
+            Some(EvalAppearance::Image(name)) => {
+                Query { appearance: Appearance::View(view_of(system, train, name, "--eval-appearance")?), ..query }
+            }
+            _ => query,
+        })
+    }
+
+    /// The light of one view, where it has one of its own. A view without a usable pixel in its left half has none.
+    pub(super) fn light(
+        &self,
+        system: &dyn System,
+        (data, view): (&Dataset, usize),
+        (photo, truth): (&Image, &RgbImage),
+        (background, seed): ([f32; 3], u64),
+    ) -> Option<Appearance> {
+        let code = match (&self.appearance, self.fit_steps, self.fit_lr) {
+            (Some(EvalAppearance::Fit), Some(steps), Some(lr)) => {
+                let columns = 0..half::middle(photo.width);
+                let (rays, rgb) = half::pixels(photo, truth, columns, |x, y| data.ray(view, x, y));
+                if rays.is_empty() {
+                    return None;
+                }
+                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed })
+            }
+            (Some(EvalAppearance::Encode(Part::Whole)), ..) => system.encode_appearance(photo),
+            (Some(EvalAppearance::Encode(Part::Left)), ..) => system.encode_appearance(&half::left(photo)),
+            _ => None,
+        };
+        code.map(|code| Appearance::Code(Arc::from(code)))
+    }
+}
+
+impl fmt::Display for Protocol {
+    /// A sentence for tables.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.appearance, self.fit_steps) {
+            (None, _) => f.write_str("one light")?,
+            (Some(EvalAppearance::Fit), Some(steps)) => {
+                write!(f, "appearance fitted on the left half of each view ({steps} steps)")?;
+            }
+            (Some(EvalAppearance::Fit), None) => f.write_str("one light, nothing to fit")?,
+            (Some(EvalAppearance::Mean), _) => f.write_str("mean appearance of the training photos")?,
+            (Some(EvalAppearance::Image(name)), _) => write!(f, "appearance of training photo `{name}`")?,
+            (Some(EvalAppearance::Encode(Part::Left)), _) => {
+                f.write_str("appearance encoded from each view's left half")?
+            }
+            (Some(EvalAppearance::Encode(Part::Whole)), _) => {
+                f.write_str("appearance encoded from each whole view, so that the scored half leaks into it")?;
+            }
+        }
+        f.write_str(match self.scored {
+            Scored::Whole => "; whole views scored",
+            Scored::RightHalf => "; right half scored",
+        })
+    }
+}
+
+/// The training view `name` of a system that has a code for it.
+///
+/// # Errors
+/// [`RunError::Option`] beginning with `option` where there is no such view, or no code for it.
+pub(crate) fn view_of(system: &dyn System, train: &Dataset, name: &str, option: &str) -> Result<usize, RunError> {
+    let option = format!("`{option} image:{name}`");
+    need_codes(system, &option)?;
+    let names: Vec<&str> = train.views().iter().filter(|v| v.level == 0).map(|v| v.name.as_str()).collect();
+    names::find(&names, name, &option)
+}
+
+/// Refuses systems that know one light only.
+///
+/// # Errors
+/// [`RunError::Option`] beginning with `option`.
+pub(crate) fn need_codes(system: &dyn System, option: &str) -> Result<(), RunError> {
+    match system.appearance_code(&Appearance::Mean) {
+        Some(_) => Ok(()),
+        None => Err(RunError::Option(format!(
+            "{option}: `{}` knows one light only; train a system with appearance codes, or leave the option out",
+            system.name()
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_read_back_as_they_are_written() {
+        for word in ["fit", "mean", "image:a:b.png", "encode:whole", "encode:left"] {
+            assert_eq!(word.parse::<EvalAppearance>().unwrap().to_string(), word);
+        }
+        for wrong in ["", "image:", "encode", "encode:right", "Fit"] {
+            assert!(wrong.parse::<EvalAppearance>().unwrap_err().contains("encode:left"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_protocol_is_short_in_json_and_a_sentence_in_tables() {
+        let protocol = Protocol {
+            appearance: Some(EvalAppearance::Fit),
+            scored: Scored::RightHalf,
+            fit_steps: Some(300),
+            fit_lr: Some(0.05),
+        };
+        let json = serde_json::to_string(&protocol).unwrap();
+        assert_eq!(json, r#"{"appearance":"fit","scored":"right-half","fit_steps":300,"fit_lr":0.05}"#);
+        assert_eq!(serde_json::from_str::<Protocol>(&json).unwrap(), protocol);
+        assert!(protocol.to_string().contains("left half of each view (300 steps); right half"), "{protocol}");
+        assert_eq!(serde_json::to_string(&Protocol::default()).unwrap(), r#"{"scored":"whole"}"#);
+    }
+}

@@ -1,0 +1,61 @@
+//! Scores as files and tables.
+
+use super::{Evaluation, Protocol};
+
+impl Evaluation {
+    /// `eval.json`.
+    #[expect(clippy::missing_panics_doc, reason = "plain structs always serialise")]
+    pub fn json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self).expect("a plain struct serialises");
+        text.push('\n');
+        text
+    }
+
+    /// `eval.csv`: a row a view; empty where not measured.
+    pub fn csv(&self) -> String {
+        let mut out = String::from("name,psnr,ssim,ms_ssim,lpips,flip,render_seconds\n");
+        for v in &self.views {
+            let name = match v.name.contains([',', '"', '\n']) {
+                true => format!("\"{}\"", v.name.replace('"', "\"\"")),
+                false => v.name.clone(),
+            };
+            let show = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:.6}"));
+            let scores = [v.psnr, v.ssim, v.ms_ssim, v.lpips, v.flip].map(show).join(",");
+            out += &format!("{name},{scores},{:.4}\n", v.render_seconds);
+        }
+        out
+    }
+
+    /// The same as a table for a terminal, means last.
+    pub fn table(&self) -> String {
+        let widest = self.views.iter().map(|v| v.name.chars().count()).max().unwrap_or(0).clamp(4, 48);
+        let row = |name: &str, scores: [Option<f64>; 4]| {
+            let cell = |x: Option<f64>, digits: usize| x.map_or_else(|| "n/a".into(), |x| format!("{x:.digits$}"));
+            let [psnr, ssim, ms_ssim, lpips] = scores;
+            format!(
+                "{name:widest$}  {:>8}  {:>7}  {:>7}  {:>7}\n",
+                cell(psnr, 3),
+                cell(ssim, 4),
+                cell(ms_ssim, 4),
+                cell(lpips, 4)
+            )
+        };
+        let mut out =
+            format!("{:widest$}  {:>8}  {:>7}  {:>7}  {:>7}\n", "view", "PSNR dB", "SSIM", "MS-SSIM", "LPIPS");
+        for v in &self.views {
+            let name: String = match v.name.chars().count() {
+                n if n > widest => std::iter::once('…').chain(v.name.chars().skip(n - widest + 1)).collect(),
+                _ => v.name.clone(),
+            };
+            out += &row(&name, [v.psnr, v.ssim, v.ms_ssim, v.lpips]);
+        }
+        out += &row("mean", [self.psnr, self.ssim, self.ms_ssim, self.lpips]);
+        if self.protocol != Protocol::default() {
+            out += &format!("protocol: {}\n", self.protocol);
+        }
+        if let Some(skips) = &self.skips {
+            out += &format!("\n{}", skips.table());
+        }
+        out
+    }
+}

@@ -1,0 +1,128 @@
+//! The held-out views of a run, measured and written down.
+
+use super::{Run, stem};
+use crate::data::Dataset;
+use crate::error::RunError;
+use crate::eval::{EvalAppearance, Evaluation, Measures, Protocol, Terms, evaluate, need_halves};
+use crate::eval_scales::{ScaleTable, evaluate_scales};
+use crate::output::{Storage, make_folder, write_file};
+use crate::picture::{depth, depth_range, error_map, write_png};
+use crate::progress::{Event, Observer};
+use crate::render::plain_query;
+use crate::report;
+use crate::skips;
+use crate::summary::Summary;
+use crate::system::{Query, System};
+use losses::metrics::Lpips;
+use std::path::Path;
+
+impl Run<'_> {
+    /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report.
+    ///
+    /// # Errors
+    /// [`RunError::Option`] without held-out views or for a light that the system has not, unreadable images, unwritable
+    /// files.
+    pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
+        self.need_held_out()?;
+        let (protocol, query) = self.protocol()?;
+        let evaluation = measure_and_write(
+            (self.parts.storage, &self.folder),
+            (self.system.as_ref(), &self.held_out),
+            &self.terms((&protocol, &query), Measures::All(lpips)),
+            (self.step, self.seconds),
+            observer,
+        )?;
+        if !self.folder.join(Summary::FILE).exists() {
+            self.write_summary()?;
+        }
+        self.write_showcase()?;
+        report::write(self.parts.storage, &self.folder)?;
+        Ok(evaluation)
+    }
+
+    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures.
+    ///
+    /// # Errors
+    /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
+    pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
+        self.need_held_out()?;
+        let place = (self.parts.storage, self.folder.as_path());
+        let (protocol, query) = self.protocol()?;
+        let terms = self.terms((&protocol, &query), Measures::All(None));
+        evaluate_scales(place, self.system.as_ref(), &self.held_out, &terms, scales, observer)
+    }
+
+    fn need_held_out(&self) -> Result<(), RunError> {
+        if self.held_out.is_empty() {
+            return Err(RunError::Option(
+                "the run holds no views out, so there is nothing to measure: train with `--holdout every:8`".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Render held-out views within another error budget than the run's; what is written down stays the run's.
+    pub fn render_within(&mut self, error_budget: Option<f32>) {
+        self.error_budget = error_budget.unwrap_or(self.config.error_budget);
+    }
+
+    /// Measure held-out views in another light than the run's; the configuration stays the run's.
+    pub fn measure_in(&mut self, appearance: Option<EvalAppearance>) {
+        self.eval_appearance = appearance.or_else(|| self.config.eval_appearance.clone());
+    }
+
+    /// How views are rendered where nothing else is said: in the mean of all lights.
+    pub fn query(&self) -> Query {
+        plain_query(self.config.background.colour(), self.error_budget)
+    }
+
+    /// In which light held-out views are measured, and how they are rendered.
+    ///
+    /// # Errors
+    /// [`RunError::Option`] for a light that the system has not, and for views too narrow for it.
+    pub(super) fn protocol(&self) -> Result<(Protocol, Query), RunError> {
+        let system = self.system.as_ref();
+        let protocol = Protocol::new(self.eval_appearance.as_ref(), system, &self.train)?;
+        need_halves(&self.held_out, &protocol)?;
+        let query = protocol.query(self.query(), system, &self.train)?;
+        Ok((protocol, query))
+    }
+
+    pub(super) fn terms<'t>(&self, light: (&'t Protocol, &'t Query), measures: Measures<'t>) -> Terms<'t> {
+        Terms { protocol: light.0, query: light.1, measures, seed: self.config.seed }
+    }
+}
+
+/// All metrics of all held-out views, with their pictures, on disk.
+pub(super) fn measure_and_write(
+    (storage, folder): (&dyn Storage, &Path),
+    (system, data): (&dyn System, &Dataset),
+    terms: &Terms<'_>,
+    at: (u64, f64),
+    observer: &mut dyn Observer,
+) -> Result<Evaluation, RunError> {
+    let renders = folder.join("renders");
+    make_folder(&renders)?;
+    let stems: Vec<String> =
+        data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
+    let of = data.len();
+    let mut evaluation = evaluate(system, data, terms, at, |seen| {
+        let stem = &stems[seen.index];
+        let write = |suffix: &str, picture: &image::RgbImage| {
+            write_png(storage, &renders.join(format!("{stem}{suffix}.png")), picture)
+        };
+        write("", seen.picture)?;
+        write("_truth", seen.truth)?;
+        write("_error", &error_map(seen.picture, seen.truth))?;
+        write("_depth", &depth(seen.rendered, depth_range(&[seen.rendered])))?;
+        observer.event(Event::View { done: seen.index + 1, of });
+        Ok(())
+    })?;
+    for (score, stem) in evaluation.views.iter_mut().zip(stems) {
+        score.files = Some(stem);
+    }
+    evaluation.skips = skips::measure(system, data, terms.query);
+    write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;
+    write_file(storage, &folder.join("eval.csv"), evaluation.csv().as_bytes())?;
+    Ok(evaluation)
+}

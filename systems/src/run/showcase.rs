@@ -1,0 +1,117 @@
+//! What a run for photos from the wild shows of itself: a view in the light of several photos, and masks of a few.
+//!
+//! Systems with one light and no masks write nothing here.
+
+use super::{Run, stem};
+use crate::error::RunError;
+use crate::eval::masks::{MaskOptions, MaskTable, write_masks};
+use crate::output::{make_folder, read_json, write_file};
+use crate::picture::{colour, limited, write_png};
+use crate::progress::{Observer, Silent};
+use crate::render::render;
+use crate::report;
+use crate::summary::Summary;
+use crate::system::{Appearance, Query};
+use losses::metrics::EmptyClass;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Photos shown.
+const SHOWN: usize = 6;
+/// Longest side of a picture of the row, pixels.
+const SIDE: u32 = 320;
+
+/// One view in several lights: the content of `appearance/appearance.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AppearanceRow {
+    /// Name of the view that is shown.
+    pub view: String,
+    /// Whose light, and the picture's file beside this one.
+    pub pictures: Vec<(String, String)>,
+}
+
+impl AppearanceRow {
+    /// Folder in the run.
+    pub const FOLDER: &'static str = "appearance";
+    /// Name in that folder.
+    pub const FILE: &'static str = "appearance.json";
+
+    /// The row of the run in `folder`, if it has one.
+    ///
+    /// # Errors
+    /// [`RunError::Content`].
+    pub fn read(folder: &Path) -> Result<Option<Self>, RunError> {
+        read_json(&folder.join(Self::FOLDER).join(Self::FILE))
+    }
+}
+
+/// Folder of the masks in the run.
+pub const MASKS: &str = "masks";
+
+impl Run<'_> {
+    /// Static masks of training photos as the system sees them now; see [`write_masks`].
+    ///
+    /// # Errors
+    /// [`RunError::Option`] for systems that take every pixel for static; unreadable photos, unwritable files.
+    pub fn write_masks(
+        &self,
+        folder: &Path,
+        options: MaskOptions,
+        observer: &mut dyn Observer,
+    ) -> Result<MaskTable, RunError> {
+        let place = (self.parts.storage, folder);
+        let table =
+            write_masks(place, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, observer)?;
+        let table = table.ok_or_else(|| {
+            RunError::Option(format!(
+                "`{}` finds no masks: it takes every pixel of every photo for static",
+                self.system.name()
+            ))
+        })?;
+        if folder == self.folder.join(MASKS) && self.folder.join(Summary::FILE).exists() {
+            report::write(self.parts.storage, &self.folder)?;
+        }
+        Ok(table)
+    }
+
+    /// Write the appearance row and the first masks, where there are such.
+    pub(super) fn write_showcase(&self) -> Result<(), RunError> {
+        self.write_appearance_row()?;
+        // Masks that somebody asked for at this step are at least as many.
+        if MaskTable::read(&self.folder.join(MASKS))?.is_some_and(|table| table.steps == self.step) {
+            return Ok(());
+        }
+        let photos = self.train.views().iter().filter(|v| v.level == 0).count();
+        let options = MaskOptions { every: photos.div_ceil(SHOWN).max(1), empty: EmptyClass::default() };
+        let place = self.folder.join(MASKS);
+        let at = (self.parts.storage, place.as_path());
+        write_masks(at, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, &mut Silent)?;
+        Ok(())
+    }
+
+    fn write_appearance_row(&self) -> Result<(), RunError> {
+        let system = self.system.as_ref();
+        if system.appearance_code(&Appearance::Mean).is_none() {
+            return Ok(());
+        }
+        let Some(view) = self.held_out.views().first().or(self.train.views().first()) else { return Ok(()) };
+        let folder = self.folder.join(AppearanceRow::FOLDER);
+        make_folder(&folder)?;
+        let camera = limited(&view.camera, Some(SIDE));
+        let photos: Vec<usize> = (0..self.train.len()).filter(|&i| self.train.view(i).level == 0).collect();
+        let few = photos.iter().copied().step_by(photos.len().div_ceil(SHOWN).max(1));
+        let lights = std::iter::once(("mean".to_string(), Appearance::Mean))
+            .chain(few.map(|i| (self.train.view(i).name.clone(), Appearance::View(i))));
+        let mut pictures = Vec::new();
+        for (k, (name, appearance)) in lights.enumerate() {
+            let picture = colour(&render(system, &camera, &Query { appearance, ..self.query() }));
+            let file = format!("{k:02}_{}.png", stem(&name));
+            write_png(self.parts.storage, &folder.join(&file), &picture)?;
+            pictures.push((name, file));
+        }
+        let row = AppearanceRow { view: view.name.clone(), pictures };
+        let mut text = serde_json::to_string_pretty(&row).expect("a plain struct serialises");
+        text.push('\n');
+        write_file(self.parts.storage, &folder.join(AppearanceRow::FILE), text.as_bytes())
+    }
+}
