@@ -131,7 +131,6 @@ impl DataOptions {
                 Some("ignored") => MaskPolarity::WhiteIsIgnored,
                 Some(other) => return word("--mask-white", other, "used, ignored"),
             },
-            train_photos: Default::default(),
             longest_side: self.longest_side,
             missing_images: match self.missing_images.as_deref() {
                 None => None,

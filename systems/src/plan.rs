@@ -47,6 +47,30 @@ impl Ground {
         Ok(Self { layout, lines, background, transparent, error_budget })
     }
 
+    /// Settings of `nerf` for the scene.
+    pub(crate) fn nerf_settings(&mut self) -> NerfConfig {
+        self.lines.push("networks, samples and learning rate as published; smaller batches".into());
+        NerfConfig {
+            centre: self.layout.centre.to_array(),
+            radius: self.layout.radius,
+            extent: f64::from(1_u32 << (self.layout.cascades - 1)),
+            ..NerfConfig::published(self.layout.kind)
+        }
+    }
+
+    /// A new `nerf` that learns what a method says.
+    pub(crate) fn nerf(
+        &self,
+        data: &Dataset,
+        config: &NerfConfig,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Nerf, SystemError> {
+        let place = (config.centre, config.radius, config.extent);
+        let space = space(&self.layout, data, config.space, place, config.near)?;
+        Nerf::with_method(config.clone(), space, self.background, seed, method)
+    }
+
     /// A new `ngp` that learns what a method says.
     pub(crate) fn ngp(
         &mut self,
@@ -93,18 +117,10 @@ pub fn build(
             Ok((Box::new(ngp), plan(ground.lines, table(&config))))
         }
         "nerf" => {
-            lines.push("networks, samples and learning rate as published; smaller batches".into());
-            let planned = NerfConfig {
-                centre: layout.centre.to_array(),
-                radius: layout.radius,
-                extent: f64::from(1_u32 << (layout.cascades - 1)),
-                ..NerfConfig::published(layout.kind)
-            };
-            let config = settings(&planned, run)?;
-            let place = (config.centre, config.radius, config.extent);
-            let space = space(&layout, data, config.space, place, config.near)?;
-            let nerf = Nerf::new(config.clone(), space, background, run.seed)?;
-            Ok((Box::new(nerf), plan(lines, table(&config))))
+            let mut ground = Ground { layout, lines, background, transparent, error_budget };
+            let config = settings(&ground.nerf_settings(), run)?;
+            let nerf = ground.nerf(data, &config, run.seed, None)?;
+            Ok((Box::new(nerf), plan(ground.lines, table(&config))))
         }
         "mip-nerf" => {
             lines.push("network, intervals and learning rate as published; smaller batches".into());
@@ -137,7 +153,6 @@ pub fn build(
             let system = MipNerf360::new(config.clone(), space, background, run.seed)?;
             Ok((Box::new(system), plan(lines, table(&config))))
         }
-        other if crate::wild::SYSTEMS.contains(&other) => crate::wild::build(other, scene, data, run),
         other => Err(SystemError::Config {
             field: "system",
             value: other.into(),

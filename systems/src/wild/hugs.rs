@@ -135,6 +135,11 @@ impl Method for Hugs {
         ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(slope)))
     }
 
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let (loss, bar) = self.loss(i, &Pixel { rgb, ..Pixel::default() }, truth);
+        (loss, bar.rgb)
+    }
+
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         self.light.as_mut().map_or(0, |light| light.learn(outcome))
     }

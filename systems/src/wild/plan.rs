@@ -81,19 +81,28 @@ pub fn build(
     }
     let wild: WildConfig = settings(&wild, &ours)?;
     wild.check()?;
-    let mut planned = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
-    if wild.draws_patches() && planned.rays_per_side > 1 {
-        planned.rays_per_side = 1;
-        ground.lines.push(format!("rays: one a pixel (patches of {0}x{0} pixels instead of more rays)", wild.patch));
-    }
-    let config = settings(&planned, &fields)?;
     let method = method(&wild, scene, data, run.seed)?;
-    let system = ground.ngp(data, &config, run.seed, method)?;
+    let (system, config): (Box<dyn System>, _) = match field {
+        FieldKind::Ngp => {
+            let mut planned = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+            if wild.draws_patches() && planned.rays_per_side > 1 {
+                planned.rays_per_side = 1;
+                let line = format!("rays: one a pixel (patches of {0}x{0} pixels instead of more rays)", wild.patch);
+                ground.lines.push(line);
+            }
+            let config = settings(&planned, &fields)?;
+            (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
+        }
+        FieldKind::Mlp => {
+            let config = settings(&ground.nerf_settings(), &fields)?;
+            (Box::new(ground.nerf(data, &config, run.seed, method)?), table(&config))
+        }
+    };
     let mut all = table(&wild);
-    all.extend(table(&config));
+    all.extend(config);
     all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
     let Ground { lines, background, error_budget, .. } = ground;
-    Ok((Box::new(system), Plan { lines, background, error_budget, config: all }))
+    Ok((system, Plan { lines, background, error_budget, config: all }))
 }
 
 /// Photos below this longest side are judged by patches of half the size.

@@ -118,6 +118,12 @@ impl Method for RobustNerf {
         (kernel.value(e, 0.0), PixelBar::colour([0, 1, 2].map(|c| w * (pixel.rgb[c] - truth[c]))))
     }
 
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let pixel = Pixel { rgb, ..Pixel::default() };
+        let (loss, bar) = self.loss(i, &pixel, truth);
+        (loss, bar.rgb)
+    }
+
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         self.light.as_mut().map_or(0, |light| light.learn(outcome))
     }

@@ -174,8 +174,7 @@ impl Cut<'_> {
 /// Samples that carry weight along at most [`PIXELS`] of the rays.
 fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: usize) -> Kept {
     let every = pixels.rays.len().div_ceil(PIXELS).max(1);
-    let chosen: Vec<(&Ray, [f32; 3])> =
-        pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
+    let chosen: Vec<(&Ray, [f32; 3])> = pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
     let ops = system.ops();
     let parts: Vec<Kept> = chosen
         .par_chunks(TILE)

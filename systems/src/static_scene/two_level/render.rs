@@ -109,8 +109,8 @@ impl<R: Recipe> TwoLevel<R> {
         weights(Simd::best(), samples, &mut w, &mut trans_end);
         let mut median = vec![0.0; hit.len()];
         depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
-        let normals =
-            (query.layers.normals == Normals::Compute).then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
+        let normals = (query.layers.normals == Normals::Compute)
+            .then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
         let fine = &tile.fine;
         for (r, &i) in hit.iter().enumerate() {
             let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;
