@@ -195,6 +195,11 @@ proptest! {
             }
             prop_assert!(h_most[i] == 0 || r.is_finite());
         }
+        // The unit does not matter.
+        let (mut other_cr, mut other_most) = (vec![9; r.len()], vec![9; r.len()]);
+        let scaled: Vec<f32> = r.iter().map(|r| r * 2.0_f32.powi(-60)).collect();
+        residual_masks(&scaled, quantile, &mut vec![], &mut other_cr, &mut other_most).unwrap();
+        prop_assert!(other_cr == h_cr && other_most == h_most);
         // At least the share is kept, less what is no number.
         let kept = h_most.iter().filter(|&&h| h != 0).count();
         let wanted = (f64::from(quantile) * (1.0 - 1e-6) * r.len() as f64).ceil() as usize;
