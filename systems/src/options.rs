@@ -1,6 +1,7 @@
 //! What a run is told and what was decided from it.
 
 use crate::error::RunError;
+use field_core::rng::Rng;
 use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -24,6 +25,15 @@ impl Background {
         match self {
             Self::White | Self::Random => [1.0; 3],
             Self::Black => [0.0; 3],
+        }
+    }
+
+    /// What is behind training ray `i`: `rng` is the stream of a step's backgrounds.
+    #[must_use]
+    pub fn of_ray(self, rng: &Rng, i: u64) -> [f32; 3] {
+        match self {
+            Self::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
+            fixed => fixed.colour(),
         }
     }
 
@@ -123,6 +133,7 @@ impl DataOptions {
                 Some("ignored") => MaskPolarity::WhiteIsIgnored,
                 Some(other) => return word("--mask-white", other, "used, ignored"),
             },
+            train_photos: Default::default(),
             longest_side: self.longest_side,
             missing_images: match self.missing_images.as_deref() {
                 None => None,

@@ -7,8 +7,9 @@
 
 use super::network::Seen;
 use super::samples::{Level, Tile};
-use super::{Recipe, TILE, TwoLevel, TwoLevelOps, recorded};
+use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
+use crate::static_scene::cones::TILE;
 use crate::system::{Appearance, Fit, System};
 use field_core::mlp::{Activation, Bias, Layer, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
@@ -174,8 +175,7 @@ impl Cut<'_> {
 /// Samples that carry weight along at most [`PIXELS`] of the rays.
 fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: usize) -> Kept {
     let every = pixels.rays.len().div_ceil(PIXELS).max(1);
-    let chosen: Vec<(&Ray, [f32; 3])> =
-        pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
+    let chosen: Vec<(&Ray, [f32; 3])> = pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
     let ops = system.ops();
     let parts: Vec<Kept> = chosen
         .par_chunks(TILE)

@@ -88,13 +88,7 @@ impl<R: Recipe> TwoLevel<R> {
             rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
-        out.rgb.resize(from + rays.len(), query.background);
-        out.opacity.resize(from + rays.len(), 0.0);
-        out.depth.resize(from + rays.len(), f32::INFINITY);
-        out.median_depth.resize(from + rays.len(), f32::INFINITY);
-        if query.layers.normals == Normals::Compute {
-            out.normal.resize(from + rays.len(), [0.0; 3]);
-        }
+        out.extend(Layers::nothing(rays.len(), query));
         if hit.is_empty() {
             return;
         }
@@ -109,8 +103,8 @@ impl<R: Recipe> TwoLevel<R> {
         weights(Simd::best(), samples, &mut w, &mut trans_end);
         let mut median = vec![0.0; hit.len()];
         depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
-        let normals =
-            (query.layers.normals == Normals::Compute).then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
+        let normals = (query.layers.normals == Normals::Compute)
+            .then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
         let fine = &tile.fine;
         for (r, &i) in hit.iter().enumerate() {
             let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;

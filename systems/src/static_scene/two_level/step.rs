@@ -2,13 +2,14 @@
 
 use super::composite::CompositeOp;
 use super::composite_two::{CompositeTwoOp, PIXEL};
+use super::head::Head;
 use super::network::Seen;
 use super::samples::{Level, Tile, add_codes, spread_codes};
-use super::{CHUNKS, Footprint, Recipe, TILE, TwoLevel, TwoLevelOps, recorded};
+use super::{CHUNKS, Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
-use crate::options::Background;
 use crate::space::InternalRay;
+use crate::static_scene::cones::{TILE, Which, crossing};
 use crate::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
@@ -121,12 +122,12 @@ impl<R: Recipe> TwoLevel<R> {
         let start = Instant::now();
         let mut stats = self.fold(rays);
         let lr = self.config.learning_rate(step);
-        let mut bad = self.adam.step(Simd::best(), lr, &mut self.params, &self.grad);
+        let mut bad = self.trained.step(Simd::best(), lr, &self.grad);
         self.pack();
         bad += self.update_method(step, lr, share);
         self.seconds[2] += start.elapsed().as_secs_f64();
         stats.nonfinite = bad as u64;
-        self.guard.record(bad)?;
+        self.trained.record(bad)?;
         Ok(stats)
     }
 
@@ -145,10 +146,7 @@ impl<R: Recipe> TwoLevel<R> {
         }
         let rng = Rng::new(seed, BACKGROUND).substream(step);
         let background = self.background;
-        self.inputs.put_on(|i| match background {
-            Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
-            fixed => fixed.colour(),
-        });
+        self.inputs.put_on(|i| background.of_ray(&rng, i));
         Ok(())
     }
 
@@ -190,9 +188,11 @@ impl<R: Recipe> TwoLevel<R> {
         chunk.sums = Sums::default();
         if ctx.pass == Pass::Learn {
             chunk.grad.clear();
-            chunk.grad.resize(self.params.len(), 0.0);
+            chunk.grad.resize(self.trained.params.len(), 0.0);
         }
-        let (rays, hit) = self.cast(ctx, ids.clone());
+        // A method may want to see pixels that do not count between their neighbours.
+        let which = if ctx.method.is_some() { Which::All } else { Which::Counted };
+        let (rays, hit) = crossing(&self.space, (ctx.data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
         chunk.sums.missed = (ids.len() - hit.len()) as u64;
         chunk.seen.clear();
         if ctx.method.is_some() {
@@ -206,28 +206,6 @@ impl<R: Recipe> TwoLevel<R> {
         for (rays, hit) in rays.chunks(TILE).zip(hit.chunks(TILE)) {
             recorded(self.tile(ctx, rays, hit, ids.start, chunk));
         }
-    }
-
-    /// The rays of the pixels `ids` that cross the space, and which pixels these are. Pixels that do not count are left out,
-    /// unless a method wants to see them between their neighbours.
-    fn cast(&self, ctx: &Context<'_, R::Position>, ids: Range<usize>) -> (Vec<InternalRay>, Vec<usize>) {
-        let batch = &ctx.inputs.batch;
-        let (mut hit, mut hit_ids) = (Vec::new(), Vec::new());
-        for i in ids {
-            let radius = match R::FOOTPRINT {
-                Footprint::Point => 0.0,
-                Footprint::Cone => {
-                    let [x, y] = batch.pixel[i];
-                    ctx.data.view(batch.view[i] as usize).cone_radius(x.into(), y.into()).unwrap_or(0.0)
-                }
-            };
-            let ray = self.space.internal_cone(&batch.rays[i], radius);
-            if ray.end > ray.start && (batch.weight[i] > 0.0 || ctx.method.is_some()) {
-                hit.push(ray);
-                hit_ids.push(i);
-            }
-        }
-        (hit, hit_ids)
     }
 
     /// One tile of rays, forward and, to learn, backward; `ids` are their places in the batch, `first` is that of the chunk.
@@ -293,10 +271,10 @@ impl<R: Recipe> TwoLevel<R> {
             }
             let sigma = self.config.density(&mut tape, noisy)?;
             let mut transient_code = None;
-            let pixels = match (head, &ctx.ops.head, &two, transient_dims) {
-                (Some(head), Some(op), Some(two), Some(dims)) => {
+            let pixels = match (&ctx.ops.head, &two, transient_dims) {
+                (Some(op), Some(two), Some(dims)) => {
                     let code = tape.input(dims, n, transient)?;
-                    let part = head.record(op, &mut tape, out.trunk, code)?;
+                    let part = Head::record(op, &mut tape, out.trunk, code)?;
                     transient_code = Some(code);
                     tape.custom(two, &[sigma, out.rgb, part.sigma, part.rgb, part.beta])?
                 }

@@ -57,9 +57,9 @@ impl<R: Recipe> TwoLevel<R> {
         let seed = self.seed.wrapping_add(1);
         let method = self.method.take();
         let fresh = Self::with_method(self.config.clone(), self.space.clone(), self.background, seed, method)?;
-        let (seed, seconds, missed, cast) = (self.seed, self.seconds, self.missed, self.cast);
-        let guard = std::mem::take(&mut self.guard);
-        *self = Self { seed, seconds, missed, cast, guard, ..fresh };
+        let old = std::mem::replace(self, fresh);
+        (self.seed, self.seconds, self.missed, self.cast) = (old.seed, old.seconds, old.missed, old.cast);
+        self.trained.count_on(&old.trained);
         Ok(())
     }
 }
