@@ -15,8 +15,8 @@ use render_core::quadrature::two::Mixture;
 const LAYERS: usize = 4;
 /// Density, three colours, uncertainty.
 const OUTPUTS: usize = 5;
-/// Added to the raw density: transient matter starts thin, a few percent of the light that crosses the box of the scene.
-const DENSITY_SHIFT: f32 = -4.0;
+/// Added to the raw density: transient matter starts thin, a tenth of the light that crosses the box of the scene.
+const DENSITY_SHIFT: f32 = -3.0;
 
 /// Shape of the head, and its parameters as the kernels read them.
 pub(super) struct Head {

@@ -81,6 +81,64 @@ pub(super) struct Chunk {
     sums: Sums,
 }
 
+/// What the pixels of a tile cost at a level, and the gradient `bar` of that with respect to `values`: colours `[rays][3]`, or
+/// all six numbers of [`CompositeTwoOp`]. `seen` are the pixels of the chunk, the first of which is number `first` of the batch.
+fn judge<P>(
+    ctx: &Context<'_, P>,
+    (level, factor): (usize, f32),
+    ids: &[usize],
+    values: &[f32],
+    (seen, first): (&mut [Pixel], usize),
+    sums: &mut Sums,
+    bar: &mut Vec<f32>,
+) {
+    let count = ids.len();
+    let two = values.len() == PIXEL * count;
+    bar.clear();
+    bar.resize(values.len(), 0.0);
+    for (r, &i) in ids.iter().enumerate() {
+        let (weight, truth) = (ctx.inputs.batch.weight[i], ctx.inputs.truth[i]);
+        let rgb = [0, 1, 2].map(|c| values[3 * r + c]);
+        let error = [0, 1, 2].map(|c| rgb[c] - truth[c]);
+        if level == 1 {
+            for e in error {
+                sums.fine_error += f64::from(weight * e * e) / 3.0;
+                sums.weight += f64::from(weight) / 3.0;
+            }
+        }
+        let Some(method) = ctx.method else {
+            for (c, e) in error.into_iter().enumerate() {
+                sums.loss += f64::from(factor * weight * e * e) / 3.0;
+                bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
+            }
+            continue;
+        };
+        let scale = factor * weight * ctx.share;
+        let (loss, rgb_bar) = if level == 0 {
+            method.coarse_loss(i, rgb, truth)
+        } else {
+            let mut pixel = Pixel { rgb, ..Pixel::default() };
+            if two {
+                [pixel.beta, pixel.transient, pixel.sigma_t] = [3, 4, 5].map(|block| values[block * count + r]);
+            }
+            seen[i - first] = pixel;
+            if ctx.pass == Pass::Look {
+                continue;
+            }
+            let (loss, pixel_bar) = method.loss(i, &pixel, truth);
+            if two {
+                bar[3 * count + r] = scale * pixel_bar.beta;
+                bar[5 * count + r] = scale * pixel_bar.sigma_t;
+            }
+            (loss, pixel_bar.rgb)
+        };
+        sums.loss += f64::from(factor * weight * loss);
+        for (c, rgb_bar) in rgb_bar.into_iter().enumerate() {
+            bar[3 * r + c] = scale * rgb_bar;
+        }
+    }
+}
+
 /// What a chunk adds up besides gradients.
 #[derive(Clone, Copy, Default)]
 struct Sums {
@@ -217,7 +275,7 @@ impl<R: Recipe> TwoLevel<R> {
         first: usize,
         chunk: &mut Chunk,
     ) -> Result<(), TapeError> {
-        let Inputs { batch, background, truth } = ctx.inputs;
+        let Inputs { batch, background, .. } = ctx.inputs;
         // Rays are told apart by their place in the batch, whatever tile they are in.
         let rng = ctx.random.map(|rng| rng.substream(ids[0] as u64));
         let count = rays.len();
@@ -283,49 +341,7 @@ impl<R: Recipe> TwoLevel<R> {
 
             let values = tape.value(pixels)?.data;
             let factor = self.config.level_weight(level);
-            bar.clear();
-            bar.resize(values.len(), 0.0);
-            for (r, &i) in ids.iter().enumerate() {
-                let rgb = [0, 1, 2].map(|c| values[3 * r + c]);
-                let weight = batch.weight[i];
-                let error = [0, 1, 2].map(|c| rgb[c] - truth[i][c]);
-                if level == 1 {
-                    for e in error {
-                        chunk.sums.fine_error += f64::from(weight * e * e) / 3.0;
-                        chunk.sums.weight += f64::from(weight) / 3.0;
-                    }
-                }
-                let Some(method) = ctx.method else {
-                    for (c, e) in error.into_iter().enumerate() {
-                        chunk.sums.loss += f64::from(factor * weight * e * e) / 3.0;
-                        bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
-                    }
-                    continue;
-                };
-                let scale = factor * weight * ctx.share;
-                let (loss, rgb_bar) = if level == 0 {
-                    method.coarse_loss(i, rgb, truth[i])
-                } else {
-                    let mut pixel = Pixel { rgb, ..Pixel::default() };
-                    if values.len() == PIXEL * count {
-                        [pixel.beta, pixel.transient, pixel.sigma_t] = [3, 4, 5].map(|block| values[block * count + r]);
-                    }
-                    chunk.seen[i - first] = pixel;
-                    if ctx.pass == Pass::Look {
-                        continue;
-                    }
-                    let (loss, pixel_bar) = method.loss(i, &pixel, truth[i]);
-                    if values.len() == PIXEL * count {
-                        bar[3 * count + r] = scale * pixel_bar.beta;
-                        bar[5 * count + r] = scale * pixel_bar.sigma_t;
-                    }
-                    (loss, pixel_bar.rgb)
-                };
-                chunk.sums.loss += f64::from(factor * weight * loss);
-                for (c, rgb_bar) in rgb_bar.into_iter().enumerate() {
-                    bar[3 * r + c] = scale * rgb_bar;
-                }
-            }
+            judge(ctx, (level, factor), ids, values, (&mut chunk.seen, first), &mut chunk.sums, bar);
             if ctx.pass == Pass::Look {
                 return Ok(());
             }

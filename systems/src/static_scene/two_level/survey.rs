@@ -56,7 +56,7 @@ impl<R: Recipe> TwoLevel<R> {
         // Others than the first: the same numbers would repeat their mistakes.
         let seed = self.seed.wrapping_add(1);
         let method = self.method.take();
-        let fresh = Self::with_method(self.config.clone(), self.space.clone(), self.background, seed, method)?;
+        let fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
         let old = std::mem::replace(self, fresh);
         (self.seed, self.seconds, self.missed, self.cast) = (old.seed, old.seconds, old.missed, old.cast);
         self.trained.count_on(&old.trained);
