@@ -2,6 +2,7 @@
 
 use crate::error::RunError;
 use crate::eval::EvalAppearance;
+use field_core::rng::Rng;
 use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -25,6 +26,15 @@ impl Background {
         match self {
             Self::White | Self::Random => [1.0; 3],
             Self::Black => [0.0; 3],
+        }
+    }
+
+    /// What is behind training ray `i`: `rng` is the stream of a step's backgrounds.
+    #[must_use]
+    pub fn of_ray(self, rng: &Rng, i: u64) -> [f32; 3] {
+        match self {
+            Self::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
+            fixed => fixed.colour(),
         }
     }
 
