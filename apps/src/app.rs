@@ -44,8 +44,8 @@ pub(crate) static STATIC: App = App {
 pub(crate) static WILD: App = App {
     name: "nerf-wild",
     about: "Radiance fields from photos of many people: the place, without the passers-by, in any photo's light",
-    default_system: "ngp",
-    build: systems::plan::build,
+    default_system: "auto",
+    build: systems::wild::build,
     demo_scene: "synthetic:plaza",
     demo_folder: "runs/demo-wild",
     demo_steps: 1000,

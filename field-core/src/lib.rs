@@ -1,4 +1,5 @@
-//! A point in space to density, colour and features: encodings, grids, tiny networks, random numbers.
+//! A point in space to density, colour and features: encodings, grids, tiny networks, random numbers. An image to a code:
+//! convolutions ([`conv`]).
 //!
 //! Everything differentiable is a pair of plain functions on slices, `f` and `f_backward`; batches are feature-major,
 //! `[feature][sample]`.
@@ -10,6 +11,7 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("field-core needs a float backend: enable `std` or `libm`");
 
+pub mod conv;
 pub mod embedding;
 pub mod encoding;
 mod error;

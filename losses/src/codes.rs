@@ -37,7 +37,7 @@ pub fn view_consistency_backward(
     Ok(())
 }
 
-/// Size of a code: `mean a^2`; 0 for length 0.
+/// Size of a code: `mean a^2`; 0 for length 0. (SF-NeRF weighs `sum a^2 - 1`: times the length, less 1.)
 #[must_use]
 pub fn size(a: &[f32]) -> f64 {
     a.iter().map(|&a| f64::from(a) * f64::from(a)).sum::<f64>() * per(a.len())

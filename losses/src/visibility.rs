@@ -10,7 +10,8 @@
 //!        [`masked`]              [`size`]            [`indecision`]
 //! ```
 //!
-//! Without the last term a given error is best left out to [`best_map`]`(e2, lambda)`. Sums are `f64` in index order.
+//! Without the last term a given error is best left out to [`best_map`]`(e2, lambda)`. The published form, `M e2 + lambda (1 - M)^2`
+//! with `M = 1 - m`, is twice the first term and the second. Sums are `f64` in index order.
 //! Values are not scanned: NaN in gives NaN out.
 //!
 //! Source: Chen et al., "Hallucinated neural radiance fields in the wild" (Ha-NeRF), 2022, eqs. 7 and 8, and as released.

@@ -1,4 +1,4 @@
-//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction.
+//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction, lighting.
 //!
 //! Axes, pixel centres, letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV
 //! axes (x right, y down, z forward), pixel centres at `+ 0.5`, unit ray directions, radians.
@@ -17,6 +17,7 @@ pub mod contract;
 pub mod error;
 pub mod frustum;
 pub mod histogram;
+pub mod lighting;
 pub mod ndc;
 pub mod occupancy;
 pub mod path;

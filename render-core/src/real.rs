@@ -30,6 +30,8 @@ pub trait Real:
     fn of(x: f64) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
+    /// `self^exponent`.
+    fn powf(self, exponent: Self) -> Self;
     /// Absolute value.
     fn abs(self) -> Self;
     /// Larger one; the other where one is NaN.
@@ -59,6 +61,10 @@ macro_rules! real {
             #[inline(always)]
             fn sqrt(self) -> Self {
                 $door::sqrt(self)
+            }
+            #[inline(always)]
+            fn powf(self, exponent: Self) -> Self {
+                $door::powf(self, exponent)
             }
             #[inline(always)]
             fn abs(self) -> Self {

@@ -20,6 +20,7 @@ mod instant_ngp;
 mod json;
 mod llff;
 mod load;
+mod mask_files;
 mod naming;
 mod nerfstudio;
 mod npy;

@@ -15,6 +15,7 @@ use crate::json::Document;
 use crate::options::{LoadOptions, TrainPhotos};
 use crate::{Dialect, ErrorKind, Place, Problem, SceneError, Split, files};
 use std::collections::HashMap;
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// What a photo is for, as its convention says.
@@ -155,6 +156,7 @@ fn by_file_names(reading: &mut Reading, options: &LoadOptions) -> Result<bool, S
 }
 
 /// The first table of the dataset's folder, of its `dense` folder, or of the folder above where this one is `dense`.
+/// Other programs' tables, without columns `filename` and `split`, do not count.
 fn find_table(reading: &mut Reading) -> Option<PathBuf> {
     let root = &reading.root;
     let above = root.parent().filter(|_| root.file_name().is_some_and(|n| n == "dense"));
@@ -164,13 +166,20 @@ fn find_table(reading: &mut Reading) -> Option<PathBuf> {
         .flatten()
         .flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten())
         .filter_map(|entry| entry.ok().map(|e| e.path()))
-        .filter(|p| p.is_file() && p.extension().is_some_and(|e| e == "tsv"))
+        .filter(|p| p.is_file() && p.extension().is_some_and(|e| e == "tsv") && is_table(p))
         .collect();
     tables.sort();
     if let [first, _, ..] = tables.as_slice() {
         reading.notes.push(format!("{} tables of splits: used is {}", tables.len(), first.display()));
     }
     tables.into_iter().next()
+}
+
+fn is_table(path: &Path) -> bool {
+    let mut header = String::new();
+    let read = std::fs::File::open(path).map(|file| BufReader::new(file.take(4096)).read_line(&mut header));
+    let has = |name: &str| header.trim_start_matches('\u{feff}').split('\t').any(|h| h.trim() == name);
+    matches!(read, Ok(Ok(_))) && has("filename") && has("split")
 }
 
 /// A table of file names and splits.

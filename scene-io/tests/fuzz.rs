@@ -107,4 +107,65 @@ proptest! {
             prop_assert_eq!(pixels.is_ok(), bytes.len() == whole.len());
         }
     }
+
+    #[test]
+    fn files_beside_photos_never_panic(kind in 0_usize..4, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::ngp(1);
+        let grey = |name: &str| {
+            let file = dataset.file(name);
+            image::ImageBuffer::from_pixel(8, 6, image::Luma([300_u16])).save(&file).unwrap();
+            file
+        };
+        let file = match kind {
+            0 => grey("images/000.segs.png"),
+            1 => grey("images/000.segs/a.png"),
+            2 => {
+                grey("images/000.points/a.png");
+                dataset.write("images/000.points/scores.txt", "0.91 0.95\n")
+            }
+            _ => {
+                let text = "{'descr': '<f2', 'fortran_order': False, 'shape': (2, 1, 2), }";
+                let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+                bytes.extend((text.len() as u16).to_le_bytes());
+                bytes.extend(text.as_bytes());
+                bytes.extend([0, 60, 0, 0, 0, 60, 0, 192]);
+                dataset.write("images/000.features.npy", bytes)
+            }
+        };
+        let read = || {
+            let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
+            let frame = &scene.frames[0];
+            let segments = frame.read_segments().map(|s| s.is_some());
+            let prompted = frame.read_prompted().map(|s| s.is_some());
+            [segments, prompted, frame.read_features().map(|f| f.is_some())]
+        };
+        prop_assert!(read().into_iter().any(|r| r.unwrap()));
+        let whole = std::fs::read(&file).unwrap();
+        let bytes = spoil(&whole, cut, &changes);
+        std::fs::write(&file, &bytes).unwrap();
+        let refused = read().iter().any(Result::is_err);
+        // Features are never taken for whole when cut; one score may lose a digit, and pictures their last chunk.
+        if changes.is_empty() && kind == 3 {
+            prop_assert_eq!(refused, bytes.len() < whole.len());
+        }
+    }
+
+    #[test]
+    fn split_lists_never_panic(table: bool, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::new();
+        for name in ["a.png", "b.png", "c.png"] {
+            dataset.image(&format!("images/{name}"), 8, 6);
+        }
+        for (name, bytes) in ["cameras", "images", "points3D"].iter().zip(colmap_binary(&["a.png", "b.png", "c.png"])) {
+            dataset.write(&format!("sparse/{name}.bin"), bytes);
+        }
+        let (name, text) = match table {
+            true => ("t.tsv", "filename\tid\tsplit\na.png\t1\ttrain\nb.png\t2\ttest\nc.png\t\ttest\n"),
+            false => ("split.json", r#"{"clutter": [0, 1], "extra": [2]}"#),
+        };
+        dataset.write(name, text);
+        prop_assert_eq!(load(dataset.path(), &LoadOptions::default()).unwrap().held_out_names().len(), 1);
+        dataset.write(name, spoil(text.as_bytes(), cut, &changes));
+        let _ = load(dataset.path(), &LoadOptions::default());
+    }
 }

@@ -4,8 +4,8 @@ use glam::DVec3;
 use render_core::camera::Lens;
 use scene_io::colmap::Model;
 use scene_io::{
-    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, Scene, Split,
-    StoreOptions, TrainPhotos, check, load, refuse_blank_masks,
+    Depth, Dialect, Disturbance, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, Scene,
+    Split, StoreOptions, TrainPhotos, check, load, perturb, refuse_blank_masks,
 };
 use std::path::PathBuf;
 
@@ -118,6 +118,23 @@ fn lego_is_a_blender_scene() {
             let want = if alpha > 0.0 { rgb[c] / alpha } else { 0.0 };
             assert!((f64::from(got[c]) - want).abs() <= 0.5, "({x}, {y}) {c}");
         }
+    }
+}
+
+#[test]
+fn perturbed_lego_keeps_its_first_view_and_its_test_views() {
+    let Some(path) = data("nerf_synthetic/lego") else { return };
+    let clean = load(&path, &LoadOptions::default()).unwrap();
+    let scene = perturb(clean.clone(), Disturbance::Both, 0);
+    assert_ne!(scene.fingerprint(), clean.fingerprint());
+    let small = StoreOptions { longest_side: Some(100), ..StoreOptions::default() };
+    let [a, b] = [&clean, &scene].map(|s| ImageStore::new(&s.frames, small).unwrap());
+    for (i, frame) in scene.frames.iter().enumerate().step_by(7) {
+        let same = a.get(i).unwrap() == b.get(i).unwrap();
+        assert_eq!(same, i == 0 || frame.split != Split::Train, "{}", frame.name);
+        let truth = frame.read_transient().unwrap().map(|mask| mask.count());
+        let want = if i == 0 { 0 } else { 100 * 100 };
+        assert_eq!(truth, (frame.split == Split::Train).then_some(want), "{}", frame.name);
     }
 }
 

@@ -42,5 +42,6 @@ pub mod summary;
 pub mod surface;
 pub mod system;
 pub mod train;
+pub mod wild;
 
 pub use error::RunError;

@@ -173,6 +173,16 @@ pub trait Method: Send + Sync {
     /// What the error of pixel `i` of the batch costs, and the derivative of that. Times the pixel's weight it is summed.
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar);
 
+    /// What the error of pixel `i` of a field's first look costs, and its derivative, for fields that look twice along each
+    /// ray; summed as [`Method::loss`] is. The first look only says where the second one looks closer, and has no transient
+    /// part: unless told otherwise, this is the mean squared error over channels. A method whose masks leave pixels out of
+    /// the loss leaves them out here too, without a derivative of the mask.
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let _ = i;
+        let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
+        (e.iter().map(|e| e * e).sum::<f32>() / 3.0, e.map(|e| 2.0 * e / 3.0))
+    }
+
     /// Learn from a step. Returns how many gradient entries were not finite.
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let _ = outcome;

@@ -2,6 +2,7 @@
 
 use crate::data::Dataset;
 use crate::layout::{Layout, layout};
+use crate::method::Method;
 use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
@@ -19,6 +20,78 @@ const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 /// Systems by name.
 pub const SYSTEMS: [&str; 4] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360"];
 
+/// What is known of a scene before any system is chosen.
+pub(crate) struct Ground {
+    pub(crate) layout: Layout,
+    /// What was decided, and why.
+    pub(crate) lines: Vec<String>,
+    pub(crate) background: Background,
+    /// The photos have alpha.
+    pub(crate) transparent: bool,
+    pub(crate) error_budget: f32,
+}
+
+impl Ground {
+    pub(crate) fn of(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        check_parallax(data, run)?;
+        let layout = layout(scene, data);
+        let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
+        let transparent = has_alpha(data)?;
+        let background = run.background.unwrap_or(Background::Random);
+        lines.push(match (run.background, transparent) {
+            (Some(b), _) => format!("background: {} (asked for)", b.name()),
+            (None, true) => "background: random (the images have alpha: empty space cannot hide as a colour)".into(),
+            (None, false) => "background: random (the images have no alpha: every ray must end on something)".into(),
+        });
+        let error_budget = run.error_budget.unwrap_or(EVALUATION_BUDGET);
+        Ok(Self { layout, lines, background, transparent, error_budget })
+    }
+
+    /// Settings of `nerf` for the scene.
+    pub(crate) fn nerf_settings(&mut self) -> NerfConfig {
+        self.lines.push("networks, samples and learning rate as published; smaller batches".into());
+        NerfConfig {
+            centre: self.layout.centre.to_array(),
+            radius: self.layout.radius,
+            extent: f64::from(1_u32 << (self.layout.cascades - 1)),
+            ..NerfConfig::published(self.layout.kind)
+        }
+    }
+
+    /// A new `nerf` that learns what a method says.
+    pub(crate) fn nerf(
+        &self,
+        data: &Dataset,
+        config: &NerfConfig,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Nerf, SystemError> {
+        let place = (config.centre, config.radius, config.extent);
+        let space = space(&self.layout, data, config.space, place, config.near)?;
+        Nerf::with_method(config.clone(), space, self.background, seed, method)
+    }
+
+    /// A new `ngp` that learns what a method says.
+    pub(crate) fn ngp(
+        &mut self,
+        data: &Dataset,
+        config: &NgpConfig,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Ngp, SystemError> {
+        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
+        ngp.carve(data)?;
+        self.lines.push(format!(
+            "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
+            percent(ngp.carved()),
+            if self.transparent { " and the images' alpha" } else { "" }
+        ));
+        Ok(ngp)
+    }
+}
+
 /// Build the system `name` for a scene.
 ///
 /// # Errors
@@ -30,17 +103,7 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
-    check_parallax(data, run)?;
-    let layout = layout(scene, data);
-    let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
-    let transparent = has_alpha(data)?;
-    let background = run.background.unwrap_or(Background::Random);
-    lines.push(match (run.background, transparent) {
-        (Some(b), _) => format!("background: {} (asked for)", b.name()),
-        (None, true) => "background: random (the images have alpha: empty space cannot hide as a colour)".into(),
-        (None, false) => "background: random (the images have no alpha: every ray must end on something)".into(),
-    });
-    let error_budget = run.error_budget.unwrap_or(EVALUATION_BUDGET);
+    let Ground { layout, mut lines, background, transparent, error_budget } = Ground::of(scene, data, run)?;
     let plan = |lines, mut config: toml::Table| {
         // A resumed run must be told again.
         config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
@@ -49,30 +112,15 @@ pub fn build(
     match name {
         "ngp" => {
             let config = settings(&ngp_settings(&layout, data, transparent, &mut lines), run)?;
-            let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
-            let space = space(&layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
-            let mut ngp = Ngp::new(config.clone(), space, background, run.seed)?;
-            ngp.carve(data)?;
-            lines.push(format!(
-                "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
-                percent(ngp.carved()),
-                if transparent { " and the images' alpha" } else { "" }
-            ));
-            Ok((Box::new(ngp), plan(lines, table(&config))))
+            let mut ground = Ground { layout, lines, background, transparent, error_budget };
+            let ngp = ground.ngp(data, &config, run.seed, None)?;
+            Ok((Box::new(ngp), plan(ground.lines, table(&config))))
         }
         "nerf" => {
-            lines.push("networks, samples and learning rate as published; smaller batches".into());
-            let planned = NerfConfig {
-                centre: layout.centre.to_array(),
-                radius: layout.radius,
-                extent: f64::from(1_u32 << (layout.cascades - 1)),
-                ..NerfConfig::published(layout.kind)
-            };
-            let config = settings(&planned, run)?;
-            let place = (config.centre, config.radius, config.extent);
-            let space = space(&layout, data, config.space, place, config.near)?;
-            let nerf = Nerf::new(config.clone(), space, background, run.seed)?;
-            Ok((Box::new(nerf), plan(lines, table(&config))))
+            let mut ground = Ground { layout, lines, background, transparent, error_budget };
+            let config = settings(&ground.nerf_settings(), run)?;
+            let nerf = ground.nerf(data, &config, run.seed, None)?;
+            Ok((Box::new(nerf), plan(ground.lines, table(&config))))
         }
         "mip-nerf" => {
             lines.push("network, intervals and learning rate as published; smaller batches".into());
@@ -114,7 +162,7 @@ pub fn build(
 }
 
 /// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
-const NO_PARALLAX: &str = "accept_no_parallax";
+pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
 
 /// Two or more training cameras that all stand and look the same way tell nothing about depth.
 fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
@@ -137,7 +185,7 @@ fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
     refuse("false".into(), format!("{what}; check the poses, or set it to true to train all the same"))
 }
 
-fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
@@ -147,7 +195,7 @@ fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
 }
 
 /// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
-fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
+pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
     let mut all = table(planned);
     for (key, value) in run.set.iter().filter(|(key, _)| *key != NO_PARALLAX) {
         let Some(slot) = all.get_mut(key) else {
@@ -172,12 +220,12 @@ fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> R
 }
 
 /// Every field of a configuration with its value.
-fn table<C: Serialize>(config: &C) -> toml::Table {
+pub(crate) fn table<C: Serialize>(config: &C) -> toml::Table {
     toml::Table::try_from(config).expect("settings are plain values")
 }
 
 /// Settings of `ngp` for a scene.
-fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut Vec<String>) -> NgpConfig {
+pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, lines: &mut Vec<String>) -> NgpConfig {
     let pixel = layout.footprint;
     // The grid spans two internal units, four where space is contracted.
     let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
@@ -253,7 +301,7 @@ const SAMPLES_OF_AN_OBJECT: u64 = 8;
 const SAMPLES_OF_A_SCENE: u64 = 64;
 const SAMPLES_OF_A_RUN: u64 = 100_000_000;
 
-fn space(
+pub(crate) fn space(
     layout: &Layout,
     data: &Dataset,
     kind: SpaceKind,

@@ -2,8 +2,8 @@
 
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Depth, Disturbance, Report, Scene};
+use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
+use scene_io::{Depth, Disturbance, Report, Scene, TrainPhotos};
 use std::path::Path;
 
 /// What embedded scenes begin with.
@@ -13,7 +13,7 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, or a dataset; `perturbed:` before either disturbs its training
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training
 /// views (see [`scene_io::perturb`]).
 ///
 /// # Errors
@@ -65,11 +65,16 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
             "`--holdout`: `{SYNTHETIC}{name}` has a split of its own; leave the option out"
         )));
     }
+    let photos = data.load_options()?.train_photos;
     match name {
-        "tabletop" => Ok(tabletop(&TabletopOptions::default())),
-        other => {
-            Err(RunError::Option(format!("there is no scene `{SYNTHETIC}{other}`; there is `{SYNTHETIC}tabletop`")))
+        "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
+        "tabletop" if photos == TrainPhotos::Clean => {
+            Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
+        "tabletop" => Ok(tabletop(&TabletopOptions::default())),
+        other => Err(RunError::Option(format!(
+            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop` and `{SYNTHETIC}plaza`"
+        ))),
     }
 }
 
@@ -80,11 +85,11 @@ mod tests {
     #[test]
     fn perturbed_scenes_are_scenes_with_disturbed_training_views() {
         let data = DataOptions::default();
-        let scene = load("perturbed:co:synthetic:tabletop", &data).unwrap();
+        let scene = load("perturbed:co:synthetic:plaza", &data).unwrap();
         let disturbed = scene.split(scene_io::Split::Train).filter(|i| scene.frames[*i].perturbation.is_some()).count();
         assert_eq!(disturbed, scene.count(scene_io::Split::Train) - 1);
         assert!(scene.split(scene_io::Split::Test).all(|i| scene.frames[i].perturbation.is_none()));
-        let report = check("perturbed:o:synthetic:tabletop", &data, Depth::Headers).unwrap();
+        let report = check("perturbed:o:synthetic:plaza", &data, Depth::Headers).unwrap();
         assert!(report.notes.iter().any(|n| n.contains("occluders, seed 0")), "{report}");
         for wrong in ["perturbed:", "perturbed:c", "perturbed:c:", "perturbed:x:synthetic:tabletop"] {
             assert!(matches!(load(wrong, &data), Err(RunError::Option(_))), "{wrong}");

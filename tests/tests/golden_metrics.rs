@@ -1,10 +1,11 @@
-//! Image metrics against golden vectors: `tests/golden/metrics.json`, ops `image_pair`, `masked_pair` and `ms_ssim`.
+//! Image metrics against golden vectors: `tests/golden/metrics.json`, ops `image_pair`, `masked_pair`, `ms_ssim` and
+//! `segmentation`.
 //!
 //! Images are 8 bit and everything but the LPIPS network is `f64`, so the `f64` tolerances apply to all but LPIPS.
 
 use losses::metrics::{
-    Image, Lpips, MaskedSsim, MetricError, SsimVariant, lpips::LpipsTensor, masked_mse, masked_psnr, masked_ssim,
-    ms_ssim, mse, psnr, ssim,
+    Confusion, EmptyClass, Image, Lpips, MaskedSsim, MetricError, SsimVariant, lpips::LpipsTensor, masked_mse,
+    masked_psnr, masked_ssim, ms_ssim, mse, psnr, ssim,
 };
 use safetensors::SafeTensors;
 use std::{borrow::Cow, path::PathBuf};
@@ -109,6 +110,34 @@ fn ms_ssim_matches_golden() {
         count += 1;
     }
     assert_eq!(count, 5);
+}
+
+/// The records have up to five classes, ours are two: each class in turn against all others.
+#[test]
+fn segmentation_matches_golden() {
+    let golden = golden();
+    let mut count = 0;
+    for record in golden.op("segmentation") {
+        let (prediction, truth) = (record.input("pred").bytes(), record.input("gt").bytes());
+        let others = |x: &[u8], class: usize| x.iter().map(|&x| u8::from(usize::from(x) != class)).collect::<Vec<_>>();
+        let classes = record.param("classes").usize();
+        for class in 0..classes {
+            let counts = Confusion::of(&others(&prediction, class), &others(&truth, class)).unwrap();
+            let at = |gt: usize, pred: usize| record.output("confusion").data[gt * classes + pred] as u64;
+            assert_eq!(counts.true_positive, at(class, class), "{}", record.label());
+            assert_eq!(counts.false_negative, (0..classes).map(|c| at(class, c)).sum::<u64>() - at(class, class));
+            let scores = counts.scores(EmptyClass::LeftOut);
+            // Absent classes are -1 there.
+            assert_eq!(scores.iou_transient.unwrap_or(-1.0), record.output("iou").data[class], "{}", record.label());
+            assert_eq!(scores.f1.unwrap_or(-1.0), record.output("f1").data[class], "{}", record.label());
+            // Of two classes the other is what is not this one: the means are theirs.
+            if classes == 2 {
+                near(record, "miou", scores.miou.unwrap(), 1e-15);
+            }
+        }
+        count += 1;
+    }
+    assert_eq!(count, 6);
 }
 
 /// The published weights: the file named by `WILDFIELD_LPIPS`, or `weights/lpips_squeeze.safetensors` beside the data.

@@ -50,6 +50,21 @@ impl Mlp {
         self.run_forward(simd, packed, x, x_stride, n, y, y_stride, scratch, 0);
     }
 
+    /// What [`Mlp::forward`] keeps of `n` samples, without the forward pass: for networks of one layer without an
+    /// activation, where that is the inputs and nothing else.
+    ///
+    /// # Panics
+    /// Where a buffer is too short.
+    pub(crate) fn keep_inputs(&self, simd: Simd, x: &[f32], x_stride: usize, n: usize, acts: &mut [f32]) {
+        assert!(self.layers.len() == 1 && !self.keeps_outputs(), "mlp: more to keep than inputs");
+        let (inputs, inputs_pad) = (self.inputs(), self.layers[0].inputs_pad);
+        for (p, s0) in (0..n).step_by(PANEL).enumerate() {
+            let panel = &mut acts[p * self.panel_len..][..PANEL * inputs_pad];
+            panel_from_rows(simd, &x[s0..], x_stride, inputs, PANEL.min(n - s0), panel, inputs_pad, inputs_pad);
+            self.round(panel);
+        }
+    }
+
     #[expect(clippy::too_many_arguments, reason = "two matrices with strides")]
     fn run_forward(
         &self,

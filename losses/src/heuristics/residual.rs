@@ -3,7 +3,8 @@
 use crate::{LossError, error::same, order::lower_quantile};
 use alloc::vec::Vec;
 
-/// Added to the mean error before errors are compared with it: the mean of equal numbers may round to less than they are.
+/// Share of the mean error that is added to it before errors are compared with it: the mean of equal numbers may round to less
+/// than they are.
 pub const MEAN_SLACK: f64 = 1e-9;
 
 /// Static by their errors: `h_cr = [r <= mean r]` and `h_most = h_cr or [r <= quantile of r]`.
@@ -36,7 +37,7 @@ pub fn residual_masks(
         total += f64::from(r);
         count += 1;
     }
-    let mean = total / count.max(1) as f64 + MEAN_SLACK;
+    let mean = total / count.max(1) as f64 * (1.0 + MEAN_SLACK);
     let most = lower_quantile(r, quantile, scratch);
     for ((h_cr, h_most), &r) in h_cr.iter_mut().zip(h_most).zip(r) {
         let below_mean = r.is_finite() && f64::from(r) <= mean;

@@ -38,8 +38,15 @@ pub fn general(x: f32, shape: f32, c: f32) -> f32 {
 #[inline]
 #[must_use]
 pub fn general_derivative(x: f32, shape: f32, c: f32) -> f32 {
-    if x.is_infinite() && shape <= 1.0 {
-        return if shape < 1.0 { 0.0 } else { 1.0_f32.copysign(x) / c };
+    if x.is_infinite() {
+        let limit = if shape < 1.0 {
+            0.0
+        } else if shape == 1.0 {
+            1.0 / c
+        } else {
+            f32::INFINITY
+        };
+        return limit.copysign(x);
     }
     (f64::from(x) * weight(x, shape, c)) as f32
 }

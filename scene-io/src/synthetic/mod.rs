@@ -18,12 +18,14 @@
 //! ```
 
 mod blender;
+mod plaza;
 mod polynomial;
 mod shape;
 mod surface;
 mod tabletop;
 
 pub use blender::write_blender;
+pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOptions, plaza, plaza_photos};
 pub use shape::{Placed, Shape};
 pub use surface::{Paint, Surface};
 pub use tabletop::{Hit, Tabletop, TabletopOptions, ViewTruth, tabletop};

@@ -38,6 +38,8 @@ pub struct Batch {
     pub view: Vec<u32>,
     /// Column and row.
     pub pixel: Vec<[u16; 2]>,
+    /// Where the pixel's centre is in its photo, as a share of width and height.
+    pub place: Vec<[f32; 2]>,
     /// Decoded images of the current window of views, when not all fit in memory.
     pub(super) pool: Vec<(u32, Arc<Image>)>,
     /// Scratch: keys and views of one round.
@@ -76,25 +78,30 @@ impl Batch {
         self.weight.resize(n, 0.0);
         self.view.resize(n, 0);
         self.pixel.resize(n, [0; 2]);
+        self.place.resize(n, [0.0; 2]);
     }
 
     /// Write every entry `i` as `draw(i, pool)`.
     pub(super) fn fill(&mut self, draw: impl Fn(u64, &[(u32, Arc<Image>)]) -> Drawn + Sync) {
-        let Self { rays, rgb, alpha, weight, view, pixel, pool, .. } = self;
+        let Self { rays, rgb, alpha, weight, view, pixel, place, pool, .. } = self;
         let pool = &pool[..];
         let colours = rgb.par_chunks_mut(CHUNK).zip(alpha.par_chunks_mut(CHUNK)).zip(weight.par_chunks_mut(CHUNK));
-        let places = rays.par_chunks_mut(CHUNK).zip(view.par_chunks_mut(CHUNK)).zip(pixel.par_chunks_mut(CHUNK));
-        colours.zip(places).enumerate().for_each(|(chunk, (((rgb, alpha), weight), ((rays, view), pixel)))| {
-            for k in 0..rays.len() {
-                let drawn = draw((chunk * CHUNK + k) as u64, pool);
-                rays[k] = drawn.ray;
-                rgb[k] = drawn.rgb;
-                alpha[k] = drawn.alpha;
-                weight[k] = drawn.weight;
-                view[k] = drawn.view;
-                pixel[k] = drawn.pixel;
-            }
-        });
+        let views = rays.par_chunks_mut(CHUNK).zip(view.par_chunks_mut(CHUNK));
+        let places = views.zip(pixel.par_chunks_mut(CHUNK)).zip(place.par_chunks_mut(CHUNK));
+        colours.zip(places).enumerate().for_each(
+            |(chunk, (((rgb, alpha), weight), (((rays, view), pixel), place)))| {
+                for k in 0..rays.len() {
+                    let drawn = draw((chunk * CHUNK + k) as u64, pool);
+                    rays[k] = drawn.ray;
+                    rgb[k] = drawn.rgb;
+                    alpha[k] = drawn.alpha;
+                    weight[k] = drawn.weight;
+                    view[k] = drawn.view;
+                    pixel[k] = drawn.pixel;
+                    place[k] = drawn.place;
+                }
+            },
+        );
     }
 }
 
@@ -189,6 +196,7 @@ impl Dataset {
             weight: if used && ray.is_some() { view.pixel_area() } else { 0.0 },
             view: v as u32,
             pixel: [x as u16, y as u16],
+            place: [(x, image.width), (y, image.height)].map(|(at, size)| (at as f32 + 0.5) / size as f32),
             // A ray that does not count still has to be a ray.
             ray: ray.unwrap_or(Ray { o: view.camera.pose.c, d: view.camera.optical_axis() }),
         }
@@ -252,12 +260,13 @@ pub(super) struct Drawn {
     weight: f32,
     view: u32,
     pixel: [u16; 2],
+    place: [f32; 2],
 }
 
 impl Default for Drawn {
     fn default() -> Self {
         let ray = Ray { o: DVec3::ZERO, d: DVec3::Z };
-        Self { ray, rgb: [0.0; 3], alpha: 0.0, weight: 0.0, view: 0, pixel: [0; 2] }
+        Self { ray, rgb: [0.0; 3], alpha: 0.0, weight: 0.0, view: 0, pixel: [0; 2], place: [0.0; 2] }
     }
 }
 

@@ -76,13 +76,8 @@ pub fn tau_bar(mixture: Mixture, tau_s: &[f64], tau_t: &[f64], w_bar: [&[f64]; 2
     let mut out = [vec![0.0; n], vec![0.0; n]];
     for k in 0..n {
         // What lies behind loses in proportion, whichever of the two grows.
-        let mut behind = 0.0;
-        for j in k + 1..n {
-            behind += w_bar[0][j] * ray.w_s[j] + w_bar[1][j] * ray.w_t[j];
-        }
-        for j in k + 1..=n {
-            behind += trans_bar[j] * ray.trans[j];
-        }
+        let sum = |bar: &[f64], of: &[f64]| bar[k + 1..].iter().zip(&of[k + 1..]).map(|(bar, x)| bar * x).sum::<f64>();
+        let behind = sum(w_bar[0], &ray.w_s) + sum(w_bar[1], &ray.w_t) + sum(trans_bar, &ray.trans);
         let jacobian = own(mixture, tau_s[k], tau_t[k]);
         for (out, by) in out.iter_mut().zip(jacobian) {
             out[k] = ray.trans[k] * (w_bar[0][k] * by[0] + w_bar[1][k] * by[1]) - behind;

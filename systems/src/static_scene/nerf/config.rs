@@ -1,6 +1,7 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
 use crate::space::SpaceKind;
+use crate::static_scene::ngp::MixtureKind;
 use crate::system::SystemError;
 use serde::{Deserialize, Serialize};
 
@@ -32,6 +33,8 @@ pub struct NerfConfig {
     pub fine: usize,
     /// Deviation of the noise on the raw density in training: 0 for objects, 1 for real scenes.
     pub density_noise: f32,
+    /// How a transient part shares an interval with the static one, where a method has one: `paper` or `proportional`.
+    pub mixture: MixtureKind,
     /// Rays of a batch. Published: 4096; fewer make more steps in the same time.
     pub batch_rays: usize,
     /// Learning rate at the start, 5e-4.
@@ -57,6 +60,7 @@ impl NerfConfig {
             coarse: 64,
             fine: 128,
             density_noise: if space == SpaceKind::Box { 0.0 } else { 1.0 },
+            mixture: MixtureKind::Paper,
             batch_rays: 128,
             lr: 5e-4,
             lr_decay: if space == SpaceKind::Ndc { 250_000 } else { 500_000 },

@@ -20,6 +20,7 @@ use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
 use optim::{AdamConfig, Decay};
+use render_core::quadrature::two::Mixture;
 
 /// The system.
 pub type Nerf = TwoLevel<NerfConfig>;
@@ -55,6 +56,10 @@ impl Recipe for NerfConfig {
 
     fn level_weight(&self, _level: usize) -> f32 {
         1.0
+    }
+
+    fn mixture(&self) -> Mixture {
+        self.mixture.into()
     }
 
     fn density_noise(&self) -> f32 {

@@ -5,6 +5,7 @@
 
 use super::field::{Field, sized};
 use super::grid_trainer::Part;
+use super::head::{PLACE_ROWS, place_features};
 use super::look::{Kept, Look};
 use super::occupy::Marcher;
 use super::proposal::Proposals;
@@ -42,7 +43,7 @@ pub(super) struct Chunk {
     rays: Vec<InternalRay>,
     /// `[sh + appearance][rays]`: spherical harmonics of the view directions, then the codes of the photos.
     basis: Vec<f32>,
-    /// `[transient][rays]`, the codes of the photos.
+    /// `[place + transient][rays]`: where in the photo, then the codes of the photos.
     transient: Vec<f32>,
     views: Vec<f32>,
     /// `[rays + 1]`
@@ -197,8 +198,14 @@ impl Chunk {
             fill_codes(table, ctx.batch, pixels.clone(), ctx.per_pixel, codes);
         }
         if let Some(table) = ctx.transient {
-            let codes = sized(&mut self.transient, table.dims * rays.len());
-            fill_codes(table, ctx.batch, pixels, ctx.per_pixel, codes);
+            let all = sized(&mut self.transient, (PLACE_ROWS + table.dims) * rays.len());
+            let (places, codes) = all.split_at_mut(PLACE_ROWS * rays.len());
+            fill_codes(table, ctx.batch, pixels.clone(), ctx.per_pixel, codes);
+            for (p, i) in pixels.enumerate() {
+                for (k, value) in place_features(ctx.batch.place[i]).into_iter().enumerate() {
+                    places[k * rays.len() + p * ctx.per_pixel..][..ctx.per_pixel].fill(value);
+                }
+            }
         }
         match ctx.proposals {
             None => self.look.march(ctx, &self.rays, rays),

@@ -18,10 +18,29 @@ use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
     composite_two_backward,
 };
+use std::array;
+use std::f32::consts::PI;
 use std::ops::Range;
 
 /// Added to the raw density: transient matter starts thin, a few percent of a ray's light.
-const DENSITY_BIAS: f32 = -5.0;
+const DENSITY_BIAS: f32 = -3.0;
+
+/// Octaves of the pixel's place in its photo, which the head sees beside the code: what the trunk of the published network
+/// knows of a stranger from fifteen octaves of his position, a hash grid would have to learn from one photo.
+const PLACE_OCTAVES: usize = 4;
+
+/// What the head sees of a ray besides its code.
+pub(super) const PLACE_ROWS: usize = 4 * PLACE_OCTAVES;
+
+/// Sines and cosines of a place, `[u, v]` for each octave.
+pub(super) fn place_features([u, v]: [f32; 2]) -> [f32; PLACE_ROWS] {
+    array::from_fn(|k| {
+        let x = if k & 1 == 0 { u } else { v };
+        // Half a period across the photo first: left and right are told apart.
+        let angle = (x - 0.5) * PI * (1_u32 << (k / 4)) as f32;
+        if k & 2 == 0 { angle.sin() } else { angle.cos() }
+    })
+}
 
 /// Outputs of the network: density, three colours, uncertainty.
 const OUTPUTS: usize = 5;
@@ -32,6 +51,8 @@ pub(super) struct Head {
     pub(super) params: Vec<f32>,
     pub(super) packed: Packed,
     pub(super) adam: Adam,
+    /// Rows of the geometry features.
+    geometry: usize,
     /// Length of a transient code.
     pub(super) dims: usize,
     /// How the two parts share an interval.
@@ -50,7 +71,7 @@ impl Head {
         rng: Rng,
     ) -> Result<Self, SystemError> {
         let mlp = Mlp::new(&MlpConfig {
-            inputs: geometry + dims,
+            inputs: geometry + PLACE_ROWS + dims,
             hidden: vec![width; 2],
             outputs: OUTPUTS,
             bias: Bias::Zero,
@@ -61,7 +82,8 @@ impl Head {
         .map_err(|e| config::bad("transient_dims", dims, &e.to_string()))?;
         let params = xavier(&mlp, rng);
         let adam = Adam::new(params.len(), ADAM);
-        let mut head = Self { mlp, params, packed: Packed::default(), adam, dims, mixture, per_step: 1.0 / step_min };
+        let mut head =
+            Self { mlp, params, packed: Packed::default(), adam, geometry, dims, mixture, per_step: 1.0 / step_min };
         head.pack();
         Ok(head)
     }
@@ -104,7 +126,7 @@ impl HeadBars {
 #[derive(Default)]
 pub(super) struct HeadTile {
     acts: Vec<f32>,
-    /// `[geometry + code][n]`
+    /// `[geometry + place + code][n]`
     input: Vec<f32>,
     input_bar: Vec<f32>,
     /// `[5][n]`
@@ -158,12 +180,12 @@ impl HeadTile {
         (input, tau_s, rgb_s, background): (&[f32], &[f32], &[f32], &[f32]),
     ) {
         let (simd, n, count) = (ctx.field.simd, samples.len(), rays.len());
-        let geometry = head.mlp.inputs() - head.dims;
+        let geometry = head.geometry;
         let x = sized(&mut self.input, head.mlp.inputs() * n);
         x[..geometry * n].copy_from_slice(&input[..geometry * n]);
         for r in 0..count {
             let span = offsets[r] as usize..offsets[r + 1] as usize;
-            for k in 0..head.dims {
+            for k in 0..PLACE_ROWS + head.dims {
                 x[(geometry + k) * n..][span.clone()].fill(chunk.transient[k * chunk.rays + rays.start + r]);
             }
         }
@@ -271,14 +293,14 @@ impl HeadTile {
         let scratch = sized(&mut self.scratch, head.mlp.backward_scratch_len());
         let x_bar = (&mut *input_bar, n);
         backward(&head.mlp, ctx.field, &head.packed, &self.acts, raw_bar, n, x_bar, out.head, scratch);
-        let geometry = head.mlp.inputs() - head.dims;
+        let geometry = head.geometry;
         for (sum, bar) in geometry_bar.iter_mut().zip(&input_bar[..geometry * n]) {
             *sum += *bar;
         }
         for (r, bars) in out.transient[rays.start * head.dims..].chunks_exact_mut(head.dims).take(count).enumerate() {
             let span = offsets[r] as usize..offsets[r + 1] as usize;
             for (k, bar) in bars.iter_mut().enumerate() {
-                *bar += input_bar[(geometry + k) * n..][span.clone()].iter().sum::<f32>();
+                *bar += input_bar[(geometry + PLACE_ROWS + k) * n..][span.clone()].iter().sum::<f32>();
             }
         }
     }

@@ -30,7 +30,7 @@ pub(super) struct Marched<'a> {
     pub(super) n: usize,
     /// `[sh + appearance][rays]`: what the colour network sees of a ray.
     pub(super) basis: &'a [f32],
-    /// `[transient code][rays]`
+    /// `[place + transient code][rays]`
     pub(super) transient: &'a [f32],
 }
 

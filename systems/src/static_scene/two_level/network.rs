@@ -24,7 +24,7 @@ pub struct NetworkConfig<P> {
     pub(crate) colour_pad: f32,
 }
 
-/// Shapes; coarse and fine network share them.
+/// Shapes; coarse and fine network share them. The colour sees the bottleneck, the direction, and the photo's code.
 pub(super) struct Shapes<P> {
     position: P,
     direction: Frequency,
@@ -51,7 +51,8 @@ pub(crate) fn refuse(e: impl ToString) -> SystemError {
 }
 
 impl<P: Encoder + Copy> Shapes<P> {
-    pub(super) fn new(config: &NetworkConfig<P>) -> Result<Self, SystemError> {
+    /// `appearance` is the length of a photo's code, 0 without.
+    pub(super) fn new(config: &NetworkConfig<P>, appearance: usize) -> Result<Self, SystemError> {
         let position = config.position;
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
@@ -74,7 +75,7 @@ impl<P: Encoder + Copy> Shapes<P> {
             density: mlp(w, vec![], 1, Activation::None, vec![])?,
             bottleneck: mlp(w, vec![], w, Activation::None, vec![])?,
             colour: mlp(
-                w + direction.out_rows(),
+                w + direction.out_rows() + appearance,
                 vec![w / 2],
                 3,
                 Activation::Logistic { pad: config.colour_pad },
@@ -88,6 +89,17 @@ impl<P: Encoder + Copy> Shapes<P> {
     /// Rows that the position encoding sees.
     pub(super) fn position_rows(&self) -> usize {
         self.position.in_rows()
+    }
+
+    /// Width of the trunk.
+    pub(super) fn width(&self) -> usize {
+        self.trunk.outputs()
+    }
+
+    /// The network of the colour, and where its parameters lie in those of a network.
+    pub(super) fn colour(&self) -> (&Mlp, Range<usize>) {
+        let [.., range] = self.ranges();
+        (&self.colour, range)
     }
 
     fn mlps(&self) -> [&Mlp; 4] {
@@ -147,23 +159,41 @@ pub(super) struct Output {
     pub(super) raw_density: Node,
     /// `[3 x n]`
     pub(super) rgb: Node,
+    /// `[width x n]`, what the trunk makes of the positions.
+    pub(super) trunk: Node,
+    /// What the colour is made of: bottleneck, direction, code.
+    pub(super) colour_input: Node,
+}
+
+/// What a network sees of a set of samples.
+#[derive(Clone, Copy)]
+pub(super) struct Seen {
+    /// What the position encoding sees.
+    pub(super) x: Node,
+    /// `[3 x n]` unit directions.
+    pub(super) d: Node,
+    /// `[dims x n]` code of the photo; `None` where colours know of none.
+    pub(super) code: Option<Node>,
 }
 
 impl<'a, P: Encoder> Ops<'a, P> {
-    /// Record the network: `x` what the position encoding sees, `d` `[3 x n]` unit directions.
-    pub(super) fn record(&'a self, tape: &mut Tape<'a>, x: Node, d: Node) -> Result<Output, TapeError> {
+    /// Record the network.
+    pub(super) fn record(&'a self, tape: &mut Tape<'a>, seen: Seen) -> Result<Output, TapeError> {
         let [trunk, density, bottleneck, colour] = &self.parts;
         let apply = |tape: &mut Tape<'a>, part: &'a (MlpOp<'a>, Range<usize>), x| {
             let params = tape.param(part.1.start, part.1.len(), 1)?;
             tape.custom(&part.0, &[x, params])
         };
-        let position = tape.custom(&self.position, &[x])?;
-        let direction = tape.custom(&self.direction, &[d])?;
+        let position = tape.custom(&self.position, &[seen.x])?;
+        let direction = tape.custom(&self.direction, &[seen.d])?;
         let h = apply(tape, trunk, position)?;
         let raw_density = apply(tape, density, h)?;
         let features = apply(tape, bottleneck, h)?;
-        let features = tape.concat(&[features, direction])?;
-        let rgb = apply(tape, colour, features)?;
-        Ok(Output { raw_density, rgb })
+        let colour_input = match seen.code {
+            Some(code) => tape.concat(&[features, direction, code])?,
+            None => tape.concat(&[features, direction])?,
+        };
+        let rgb = apply(tape, colour, colour_input)?;
+        Ok(Output { raw_density, rgb, trunk: h, colour_input })
     }
 }

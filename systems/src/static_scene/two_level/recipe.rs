@@ -6,6 +6,7 @@ use crate::system::SystemError;
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use optim::AdamConfig;
+use render_core::quadrature::two::Mixture;
 
 /// What a ray of a system is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +50,11 @@ pub trait Recipe: Clone + Send + Sync {
 
     /// Factor of a level's squared error in the loss.
     fn level_weight(&self, level: usize) -> f32;
+
+    /// How a transient part shares an interval with the static one, where there is one.
+    fn mixture(&self) -> Mixture {
+        Mixture::default()
+    }
 
     /// Deviation of the noise on the raw density in training.
     fn density_noise(&self) -> f32;

@@ -1,10 +1,10 @@
 //! Rendering: colours, depths and normals from the fine network.
 
-use super::network::Ops;
+use super::network::{Ops, Output, Seen};
 use super::samples::{Level, Tile};
-use super::{Recipe, TwoLevel, recorded};
+use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
-use crate::system::{Layers, Normals, Query};
+use crate::system::{Appearance, Layers, Normals, Query};
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use float_core::Simd;
 use glam::DVec3;
@@ -18,44 +18,69 @@ struct Rendered {
     rgb: Vec<f32>,
 }
 
+/// A network's answers at a level's samples, all in the light of `code`; empty where colours know of none.
 fn record<'a, P: Encoder>(
     ops: &'a Ops<'a, P>,
     level: &'a mut Level,
     params: &'a [f32],
-) -> Result<(Tape<'a>, (Node, Node)), TapeError> {
+    code: &[f32],
+) -> Result<(Tape<'a>, Output), TapeError> {
     let n = level.t.len();
     let mut tape = Tape::new(&mut level.arena, params);
     let (x, d) = (tape.constant(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
-    let out = ops.record(&mut tape, x, d)?;
-    Ok((tape, (out.raw_density, out.rgb)))
+    let code = code_rows(&mut tape, code, n)?;
+    let out = ops.record(&mut tape, Seen { x, d, code })?;
+    Ok((tape, out))
+}
+
+/// One code for `n` samples.
+fn code_rows(tape: &mut Tape<'_>, code: &[f32], n: usize) -> Result<Option<Node>, TapeError> {
+    if code.is_empty() {
+        return Ok(None);
+    }
+    let column = tape.constant(code.len(), 1, code)?;
+    tape.broadcast_samples(column, n).map(Some)
 }
 
 impl<R: Recipe> TwoLevel<R> {
-    /// Values of the fine network for a tile of rays: `(sigma, rgb)` nodes stay on the tape that `then` sees.
-    fn render_tile(
+    /// Both looks at a tile of rays, evenly spaced; the samples of the second are in `tile.fine`.
+    pub(super) fn look_twice(
         &self,
-        ops: &[Ops<'_, R::Position>; 2],
+        ops: &TwoLevelOps<'_, R::Position>,
         rays: &[InternalRay],
+        code: &[f32],
         tile: &mut Tile,
-    ) -> Result<Rendered, TapeError> {
+    ) -> Result<(), TapeError> {
         self.config.fill_coarse(&self.space, rays, None, tile);
         let raw = {
-            let (mut tape, out) = record(&ops[0], &mut tile.coarse, self.network(0))?;
-            let _ = &mut tape;
-            tape.value(out.0)?.data.to_vec()
+            let (tape, out) = record(&ops.levels[0], &mut tile.coarse, self.network(0), code)?;
+            tape.value(out.raw_density)?.data.to_vec()
         };
         tile.weigh(raw.iter().map(|&raw| self.config.density_of(raw)), rays.len());
         self.config.fill_fine(&self.space, rays, None, tile);
-        let (tape, out) = record(&ops[1], &mut tile.fine, self.network(1))?;
-        Ok(Rendered { raw: tape.value(out.0)?.data.to_vec(), rgb: tape.value(out.1)?.data.to_vec() })
+        Ok(())
+    }
+
+    /// Values of the fine network for a tile of rays.
+    fn render_tile(
+        &self,
+        ops: &TwoLevelOps<'_, R::Position>,
+        rays: &[InternalRay],
+        code: &[f32],
+        tile: &mut Tile,
+    ) -> Result<Rendered, TapeError> {
+        self.look_twice(ops, rays, code, tile)?;
+        let (tape, out) = record(&ops.levels[1], &mut tile.fine, self.network(1), code)?;
+        Ok(Rendered { raw: tape.value(out.raw_density)?.data.to_vec(), rgb: tape.value(out.rgb)?.data.to_vec() })
     }
 
     /// Layers of a tile's rays, appended.
     pub(super) fn render_into(
         &self,
-        ops: &[Ops<'_, R::Position>; 2],
+        ops: &TwoLevelOps<'_, R::Position>,
         (rays, radii): (&[Ray], &[f32]),
         query: &Query,
+        code: &[f32],
         tile: &mut Tile,
         out: &mut Layers,
     ) {
@@ -74,7 +99,7 @@ impl<R: Recipe> TwoLevel<R> {
             return;
         }
         let hit_rays: Vec<InternalRay> = hit.iter().map(|&i| internal[i]).collect();
-        let values = recorded(self.render_tile(ops, &hit_rays, tile));
+        let values = recorded(self.render_tile(ops, &hit_rays, code, tile));
         let fine = &tile.fine;
         let n = fine.t.len();
         let tau: Vec<f32> =
@@ -84,8 +109,8 @@ impl<R: Recipe> TwoLevel<R> {
         weights(Simd::best(), samples, &mut w, &mut trans_end);
         let mut median = vec![0.0; hit.len()];
         depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
-        let normals =
-            (query.layers.normals == Normals::Compute).then(|| recorded(self.fine_normals(&ops[1], tile, &values.raw)));
+        let normals = (query.layers.normals == Normals::Compute)
+            .then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
         let fine = &tile.fine;
         for (r, &i) in hit.iter().enumerate() {
             let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;
@@ -119,23 +144,31 @@ impl<R: Recipe> TwoLevel<R> {
 
     /// Gradient of the fine network's density with respect to its positions, `[3][n]`, by a second record with the
     /// positions as inputs.
-    fn fine_normals(&self, ops: &Ops<'_, R::Position>, tile: &mut Tile, raw: &[f32]) -> Result<Vec<f32>, TapeError> {
+    fn fine_normals(
+        &self,
+        ops: &TwoLevelOps<'_, R::Position>,
+        code: &[f32],
+        tile: &mut Tile,
+        raw: &[f32],
+    ) -> Result<Vec<f32>, TapeError> {
         let level = &mut tile.fine;
         let n = level.t.len();
-        let mut unused = vec![0.0; self.shapes.param_count()];
+        let mut unused = vec![0.0; self.network(1).len()];
         let mut tape = Tape::new(&mut level.arena, self.network(1));
         let (x, d) = (tape.input(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
-        let out = ops.record(&mut tape, x, d)?;
+        let code = code_rows(&mut tape, code, n)?;
+        let out = ops.levels[1].record(&mut tape, Seen { x, d, code })?;
         // Directions only: any positive slope of the activation will do.
         let bar: Vec<f32> = raw.iter().map(|&raw| if self.config.density_of(raw) > 0.0 { 1.0 } else { 0.0 }).collect();
         tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
         Ok(tape.gradient(x)?[..3 * n].to_vec())
     }
 
-    /// Fine network at points of the scene's frame: `each(i, density per world unit, colour)`.
+    /// Fine network at points of the scene's frame, in the mean light: `each(i, density per world unit, colour)`.
     pub(super) fn evaluate(&self, points: &[[f64; 3]], d: &[[f32; 3]], mut each: impl FnMut(usize, f32, [f32; 3])) {
         const TASK: usize = 256;
         let ops = self.ops();
+        let code = self.code_of(&Appearance::Mean);
         let parts: Vec<Rendered> = points
             .par_chunks(TASK)
             .zip(d.par_chunks(TASK))
@@ -150,10 +183,10 @@ impl<R: Recipe> TwoLevel<R> {
                     }
                 }
                 self.config.place_points(&self.space, n, level);
-                let (tape, out) = recorded(record(&ops[1], level, self.network(1)));
+                let (tape, out) = recorded(record(&ops.levels[1], level, self.network(1), &code));
                 Rendered {
-                    raw: recorded(tape.value(out.0)).data.to_vec(),
-                    rgb: recorded(tape.value(out.1)).data.to_vec(),
+                    raw: recorded(tape.value(out.raw_density)).data.to_vec(),
+                    rgb: recorded(tape.value(out.rgb)).data.to_vec(),
                 }
             })
             .collect();

@@ -21,6 +21,9 @@ pub struct Tile {
     pub(super) tau: Vec<f32>,
     pub(super) background: Vec<f32>,
     pub(super) bar: Vec<f32>,
+    /// Codes of the photos, `[dims][n]` for the samples of one look.
+    pub(super) appearance: Vec<f32>,
+    pub(super) transient: Vec<f32>,
 }
 
 /// Work space for the samples of one ray.
@@ -100,6 +103,34 @@ impl Level {
                     self.d[a * n + i] = view;
                 }
             }
+        }
+    }
+}
+
+/// Give each sample the code of its ray: `out` is `[dims][n]`.
+pub(super) fn spread_codes<'c>(
+    codes: impl Iterator<Item = &'c [f32]>,
+    dims: usize,
+    offsets: &[u32],
+    out: &mut Vec<f32>,
+) {
+    let n = offsets.last().map_or(0, |&n| n as usize);
+    out.resize(dims * n, 0.0);
+    for (code, span) in codes.zip(offsets.windows(2)) {
+        for (k, &value) in code.iter().enumerate() {
+            out[k * n..][span[0] as usize..span[1] as usize].fill(value);
+        }
+    }
+}
+
+/// The way back: add the gradients `bars` `[dims][n]` of a ray's samples to those of its code, `out` `[pixels][dims]`, at its
+/// place.
+pub(super) fn add_codes(bars: &[f32], offsets: &[u32], places: impl Iterator<Item = usize>, out: &mut [f32]) {
+    let n = offsets.last().map_or(0, |&n| n as usize).max(1);
+    let dims = bars.len() / n;
+    for (place, span) in places.zip(offsets.windows(2)) {
+        for (k, sum) in out[place * dims..][..dims].iter_mut().enumerate() {
+            *sum += bars[k * n..][span[0] as usize..span[1] as usize].iter().sum::<f32>();
         }
     }
 }

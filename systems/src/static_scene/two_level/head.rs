@@ -1,0 +1,97 @@
+//! The transient head of the fine network: what one photo alone shows. It sees the trunk's features and the code of the
+//! photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
+
+use super::network::refuse;
+use crate::system::SystemError;
+use field_core::init::Init;
+use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::rng::Rng;
+use field_core::tape::{MlpOp, Node, Tape, TapeError};
+use float_core::Simd;
+use render_core::quadrature::two::Mixture;
+use std::ops::Range;
+
+/// Hidden layers, of half the trunk's width each.
+const LAYERS: usize = 4;
+/// Density, three colours, uncertainty.
+const OUTPUTS: usize = 5;
+/// Added to the raw density: transient matter starts thin, a few percent of the light that crosses the box of the scene.
+const DENSITY_SHIFT: f32 = -4.0;
+
+/// Shape of the head, and its parameters as the kernels read them.
+pub(super) struct Head {
+    mlp: Mlp,
+    packed: Packed,
+    /// Where its parameters lie in those of the fine level: behind the network's.
+    range: Range<usize>,
+    /// How the two parts share an interval.
+    pub(super) mixture: Mixture,
+}
+
+/// What the head says about a set of samples.
+pub(super) struct Transient {
+    /// `[1 x n]`
+    pub(super) sigma: Node,
+    /// `[3 x n]`
+    pub(super) rgb: Node,
+    /// `[1 x n]`
+    pub(super) beta: Node,
+}
+
+impl Head {
+    /// For a trunk of `width` features and codes of `dims`; its parameters begin at `at`.
+    pub(super) fn new(width: usize, dims: usize, at: usize, mixture: Mixture) -> Result<Self, SystemError> {
+        let mlp = Mlp::new(&MlpConfig {
+            inputs: width + dims,
+            hidden: vec![width / 2; LAYERS],
+            outputs: OUTPUTS,
+            bias: Bias::Zero,
+            hidden_activation: Activation::Relu,
+            output_activation: Activation::None,
+            skips: vec![],
+        })
+        .map_err(refuse)?;
+        Ok(Self { range: at..at + mlp.param_count(), packed: Packed::default(), mlp, mixture })
+    }
+
+    pub(super) fn param_count(&self) -> usize {
+        self.mlp.param_count()
+    }
+
+    /// Glorot-uniform weights, zero biases.
+    pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
+        params.fill(0.0);
+        for (stream, l) in (0..).zip(self.mlp.layers()) {
+            let weights = &mut params[l.weights.clone()];
+            Init::XavierUniform.fill(rng.substream(stream), l.inputs, l.outputs, weights);
+        }
+    }
+
+    /// Take new parameters.
+    pub(super) fn pack(&mut self, params: &[f32]) {
+        self.mlp.pack(params, &mut self.packed);
+    }
+
+    pub(super) fn op(&self, simd: Simd) -> MlpOp<'_> {
+        MlpOp { mlp: &self.mlp, packed: &self.packed, simd }
+    }
+
+    /// Record the head: `trunk` `[width x n]`, `code` `[dims x n]`.
+    pub(super) fn record<'a>(
+        &self,
+        op: &'a MlpOp<'a>,
+        tape: &mut Tape<'a>,
+        trunk: Node,
+        code: Node,
+    ) -> Result<Transient, TapeError> {
+        let x = tape.concat(&[trunk, code])?;
+        let params = tape.param(self.range.start, self.range.len(), 1)?;
+        let raw = tape.custom(op, &[x, params])?;
+        let [sigma, rgb, beta] = [0..1, 1..4, 4..5].map(|rows| tape.slice(raw, rows));
+        Ok(Transient {
+            sigma: tape.softplus(sigma?, DENSITY_SHIFT)?,
+            rgb: tape.logistic(rgb?)?,
+            beta: tape.softplus(beta?, 0.0)?,
+        })
+    }
+}

@@ -1,0 +1,416 @@
+//! One training step: random pixels through both levels, the loss and all of it backwards, Adam.
+
+use super::composite::CompositeOp;
+use super::composite_two::{CompositeTwoOp, PIXEL};
+use super::network::Seen;
+use super::samples::{Level, Tile, add_codes, spread_codes};
+use super::{CHUNKS, Footprint, Recipe, TILE, TwoLevel, TwoLevelOps, recorded};
+use crate::data::{Batch, Dataset};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
+use crate::options::Background;
+use crate::space::InternalRay;
+use crate::system::{StepStats, SystemError};
+use field_core::rng::Rng;
+use field_core::tape::{Tape, TapeError};
+use float_core::Simd;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::time::Instant;
+
+/// Streams of random numbers.
+const SAMPLES: u64 = 0x7361_6d70;
+const BACKGROUND: u64 = 0x6261_636b;
+
+/// Pixels to render.
+#[derive(Default)]
+pub(super) struct Inputs {
+    pub(super) batch: Batch,
+    /// What is behind the scene, one colour a pixel.
+    pub(super) background: Vec<[f32; 3]>,
+    /// Colours on that background.
+    pub(super) truth: Vec<[f32; 3]>,
+}
+
+impl Inputs {
+    /// Put the pixels on backgrounds.
+    pub(super) fn put_on(&mut self, background: impl Fn(u64) -> [f32; 3]) {
+        let Self { batch, background: behind, truth } = self;
+        behind.clear();
+        behind.extend((0..batch.len() as u64).map(background));
+        truth.clear();
+        let colours = batch.rgb.iter().zip(&batch.alpha).zip(behind.iter());
+        truth.extend(colours.map(|((rgb, a), behind)| [0, 1, 2].map(|c| rgb[c] * a + behind[c] * (1.0 - a))));
+    }
+}
+
+/// What is done with pixels besides rendering them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pass {
+    /// Nothing.
+    Look,
+    /// Their gradient.
+    Learn,
+}
+
+/// What all chunks of a pass share.
+pub(super) struct Context<'a, P> {
+    pub(super) ops: &'a TwoLevelOps<'a, P>,
+    pub(super) data: &'a Dataset,
+    pub(super) inputs: &'a Inputs,
+    /// Randomness of samples and densities; `None`: evenly spaced, and no noise.
+    pub(super) random: Option<Rng>,
+    /// One over the pixels of the batch that count.
+    pub(super) share: f32,
+    pub(super) method: Option<&'a dyn Method>,
+    pub(super) appearance: Option<Codes<'a>>,
+    pub(super) transient: Option<Codes<'a>>,
+    pub(super) pass: Pass,
+}
+
+/// Memory of a chunk, kept from step to step.
+#[derive(Default)]
+pub(super) struct Chunk {
+    pub(super) grad: Vec<f32>,
+    pub(super) tile: Tile,
+    /// The chunk's pixels as they were rendered; only where a method asks.
+    pub(super) seen: Vec<Pixel>,
+    /// `[pixels][dims]`, gradients of the pixels' codes.
+    appearance_bar: Vec<f32>,
+    transient_bar: Vec<f32>,
+    sums: Sums,
+}
+
+/// What a chunk adds up besides gradients.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    loss: f64,
+    fine_error: f64,
+    weight: f64,
+    samples: u64,
+    missed: u64,
+}
+
+impl<R: Recipe> TwoLevel<R> {
+    /// See [`crate::system::System::step`].
+    pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        let mut step = step;
+        if let Some(first) = self.method.as_ref().and_then(|method| method.survey_before()) {
+            if step == first {
+                self.survey(data)?;
+            }
+            // The schedule begins anew with the networks.
+            step -= if step >= first { first } else { 0 };
+        }
+        let start = Instant::now();
+        self.draw(data, step)?;
+        let rays = self.inputs.batch.len();
+        let share = 1.0 / self.inputs.batch.weight.iter().sum::<f32>().max(1.0);
+        self.seconds[0] += start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        if self.method.as_ref().is_some_and(|method| method.looks_ahead(step)) {
+            self.each_chunk(data, step, share, Pass::Look);
+            self.gather_seen();
+            if let Some(method) = &mut self.method {
+                method.judge(&self.inputs.batch, step, &self.seen, &self.inputs.truth);
+            }
+        }
+        self.each_chunk(data, step, share, Pass::Learn);
+        self.seconds[1] += start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let mut stats = self.fold(rays);
+        let lr = self.config.learning_rate(step);
+        let mut bad = self.adam.step(Simd::best(), lr, &mut self.params, &self.grad);
+        self.pack();
+        bad += self.update_method(step, lr, share);
+        self.seconds[2] += start.elapsed().as_secs_f64();
+        stats.nonfinite = bad as u64;
+        self.guard.record(bad)?;
+        Ok(stats)
+    }
+
+    /// The pixels of a step, on their backgrounds.
+    fn draw(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let (seed, pixels, batch) = (self.seed, self.config.batch_rays(), &mut self.inputs.batch);
+        match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
+            Drawing::Pixels => data.draw(seed, step, pixels, batch)?,
+            Drawing::Patches(patches, least) => {
+                let count = pixels.div_ceil(patches.pixels()).max(least);
+                data.draw_patches(seed, step, count, patches, batch)?;
+            }
+        }
+        if let Some(method) = &mut self.method {
+            method.begin(data, batch, step)?;
+        }
+        let rng = Rng::new(seed, BACKGROUND).substream(step);
+        let background = self.background;
+        self.inputs.put_on(|i| match background {
+            Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
+            fixed => fixed.colour(),
+        });
+        Ok(())
+    }
+
+    /// What the chunks of a pass share; without randomness and gradients.
+    pub(super) fn context<'a>(
+        &'a self,
+        ops: &'a TwoLevelOps<'a, R::Position>,
+        data: &'a Dataset,
+        inputs: &'a Inputs,
+    ) -> Context<'a, R::Position> {
+        Context {
+            ops,
+            data,
+            inputs,
+            random: None,
+            share: 1.0,
+            method: self.method.as_deref(),
+            appearance: self.method.as_ref().and_then(|method| method.appearance()),
+            transient: self.method.as_ref().and_then(|method| method.transient()),
+            pass: Pass::Look,
+        }
+    }
+
+    /// All chunks of the batch, in parallel.
+    fn each_chunk(&mut self, data: &Dataset, step: u64, share: f32, pass: Pass) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        let ops = self.ops();
+        let random = Some(Rng::new(self.seed, SAMPLES).substream(step));
+        let ctx = Context { random, share, pass, ..self.context(&ops, data, &self.inputs) };
+        let pixels = self.inputs.batch.len();
+        chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
+            self.run(&ctx, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS, chunk);
+        });
+        self.chunks = chunks;
+    }
+
+    /// The pixels `ids` of a batch.
+    pub(super) fn run(&self, ctx: &Context<'_, R::Position>, ids: Range<usize>, chunk: &mut Chunk) {
+        chunk.sums = Sums::default();
+        if ctx.pass == Pass::Learn {
+            chunk.grad.clear();
+            chunk.grad.resize(self.params.len(), 0.0);
+        }
+        let (rays, hit) = self.cast(ctx, ids.clone());
+        chunk.sums.missed = (ids.len() - hit.len()) as u64;
+        chunk.seen.clear();
+        if ctx.method.is_some() {
+            let nothing = |&rgb| Pixel { rgb, ..Pixel::default() };
+            chunk.seen.extend(ctx.inputs.background[ids.clone()].iter().map(nothing));
+        }
+        for (bar, codes) in [(&mut chunk.appearance_bar, ctx.appearance), (&mut chunk.transient_bar, ctx.transient)] {
+            bar.clear();
+            bar.resize(codes.map_or(0, |codes| codes.dims * ids.len()), 0.0);
+        }
+        for (rays, hit) in rays.chunks(TILE).zip(hit.chunks(TILE)) {
+            recorded(self.tile(ctx, rays, hit, ids.start, chunk));
+        }
+    }
+
+    /// The rays of the pixels `ids` that cross the space, and which pixels these are. Pixels that do not count are left out,
+    /// unless a method wants to see them between their neighbours.
+    fn cast(&self, ctx: &Context<'_, R::Position>, ids: Range<usize>) -> (Vec<InternalRay>, Vec<usize>) {
+        let batch = &ctx.inputs.batch;
+        let (mut hit, mut hit_ids) = (Vec::new(), Vec::new());
+        for i in ids {
+            let radius = match R::FOOTPRINT {
+                Footprint::Point => 0.0,
+                Footprint::Cone => {
+                    let [x, y] = batch.pixel[i];
+                    ctx.data.view(batch.view[i] as usize).cone_radius(x.into(), y.into()).unwrap_or(0.0)
+                }
+            };
+            let ray = self.space.internal_cone(&batch.rays[i], radius);
+            if ray.end > ray.start && (batch.weight[i] > 0.0 || ctx.method.is_some()) {
+                hit.push(ray);
+                hit_ids.push(i);
+            }
+        }
+        (hit, hit_ids)
+    }
+
+    /// One tile of rays, forward and, to learn, backward; `ids` are their places in the batch, `first` is that of the chunk.
+    fn tile(
+        &self,
+        ctx: &Context<'_, R::Position>,
+        rays: &[InternalRay],
+        ids: &[usize],
+        first: usize,
+        chunk: &mut Chunk,
+    ) -> Result<(), TapeError> {
+        let Inputs { batch, background, truth } = ctx.inputs;
+        // Rays are told apart by their place in the batch, whatever tile they are in.
+        let rng = ctx.random.map(|rng| rng.substream(ids[0] as u64));
+        let count = rays.len();
+        chunk.tile.background.clear();
+        chunk.tile.background.extend(ids.iter().flat_map(|&i| background[i]));
+        self.config.fill_coarse(&self.space, rays, rng.as_ref(), &mut chunk.tile);
+        let mut raw = Vec::new();
+        for level in 0..2 {
+            if level == 1 {
+                chunk.tile.weigh(raw.iter().map(|&raw| self.config.density_of(raw)), count);
+                self.config.fill_fine(&self.space, rays, rng.as_ref(), &mut chunk.tile);
+            }
+            let Tile { coarse, fine, background, bar, appearance, transient, .. } = &mut chunk.tile;
+            let samples = if level == 0 { coarse } else { fine };
+            samples.noise.clear();
+            samples.noise.resize(samples.t.len(), 0.0);
+            let deviation = self.config.density_noise();
+            if let (Some(rng), true) = (rng, deviation > 0.0) {
+                for (i, v) in samples.noise.iter_mut().enumerate() {
+                    *v = deviation * rng.normal_at((1 << 32) + (level << 24) as u64 + i as u64);
+                }
+            }
+            let Level { arena, offsets, dt, x, d, noise, .. } = samples;
+            let (n, offsets, dt, simd) = (dt.len(), &offsets[..], &dt[..], Simd::best());
+            let codes = |codes: Option<Codes<'_>>, rows: &mut Vec<f32>| {
+                let codes = codes?;
+                spread_codes(ids.iter().map(|&i| codes.of(batch.view[i] as usize)), codes.dims, offsets, rows);
+                Some(codes.dims)
+            };
+            let appearance_dims = codes(ctx.appearance, appearance);
+            let head = self.head.as_ref().filter(|_| level == 1);
+            let transient_dims = head.and_then(|_| codes(ctx.transient, transient));
+
+            let one = CompositeOp { simd, offsets, dt, background };
+            let two = head.map(|head| CompositeTwoOp { simd, mixture: head.mixture, offsets, dt, background });
+            let mut tape = Tape::new(arena, self.network(level));
+            let seen = Seen {
+                x: tape.constant(x.len() / n.max(1), n, x)?,
+                d: tape.constant(3, n, d)?,
+                code: appearance_dims.map(|dims| tape.input(dims, n, appearance)).transpose()?,
+            };
+            let out = ctx.ops.levels[level].record(&mut tape, seen)?;
+            let noise = tape.constant(1, n, noise)?;
+            let noisy = tape.add(out.raw_density, noise)?;
+            chunk.sums.samples += n as u64;
+            if level == 0 {
+                raw.extend_from_slice(tape.value(noisy)?.data);
+                if ctx.pass == Pass::Look {
+                    continue;
+                }
+            }
+            let sigma = self.config.density(&mut tape, noisy)?;
+            let mut transient_code = None;
+            let pixels = match (head, &ctx.ops.head, &two, transient_dims) {
+                (Some(head), Some(op), Some(two), Some(dims)) => {
+                    let code = tape.input(dims, n, transient)?;
+                    let part = head.record(op, &mut tape, out.trunk, code)?;
+                    transient_code = Some(code);
+                    tape.custom(two, &[sigma, out.rgb, part.sigma, part.rgb, part.beta])?
+                }
+                _ => tape.custom(&one, &[sigma, out.rgb])?,
+            };
+
+            let values = tape.value(pixels)?.data;
+            let factor = self.config.level_weight(level);
+            bar.clear();
+            bar.resize(values.len(), 0.0);
+            for (r, &i) in ids.iter().enumerate() {
+                let rgb = [0, 1, 2].map(|c| values[3 * r + c]);
+                let weight = batch.weight[i];
+                let error = [0, 1, 2].map(|c| rgb[c] - truth[i][c]);
+                if level == 1 {
+                    for e in error {
+                        chunk.sums.fine_error += f64::from(weight * e * e) / 3.0;
+                        chunk.sums.weight += f64::from(weight) / 3.0;
+                    }
+                }
+                let Some(method) = ctx.method else {
+                    for (c, e) in error.into_iter().enumerate() {
+                        chunk.sums.loss += f64::from(factor * weight * e * e) / 3.0;
+                        bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
+                    }
+                    continue;
+                };
+                let scale = factor * weight * ctx.share;
+                let (loss, rgb_bar) = if level == 0 {
+                    method.coarse_loss(i, rgb, truth[i])
+                } else {
+                    let mut pixel = Pixel { rgb, ..Pixel::default() };
+                    if values.len() == PIXEL * count {
+                        [pixel.beta, pixel.transient, pixel.sigma_t] = [3, 4, 5].map(|block| values[block * count + r]);
+                    }
+                    chunk.seen[i - first] = pixel;
+                    if ctx.pass == Pass::Look {
+                        continue;
+                    }
+                    let (loss, pixel_bar) = method.loss(i, &pixel, truth[i]);
+                    if values.len() == PIXEL * count {
+                        bar[3 * count + r] = scale * pixel_bar.beta;
+                        bar[5 * count + r] = scale * pixel_bar.sigma_t;
+                    }
+                    (loss, pixel_bar.rgb)
+                };
+                chunk.sums.loss += f64::from(factor * weight * loss);
+                for (c, rgb_bar) in rgb_bar.into_iter().enumerate() {
+                    bar[3 * r + c] = scale * rgb_bar;
+                }
+            }
+            if ctx.pass == Pass::Look {
+                return Ok(());
+            }
+            tape.backward(&[(pixels, bar)], &mut chunk.grad[self.range(level)])?;
+            let places = || ids.iter().map(|i| i - first);
+            if let Some(code) = seen.code {
+                add_codes(tape.gradient(code)?, offsets, places(), &mut chunk.appearance_bar);
+            }
+            if let Some(code) = transient_code {
+                add_codes(tape.gradient(code)?, offsets, places(), &mut chunk.transient_bar);
+            }
+        }
+        Ok(())
+    }
+
+    /// The pixels the chunks rendered, in the order of the batch.
+    fn gather_seen(&mut self) {
+        self.seen.clear();
+        self.chunks.iter().for_each(|chunk| self.seen.extend_from_slice(&chunk.seen));
+    }
+
+    /// Add up what the chunks found, in their order.
+    fn fold(&mut self, rays: usize) -> StepStats {
+        let mut stats = StepStats { rays: rays as u64, ..StepStats::default() };
+        let mut weight = 0.0;
+        self.grad.fill(0.0);
+        for chunk in &self.chunks {
+            stats.loss += chunk.sums.loss;
+            stats.mse += chunk.sums.fine_error;
+            stats.samples += chunk.sums.samples;
+            weight += chunk.sums.weight;
+            self.missed += chunk.sums.missed;
+            for (sum, g) in self.grad.iter_mut().zip(&chunk.grad) {
+                *sum += g;
+            }
+        }
+        self.cast += rays as u64;
+        if weight > 0.0 {
+            stats.loss /= weight;
+            stats.mse /= weight;
+        }
+        stats
+    }
+
+    /// The method's own step. Returns the count of non-finite gradients.
+    fn update_method(&mut self, step: u64, lr: f64, share: f32) -> usize {
+        if self.method.is_none() {
+            return 0;
+        }
+        self.gather_seen();
+        let bars = |of: fn(&Chunk) -> &Vec<f32>| -> Vec<f32> { self.chunks.iter().flat_map(of).copied().collect() };
+        let (appearance_bar, transient_bar) = (bars(|chunk| &chunk.appearance_bar), bars(|chunk| &chunk.transient_bar));
+        let Some(method) = &mut self.method else { return 0 };
+        method.learn(&Outcome {
+            step,
+            lr,
+            simd: Simd::best(),
+            batch: &self.inputs.batch,
+            share,
+            pixels: &self.seen,
+            truth: &self.inputs.truth,
+            appearance_bar: &appearance_bar,
+            transient_bar: &transient_bar,
+        })
+    }
+}

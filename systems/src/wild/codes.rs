@@ -1,0 +1,95 @@
+//! A free code for each training photo, learnt with everything else (NeRF in the Wild, section 4.1: generative latent
+//! optimisation).
+
+use crate::data::Batch;
+use crate::method::Codes;
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use field_core::init::Init;
+use field_core::rng::Rng;
+use float_core::Simd;
+use optim::{Adam, AdamConfig};
+
+/// Stream of the initial codes.
+const INIT: u64 = 0x636f_6465;
+
+/// Deviation of initial codes: small, so that all photos begin in nearly the same light.
+const DEVIATION: f32 = 0.1;
+
+/// The codes, their moments and gradient.
+pub(super) struct CodeTable {
+    name: &'static str,
+    dims: usize,
+    rows: Vec<f32>,
+    grad: Vec<f32>,
+    adam: Adam,
+}
+
+impl CodeTable {
+    /// Codes of `views` photos; `name` tells tables of a checkpoint apart.
+    pub(super) fn new(name: &'static str, views: usize, dims: usize, seed: u64) -> Self {
+        let mut rows = vec![0.0; views * dims];
+        let stream = name.bytes().fold(0, |sum: u64, b| sum.wrapping_mul(31).wrapping_add(b.into()));
+        Init::Normal(DEVIATION).fill(Rng::new(seed, INIT).substream(stream), dims, dims, &mut rows);
+        let (grad, adam) = (vec![0.0; rows.len()], Adam::new(rows.len(), AdamConfig::DEFAULT));
+        Self { name, dims, rows, grad, adam }
+    }
+
+    pub(super) fn codes(&self) -> Codes<'_> {
+        Codes { dims: self.dims, rows: &self.rows }
+    }
+
+    /// One step from the gradients of the pixels' codes, `[pixels][dims]`, and a pull towards 0. Only photos of the batch
+    /// move. Returns the count of non-finite gradients.
+    pub(super) fn learn(&mut self, simd: Simd, lr: f64, batch: &Batch, bars: &[f32], pull: f32) -> usize {
+        self.grad.fill(0.0);
+        for (bars, &view) in bars.chunks_exact(self.dims).zip(&batch.view) {
+            let at = view as usize * self.dims;
+            for (sum, bar) in self.grad[at..at + self.dims].iter_mut().zip(bars) {
+                *sum += bar;
+            }
+        }
+        // The mean of squares over all codes, for those that are here.
+        let pull = 2.0 * pull / self.rows.len().max(1) as f32;
+        for (grad, value) in self.grad.iter_mut().zip(&self.rows).filter(|(grad, _)| **grad != 0.0) {
+            *grad += pull * value;
+        }
+        self.adam.step_nonzero(simd, lr, &mut self.rows, &self.grad)
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Bytes of codes, moments and gradient.
+    pub(super) fn bytes(&self) -> usize {
+        16 * self.rows.len()
+    }
+
+    pub(super) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        out.push(f32_tensor(format!("{}.codes", self.name), &self.rows));
+        push_adam(out, self.name, &self.adam);
+    }
+
+    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let rows = take_f32(state, &format!("{}.codes", self.name), self.rows.len())?;
+        self.adam = take_adam(state, self.name, &self.adam)?;
+        self.rows = rows;
+        Ok(())
+    }
+}
+
+/// The moments of a part.
+pub(super) fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
+    out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
+    out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
+    out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
+}
+
+/// What [`push_adam`] wrote, for a part like `old`.
+pub(super) fn take_adam(state: &TensorMap, name: &str, old: &Adam) -> Result<Adam, SystemError> {
+    let m = take_f32(state, &format!("adam.{name}.m"), old.len())?;
+    let v = take_f32(state, &format!("adam.{name}.v"), old.len())?;
+    let steps = take_u64(state, &format!("adam.{name}.steps"), 1)?[0];
+    Adam::restore(old.config(), m, v, steps)
+        .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
+}

@@ -1,0 +1,188 @@
+//! Settings of methods for photographs from the wild; all of them can be given as `--set name=value`, beside those of the
+//! field.
+
+use crate::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// Which field the method trains.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FieldKind {
+    /// Hash grid and tiny networks: minutes.
+    #[default]
+    Ngp,
+    /// The networks of NeRF, as published: hours.
+    Mlp,
+}
+
+/// Where the light of photos comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AppearanceKind {
+    /// All photos have the same.
+    #[default]
+    None,
+    /// A free code for each photo (NeRF-W).
+    Codes,
+    /// A small network looks at the photo (Ha-NeRF).
+    Encoder,
+}
+
+/// What is done about strangers in the photos.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OccluderKind {
+    /// Nothing: there are none.
+    #[default]
+    None,
+    /// What does not fit is left out (RobustNeRF).
+    Robust,
+    /// A second field explains them (NeRF-W).
+    Transient,
+    /// A network in image space says where they are (Ha-NeRF).
+    Visibility,
+    /// A network in image space says where they are and how they look (SF-NeRF).
+    Filter,
+    /// They are found after a short training, then masked (HuGS).
+    Masks,
+}
+
+/// Loss of a ray by its own residual, or by that of its neighbours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum KernelKind {
+    /// Trimmed, diffused, voted on by patches.
+    #[default]
+    Trimmed,
+    /// Length of the residual.
+    L1,
+    /// Square near 0, length further out.
+    Charbonnier,
+    /// Logarithm further out.
+    Cauchy,
+    /// Bounded.
+    GemanMcClure,
+    /// Bounded, and sooner.
+    Welsch,
+}
+
+/// Settings of a method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WildConfig {
+    /// `ngp` or `mlp`.
+    pub field: FieldKind,
+    /// `none`, `codes` or `encoder`.
+    pub appearance: AppearanceKind,
+    /// `none`, `robust`, `transient`, `visibility`, `filter` or `masks`.
+    pub occluders: OccluderKind,
+
+    /// Length of an appearance code.
+    pub appearance_dims: usize,
+    /// Length of a transient code.
+    pub transient_dims: usize,
+    /// Learning rate of codes, as a part of that of the field's networks.
+    pub code_lr: f32,
+    /// Factor of the mean square of appearance codes in the loss.
+    pub code_size: f32,
+
+    /// Robust: `trimmed`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
+    pub kernel: KernelKind,
+    /// Scale of the other kernels, colour units.
+    pub kernel_scale: f32,
+    /// Trimmed: share of the rays that a residual is compared with.
+    pub trim_quantile: f32,
+    /// Trimmed: that residual times this is the largest of an inlier.
+    pub trim_scale: f32,
+    /// Trimmed: share of inliers around a ray that makes it one.
+    pub trim_diffuse: f32,
+    /// Trimmed: share of inliers in a patch that makes its inner block so.
+    pub trim_vote: f32,
+    /// Trimmed: pixels along a side of a patch, and of its inner block.
+    pub patch: usize,
+    /// See `patch`.
+    pub patch_inner: usize,
+
+    /// Transient, filter: least uncertainty of a pixel, colour units.
+    pub beta_min: f32,
+    /// Transient: price of transient density.
+    pub lambda_u: f32,
+
+    /// Masks: steps of the training that comes before them.
+    pub warmup_steps: u64,
+    /// Masks: share of the photos that a static feature is seen in.
+    pub track_share: f32,
+    /// Masks: share of a segment that has to be static.
+    pub segment_share: f32,
+}
+
+impl WildConfig {
+    /// Settings where nothing is said.
+    #[must_use]
+    pub fn new(field: FieldKind, appearance: AppearanceKind, occluders: OccluderKind) -> Self {
+        let mlp = field == FieldKind::Mlp;
+        Self {
+            field,
+            appearance,
+            occluders,
+            appearance_dims: if mlp { 48 } else { 16 },
+            transient_dims: if mlp { 16 } else { 8 },
+            code_lr: if mlp { 1.0 } else { 0.25 },
+            code_size: 1e-5,
+            kernel: KernelKind::Trimmed,
+            kernel_scale: 0.1,
+            trim_quantile: 0.5,
+            trim_scale: 1.0,
+            trim_diffuse: 0.5,
+            trim_vote: 0.6,
+            patch: 16,
+            patch_inner: 8,
+            beta_min: 0.1,
+            lambda_u: 0.01,
+            warmup_steps: 1000,
+            track_share: 0.1,
+            segment_share: 0.5,
+        }
+    }
+
+    /// Whether batches are made of patches.
+    #[must_use]
+    pub fn draws_patches(&self) -> bool {
+        (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed)
+            || self.appearance == AppearanceKind::Encoder
+    }
+
+    /// Check what the parts do not check themselves.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the field.
+    pub fn check(&self) -> Result<(), SystemError> {
+        let refuse =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
+        for (field, value) in [("appearance_dims", self.appearance_dims), ("transient_dims", self.transient_dims)] {
+            if !(1..=512).contains(&value) {
+                return refuse(field, value.to_string(), "must be in 1..=512");
+            }
+        }
+        let positive = [
+            ("beta_min", self.beta_min),
+            ("kernel_scale", self.kernel_scale),
+            ("code_lr", self.code_lr),
+            ("trim_scale", self.trim_scale),
+        ];
+        for (field, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return refuse(field, value.to_string(), "must be positive and finite");
+            }
+        }
+        for (field, value) in [("lambda_u", self.lambda_u), ("code_size", self.code_size)] {
+            if !(0.0..=1e3).contains(&value) {
+                return refuse(field, value.to_string(), "must be in 0..=1000");
+            }
+        }
+        if !(2..=256).contains(&self.patch) {
+            return refuse("patch", self.patch.to_string(), "must be in 2..=256");
+        }
+        Ok(())
+    }
+}

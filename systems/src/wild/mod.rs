@@ -1,0 +1,39 @@
+//! Systems for photographs from the wild: strangers in the picture, changing light.
+//!
+//! Each file is a [`Method`] that reads like its paper: what it adds to a radiance field, and its loss. All of them train
+//! the fast field (`--field ngp`) or the published networks (`--field mlp`).
+//!
+//! | name | light of a photo | strangers |
+//! | --- | --- | --- |
+//! | `plain` | - | - |
+//! | `nerf-a`, `nerf-u`, `nerf-w` | free codes, -, free codes | -, transient field, transient field |
+//! | `ha-nerf-a`, `ha-nerf-t`, `ha-nerf` | encoder, -, encoder | -, visibility map, visibility map |
+//! | `sf-nerf` | free codes | filter network in image space |
+//! | `robust-nerf` | - | trimmed loss |
+//! | `hugs` | - | masks found after a short training |
+//! | `auto` | what the photos need | what the photos need |
+//!
+//! Light (`--set appearance=none|codes|encoder`) and strangers
+//! (`--set occluders=none|robust|transient|visibility|filter|masks`) may be combined freely; a name is a pair of them.
+
+mod codes;
+mod config;
+mod hugs;
+mod light;
+mod nerf_w;
+#[allow(dead_code)]
+mod net;
+mod plan;
+mod robust_nerf;
+
+pub use config::{AppearanceKind, FieldKind, KernelKind, OccluderKind, WildConfig};
+pub use plan::{SYSTEMS, build};
+
+use crate::method::PixelBar;
+
+/// The squared error of a pixel, mean over channels, times `weight`, and its derivative.
+fn squared(rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
+    let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
+    let loss = e.iter().map(|e| e * e).sum::<f32>() / 3.0;
+    (weight * loss, PixelBar::colour(e.map(|e| weight * 2.0 * e / 3.0)))
+}

@@ -1,0 +1,122 @@
+//! NeRF in the Wild, and its ablations NeRF-A (light alone) and NeRF-U (strangers alone).
+//!
+//! Martin-Brualla, Radwan, Sajjadi, Barron, Dosovitskiy, Duckworth, "NeRF in the Wild: Neural Radiance Fields for
+//! Unconstrained Photo Collections", 2021, section 4.
+//!
+//! Each photo has an appearance code, on which colours depend, and a transient code: with it a second, transient field
+//! explains what is in this photo alone, composited together with the static one, and says how uncertain its colours are.
+//! The loss is the likelihood of the photo under that uncertainty:
+//!
+//! ```text
+//! L = |C - Y|^2 / (2 beta^2) + ln beta + lambda_u mean(sigma_t)        beta = beta_min + sum(w_t beta_t)
+//! ```
+//!
+//! A picture from elsewhere shows the static field alone, with a transmittance of its own.
+
+use super::codes::CodeTable;
+use super::config::{OccluderKind, WildConfig};
+use super::light::Light;
+use super::squared;
+use crate::data::{Batch, Dataset};
+use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::system::{SystemError, Tensor, TensorMap};
+use losses::uncertainty::{Channels, Likelihood};
+
+/// The method.
+pub(super) struct NerfW {
+    light: Option<Light>,
+    strangers: Option<Strangers>,
+}
+
+/// What the transient field of each photo depends on, and how it is held back.
+struct Strangers {
+    codes: CodeTable,
+    lr: f64,
+    likelihood: Likelihood,
+    lambda_u: f32,
+}
+
+impl NerfW {
+    pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset, seed: u64) -> Self {
+        let strangers = (config.occluders == OccluderKind::Transient).then(|| Strangers {
+            codes: CodeTable::new("transient", data.len(), config.transient_dims, seed),
+            lr: f64::from(config.code_lr),
+            likelihood: Likelihood { beta_min: config.beta_min, channels: Channels::Mean },
+            lambda_u: config.lambda_u,
+        });
+        Self { light, strangers }
+    }
+}
+
+impl Method for NerfW {
+    fn name(&self) -> &'static str {
+        match (&self.light, &self.strangers) {
+            (Some(_), Some(_)) => "nerf-w",
+            (_, None) => "nerf-a",
+            (None, Some(_)) => "nerf-u",
+        }
+    }
+
+    fn appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::codes)
+    }
+
+    fn transient(&self) -> Option<Codes<'_>> {
+        self.strangers.as_ref().map(|s| s.codes.codes())
+    }
+
+    fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+    }
+
+    fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        let Some(Strangers { likelihood, lambda_u, .. }) = &self.strangers else {
+            return squared(pixel.rgb, truth, 1.0);
+        };
+        let beta = [likelihood.beta_min + pixel.beta];
+        let (mut loss, mut rgb, mut beta_bar) = ([0.0], [[0.0; 3]], [0.0]);
+        let fits = "one ray, and `beta_min` is checked before";
+        likelihood.per_ray(&[pixel.rgb], &[truth], &beta, &mut loss).expect(fits);
+        likelihood.sum_backward(&[pixel.rgb], &[truth], &beta, None, 1.0, &mut rgb, &mut beta_bar).expect(fits);
+        let bar = PixelBar { rgb: rgb[0], beta: beta_bar[0], sigma_t: *lambda_u };
+        (loss[0] + lambda_u * pixel.sigma_t, bar)
+    }
+
+    fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
+        let light = self.light.as_mut().map_or(0, |light| light.learn(outcome));
+        let strangers = self
+            .strangers
+            .as_mut()
+            .map_or(0, |s| s.codes.learn(outcome.simd, outcome.lr * s.lr, outcome.batch, outcome.transient_bar, 0.0));
+        light + strangers
+    }
+
+    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        self.strangers.as_ref()?;
+        Some(seen.pixels.iter().map(|pixel| if pixel.transient < 0.5 { 1.0 } else { 0.0 }).collect())
+    }
+
+    fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
+        self.light.as_ref()?.encode(photo)
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = Vec::new();
+        self.light.iter().for_each(|light| light.push_state(&mut out));
+        self.strangers.iter().for_each(|s| s.codes.push_state(&mut out));
+        out
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        self.light.as_mut().map_or(Ok(()), |light| light.load_state(state))?;
+        self.strangers.as_mut().map_or(Ok(()), |s| s.codes.load_state(state))
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.light.as_ref().map_or(0, Light::len) + self.strangers.as_ref().map_or(0, |s| s.codes.len())
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.light.as_ref().map_or(0, Light::bytes) + self.strangers.as_ref().map_or(0, |s| s.codes.bytes())
+    }
+}

@@ -1,0 +1,140 @@
+//! What do these photos need? The system built from its name, its parts and its field.
+
+use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
+use super::hugs::Hugs;
+use super::light::Light;
+use super::nerf_w::NerfW;
+use super::robust_nerf::RobustNerf;
+use crate::data::Dataset;
+use crate::method::Method;
+use crate::options::{Plan, RunOptions};
+use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
+use crate::system::{System, SystemError};
+use scene_io::Scene;
+
+/// Systems by name.
+pub const SYSTEMS: [&str; 11] = [
+    "auto",
+    "plain",
+    "robust-nerf",
+    "nerf-a",
+    "nerf-u",
+    "nerf-w",
+    "ha-nerf-a",
+    "ha-nerf-t",
+    "ha-nerf",
+    "sf-nerf",
+    "hugs",
+];
+
+/// Light and strangers of a named system; `None` for `auto`.
+fn parts(name: &str) -> Result<Option<(AppearanceKind, OccluderKind)>, SystemError> {
+    use AppearanceKind as A;
+    use OccluderKind as O;
+    Ok(Some(match name {
+        "auto" => return Ok(None),
+        "plain" => (A::None, O::None),
+        "robust-nerf" => (A::None, O::Robust),
+        "nerf-a" => (A::Codes, O::None),
+        "nerf-u" => (A::None, O::Transient),
+        "nerf-w" => (A::Codes, O::Transient),
+        "ha-nerf-a" => (A::Encoder, O::None),
+        "ha-nerf-t" => (A::None, O::Visibility),
+        "ha-nerf" => (A::Encoder, O::Visibility),
+        "sf-nerf" => (A::Codes, O::Filter),
+        "hugs" => (A::None, O::Masks),
+        other => {
+            return Err(SystemError::Config {
+                field: "system",
+                value: other.into(),
+                problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
+            });
+        }
+    }))
+}
+
+/// Build the system `name` for a scene.
+///
+/// # Errors
+/// As [`crate::plan::build`], and for photos that a method cannot work with.
+pub fn build(
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let mut ground = Ground::of(scene, data, run)?;
+    let (appearance, occluders) = parts(name)?.unwrap_or((AppearanceKind::None, OccluderKind::None));
+    let (ours, fields) = split(run, &table(&WildConfig::new(FieldKind::Ngp, appearance, occluders)));
+    let field = match run.set.get("field") {
+        None => FieldKind::Ngp,
+        Some(word) => word.clone().try_into().map_err(|_| SystemError::Config {
+            field: "field",
+            value: word.to_string(),
+            problem: "must be `ngp` or `mlp`".into(),
+        })?,
+    };
+    let mut wild = WildConfig::new(field, appearance, occluders);
+    let longest = data.views().iter().map(|v| v.camera.width.max(v.camera.height)).max().unwrap_or(0);
+    if longest < SMALL_PHOTO {
+        (wild.patch, wild.patch_inner) = (wild.patch / 2, wild.patch_inner / 2);
+    }
+    let wild: WildConfig = settings(&wild, &ours)?;
+    wild.check()?;
+    let method = method(&wild, scene, data, run.seed)?;
+    let (system, config): (Box<dyn System>, _) = match field {
+        FieldKind::Ngp => {
+            let mut planned = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+            if wild.draws_patches() && planned.rays_per_side > 1 {
+                planned.rays_per_side = 1;
+                let line = format!("rays: one a pixel (patches of {0}x{0} pixels instead of more rays)", wild.patch);
+                ground.lines.push(line);
+            }
+            let config = settings(&planned, &fields)?;
+            (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
+        }
+        FieldKind::Mlp => {
+            let config = settings(&ground.nerf_settings(), &fields)?;
+            (Box::new(ground.nerf(data, &config, run.seed, method)?), table(&config))
+        }
+    };
+    let mut all = table(&wild);
+    all.extend(config);
+    all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
+    let Ground { lines, background, error_budget, .. } = ground;
+    Ok((system, Plan { lines, background, error_budget, config: all }))
+}
+
+/// Photos below this longest side are judged by patches of half the size.
+const SMALL_PHOTO: u32 = 320;
+
+/// `--set` for the method and for the field.
+fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {
+    let keep = |mine: bool| RunOptions {
+        set: run
+            .set
+            .iter()
+            .filter(|(key, _)| ours.contains_key(*key) == mine)
+            .map(|(k, v)| (k.clone(), v.clone()))
+            .collect(),
+        ..run.clone()
+    };
+    (keep(true), keep(false))
+}
+
+/// The method of a pair of parts; `None` where the photos show the scene as it is.
+fn method(
+    config: &WildConfig,
+    scene: &Scene,
+    data: &Dataset,
+    seed: u64,
+) -> Result<Option<Box<dyn Method>>, SystemError> {
+    let light = Light::new(config, data, seed)?;
+    Ok(match config.occluders {
+        OccluderKind::None if light.is_none() => None,
+        OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
+        OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light)?)),
+        OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
+        OccluderKind::Visibility | OccluderKind::Filter => todo!(),
+    })
+}
