@@ -1,4 +1,4 @@
-//! The words of `nerf-wild`, with a system that knows one light and takes every pixel for static.
+//! The words of `nerf-wild`, with a system that knows one light and takes every pixel for static, and with others.
 
 use crate::tools::{Answer, SMALL, dataset, error_line, nerf, nerf_wild, text};
 use serde_json::Value;
@@ -6,8 +6,12 @@ use std::fs;
 use std::path::Path;
 
 fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
-    let words = ["train", text(scene), "--out", text(run), "--system", "ngp", "--steps", "3", "--progress", "off"];
-    nerf_wild(&[&words, &SMALL[..], extra].concat())
+    train_as("plain", scene, run, &[&SMALL[..], extra].concat())
+}
+
+fn train_as(system: &str, scene: &Path, run: &Path, extra: &[&str]) -> Answer {
+    let words = ["train", text(scene), "--out", text(run), "--system", system, "--steps", "3", "--progress", "off"];
+    nerf_wild(&[&words, extra].concat())
 }
 
 fn json(path: &Path) -> Value {
@@ -109,4 +113,70 @@ fn check_says_what_lies_beside_the_photos() {
     let answer = check();
     assert_eq!(answer.code, 0, "{}{}", answer.out, answer.err);
     assert!(answer.out.contains("beside 6 training photos: segments of 1"), "{}", answer.out);
+}
+
+#[test]
+fn a_system_with_codes_is_fitted_to_photos_and_rendered_in_their_light() {
+    let (folder, scene) = dataset();
+    let run = folder.path().join("run");
+    let answer = train_as("nerf-a", &scene, &run, &SMALL);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("appearance fitted on the left half of each view"), "{}", answer.out);
+    let eval = json(&run.join("eval.json"));
+    assert_eq!((&eval["protocol"]["appearance"], &eval["protocol"]["scored"]), (&"fit".into(), &"right-half".into()));
+    let row = json(&run.join("appearance/appearance.json"));
+    assert_eq!(row["pictures"].as_array().unwrap().len(), 7, "the mean and six photos");
+    assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("<h2>Appearance</h2>"));
+
+    let pictures = folder.path().join("pictures");
+    let render = |words: &[&str]| nerf_wild(&[&["render", text(&run), "--out", text(&pictures)], words].concat());
+    let path = ["--path", "hold:test/r_000", "--frames", "3", "--appearance"];
+    let answer = render(&[&path[..], &["image:train/r_000..fit:test/r_000"]].concat());
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let frame = |i: usize| fs::read(pictures.join(format!("colour_{i:04}.png"))).unwrap();
+    assert!(frame(0) != frame(2), "the light has changed and nothing else");
+    let (first, last) = (frame(0), frame(2));
+    for (light, same) in [("image:r_000", None), ("image:train/r_000", Some(first)), ("fit:test/r_000", Some(last))] {
+        let answer = render(&[&path[..], &[light]].concat());
+        match same {
+            // One of the test views is called so, too; but only training photos have a light.
+            None => assert_eq!(answer.code, 0, "{}", answer.err),
+            Some(same) => assert!(answer.code == 0 && frame(1) == same, "{light}: {}", answer.err),
+        }
+    }
+    let answer = render(&[&path[..], &["image:test/r_000"]].concat());
+    assert!(error_line(&answer).contains("no such photo"), "{}", answer.err);
+    let answer = render(&[&path[..], &["fit:/nowhere.png"]].concat());
+    assert!(error_line(&answer).contains("/nowhere.png"), "{}", answer.err);
+}
+
+#[test]
+fn a_system_with_masks_writes_them() {
+    let (folder, scene) = dataset();
+    let run = folder.path().join("run");
+    let answer = train_as("robust-nerf", &scene, &run, &SMALL);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let answer = nerf_wild(&["masks", text(&run), "--every", "4", "--empty-class", "zero"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("2 of 6 training photos, no truth"), "{}", answer.out);
+    let table = json(&run.join("masks/masks.json"));
+    assert_eq!((table["views"].as_array().unwrap().len(), &table["empty_class"]), (2, &"zero".into()));
+    let name = table["views"][0]["file"].as_str().unwrap();
+    let mask = image::open(run.join("masks").join(name)).unwrap();
+    assert!(mask.color() == image::ColorType::L8 && (mask.width(), mask.height()) == (24, 24));
+    assert!(run.join("masks/side_by_side").join(name).exists());
+    assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("<h2>Masks</h2>"));
+}
+
+#[test]
+fn the_field_is_chosen_by_a_word_of_its_own() {
+    let (folder, scene) = dataset();
+    let run = folder.path().join("run");
+    let small = ["width=8", "depth=1", "coarse=4", "fine=4", "batch_rays=16"].map(|s| ["--set", s]).concat();
+    let answer = train_as("plain", &scene, &run, &[&["--field", "mlp"], &small[..]].concat());
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(fs::read_to_string(run.join("config.toml")).unwrap().contains("field = \"mlp\""));
+    let answer = nerf_wild(&["train", "--resume", "--out", text(&run), "--steps", "4", "--field", "ngp"]);
+    let line = error_line(&answer);
+    assert!(line.contains("field=\"ngp\"") && line.contains("field=\"mlp\""), "{line}");
 }
