@@ -42,7 +42,7 @@ pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
     out += " Photo, mask (white: static)";
     out += if table.with_truth > 0 { ", truth.</p>\n" } else { ".</p>\n" };
     if !figures.is_empty() {
-        let _ = writeln!(out, "<div class=\"panel view\"><div class=\"strip\">{figures}</div></div>");
+        let _ = writeln!(out, "<div class=\"panel view\"><div class=\"strip wide\">{figures}</div></div>");
     }
     if table.with_truth > 0 {
         out += "<div class=\"panel\"><table>\n<tr><th>mean over</th><th class=\"n\">mIoU</th><th class=\"n\">F1</th>\
