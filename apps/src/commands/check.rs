@@ -17,8 +17,9 @@ pub(crate) fn run(args: &Check) -> Result<Done, Failure> {
 
 /// What other programs made of the training photos, and what is known to score against; `None` where there is nothing.
 fn beside_the_photos(scene: &Scene) -> Option<String> {
+    type Has = fn(&Frame) -> bool;
     let photos: Vec<&Frame> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
-    let kinds: [(&str, fn(&Frame) -> bool); 6] = [
+    let kinds: [(&str, Has); 6] = [
         ("segments", |f| f.priors.segments.is_some()),
         ("segments around points", |f| f.priors.prompted.is_some()),
         ("features", |f| f.priors.features.is_some()),
