@@ -294,6 +294,7 @@ mod tests {
             seed: 0,
             background: Background::White,
             error_budget: 0.0,
+            eval_appearance: Some(EvalAppearance::Fit),
             data: DataOptions { longest_side: Some(480), image_memory: Some(512), ..DataOptions::default() },
             settings: toml::toml! { lr = 0.01
             levels = 8 },
@@ -312,6 +313,12 @@ mod tests {
     fn a_differing_option_is_named_with_both_values() {
         assert!(Request::default().agree_with(&config()).is_ok());
         assert!(Request { seed: Some(0), ..Request::default() }.agree_with(&config()).is_ok());
+        let split = |word: &str| {
+            let data = DataOptions { train_split: Some(word.into()), ..DataOptions::default() };
+            Request { data, ..Request::default() }.agree_with(&config())
+        };
+        assert!(split("clutter").is_ok(), "the default by its name");
+        assert!(split("clean").unwrap_err().to_string().contains("`--train-split clutter`"));
         let error = Request { seed: Some(3), ..Request::default() }.agree_with(&config()).unwrap_err().to_string();
         assert!(error.contains("`--seed 3`") && error.contains("`--seed 0`"), "{error}");
         let data = DataOptions { holdout: Some("none".into()), ..DataOptions::default() };
