@@ -179,9 +179,7 @@ impl WildConfig {
     /// Whether batches are made of patches.
     #[must_use]
     pub fn draws_patches(&self) -> bool {
-        (self.occluders == OccluderKind::Robust
-            && self.kernel == KernelKind::Trimmed
-            && self.judging == Judging::Batch)
+        (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed && self.judging == Judging::Batch)
             || self.appearance == AppearanceKind::Encoder
     }
 

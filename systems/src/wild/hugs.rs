@@ -10,9 +10,9 @@
 use super::config::{Restart, WildConfig};
 use super::light::Light;
 use super::squared;
+use super::static_maps::{StaticMap, StaticMaps};
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
-use super::static_maps::{StaticMap, StaticMaps};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::{Extent, Scratch, Segments, StaticMask};

@@ -46,9 +46,13 @@ impl StaticMaps {
             weights.resize(batch.len(), 1.0);
             return;
         }
-        weights.extend(batch.view.iter().zip(&batch.pixel).map(|(&view, &[x, y])| {
-            f32::from(self.0[view as usize].at(x.into(), y.into()))
-        }));
+        weights.extend(
+            batch
+                .view
+                .iter()
+                .zip(&batch.pixel)
+                .map(|(&view, &[x, y])| f32::from(self.0[view as usize].at(x.into(), y.into()))),
+        );
     }
 
     /// A view's map, one value a pixel.
@@ -67,7 +71,8 @@ impl StaticMaps {
         let mut words = vec![self.0.len() as u64];
         words.extend(self.0.iter().flat_map(|map| [map.width as u64, map.stride as u64, map.bits.len() as u64]));
         for map in &self.0 {
-            words.extend(map.bits.chunks(64).map(|bits| bits.iter().rev().fold(0, |word, &b| word << 1 | u64::from(b))));
+            words
+                .extend(map.bits.chunks(64).map(|bits| bits.iter().rev().fold(0, |word, &b| word << 1 | u64::from(b))));
         }
         out.push(u64_tensor("static.words", vec![words.len() as u64]));
         out.push(u64_tensor("static.maps", words));

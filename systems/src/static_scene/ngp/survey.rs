@@ -25,7 +25,14 @@ pub(super) struct Shown {
 
 impl Shown {
     pub(super) fn seen(&self, view: usize) -> ViewSeen<'_> {
-        ViewSeen { view, size: self.size, stride: self.stride, pixels: &self.pixels, truth: &self.truth, alpha: &self.alpha }
+        ViewSeen {
+            view,
+            size: self.size,
+            stride: self.stride,
+            pixels: &self.pixels,
+            truth: &self.truth,
+            alpha: &self.alpha,
+        }
     }
 }
 

@@ -21,7 +21,14 @@ pub(super) struct Shown {
 
 impl Shown {
     pub(super) fn seen(&self, view: usize) -> ViewSeen<'_> {
-        ViewSeen { view, size: self.size, stride: self.stride, pixels: &self.pixels, truth: &self.truth, alpha: &self.alpha }
+        ViewSeen {
+            view,
+            size: self.size,
+            stride: self.stride,
+            pixels: &self.pixels,
+            truth: &self.truth,
+            alpha: &self.alpha,
+        }
     }
 }
 
@@ -41,7 +48,13 @@ impl<R: Recipe> TwoLevel<R> {
                 chunk.seen.clone()
             })
             .collect();
-        Ok(Shown { size, stride: stride as usize, pixels: tasks.concat(), truth: inputs.truth, alpha: inputs.batch.alpha })
+        Ok(Shown {
+            size,
+            stride: stride as usize,
+            pixels: tasks.concat(),
+            truth: inputs.truth,
+            alpha: inputs.batch.alpha,
+        })
     }
 
     /// What happens before step `step`: a method looks at all training views, or the networks begin anew. Returns the step as
