@@ -18,6 +18,8 @@
 
 mod codes;
 mod config;
+mod encoder;
+mod ha_nerf;
 mod hugs;
 mod light;
 mod nerf_w;
@@ -25,6 +27,7 @@ mod nerf_w;
 mod net;
 mod plan;
 mod robust_nerf;
+mod visibility;
 
 pub use config::{AppearanceKind, FieldKind, KernelKind, OccluderKind, WildConfig};
 pub use plan::{SYSTEMS, build};

@@ -84,7 +84,7 @@ impl Method for RobustNerf {
 
     fn drawing(&self) -> Drawing {
         match self.kernel {
-            Some(_) => Drawing::Pixels,
+            Some(_) => self.light.as_ref().map_or(Drawing::Pixels, Light::drawing),
             None => Drawing::Patches(Patches { shape: Shape::Window, side: self.mask.patch as u32 }, LEAST_PATCHES),
         }
     }
