@@ -1,6 +1,5 @@
 //! `ha-nerf` and its ablations: that they learn, resume, do not mind threads, and what they refuse.
 
-
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, Image, ImageSource, ImageStore, Scene, Split, StoreOptions, perturb};
 use std::sync::Arc;
@@ -16,7 +15,8 @@ fn train_of(scene: &Scene) -> Dataset {
 }
 
 fn table(size: u32, views: usize) -> Scene {
-    let options = TabletopOptions { width: size, height: size, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
+    let options =
+        TabletopOptions { width: size, height: size, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
     tabletop(&options)
 }
 

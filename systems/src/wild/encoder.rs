@@ -137,25 +137,23 @@ impl PhotoEncoder {
                     Some(thumbnail(&*data.image(task.view)?, self.side, self.encoder.min_side()));
             }
         }
-        let Self { encoder, simd, params, thumbnails, .. } = &*self;
-        let mut tasks = std::mem::take(&mut self.tasks);
+        let Self { encoder, simd, params, thumbnails, tasks, rows, .. } = self;
         tasks[..self.count].par_iter_mut().for_each(|task| {
             if let Some(thumbnail) = &thumbnails[task.view] {
                 task.forward(encoder, *simd, params, thumbnail);
             }
         });
-        let dims = self.encoder.code();
+        let dims = encoder.code();
         for task in &tasks[..self.count] {
-            self.rows[task.view * dims..][..dims].copy_from_slice(&task.code);
+            rows[task.view * dims..][..dims].copy_from_slice(&task.code);
         }
-        self.tasks = tasks;
         Ok(())
     }
 
     /// One step from the gradients of the pixels' codes. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let (dims, batch) = (self.encoder.code(), outcome.batch);
-        let mut tasks = std::mem::take(&mut self.tasks);
+        let Self { encoder, simd, params, thumbnails, tasks, grad, .. } = self;
         let all = &mut tasks[..self.count];
         for task in all.iter_mut() {
             task.code_bar.clear();
@@ -171,17 +169,15 @@ impl PhotoEncoder {
                 }
             }
         }
-        let Self { encoder, simd, params, thumbnails, .. } = &*self;
         all.par_iter_mut().for_each(|task| {
             if let Some(thumbnail) = &thumbnails[task.view] {
                 task.backward(encoder, *simd, params, thumbnail);
             }
         });
-        self.grad.fill(0.0);
+        grad.fill(0.0);
         for task in all {
-            self.grad.iter_mut().zip(&task.grad).for_each(|(sum, g)| *sum += g);
+            grad.iter_mut().zip(&task.grad).for_each(|(sum, g)| *sum += g);
         }
-        self.tasks = tasks;
         self.adam.step(outcome.simd, outcome.lr * self.lr, &mut self.params, &self.grad)
     }
 

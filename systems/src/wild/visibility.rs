@@ -10,7 +10,7 @@ use super::net::Net;
 use crate::data::{Batch, Dataset};
 use crate::method::{Outcome, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
-use field_core::encoding::{Base, Frequency, Identity};
+use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
