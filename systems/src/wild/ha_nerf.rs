@@ -10,6 +10,9 @@
 //! ```
 //!
 //! `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out.
+//!
+//! Of the released loss two small terms are missing, those of renders in the light of other photos: view consistency (weight
+//! 1e-3) and mode seeking (1e-6).
 
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
