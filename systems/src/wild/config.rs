@@ -2,6 +2,7 @@
 //! field.
 
 use crate::system::SystemError;
+use field_core::conv::EncoderConfig;
 use serde::{Deserialize, Serialize};
 
 /// Which field the method trains.
@@ -108,6 +109,17 @@ pub struct WildConfig {
     /// Factor of the mean square of appearance codes in the loss.
     pub code_size: f32,
 
+    /// Encoder: longest side of what it sees of a photo, pixels.
+    pub encoder_side: usize,
+    /// Encoder: channels after its first convolution and after each one that halves.
+    pub encoder_channels: Vec<usize>,
+    /// Encoder: its learning rate, as a part of that of the field's networks.
+    pub encoder_lr: f32,
+    /// Encoder: pixels along a side of the lattices, spread over half a photo or more, that a batch is made of.
+    pub lattice: usize,
+    /// Encoder: lattices of a batch at least.
+    pub lattices: usize,
+
     /// Robust: `trimmed`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
     pub kernel: KernelKind,
     /// Scale of the other kernels, colour units.
@@ -134,6 +146,25 @@ pub struct WildConfig {
     /// Transient: price of transient density.
     pub lambda_u: f32,
 
+    /// Visibility: length of a photo's code.
+    pub visibility_dims: usize,
+    /// Visibility: octaves of a pixel's place.
+    pub visibility_octaves: usize,
+    /// Visibility: width and number of the network's hidden layers.
+    pub visibility_width: usize,
+    /// See `visibility_width`.
+    pub visibility_depth: usize,
+    /// Visibility: learning rate of the network and of the codes, as a part of that of the field's networks.
+    pub visibility_lr: f32,
+    /// See `visibility_lr`.
+    pub visibility_code_lr: f32,
+    /// Visibility: price of leaving pixels out. A pixel is left out entirely from the squared error of four times this on.
+    pub mask_size: f32,
+    /// Visibility: that price in the first step, and the step from which on it is `mask_size`.
+    pub mask_size_start: f32,
+    /// See `mask_size_start`.
+    pub mask_size_steps: u64,
+
     /// Masks: steps of the training that comes before them.
     pub warmup_steps: u64,
     /// Masks: the field goes `on` with them, or begins `anew`.
@@ -157,6 +188,11 @@ impl WildConfig {
             transient_dims: if mlp { 16 } else { 8 },
             code_lr: if mlp { 1.0 } else { 0.25 },
             code_size: 1e-5,
+            encoder_side: if mlp { 128 } else { 32 },
+            encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
+            encoder_lr: if mlp { 1.0 } else { 0.1 },
+            lattice: if mlp { 32 } else { 16 },
+            lattices: if mlp { 1 } else { 8 },
             kernel: KernelKind::Trimmed,
             kernel_scale: 0.1,
             judging: if mlp { Judging::Batch } else { Judging::Photos },
@@ -169,6 +205,15 @@ impl WildConfig {
             patch_inner: 8,
             beta_min: 0.1,
             lambda_u: 0.01,
+            visibility_dims: if mlp { 128 } else { 32 },
+            visibility_octaves: 10,
+            visibility_width: if mlp { 256 } else { 64 },
+            visibility_depth: if mlp { 4 } else { 2 },
+            visibility_lr: if mlp { 1.0 } else { 0.1 },
+            visibility_code_lr: if mlp { 1.0 } else { 0.5 },
+            mask_size: 6e-3,
+            mask_size_start: 5e-2,
+            mask_size_steps: if mlp { 2121 } else { 500 },
             warmup_steps: 1000,
             restart: if mlp { Restart::Anew } else { Restart::On },
             track_share: 0.1,
@@ -181,6 +226,12 @@ impl WildConfig {
     pub fn draws_patches(&self) -> bool {
         (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed && self.judging == Judging::Batch)
             || self.appearance == AppearanceKind::Encoder
+    }
+
+    /// Pixels along a side of those patches.
+    #[must_use]
+    pub fn patch_side(&self) -> usize {
+        if self.occluders == OccluderKind::Robust { self.patch } else { self.lattice }
     }
 
     /// Check what the parts do not check themselves.
@@ -200,6 +251,11 @@ impl WildConfig {
             ("kernel_scale", self.kernel_scale),
             ("code_lr", self.code_lr),
             ("trim_scale", self.trim_scale),
+            ("encoder_lr", self.encoder_lr),
+            ("visibility_lr", self.visibility_lr),
+            ("visibility_code_lr", self.visibility_code_lr),
+            ("mask_size", self.mask_size),
+            ("mask_size_start", self.mask_size_start),
         ];
         for (field, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
@@ -216,8 +272,28 @@ impl WildConfig {
                 return refuse(field, value.to_string(), "must be at least 1");
             }
         }
-        if !(2..=256).contains(&self.patch) {
-            return refuse("patch", self.patch.to_string(), "must be in 2..=256");
+        for (field, value) in [("patch", self.patch), ("lattice", self.lattice)] {
+            if !(2..=256).contains(&value) {
+                return refuse(field, value.to_string(), "must be in 2..=256");
+            }
+        }
+        let counts = [
+            ("lattices", self.lattices, 1..=4096),
+            ("encoder_side", self.encoder_side, 1..=1024),
+            ("visibility_dims", self.visibility_dims, 1..=512),
+            ("visibility_octaves", self.visibility_octaves, 0..=16),
+            ("visibility_width", self.visibility_width, 1..=1024),
+            ("visibility_depth", self.visibility_depth, 1..=16),
+        ];
+        for (field, value, range) in counts {
+            if !range.contains(&value) {
+                let (least, most) = range.into_inner();
+                return refuse(field, value.to_string(), &format!("must be in {least}..={most}"));
+            }
+        }
+        if self.encoder_channels.len() > 8 || self.encoder_channels.iter().any(|c| !(1..=1024).contains(c)) {
+            let value = format!("{:?}", self.encoder_channels);
+            return refuse("encoder_channels", value, "must be 1 to 8 numbers in 1..=1024");
         }
         Ok(())
     }

@@ -12,7 +12,7 @@ use super::light::Light;
 use super::squared;
 use super::static_maps::{StaticMap, StaticMaps};
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::{Extent, Scratch, Segments, StaticMask};
@@ -119,6 +119,10 @@ impl Method for Hugs {
 
     fn appearance(&self) -> Option<Codes<'_>> {
         self.light.as_ref().map(Light::codes)
+    }
+
+    fn drawing(&self) -> Drawing {
+        self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
     fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {

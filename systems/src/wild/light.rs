@@ -2,14 +2,17 @@
 
 use super::codes::CodeTable;
 use super::config::{AppearanceKind, WildConfig};
-use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Outcome};
+use super::encoder::PhotoEncoder;
+use crate::data::{Batch, Dataset, Patches, Shape};
+use crate::method::{Codes, Drawing, Outcome};
 use crate::system::{SystemError, Tensor, TensorMap};
 
 /// Where the codes of photos come from.
 pub(super) enum Light {
     /// They are free (NeRF-W).
     Codes { table: CodeTable, lr: f64, pull: f32 },
+    /// A network looks at the photo (Ha-NeRF), at a few of them in each step.
+    Encoder { photos: Box<PhotoEncoder>, drawing: Drawing },
 }
 
 impl Light {
@@ -17,10 +20,17 @@ impl Light {
     pub(super) fn new(config: &WildConfig, data: &Dataset, seed: u64) -> Result<Option<Self>, SystemError> {
         Ok(match config.appearance {
             AppearanceKind::None => None,
-            AppearanceKind::Codes | AppearanceKind::Encoder => Some(Self::Codes {
+            AppearanceKind::Codes => Some(Self::Codes {
                 table: CodeTable::new("appearance", data.len(), config.appearance_dims, seed),
                 lr: f64::from(config.code_lr),
                 pull: config.code_size,
+            }),
+            AppearanceKind::Encoder => Some(Self::Encoder {
+                photos: Box::new(PhotoEncoder::new(config, data, seed)?),
+                drawing: Drawing::Patches(
+                    Patches { shape: Shape::Lattice, side: config.lattice as u32 },
+                    config.lattices,
+                ),
             }),
         })
     }
@@ -28,13 +38,23 @@ impl Light {
     pub(super) fn codes(&self) -> Codes<'_> {
         match self {
             Self::Codes { table, .. } => table.codes(),
+            Self::Encoder { photos, .. } => photos.codes(),
+        }
+    }
+
+    /// How pixels are drawn, where the rest of the method does not mind.
+    pub(super) fn drawing(&self) -> Drawing {
+        match self {
+            Self::Codes { .. } => Drawing::Pixels,
+            Self::Encoder { drawing, .. } => *drawing,
         }
     }
 
     /// The batch of a step is drawn.
-    pub(super) fn begin(&mut self, _data: &Dataset, _batch: &Batch) -> Result<(), SystemError> {
+    pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch) -> Result<(), SystemError> {
         match self {
             Self::Codes { .. } => Ok(()),
+            Self::Encoder { photos, .. } => photos.begin(data, batch),
         }
     }
 
@@ -44,36 +64,42 @@ impl Light {
             Self::Codes { table, lr, pull } => {
                 table.learn(outcome.simd, outcome.lr * *lr, outcome.batch, outcome.appearance_bar, *pull)
             }
+            Self::Encoder { photos, .. } => photos.learn(outcome),
         }
     }
 
-    pub(super) fn encode(&self, _photo: &scene_io::Image) -> Option<Vec<f32>> {
+    pub(super) fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
         match self {
             Self::Codes { .. } => None,
+            Self::Encoder { photos, .. } => photos.encode(photo),
         }
     }
 
     pub(super) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
         match self {
             Self::Codes { table, .. } => table.push_state(out),
+            Self::Encoder { photos, .. } => photos.push_state(out),
         }
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         match self {
             Self::Codes { table, .. } => table.load_state(state),
+            Self::Encoder { photos, .. } => photos.load_state(state),
         }
     }
 
     pub(super) fn len(&self) -> usize {
         match self {
             Self::Codes { table, .. } => table.len(),
+            Self::Encoder { photos, .. } => photos.len(),
         }
     }
 
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Codes { table, .. } => table.bytes(),
+            Self::Encoder { photos, .. } => photos.bytes(),
         }
     }
 }

@@ -18,6 +18,8 @@
 
 mod codes;
 mod config;
+mod encoder;
+mod ha_nerf;
 mod hugs;
 mod light;
 mod nerf_w;
@@ -26,6 +28,7 @@ mod net;
 mod plan;
 mod robust_nerf;
 mod static_maps;
+mod visibility;
 
 pub use config::{AppearanceKind, FieldKind, KernelKind, OccluderKind, WildConfig};
 pub use plan::{SYSTEMS, build};

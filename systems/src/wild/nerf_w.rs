@@ -18,7 +18,7 @@ use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
 use super::squared;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::uncertainty::{Channels, Likelihood};
 
@@ -63,6 +63,10 @@ impl Method for NerfW {
 
     fn transient(&self) -> Option<Codes<'_>> {
         self.strangers.as_ref().map(|s| s.codes.codes())
+    }
+
+    fn drawing(&self) -> Drawing {
+        self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
     fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {

@@ -1,6 +1,7 @@
 //! What do these photos need? The system built from its name, its parts and its field.
 
 use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
+use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
 use super::light::Light;
 use super::nerf_w::NerfW;
@@ -87,7 +88,8 @@ pub fn build(
             let mut planned = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
-                let line = format!("rays: one a pixel (patches of {0}x{0} pixels instead of more rays)", wild.patch);
+                let side = wild.patch_side();
+                let line = format!("rays: one a pixel (patches of {side}x{side} pixels instead of more rays)");
                 ground.lines.push(line);
             }
             let config = settings(&planned, &fields)?;
@@ -132,9 +134,13 @@ fn method(
     let light = Light::new(config, data, seed)?;
     Ok(match config.occluders {
         OccluderKind::None if light.is_none() => None,
+        OccluderKind::None if config.appearance == AppearanceKind::Encoder => {
+            Some(Box::new(HaNerf::new(config, light, data, seed)?))
+        }
+        OccluderKind::Visibility => Some(Box::new(HaNerf::new(config, light, data, seed)?)),
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
         OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
-        OccluderKind::Visibility | OccluderKind::Filter => todo!(),
+        OccluderKind::Filter => todo!(),
     })
 }

@@ -180,7 +180,7 @@ impl Method for RobustNerf {
         if self.trims(Judging::Batch) {
             Drawing::Patches(Patches { shape: Shape::Window, side: self.mask.patch as u32 }, LEAST_PATCHES)
         } else {
-            Drawing::Pixels
+            self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
         }
     }
 

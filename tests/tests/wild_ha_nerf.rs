@@ -1,0 +1,175 @@
+//! `ha-nerf` and its ablations: that they learn, resume, do not mind threads, and what they refuse.
+
+use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::{Disturbance, Image, ImageSource, ImageStore, Scene, Split, StoreOptions, perturb};
+use std::sync::Arc;
+use systems::data::Dataset;
+use systems::options::{Background, RunOptions, parse_set};
+use systems::system::{Appearance, System, SystemError, TensorMap};
+use systems::wild::build;
+
+fn train_of(scene: &Scene) -> Dataset {
+    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
+    let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
+    Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
+}
+
+fn table(size: u32, views: usize) -> Scene {
+    let options =
+        TabletopOptions { width: size, height: size, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
+    tabletop(&options)
+}
+
+fn data(size: u32, views: usize, what: Disturbance) -> (Scene, Dataset) {
+    let scene = perturb(table(size, views), what, 3);
+    let train = train_of(&scene);
+    (scene, train)
+}
+
+fn try_system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
+    let set = [&["batch_rays=1024", "batch_samples=16384", "steps=400"], set].concat();
+    let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    Ok(build(name, scene, train, &run)?.0)
+}
+
+/// All parameters and moments after steps on `threads` threads, from `state` if there is one.
+fn state_after(name: &str, threads: usize, steps: std::ops::Range<u64>, state: Option<&TensorMap>) -> TensorMap {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let (scene, train) = data(24, 12, Disturbance::Both);
+        let mut system = try_system(name, &scene, &train, &[]).unwrap();
+        if let Some(state) = state {
+            system.load_state(state).unwrap();
+        }
+        for step in steps {
+            system.step(&train, step).unwrap();
+        }
+        system.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+    })
+}
+
+#[test]
+fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
+    for name in ["ha-nerf", "ha-nerf-t"] {
+        let one = state_after(name, 1, 0..6, None);
+        for threads in [2, 4] {
+            assert!(state_after(name, threads, 0..6, None) == one, "{name}: {threads} threads");
+        }
+        let half = state_after(name, 2, 0..3, None);
+        assert!(state_after(name, 2, 3..6, Some(&half)) == one, "{name}: resumed");
+    }
+}
+
+#[test]
+fn codes_follow_the_light_of_photos_and_photos_nobody_trained_on_have_one() {
+    let (scene, train) = data(24, 12, Disturbance::Colour);
+    let mut system = try_system("ha-nerf-a", &scene, &train, &[]).unwrap();
+    assert_eq!(system.name(), "ha-nerf-a");
+    let mut errors = Vec::new();
+    for step in 0..150 {
+        let stats = system.step(&train, step).unwrap();
+        assert_eq!(stats.nonfinite, 0, "step {step}");
+        errors.push(stats.mse);
+    }
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    assert!(mean(&errors[130..]) < 0.3 * mean(&errors[..10]), "{errors:?}");
+    // The cached code of a photo is what the encoder says of it, but for the last few steps.
+    for view in 0..train.len() {
+        let cached = system.appearance_code(&Appearance::View(view)).unwrap();
+        let now = system.encode_appearance(&train.image(view).unwrap()).unwrap();
+        let far = cached.iter().zip(&now).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let size = now.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+        assert!(far < 0.2 * size.max(0.1), "view {view}: {cached:?} {now:?}");
+    }
+    // A part of a photo, a photo of another shape, one without anything in it.
+    for (width, height) in [(16, 24), (100, 40)] {
+        let photo = Image::rgb(width, height, vec![77; (width * height * 3) as usize]).unwrap();
+        let code = system.encode_appearance(&photo).unwrap();
+        assert!(code.iter().all(|v| v.is_finite()), "{code:?}");
+    }
+    assert!(system.encode_appearance(&Image::rgb(100, 12, vec![77; 3600]).unwrap()).is_none());
+}
+
+#[test]
+fn what_stands_in_one_photo_is_left_out() {
+    let (scene, train) = data(40, 20, Disturbance::Occluder);
+    let mut system = try_system("ha-nerf-t", &scene, &train, &["mask_size_steps=150"]).unwrap();
+    for step in 0..400 {
+        system.step(&train, step).unwrap();
+    }
+    let (mut hidden, mut bars, mut lost, mut rest) = (0, 0, 0, 0);
+    for view in 0..train.len() {
+        let seen = system.visibility(&train, view).unwrap().unwrap();
+        assert!(seen.len() == 1600 && seen.iter().all(|&v| v == 0.0 || v == 1.0));
+        let frame = &scene.frames[train.view(view).frame];
+        let mask = frame.perturbation.as_ref().and_then(|p| p.bars.as_ref()).map(|b| b.mask());
+        for (i, &v) in seen.iter().enumerate() {
+            let gone = usize::from(v == 0.0);
+            if mask.as_ref().is_some_and(|m| m.get(i as u32 % 40, i as u32 / 40)) {
+                (hidden, bars) = (hidden + gone, bars + 1);
+            } else {
+                (lost, rest) = (lost + gone, rest + 1);
+            }
+        }
+    }
+    println!("{hidden} of {bars} pixels of bars left out, {lost} of {rest} others");
+    assert!(2 * hidden > bars && 10 * lost < rest, "{hidden} of {bars}, {lost} of {rest}");
+}
+
+#[test]
+fn a_map_that_keeps_all_is_the_plain_loss() {
+    // Nothing is worth leaving out at this price, so the two differ by little; without visibility, by nothing.
+    let (scene, train) = data(24, 6, Disturbance::Colour);
+    let run = |name: &str, set: &[&str]| {
+        let mut system = try_system(name, &scene, &train, set).unwrap();
+        (0..60).map(|step| system.step(&train, step).unwrap().mse).sum::<f64>() / 60.0
+    };
+    let dear = run("ha-nerf-t", &["mask_size=100.0", "mask_size_start=100.0", "rays_per_side=1"]);
+    let plain = run("plain", &["rays_per_side=1", "huber=0.0"]);
+    assert!((dear / plain - 1.0).abs() < 0.2, "{dear} {plain}");
+}
+
+#[test]
+fn one_photo_and_photos_without_anything_in_them() {
+    let (scene, train) = data(24, 1, Disturbance::Both);
+    let mut system = try_system("ha-nerf", &scene, &train, &[]).unwrap();
+    for step in 0..3 {
+        assert_eq!(system.step(&train, step).unwrap().nonfinite, 0);
+    }
+    let mut scene = table(24, 3);
+    for frame in &mut scene.frames {
+        frame.image = ImageSource::Memory(Arc::new(Image::rgb(24, 24, vec![90; 24 * 24 * 3]).unwrap()));
+    }
+    let train = train_of(&scene);
+    let mut system = try_system("ha-nerf", &scene, &train, &[]).unwrap();
+    for step in 0..3 {
+        assert_eq!(system.step(&train, step).unwrap().nonfinite, 0);
+    }
+    for view in 0..3 {
+        assert!(system.appearance_code(&Appearance::View(view)).unwrap().iter().all(|v| v.is_finite()));
+    }
+}
+
+#[test]
+fn what_cannot_work_is_named() {
+    let (scene, train) = data(12, 3, Disturbance::Both);
+    let error = try_system("ha-nerf", &scene, &train, &[]).err().unwrap().to_string();
+    assert!(error.contains("12x12") && error.contains("16"), "{error}");
+    assert!(try_system("ha-nerf-t", &scene, &train, &[]).is_ok(), "the map has no smallest photo");
+    let (scene, train) = data(24, 3, Disturbance::Both);
+    for (set, field) in [
+        ("encoder_side=8", "encoder_side"),
+        ("encoder_channels=[]", "encoder_channels"),
+        ("encoder_channels=[8,0]", "encoder_channels"),
+        ("lattice=1", "lattice"),
+        ("lattices=0", "lattices"),
+        ("visibility_width=0", "visibility_width"),
+        ("visibility_dims=0", "visibility_dims"),
+        ("mask_size=0.0", "mask_size"),
+        ("visibility_lr=-1.0", "visibility_lr"),
+    ] {
+        let error = try_system("ha-nerf", &scene, &train, &[set]).err().unwrap().to_string();
+        assert!(error.contains(field), "{set}: {error}");
+    }
+}
