@@ -18,15 +18,19 @@
 
 mod codes;
 mod config;
+mod filter;
 mod hugs;
 mod light;
 mod nerf_w;
-#[allow(dead_code)]
 mod net;
 mod plan;
 mod robust_nerf;
+mod sf_nerf;
+mod slopes;
+#[cfg(test)]
+mod twin;
 
-pub use config::{AppearanceKind, FieldKind, KernelKind, OccluderKind, WildConfig};
+pub use config::{AppearanceKind, FeatureKind, FieldKind, KernelKind, OccluderKind, SegmentKind, WildConfig};
 pub use plan::{SYSTEMS, build};
 
 use crate::method::PixelBar;

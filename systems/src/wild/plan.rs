@@ -5,6 +5,7 @@ use super::hugs::Hugs;
 use super::light::Light;
 use super::nerf_w::NerfW;
 use super::robust_nerf::RobustNerf;
+use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
@@ -135,6 +136,7 @@ fn method(
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
         OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
-        OccluderKind::Visibility | OccluderKind::Filter => todo!(),
+        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, seed)?)),
+        OccluderKind::Visibility => todo!(),
     })
 }
