@@ -45,6 +45,7 @@ pub(crate) enum ProgressKind {
 }
 
 #[derive(Debug, Subcommand)]
+#[expect(clippy::large_enum_variant, reason = "there is one, once")]
 pub(crate) enum Command {
     /// The whole job on an embedded synthetic scene: train, evaluate, render, report
     Demo(Demo),
@@ -139,7 +140,8 @@ pub(crate) struct Demo {
 
 #[derive(Debug, Args)]
 pub(crate) struct Check {
-    /// Dataset folder or file, or `synthetic:tabletop`; `perturbed:co:` before it disturbs colours and view
+    /// Dataset folder or file, `synthetic:tabletop` or `synthetic:plaza`; `perturbed:co:` before it disturbs colours and
+    /// view
     pub(crate) scene: String,
     /// Look at image headers only, without decoding every image
     #[arg(long)]
@@ -150,7 +152,7 @@ pub(crate) struct Check {
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
-    /// Dataset folder or file, or `synthetic:tabletop`; with `--resume` it may be left out
+    /// Dataset folder or file, `synthetic:tabletop` or `synthetic:plaza`; with `--resume` it may be left out
     #[arg(required_unless_present = "resume")]
     pub(crate) scene: Option<String>,
     /// Run folder

@@ -240,13 +240,13 @@ proptest! {
     fn weights_sum_to_one_or_to_the_overlap_more(b in any_batch(), mixture in any_mixture()) {
         let p = b.render(Simd::best(), mixture);
         for r in 0..b.rays() {
-            let (mut sum, mut want, mut depth) = (f64::from(p.trans_end[r]), 1.0, 0.0);
+            let (mut sum, mut want, mut depth) = (f64::from(p.trans_end[r]), 1.0, 0.0_f64);
             for i in b.range(r) {
                 prop_assert!((0.0..=1.0).contains(&p.w[0][i]) && (0.0..=1.0).contains(&p.w[1][i]));
                 sum += f64::from(p.w[0][i]) + f64::from(p.w[1][i]);
                 let [s, t] = [0, 1].map(|k| f64::from(b.tau[k][i]));
                 if mixture == Mixture::Paper {
-                    want += (-depth as f64).exp() * (-s).exp_m1() * (-t).exp_m1();
+                    want += (-depth).exp() * (-s).exp_m1() * (-t).exp_m1();
                 }
                 depth += s + t;
             }
@@ -276,8 +276,8 @@ proptest! {
             let grads = CompositeGrads { tau: &mut tau, values: &mut values, background: None };
             composite_backward(simd, samples, b.part(0), &b.background, Weights { w: &w, trans_end: &trans_end }, bar, grads);
             prop_assert_eq!(&g.values[0], &values);
-            for i in 0..n {
-                close(g.tau[0][i], f64::from(tau[i]), 4e-6, 4e-6, format_args!("{simd:?} tau_bar[{i}]"));
+            for (i, (got, want)) in g.tau[0].iter().zip(&tau).enumerate() {
+                close(*got, f64::from(*want), 4e-6, 4e-6, format_args!("{simd:?} tau_bar[{i}]"));
             }
         }
     }
@@ -341,14 +341,14 @@ proptest! {
                         // Relative to what the terms are before they cancel: T times the largest upstream gradient.
                         close(g.tau[part][i], want[part][k], 4e-6 * ray.trans[k].max(1e-30) * 12.0, 1e-5, format_args!("{simd:?} {part} tau_bar[{i}]"));
                         let w = [&ray.w_s, &ray.w_t][part][k];
-                        for c in 0..3 {
-                            close(g.values[part][c * b.stride[part] + i], w * f64::from(colour_bar[c]), 1e-30, 1e-5, "values");
+                        for (c, &bar) in colour_bar.iter().enumerate() {
+                            close(g.values[part][c * b.stride[part] + i], w * f64::from(bar), 1e-30, 1e-5, "values");
                         }
                     }
                     close(g.beta[i], ray.w_t[k] * f64::from(bars.beta[r]), 1e-30, 1e-5, "beta");
                 }
-                for c in 0..3 {
-                    close(g.background[3 * r + c], ray.trans[n] * f64::from(colour_bar[c]), 1e-30, 1e-5, "background");
+                for (c, &bar) in colour_bar.iter().enumerate() {
+                    close(g.background[3 * r + c], ray.trans[n] * f64::from(bar), 1e-30, 1e-5, "background");
                 }
             }
         }

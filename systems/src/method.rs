@@ -9,6 +9,8 @@
 //! 3. [`Method::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
 //! 4. [`Method::learn`]: what came out, for the method's own parameters.
 //!
+//! Before some of the steps ([`Method::survey`]) it sees all training photos beside what the field renders there.
+//!
 //! A field without a method does none of this and pays for none of it.
 
 use crate::data::{Batch, Dataset, Patches};
@@ -123,12 +125,16 @@ pub struct Outcome<'a> {
 pub struct ViewSeen<'a> {
     /// The view.
     pub view: usize,
-    /// Columns and rows.
+    /// Columns and rows of what is seen.
     pub size: [usize; 2],
+    /// Pixels of the photo along each side of one of these.
+    pub stride: usize,
     /// Row by row.
     pub pixels: &'a [Pixel],
     /// The photo, on the same background.
     pub truth: &'a [[f32; 3]],
+    /// Its opacity.
+    pub alpha: &'a [f32],
 }
 
 /// What a method adds to a field.
@@ -189,18 +195,27 @@ pub trait Method: Send + Sync {
         0
     }
 
-    /// Before this step the method wants to see every training view as the field renders it; then training starts anew.
-    fn survey_before(&self) -> Option<u64> {
+    /// Before this step the method wants to see every training view as the field renders it: the mean of the photo over
+    /// squares of so many pixels a side, and the ray through the middle of each. `None`: it does not.
+    fn survey(&self, _step: u64) -> Option<u32> {
         None
     }
 
-    /// One of the views of [`Method::survey_before`].
+    /// One of the views of a survey.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a prior of the photo cannot be read.
-    fn survey(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
         let _ = (data, seen);
         Ok(())
+    }
+
+    /// All views of a survey have been seen.
+    fn surveyed(&mut self) {}
+
+    /// The field, and its schedules with it, begin anew before this step. A function of the method's settings alone.
+    fn begins_anew(&self) -> Option<u64> {
+        None
     }
 
     /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the method has no opinion.

@@ -2,6 +2,7 @@
 
 use crate::error::RunError;
 use crate::eval::EvalAppearance;
+use field_core::rng::Rng;
 use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -25,6 +26,15 @@ impl Background {
         match self {
             Self::White | Self::Random => [1.0; 3],
             Self::Black => [0.0; 3],
+        }
+    }
+
+    /// What is behind training ray `i`: `rng` is the stream of a step's backgrounds.
+    #[must_use]
+    pub fn of_ray(self, rng: &Rng, i: u64) -> [f32; 3] {
+        match self {
+            Self::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
+            fixed => fixed.colour(),
         }
     }
 
@@ -284,6 +294,7 @@ mod tests {
             seed: 0,
             background: Background::White,
             error_budget: 0.0,
+            eval_appearance: Some(EvalAppearance::Fit),
             data: DataOptions { longest_side: Some(480), image_memory: Some(512), ..DataOptions::default() },
             settings: toml::toml! { lr = 0.01
             levels = 8 },
@@ -302,6 +313,12 @@ mod tests {
     fn a_differing_option_is_named_with_both_values() {
         assert!(Request::default().agree_with(&config()).is_ok());
         assert!(Request { seed: Some(0), ..Request::default() }.agree_with(&config()).is_ok());
+        let split = |word: &str| {
+            let data = DataOptions { train_split: Some(word.into()), ..DataOptions::default() };
+            Request { data, ..Request::default() }.agree_with(&config())
+        };
+        assert!(split("clutter").is_ok(), "the default by its name");
+        assert!(split("clean").unwrap_err().to_string().contains("`--train-split clutter`"));
         let error = Request { seed: Some(3), ..Request::default() }.agree_with(&config()).unwrap_err().to_string();
         assert!(error.contains("`--seed 3`") && error.contains("`--seed 0`"), "{error}");
         let data = DataOptions { holdout: Some("none".into()), ..DataOptions::default() };

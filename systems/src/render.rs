@@ -1,6 +1,6 @@
 //! A camera to a picture: whole images of layers, strip by strip.
 
-use crate::system::{Appearance, LayerRequest, Layers, Normals, Query, System};
+use crate::system::{Appearance, LayerRequest, Layers, Query, System};
 use glam::{DVec2, Vec3};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
@@ -24,14 +24,7 @@ pub struct Rendered {
 pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     let (width, height) = (camera.width, camera.height);
     let pixels = width as usize * height as usize;
-    let normals = query.layers.normals == Normals::Compute;
-    let mut layers = Layers {
-        rgb: vec![query.background; pixels],
-        opacity: vec![0.0; pixels],
-        depth: vec![f32::INFINITY; pixels],
-        median_depth: vec![f32::INFINITY; pixels],
-        normal: if normals { vec![[0.0; 3]; pixels] } else { Vec::new() },
-    };
+    let mut layers = Layers::nothing(pixels, query);
     let prepared = camera.prepare();
     let side = system.rays_per_side().max(1);
     let k = (side * side) as usize;

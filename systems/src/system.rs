@@ -58,6 +58,18 @@ pub struct Layers {
 }
 
 impl Layers {
+    /// `n` rays that hit nothing.
+    #[must_use]
+    pub fn nothing(n: usize, query: &Query) -> Self {
+        Self {
+            rgb: vec![query.background; n],
+            opacity: vec![0.0; n],
+            depth: vec![f32::INFINITY; n],
+            median_depth: vec![f32::INFINITY; n],
+            normal: if query.layers.normals == Normals::Compute { vec![[0.0; 3]; n] } else { Vec::new() },
+        }
+    }
+
     /// Append another batch's layers.
     pub fn extend(&mut self, more: Self) {
         self.rgb.extend(more.rgb);

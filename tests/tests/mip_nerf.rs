@@ -1,14 +1,11 @@
 //! `mip-nerf`: the published shapes and settings, and a small one that learns, resumes, does not mind threads, works in
 //! normalised device coordinates and in contracted space, and sees the footprint of its pixels.
 
-use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use scene_io::{Scene, Split};
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, Plan, RunOptions, parse_set};
-use systems::plan::build;
 use systems::render::{plain_query, render};
-use systems::system::{LayerRequest, Normals, Query, System, TensorMap};
+use systems::system::{LayerRequest, Normals, Query};
+use tests::{assert_same_bits, psnr, state_after, system, table, try_system, views};
 
 const SMALL: [&str; 10] = [
     "width=32",
@@ -23,31 +20,11 @@ const SMALL: [&str; 10] = [
     "position_octaves=8",
 ];
 
-fn scene(size: u32) -> Scene {
-    let options =
-        TabletopOptions { width: size, height: size, train: 20, test: 2, rays: 2, ..TabletopOptions::default() };
-    tabletop(&options)
-}
-
-/// Training views at `levels` scales, and the held-out ones.
-fn data(scene: &Scene, levels: u32) -> (Dataset, Dataset) {
-    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
-    let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
-    let of = |split, levels| Dataset::with_levels(scene, store.clone(), scene.split(split).collect(), levels).unwrap();
-    (of(Split::Train, 0..levels), of(Split::Test, 0..1))
-}
-
-fn mip_nerf(scene: &Scene, train: &Dataset, set: &[&str]) -> (Box<dyn System>, Plan) {
-    let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
-    build("mip-nerf", scene, train, &run).unwrap()
-}
-
 #[test]
 fn shapes_and_settings_are_the_published_ones() {
-    let scene = scene(8);
-    let (train, _) = data(&scene, 1);
-    let (system, plan) = mip_nerf(&scene, &train, &[]);
+    let scene = table(8);
+    let (train, _) = views(&scene, 1);
+    let (system, plan) = system("mip-nerf", &scene, &train, &[]);
     // As `nerf`, but 96 channels of position and one network for both levels.
     let trunk = (96 * 256 + 256) + 6 * (256 * 256 + 256) + ((256 + 96) * 256 + 256);
     let heads = 257 + (256 * 256 + 256) + ((256 + 27) * 128 + 128) + (128 * 3 + 3);
@@ -58,29 +35,11 @@ fn shapes_and_settings_are_the_published_ones() {
     }
 }
 
-/// Mean PSNR over views, from the mean squared error over pixels.
-fn psnr(system: &dyn System, views: &Dataset) -> f64 {
-    let (mut sum, mut n) = (0.0_f64, 0.0_f64);
-    for v in 0..views.len() {
-        let (view, image) = (views.view(v), views.image(v).unwrap());
-        let picture = render(system, &view.camera, &plain_query([1.0; 3], 0.0));
-        for (got, want) in picture.layers.rgb.iter().zip(image.data.chunks(usize::from(image.channels))) {
-            let a = want.get(3).map_or(1.0, |&a| f32::from(a) / 255.0);
-            for c in 0..3 {
-                let want = f32::from(want[c]) / 255.0 * a + 1.0 - a;
-                sum += f64::from((got[c] - want).powi(2));
-                n += 1.0;
-            }
-        }
-    }
-    -10.0 * (sum / n).log10()
-}
-
 #[test]
 fn a_small_one_learns_the_table_at_two_scales() {
-    let scene = scene(32);
-    let (train, test) = data(&scene, 2);
-    let (mut system, _) = mip_nerf(&scene, &train, &SMALL);
+    let scene = table(32);
+    let (train, test) = views(&scene, 2);
+    let (mut system, _) = system("mip-nerf", &scene, &train, &SMALL);
     let half = test.at_level(1);
     let before = psnr(system.as_ref(), &test);
     for step in 0..400 {
@@ -122,11 +81,11 @@ fn a_small_one_learns_the_table_at_two_scales() {
 
 #[test]
 fn every_space_can_be_trained_in() {
-    let scene = scene(16);
-    let (train, test) = data(&scene, 1);
+    let scene = table(16);
+    let (train, test) = views(&scene, 1);
     for space in ["box", "contracted"] {
         let space_word = format!("space={space}");
-        let (mut system, _) = mip_nerf(&scene, &train, &[&SMALL[..], &[space_word.as_str()]].concat());
+        let (mut system, _) = system("mip-nerf", &scene, &train, &[&SMALL[..], &[space_word.as_str()]].concat());
         let first = system.step(&train, 0).unwrap();
         let mut last = first;
         for step in 1..60 {
@@ -140,8 +99,8 @@ fn every_space_can_be_trained_in() {
 #[test]
 fn forward_facing_cameras_get_cylinders_and_learn() {
     let scene = forward_facing();
-    let (train, test) = data(&scene, 1);
-    let (mut system, plan) = mip_nerf(&scene, &train, &SMALL);
+    let (train, test) = views(&scene, 1);
+    let (mut system, plan) = system("mip-nerf", &scene, &train, &SMALL);
     assert_eq!(plan.config["space"].as_str(), Some("ndc"), "{:?}", plan.lines);
     let before = psnr(system.as_ref(), &test);
     for step in 0..150 {
@@ -185,42 +144,20 @@ fn forward_facing() -> Scene {
     }
 }
 
-/// All parameters and moments after `steps` steps on `threads` threads, from `state` if there is one.
-fn state_after(threads: usize, steps: std::ops::Range<u64>, state: Option<&TensorMap>) -> TensorMap {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| {
-        let scene = scene(16);
-        let (train, _) = data(&scene, 2);
-        let (mut system, _) = mip_nerf(&scene, &train, &SMALL);
-        if let Some(state) = state {
-            system.load_state(state).unwrap();
-        }
-        for step in steps {
-            system.step(&train, step).unwrap();
-        }
-        system.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
-    })
-}
-
 #[test]
 fn it_gives_the_same_bits_with_1_2_and_4_threads_and_after_a_resume() {
-    let one = state_after(1, 0..6, None);
-    for threads in [2, 4] {
-        assert!(state_after(threads, 0..6, None) == one, "{threads} threads");
-    }
-    let half = state_after(2, 0..3, None);
-    assert!(state_after(2, 3..6, Some(&half)) == one, "resumed");
+    let scene = table(16);
+    let (train, _) = views(&scene, 2);
+    assert_same_bits(|steps, state| state_after(system("mip-nerf", &scene, &train, &SMALL).0, &train, steps, state));
 }
 
 #[test]
 fn settings_that_cannot_work_are_refused_by_name() {
-    let scene = scene(8);
-    let (train, _) = data(&scene, 1);
+    let scene = table(8);
+    let (train, _) = views(&scene, 1);
     for (set, name) in [("coarse=0", "coarse"), ("fine=0", "fine"), ("lr_final=0.0", "lr_final"), ("width=1", "width")]
     {
-        let set = [parse_set(set).unwrap()].into_iter().collect();
-        let run = RunOptions { seed: 0, background: None, error_budget: None, set };
-        let error = build("mip-nerf", &scene, &train, &run).err().unwrap().to_string();
+        let error = try_system("mip-nerf", &scene, &train, &[set]).err().unwrap().to_string();
         assert!(error.contains(&format!("`{name}`")), "{error}");
     }
 }

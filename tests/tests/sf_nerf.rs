@@ -85,7 +85,10 @@ fn features_that_do_not_fit_are_named() {
     let frame = train.view(4).frame;
     scene.frames[frame].priors.features = None;
     let error = refused(&scene);
-    assert!(error.contains(&format!("`{}`", scene.frames[frame].name)) && error.contains("filter_features=none"), "{error}");
+    assert!(
+        error.contains(&format!("`{}`", scene.frames[frame].name)) && error.contains("filter_features=none"),
+        "{error}"
+    );
     assert!(build(&scene, &train, &["filter_features=none"]).is_ok());
 
     // Photos that are not trained on need none.
@@ -115,7 +118,12 @@ fn settings_that_cannot_work_are_refused() {
 #[test]
 fn constant_features_stay_constant() {
     for (height, width) in [(1, 1), (2, 5), (7, 3)] {
-        let features = Features { channels: 2, width, height, data: [vec![0.3; height * width], vec![-7.1; height * width]].concat() };
+        let features = Features {
+            channels: 2,
+            width,
+            height,
+            data: [vec![0.3; height * width], vec![-7.1; height * width]].concat(),
+        };
         for size in [(1, 1), (4, 3), (50, 31)] {
             let resized = features.resized(size.0, size.1);
             let (first, second) = resized.data.split_at(size.0 * size.1);

@@ -3,11 +3,36 @@
 use super::{Done, Failure, data_options, scene_spec};
 use crate::cli::Check;
 use crate::show::line;
-use scene_io::Depth;
+use scene_io::{Depth, Frame, Scene, Split};
 
 pub(crate) fn run(args: &Check) -> Result<Done, Failure> {
     let depth = if args.quick { Depth::Headers } else { Depth::Pixels };
     let report = systems::source::check(&scene_spec(&args.scene), &data_options(&args.data), depth)?;
     line(report.to_string().trim_end());
+    if let Some(found) = report.scene.as_ref().and_then(beside_the_photos) {
+        line(found);
+    }
     Ok(if report.can_train() { Done::Finished } else { Done::Refused })
+}
+
+/// What other programs made of the training photos, and what is known to score against; `None` where there is nothing.
+fn beside_the_photos(scene: &Scene) -> Option<String> {
+    type Has = fn(&Frame) -> bool;
+    let photos: Vec<&Frame> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
+    let kinds: [(&str, Has); 6] = [
+        ("segments", |f| f.priors.segments.is_some()),
+        ("segments around points", |f| f.priors.prompted.is_some()),
+        ("features", |f| f.priors.features.is_some()),
+        ("point tracks", |f| !f.tracks.is_empty()),
+        ("ignore masks", |f| f.mask.is_some()),
+        ("truth about passers-by (for scores only)", |f| f.transient.is_some()),
+    ];
+    let found: Vec<String> = kinds
+        .iter()
+        .map(|(name, has)| (name, photos.iter().filter(|f| has(f)).count()))
+        .filter(|(_, n)| *n > 0)
+        .map(|(name, n)| format!("{name} of {n}"))
+        .collect();
+    let of = photos.len();
+    (!found.is_empty()).then(|| format!("beside {of} training photos: {}", found.join(", ")))
 }

@@ -1,7 +1,8 @@
-//! `nerf-static` as people and scripts meet it: exit codes, one clear line for each failure, files left behind.
+//! `nerf-static` and `nerf-wild` as people and scripts meet them: exit codes, one clear line for each failure, files left behind.
 
 mod bad_datasets;
 mod commands;
 mod resume;
 mod scales;
 mod tools;
+mod wild;

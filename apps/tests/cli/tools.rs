@@ -24,9 +24,18 @@ pub(crate) struct Answer {
     pub(crate) err: String,
 }
 
-/// Run the program; nothing it may be told makes it panic.
+/// Run `nerf-static`; nothing it may be told makes it panic.
 pub(crate) fn nerf(words: &[&str]) -> Answer {
-    let output = program().args(words).output().unwrap();
+    answer(program(), words)
+}
+
+/// Run `nerf-wild`; nor it.
+pub(crate) fn nerf_wild(words: &[&str]) -> Answer {
+    answer(prepared("nerf-wild"), words)
+}
+
+fn answer(mut program: Command, words: &[&str]) -> Answer {
+    let output = program.args(words).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let answer =
         Answer { code: output.status.code().unwrap_or(-1), out: text(&output.stdout), err: text(&output.stderr) };
@@ -35,7 +44,11 @@ pub(crate) fn nerf(words: &[&str]) -> Answer {
 }
 
 pub(crate) fn program() -> Command {
-    let mut command = Command::cargo_bin("nerf-static").unwrap();
+    prepared("nerf-static")
+}
+
+fn prepared(name: &str) -> Command {
+    let mut command = Command::cargo_bin(name).unwrap();
     command.env_remove("WILDFIELD_LPIPS").args(["--threads", "2"]);
     command
 }

@@ -1,6 +1,6 @@
 //! An image to a code: one wide convolution, several that halve the image, the mean of each channel, a linear layer.
 
-use super::{Conv2d, Padding, Size, Workspace, global_mean, global_mean_backward, grown, relu, relu_backward};
+use super::{Conv2d, Map, Padding, Size, Workspace, global_mean, global_mean_backward, grown, relu, relu_backward};
 use crate::FieldError;
 use crate::error::check_len;
 use crate::init::Init;
@@ -49,6 +49,8 @@ pub struct Encoder {
     layers: Vec<Conv2d>,
     /// The linear layer, as a convolution of one pixel.
     head: Conv2d,
+    /// Where the parameters of each convolution lie, the linear layer's last.
+    ranges: Vec<Range<usize>>,
     config: EncoderConfig,
 }
 
@@ -68,7 +70,14 @@ impl Encoder {
         if layers.is_empty() {
             return Err(FieldError::Config { what: "layers", got: 0.0, accepts: "at least 1" });
         }
-        Ok(Self { head: Conv2d::new(inputs, config.code, 1, 1, Padding::Zero(0))?, layers, config })
+        let head = Conv2d::new(inputs, config.code, 1, 1, Padding::Zero(0))?;
+        let mut end = 0;
+        let next = |conv: &Conv2d| {
+            end += conv.param_count();
+            end - conv.param_count()..end
+        };
+        let ranges = layers.iter().chain([&head]).map(next).collect();
+        Ok(Self { layers, head, ranges, config })
     }
 
     /// Its shape.
@@ -86,7 +95,7 @@ impl Encoder {
     /// Trainable numbers.
     #[must_use]
     pub fn param_count(&self) -> usize {
-        self.convolutions().map(Conv2d::param_count).sum()
+        self.head_range().end
     }
 
     /// The smallest height and width of an image: 2 for each halving, and what the first convolution mirrors. 16 for the
@@ -102,9 +111,9 @@ impl Encoder {
     /// When `params` does not hold [`Encoder::param_count`] numbers.
     pub fn init(&self, rng: Rng, params: &mut [f32]) {
         assert_eq!(params.len(), self.param_count(), "encoder: parameters");
-        for (i, (conv, range)) in self.convolutions().zip(self.ranges()).enumerate() {
+        for (i, (conv, range)) in self.layers.iter().chain([&self.head]).zip(&self.ranges).enumerate() {
             let init = if i < self.layers.len() { Init::HeUniform } else { Init::XavierUniform };
-            conv.init(init, rng.substream(i as u64), &mut params[range]);
+            conv.init(init, rng.substream(i as u64), &mut params[range.clone()]);
         }
     }
 
@@ -113,7 +122,9 @@ impl Encoder {
     /// # Errors
     /// [`FieldError::Config`] for images below [`Encoder::min_side`].
     pub fn activations_len(&self, size: Size) -> Result<usize, FieldError> {
-        Ok(self.maps(size)?.iter().map(|m| m.len).sum::<usize>() + size.images * self.head.inputs())
+        let mut len = size.images * self.head.inputs();
+        self.each_map(size, |map| len += map.len)?;
+        Ok(len)
     }
 
     /// Codes of a batch of images.
@@ -136,16 +147,16 @@ impl Encoder {
         codes: &mut [f32],
         work: &mut Workspace,
     ) -> Result<(), FieldError> {
-        let maps = self.check(params, images, size, acts.len())?;
+        self.check(params, images, size, acts.len())?;
         check_len("codes", codes.len(), size.images * self.code())?;
         let (mut from, mut from_size) = (images, size);
         let mut rest = acts;
-        let mut ranges = self.ranges();
-        for ((conv, map), range) in self.layers.iter().zip(&maps).zip(&mut ranges) {
-            let (out, behind) = rest.split_at_mut(map.len);
-            conv.forward(simd, &params[range], from, from_size, out, work)?;
+        for (conv, range) in self.layers.iter().zip(&self.ranges) {
+            let to = conv.output_size(from_size)?;
+            let (out, behind) = rest.split_at_mut(to.len(conv.outputs()));
+            conv.forward(simd, &params[range.clone()], from, from_size, out, work)?;
             relu(out);
-            (from, from_size, rest) = (out, map.size, behind);
+            (from, from_size, rest) = (out, to, behind);
         }
         global_mean(from, self.head.inputs(), from_size, rest)?;
         let one = Size { images: size.images, height: 1, width: 1 };
@@ -172,7 +183,7 @@ impl Encoder {
         images_bar: Option<&mut [f32]>,
         work: &mut Workspace,
     ) -> Result<(), FieldError> {
-        let maps = self.check(params, images, size, acts.len())?;
+        self.check(params, images, size, acts.len())?;
         check_len("codes_bar", codes_bar.len(), size.images * self.code())?;
         check_len("params_bar", params_bar.len(), params.len())?;
         if let Some(bar) = &images_bar {
@@ -180,34 +191,24 @@ impl Encoder {
         }
         // Taken out, so that the convolutions can have the rest of the workspace.
         let (mut bars, mut mean_bar) = (core::mem::take(&mut work.maps), core::mem::take(&mut work.mean));
+        let mut maps = core::mem::take(&mut work.sizes);
+        maps.clear();
+        self.each_map(size, |map| maps.push(map))?;
         let widest = maps.iter().map(|m| m.len).max().unwrap_or(0);
         let [bar, next] = bars.each_mut().map(|b| grown(b, widest));
         let means = grown(&mut mean_bar, size.images * self.head.inputs());
         let grads = Backward { encoder: self, simd, params, images, size, acts, maps: &maps };
         let result = grads.run(codes_bar, params_bar, images_bar, means, [bar, next], work);
-        (work.maps, work.mean) = (bars, mean_bar);
+        (work.maps, work.mean, work.sizes) = (bars, mean_bar, maps);
         result
     }
 
-    fn convolutions(&self) -> impl Iterator<Item = &Conv2d> {
-        self.layers.iter().chain(core::iter::once(&self.head))
-    }
-
-    /// Where the parameters of each convolution lie.
-    fn ranges(&self) -> impl Iterator<Item = Range<usize>> {
-        self.convolutions().scan(0, |start, conv| {
-            let range = *start..*start + conv.param_count();
-            *start = range.end;
-            Some(range)
-        })
-    }
-
     fn head_range(&self) -> Range<usize> {
-        self.param_count() - self.head.param_count()..self.param_count()
+        self.ranges[self.layers.len()].clone()
     }
 
-    /// The feature maps behind each convolution.
-    fn maps(&self, size: Size) -> Result<Vec<Map>, FieldError> {
+    /// The feature maps behind each convolution, one after the other.
+    fn each_map(&self, size: Size, mut f: impl FnMut(Map)) -> Result<(), FieldError> {
         for (what, n) in [("height", size.height), ("width", size.width)] {
             if n < self.min_side() {
                 return Err(FieldError::Config {
@@ -218,26 +219,19 @@ impl Encoder {
             }
         }
         let mut size = size;
-        let map = |conv: &Conv2d| {
+        for conv in &self.layers {
             size = conv.output_size(size)?;
-            Ok(Map { size, len: size.len(conv.outputs()) })
-        };
-        self.layers.iter().map(map).collect()
+            f(Map { size, len: size.len(conv.outputs()) });
+        }
+        Ok(())
     }
 
-    fn check(&self, params: &[f32], images: &[f32], size: Size, acts: usize) -> Result<Vec<Map>, FieldError> {
-        let maps = self.maps(size)?;
+    fn check(&self, params: &[f32], images: &[f32], size: Size, acts: usize) -> Result<(), FieldError> {
+        let want = self.activations_len(size)?;
         check_len("params", params.len(), self.param_count())?;
         check_len("images", images.len(), size.len(self.config.inputs))?;
-        check_len("acts", acts, maps.iter().map(|m| m.len).sum::<usize>() + size.images * self.head.inputs())?;
-        Ok(maps)
+        check_len("acts", acts, want)
     }
-}
-
-/// Feature maps of a batch.
-struct Map {
-    size: Size,
-    len: usize,
 }
 
 struct Backward<'a> {
@@ -270,7 +264,6 @@ impl Backward<'_> {
         let Some(last) = maps.last() else { return Ok(()) };
         bar[..last.len].fill(0.0);
         global_mean_backward(means_bar, encoder.head.inputs(), last.size, &mut bar[..last.len])?;
-        let ranges: Vec<Range<usize>> = encoder.ranges().collect();
         for (i, conv) in encoder.layers.iter().enumerate().rev() {
             let start = end - maps[i].len;
             relu_backward(&acts[start..end], &mut bar[..maps[i].len]);
@@ -284,9 +277,9 @@ impl Backward<'_> {
             } else {
                 images_bar.take()
             };
-            let own = &mut params_bar[ranges[i].clone()];
+            let own = &mut params_bar[encoder.ranges[i].clone()];
             let y_bar = &bar[..maps[i].len];
-            conv.backward(simd, &params[ranges[i].clone()], before, before_size, y_bar, own, before_bar, work)?;
+            conv.backward(simd, &params[encoder.ranges[i].clone()], before, before_size, y_bar, own, before_bar, work)?;
             core::mem::swap(&mut bar, &mut next);
             end = start;
         }

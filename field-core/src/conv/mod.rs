@@ -96,9 +96,18 @@ pub struct Workspace {
     panels: Vec<f32>,
     scratch: Vec<f32>,
     grad: Vec<f32>,
-    /// Gradients of feature maps on their way through an encoder.
+    /// Extents of an encoder's feature maps, gradients of two of them, and of their means.
+    sizes: Vec<Map>,
     maps: [Vec<f32>; 2],
     mean: Vec<f32>,
+}
+
+/// Feature maps of a batch.
+#[derive(Clone, Copy, Debug)]
+struct Map {
+    size: Size,
+    /// Numbers of all of them.
+    len: usize,
 }
 
 /// The first `n` numbers of a buffer that grows to hold them.

@@ -255,9 +255,9 @@ impl Dataset {
 #[derive(Clone, Copy)]
 pub(super) struct Drawn {
     ray: Ray,
-    rgb: [f32; 3],
-    alpha: f32,
-    weight: f32,
+    pub(super) rgb: [f32; 3],
+    pub(super) alpha: f32,
+    pub(super) weight: f32,
     view: u32,
     pixel: [u16; 2],
     place: [f32; 2],

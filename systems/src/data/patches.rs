@@ -1,8 +1,9 @@
 //! Random training pixels: in patches, whose neighbours are neighbours in the photo.
 
+use super::batch::Drawn;
 use super::{Batch, Dataset};
 use field_core::rng::Rng;
-use scene_io::SceneError;
+use scene_io::{Image, SceneError};
 
 /// Streams of random numbers: places of patches.
 const PATCHES: u64 = 0x7061_7463_6865;
@@ -89,19 +90,49 @@ impl Dataset {
         Ok(())
     }
 
-    /// Fill `batch` with all pixels of view `v`, row by row.
+    /// Fill `batch` with view `v`, row by row: for each square of `stride` pixels a side its mean, with the ray through its
+    /// middle. Pixels beyond the last whole squares are left out, unless there is none. Returns columns and rows.
     ///
     /// # Errors
     /// [`SceneError`] when the image cannot be read.
     ///
     /// # Panics
     /// When there is no such view.
-    pub fn whole_view(&self, v: usize, batch: &mut Batch) -> Result<(), SceneError> {
+    pub fn whole_view(&self, v: usize, stride: u32, batch: &mut Batch) -> Result<[usize; 2], SceneError> {
         let image = self.image(v)?;
-        let width = u64::from(image.width);
-        batch.resize((width * u64::from(image.height)) as usize);
-        batch.fill(|i, _| self.pixel(v, &image, (i % width) as u32, (i / width) as u32));
-        Ok(())
+        let stride = stride.clamp(1, image.width.min(image.height).max(1));
+        let (width, height) = (image.width / stride, image.height / stride);
+        batch.resize((width * height) as usize);
+        batch.fill(|i, _| {
+            let (x, y) = ((i % u64::from(width)) as u32 * stride, (i / u64::from(width)) as u32 * stride);
+            if stride == 1 {
+                return self.pixel(v, &image, x, y);
+            }
+            self.square(v, &image, [x, y], stride)
+        });
+        Ok([width as usize, height as usize])
+    }
+
+    /// The mean of the pixels that count of a square.
+    fn square(&self, v: usize, image: &Image, [x0, y0]: [u32; 2], stride: u32) -> Drawn {
+        let mut out = self.pixel(v, image, x0 + stride / 2, y0 + stride / 2);
+        let (mut rgb, mut alpha, mut weight) = ([0.0; 3], 0.0, 0.0);
+        for y in y0..y0 + stride {
+            for x in x0..x0 + stride {
+                let p = self.pixel(v, image, x, y);
+                let a = p.weight * p.alpha;
+                rgb.iter_mut().zip(p.rgb).for_each(|(sum, c)| *sum += a * c);
+                alpha += a;
+                weight += p.weight;
+            }
+        }
+        if weight > 0.0 && out.weight > 0.0 {
+            out.rgb = rgb.map(|c| if alpha > 0.0 { c / alpha } else { 0.0 });
+            out.alpha = alpha / weight;
+        } else {
+            out.weight = 0.0;
+        }
+        out
     }
 }
 

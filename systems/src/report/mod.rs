@@ -2,11 +2,14 @@
 
 mod plot;
 mod sections;
+mod wild;
 
 use crate::error::RunError;
 use crate::eval::Evaluation;
+use crate::eval::masks::MaskTable;
 use crate::log;
 use crate::output::{Storage, write_file};
+use crate::run::{AppearanceRow, MASKS};
 use crate::summary::Summary;
 use std::fs;
 use std::path::Path;
@@ -20,9 +23,12 @@ struct Sources {
     rows: Vec<log::Row>,
     evaluation: Option<Evaluation>,
     config: String,
+    appearance: Option<AppearanceRow>,
+    masks: Option<MaskTable>,
 }
 
-/// Write the report of the run in `folder` from `summary.json`, `metrics.csv`, `eval.json`, `config.toml` and `renders/`.
+/// Write the report of the run in `folder` from `summary.json`, `metrics.csv`, `eval.json`, `config.toml`, `renders/`,
+/// `appearance/` and `masks/`.
 /// Files that are missing leave their section out; `summary.json` must be there.
 ///
 /// # Errors
@@ -41,6 +47,8 @@ pub fn write(storage: &dyn Storage, folder: &Path) -> Result<(), RunError> {
             Err(_) => None,
         },
         config: fs::read_to_string(folder.join("config.toml")).unwrap_or_default(),
+        appearance: AppearanceRow::read(folder)?,
+        masks: MaskTable::read(&folder.join(MASKS))?,
     };
     write_file(storage, &folder.join(FILE), page(&sources, folder).as_bytes())
 }
@@ -54,6 +62,8 @@ fn page(sources: &Sources, folder: &Path) -> String {
         sections::curves(&sources.rows),
         sources.evaluation.as_ref().map(|e| sections::pictures(e, folder)).unwrap_or_default(),
         sources.evaluation.as_ref().map(sections::scores).unwrap_or_default(),
+        sources.appearance.as_ref().map(|row| wild::appearance(row, folder)).unwrap_or_default(),
+        sources.masks.as_ref().map(|table| wild::masks(table, folder)).unwrap_or_default(),
         sections::plan(s),
         sections::costs(s),
         sections::skips(s, sources.evaluation.as_ref()),

@@ -2,7 +2,7 @@
 
 use super::escape;
 use super::plot::{Curve, Marks, Scale, plot};
-use crate::eval::{Evaluation, ViewScore};
+use crate::eval::{Evaluation, Protocol, ViewScore};
 use crate::log::Row;
 use crate::memory::human;
 use crate::picture::{ERROR_MAP_TOP, png_bytes};
@@ -91,11 +91,8 @@ pub(super) fn pictures(e: &Evaluation, folder: &Path) -> String {
         let figures: String = [("", "render"), ("_truth", "truth"), ("_error", "error"), ("_depth", "depth")]
             .iter()
             .filter_map(|(suffix, caption)| {
-                let data = embedded(&folder.join("renders").join(format!("{stem}{suffix}.png")))?;
-                let alt = escape(&format!("{caption} of {}", view.name));
-                Some(format!(
-                    "<figure><img alt=\"{alt}\" src=\"data:image/png;base64,{data}\"><figcaption>{caption}</figcaption></figure>"
-                ))
+                let path = folder.join("renders").join(format!("{stem}{suffix}.png"));
+                figure(&path, caption, &format!("{caption} of {}", view.name))
             })
             .collect();
         if !figures.is_empty() {
@@ -128,6 +125,14 @@ fn chosen(views: &[ViewScore]) -> Vec<&ViewScore> {
     (0..SHOWN).map(|i| sorted[i * (sorted.len() - 1) / (SHOWN - 1)]).collect()
 }
 
+/// A picture of the run with a line below it; `None` when it is missing or broken.
+pub(super) fn figure(path: &Path, caption: &str, alt: &str) -> Option<String> {
+    let (data, caption, alt) = (embedded(path)?, escape(caption), escape(alt));
+    Some(format!(
+        "<figure><img alt=\"{alt}\" src=\"data:image/png;base64,{data}\"><figcaption>{caption}</figcaption></figure>"
+    ))
+}
+
 /// A PNG of the run as base64, scaled down to [`SHOWN_SIDE`]; `None` when it is missing or broken.
 fn embedded(path: &Path) -> Option<String> {
     let picture = image::open(path).ok()?;
@@ -157,6 +162,9 @@ pub(super) fn scores(e: &Evaluation) -> String {
     let mean_seconds = e.views.iter().map(|v| v.render_seconds).sum::<f64>() / e.views.len().max(1) as f64;
     row(" class=\"mean\"", "mean", [e.psnr, e.ssim, e.ms_ssim, e.lpips], mean_seconds);
     out += "</table></div>\n";
+    if e.protocol != Protocol::default() {
+        let _ = writeln!(out, "<p class=\"soft\">Protocol: {}.</p>", escape(&e.protocol.to_string()));
+    }
     if !e.notes.is_empty() {
         let _ = writeln!(out, "<br><div class=\"panel\">{}</div>", list(&e.notes));
     }
@@ -282,7 +290,7 @@ fn list(lines: &[String]) -> String {
     format!("<ul>\n{items}</ul>\n")
 }
 
-fn number(x: Option<f64>, digits: usize, unit: &str) -> String {
+pub(super) fn number(x: Option<f64>, digits: usize, unit: &str) -> String {
     x.map_or_else(|| "n/a".into(), |x| format!("{x:.digits$}{unit}"))
 }
 

@@ -1,7 +1,10 @@
 //! Systems for scenes that stand still.
 
+mod cones;
 pub mod mip_nerf;
 pub mod mip_nerf_360;
 pub mod nerf;
 pub mod ngp;
+mod parts;
+mod trained;
 pub mod two_level;

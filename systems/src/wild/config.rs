@@ -90,6 +90,28 @@ pub enum SegmentKind {
     Pixels,
 }
 
+/// What becomes of the field once masks are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Restart {
+    /// It goes on.
+    #[default]
+    On,
+    /// Another takes its place, as published.
+    Anew,
+}
+
+/// What a trimmed loss is judged by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Judging {
+    /// From time to time, all photos as the field renders them: batches are random pixels.
+    #[default]
+    Photos,
+    /// Every batch, of patches, before it is learnt from: as published.
+    Batch,
+}
+
 /// Settings of a method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -114,6 +136,10 @@ pub struct WildConfig {
     pub kernel: KernelKind,
     /// Scale of the other kernels, colour units.
     pub kernel_scale: f32,
+    /// Trimmed: `photos` or `batch`.
+    pub judging: Judging,
+    /// Trimmed, by photos: steps before the first judgement, and between two of them.
+    pub judge_every: u64,
     /// Trimmed: share of the rays that a residual is compared with.
     pub trim_quantile: f32,
     /// Trimmed: that residual times this is the largest of an inlier.
@@ -154,6 +180,8 @@ pub struct WildConfig {
 
     /// Masks: steps of the training that comes before them.
     pub warmup_steps: u64,
+    /// Masks: the field goes `on` with them, or begins `anew`.
+    pub restart: Restart,
     /// Masks: share of the photos that a static feature is seen in.
     pub track_share: f32,
     /// Masks: `files`, `superpixels` or `pixels`; photos without a file have superpixels.
@@ -185,8 +213,10 @@ impl WildConfig {
             code_size: 1e-5,
             kernel: KernelKind::Trimmed,
             kernel_scale: 0.1,
+            judging: if mlp { Judging::Batch } else { Judging::Photos },
+            judge_every: 500,
             trim_quantile: 0.5,
-            trim_scale: 1.0,
+            trim_scale: if mlp { 1.0 } else { 3.0 },
             trim_diffuse: 0.5,
             trim_vote: 0.6,
             patch: 16,
@@ -203,6 +233,7 @@ impl WildConfig {
             filter_hold: if mlp { 12_000 } else { 250 },
             filter_ease: if mlp { 10_000 } else { 250 },
             warmup_steps: 1000,
+            restart: if mlp { Restart::Anew } else { Restart::On },
             track_share: 0.1,
             segments: SegmentKind::Files,
             superpixels: 400,
@@ -213,7 +244,7 @@ impl WildConfig {
     /// Whether batches are made of patches.
     #[must_use]
     pub fn draws_patches(&self) -> bool {
-        (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed)
+        (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed && self.judging == Judging::Batch)
             || self.appearance == AppearanceKind::Encoder
     }
 
@@ -260,6 +291,11 @@ impl WildConfig {
         }
         if !(1..=65535).contains(&self.superpixels) {
             return refuse("superpixels", self.superpixels.to_string(), "must be in 1..=65535");
+        }
+        for (field, value) in [("judge_every", self.judge_every), ("warmup_steps", self.warmup_steps)] {
+            if value == 0 {
+                return refuse(field, value.to_string(), "must be at least 1");
+            }
         }
         if !(2..=256).contains(&self.patch) {
             return refuse("patch", self.patch.to_string(), "must be in 2..=256");

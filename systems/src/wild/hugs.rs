@@ -8,12 +8,13 @@
 //! segments of the photo, given as files, or else its superpixels; the field then starts anew on what was found to be
 //! static.
 
-use super::config::{SegmentKind, WildConfig};
+use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
 use super::squared;
+use super::static_maps::{StaticMap, StaticMaps};
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
-use crate::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
+use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::superpixels::Superpixels;
 use losses::heuristics::{Extent, Scratch, Segments, StaticMask};
@@ -35,8 +36,12 @@ pub(super) struct Hugs {
     superpixels: Superpixels,
     /// Photos a feature has to be seen in.
     min_track: u32,
-    /// Columns, rows and static pixels of each training view; empty until they are found.
-    masks: Vec<Vec<u8>>,
+    /// What was found to be static.
+    maps: StaticMaps,
+    /// The field begins anew once they are found.
+    restart: Restart,
+    /// Pixels of a photo along a side of what is compared.
+    stride: u32,
     /// Weight of each pixel of the batch.
     weights: Vec<f32>,
     scratch: Scratch,
@@ -63,7 +68,9 @@ impl Hugs {
             segments: config.segments,
             superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
-            masks: Vec::new(),
+            maps: StaticMaps::default(),
+            restart: config.restart,
+            stride: super::survey_stride(data),
             weights: Vec::new(),
             scratch: Scratch::default(),
         })
@@ -122,11 +129,8 @@ impl Method for Hugs {
 
     fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {
         self.weights.clear();
-        if !self.masks.is_empty() {
-            self.weights.extend(batch.view.iter().zip(&batch.pixel).map(|(&view, &[x, y])| {
-                let width = data.view(view as usize).camera.width as usize;
-                f32::from(self.masks[view as usize][usize::from(y) * width + usize::from(x)])
-            }));
+        if !self.maps.is_empty() {
+            self.maps.weigh(batch, &mut self.weights);
         }
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
@@ -150,11 +154,15 @@ impl Method for Hugs {
         self.light.as_mut().map_or(0, |light| light.learn(outcome))
     }
 
-    fn survey_before(&self) -> Option<u64> {
-        Some(self.warmup)
+    fn survey(&self, step: u64) -> Option<u32> {
+        (step == self.warmup).then_some(self.stride)
     }
 
-    fn survey(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn begins_anew(&self) -> Option<u64> {
+        (self.restart == Restart::Anew).then_some(self.warmup)
+    }
+
+    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
         let [width, height] = seen.size;
         let extent = Extent { width, height };
         let frame = self.frames[data.view(seen.view).frame].clone();
@@ -184,13 +192,13 @@ impl Method for Hugs {
             Some(scene_io::Segments::Stack(_)) => Segments::Stack(&stack),
         };
         self.rule.run(extent, &h_sfm, &residuals, vote, &mut self.scratch, &mut mask).map_err(|e| refused(&e))?;
-        self.masks.resize(data.len(), Vec::new());
-        self.masks[seen.view] = mask.iter().map(|&m| u8::from(m > 0)).collect();
+        let bits = mask.iter().map(|&m| u8::from(m > 0)).collect();
+        self.maps.set(data.len(), seen.view, StaticMap { width, stride: seen.stride, bits });
         Ok(())
     }
 
     fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
-        Some(self.masks.get(seen.view)?.iter().map(|&m| f32::from(m)).collect())
+        self.maps.pixels(seen.view, seen.size)
     }
 
     fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
@@ -198,24 +206,14 @@ impl Method for Hugs {
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
-        // Lengths, then 64 pixels to a word.
-        let mut words = vec![self.masks.len() as u64];
-        words.extend(self.masks.iter().map(|mask| mask.len() as u64));
-        for mask in &self.masks {
-            words.extend(mask.chunks(64).map(|bits| bits.iter().rev().fold(0, |word, &b| word << 1 | u64::from(b))));
-        }
-        let mut out = vec![u64_tensor("hugs.masks.words", vec![words.len() as u64]), u64_tensor("hugs.masks", words)];
+        let mut out = Vec::new();
+        self.maps.push_state(&mut out);
         self.light.iter().for_each(|light| light.push_state(&mut out));
         out
     }
 
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let words = take_u64(state, "hugs.masks.words", 1)?[0] as usize;
-        let words = take_u64(state, "hugs.masks", words)?;
-        self.masks = unpack(&words).ok_or_else(|| SystemError::State {
-            name: "hugs.masks".into(),
-            problem: "its lengths do not fit its content".into(),
-        })?;
+        self.maps.load_state(state)?;
         self.light.as_mut().map_or(Ok(()), |light| light.load_state(state))
     }
 
@@ -224,36 +222,6 @@ impl Method for Hugs {
     }
 
     fn memory_bytes(&self) -> usize {
-        self.light.as_ref().map_or(0, Light::bytes) + self.masks.iter().map(Vec::len).sum::<usize>()
-    }
-}
-
-/// Masks from the words of [`Hugs::state`].
-fn unpack(words: &[u64]) -> Option<Vec<Vec<u8>>> {
-    let (&count, rest) = words.split_first()?;
-    let (lengths, mut rest) = rest.split_at_checked(usize::try_from(count).ok()?)?;
-    let mut masks = Vec::with_capacity(lengths.len());
-    for &pixels in lengths {
-        let pixels = usize::try_from(pixels).ok()?;
-        let (bits, after) = rest.split_at_checked(pixels.div_ceil(64))?;
-        masks.push((0..pixels).map(|i| (bits[i / 64] >> (i % 64) & 1) as u8).collect());
-        rest = after;
-    }
-    rest.is_empty().then_some(masks)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn damaged_masks_are_refused() {
-        let words = [2, 65, 1, 0b101, 1, 1];
-        let masks = unpack(&words).unwrap();
-        assert_eq!((masks[0].len(), masks[0][0], masks[0][1], masks[0][64]), (65, 1, 0, 1));
-        assert_eq!(masks[1], [1]);
-        for damaged in [&words[..5], &words[..1], &[], &[u64::MAX][..], &[1, u64::MAX], &[0, 7]] {
-            assert!(unpack(damaged).is_none(), "{damaged:?}");
-        }
+        self.light.as_ref().map_or(0, Light::bytes) + self.maps.bytes()
     }
 }

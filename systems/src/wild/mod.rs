@@ -27,12 +27,14 @@ mod plan;
 mod robust_nerf;
 mod sf_nerf;
 mod slopes;
+mod static_maps;
 #[cfg(test)]
 mod twin;
 
 pub use config::{AppearanceKind, FeatureKind, FieldKind, KernelKind, OccluderKind, SegmentKind, WildConfig};
 pub use plan::{SYSTEMS, build};
 
+use crate::data::Dataset;
 use crate::method::PixelBar;
 
 /// The squared error of a pixel, mean over channels, times `weight`, and its derivative.
@@ -40,4 +42,12 @@ fn squared(rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
     let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
     let loss = e.iter().map(|e| e * e).sum::<f32>() / 3.0;
     (weight * loss, PixelBar::colour(e.map(|e| weight * 2.0 * e / 3.0)))
+}
+
+/// Rays of a survey of all training photos, roughly: a second or two.
+const SURVEY_RAYS: u64 = 200_000;
+
+/// Pixels of a photo along a side of what a survey compares.
+fn survey_stride(data: &Dataset) -> u32 {
+    (data.pixel_count() as f64 / SURVEY_RAYS as f64).sqrt().ceil().max(1.0) as u32
 }

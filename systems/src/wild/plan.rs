@@ -134,7 +134,7 @@ fn method(
     Ok(match config.occluders {
         OccluderKind::None if light.is_none() => None,
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
-        OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light)?)),
+        OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
         OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, seed)?)),
         OccluderKind::Visibility => todo!(),

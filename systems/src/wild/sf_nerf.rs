@@ -170,7 +170,7 @@ impl SfNerf {
     }
 
     /// What stands before each pixel of a batch.
-    fn look(&mut self, batch: &Batch, step: u64) {
+    fn cover(&mut self, batch: &Batch, step: u64) {
         let rng = Rng::new(self.seed, NOISE).substream(step);
         let Self { filter, codes, features, cover, concrete, likelihood, .. } = self;
         cover.clear();
@@ -291,7 +291,7 @@ impl Method for SfNerf {
     }
 
     fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
-        self.look(batch, step);
+        self.cover(batch, step);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
 
@@ -366,6 +366,7 @@ mod tests {
     use super::super::config::{AppearanceKind, FieldKind, OccluderKind};
     use super::super::twin::{self, Twin, assert_near, differences, logistic, softplus};
     use super::*;
+    use field_core::rng::Rng;
     use proptest::prelude::*;
 
     const VIEWS: usize = 3;
@@ -448,7 +449,7 @@ mod tests {
             let rgb = |i: usize| [0, 1, 2].map(|c| uniform(10 * i + c));
             let pixels: Vec<Pixel> = (0..n).map(|i| Pixel { rgb: rgb(i), ..Pixel::default() }).collect();
             let truth: Vec<[f32; 3]> = (0..n).map(|i| rgb(1000 + i)).collect();
-            method.look(&batch, 5);
+            method.cover(&batch, 5);
             let outcome = Outcome {
                 step: 5,
                 lr: 1e-3,

@@ -4,5 +4,6 @@
 mod common;
 mod data;
 mod full_disk;
+mod light;
 mod results;
 mod resume;

@@ -21,13 +21,12 @@ mod render;
 
 pub use config::{LastSample, MipNerf360Config};
 
+use super::cones::{self, Footprint, TILE, Which, crossing};
+use super::trained::Trained;
 use crate::data::{Batch, Dataset};
 use crate::options::Background;
 use crate::space::{InternalRay, Space};
-use crate::system::{
-    Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64,
-    u64_tensor,
-};
+use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
@@ -36,7 +35,7 @@ use losses::interlevel::{self, Levels, interlevel_backward};
 use losses::kernel::Kernel;
 use losses::{Edges, RayIntervals, Reduction, distortion};
 use network::{Ops, PackedNetworks, Shapes};
-use optim::{Adam, AdamConfig, Decay, NonFiniteGuard, clip};
+use optim::{AdamConfig, Decay, clip};
 use quadrature::QuadratureOp;
 use rayon::prelude::*;
 use render_core::proposal::Resampler;
@@ -45,10 +44,6 @@ use std::time::Instant;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
 const CHUNKS: usize = 4;
-/// Rays that go through the networks together.
-const TILE: usize = 4;
-/// Rays of one task of a render.
-const RENDER_TASK: usize = 32;
 /// Streams of random numbers.
 const INIT: u64 = 0x6d33_3630;
 const SAMPLES: u64 = 0x7361_6d70;
@@ -64,10 +59,8 @@ pub struct MipNerf360 {
     space: Space,
     shapes: Shapes,
     /// Proposal network, then the final one.
-    params: Vec<f32>,
+    trained: Trained,
     packed: PackedNetworks,
-    adam: Adam,
-    guard: NonFiniteGuard,
     batch: Batch,
     chunks: Vec<Chunk>,
     grad: Vec<f32>,
@@ -127,8 +120,7 @@ impl MipNerf360 {
         let mut params = vec![0.0; n];
         shapes.init(Rng::new(seed, INIT), &mut params);
         let mut system = Self {
-            adam: Adam::new(n, ADAM),
-            guard: NonFiniteGuard::default(),
+            trained: Trained::new(params, ADAM),
             batch: Batch::default(),
             chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
             grad: vec![0.0; n],
@@ -141,14 +133,13 @@ impl MipNerf360 {
             background,
             space,
             shapes,
-            params,
         };
         system.pack();
         Ok(system)
     }
 
     fn pack(&mut self) {
-        self.shapes.pack(&self.params, &mut self.packed);
+        self.shapes.pack(&self.trained.params, &mut self.packed);
     }
 
     fn ops(&self) -> Ops<'_> {
@@ -168,10 +159,7 @@ impl MipNerf360 {
         let Tile { levels, resampler, interlevel, background } = tile;
         background.clear();
         for &i in ids {
-            background.extend(match self.background {
-                Background::Random => [0, 1, 2].map(|c| behind.uniform_at(3 * i as u64 + c)),
-                fixed => fixed.colour(),
-            });
+            background.extend(self.background.of_ray(&behind, i as u64));
         }
         let random = Rng::new(self.seed, SAMPLES).substream(step);
         let fraction = (step as f64 / self.config.steps as f64) as f32;
@@ -203,7 +191,7 @@ impl MipNerf360 {
         {
             let last = self.config.last();
             let op = QuadratureOp { simd: Simd::best(), offsets: &level.offsets, dt: &level.dt, last, background: &[] };
-            let mut tape = Tape::new(&mut arena, &self.params);
+            let mut tape = Tape::new(&mut arena, &self.trained.params);
             let x = tape.constant(level.x.len() / n, n, &level.x)?;
             let sigma = tile.ops.proposal(&mut tape, x)?;
             let out = tape.custom(&op, &[sigma])?;
@@ -244,7 +232,7 @@ impl MipNerf360 {
         sums.samples += n as u64;
         let last = self.config.last();
         let op = QuadratureOp { simd: Simd::best(), offsets, dt, last, background: tile.background };
-        let mut tape = Tape::new(arena, &self.params);
+        let mut tape = Tape::new(arena, &self.trained.params);
         let (x, d) = (tape.constant(x.len() / n, n, x)?, tape.constant(3, n, d)?);
         let (sigma, rgb) = tile.ops.record(&mut tape, x, d)?;
         let out = tape.custom(&op, &[sigma, rgb])?;
@@ -302,20 +290,11 @@ impl System for MipNerf360 {
         let ops = self.ops();
         chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
             chunk.grad.clear();
-            chunk.grad.resize(self.params.len(), 0.0);
+            chunk.grad.resize(self.trained.params.len(), 0.0);
             chunk.sums = Sums::default();
-            let (mut hit, mut ids) = (Vec::new(), Vec::new());
-            for i in c * rays / CHUNKS..(c + 1) * rays / CHUNKS {
-                let [x, y] = self.batch.pixel[i];
-                let radius = data.view(self.batch.view[i] as usize).cone_radius(x.into(), y.into()).unwrap_or(0.0);
-                let ray = self.space.internal_cone(&self.batch.rays[i], radius);
-                if ray.end > ray.start && self.batch.weight[i] > 0.0 {
-                    hit.push(ray);
-                    ids.push(i);
-                } else {
-                    chunk.sums.missed += 1;
-                }
-            }
+            let range = c * rays / CHUNKS..(c + 1) * rays / CHUNKS;
+            let (hit, ids) = crossing(&self.space, (data, &self.batch), range.clone(), Footprint::Cone, Which::Counted);
+            chunk.sums.missed = (range.len() - hit.len()) as u64;
             for tile in hit.chunks(TILE).zip(ids.chunks(TILE)) {
                 fits(self.train_tile(&ops, tile, (step, per_ray), chunk));
             }
@@ -342,11 +321,11 @@ impl System for MipNerf360 {
         for network in [proposal, last] {
             clip::clip_by_global_norm(simd, self.config.clip.into(), &mut [network]);
         }
-        let bad = bad + self.adam.step(simd, self.config.learning_rate(step), &mut self.params, &self.grad);
+        let bad = bad + self.trained.step(simd, self.config.learning_rate(step), &self.grad);
         self.pack();
         self.seconds[2] += start.elapsed().as_secs_f64();
         stats.nonfinite = bad as u64;
-        self.guard.record(bad)?;
+        self.trained.record(bad)?;
         Ok(stats)
     }
 
@@ -356,20 +335,7 @@ impl System for MipNerf360 {
 
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let ops = self.ops();
-        let parts: Vec<Layers> = rays
-            .par_chunks(RENDER_TASK)
-            .zip(radii.par_chunks(RENDER_TASK))
-            .map_init(Tile::default, |tile, (rays, radii)| {
-                let mut out = Layers::default();
-                for cones in rays.chunks(TILE).zip(radii.chunks(TILE)) {
-                    fits(self.render_into(&ops, cones, query, tile, &mut out));
-                }
-                out
-            })
-            .collect();
-        let mut out = Layers::default();
-        parts.into_iter().for_each(|part| out.extend(part));
-        out
+        cones::render_tiles(rays, radii, |cones, tile, out| fits(self.render_into(&ops, cones, query, tile, out)))
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
@@ -386,48 +352,28 @@ impl System for MipNerf360 {
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
-        vec![
-            f32_tensor("networks", &self.params),
-            f32_tensor("adam.m", self.adam.first_moment()),
-            f32_tensor("adam.v", self.adam.second_moment()),
-            u64_tensor(
-                "counters",
-                vec![self.adam.steps(), self.guard.steps(), self.guard.bad_steps(), self.guard.entries()],
-            ),
-        ]
+        self.trained.state()
     }
 
     fn load_state(&mut self, tensors: &TensorMap) -> Result<(), SystemError> {
-        let n = self.params.len();
-        let params = take_f32(tensors, "networks", n)?;
-        let (m, v) = (take_f32(tensors, "adam.m", n)?, take_f32(tensors, "adam.v", n)?);
-        let counters = take_u64(tensors, "counters", 4)?;
-        self.adam = Adam::restore(ADAM, m, v, counters[0])
-            .map_err(|e| SystemError::State { name: "adam".into(), problem: e.to_string() })?;
-        self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
-        self.params = params;
+        self.trained = self.trained.restored(tensors)?;
         self.pack();
         Ok(())
     }
 
     fn parameter_count(&self) -> usize {
-        self.params.len()
+        self.trained.params.len()
     }
 
     fn memory_bytes(&self) -> usize {
         let levels = self.chunks.iter().flat_map(|c| &c.tile.levels);
         let arenas: usize = levels.map(|l| l.arena.memory_bytes()).sum();
         // Parameters, packed copies, gradient, two moments; a gradient a chunk.
-        4 * self.params.len() * (6 + CHUNKS) + arenas
+        4 * self.trained.params.len() * (6 + CHUNKS) + arenas
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![SkipRow::counted(
-            "training: rays that miss the scene's box or are masked",
-            (self.missed, self.cast),
-            "rays",
-            "0: nothing is there to sample".into(),
-        )]
+        vec![cones::missed_row(self.missed, self.cast)]
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

@@ -2,15 +2,15 @@
 
 use super::MipNerf360Config;
 use super::config::bad;
+use crate::static_scene::parts::{self, Part};
 use crate::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use field_core::tape::{EncodingOp, MlpOp, Node, Tape, TapeError};
+use field_core::tape::{EncodingOp, Node, Tape, TapeError};
 use float_core::Simd;
-use std::ops::Range;
 
 /// An icosahedron's edges are cut in two: 21 directions.
 const TESSELLATION: usize = 2;
@@ -36,7 +36,7 @@ pub(super) struct PackedNetworks([Packed; 5]);
 pub(super) struct Ops<'a> {
     position: EncodingOp<Integrated>,
     direction: EncodingOp<Frequency>,
-    parts: [(MlpOp<'a>, Range<usize>); 5],
+    parts: [Part<'a>; 5],
 }
 
 impl Shapes {
@@ -85,15 +85,6 @@ impl Shapes {
         [&self.proposal, &self.trunk, &self.density, &self.bottleneck, &self.colour]
     }
 
-    /// Where each part's parameters lie.
-    fn ranges(&self) -> [Range<usize>; 5] {
-        let mut at = 0;
-        self.mlps().map(|m| {
-            at += m.param_count();
-            at - m.param_count()..at
-        })
-    }
-
     /// Parameters of the proposal network; those of the final one follow.
     pub(super) fn proposal_params(&self) -> usize {
         self.proposal.param_count()
@@ -101,61 +92,40 @@ impl Shapes {
 
     /// Parameters of both.
     pub(super) fn param_count(&self) -> usize {
-        self.mlps().iter().map(|m| m.param_count()).sum()
+        parts::param_count(self.mlps())
     }
 
     /// He-uniform weights, zero biases.
     pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
-        params.fill(0.0);
-        let mut stream = 0;
-        for (mlp, range) in self.mlps().into_iter().zip(self.ranges()) {
-            let params = &mut params[range];
-            for l in mlp.layers() {
-                let weights = &mut params[l.weights.clone()];
-                Init::HeUniform.fill(rng.substream(stream), l.inputs, l.outputs, weights);
-                stream += 1;
-            }
-        }
+        parts::init(self.mlps(), Init::HeUniform, rng, params);
     }
 
     pub(super) fn pack(&self, params: &[f32], packed: &mut PackedNetworks) {
-        for ((mlp, range), packed) in self.mlps().into_iter().zip(self.ranges()).zip(&mut packed.0) {
-            mlp.pack(&params[range], packed);
-        }
+        parts::pack(self.mlps(), params, &mut packed.0);
     }
 
     pub(super) fn ops<'a>(&'a self, simd: Simd, packed: &'a PackedNetworks) -> Ops<'a> {
-        let mut parts = self.mlps().into_iter().zip(&packed.0).zip(self.ranges());
         Ops {
             position: EncodingOp::new(self.position, simd),
             direction: EncodingOp::new(self.direction, simd),
-            parts: std::array::from_fn(|_| {
-                let ((mlp, packed), range) = parts.next().expect("five parts");
-                (MlpOp { mlp, packed, simd }, range)
-            }),
+            parts: parts::ops(self.mlps(), &packed.0, 0, simd),
         }
     }
 }
 
 impl<'a> Ops<'a> {
-    fn apply(&'a self, tape: &mut Tape<'a>, part: usize, x: Node) -> Result<Node, TapeError> {
-        let (op, range) = &self.parts[part];
-        let params = tape.param(range.start, range.len(), 1)?;
-        tape.custom(op, &[x, params])
-    }
-
     /// Density of the proposal network, `[1 x n]`: `x` `[42 x n]` means and variances along the directions.
     pub(super) fn proposal(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<Node, TapeError> {
         let features = tape.custom(&self.position, &[x])?;
-        let raw = self.apply(tape, 0, features)?;
+        let raw = self.parts[0].apply(tape, features)?;
         tape.softplus(raw, -1.0)
     }
 
     /// Trunk of the final network and its density, `[1 x n]`.
     pub(super) fn density(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<(Node, Node), TapeError> {
         let features = tape.custom(&self.position, &[x])?;
-        let h = self.apply(tape, 1, features)?;
-        let raw = self.apply(tape, 2, h)?;
+        let h = self.parts[1].apply(tape, features)?;
+        let raw = self.parts[2].apply(tape, h)?;
         Ok((h, tape.softplus(raw, -1.0)?))
     }
 
@@ -163,8 +133,8 @@ impl<'a> Ops<'a> {
     pub(super) fn record(&'a self, tape: &mut Tape<'a>, x: Node, d: Node) -> Result<(Node, Node), TapeError> {
         let (h, sigma) = self.density(tape, x)?;
         let direction = tape.custom(&self.direction, &[d])?;
-        let bottleneck = self.apply(tape, 3, h)?;
+        let bottleneck = self.parts[3].apply(tape, h)?;
         let features = tape.concat(&[bottleneck, direction])?;
-        Ok((sigma, self.apply(tape, 4, features)?))
+        Ok((sigma, self.parts[4].apply(tape, features)?))
     }
 }

@@ -37,7 +37,7 @@ impl MipNerf360 {
             let n = dt.len();
             let op = QuadratureOp { simd: Simd::best(), offsets, dt, last: self.config.last(), background: &[] };
             {
-                let mut tape = Tape::new(arena, &self.params);
+                let mut tape = Tape::new(arena, &self.trained.params);
                 let x = tape.constant(x.len() / n, n, x)?;
                 let sigma = ops.proposal(&mut tape, x)?;
                 let out = tape.custom(&op, &[sigma])?;
@@ -52,7 +52,7 @@ impl MipNerf360 {
     fn values(&self, ops: &Ops<'_>, level: &mut Level) -> Result<Values, TapeError> {
         let Level { arena, dt, x, d, .. } = level;
         let n = dt.len();
-        let mut tape = Tape::new(arena, &self.params);
+        let mut tape = Tape::new(arena, &self.trained.params);
         let (x, d) = (tape.constant(x.len() / n, n, x)?, tape.constant(3, n, d)?);
         let (sigma, rgb) = ops.record(&mut tape, x, d)?;
         Ok(Values { sigma: tape.value(sigma)?.data.to_vec(), rgb: tape.value(rgb)?.data.to_vec() })
@@ -71,13 +71,7 @@ impl MipNerf360 {
             rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
-        out.rgb.resize(from + rays.len(), query.background);
-        out.opacity.resize(from + rays.len(), 0.0);
-        out.depth.resize(from + rays.len(), f32::INFINITY);
-        out.median_depth.resize(from + rays.len(), f32::INFINITY);
-        if query.layers.normals == Normals::Compute {
-            out.normal.resize(from + rays.len(), [0.0; 3]);
-        }
+        out.extend(Layers::nothing(rays.len(), query));
         if hit.is_empty() {
             return Ok(());
         }
@@ -139,8 +133,8 @@ impl MipNerf360 {
     fn normals(&self, ops: &Ops<'_>, rays: &[InternalRay], level: &mut Level) -> Result<Vec<DVec3>, TapeError> {
         let Level { arena, offsets, t, dt, x, .. } = level;
         let (n, k) = (dt.len(), self.shapes.basis.len());
-        let mut unused = vec![0.0; self.params.len()];
-        let mut tape = Tape::new(arena, &self.params);
+        let mut unused = vec![0.0; self.trained.params.len()];
+        let mut tape = Tape::new(arena, &self.trained.params);
         let along = tape.input(k, n, &x[..k * n])?;
         let var = tape.constant(k, n, &x[k * n..])?;
         let rows = tape.concat(&[along, var])?;

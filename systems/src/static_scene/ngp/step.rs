@@ -35,14 +35,7 @@ pub(super) struct Plan {
 impl Ngp {
     /// See [`crate::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
-        let mut step = step;
-        if let Some(first) = self.method.as_ref().and_then(|method| method.survey_before()) {
-            if step == first {
-                self.survey(data)?;
-            }
-            // The schedules begin anew with the field.
-            step -= if step >= first { first } else { 0 };
-        }
+        let step = self.between_steps(data, step)?;
         let start = Instant::now();
         if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
             self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);

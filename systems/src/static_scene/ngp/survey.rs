@@ -17,20 +17,29 @@ const JITTER: f32 = 0.5;
 /// A training view, rendered in its own light with all that stood in it.
 pub(super) struct Shown {
     pub(super) size: [usize; 2],
+    stride: usize,
     pub(super) pixels: Vec<Pixel>,
     pub(super) truth: Vec<[f32; 3]>,
+    alpha: Vec<f32>,
 }
 
 impl Shown {
     pub(super) fn seen(&self, view: usize) -> ViewSeen<'_> {
-        ViewSeen { view, size: self.size, pixels: &self.pixels, truth: &self.truth }
+        ViewSeen {
+            view,
+            size: self.size,
+            stride: self.stride,
+            pixels: &self.pixels,
+            truth: &self.truth,
+            alpha: &self.alpha,
+        }
     }
 }
 
-/// Render a training view, one ray a pixel.
-pub(super) fn show(ngp: &Ngp, data: &Dataset, view: usize) -> Result<Shown, SystemError> {
+/// Render a training view, one ray for each square of `stride` pixels a side.
+pub(super) fn show(ngp: &Ngp, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
     let mut inputs = Inputs::default();
-    data.whole_view(view, &mut inputs.batch)?;
+    let size = data.whole_view(view, stride, &mut inputs.batch)?;
     let n = inputs.batch.len();
     inputs.rays.clone_from(&inputs.batch.rays);
     inputs.background = vec![ngp.background.colour(); n];
@@ -50,37 +59,56 @@ pub(super) fn show(ngp: &Ngp, data: &Dataset, view: usize) -> Result<Shown, Syst
             },
         )
         .collect();
-    let camera = data.view(view).camera;
-    let size = [camera.width as usize, camera.height as usize];
-    Ok(Shown { size, pixels: tasks.concat(), truth: inputs.truth })
+    Ok(Shown { size, stride: stride as usize, pixels: tasks.concat(), truth: inputs.truth, alpha: inputs.batch.alpha })
 }
 
 /// See [`crate::system::System::visibility`].
 pub(super) fn visibility(ngp: &Ngp, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
     let Some(method) = &ngp.method else { return Ok(None) };
-    Ok(method.visibility(&show(ngp, data, view)?.seen(view)))
+    Ok(method.visibility(&show(ngp, data, view, 1)?.seen(view)))
 }
 
 impl Ngp {
-    /// Show the method every training view, then start with a new field.
-    pub(super) fn survey(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let Some(mut method) = self.method.take() else { return Ok(()) };
-        for view in 0..data.len() {
-            // What the field renders does not depend on what the method learns here.
-            let shown = show(self, data, view)?;
-            method.survey(data, &shown.seen(view))?;
+    /// What happens before step `step`: a method looks at all training views, or the field begins anew. Returns the step as
+    /// the field's schedules count it.
+    pub(super) fn between_steps(&mut self, data: &Dataset, step: u64) -> Result<u64, SystemError> {
+        let Some(method) = &self.method else { return Ok(step) };
+        let anew = method.begins_anew();
+        if let Some(stride) = method.survey(step) {
+            self.survey(data, stride)?;
         }
-        let mut fresh = Self::with_method(
-            self.config.clone(),
-            self.space.clone(),
-            self.background,
-            // Another field than the first: the same numbers would repeat its mistakes.
-            self.seed.wrapping_add(1),
-            Some(method),
-        )?;
-        fresh.seed = self.seed;
+        if anew == Some(step) {
+            self.begin_anew(data)?;
+        }
+        Ok(match anew {
+            Some(first) if step >= first => step - first,
+            _ => step,
+        })
+    }
+
+    /// Show the method every training view.
+    fn survey(&mut self, data: &Dataset, stride: u32) -> Result<(), SystemError> {
+        for view in 0..data.len() {
+            let shown = show(self, data, view, stride)?;
+            // What the field renders does not depend on what the method learns here.
+            if let Some(method) = &mut self.method {
+                method.look(data, &shown.seen(view))?;
+            }
+        }
+        if let Some(method) = &mut self.method {
+            method.surveyed();
+        }
+        Ok(())
+    }
+
+    /// A new field for the same method.
+    fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {
+        // Other numbers than the first: the same would repeat its mistakes.
+        let seed = self.seed.wrapping_add(1);
+        let method = self.method.take();
+        let mut fresh = Self::with_method(self.config.clone(), self.space.clone(), self.background, seed, method)?;
         fresh.carve(data)?;
-        (fresh.seconds, fresh.guard) = (self.seconds, self.guard);
+        (fresh.seed, fresh.seconds, fresh.guard) = (self.seed, self.seconds, self.guard);
         *self = fresh;
         Ok(())
     }

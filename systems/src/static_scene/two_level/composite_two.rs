@@ -149,3 +149,82 @@ impl CustomOp for CompositeTwoOp<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::composite::CompositeOp;
+    use super::*;
+    use field_core::tape::{Arena, Tape};
+
+    const N: usize = 5;
+    const OFFSETS: [u32; 4] = [0, 3, 3, 5];
+    const DT: [f32; N] = [0.2, 0.3, 0.1, 0.4, 0.5];
+    const BACKGROUND: [f32; 9] = [0.2, 0.9, 0.4, 0.5, 0.6, 0.7, 1.0, 0.1, 0.3];
+
+    /// Densities, colours and uncertainties of all samples.
+    fn inputs() -> [Vec<f32>; 5] {
+        let row = |rows: usize, phase: f32| (0..rows * N).map(|i| 1.1 + (phase + 2.3 * i as f32).sin()).collect();
+        [row(1, 0.1), row(3, 1.0), row(1, 2.0), row(3, 3.0), row(1, 4.0)]
+    }
+
+    /// The output, its sum with one weight a number, and the gradient of that sum.
+    fn run(mixture: Mixture, inputs: &[Vec<f32>; 5]) -> (Vec<f32>, f64, Vec<Vec<f32>>) {
+        let op = CompositeTwoOp { simd: Simd::best(), mixture, offsets: &OFFSETS, dt: &DT, background: &BACKGROUND };
+        let mut arena = Arena::new();
+        let mut tape = Tape::new(&mut arena, &[]);
+        let nodes: Vec<_> = inputs.iter().map(|x| tape.input(x.len() / N, N, x).unwrap()).collect();
+        let out = tape.custom(&op, &nodes).unwrap();
+        let values = tape.value(out).unwrap().data.to_vec();
+        let mut bar: Vec<f32> = (0..values.len()).map(|i| (0.7 * i as f32).cos()).collect();
+        // There is no way back from the weight of the transient samples.
+        bar[12..15].fill(0.0);
+        let sum = values.iter().zip(&bar).map(|(v, b)| f64::from(*v) * f64::from(*b)).sum();
+        tape.backward(&[(out, &bar)], &mut []).unwrap();
+        (values, sum, nodes.iter().map(|&node| tape.gradient(node).unwrap().to_vec()).collect())
+    }
+
+    #[test]
+    fn gradients_are_the_slopes_of_the_output() {
+        for mixture in Mixture::ALL {
+            let (_, _, bars) = run(mixture, &inputs());
+            for (which, bars) in bars.iter().enumerate() {
+                for (i, &bar) in bars.iter().enumerate() {
+                    const H: f32 = 1.0 / 256.0;
+                    let [up, down] = [H, -H].map(|h| {
+                        let mut inputs = inputs();
+                        inputs[which][i] += h;
+                        run(mixture, &inputs).1
+                    });
+                    let slope = (up - down) / (2.0 * f64::from(H));
+                    assert!((slope - f64::from(bar)).abs() < 2e-4, "{mixture:?}, input {which}, {i}: {bar}, {slope}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_transient_density_it_is_the_plain_quadrature() {
+        let mut inputs = inputs();
+        inputs[2].fill(0.0);
+        let op = CompositeOp { simd: Simd::best(), offsets: &OFFSETS, dt: &DT, background: &BACKGROUND };
+        let mut arena = Arena::new();
+        let mut tape = Tape::new(&mut arena, &[]);
+        let nodes = [0, 1].map(|i| tape.constant(inputs[i].len() / N, N, &inputs[i]).unwrap());
+        let plain = tape.custom(&op, &nodes).unwrap();
+        for mixture in Mixture::ALL {
+            let (values, ..) = run(mixture, &inputs);
+            assert_eq!(&values[..9], tape.value(plain).unwrap().data);
+            assert_eq!(values[9..], [0.0; 9]);
+        }
+    }
+
+    #[test]
+    fn densities_are_averaged_over_the_samples_of_a_ray() {
+        let inputs = inputs();
+        let (values, ..) = run(Mixture::Paper, &inputs);
+        let sigma = &inputs[2];
+        let want = [(sigma[0] + sigma[1] + sigma[2]) / 3.0, 0.0, (sigma[3] + sigma[4]) / 2.0];
+        assert_eq!(values[15..], want);
+        assert_eq!(&values[3..6], &BACKGROUND[3..6], "a ray without samples");
+    }
+}

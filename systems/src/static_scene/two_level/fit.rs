@@ -7,8 +7,9 @@
 
 use super::network::Seen;
 use super::samples::{Level, Tile};
-use super::{Recipe, TILE, TwoLevel, TwoLevelOps, recorded};
+use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
+use crate::static_scene::cones::TILE;
 use crate::system::{Appearance, Fit, System};
 use field_core::mlp::{Activation, Bias, Layer, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;

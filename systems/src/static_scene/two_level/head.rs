@@ -2,28 +2,28 @@
 //! photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
 
 use super::network::refuse;
+use crate::static_scene::parts::{self, Part};
 use crate::system::SystemError;
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use field_core::tape::{MlpOp, Node, Tape, TapeError};
+use field_core::tape::{Node, Tape, TapeError};
 use float_core::Simd;
 use render_core::quadrature::two::Mixture;
-use std::ops::Range;
 
 /// Hidden layers, of half the trunk's width each.
 const LAYERS: usize = 4;
 /// Density, three colours, uncertainty.
 const OUTPUTS: usize = 5;
-/// Added to the raw density: transient matter starts thin, a few percent of the light that crosses the box of the scene.
-const DENSITY_SHIFT: f32 = -4.0;
+/// Added to the raw density: transient matter starts thin, a tenth of the light that crosses the box of the scene.
+const DENSITY_SHIFT: f32 = -3.0;
 
 /// Shape of the head, and its parameters as the kernels read them.
 pub(super) struct Head {
     mlp: Mlp,
-    packed: Packed,
-    /// Where its parameters lie in those of the fine level: behind the network's.
-    range: Range<usize>,
+    packed: [Packed; 1],
+    /// Where its parameters begin in those of the fine level: behind the network's.
+    at: usize,
     /// How the two parts share an interval.
     pub(super) mixture: Mixture,
 }
@@ -51,7 +51,7 @@ impl Head {
             skips: vec![],
         })
         .map_err(refuse)?;
-        Ok(Self { range: at..at + mlp.param_count(), packed: Packed::default(), mlp, mixture })
+        Ok(Self { at, packed: [Packed::default()], mlp, mixture })
     }
 
     pub(super) fn param_count(&self) -> usize {
@@ -60,33 +60,28 @@ impl Head {
 
     /// Glorot-uniform weights, zero biases.
     pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
-        params.fill(0.0);
-        for (stream, l) in (0..).zip(self.mlp.layers()) {
-            let weights = &mut params[l.weights.clone()];
-            Init::XavierUniform.fill(rng.substream(stream), l.inputs, l.outputs, weights);
-        }
+        parts::init([&self.mlp], Init::XavierUniform, rng, params);
     }
 
     /// Take new parameters.
     pub(super) fn pack(&mut self, params: &[f32]) {
-        self.mlp.pack(params, &mut self.packed);
+        parts::pack([&self.mlp], params, &mut self.packed);
     }
 
-    pub(super) fn op(&self, simd: Simd) -> MlpOp<'_> {
-        MlpOp { mlp: &self.mlp, packed: &self.packed, simd }
+    pub(super) fn op(&self, simd: Simd) -> Part<'_> {
+        let [part] = parts::ops([&self.mlp], &self.packed, self.at, simd);
+        part
     }
 
-    /// Record the head: `trunk` `[width x n]`, `code` `[dims x n]`.
+    /// Record the head, whose operation `op` is: `trunk` `[width x n]`, `code` `[dims x n]`.
     pub(super) fn record<'a>(
-        &self,
-        op: &'a MlpOp<'a>,
+        op: &'a Part<'a>,
         tape: &mut Tape<'a>,
         trunk: Node,
         code: Node,
     ) -> Result<Transient, TapeError> {
         let x = tape.concat(&[trunk, code])?;
-        let params = tape.param(self.range.start, self.range.len(), 1)?;
-        let raw = tape.custom(op, &[x, params])?;
+        let raw = op.apply(tape, x)?;
         let [sigma, rgb, beta] = [0..1, 1..4, 4..5].map(|rows| tape.slice(raw, rows));
         Ok(Transient {
             sigma: tape.softplus(sigma?, DENSITY_SHIFT)?,

@@ -17,34 +17,29 @@ mod survey;
 
 pub use network::NetworkConfig;
 pub(crate) use network::refuse;
-pub use recipe::{Footprint, Recipe};
+pub use recipe::Recipe;
 pub(crate) use samples::ray_random;
 pub use samples::{Level, Tile};
 
+use super::cones;
+pub use super::cones::Footprint;
+use super::parts::Part;
+use super::trained::Trained;
 use crate::data::Dataset;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::Space;
-use crate::system::{
-    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32,
-    take_u64, u64_tensor,
-};
+use crate::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
-use field_core::tape::{MlpOp, TapeError};
+use field_core::tape::TapeError;
 use float_core::Simd;
 use head::Head;
 use network::{Ops, PackedNetwork, Shapes};
-use optim::{Adam, NonFiniteGuard};
-use rayon::prelude::*;
 use render_core::ray::Ray;
 use step::{Chunk, Inputs};
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
 const CHUNKS: usize = 8;
-/// Rays that go through the networks together.
-const TILE: usize = 4;
-/// Rays of one task of a render.
-const RENDER_TASK: usize = 32;
 /// Stream of random numbers.
 const INIT: u64 = 0x6e65_7266;
 
@@ -60,10 +55,8 @@ pub struct TwoLevel<R: Recipe> {
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
     /// Coarse network, then fine; or one for both. Then the head's.
-    params: Vec<f32>,
+    trained: Trained,
     packed: Vec<PackedNetwork>,
-    adam: Adam,
-    guard: NonFiniteGuard,
     inputs: Inputs,
     chunks: Vec<Chunk>,
     grad: Vec<f32>,
@@ -77,7 +70,7 @@ pub struct TwoLevel<R: Recipe> {
 /// The tape operations of both levels and of the head.
 struct TwoLevelOps<'a, P> {
     levels: [Ops<'a, P>; 2],
-    head: Option<MlpOp<'a>>,
+    head: Option<Part<'a>>,
 }
 
 impl<R: Recipe> TwoLevel<R> {
@@ -118,8 +111,7 @@ impl<R: Recipe> TwoLevel<R> {
             head.init(rng.substream(R::NETWORKS as u64), &mut params[networks..]);
         }
         let mut system = Self {
-            adam: Adam::new(total, R::ADAM),
-            guard: NonFiniteGuard::default(),
+            trained: Trained::new(params, R::ADAM),
             inputs: Inputs::default(),
             chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
             grad: vec![0.0; total],
@@ -135,7 +127,6 @@ impl<R: Recipe> TwoLevel<R> {
             shapes,
             head,
             method,
-            params,
         };
         system.pack();
         Ok(system)
@@ -143,7 +134,7 @@ impl<R: Recipe> TwoLevel<R> {
 
     fn pack(&mut self) {
         let n = self.shapes.param_count();
-        let (networks, head_params) = self.params.split_at(R::NETWORKS * n);
+        let (networks, head_params) = self.trained.params.split_at(R::NETWORKS * n);
         for (params, packed) in networks.chunks_exact(n).zip(&mut self.packed) {
             self.shapes.pack(params, packed);
         }
@@ -163,12 +154,12 @@ impl<R: Recipe> TwoLevel<R> {
     /// Where the parameters of a level lie: those of its network, and behind the fine one's those of the head.
     fn range(&self, level: usize) -> std::ops::Range<usize> {
         let (n, i) = (self.shapes.param_count(), network_of::<R>(level));
-        i * n..if level == 1 { self.params.len() } else { (i + 1) * n }
+        i * n..if level == 1 { self.trained.params.len() } else { (i + 1) * n }
     }
 
     /// Parameters of the coarse (0) or fine (1) level.
     fn network(&self, level: usize) -> &[f32] {
-        &self.params[self.range(level)]
+        &self.trained.params[self.range(level)]
     }
 
     /// The code of an appearance; empty for a system that knows one light only.
@@ -203,20 +194,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let ops = self.ops();
         let code = self.code_of(&query.appearance);
-        let parts: Vec<Layers> = rays
-            .par_chunks(RENDER_TASK)
-            .zip(radii.par_chunks(RENDER_TASK))
-            .map_init(Tile::default, |tile, (rays, radii)| {
-                let mut out = Layers::default();
-                for (rays, radii) in rays.chunks(TILE).zip(radii.chunks(TILE)) {
-                    self.render_into(&ops, (rays, radii), query, &code, tile, &mut out);
-                }
-                out
-            })
-            .collect();
-        let mut out = Layers::default();
-        parts.into_iter().for_each(|part| out.extend(part));
-        out
+        cones::render_tiles(rays, radii, |cones, tile, out| self.render_into(&ops, cones, query, &code, tile, out))
     }
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
@@ -238,7 +216,7 @@ impl<R: Recipe> System for TwoLevel<R> {
 
     fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
         let Some(method) = &self.method else { return Ok(None) };
-        Ok(method.visibility(&self.show(data, view)?.seen(view)))
+        Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
@@ -255,55 +233,35 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
-        let mut state = vec![
-            f32_tensor("networks", &self.params),
-            f32_tensor("adam.m", self.adam.first_moment()),
-            f32_tensor("adam.v", self.adam.second_moment()),
-            u64_tensor(
-                "counters",
-                vec![self.adam.steps(), self.guard.steps(), self.guard.bad_steps(), self.guard.entries()],
-            ),
-        ];
+        let mut state = self.trained.state();
         state.extend(self.method.iter().flat_map(|method| method.state()));
         state
     }
 
     fn load_state(&mut self, tensors: &TensorMap) -> Result<(), SystemError> {
-        let n = self.params.len();
-        let params = take_f32(tensors, "networks", n)?;
-        let (m, v) = (take_f32(tensors, "adam.m", n)?, take_f32(tensors, "adam.v", n)?);
-        let counters = take_u64(tensors, "counters", 4)?;
-        let adam = Adam::restore(R::ADAM, m, v, counters[0])
-            .map_err(|e| SystemError::State { name: "adam".into(), problem: e.to_string() })?;
+        let trained = self.trained.restored(tensors)?;
         if let Some(method) = &mut self.method {
             method.load_state(tensors)?;
         }
-        self.adam = adam;
-        self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
-        self.params = params;
+        self.trained = trained;
         self.pack();
         Ok(())
     }
 
     fn parameter_count(&self) -> usize {
-        self.params.len() + self.method.as_ref().map_or(0, |method| method.parameter_count())
+        self.trained.params.len() + self.method.as_ref().map_or(0, |method| method.parameter_count())
     }
 
     fn memory_bytes(&self) -> usize {
         let arenas: usize =
             self.chunks.iter().map(|c| c.tile.coarse.arena.memory_bytes() + c.tile.fine.arena.memory_bytes()).sum();
         // Parameters, packed copies, gradient, two moments; a gradient a chunk.
-        let networks = 4 * self.params.len() * (6 + CHUNKS);
+        let networks = 4 * self.trained.params.len() * (6 + CHUNKS);
         networks + arenas + self.method.as_ref().map_or(0, |method| method.memory_bytes())
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![SkipRow::counted(
-            "training: rays that miss the scene's box or are masked",
-            (self.missed, self.cast),
-            "rays",
-            "0: nothing is there to sample".into(),
-        )]
+        vec![cones::missed_row(self.missed, self.cast)]
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

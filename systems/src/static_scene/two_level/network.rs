@@ -1,12 +1,13 @@
 //! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the sixth, density from the
 //! eighth, colour from it and the viewing direction.
 
+use crate::static_scene::parts::{self, Part};
 use crate::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use field_core::tape::{Encoder, EncodingOp, MlpOp, Node, Tape, TapeError};
+use field_core::tape::{Encoder, EncodingOp, Node, Tape, TapeError};
 use float_core::Simd;
 use std::ops::Range;
 
@@ -42,7 +43,7 @@ pub(super) struct PackedNetwork([Packed; 4]);
 pub(super) struct Ops<'a, P> {
     position: EncodingOp<P>,
     direction: EncodingOp<Frequency>,
-    parts: [(MlpOp<'a>, Range<usize>); 4],
+    parts: [Part<'a>; 4],
 }
 
 /// Settings of which no network can be made.
@@ -98,7 +99,7 @@ impl<P: Encoder + Copy> Shapes<P> {
 
     /// The network of the colour, and where its parameters lie in those of a network.
     pub(super) fn colour(&self) -> (&Mlp, Range<usize>) {
-        let [.., range] = self.ranges();
+        let [.., range] = parts::ranges(self.mlps(), 0);
         (&self.colour, range)
     }
 
@@ -108,47 +109,23 @@ impl<P: Encoder + Copy> Shapes<P> {
 
     /// Parameters of one network.
     pub(super) fn param_count(&self) -> usize {
-        self.mlps().iter().map(|m| m.param_count()).sum()
-    }
-
-    /// Where each part's parameters lie.
-    fn ranges(&self) -> [Range<usize>; 4] {
-        let mut at = 0;
-        self.mlps().map(|m| {
-            at += m.param_count();
-            at - m.param_count()..at
-        })
+        parts::param_count(self.mlps())
     }
 
     /// Glorot-uniform weights, zero biases.
     pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
-        params.fill(0.0);
-        let mut stream = 0;
-        for (mlp, range) in self.mlps().into_iter().zip(self.ranges()) {
-            let params = &mut params[range];
-            for l in mlp.layers() {
-                let weights = &mut params[l.weights.clone()];
-                Init::XavierUniform.fill(rng.substream(stream), l.inputs, l.outputs, weights);
-                stream += 1;
-            }
-        }
+        parts::init(self.mlps(), Init::XavierUniform, rng, params);
     }
 
     pub(super) fn pack(&self, params: &[f32], packed: &mut PackedNetwork) {
-        for ((mlp, range), packed) in self.mlps().into_iter().zip(self.ranges()).zip(&mut packed.0) {
-            mlp.pack(&params[range], packed);
-        }
+        parts::pack(self.mlps(), params, &mut packed.0);
     }
 
     pub(super) fn ops<'a>(&'a self, simd: Simd, packed: &'a PackedNetwork) -> Ops<'a, P> {
-        let mut parts = self.mlps().into_iter().zip(&packed.0).zip(self.ranges());
         Ops {
             position: EncodingOp::new(self.position, simd),
             direction: EncodingOp::new(self.direction, simd),
-            parts: std::array::from_fn(|_| {
-                let ((mlp, packed), range) = parts.next().expect("four parts");
-                (MlpOp { mlp, packed, simd }, range)
-            }),
+            parts: parts::ops(self.mlps(), &packed.0, 0, simd),
         }
     }
 }
@@ -180,20 +157,16 @@ impl<'a, P: Encoder> Ops<'a, P> {
     /// Record the network.
     pub(super) fn record(&'a self, tape: &mut Tape<'a>, seen: Seen) -> Result<Output, TapeError> {
         let [trunk, density, bottleneck, colour] = &self.parts;
-        let apply = |tape: &mut Tape<'a>, part: &'a (MlpOp<'a>, Range<usize>), x| {
-            let params = tape.param(part.1.start, part.1.len(), 1)?;
-            tape.custom(&part.0, &[x, params])
-        };
         let position = tape.custom(&self.position, &[seen.x])?;
         let direction = tape.custom(&self.direction, &[seen.d])?;
-        let h = apply(tape, trunk, position)?;
-        let raw_density = apply(tape, density, h)?;
-        let features = apply(tape, bottleneck, h)?;
+        let h = trunk.apply(tape, position)?;
+        let raw_density = density.apply(tape, h)?;
+        let features = bottleneck.apply(tape, h)?;
         let colour_input = match seen.code {
             Some(code) => tape.concat(&[features, direction, code])?,
             None => tape.concat(&[features, direction])?,
         };
-        let rgb = apply(tape, colour, colour_input)?;
+        let rgb = colour.apply(tape, colour_input)?;
         Ok(Output { raw_density, rgb, trunk: h, colour_input })
     }
 }

@@ -1,21 +1,12 @@
 //! What tells the systems of two levels apart.
 
-use super::{Level, NetworkConfig, Tile};
+use super::{Footprint, Level, NetworkConfig, Tile};
 use crate::space::{InternalRay, Space};
 use crate::system::SystemError;
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use optim::AdamConfig;
 use render_core::quadrature::two::Mixture;
-
-/// What a ray of a system is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Footprint {
-    /// A line.
-    Point,
-    /// The cone of a pixel.
-    Cone,
-}
 
 /// Settings of a system of two levels, and what follows from them.
 pub trait Recipe: Clone + Send + Sync {

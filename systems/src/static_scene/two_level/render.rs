@@ -88,13 +88,7 @@ impl<R: Recipe> TwoLevel<R> {
             rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
-        out.rgb.resize(from + rays.len(), query.background);
-        out.opacity.resize(from + rays.len(), 0.0);
-        out.depth.resize(from + rays.len(), f32::INFINITY);
-        out.median_depth.resize(from + rays.len(), f32::INFINITY);
-        if query.layers.normals == Normals::Compute {
-            out.normal.resize(from + rays.len(), [0.0; 3]);
-        }
+        out.extend(Layers::nothing(rays.len(), query));
         if hit.is_empty() {
             return;
         }

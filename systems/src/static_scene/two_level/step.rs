@@ -2,13 +2,14 @@
 
 use super::composite::CompositeOp;
 use super::composite_two::{CompositeTwoOp, PIXEL};
+use super::head::Head;
 use super::network::Seen;
 use super::samples::{Level, Tile, add_codes, spread_codes};
-use super::{CHUNKS, Footprint, Recipe, TILE, TwoLevel, TwoLevelOps, recorded};
+use super::{CHUNKS, Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
-use crate::options::Background;
 use crate::space::InternalRay;
+use crate::static_scene::cones::{TILE, Which, crossing};
 use crate::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
@@ -80,6 +81,64 @@ pub(super) struct Chunk {
     sums: Sums,
 }
 
+/// What the pixels of a tile cost at a level, and the gradient `bar` of that with respect to `values`: colours `[rays][3]`, or
+/// all six numbers of [`CompositeTwoOp`]. `seen` are the pixels of the chunk, the first of which is number `first` of the batch.
+fn judge<P>(
+    ctx: &Context<'_, P>,
+    (level, factor): (usize, f32),
+    ids: &[usize],
+    values: &[f32],
+    (seen, first): (&mut [Pixel], usize),
+    sums: &mut Sums,
+    bar: &mut Vec<f32>,
+) {
+    let count = ids.len();
+    let two = values.len() == PIXEL * count;
+    bar.clear();
+    bar.resize(values.len(), 0.0);
+    for (r, &i) in ids.iter().enumerate() {
+        let (weight, truth) = (ctx.inputs.batch.weight[i], ctx.inputs.truth[i]);
+        let rgb = [0, 1, 2].map(|c| values[3 * r + c]);
+        let error = [0, 1, 2].map(|c| rgb[c] - truth[c]);
+        if level == 1 {
+            for e in error {
+                sums.fine_error += f64::from(weight * e * e) / 3.0;
+                sums.weight += f64::from(weight) / 3.0;
+            }
+        }
+        let Some(method) = ctx.method else {
+            for (c, e) in error.into_iter().enumerate() {
+                sums.loss += f64::from(factor * weight * e * e) / 3.0;
+                bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
+            }
+            continue;
+        };
+        let scale = factor * weight * ctx.share;
+        let (loss, rgb_bar) = if level == 0 {
+            method.coarse_loss(i, rgb, truth)
+        } else {
+            let mut pixel = Pixel { rgb, ..Pixel::default() };
+            if two {
+                [pixel.beta, pixel.transient, pixel.sigma_t] = [3, 4, 5].map(|block| values[block * count + r]);
+            }
+            seen[i - first] = pixel;
+            if ctx.pass == Pass::Look {
+                continue;
+            }
+            let (loss, pixel_bar) = method.loss(i, &pixel, truth);
+            if two {
+                bar[3 * count + r] = scale * pixel_bar.beta;
+                bar[5 * count + r] = scale * pixel_bar.sigma_t;
+            }
+            (loss, pixel_bar.rgb)
+        };
+        sums.loss += f64::from(factor * weight * loss);
+        for (c, rgb_bar) in rgb_bar.into_iter().enumerate() {
+            bar[3 * r + c] = scale * rgb_bar;
+        }
+    }
+}
+
 /// What a chunk adds up besides gradients.
 #[derive(Clone, Copy, Default)]
 struct Sums {
@@ -93,14 +152,7 @@ struct Sums {
 impl<R: Recipe> TwoLevel<R> {
     /// See [`crate::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
-        let mut step = step;
-        if let Some(first) = self.method.as_ref().and_then(|method| method.survey_before()) {
-            if step == first {
-                self.survey(data)?;
-            }
-            // The schedule begins anew with the networks.
-            step -= if step >= first { first } else { 0 };
-        }
+        let step = self.between_steps(data, step)?;
         let start = Instant::now();
         self.draw(data, step)?;
         let rays = self.inputs.batch.len();
@@ -121,12 +173,12 @@ impl<R: Recipe> TwoLevel<R> {
         let start = Instant::now();
         let mut stats = self.fold(rays);
         let lr = self.config.learning_rate(step);
-        let mut bad = self.adam.step(Simd::best(), lr, &mut self.params, &self.grad);
+        let mut bad = self.trained.step(Simd::best(), lr, &self.grad);
         self.pack();
         bad += self.update_method(step, lr, share);
         self.seconds[2] += start.elapsed().as_secs_f64();
         stats.nonfinite = bad as u64;
-        self.guard.record(bad)?;
+        self.trained.record(bad)?;
         Ok(stats)
     }
 
@@ -145,10 +197,7 @@ impl<R: Recipe> TwoLevel<R> {
         }
         let rng = Rng::new(seed, BACKGROUND).substream(step);
         let background = self.background;
-        self.inputs.put_on(|i| match background {
-            Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i + c)),
-            fixed => fixed.colour(),
-        });
+        self.inputs.put_on(|i| background.of_ray(&rng, i));
         Ok(())
     }
 
@@ -190,9 +239,11 @@ impl<R: Recipe> TwoLevel<R> {
         chunk.sums = Sums::default();
         if ctx.pass == Pass::Learn {
             chunk.grad.clear();
-            chunk.grad.resize(self.params.len(), 0.0);
+            chunk.grad.resize(self.trained.params.len(), 0.0);
         }
-        let (rays, hit) = self.cast(ctx, ids.clone());
+        // A method may want to see pixels that do not count between their neighbours.
+        let which = if ctx.method.is_some() { Which::All } else { Which::Counted };
+        let (rays, hit) = crossing(&self.space, (ctx.data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
         chunk.sums.missed = (ids.len() - hit.len()) as u64;
         chunk.seen.clear();
         if ctx.method.is_some() {
@@ -208,28 +259,6 @@ impl<R: Recipe> TwoLevel<R> {
         }
     }
 
-    /// The rays of the pixels `ids` that cross the space, and which pixels these are. Pixels that do not count are left out,
-    /// unless a method wants to see them between their neighbours.
-    fn cast(&self, ctx: &Context<'_, R::Position>, ids: Range<usize>) -> (Vec<InternalRay>, Vec<usize>) {
-        let batch = &ctx.inputs.batch;
-        let (mut hit, mut hit_ids) = (Vec::new(), Vec::new());
-        for i in ids {
-            let radius = match R::FOOTPRINT {
-                Footprint::Point => 0.0,
-                Footprint::Cone => {
-                    let [x, y] = batch.pixel[i];
-                    ctx.data.view(batch.view[i] as usize).cone_radius(x.into(), y.into()).unwrap_or(0.0)
-                }
-            };
-            let ray = self.space.internal_cone(&batch.rays[i], radius);
-            if ray.end > ray.start && (batch.weight[i] > 0.0 || ctx.method.is_some()) {
-                hit.push(ray);
-                hit_ids.push(i);
-            }
-        }
-        (hit, hit_ids)
-    }
-
     /// One tile of rays, forward and, to learn, backward; `ids` are their places in the batch, `first` is that of the chunk.
     fn tile(
         &self,
@@ -239,7 +268,7 @@ impl<R: Recipe> TwoLevel<R> {
         first: usize,
         chunk: &mut Chunk,
     ) -> Result<(), TapeError> {
-        let Inputs { batch, background, truth } = ctx.inputs;
+        let Inputs { batch, background, .. } = ctx.inputs;
         // Rays are told apart by their place in the batch, whatever tile they are in.
         let rng = ctx.random.map(|rng| rng.substream(ids[0] as u64));
         let count = rays.len();
@@ -293,10 +322,10 @@ impl<R: Recipe> TwoLevel<R> {
             }
             let sigma = self.config.density(&mut tape, noisy)?;
             let mut transient_code = None;
-            let pixels = match (head, &ctx.ops.head, &two, transient_dims) {
-                (Some(head), Some(op), Some(two), Some(dims)) => {
+            let pixels = match (&ctx.ops.head, &two, transient_dims) {
+                (Some(op), Some(two), Some(dims)) => {
                     let code = tape.input(dims, n, transient)?;
-                    let part = head.record(op, &mut tape, out.trunk, code)?;
+                    let part = Head::record(op, &mut tape, out.trunk, code)?;
                     transient_code = Some(code);
                     tape.custom(two, &[sigma, out.rgb, part.sigma, part.rgb, part.beta])?
                 }
@@ -305,49 +334,7 @@ impl<R: Recipe> TwoLevel<R> {
 
             let values = tape.value(pixels)?.data;
             let factor = self.config.level_weight(level);
-            bar.clear();
-            bar.resize(values.len(), 0.0);
-            for (r, &i) in ids.iter().enumerate() {
-                let rgb = [0, 1, 2].map(|c| values[3 * r + c]);
-                let weight = batch.weight[i];
-                let error = [0, 1, 2].map(|c| rgb[c] - truth[i][c]);
-                if level == 1 {
-                    for e in error {
-                        chunk.sums.fine_error += f64::from(weight * e * e) / 3.0;
-                        chunk.sums.weight += f64::from(weight) / 3.0;
-                    }
-                }
-                let Some(method) = ctx.method else {
-                    for (c, e) in error.into_iter().enumerate() {
-                        chunk.sums.loss += f64::from(factor * weight * e * e) / 3.0;
-                        bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
-                    }
-                    continue;
-                };
-                let scale = factor * weight * ctx.share;
-                let (loss, rgb_bar) = if level == 0 {
-                    method.coarse_loss(i, rgb, truth[i])
-                } else {
-                    let mut pixel = Pixel { rgb, ..Pixel::default() };
-                    if values.len() == PIXEL * count {
-                        [pixel.beta, pixel.transient, pixel.sigma_t] = [3, 4, 5].map(|block| values[block * count + r]);
-                    }
-                    chunk.seen[i - first] = pixel;
-                    if ctx.pass == Pass::Look {
-                        continue;
-                    }
-                    let (loss, pixel_bar) = method.loss(i, &pixel, truth[i]);
-                    if values.len() == PIXEL * count {
-                        bar[3 * count + r] = scale * pixel_bar.beta;
-                        bar[5 * count + r] = scale * pixel_bar.sigma_t;
-                    }
-                    (loss, pixel_bar.rgb)
-                };
-                chunk.sums.loss += f64::from(factor * weight * loss);
-                for (c, rgb_bar) in rgb_bar.into_iter().enumerate() {
-                    bar[3 * r + c] = scale * rgb_bar;
-                }
-            }
+            judge(ctx, (level, factor), ids, values, (&mut chunk.seen, first), &mut chunk.sums, bar);
             if ctx.pass == Pass::Look {
                 return Ok(());
             }

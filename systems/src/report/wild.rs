@@ -1,0 +1,66 @@
+//! What photos from the wild have besides: lights and passers-by.
+
+use super::escape;
+use super::sections::{figure, number};
+use crate::eval::masks::{MaskTable, PhotoMask, SIDE_BY_SIDE, Scores};
+use crate::run::{AppearanceRow, MASKS};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Photos whose masks are in the page; all are in `masks/`.
+const SHOWN: usize = 6;
+
+/// One view in the light of several photos.
+pub(super) fn appearance(row: &AppearanceRow, folder: &Path) -> String {
+    let folder = folder.join(AppearanceRow::FOLDER);
+    let figures: String = row
+        .pictures
+        .iter()
+        .filter_map(|(name, file)| figure(&folder.join(file), name, &format!("{} in the light of {name}", row.view)))
+        .collect();
+    if figures.is_empty() {
+        return figures;
+    }
+    format!(
+        "<h2>Appearance</h2>\n<div class=\"panel view\"><h3>{}<span>in the light of training photos</span></h3>\
+         <div class=\"strip\">{figures}</div></div>\n",
+        escape(&row.view)
+    )
+}
+
+/// What was taken for static.
+pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
+    let folder = folder.join(MASKS).join(SIDE_BY_SIDE);
+    let every = table.views.len().div_ceil(SHOWN).max(1);
+    let figures: String = table
+        .views
+        .iter()
+        .step_by(every)
+        .filter_map(|v| figure(&folder.join(&v.file), &caption(v), &format!("photo and mask of {}", v.name)))
+        .collect();
+    let mut out = format!("<h2>Masks</h2>\n<p class=\"soft\">{}.", escape(table.legend().trim_end()));
+    out += " Photo, mask (white: static)";
+    out += if table.with_truth > 0 { ", truth.</p>\n" } else { ".</p>\n" };
+    if !figures.is_empty() {
+        let _ = writeln!(out, "<div class=\"panel view\"><div class=\"strip wide\">{figures}</div></div>");
+    }
+    if table.with_truth > 0 {
+        out += "<div class=\"panel\"><table>\n<tr><th>mean over</th><th class=\"n\">mIoU</th><th class=\"n\">F1</th>\
+                <th class=\"n\">IoU static</th><th class=\"n\">IoU transient</th></tr>\n";
+        for (name, s) in [("photos", &table.per_image), ("all pixels together", &table.pooled)] {
+            let Scores { miou, iou_static, iou_transient, f1 } = *s;
+            let cells: String = [miou, f1, iou_static, iou_transient]
+                .iter()
+                .map(|x| format!("<td class=\"n\">{}</td>", number(*x, 4, "")))
+                .collect();
+            let _ = writeln!(out, "<tr><td>{name}</td>{cells}</tr>");
+        }
+        out += "</table></div>\n";
+    }
+    out
+}
+
+fn caption(v: &PhotoMask) -> String {
+    let f1 = v.scores.f1.map_or_else(String::new, |f1| format!(" · F1 {f1:.3}"));
+    format!("{} · {:.0} % static{f1}", v.name, 100.0 * v.static_share)
+}

@@ -1,0 +1,62 @@
+//! Parameters that learn: with their moments, the count of gradients that were no numbers, and all of it in a checkpoint.
+
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use float_core::Simd;
+use optim::{Adam, AdamConfig, NonFiniteGuard};
+
+/// All parameters of a system of networks.
+pub(super) struct Trained {
+    pub(super) params: Vec<f32>,
+    adam: Adam,
+    guard: NonFiniteGuard,
+}
+
+impl Trained {
+    pub(super) fn new(params: Vec<f32>, config: AdamConfig) -> Self {
+        Self { adam: Adam::new(params.len(), config), guard: NonFiniteGuard::default(), params }
+    }
+
+    /// Go on counting where another one stopped.
+    pub(super) fn count_on(&mut self, from: &Self) {
+        self.guard = from.guard;
+    }
+
+    /// One step of Adam. Returns how many entries of the gradient were not finite.
+    pub(super) fn step(&mut self, simd: Simd, lr: f64, grad: &[f32]) -> usize {
+        self.adam.step(simd, lr, &mut self.params, grad)
+    }
+
+    /// Count a step of which so many entries of the gradient were not finite.
+    ///
+    /// # Errors
+    /// [`SystemError::NonFinite`] past the share a run may have.
+    pub(super) fn record(&mut self, bad: usize) -> Result<(), SystemError> {
+        Ok(self.guard.record(bad)?)
+    }
+
+    pub(super) fn state(&self) -> Vec<Tensor<'_>> {
+        vec![
+            f32_tensor("networks", &self.params),
+            f32_tensor("adam.m", self.adam.first_moment()),
+            f32_tensor("adam.v", self.adam.second_moment()),
+            u64_tensor(
+                "counters",
+                vec![self.adam.steps(), self.guard.steps(), self.guard.bad_steps(), self.guard.entries()],
+            ),
+        ]
+    }
+
+    /// What [`Trained::state`] gave.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    pub(super) fn restored(&self, tensors: &TensorMap) -> Result<Self, SystemError> {
+        let n = self.params.len();
+        let params = take_f32(tensors, "networks", n)?;
+        let (m, v) = (take_f32(tensors, "adam.m", n)?, take_f32(tensors, "adam.v", n)?);
+        let counters = take_u64(tensors, "counters", 4)?;
+        let adam = Adam::restore(self.adam.config(), m, v, counters[0])
+            .map_err(|e| SystemError::State { name: "adam".into(), problem: e.to_string() })?;
+        Ok(Self { params, adam, guard: NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]) })
+    }
+}
