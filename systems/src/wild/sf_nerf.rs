@@ -444,6 +444,13 @@ mod tests {
             let n = 20;
             let features = if channels > 0 { grid(channels) } else { Vec::new() };
             let mut method = SfNerf::with_features(&tiny(), None, features, VIEWS, 9).unwrap();
+            // Biases of 0 leave units that are exactly 0 where all before them are: a kink, of which differences see both sides.
+            let Filter { place, features, joined, .. } = &mut method.filter;
+            for net in [Some(place), features.as_mut(), Some(joined)].into_iter().flatten() {
+                let biases: Vec<usize> = net.mlp.layers().iter().flat_map(|l| l.biases.clone()).collect();
+                biases.into_iter().for_each(|at| net.params[at] += 0.4 * Rng::new(7, 8).uniform_at(at as u64) - 0.2);
+                net.pack();
+            }
             let batch = batch(n);
             let uniform = |i: usize| Rng::new(3, 4).uniform_at(i as u64);
             let rgb = |i: usize| [0, 1, 2].map(|c| uniform(10 * i + c));
