@@ -288,7 +288,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         weight_decay: 1e-6,
         distortion,
         huber: 0.0,
-        head_width: 32,
+        head_width: 64,
         mixture: MixtureKind::Paper,
     }
 }

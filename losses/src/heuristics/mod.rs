@@ -21,6 +21,7 @@
 mod morphology;
 pub mod points;
 mod residual;
+pub mod superpixels;
 mod vote;
 
 pub use morphology::{ERODE_SIDE, GAP_SIDE, SMOOTH_SIDE, erode, fill_gaps, smooth};

@@ -67,6 +67,30 @@ pub enum KernelKind {
     Welsch,
 }
 
+/// Where the features of photos come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FeatureKind {
+    /// Files beside the photos; none where no photo has one.
+    #[default]
+    Files,
+    /// There are none.
+    None,
+}
+
+/// What votes on masks as a whole.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SegmentKind {
+    /// Segments in files beside the photos; superpixels of photos that have none.
+    #[default]
+    Files,
+    /// Superpixels, whatever files there are.
+    Superpixels,
+    /// Each pixel alone.
+    Pixels,
+}
+
 /// What becomes of the field once masks are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -165,12 +189,36 @@ pub struct WildConfig {
     /// See `mask_size_start`.
     pub mask_size_steps: u64,
 
+    /// Filter: octaves of the place in the photo.
+    pub filter_octaves: usize,
+    /// Filter: width of its layers; `transient_dims` is the length of its codes.
+    pub filter_width: usize,
+    /// Filter: `files`, the features beside the photos where there are any, or `none`.
+    pub filter_features: FeatureKind,
+    /// Filter: temperature of its opacities; towards 0 they are a coin toss.
+    pub filter_temperature: f32,
+    /// Filter: price of opacity.
+    pub filter_opacity: f32,
+    /// Filter: price of opacities that change over the picture.
+    pub filter_smoothness: f32,
+    /// Filter: learning rate, as a part of that of the field's networks.
+    pub filter_lr: f32,
+    /// Filter: steps in which all but the branch of the place learns at a tenth of that, and steps from there until it does
+    /// not.
+    pub filter_hold: u64,
+    /// See `filter_hold`.
+    pub filter_ease: u64,
+
     /// Masks: steps of the training that comes before them.
     pub warmup_steps: u64,
     /// Masks: the field goes `on` with them, or begins `anew`.
     pub restart: Restart,
     /// Masks: share of the photos that a static feature is seen in.
     pub track_share: f32,
+    /// Masks: `files`, `superpixels` or `pixels`; photos without a file have superpixels.
+    pub segments: SegmentKind,
+    /// Masks: superpixels of a photo.
+    pub superpixels: usize,
     /// Masks: share of a segment that has to be static.
     pub segment_share: f32,
 }
@@ -180,13 +228,19 @@ impl WildConfig {
     #[must_use]
     pub fn new(field: FieldKind, appearance: AppearanceKind, occluders: OccluderKind) -> Self {
         let mlp = field == FieldKind::Mlp;
+        let filter = occluders == OccluderKind::Filter;
         Self {
             field,
             appearance,
             occluders,
             appearance_dims: if mlp { 48 } else { 16 },
-            transient_dims: if mlp { 16 } else { 8 },
-            code_lr: if mlp { 1.0 } else { 0.25 },
+            transient_dims: match (filter, mlp) {
+                (false, true) => 16,
+                (false, false) => 32,
+                (true, true) => 128,
+                (true, false) => 32,
+            },
+            code_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
             code_size: 1e-5,
             encoder_side: if mlp { 128 } else { 32 },
             encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
@@ -198,12 +252,16 @@ impl WildConfig {
             judging: if mlp { Judging::Batch } else { Judging::Photos },
             judge_every: 500,
             trim_quantile: 0.5,
-            trim_scale: if mlp { 1.0 } else { 3.0 },
+            trim_scale: if mlp { 1.0 } else { 2.0 },
             trim_diffuse: 0.5,
             trim_vote: 0.6,
             patch: 16,
             patch_inner: 8,
-            beta_min: 0.1,
+            beta_min: match (filter, mlp) {
+                (true, true) => 0.03,
+                (false, false) => 0.05,
+                _ => 0.1,
+            },
             lambda_u: 0.01,
             visibility_dims: if mlp { 128 } else { 32 },
             visibility_octaves: 10,
@@ -214,9 +272,20 @@ impl WildConfig {
             mask_size: 6e-3,
             mask_size_start: 5e-2,
             mask_size_steps: if mlp { 2121 } else { 500 },
+            filter_octaves: if mlp { 15 } else { 8 },
+            filter_width: if mlp { 128 } else { 64 },
+            filter_features: FeatureKind::Files,
+            filter_temperature: 1.0,
+            filter_opacity: 0.2,
+            filter_smoothness: 5e-7,
+            filter_lr: 0.1,
+            filter_hold: if mlp { 12_000 } else { 250 },
+            filter_ease: if mlp { 10_000 } else { 250 },
             warmup_steps: 1000,
             restart: if mlp { Restart::Anew } else { Restart::On },
             track_share: 0.1,
+            segments: SegmentKind::Files,
+            superpixels: 400,
             segment_share: 0.5,
         }
     }
@@ -241,7 +310,12 @@ impl WildConfig {
     pub fn check(&self) -> Result<(), SystemError> {
         let refuse =
             |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
-        for (field, value) in [("appearance_dims", self.appearance_dims), ("transient_dims", self.transient_dims)] {
+        let sizes = [
+            ("appearance_dims", self.appearance_dims),
+            ("transient_dims", self.transient_dims),
+            ("filter_width", self.filter_width),
+        ];
+        for (field, value) in sizes {
             if !(1..=512).contains(&value) {
                 return refuse(field, value.to_string(), "must be in 1..=512");
             }
@@ -256,16 +330,27 @@ impl WildConfig {
             ("visibility_code_lr", self.visibility_code_lr),
             ("mask_size", self.mask_size),
             ("mask_size_start", self.mask_size_start),
+            ("filter_temperature", self.filter_temperature),
+            ("filter_lr", self.filter_lr),
         ];
         for (field, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
                 return refuse(field, value.to_string(), "must be positive and finite");
             }
         }
-        for (field, value) in [("lambda_u", self.lambda_u), ("code_size", self.code_size)] {
+        let prices = [
+            ("lambda_u", self.lambda_u),
+            ("code_size", self.code_size),
+            ("filter_opacity", self.filter_opacity),
+            ("filter_smoothness", self.filter_smoothness),
+        ];
+        for (field, value) in prices {
             if !(0.0..=1e3).contains(&value) {
                 return refuse(field, value.to_string(), "must be in 0..=1000");
             }
+        }
+        if !(1..=65535).contains(&self.superpixels) {
+            return refuse("superpixels", self.superpixels.to_string(), "must be in 1..=65535");
         }
         for (field, value) in [("judge_every", self.judge_every), ("warmup_steps", self.warmup_steps)] {
             if value == 0 {

@@ -5,9 +5,10 @@
 //!
 //! A short training with a robust loss; then every training photo is compared with what the field renders there. Features
 //! that many photos share are static (structure from motion knows them), and so is what is rendered well. Both vote on the
-//! segments of the photo, given as files; the field then starts anew on what was found to be static.
+//! segments of the photo, given as files, or else its superpixels; the field then starts anew on what was found to be
+//! static.
 
-use super::config::{Restart, WildConfig};
+use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
 use super::squared;
 use super::static_maps::{StaticMap, StaticMaps};
@@ -15,6 +16,7 @@ use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
+use losses::heuristics::superpixels::Superpixels;
 use losses::heuristics::{Extent, Scratch, Segments, StaticMask};
 use losses::kernel::Kernel;
 use scene_io::{Frame, Scene};
@@ -30,6 +32,8 @@ pub(super) struct Hugs {
     warmup: u64,
     charbonnier: Kernel,
     rule: StaticMask,
+    segments: SegmentKind,
+    superpixels: Superpixels,
     /// Photos a feature has to be seen in.
     min_track: u32,
     /// What was found to be static.
@@ -61,6 +65,8 @@ impl Hugs {
             warmup: config.warmup_steps,
             charbonnier: Kernel::CHARBONNIER_360,
             rule: StaticMask { share: config.segment_share, ..StaticMask::default() },
+            segments: config.segments,
+            superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
             maps: StaticMaps::default(),
             restart: config.restart,
@@ -164,7 +170,10 @@ impl Method for Hugs {
         let [width, height] = seen.size;
         let extent = Extent { width, height };
         let frame = self.frames[data.view(seen.view).frame].clone();
-        let segments = frame.read_segments()?.map(|s| s.resized(width as u32, height as u32));
+        let segments = match self.segments {
+            SegmentKind::Files => frame.read_segments()?.map(|s| s.resized(width as u32, height as u32)),
+            SegmentKind::Superpixels | SegmentKind::Pixels => None,
+        };
         let h_sfm = self.shared_features(&frame, extent, segments.as_ref())?;
         let error =
             |(pixel, truth): (&Pixel, &[f32; 3])| (0..3).map(|c| (pixel.rgb[c] - truth[c]).abs()).sum::<f32>() / 3.0;
@@ -175,8 +184,14 @@ impl Method for Hugs {
             _ => Vec::new(),
         };
         let stack: Vec<&[u8]> = stack.iter().map(|m| &m[..]).collect();
+        let mut pieces = Vec::new();
         let vote = match &segments {
-            None => Segments::Pixels,
+            None if self.segments == SegmentKind::Pixels => Segments::Pixels,
+            None => {
+                pieces.resize(extent.pixels(), 0);
+                self.superpixels.run(extent, seen.truth, &mut pieces).map_err(|e| refused(&e))?;
+                Segments::Labels(&pieces)
+            }
             Some(scene_io::Segments::Labels(map)) => Segments::Labels(&map.labels),
             Some(scene_io::Segments::Stack(_)) => Segments::Stack(&stack),
         };

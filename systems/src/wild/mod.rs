@@ -20,17 +20,22 @@ mod codes;
 mod config;
 mod encoder;
 mod ha_nerf;
+mod filter;
 mod hugs;
 mod light;
+mod look;
 mod nerf_w;
-#[allow(dead_code)]
 mod net;
 mod plan;
 mod robust_nerf;
+mod sf_nerf;
+mod slopes;
 mod static_maps;
 mod visibility;
+#[cfg(test)]
+mod twin;
 
-pub use config::{AppearanceKind, FieldKind, KernelKind, OccluderKind, WildConfig};
+pub use config::{AppearanceKind, FeatureKind, FieldKind, KernelKind, OccluderKind, SegmentKind, WildConfig};
 pub use plan::{SYSTEMS, build};
 
 use crate::data::Dataset;

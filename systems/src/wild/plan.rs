@@ -6,9 +6,13 @@ use super::hugs::Hugs;
 use super::light::Light;
 use super::nerf_w::NerfW;
 use super::robust_nerf::RobustNerf;
+use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
+use super::look;
 use crate::options::{Plan, RunOptions};
+use crate::space::SpaceKind;
+use crate::static_scene::ngp::NgpConfig;
 use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -65,7 +69,13 @@ pub fn build(
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
     let mut ground = Ground::of(scene, data, run)?;
-    let (appearance, occluders) = parts(name)?.unwrap_or((AppearanceKind::None, OccluderKind::None));
+    let asked = |key: &str| run.set.get(key).is_some();
+    let (appearance, occluders) = match parts(name)? {
+        Some(parts) => parts,
+        // Nothing is left to be found out: a resumed run is told again.
+        None if asked("appearance") && asked("occluders") => (AppearanceKind::None, OccluderKind::None),
+        None => look::needs(&mut ground, data, run)?,
+    };
     let (ours, fields) = split(run, &table(&WildConfig::new(FieldKind::Ngp, appearance, occluders)));
     let field = match run.set.get("field") {
         None => FieldKind::Ngp,
@@ -85,7 +95,7 @@ pub fn build(
     let method = method(&wild, scene, data, run.seed)?;
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
-            let mut planned = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+            let mut planned = field_settings(&mut ground, data);
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
                 let side = wild.patch_side();
@@ -106,6 +116,25 @@ pub fn build(
     let Ground { lines, background, error_budget, .. } = ground;
     Ok((system, Plan { lines, background, error_budget, config: all }))
 }
+
+/// Settings of `ngp` for photos from the wild: what one photo alone shows must not find a place right before its camera.
+pub(super) fn field_settings(ground: &mut Ground, data: &Dataset) -> NgpConfig {
+    let mut config = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    if ground.layout.kind == SpaceKind::Contracted {
+        let distances = data.views().iter().map(|v| v.camera.pose.c.distance(ground.layout.centre));
+        let nearest = distances.fold(f64::INFINITY, f64::min) / ground.layout.radius;
+        let near = (NEAR_SHARE * nearest) as f32;
+        if near.is_finite() && near > config.near {
+            config.near = near;
+            let line = format!("near: {near:.2} radii ({NEAR_SHARE} of the nearest camera's distance from the centre)");
+            ground.lines.push(line);
+        }
+    }
+    config
+}
+
+/// Where rays begin in open scenes: this share of the nearest camera's distance from the centre.
+const NEAR_SHARE: f64 = 0.35;
 
 /// Photos below this longest side are judged by patches of half the size.
 const SMALL_PHOTO: u32 = 320;
@@ -141,6 +170,6 @@ fn method(
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
         OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
-        OccluderKind::Filter => todo!(),
+        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, seed)?)),
     })
 }

@@ -27,7 +27,7 @@ use losses::trimmed::TrimmedMask;
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
 /// Squares along a side of the neighbourhood whose mean is judged.
-const NEIGHBOURHOOD: usize = 3;
+pub(super) const NEIGHBOURHOOD: usize = 3;
 /// Static squares beside a stranger are left out too: his outline does not follow the squares.
 const MARGIN: usize = 3;
 
@@ -66,7 +66,7 @@ fn residual(pixel: &Pixel, truth: [f32; 3]) -> f32 {
 }
 
 /// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
-fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
+pub(super) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
     let [width, height] = seen.size;
     // Sums over all pixels above and to the left.
     let mut sums = vec![[0.0_f64; 3]; (width + 1) * (height + 1)];

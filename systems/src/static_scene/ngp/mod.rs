@@ -34,6 +34,8 @@ mod step;
 mod survey;
 mod tile;
 
+pub(crate) use survey::show;
+
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};

@@ -15,16 +15,16 @@ const TASK: usize = 2048;
 const JITTER: f32 = 0.5;
 
 /// A training view, rendered in its own light with all that stood in it.
-pub(super) struct Shown {
-    pub(super) size: [usize; 2],
+pub(crate) struct Shown {
+    size: [usize; 2],
     stride: usize,
-    pub(super) pixels: Vec<Pixel>,
-    pub(super) truth: Vec<[f32; 3]>,
+    pixels: Vec<Pixel>,
+    truth: Vec<[f32; 3]>,
     alpha: Vec<f32>,
 }
 
 impl Shown {
-    pub(super) fn seen(&self, view: usize) -> ViewSeen<'_> {
+    pub(crate) fn seen(&self, view: usize) -> ViewSeen<'_> {
         ViewSeen {
             view,
             size: self.size,
@@ -37,7 +37,7 @@ impl Shown {
 }
 
 /// Render a training view, one ray for each square of `stride` pixels a side.
-pub(super) fn show(ngp: &Ngp, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
+pub(crate) fn show(ngp: &Ngp, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
     let mut inputs = Inputs::default();
     let size = data.whole_view(view, stride, &mut inputs.batch)?;
     let n = inputs.batch.len();
@@ -106,7 +106,7 @@ impl Ngp {
         // Other numbers than the first: the same would repeat its mistakes.
         let seed = self.seed.wrapping_add(1);
         let method = self.method.take();
-        let mut fresh = Self::with_method(self.config.clone(), self.space.clone(), self.background, seed, method)?;
+        let mut fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
         fresh.carve(data)?;
         (fresh.seed, fresh.seconds, fresh.guard) = (self.seed, self.seconds, self.guard);
         *self = fresh;

@@ -1,0 +1,144 @@
+//! What do these photos need? A short training of the plain field, then every photo beside what the field renders there.
+//!
+//! * Light: where photos are brighter, darker or of another tint than the field as a whole, by photo.
+//! * Strangers: squares of a photo whose mean is far from the field's after its light is taken out.
+
+use super::config::{AppearanceKind, OccluderKind};
+use super::plan::field_settings;
+use super::robust_nerf::{NEIGHBOURHOOD, mean_residuals};
+use super::survey_stride;
+use crate::data::Dataset;
+use crate::method::{Pixel, ViewSeen};
+use crate::options::RunOptions;
+use crate::plan::Ground;
+use crate::static_scene::ngp::{NgpConfig, show};
+use crate::system::{System, SystemError};
+
+/// Steps of the short training.
+const STEPS: u64 = 300;
+/// Deviation of the photos' light, as a factor of colours, from which on each has a code.
+const LIGHT: f64 = 0.04;
+/// Difference of a square's mean from the field, colour units, that a stranger makes; and the share of such squares from which
+/// on the loss is robust.
+const STRANGE: f32 = 0.2;
+const SHARE: f64 = 0.015;
+/// Added to colours before they are divided: dark pixels say nothing about light.
+const DARK: f32 = 0.1;
+
+/// Light and strangers of the photos, each with a line of reason.
+pub(super) fn needs(
+    ground: &mut Ground,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(AppearanceKind, OccluderKind), SystemError> {
+    if data.len() < 2 {
+        ground.lines.push("light and strangers: not looked for (one photo says nothing about others)".into());
+        return Ok((AppearanceKind::None, OccluderKind::None));
+    }
+    let lines = ground.lines.len();
+    // Colours that depend on the direction would explain the light of each photo.
+    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, data) };
+    let mut field = ground.ngp(data, &config, run.seed, None)?;
+    // What this field was built with is said again for the one that stays.
+    ground.lines.truncate(lines);
+    for step in 0..STEPS {
+        field.step(data, step)?;
+    }
+    let stride = survey_stride(data);
+    let mut gains = Vec::with_capacity(data.len());
+    let (mut strange, mut squares) = (0, 0);
+    for view in 0..data.len() {
+        let shown = show(&field, data, view, stride)?;
+        let seen = shown.seen(view);
+        let gain = gain(&seen);
+        let (found, of) = strangers(&seen, gain);
+        (strange, squares) = (strange + found, squares + of);
+        gains.push(gain);
+    }
+    let light = deviation(&gains);
+    let share = strange as f64 / f64::from(squares.max(1));
+    let (appearance, word) = match light > LIGHT {
+        true => (AppearanceKind::Codes, "a code for each photo"),
+        false => (AppearanceKind::None, "one for all"),
+    };
+    ground.lines.push(format!(
+        "light: {word} (after {STEPS} plain steps photos differ from the field by {:.1} % in brightness or tint, limit {:.1} %)",
+        100.0 * light,
+        100.0 * LIGHT
+    ));
+    let (occluders, word) = match share > SHARE {
+        true => (OccluderKind::Robust, "left out by a robust loss"),
+        false => (OccluderKind::None, "none"),
+    };
+    ground.lines.push(format!(
+        "strangers: {word} ({:.1} % of the photos' squares are more than {STRANGE} away from the field, limit {:.1} %)",
+        100.0 * share,
+        100.0 * SHARE
+    ));
+    Ok((appearance, occluders))
+}
+
+/// Logarithm of the factor between photo and field, by channel: the median over its pixels.
+fn gain(seen: &ViewSeen<'_>) -> [f32; 3] {
+    [0, 1, 2].map(|c| {
+        let ratio = |i: usize| ((seen.truth[i][c] + DARK) / (seen.pixels[i].rgb[c].max(0.0) + DARK)).ln();
+        let mut ratios: Vec<f32> = (0..seen.pixels.len()).filter(|&i| seen.alpha[i] > 0.5).map(ratio).collect();
+        let middle = ratios.len() / 2;
+        match ratios.is_empty() {
+            true => 0.0,
+            false => *ratios.select_nth_unstable_by(middle, f32::total_cmp).1,
+        }
+    })
+}
+
+/// Deviation of the gains over the photos, mean over channels.
+fn deviation(gains: &[[f32; 3]]) -> f64 {
+    let n = gains.len().max(1) as f64;
+    let channel = |c: usize| {
+        let mean = gains.iter().map(|g| f64::from(g[c])).sum::<f64>() / n;
+        (gains.iter().map(|g| (f64::from(g[c]) - mean).powi(2)).sum::<f64>() / n).sqrt()
+    };
+    (channel(0) + channel(1) + channel(2)) / 3.0
+}
+
+/// Squares that show something else than the field, and those that show anything: by the means of their neighbourhoods, as
+/// texture that is not learnt yet errs both ways.
+fn strangers(seen: &ViewSeen<'_>, gain: [f32; 3]) -> (u32, u32) {
+    let gain = gain.map(f32::exp);
+    let lit = |pixel: &Pixel| [0, 1, 2].map(|c| (pixel.rgb[c] + DARK) * gain[c] - DARK);
+    let pixels: Vec<Pixel> = seen.pixels.iter().map(|pixel| Pixel { rgb: lit(pixel), ..*pixel }).collect();
+    let residuals = mean_residuals(&ViewSeen { pixels: &pixels, ..*seen }, NEIGHBOURHOOD);
+    let shown = || residuals.iter().zip(seen.alpha).filter(|(_, a)| **a > 0.5);
+    (shown().filter(|(e, _)| **e > STRANGE).count() as u32, shown().count() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen<'a>(pixels: &'a [Pixel], truth: &'a [[f32; 3]], alpha: &'a [f32]) -> ViewSeen<'a> {
+        ViewSeen { view: 0, size: [pixels.len(), 1], stride: 1, pixels, truth, alpha }
+    }
+
+    #[test]
+    fn light_is_the_median_and_a_stranger_does_not_change_it() {
+        let pixels: Vec<Pixel> = (0..20).map(|i| Pixel { rgb: [0.02 * i as f32; 3], ..Pixel::default() }).collect();
+        let mut truth: Vec<[f32; 3]> =
+            pixels.iter().map(|p| [1.2, 1.0, 0.9].map(|g| (p.rgb[0] + DARK) * g - DARK)).collect();
+        truth[..4].fill([1.0, 0.0, 1.0]);
+        let alpha = [1.0; 20];
+        let seen = seen(&pixels, &truth, &alpha);
+        let gain = gain(&seen);
+        for (gain, want) in gain.iter().zip([1.2_f32, 1.0, 0.9]) {
+            assert!((gain.exp() - want).abs() < 1e-4, "{gain} {want}");
+        }
+        assert!((3..=6).contains(&strangers(&seen, gain).0), "{:?}", strangers(&seen, gain));
+        assert!(deviation(&[gain, gain]) < 1e-6 && deviation(&[gain, [0.0; 3]]) > 0.04);
+    }
+
+    #[test]
+    fn a_photo_of_nothing_needs_nothing() {
+        let seen = seen(&[], &[], &[]);
+        assert_eq!((gain(&seen), strangers(&seen, [0.0; 3]), deviation(&[])), ([0.0; 3], (0, 0), 0.0));
+    }
+}

@@ -1,0 +1,545 @@
+//! SF-NeRF: what stands before the scene is filtered out in image space.
+//!
+//! Lee, Kim, Heo, Lee, "Semantic-aware Occlusion Filtering Neural Radiance Fields in the Wild", 2023, section 3.
+//!
+//! Each photo has a code; a network that sees the place of a pixel, the code and, where the photo has them, features of a
+//! self-supervised network says how opaque (`alpha`), of what colour (`C_t`) and how uncertain (`beta`) what covers the
+//! pixel is. It is put over what the field renders there:
+//!
+//! ```text
+//! Y' = alpha C_t + (1 - alpha) C
+//! L  = |Y' - Y|^2 / (2 beta^2) + ln beta + lambda_alpha alpha
+//!    + 0.1 (1 - alpha) |C_coarse - Y|^2                       for fields that look twice; alpha a constant
+//!    + lambda_sm sum_k 2^k |d alpha / d gamma_k(p)|_1         on 256 pixels of the batch, evenly spread over it
+//! ```
+//!
+//! Opacities are samples of a Binary Concrete distribution in training, nearly a coin toss, so that the field cannot rely
+//! on shares; elsewhere the noise is left out. Pictures of the scene show the field alone.
+//!
+//! Not here: the published prior on densities of the field (`ln(1 + 2 sigma^2)`, weight 1e-10), as a method does not see
+//! densities, and a filter trained on another scene before.
+
+use super::codes::CodeTable;
+use super::config::{FeatureKind, WildConfig};
+use super::filter::{Filter, OUTPUTS, Shape, Spot};
+use super::light::Light;
+use super::slopes::{Pick, Slopes, opacity};
+use super::squared;
+use crate::data::{Batch, Dataset};
+use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::system::{SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use float_core::{Simd, m32};
+use losses::concrete::{BinaryConcrete, noise};
+use losses::uncertainty::{Channels, Likelihood};
+use scene_io::{Features, Scene};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Random streams: initial weights, and the noise of each pixel of a step.
+const INIT: u64 = 0x6669_6c74;
+const NOISE: u64 = 0x636f_696e;
+
+/// Weight of a field's first look.
+const COARSE: f32 = 0.1;
+
+/// Pixels of a batch that the smoothness of opacities is measured on.
+const SMOOTH_PIXELS: usize = 256;
+
+/// Learning rate of the layers behind the branch of the place at first, as a part of that branch's.
+const HELD: f64 = 0.1;
+
+/// The method.
+pub(super) struct SfNerf {
+    light: Option<Light>,
+    filter: Filter,
+    codes: CodeTable,
+    /// Of each training view; empty where there are none.
+    features: Vec<Arc<Features>>,
+    concrete: BinaryConcrete,
+    likelihood: Likelihood,
+    lambda_alpha: f32,
+    lambda_smooth: f64,
+    rates: Rates,
+    seed: u64,
+    /// Each pixel of the batch.
+    cover: Vec<Cover>,
+    raw_bar: Vec<[f32; OUTPUTS]>,
+    code_bar: Vec<f32>,
+}
+
+/// Learning rates, as parts of that of the field's networks.
+struct Rates {
+    filter: f64,
+    codes: f64,
+    /// Steps the layers behind the branch of the place are held back, and steps until they are not.
+    hold: u64,
+    ease: u64,
+}
+
+impl Rates {
+    /// What the layers behind the branch of the place learn at, as a part of what it learns at: [`HELD`], then along a cosine
+    /// up to 1.
+    fn eased(&self, step: u64) -> f64 {
+        let x = if self.ease == 0 { 1.0 } else { (step.saturating_sub(self.hold) as f64 / self.ease as f64).min(1.0) };
+        if step < self.hold { HELD } else { HELD + (1.0 - HELD) * 0.5 * (1.0 - (std::f64::consts::PI * x).cos()) }
+    }
+}
+
+/// What stands before a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Cover {
+    /// Raw opacity, its noise, and the opacity that both make.
+    h: f32,
+    noise: f32,
+    alpha: f32,
+    rgb: [f32; 3],
+    /// Raw uncertainty, and the uncertainty.
+    raw_beta: f32,
+    beta: f32,
+}
+
+impl Cover {
+    fn of([h, r, g, b, raw_beta]: [f32; OUTPUTS], noise: f32, concrete: BinaryConcrete, beta_min: f32) -> Self {
+        let [alpha, ..] = opacity(concrete, h, noise);
+        Self { h, noise, alpha, rgb: [r, g, b].map(m32::logistic), raw_beta, beta: beta_min + m32::softplus(raw_beta) }
+    }
+
+    /// `alpha C_t + (1 - alpha) C`
+    fn over(&self, rgb: [f32; 3]) -> [f32; 3] {
+        [0, 1, 2].map(|c| rgb[c] + self.alpha * (self.rgb[c] - rgb[c]))
+    }
+}
+
+/// What a pixel costs, and the derivatives of that with respect to the composite and the uncertainty.
+struct Cost {
+    loss: f32,
+    over_bar: [f32; 3],
+    beta_bar: f32,
+}
+
+impl SfNerf {
+    pub(super) fn new(
+        config: &WildConfig,
+        light: Option<Light>,
+        scene: &Scene,
+        data: &Dataset,
+        seed: u64,
+    ) -> Result<Self, SystemError> {
+        let features = match config.filter_features {
+            FeatureKind::Files => read_features(scene, data)?,
+            FeatureKind::None => Vec::new(),
+        };
+        Self::with_features(config, light, features, data.len(), seed)
+    }
+
+    /// For `views` photos with these features, one of each, or none.
+    fn with_features(
+        config: &WildConfig,
+        light: Option<Light>,
+        features: Vec<Arc<Features>>,
+        views: usize,
+        seed: u64,
+    ) -> Result<Self, SystemError> {
+        let shape = Shape {
+            octaves: config.filter_octaves,
+            width: config.filter_width,
+            code: config.transient_dims,
+            channels: features.first().map_or(0, |f| f.channels),
+        };
+        Ok(Self {
+            light,
+            filter: Filter::new(shape, Rng::new(seed, INIT))?,
+            codes: CodeTable::new("filter", views, config.transient_dims, seed),
+            features,
+            concrete: BinaryConcrete { temperature: config.filter_temperature },
+            likelihood: Likelihood { beta_min: config.beta_min, channels: Channels::Mean },
+            lambda_alpha: config.filter_opacity,
+            lambda_smooth: f64::from(config.filter_smoothness),
+            rates: Rates {
+                filter: f64::from(config.filter_lr),
+                codes: f64::from(config.code_lr),
+                hold: config.filter_hold,
+                ease: config.filter_ease,
+            },
+            seed,
+            cover: Vec::new(),
+            raw_bar: Vec::new(),
+            code_bar: Vec::new(),
+        })
+    }
+
+    /// What stands before each pixel of a batch.
+    fn cover(&mut self, batch: &Batch, step: u64) {
+        let rng = Rng::new(self.seed, NOISE).substream(step);
+        let Self { filter, codes, features, cover, concrete, likelihood, .. } = self;
+        cover.clear();
+        filter.forward(
+            Simd::best(),
+            batch.len(),
+            |i| spot(codes, features, batch, i),
+            |i, raw| cover.push(Cover::of(raw, noise(rng.uniform_at(i as u64)), *concrete, likelihood.beta_min)),
+        );
+    }
+
+    fn cost(&self, cover: &Cover, rgb: [f32; 3], truth: [f32; 3]) -> Cost {
+        let (over, beta) = ([cover.over(rgb)], [cover.beta]);
+        let (mut loss, mut over_bar, mut beta_bar) = ([0.0], [[0.0; 3]], [0.0]);
+        let fits = "one ray, and `beta_min` is checked before";
+        self.likelihood.per_ray(&over, &[truth], &beta, &mut loss).expect(fits);
+        self.likelihood.sum_backward(&over, &[truth], &beta, None, 1.0, &mut over_bar, &mut beta_bar).expect(fits);
+        Cost { loss: loss[0] + self.lambda_alpha * cover.alpha, over_bar: over_bar[0], beta_bar: beta_bar[0] }
+    }
+
+    /// Gradients of the filter and of the codes of the batch.
+    fn gradients(&mut self, outcome: &Outcome<'_>) {
+        self.raw_bars(outcome);
+        let slopes = self.slopes(outcome);
+        self.filter.backward(outcome.simd, &self.raw_bar, &slopes, &mut self.code_bar);
+    }
+
+    /// Derivative of the mean over the batch with respect to the raw outputs, without the prior.
+    fn raw_bars(&mut self, outcome: &Outcome<'_>) {
+        let mut bars = std::mem::take(&mut self.raw_bar);
+        bars.clear();
+        bars.extend(self.cover.iter().enumerate().map(|(i, cover)| {
+            let (rgb, factor) = (outcome.pixels[i].rgb, outcome.share * outcome.batch.weight[i]);
+            let Cost { over_bar, beta_bar, .. } = self.cost(cover, rgb, outcome.truth[i]);
+            let alpha_bar = self.lambda_alpha + (0..3).map(|c| over_bar[c] * (cover.rgb[c] - rgb[c])).sum::<f32>();
+            let [_, slope, _] = opacity(self.concrete, cover.h, cover.noise);
+            let colour = |c: usize| factor * over_bar[c] * cover.alpha * cover.rgb[c] * (1.0 - cover.rgb[c]);
+            let beta = factor * beta_bar * m32::logistic(cover.raw_beta);
+            [factor * alpha_bar * slope, colour(0), colour(1), colour(2), beta]
+        }));
+        self.raw_bar = bars;
+    }
+
+    /// The prior on opacities, on pixels evenly spread over the batch; its part in the raw opacities is added to their
+    /// derivatives.
+    fn slopes(&mut self, outcome: &Outcome<'_>) -> Slopes {
+        if self.lambda_smooth == 0.0 {
+            return Slopes::default();
+        }
+        let n = self.cover.len();
+        let count = SMOOTH_PIXELS.min(n);
+        let picks: Vec<Pick> = (0..count)
+            .map(|k| k * n / count)
+            .filter(|&index| outcome.batch.weight[index] > 0.0)
+            .map(|index| Pick { index, noise: self.cover[index].noise })
+            .collect();
+        let spot = |i: usize| spot(&self.codes, &self.features, outcome.batch, i);
+        let slopes = self.filter.slopes(outcome.simd, self.concrete, self.lambda_smooth, &picks, spot);
+        for (pick, bar) in picks.iter().zip(&slopes.h_bar) {
+            self.raw_bar[pick.index][0] += bar;
+        }
+        slopes
+    }
+}
+
+/// What the filter is told of a pixel of a batch.
+fn spot<'a>(codes: &'a CodeTable, features: &'a [Arc<Features>], batch: &Batch, i: usize) -> Spot<'a> {
+    let view = batch.view[i] as usize;
+    Spot { place: batch.place[i], code: codes.codes().of(view), features: features.get(view).map(|f| &**f) }
+}
+
+/// The features of all training views, or none at all.
+fn read_features(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Features>>, SystemError> {
+    let mut known: HashMap<usize, Arc<Features>> = HashMap::new();
+    let (mut out, mut without) = (Vec::new(), None);
+    for view in data.views() {
+        let frame = &scene.frames[view.frame];
+        let features = match known.get(&view.frame) {
+            Some(features) => features.clone(),
+            None => match frame.read_features()? {
+                Some(features) => Arc::new(features),
+                None => {
+                    without = without.or(Some(&view.name));
+                    continue;
+                }
+            },
+        };
+        known.insert(view.frame, features.clone());
+        out.push((features, &frame.priors.features));
+    }
+    let refuse =
+        |problem: String| Err(SystemError::Config { field: "filter_features", value: "\"files\"".into(), problem });
+    let Some((first, first_path)) = out.first() else { return Ok(Vec::new()) };
+    let name = |path: &Option<std::path::PathBuf>| path.as_ref().map_or(String::new(), |p| p.display().to_string());
+    if let Some((features, path)) = out.iter().find(|(f, _)| f.channels != first.channels) {
+        let (path, channels) = (name(path), features.channels);
+        let (first_path, wanted) = (name(first_path), first.channels);
+        let problem = format!("{path}: holds {channels} channels, and {first_path} {wanted}: make all of them alike");
+        return refuse(problem);
+    }
+    if let Some(photo) = without {
+        let problem = format!(
+            "photo `{photo}` has no `.features.npy` beside it, others have: make it, or go without any \
+             (`--set filter_features=none`)"
+        );
+        return refuse(problem);
+    }
+    Ok(out.into_iter().map(|(features, _)| features).collect())
+}
+
+impl Method for SfNerf {
+    fn name(&self) -> &'static str {
+        "sf-nerf"
+    }
+
+    fn appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::codes)
+    }
+
+    fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+        self.cover(batch, step);
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+    }
+
+    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        let cover = &self.cover[i];
+        let Cost { loss, over_bar, .. } = self.cost(cover, pixel.rgb, truth);
+        (loss, PixelBar::colour(over_bar.map(|bar| bar * (1.0 - cover.alpha))))
+    }
+
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let (loss, bar) = squared(rgb, truth, COARSE * (1.0 - self.cover[i].alpha));
+        (loss, bar.rgb)
+    }
+
+    fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
+        self.gradients(outcome);
+        let lr = outcome.lr * self.rates.filter;
+        let filter = self.filter.step(outcome.simd, lr, lr * self.rates.eased(outcome.step));
+        let codes = self.codes.learn(outcome.simd, outcome.lr * self.rates.codes, outcome.batch, &self.code_bar, 0.0);
+        filter + codes + self.light.as_mut().map_or(0, |light| light.learn(outcome))
+    }
+
+    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        let [width, height] = seen.size;
+        let code = self.codes.codes().of(seen.view);
+        let features = self.features.get(seen.view).map(|f| &**f);
+        let spot = |i: usize| {
+            let place = [(i % width, width), (i / width, height)].map(|(at, size)| (at as f32 + 0.5) / size as f32);
+            Spot { place, code, features }
+        };
+        let raw = self.filter.infer(Simd::best(), width * height, spot);
+        let alpha = |raw: [f32; OUTPUTS]| Cover::of(raw, 0.0, self.concrete, self.likelihood.beta_min).alpha;
+        Some(raw.into_iter().map(|raw| if alpha(raw) < 0.5 { 1.0 } else { 0.0 }).collect())
+    }
+
+    fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
+        self.light.as_ref()?.encode(photo)
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = Vec::new();
+        self.light.iter().for_each(|light| light.push_state(&mut out));
+        self.codes.push_state(&mut out);
+        self.filter.push_state(&mut out);
+        out
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        self.light.as_mut().map_or(Ok(()), |light| light.load_state(state))?;
+        self.codes.load_state(state)?;
+        self.filter.load_state(state)
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.light.as_ref().map_or(0, Light::len) + self.codes.len() + self.filter.len()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        let held = |f: &Arc<Features>| 4 * f.data.len() / Arc::strong_count(f);
+        let batch = size_of::<Cover>() * self.cover.capacity() + 4 * OUTPUTS * self.raw_bar.capacity();
+        let codes = self.codes.bytes() + 4 * self.code_bar.capacity();
+        self.light.as_ref().map_or(0, Light::bytes)
+            + self.filter.bytes()
+            + codes
+            + batch
+            + self.features.iter().map(held).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::{AppearanceKind, FieldKind, OccluderKind};
+    use super::super::twin::{self, Twin, assert_near, differences, logistic, softplus};
+    use super::*;
+    use field_core::rng::Rng;
+    use proptest::prelude::*;
+
+    const VIEWS: usize = 3;
+    const CODE: usize = 4;
+
+    fn tiny() -> WildConfig {
+        WildConfig {
+            transient_dims: CODE,
+            filter_octaves: 2,
+            filter_width: 6,
+            filter_temperature: 0.8,
+            filter_smoothness: 0.05,
+            ..WildConfig::new(FieldKind::Ngp, AppearanceKind::None, OccluderKind::Filter)
+        }
+    }
+
+    fn batch(n: usize) -> Batch {
+        let uniform = |i: usize| Rng::new(1, 2).uniform_at(i as u64);
+        let mut batch = Batch::of_rays(
+            &vec![render_core::ray::Ray { o: glam::DVec3::ZERO, d: glam::DVec3::Z }; n],
+            &vec![[0.0; 3]; n],
+        );
+        for i in 0..n {
+            batch.view[i] = (i % VIEWS) as u32;
+            batch.place[i] = [uniform(2 * i), uniform(2 * i + 1)];
+            batch.weight[i] = [1.0, 4.0, 0.0, 1.0, 1.0][i % 5];
+        }
+        batch
+    }
+
+    fn grid(channels: usize) -> Vec<Arc<Features>> {
+        let one = |view: usize| Features {
+            channels,
+            width: 2,
+            height: 2,
+            data: (0..4 * channels).map(|i| Rng::new(5, 6).normal_at((view * 100 + i) as u64)).collect(),
+        };
+        (0..VIEWS).map(|view| Arc::new(one(view))).collect()
+    }
+
+    /// The mean loss of a batch from its definition.
+    fn total(method: &SfNerf, twin: &Twin, codes: &[f64], outcome: &Outcome<'_>) -> f64 {
+        let batch = outcome.batch;
+        let (kappa, beta_min) = (f64::from(method.concrete.temperature), f64::from(method.likelihood.beta_min));
+        let counted = (0..batch.len()).filter(|&i| batch.weight[i] > 0.0);
+        let mut sum = [0.0; 2];
+        for i in counted.clone() {
+            let view = batch.view[i] as usize;
+            let place = batch.place[i].map(f64::from);
+            let mut features = vec![0.0; method.features.first().map_or(0, |f| f.channels)];
+            if let Some(f) = method.features.get(view) {
+                f.sample(place[0], place[1], &mut features);
+            }
+            let features: Vec<f64> = features.into_iter().map(f64::from).collect();
+            let (code, noise) = (&codes[CODE * view..][..CODE], f64::from(method.cover[i].noise));
+            let raw = twin.raw(place, code, &features, 0).map(|[value, _]| value);
+            let (alpha, beta) = (twin::alpha(raw[0], kappa, noise), beta_min + softplus(raw[4]));
+            let e2 = (0..3)
+                .map(|c| {
+                    let (field, truth) = (f64::from(outcome.pixels[i].rgb[c]), f64::from(outcome.truth[i][c]));
+                    (alpha * logistic(raw[1 + c]) + (1.0 - alpha) * field - truth).powi(2)
+                })
+                .sum::<f64>()
+                / 3.0;
+            let loss = e2 / (2.0 * beta * beta) + beta.ln() + f64::from(method.lambda_alpha) * alpha;
+            sum[0] += f64::from(batch.weight[i] * outcome.share) * loss;
+            sum[1] += twin.roughness(place, code, &features, kappa, noise);
+        }
+        sum[0] + method.lambda_smooth * sum[1] / counted.count() as f64
+    }
+
+    #[test]
+    fn gradients_of_filter_and_codes_match_central_differences() {
+        for channels in [0, 3] {
+            let n = 20;
+            let features = if channels > 0 { grid(channels) } else { Vec::new() };
+            let mut method = SfNerf::with_features(&tiny(), None, features, VIEWS, 9).unwrap();
+            // Biases of 0 leave units that are exactly 0 where all before them are: a kink, of which differences see both sides.
+            let Filter { place, features, joined, .. } = &mut method.filter;
+            for net in [Some(place), features.as_mut(), Some(joined)].into_iter().flatten() {
+                let biases: Vec<usize> = net.mlp.layers().iter().flat_map(|l| l.biases.clone()).collect();
+                biases.into_iter().for_each(|at| net.params[at] += 0.4 * Rng::new(7, 8).uniform_at(at as u64) - 0.2);
+                net.pack();
+            }
+            let batch = batch(n);
+            let uniform = |i: usize| Rng::new(3, 4).uniform_at(i as u64);
+            let rgb = |i: usize| [0, 1, 2].map(|c| uniform(10 * i + c));
+            let pixels: Vec<Pixel> = (0..n).map(|i| Pixel { rgb: rgb(i), ..Pixel::default() }).collect();
+            let truth: Vec<[f32; 3]> = (0..n).map(|i| rgb(1000 + i)).collect();
+            method.cover(&batch, 5);
+            let outcome = Outcome {
+                step: 5,
+                lr: 1e-3,
+                simd: Simd::best(),
+                batch: &batch,
+                share: 1.0 / batch.weight.iter().sum::<f32>(),
+                pixels: &pixels,
+                truth: &truth,
+                appearance_bar: &[],
+                transient_bar: &[],
+            };
+            method.gradients(&outcome);
+            let twin = Twin::of(&method.filter);
+            let codes: Vec<f64> = method.codes.codes().rows.iter().map(|&c| f64::from(c)).collect();
+            for net in [0, 1, 2].into_iter().filter(|&net| !twin.nets[net].is_empty()) {
+                let want = differences(twin.nets[net].len(), |i, h| {
+                    let mut moved = twin.clone();
+                    moved.nets[net][i] += h;
+                    total(&method, &moved, &codes, &outcome)
+                });
+                let Filter { place, features, joined, .. } = &mut method.filter;
+                let net_of = [Some(place), features.as_mut(), Some(joined)].into_iter().nth(net).flatten();
+                assert_near(&format!("network {net}"), net_of.unwrap().grad_mut(), &want);
+            }
+            let mut got = vec![0.0; codes.len()];
+            for (bar, &view) in method.code_bar.chunks_exact(CODE).zip(&batch.view) {
+                got[CODE * view as usize..].iter_mut().zip(bar).for_each(|(sum, bar)| *sum += bar);
+            }
+            let want = differences(codes.len(), |i, h| {
+                let mut moved = codes.clone();
+                moved[i] += h;
+                total(&method, &twin, &moved, &outcome)
+            });
+            assert_near("codes", &got, &want);
+            // What the field learns from.
+            for i in 0..n {
+                let (_, bar) = method.loss(i, &pixels[i], truth[i]);
+                for c in 0..3 {
+                    let loss = |by: f32| {
+                        let mut moved = pixels[i];
+                        moved.rgb[c] += by;
+                        f64::from(method.loss(i, &moved, truth[i]).0)
+                    };
+                    let want = (loss(1e-2) - loss(-1e-2)) / 2e-2;
+                    // The loss is a parabola: differences are exact up to the digits of the loss.
+                    assert!((f64::from(bar.rgb[c]) - want).abs() < 1e-3 * (1.0 + want.abs()), "{bar:?} {want}");
+                }
+                let (_, coarse) = method.coarse_loss(i, pixels[i].rgb, truth[i]);
+                let want = COARSE * (1.0 - method.cover[i].alpha) * 2.0 / 3.0 * (pixels[i].rgb[0] - truth[i][0]);
+                assert!((coarse[0] - want).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn layers_behind_the_place_are_held_then_let_go() {
+        let rates = Rates { filter: 1.0, codes: 1.0, hold: 100, ease: 50 };
+        assert_eq!([0, 99, 100, 150, 1_000_000].map(|step| rates.eased(step)), [HELD, HELD, HELD, 1.0, 1.0]);
+        assert!((rates.eased(125) - 0.55).abs() < 1e-12);
+        assert_eq!(Rates { hold: 0, ease: 0, ..rates }.eased(0), 1.0);
+    }
+
+    proptest! {
+        #[test]
+        fn the_composite_lies_between_both_colours(
+            raw in prop::array::uniform5(-60.0_f32..60.0),
+            rgb in prop::array::uniform3(-1.0_f32..2.0),
+            u in 0.0_f32..1.0,
+            kappa in 0.05_f32..2.0,
+        ) {
+            let cover = Cover::of(raw, noise(u), BinaryConcrete { temperature: kappa }, 0.03);
+            prop_assert!((0.0..=1.0).contains(&cover.alpha) && cover.beta >= 0.03 && cover.beta.is_finite());
+            for c in 0..3 {
+                let over = cover.over(rgb)[c];
+                let (low, high) = (rgb[c].min(cover.rgb[c]), rgb[c].max(cover.rgb[c]));
+                prop_assert!(low - 1e-6 <= over && over <= high + 1e-6, "{low} {over} {high}");
+            }
+        }
+
+        #[test]
+        fn opacities_of_usual_outputs_are_never_quite_0_or_1(h in -15.0_f32..15.0, u in 0.001_f32..0.999) {
+            let cover = Cover::of([h, 0.0, 0.0, 0.0, 0.0], noise(u), BinaryConcrete::default(), 0.03);
+            prop_assert!(0.0 < cover.alpha && cover.alpha < 1.0);
+        }
+    }
+}

@@ -1,0 +1,448 @@
+//! The prior of SF-NeRF that holds opacities smooth over the picture, and its gradient: a loss on the derivative of the opacity `a(h)` with respect
+//! to the encoded place `gamma(p)`. Its gradient needs the network twice. Let `s` be the derivative of the prior with respect to
+//! `d = a'(h) dh/dgamma`: signs, times constants. Then the prior is `s d = a'(h) h'`, with `h'` the derivative of `h` along
+//! `s`: one more forward pass. Between the kinks of a ReLU network everything is linear, so with `t_l` that pass's input of
+//! layer `l`, and `g_l = dh/dz_l`
+//!
+//! ```text
+//! gradient of W_l = a'(h) g_l t_l^T + a''(h) h' dh/dW_l
+//! ```
+//!
+//! and biases, codes and features have the second term alone, which is that of an ordinary backward pass from
+//! `h_bar = a''(h) h'`.
+
+use super::filter::{Filter, Spot, fill_places};
+use field_core::mlp::{Activation, Layer};
+use float_core::{Simd, m32};
+use losses::concrete::{BinaryConcrete, ln_odds, ln_odds_derivative};
+use losses::smoothness::{smoothness, smoothness_backward};
+use rayon::prelude::*;
+
+/// Rows of an octave: sine and cosine of both coordinates.
+const OCTAVE_ROWS: usize = 4;
+
+/// Pixels of one task: fixed, so that sums do not depend on the number of threads.
+const TASK: usize = 32;
+
+/// A pixel of the prior: its index in the batch, and the noise of its opacity.
+#[derive(Clone, Copy)]
+pub(super) struct Pick {
+    pub(super) index: usize,
+    pub(super) noise: f32,
+}
+
+/// The prior and what is behind its second term: see the top of the file.
+#[derive(Default)]
+pub(super) struct Slopes {
+    /// Mean over the pixels picked, times the weight.
+    pub(super) value: f64,
+    /// `a''(h) h'` of each pick.
+    pub(super) h_bar: Vec<f32>,
+    /// First term, of the flat parameters of the branch of the place and of the joined layers.
+    pub(super) place: Vec<f32>,
+    pub(super) joined: Vec<f32>,
+}
+
+impl Filter {
+    /// The prior on the pixels `picks` of [`Filter::forward`]: `weight` times the mean of
+    /// `sum_k 2^k |d alpha / d gamma_k(p)|_1`.
+    pub(super) fn slopes<'a>(
+        &self,
+        simd: Simd,
+        concrete: BinaryConcrete,
+        weight: f64,
+        picks: &[Pick],
+        spot: impl Fn(usize) -> Spot<'a> + Sync,
+    ) -> Slopes {
+        let chain = Chain::of(self);
+        let each = weight / picks.len().max(1) as f64;
+        let parts: Vec<Slopes> = picks
+            .par_chunks(TASK)
+            .map(|picks| {
+                let mut out = Slopes {
+                    place: vec![0.0; self.place.params.len()],
+                    joined: vec![0.0; self.joined.params.len()],
+                    ..Slopes::default()
+                };
+                let mut pass = Pass::default();
+                for pick in picks {
+                    let spot = spot(pick.index);
+                    let x = &mut pass.x[0];
+                    x.resize(self.place.mlp.inputs(), 0.0);
+                    let one = |_| spot;
+                    fill_places(simd, &self.encoding, 0..1, &one, x);
+                    let beside = &self.hidden[pick.index * self.joined.mlp.inputs()..][..self.joined.mlp.inputs()];
+                    chain.add(&mut pass, &beside[self.shape.width..], (concrete, pick.noise), each, &mut out);
+                }
+                out
+            })
+            .collect();
+        let mut out = Slopes::default();
+        for part in parts {
+            out.value += part.value;
+            out.h_bar.extend(part.h_bar);
+            for (sum, part) in [(&mut out.place, part.place), (&mut out.joined, part.joined)] {
+                sum.resize(part.len(), 0.0);
+                sum.iter_mut().zip(part).for_each(|(sum, term)| *sum += term);
+            }
+        }
+        out
+    }
+}
+
+/// Layers from the place to the raw opacity.
+const DEPTH: usize = 6;
+
+/// The layer whose outputs the features are put beside, before the next.
+const JOINT: usize = 2;
+
+/// One of them.
+#[derive(Clone, Copy)]
+struct Link<'a> {
+    /// `[out][in]`
+    weights: &'a [f32],
+    biases: &'a [f32],
+    /// Where the weights begin in the flat parameters of the network.
+    first: usize,
+    inputs: usize,
+    relu: bool,
+}
+
+impl<'a> Link<'a> {
+    fn of(params: &'a [f32], layer: &Layer, outputs: usize) -> Self {
+        Self {
+            weights: &params[layer.weights.clone()][..outputs * layer.inputs],
+            biases: &params[layer.biases.clone()][..outputs],
+            first: layer.weights.start,
+            inputs: layer.inputs,
+            relu: layer.activation == Activation::Relu,
+        }
+    }
+
+    fn rows(self) -> impl Iterator<Item = &'a [f32]> {
+        self.weights.chunks_exact(self.inputs)
+    }
+}
+
+/// What lies between the place of a pixel and its raw opacity, without a detour over other outputs.
+struct Chain<'a> {
+    links: [Link<'a>; DEPTH],
+    octaves: usize,
+}
+
+/// Buffers of one pixel.
+#[derive(Default)]
+struct Pass {
+    /// Inputs of the layers; the last is `h`.
+    x: [Vec<f32>; DEPTH + 1],
+    /// Derivative of `h` with respect to what the layers give before their ReLU.
+    g: [Vec<f32>; DEPTH],
+    /// Derivatives of the inputs along `s`.
+    t: [Vec<f32>; DEPTH + 1],
+    x_bar: Vec<f32>,
+    d: Vec<f32>,
+    s: Vec<f32>,
+}
+
+impl<'a> Chain<'a> {
+    fn of(filter: &'a Filter) -> Self {
+        let links = std::array::from_fn(|l| {
+            let net = if l <= JOINT { &filter.place } else { &filter.joined };
+            let layer = &net.mlp.layers()[l % (JOINT + 1)];
+            Link::of(&net.params, layer, if l + 1 == DEPTH { 1 } else { layer.outputs })
+        });
+        Self { links, octaves: filter.shape.octaves }
+    }
+
+    /// Add one pixel, whose input of the first layer `pass` holds; `beside` is what the features' branch gave.
+    fn add(
+        &self,
+        pass: &mut Pass,
+        beside: &[f32],
+        (concrete, noise): (BinaryConcrete, f32),
+        weight: f64,
+        out: &mut Slopes,
+    ) {
+        let Pass { x, g, t, x_bar, d, s } = pass;
+        // h.
+        for (l, link) in self.links.iter().enumerate() {
+            let (input, output) = x.split_at_mut(l + 1);
+            let (input, output) = (&input[l], &mut output[0]);
+            output.clear();
+            output.extend(link.rows().zip(link.biases).map(|(row, b)| dot(row, input) + b));
+            if link.relu {
+                output.iter_mut().for_each(|y| *y = y.max(0.0));
+            }
+            if l == JOINT {
+                output.extend_from_slice(beside);
+            }
+        }
+        let h = x[DEPTH][0];
+        let [_, slope, curvature] = opacity(concrete, h, noise);
+
+        // g, and dh/dgamma.
+        g[DEPTH - 1].clear();
+        g[DEPTH - 1].push(1.0);
+        for l in (0..DEPTH).rev() {
+            let link = &self.links[l];
+            x_bar.clear();
+            x_bar.resize(link.inputs, 0.0);
+            for (row, &g) in link.rows().zip(&g[l]).filter(|(_, g)| **g != 0.0) {
+                axpy(g, row, x_bar);
+            }
+            if let Some(before) = l.checked_sub(1) {
+                let gate = |(&bar, &y): (&f32, &f32)| if self.links[before].relu && y <= 0.0 { 0.0 } else { bar };
+                let outputs = self.links[before].biases.len();
+                g[before].clear();
+                g[before].extend(x_bar.iter().zip(&x[l]).take(outputs).map(gate));
+            }
+        }
+        d.clear();
+        d.extend(x_bar[..OCTAVE_ROWS * self.octaves].iter().map(|bar| slope * bar));
+
+        // The prior, and its derivative with respect to d.
+        let fits = "whole octaves";
+        out.value += weight * smoothness(d, self.octaves, OCTAVE_ROWS).expect(fits);
+        s.clear();
+        s.resize(d.len(), 0.0);
+        smoothness_backward(d, self.octaves, OCTAVE_ROWS, weight, s).expect(fits);
+
+        // h' along s: biases are constants, and so is all beside the octaves.
+        t[0].clear();
+        t[0].extend_from_slice(s);
+        t[0].resize(self.links[0].inputs, 0.0);
+        for (l, link) in self.links.iter().enumerate() {
+            let (input, output) = t.split_at_mut(l + 1);
+            let (input, output) = (&input[l], &mut output[0]);
+            output.clear();
+            output.extend(
+                link.rows().zip(&x[l + 1]).map(|(row, &y)| if link.relu && y <= 0.0 { 0.0 } else { dot(row, input) }),
+            );
+            if l == JOINT {
+                output.resize(output.len() + beside.len(), 0.0);
+            }
+        }
+        out.h_bar.push(curvature * t[DEPTH][0]);
+        for (l, link) in self.links.iter().enumerate() {
+            let grad = if l <= JOINT { &mut out.place } else { &mut out.joined };
+            let rows = grad[link.first..][..link.weights.len()].chunks_exact_mut(link.inputs);
+            for (row, &g) in rows.zip(&g[l]).filter(|(_, g)| **g != 0.0) {
+                axpy(slope * g, &t[l], row);
+            }
+        }
+    }
+}
+
+/// `a(h)`, `a'(h)`, `a''(h)`: the opacity of a pixel and its derivatives with respect to the raw one.
+pub(super) fn opacity(concrete: BinaryConcrete, h: f32, noise: f32) -> [f32; 3] {
+    let odds = ln_odds(h);
+    let alpha = concrete.sample(odds, noise);
+    let (outer, inner) = (concrete.sample_derivative(odds, noise), ln_odds_derivative(h));
+    let outer2 = outer * (1.0 - 2.0 * alpha) / concrete.temperature;
+    // logistic' / softplus - (logistic / softplus)^2; far below 0 both tend to 1, and their difference to -e^h / 2.
+    let inner2 = if h < -8.0 {
+        -0.5 * m32::exp(h)
+    } else {
+        m32::logistic(h) * m32::logistic(-h) / m32::softplus(h) - inner * inner
+    };
+    [alpha, outer * inner, outer2 * inner * inner + outer * inner2]
+}
+
+/// Sixteen sums side by side, then their sum: the same on every machine.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0_f32; 16];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..16 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    a_rest.iter().zip(b_rest).fold(sums.iter().sum(), |sum, (a, b)| sum + a * b)
+}
+
+/// `y += a x`.
+fn axpy(a: f32, x: &[f32], y: &mut [f32]) {
+    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::filter::{OUTPUTS, Shape};
+    use super::super::twin::{self, Twin, assert_near, differences};
+    use super::*;
+    use field_core::rng::Rng;
+    use proptest::prelude::*;
+    use scene_io::Features;
+
+    const N: usize = 9;
+    const CODE: usize = 3;
+
+    /// A filter with biases that are not 0, and what it sees of some pixels.
+    struct Case {
+        filter: Filter,
+        places: Vec<[f32; 2]>,
+        codes: Vec<f32>,
+        features: Option<Features>,
+        picks: Vec<Pick>,
+        concrete: BinaryConcrete,
+    }
+
+    impl Case {
+        fn new(channels: usize, seed: u64) -> Self {
+            let rng = Rng::new(seed, 1);
+            let uniform = |i: u64| 2.0 * rng.uniform_at(i) - 1.0;
+            let shape = Shape { octaves: 3, width: 7, code: CODE, channels };
+            let mut filter = Filter::new(shape, rng).unwrap();
+            for net in
+                [Some(&mut filter.place), filter.features.as_mut(), Some(&mut filter.joined)].into_iter().flatten()
+            {
+                let biases: Vec<_> = net.mlp.layers().iter().flat_map(|l| l.biases.clone()).collect();
+                biases.into_iter().for_each(|at| net.params[at] = 0.3 * uniform(at as u64));
+                net.pack();
+            }
+            let features = (channels > 0).then(|| Features {
+                channels,
+                width: 2,
+                height: 3,
+                data: (0..6 * channels).map(|i| uniform(1000 + i as u64)).collect(),
+            });
+            let places = (0..N as u64).map(|i| [2 * i, 2 * i + 1].map(|k| 0.5 + 0.5 * uniform(2000 + k))).collect();
+            let codes = (0..N * CODE).map(|i| uniform(3000 + i as u64)).collect();
+            let picks = [0, 2, 3, 7].map(|index| Pick { index, noise: 2.0 * uniform(4000 + index as u64) }).to_vec();
+            Self { filter, places, codes, features, picks, concrete: BinaryConcrete { temperature: 0.7 } }
+        }
+
+        /// The prior, the gradient of the flat parameters and that of the codes.
+        fn run(&mut self, weight: f64) -> (f64, [Vec<f32>; 3], Vec<f32>) {
+            let Self { filter, places, codes, features, picks, concrete } = self;
+            let spot =
+                |i: usize| Spot { place: places[i], code: &codes[CODE * i..][..CODE], features: features.as_ref() };
+            let simd = Simd::best();
+            filter.forward(simd, N, spot, |_, _| {});
+            let slopes = filter.slopes(simd, *concrete, weight, picks, spot);
+            let mut raw_bar = [[0.0; OUTPUTS]; N];
+            picks.iter().zip(&slopes.h_bar).for_each(|(pick, bar)| raw_bar[pick.index][0] = *bar);
+            let mut code_bar = Vec::new();
+            filter.backward(simd, &raw_bar, &slopes, &mut code_bar);
+            let features = filter.features.as_mut().map_or(Vec::new(), |net| net.grad_mut().to_vec());
+            (slopes.value, [filter.place.grad_mut().to_vec(), features, filter.joined.grad_mut().to_vec()], code_bar)
+        }
+
+        fn twin(&self, twin: &Twin, weight: f64, codes: &[f64]) -> f64 {
+            let one = |pick: &Pick| {
+                let place = self.places[pick.index];
+                let mut features = vec![0.0; self.features.as_ref().map_or(0, |f| f.channels)];
+                if let Some(f) = &self.features {
+                    f.sample(place[0].into(), place[1].into(), &mut features);
+                }
+                let features: Vec<f64> = features.into_iter().map(f64::from).collect();
+                let (kappa, noise) = (f64::from(self.concrete.temperature), f64::from(pick.noise));
+                twin.roughness(place.map(f64::from), &codes[CODE * pick.index..][..CODE], &features, kappa, noise)
+            };
+            weight * self.picks.iter().map(one).sum::<f64>() / self.picks.len() as f64
+        }
+    }
+
+    #[test]
+    fn double_backward_matches_central_differences() {
+        for channels in [0, 4] {
+            for seed in 0..4 {
+                let mut case = Case::new(channels, seed);
+                let weight = 0.3;
+                let (value, grads, code_bar) = case.run(weight);
+                let twin = Twin::of(&case.filter);
+                let codes: Vec<f64> = case.codes.iter().map(|&c| f64::from(c)).collect();
+                let want = case.twin(&twin, weight, &codes);
+                assert!((value - want).abs() < 1e-5 * want, "{value} against {want}");
+                for (net, got) in grads.iter().enumerate().filter(|(_, g)| !g.is_empty()) {
+                    let want = differences(got.len(), |i, h| {
+                        let mut moved = twin.clone();
+                        moved.nets[net][i] += h;
+                        case.twin(&moved, weight, &codes)
+                    });
+                    assert_near(&format!("network {net}, {channels} channels"), got, &want);
+                }
+                let want = differences(codes.len(), |i, h| {
+                    let mut moved = codes.clone();
+                    moved[i] += h;
+                    case.twin(&twin, weight, &moved)
+                });
+                assert_near("codes", &code_bar, &want);
+            }
+        }
+    }
+
+    #[test]
+    fn opacity_and_its_derivatives_match_differences() {
+        for kappa in [0.1, 0.7, 1.0] {
+            for noise in [-3.0, 0.0, 1.5] {
+                for h in [-30.0, -14.0, -8.1, -7.9, -2.0, -0.1, 0.0, 0.7, 3.0, 9.0] {
+                    let a = |h: f64| twin::alpha(h, kappa, noise);
+                    let step = 1e-3;
+                    let (low, mid, high) = (a(h - step), a(h), a(h + step));
+                    let concrete = BinaryConcrete { temperature: kappa as f32 };
+                    let [alpha, slope, curvature] = opacity(concrete, h as f32, noise as f32).map(f64::from);
+                    // Digits of h, and of differences: h^2 of the fourth derivative.
+                    let scale = mid.min(1.0 - mid) / (kappa * kappa);
+                    assert!((alpha - mid).abs() < 1e-5 * scale + 1e-7, "{alpha} {mid} at {h} {noise} {kappa}");
+                    let want = (high - low) / (2.0 * step);
+                    assert!(
+                        (slope - want).abs() < 1e-4 * scale / kappa + 1e-7,
+                        "{slope} {want} at {h} {noise} {kappa}"
+                    );
+                    let want = (high - 2.0 * mid + low) / (step * step);
+                    let bound = 1e-3 * scale / kappa + 1e-6;
+                    assert!((curvature - want).abs() < bound, "{curvature} {want} at {h} {noise} {kappa}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_opacity_that_ignores_the_place_costs_nothing() {
+        let mut case = Case::new(4, 5);
+        let layer = case.filter.place.mlp.layers()[0].clone();
+        // Octaves are the first 12 inputs of a row.
+        for row in case.filter.place.params[layer.weights].chunks_exact_mut(layer.inputs) {
+            row[..12].fill(0.0);
+        }
+        case.filter.place.pack();
+        let (value, grads, code_bar) = case.run(1.0);
+        assert_eq!(value, 0.0);
+        assert!(grads.iter().flatten().chain(&code_bar).all(|&g| g == 0.0));
+    }
+
+    #[test]
+    fn no_pixels_cost_nothing() {
+        let mut case = Case::new(0, 6);
+        case.picks.clear();
+        let (value, grads, code_bar) = case.run(1.0);
+        assert_eq!(value, 0.0);
+        assert!(grads.iter().flatten().chain(&code_bar).all(|&g| g == 0.0));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
+
+        #[test]
+        fn the_prior_bounds_the_slope_over_the_picture(seed in 0_u64..1 << 32, channels in 0_usize..3) {
+            let case = Case::new(channels, seed);
+            let twin = Twin::of(&case.filter);
+            let (kappa, step) = (f64::from(case.concrete.temperature), 1e-7);
+            for pick in &case.picks {
+                let code: Vec<f64> = case.codes[CODE * pick.index..][..CODE].iter().map(|&c| f64::from(c)).collect();
+                // The features are held: the bound is on the way through the place.
+                let features = vec![0.4; channels];
+                let place = case.places[pick.index].map(f64::from);
+                let alpha = |place| twin::alpha(twin.raw(place, &code, &features, 0)[0][0], kappa, pick.noise.into());
+                let slope = |axis: usize| {
+                    let moved = |by: f64| alpha([0, 1].map(|a| place[a] + if a == axis { by } else { 0.0 }));
+                    ((moved(step) - moved(-step)) / (2.0 * step)).abs()
+                };
+                let cost = twin.roughness(place, &code, &features, kappa, pick.noise.into());
+                prop_assert!(cost >= 0.0);
+                prop_assert!(slope(0) + slope(1) <= std::f64::consts::PI * cost * (1.0 + 1e-6) + 1e-6);
+            }
+        }
+    }
+}
