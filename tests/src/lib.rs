@@ -1,5 +1,6 @@
 //! What tests of whole systems share: a small scene, systems as the command line builds them, and what is asked of all of
 //! them.
+#![expect(clippy::missing_panics_doc, reason = "these are assertions of tests")]
 
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};

@@ -132,11 +132,15 @@ impl Method for Both {
         0
     }
 
-    fn survey_before(&self) -> Option<u64> {
+    fn survey(&self, step: u64) -> Option<u32> {
+        (self.survey_before == Some(step)).then_some(1)
+    }
+
+    fn begins_anew(&self) -> Option<u64> {
         self.survey_before
     }
 
-    fn survey(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn look(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
         self.told.lock().unwrap().surveyed.push((seen.view, seen.pixels.len()));
         Ok(())
     }

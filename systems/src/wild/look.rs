@@ -15,13 +15,13 @@ use crate::static_scene::ngp::{NgpConfig, show};
 use crate::system::{System, SystemError};
 
 /// Steps of the short training.
-const STEPS: u64 = 300;
+const STEPS: u64 = 80;
 /// Deviation of the photos' light, as a factor of colours, from which on each has a code.
-const LIGHT: f64 = 0.04;
+const LIGHT: f64 = 0.045;
 /// Difference of a square's mean from the field, colour units, that a stranger makes; and the share of such squares from which
 /// on the loss is robust.
 const STRANGE: f32 = 0.2;
-const SHARE: f64 = 0.015;
+const SHARE: f64 = 0.05;
 /// Added to colours before they are divided: dark pixels say nothing about light.
 const DARK: f32 = 0.1;
 

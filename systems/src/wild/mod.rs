@@ -19,8 +19,8 @@
 mod codes;
 mod config;
 mod encoder;
-mod ha_nerf;
 mod filter;
+mod ha_nerf;
 mod hugs;
 mod light;
 mod look;
@@ -31,9 +31,9 @@ mod robust_nerf;
 mod sf_nerf;
 mod slopes;
 mod static_maps;
-mod visibility;
 #[cfg(test)]
 mod twin;
+mod visibility;
 
 pub use config::{AppearanceKind, FeatureKind, FieldKind, KernelKind, OccluderKind, SegmentKind, WildConfig};
 pub use plan::{SYSTEMS, build};

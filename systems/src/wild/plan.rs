@@ -4,16 +4,16 @@ use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
 use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
 use super::light::Light;
+use super::look;
 use super::nerf_w::NerfW;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
-use super::look;
 use crate::options::{Plan, RunOptions};
+use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
-use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 

@@ -18,7 +18,7 @@ use losses::visibility::SizeSchedule;
 use std::ops::Range;
 
 /// Stream of the initial parameters.
-const INIT: u64 = 0x7669_7369_626c_65;
+const INIT: u64 = 0x0076_6973_6962_6c65;
 
 /// The network, what it sees, and the map of a batch.
 pub(super) struct Visibility {
@@ -222,7 +222,7 @@ mod tests {
         assert!(visibility.m.iter().rev().eq(&first));
         assert!(first[0] != first[1] && first[0] != first[2], "neither photo nor place matter");
         // And the same once more as a picture.
-        let seen = ViewSeen { view: 1, size: [8, 8], pixels: &[], truth: &[] };
+        let seen = ViewSeen { view: 1, size: [8, 8], stride: 1, pixels: &[], truth: &[], alpha: &[] };
         for (i, m) in visibility.of_view(&seen).into_iter().enumerate() {
             assert!((m - first[2 * i + 1]).abs() < 1e-6, "pixel {i}: {m} {}", first[2 * i + 1]);
         }
