@@ -76,6 +76,7 @@ mod common {
         background: [1.0; 3],
         layers: systems::system::LayerRequest { normals: systems::system::Normals::Compute },
         error_budget: 0.0,
+        appearance: systems::system::Appearance::Mean,
     };
 
     /// Every number that the next step depends on is finite.
