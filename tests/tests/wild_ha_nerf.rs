@@ -27,7 +27,7 @@ fn data(size: u32, views: usize, what: Disturbance) -> (Scene, Dataset) {
 }
 
 fn try_system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
-    let set = [&["batch_rays=1024", "batch_samples=16384", "steps=400"], set].concat();
+    let set = [&["batch_rays=1024", "batch_samples=16384"], set].concat();
     let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
     Ok(build(name, scene, train, &run)?.0)
@@ -114,7 +114,8 @@ fn what_stands_in_one_photo_is_left_out() {
         }
     }
     println!("{hidden} of {bars} pixels of bars left out, {lost} of {rest} others");
-    assert!(2 * hidden > bars && 10 * lost < rest, "{hidden} of {bars}, {lost} of {rest}");
+    // What is hard to learn goes with the strangers in so short a training.
+    assert!(10 * hidden > 9 * bars && 10 * lost < 3 * rest, "{hidden} of {bars}, {lost} of {rest}");
 }
 
 #[test]
