@@ -31,7 +31,7 @@ pub struct Batch {
     pub rgb: Vec<[f32; 3]>,
     /// Opacity of the pixel, 1 for images without alpha.
     pub alpha: Vec<f32>,
-    /// The area of the pixel ([`View::pixel_area`]), 1 unless images are trained on at several scales; 0 for a ray that must
+    /// The area of the pixel ([`View::pixel_area`](super::View::pixel_area)), 1 unless images are trained on at several scales; 0 for a ray that must
     /// not count: ignored by a mask, or without a ray through the lens.
     pub weight: Vec<f32>,
     /// View of the dataset.

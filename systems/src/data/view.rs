@@ -5,10 +5,10 @@ use render_core::camera::{Camera, Prepared, RayTable};
 use render_core::ray::Ray;
 use std::sync::Arc;
 
-/// One view of a [`Dataset`].
+/// One view of a [`Dataset`](super::Dataset).
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Index into [`Scene::frames`].
+    /// Index into [`Scene::frames`](scene_io::Scene::frames).
     pub frame: usize,
     /// Name of the frame.
     pub name: String,

@@ -1,6 +1,6 @@
 //! Systems for photographs from the wild: strangers in the picture, changing light.
 //!
-//! Each file is a [`Method`] that reads like its paper: what it adds to a radiance field, and its loss. All of them train
+//! Each file is a [`Method`](crate::method::Method) that reads like its paper: what it adds to a radiance field, and its loss. All of them train
 //! the fast field (`--field ngp`) or the published networks (`--field mlp`).
 //!
 //! | name | light of a photo | strangers |
