@@ -1,0 +1,134 @@
+//! Methods on the fast field: the same bits with any number of threads and after a resume, light that changes colours only, and
+//! photos that say little.
+
+use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::{Disturbance, ImageSource, ImageStore, Scene, Split, StoreOptions, perturb};
+use std::ops::Range;
+use std::sync::Arc;
+use systems::data::Dataset;
+use systems::options::{Background, RunOptions, parse_set};
+use systems::render::{plain_query, render};
+use systems::system::{Appearance, Query, System, SystemError, TensorMap};
+use systems::wild::build;
+
+/// Settings with which a survey comes after two steps, and what each method needs to be small.
+const SMALL: [&str; 4] = ["batch_rays=512", "batch_samples=8192", "judge_every=2", "warmup_steps=2"];
+
+fn scene(views: usize) -> Scene {
+    let options =
+        TabletopOptions { width: 24, height: 24, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
+    perturb(tabletop(&options), Disturbance::Both, 3)
+}
+
+fn train_of(scene: &Scene) -> Dataset {
+    let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
+    Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
+}
+
+fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
+    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    Ok(build(name, scene, train, &run)?.0)
+}
+
+fn state_after(name: &str, set: &[&str], threads: usize, steps: Range<u64>, from: Option<&TensorMap>) -> TensorMap {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let scene = scene(8);
+        let train = train_of(&scene);
+        let mut system = system(name, &scene, &train, set).unwrap();
+        if let Some(state) = from {
+            system.load_state(state).unwrap();
+        }
+        for step in steps {
+            system.step(&train, step).unwrap();
+        }
+        system.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+    })
+}
+
+#[test]
+fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
+    for (name, set) in [
+        ("nerf-w", &[][..]),
+        ("nerf-u", &["mixture=proportional"]),
+        ("robust-nerf", &["judging=photos"]),
+        ("robust-nerf", &["judging=batch"]),
+        ("robust-nerf", &["kernel=gemanmcclure", "appearance=codes"]),
+        ("hugs", &["restart=on"]),
+        ("hugs", &["restart=anew"]),
+    ] {
+        let one = state_after(name, set, 1, 0..6, None);
+        for threads in [2, 4] {
+            assert!(state_after(name, set, threads, 0..6, None) == one, "{name} {set:?}: {threads} threads");
+        }
+        for at in [2, 3] {
+            let half = state_after(name, set, 2, 0..at, None);
+            assert!(state_after(name, set, 2, at..6, Some(&half)) == one, "{name} {set:?}: resumed at {at}");
+        }
+    }
+}
+
+#[test]
+fn light_changes_colours_and_nothing_else() {
+    let scene = scene(8);
+    let train = train_of(&scene);
+    let mut system = system("nerf-w", &scene, &train, &[]).unwrap();
+    for step in 0..60 {
+        system.step(&train, step).unwrap();
+    }
+    let camera = train.view(0).camera;
+    let shown = |appearance| {
+        let query = Query { appearance, ..plain_query([1.0; 3], 0.0) };
+        render(system.as_ref(), &camera, &query).layers
+    };
+    let [a, b] = [0, 1].map(|view| shown(Appearance::View(view)));
+    assert!(a.depth == b.depth && a.opacity == b.opacity && a.median_depth == b.median_depth);
+    assert!(a.rgb != b.rgb, "two photos in different light are the same");
+    let code: Arc<[f32]> = system.appearance_code(&Appearance::View(1)).unwrap().into();
+    assert!(shown(Appearance::Code(code)).rgb == b.rgb);
+}
+
+#[test]
+fn photos_that_say_little_are_trained_on_all_the_same() {
+    let black = |mut scene: Scene| {
+        for frame in &mut scene.frames {
+            if let ImageSource::Memory(image) = &mut frame.image {
+                let mut dark = (**image).clone();
+                dark.data.fill(0);
+                *image = Arc::new(dark);
+            }
+        }
+        scene
+    };
+    let mut identical = scene(4);
+    let first = identical.frames[0].clone();
+    for frame in &mut identical.frames {
+        (frame.image, frame.camera, frame.perturbation) =
+            (first.image.clone(), first.camera, first.perturbation.clone());
+    }
+    for (what, scene, set) in [
+        ("one photo", scene(1), &[][..]),
+        ("black photos", black(scene(4)), &[]),
+        ("identical photos", identical, &["accept_no_parallax=true"]),
+    ] {
+        let train = train_of(&scene);
+        for name in ["auto", "nerf-w", "robust-nerf", "hugs", "ha-nerf", "sf-nerf"] {
+            let mut system = match system(name, &scene, &train, set) {
+                Ok(system) => system,
+                // Said in one line, before anything is trained.
+                Err(e) => {
+                    assert!(!e.to_string().contains('\n') && !e.to_string().is_empty(), "{what}, {name}: {e}");
+                    continue;
+                }
+            };
+            for step in 0..4 {
+                let stats = system.step(&train, step).unwrap();
+                assert!(stats.loss.is_finite() && stats.nonfinite == 0, "{what}, {name}: {stats:?}");
+            }
+            if let Some(mask) = system.visibility(&train, 0).unwrap() {
+                assert!(mask.iter().all(|&v| v == 0.0 || v == 1.0), "{what}, {name}");
+            }
+        }
+    }
+}
