@@ -14,7 +14,7 @@
 //! A field without a method does none of this and pays for none of it.
 
 use crate::data::{Batch, Dataset, Patches};
-use crate::system::{SystemError, Tensor, TensorMap};
+use crate::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
 
 /// A code for each training view, `[views][dims]`.
@@ -34,6 +34,16 @@ impl<'a> Codes<'a> {
     #[must_use]
     pub fn of(self, view: usize) -> &'a [f32] {
         &self.rows[view * self.dims..][..self.dims]
+    }
+
+    /// The code of an appearance.
+    #[must_use]
+    pub fn code_of(self, appearance: &Appearance) -> Vec<f32> {
+        match appearance {
+            Appearance::Mean => self.mean(),
+            Appearance::View(view) => self.of(*view).to_vec(),
+            Appearance::Code(code) => code.to_vec(),
+        }
     }
 
     /// Number of codes.

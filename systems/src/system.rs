@@ -4,6 +4,7 @@
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
 use crate::data::Dataset;
+use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
 use render_core::ray::Ray;
 use std::borrow::Cow;
@@ -372,6 +373,25 @@ pub fn take_u64(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>,
         Some(TensorData::U64(data)) if data.len() == len => Ok(data.to_vec()),
         found => Err(refused(name, "64-bit integers", len, found)),
     }
+}
+
+/// The moments of a part, to a checkpoint.
+pub fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
+    out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
+    out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
+    out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
+}
+
+/// What [`push_adam`] wrote, for a part like `old`.
+///
+/// # Errors
+/// [`SystemError::State`] for arrays that are missing or do not fit `old`.
+pub fn take_adam(state: &TensorMap, name: &str, old: &Adam) -> Result<Adam, SystemError> {
+    let m = take_f32(state, &format!("adam.{name}.m"), old.len())?;
+    let v = take_f32(state, &format!("adam.{name}.v"), old.len())?;
+    let steps = take_u64(state, &format!("adam.{name}.steps"), 1)?[0];
+    Adam::restore(old.config(), m, v, steps)
+        .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
 }
 
 fn refused(name: &str, kind: &str, len: usize, found: Option<&TensorData<'_>>) -> SystemError {

@@ -3,7 +3,7 @@
 
 use crate::data::Batch;
 use crate::method::Codes;
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
 use field_core::init::Init;
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -76,20 +76,4 @@ impl CodeTable {
         self.rows = rows;
         Ok(())
     }
-}
-
-/// The moments of a part.
-pub(super) fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
-    out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
-    out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
-    out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
-}
-
-/// What [`push_adam`] wrote, for a part like `old`.
-pub(super) fn take_adam(state: &TensorMap, name: &str, old: &Adam) -> Result<Adam, SystemError> {
-    let m = take_f32(state, &format!("adam.{name}.m"), old.len())?;
-    let v = take_f32(state, &format!("adam.{name}.v"), old.len())?;
-    let steps = take_u64(state, &format!("adam.{name}.steps"), 1)?[0];
-    Adam::restore(old.config(), m, v, steps)
-        .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
 }

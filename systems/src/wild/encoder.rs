@@ -1,10 +1,9 @@
 //! The encoder that makes a code of a photo: thumbnails, codes, and what it learns from their gradients.
 
-use super::codes::{push_adam, take_adam};
 use super::config::WildConfig;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Outcome};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
 use field_core::conv::{Encoder, EncoderConfig, Size, Workspace};
 use field_core::rng::Rng;
 use float_core::Simd;

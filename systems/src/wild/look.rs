@@ -11,7 +11,8 @@ use crate::data::Dataset;
 use crate::method::{Pixel, ViewSeen};
 use crate::options::RunOptions;
 use crate::plan::Ground;
-use crate::static_scene::ngp::{NgpConfig, show};
+use crate::static_scene::ngp::NgpConfig;
+use crate::static_scene::survey::Surveys;
 use crate::system::{System, SystemError};
 
 /// Steps of the short training.
@@ -48,7 +49,7 @@ pub(super) fn needs(
     let mut gains = Vec::with_capacity(data.len());
     let (mut strange, mut squares) = (0, 0);
     for view in 0..data.len() {
-        let shown = show(&field, data, view, stride)?;
+        let shown = field.show(data, view, stride)?;
         let seen = shown.seen(view);
         let gain = gain(&seen);
         let (found, of) = strangers(&seen, gain);

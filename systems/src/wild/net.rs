@@ -1,7 +1,6 @@
 //! A small network over the pixels of a batch, with its moments: what image-space parts are made of.
 
-use super::codes::{push_adam, take_adam};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
 use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;

@@ -34,14 +34,13 @@ mod step;
 mod survey;
 mod tile;
 
-pub(crate) use survey::show;
-
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
+use crate::static_scene::survey::Surveys;
 use crate::system::{
     Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
 };
@@ -266,12 +265,7 @@ impl System for Ngp {
     }
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
-        let codes = self.method.as_ref()?.appearance()?;
-        Some(match appearance {
-            Appearance::Mean => codes.mean(),
-            Appearance::View(view) => codes.of(*view).to_vec(),
-            Appearance::Code(code) => code.to_vec(),
-        })
+        Some(self.method.as_ref()?.appearance()?.code_of(appearance))
     }
 
     fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
@@ -283,7 +277,7 @@ impl System for Ngp {
     }
 
     fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
-        survey::visibility(self, data, view)
+        self.visibility_of(data, view)
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {

@@ -3,7 +3,7 @@
 use super::Ngp;
 use super::occupy::Occupy;
 use super::proposal::ProposalField;
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32, take_u64, u64_tensor};
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
 
@@ -47,12 +47,6 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
     out
 }
 
-fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
-    out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
-    out.push(f32_tensor(format!("adam.{name}.v"), adam.second_moment()));
-    out.push(u64_tensor(format!("adam.{name}.steps"), vec![adam.steps()]));
-}
-
 /// Parameters and moments of a proposal.
 struct ProposalState {
     grid: Vec<f32>,
@@ -70,13 +64,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
     let stretch = take_f32(tensors, "step.stretch", 1)?[0];
     let counters = take_u64(tensors, "counters", 5)?;
-    let adam = |name: String, old: &Adam| {
-        let m = take_f32(tensors, &format!("adam.{name}.m"), old.len())?;
-        let v = take_f32(tensors, &format!("adam.{name}.v"), old.len())?;
-        let steps = take_u64(tensors, &format!("adam.{name}.steps"), 1)?[0];
-        Adam::restore(old.config(), m, v, steps)
-            .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
-    };
+    let adam = |name: String, old: &Adam| take_adam(tensors, &name, old);
     let grid_adam: Vec<Adam> =
         ngp.grid.adam.iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
     let density_adam = adam("density".into(), &ngp.density_adam)?;

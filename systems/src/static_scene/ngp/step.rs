@@ -7,7 +7,7 @@ use super::proposal::Proposals;
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
 use crate::method::{Drawing, Outcome};
-use crate::options::Background;
+use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use rayon::prelude::*;
@@ -118,10 +118,7 @@ impl Ngp {
         work.background.resize(n, [0.0; 3]);
         let rng = Rng::new(self.seed, BACKGROUND).substream(step);
         for (i, b) in work.background.iter_mut().enumerate() {
-            *b = match self.background {
-                Background::Random => [0, 1, 2].map(|c| rng.uniform_at(3 * i as u64 + c)),
-                fixed => fixed.colour(),
-            };
+            *b = self.background.of_ray(&rng, i as u64);
         }
         truth_on(&work.batch, &work.background, &mut work.truth);
     }

@@ -29,6 +29,7 @@ use crate::data::Dataset;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::Space;
+use crate::static_scene::survey::Surveys;
 use crate::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use field_core::tape::TapeError;
@@ -198,12 +199,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
-        let codes = self.method.as_ref()?.appearance()?;
-        Some(match appearance {
-            Appearance::Mean => codes.mean(),
-            Appearance::View(view) => codes.of(*view).to_vec(),
-            Appearance::Code(code) => code.to_vec(),
-        })
+        Some(self.method.as_ref()?.appearance()?.code_of(appearance))
     }
 
     fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
@@ -215,8 +211,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
-        let Some(method) = &self.method else { return Ok(None) };
-        Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
+        self.visibility_of(data, view)
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {

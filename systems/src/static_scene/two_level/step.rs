@@ -10,6 +10,7 @@ use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
 use crate::space::InternalRay;
 use crate::static_scene::cones::{TILE, Which, crossing};
+use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};

@@ -1,0 +1,72 @@
+//! Surveys: all training views as a field renders them, for its method to judge the photos by. Written once for all fields.
+
+use crate::data::Dataset;
+use crate::method::{Method, Pixel, ViewSeen};
+use crate::system::SystemError;
+
+/// A training view, rendered in its own light with all that stood in it.
+pub(crate) struct Shown {
+    pub(super) size: [usize; 2],
+    pub(super) stride: u32,
+    pub(super) pixels: Vec<Pixel>,
+    pub(super) truth: Vec<[f32; 3]>,
+    pub(super) alpha: Vec<f32>,
+}
+
+impl Shown {
+    pub(crate) fn seen(&self, view: usize) -> ViewSeen<'_> {
+        let (size, stride) = (self.size, self.stride as usize);
+        ViewSeen { view, size, stride, pixels: &self.pixels, truth: &self.truth, alpha: &self.alpha }
+    }
+}
+
+/// A field whose method may see the training views.
+pub(crate) trait Surveys {
+    fn method(&self) -> Option<&dyn Method>;
+
+    fn method_mut(&mut self) -> Option<&mut Box<dyn Method>>;
+
+    /// Render a training view, one ray for each square of `stride` pixels a side; nothing of it is random.
+    fn show(&self, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError>;
+
+    /// A new field for the same method, of other numbers than the first: the same would repeat its mistakes.
+    fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError>;
+
+    /// What happens before step `step`: the method looks at all training views, or the field begins anew. Returns the step as
+    /// the field's schedules count it.
+    fn between_steps(&mut self, data: &Dataset, step: u64) -> Result<u64, SystemError> {
+        let Some(method) = self.method() else { return Ok(step) };
+        let anew = method.begins_anew();
+        if let Some(stride) = method.survey(step) {
+            self.survey(data, stride)?;
+        }
+        if anew == Some(step) {
+            self.begin_anew(data)?;
+        }
+        Ok(match anew {
+            Some(first) if step >= first => step - first,
+            _ => step,
+        })
+    }
+
+    /// Show the method every training view.
+    fn survey(&mut self, data: &Dataset, stride: u32) -> Result<(), SystemError> {
+        for view in 0..data.len() {
+            // What the field renders does not depend on what the method learns here.
+            let shown = self.show(data, view, stride)?;
+            if let Some(method) = self.method_mut() {
+                method.look(data, &shown.seen(view))?;
+            }
+        }
+        if let Some(method) = self.method_mut() {
+            method.surveyed();
+        }
+        Ok(())
+    }
+
+    /// See [`crate::system::System::visibility`].
+    fn visibility_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        let Some(method) = self.method() else { return Ok(None) };
+        Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
+    }
+}
