@@ -145,6 +145,8 @@ pub struct ViewSeen<'a> {
     pub truth: &'a [[f32; 3]],
     /// Its opacity.
     pub alpha: &'a [f32],
+    /// Where each pixel's ray ends in the field's own unit cube; NaN for one that ends nowhere.
+    pub place: &'a [[f32; 3]],
 }
 
 /// What a method adds to a field.
@@ -167,11 +169,11 @@ pub trait Method: Send + Sync {
         Drawing::Pixels
     }
 
-    /// The batch of a step is drawn.
+    /// The batch of a step is drawn. Pixels given weight 0 here are not rendered and cost nothing.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a photo cannot be read.
-    fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         let _ = (data, batch, step);
         Ok(())
     }

@@ -12,7 +12,7 @@ use systems::system::{Appearance, Query, System, SystemError, TensorMap};
 use systems::wild::build;
 
 /// Settings with which a survey comes after two steps, and what each method needs to be small.
-const SMALL: [&str; 4] = ["batch_rays=512", "batch_samples=8192", "judge_every=2", "warmup_steps=2"];
+const SMALL: [&str; 4] = ["batch_rays=512", "batch_samples=8192", "judge_first=2", "warmup_steps=2"];
 
 fn scene(views: usize) -> Scene {
     let options =

@@ -24,7 +24,7 @@ mod residual;
 pub mod superpixels;
 mod vote;
 
-pub use morphology::{ERODE_SIDE, GAP_SIDE, SMOOTH_SIDE, erode, fill_gaps, smooth};
+pub use morphology::{ERODE_SIDE, GAP_SIDE, SMOOTH_SIDE, close, erode, fill_gaps, grow, smooth};
 pub use residual::{MEAN_SLACK, combine, residual_masks};
 pub use vote::{Segments, VoteScratch, vote};
 

@@ -2,6 +2,7 @@
 
 use super::Extent;
 use crate::LossError;
+use alloc::vec;
 use alloc::vec::Vec;
 
 /// Window of [`smooth`].
@@ -67,6 +68,57 @@ pub fn erode(
     let columns = columns(extent, half, nearest, scratch);
     for (i, out) in out.iter_mut().enumerate() {
         *out = u8::from(columns(i) == area);
+    }
+    Ok(())
+}
+
+/// What is not static, closed: gaps of it narrower than `side` are taken for part of it. What lies beyond the edge doesn't count.
+///
+/// # Shapes and units
+/// As [`erode`].
+///
+/// # Errors
+/// As [`erode`].
+pub fn close(
+    extent: Extent,
+    side: usize,
+    mask: &[u8],
+    scratch: &mut Vec<u32>,
+    out: &mut [u8],
+) -> Result<(), LossError> {
+    let mut wide = vec![0; mask.len()];
+    erode(extent, side, mask, scratch, &mut wide)?;
+    wide.iter_mut().for_each(|m| *m = u8::from(*m == 0));
+    erode(extent, side, &wide, scratch, out)?;
+    out.iter_mut().for_each(|m| *m = u8::from(*m == 0));
+    Ok(())
+}
+
+/// What hangs together with what is not static, by side or corner, and errs by more than `threshold`, is not static either:
+/// the weaker of two thresholds counts only beside the stronger one (hysteresis).
+///
+/// # Shapes and units
+/// * `r` `[height][width]` errors, any unit; NaN is never grown into
+/// * `mask` in and out
+///
+/// # Errors
+/// [`LossError::Shape`] where lengths disagree.
+pub fn grow(extent: Extent, r: &[f32], threshold: f32, mask: &mut [u8]) -> Result<(), LossError> {
+    extent.check("r", r.len())?;
+    extent.check("mask", mask.len())?;
+    let Extent { width, height } = extent;
+    let mut open: Vec<usize> = (0..mask.len()).filter(|&i| mask[i] == 0).collect();
+    while let Some(i) = open.pop() {
+        let (x, y) = (i % width, i / width);
+        for y in y.saturating_sub(1)..(y + 2).min(height) {
+            for x in x.saturating_sub(1)..(x + 2).min(width) {
+                let at = y * width + x;
+                if mask[at] != 0 && r[at] > threshold {
+                    mask[at] = 0;
+                    open.push(at);
+                }
+            }
+        }
     }
     Ok(())
 }

@@ -11,12 +11,21 @@ pub(crate) struct Shown {
     pub(super) pixels: Vec<Pixel>,
     pub(super) truth: Vec<[f32; 3]>,
     pub(super) alpha: Vec<f32>,
+    pub(super) place: Vec<[f32; 3]>,
 }
 
 impl Shown {
     pub(crate) fn seen(&self, view: usize) -> ViewSeen<'_> {
         let (size, stride) = (self.size, self.stride as usize);
-        ViewSeen { view, size, stride, pixels: &self.pixels, truth: &self.truth, alpha: &self.alpha }
+        ViewSeen {
+            view,
+            size,
+            stride,
+            pixels: &self.pixels,
+            truth: &self.truth,
+            alpha: &self.alpha,
+            place: &self.place,
+        }
     }
 }
 

@@ -48,13 +48,13 @@ pub enum OccluderKind {
     Masks,
 }
 
-/// Loss of a ray by its own residual, or by that of its neighbours.
+/// What the residual of a ray costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KernelKind {
-    /// Trimmed, diffused, voted on by patches.
+    /// Its square.
     #[default]
-    Trimmed,
+    Squared,
     /// Length of the residual.
     L1,
     /// Square near 0, length further out.
@@ -102,7 +102,7 @@ pub enum Restart {
     Anew,
 }
 
-/// What a trimmed loss is judged by.
+/// How rays are told to be strangers, and left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Judging {
@@ -111,6 +111,8 @@ pub enum Judging {
     Photos,
     /// Every batch, of patches, before it is learnt from: as published.
     Batch,
+    /// They are not.
+    Never,
 }
 
 /// Settings of a method.
@@ -144,23 +146,25 @@ pub struct WildConfig {
     /// Encoder: lattices of a batch at least.
     pub lattices: usize,
 
-    /// Robust: `trimmed`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
+    /// Robust: `squared`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
     pub kernel: KernelKind,
-    /// Scale of the other kernels, colour units.
+    /// Scale of the kernels from `charbonnier` on, colour units.
     pub kernel_scale: f32,
-    /// Trimmed: `photos` or `batch`.
+    /// Robust: who leaves strangers out, `photos`, `batch` or `never`.
     pub judging: Judging,
-    /// Trimmed, by photos: steps before the first judgement, and between two of them.
-    pub judge_every: u64,
-    /// Trimmed: share of the rays that a residual is compared with.
+    /// Robust, by photos: steps before the first judgement; the others follow after twice as many, and so on.
+    pub judge_first: u64,
+    /// Robust, by photos: a stranger's residual is so many times that of most photos at the same place.
+    pub judge_scale: f32,
+    /// Robust: share of the rays (by photos: at the same place) that a residual is compared with.
     pub trim_quantile: f32,
-    /// Trimmed: that residual times this is the largest of an inlier.
+    /// Robust, by batch: that residual times this is the largest of an inlier.
     pub trim_scale: f32,
-    /// Trimmed: share of inliers around a ray that makes it one.
+    /// Robust: share of inliers around a ray that makes it one.
     pub trim_diffuse: f32,
-    /// Trimmed: share of inliers in a patch that makes its inner block so.
+    /// Robust: share of inliers in a patch that makes its inner block so.
     pub trim_vote: f32,
-    /// Trimmed: pixels along a side of a patch, and of its inner block.
+    /// Robust: pixels (by photos: squares) along a side of a patch, and of its inner block.
     pub patch: usize,
     /// See `patch`.
     pub patch_inner: usize,
@@ -247,10 +251,11 @@ impl WildConfig {
             encoder_lr: if mlp { 1.0 } else { 0.1 },
             lattice: if mlp { 32 } else { 16 },
             lattices: if mlp { 1 } else { 8 },
-            kernel: KernelKind::Trimmed,
-            kernel_scale: 0.1,
+            kernel: if mlp { KernelKind::Squared } else { KernelKind::Charbonnier },
+            kernel_scale: 0.05,
             judging: if mlp { Judging::Batch } else { Judging::Photos },
-            judge_every: 500,
+            judge_first: if mlp { 1000 } else { 50 },
+            judge_scale: 4.0,
             trim_quantile: 0.5,
             trim_scale: if mlp { 1.0 } else { 2.0 },
             trim_diffuse: 0.5,
@@ -293,7 +298,7 @@ impl WildConfig {
     /// Whether batches are made of patches.
     #[must_use]
     pub fn draws_patches(&self) -> bool {
-        (self.occluders == OccluderKind::Robust && self.kernel == KernelKind::Trimmed && self.judging == Judging::Batch)
+        (self.occluders == OccluderKind::Robust && self.judging == Judging::Batch)
             || self.appearance == AppearanceKind::Encoder
     }
 
@@ -325,6 +330,7 @@ impl WildConfig {
             ("kernel_scale", self.kernel_scale),
             ("code_lr", self.code_lr),
             ("trim_scale", self.trim_scale),
+            ("judge_scale", self.judge_scale),
             ("encoder_lr", self.encoder_lr),
             ("visibility_lr", self.visibility_lr),
             ("visibility_code_lr", self.visibility_code_lr),
@@ -352,7 +358,7 @@ impl WildConfig {
         if !(1..=65535).contains(&self.superpixels) {
             return refuse("superpixels", self.superpixels.to_string(), "must be in 1..=65535");
         }
-        for (field, value) in [("judge_every", self.judge_every), ("warmup_steps", self.warmup_steps)] {
+        for (field, value) in [("judge_first", self.judge_first), ("warmup_steps", self.warmup_steps)] {
             if value == 0 {
                 return refuse(field, value.to_string(), "must be at least 1");
             }

@@ -58,7 +58,7 @@ impl Method for HaNerf {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         if let Some(visibility) = &mut self.visibility {
             visibility.begin(batch, step);
         }

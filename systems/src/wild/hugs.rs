@@ -42,8 +42,6 @@ pub(super) struct Hugs {
     restart: Restart,
     /// Pixels of a photo along a side of what is compared.
     stride: u32,
-    /// Weight of each pixel of the batch.
-    weights: Vec<f32>,
     scratch: Scratch,
 }
 
@@ -71,7 +69,6 @@ impl Hugs {
             maps: StaticMaps::default(),
             restart: config.restart,
             stride: super::survey_stride(data),
-            weights: Vec::new(),
             scratch: Scratch::default(),
         })
     }
@@ -131,17 +128,14 @@ impl Method for Hugs {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {
-        self.weights.clear();
-        if !self.maps.is_empty() {
-            self.maps.weigh(batch, &mut self.weights);
-        }
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+        self.maps.leave_out(batch);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
 
-    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
-        if let Some(&weight) = self.weights.get(i) {
-            return squared(pixel.rgb, truth, weight);
+    fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        if !self.maps.is_empty() {
+            return squared(pixel.rgb, truth, 1.0);
         }
         let kernel = self.charbonnier;
         let value = |c: usize| kernel.value(pixel.rgb[c], truth[c]);

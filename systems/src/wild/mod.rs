@@ -9,7 +9,7 @@
 //! | `nerf-a`, `nerf-u`, `nerf-w` | free codes, -, free codes | -, transient field, transient field |
 //! | `ha-nerf-a`, `ha-nerf-t`, `ha-nerf` | encoder, -, encoder | -, visibility map, visibility map |
 //! | `sf-nerf` | free codes | filter network in image space |
-//! | `robust-nerf` | - | trimmed loss |
+//! | `robust-nerf` | - | robust loss, and masks found again and again |
 //! | `hugs` | - | masks found after a short training |
 //! | `auto` | what the photos need | what the photos need |
 //!
@@ -19,6 +19,7 @@
 mod codes;
 mod config;
 mod encoder;
+mod expected;
 mod filter;
 mod ha_nerf;
 mod hugs;
@@ -26,6 +27,7 @@ mod light;
 mod look;
 mod nerf_w;
 mod net;
+mod photo_judge;
 mod plan;
 mod robust_nerf;
 mod sf_nerf;
@@ -49,7 +51,7 @@ fn squared(rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
 }
 
 /// Rays of a survey of all training photos, roughly: a second or two.
-const SURVEY_RAYS: u64 = 200_000;
+const SURVEY_RAYS: u64 = 300_000;
 
 /// Pixels of a photo along a side of what a survey compares.
 fn survey_stride(data: &Dataset) -> u32 {

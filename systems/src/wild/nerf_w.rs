@@ -69,7 +69,7 @@ impl Method for NerfW {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
 

@@ -1,6 +1,6 @@
 //! What do these photos need? The system built from its name, its parts and its field.
 
-use super::config::{AppearanceKind, FieldKind, Judging, OccluderKind, WildConfig};
+use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
 use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
 use super::light::Light;
@@ -89,10 +89,6 @@ pub fn build(
     let longest = data.views().iter().map(|v| v.camera.width.max(v.camera.height)).max().unwrap_or(0);
     if longest < SMALL_PHOTO {
         (wild.patch, wild.patch_inner) = (wild.patch / 2, wild.patch_inner / 2);
-    }
-    if ground.transparent {
-        // Around an object every patch shows some of it, and nothing behind.
-        wild.judging = Judging::Batch;
     }
     let wild: WildConfig = settings(&wild, &ours)?;
     wild.check()?;

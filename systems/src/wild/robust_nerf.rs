@@ -4,60 +4,51 @@
 //! section 4.
 //!
 //! Training by iteratively reweighted least squares: the loss of a ray is `w |C - Y|^2`, its weight found from residuals and
-//! held fixed while it is learnt from. With `kernel = "trimmed"` weights are 0 or 1: rays with a residual below a quantile of
-//! all are inliers, smoothed over neighbours, and patches that are mostly inliers count as a whole, as distractors hang
-//! together and fine texture does not. The other kernels weigh each ray by its own residual.
+//! held fixed while it is learnt from. Trimming makes weights 0 or 1: residuals below a threshold are inliers, smoothed over
+//! neighbours, and patches that are mostly inliers count as a whole, as distractors hang together and fine texture does not.
 //!
 //! * `judging = "batch"`, as published: batches are made of patches, each rendered before it is learnt from.
-//! * `judging = "photos"`: from time to time all photos are compared with what the field renders there, square by square, and
-//!   batches stay random pixels. The residual of a square is that of means over its neighbourhood: texture that is not learnt
-//!   yet errs both ways and averages out, a stranger does not. Why: `docs/decisions/0014-robust-nerf-by-photos.md`.
+//! * `judging = "photos"`: all photos are compared with what the field renders there, more and more seldom
+//!   ([`super::photo_judge`]), and batches stay random pixels. Why: `docs/decisions/0014-robust-nerf-by-photos.md`.
+//! * `judging = "never"`: each ray is weighed by its own residual alone.
+//!
+//! What is not left out costs what `kernel` says; squared as published.
 
 use super::config::{Judging, KernelKind, WildConfig};
 use super::light::Light;
-use super::static_maps::{StaticMap, StaticMaps};
+use super::photo_judge::{PhotoJudge, mask_of};
+use super::static_maps::StaticMaps;
 use super::{squared, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
-use losses::heuristics::{Extent, erode};
+use losses::heuristics::Extent;
 use losses::kernel::Kernel;
 use losses::trimmed::TrimmedMask;
 
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
-/// Squares along a side of the neighbourhood whose mean is judged.
-pub(super) const NEIGHBOURHOOD: usize = 3;
-/// Static squares beside a stranger are left out too: his outline does not follow the squares.
-const MARGIN: usize = 3;
-
 /// The method.
 pub(super) struct RobustNerf {
     light: Option<Light>,
-    kernel: Option<Kernel>,
+    kernel: Kernel,
     mask: TrimmedMask,
-    /// Threshold in units of the residual that `mask.quantile` of the rays do not exceed.
-    scale: f32,
     judging: Judging,
-    judge_every: u64,
-    stride: u32,
-    /// Residual below which a ray was an inlier when last judged.
+    /// By batch: the threshold in units of the residual that `mask.quantile` of the rays do not exceed.
+    scale: f32,
+    /// By batch: residual below which a ray was an inlier when last judged.
     threshold: f32,
+    /// By photos: steps before the first judgement, and its threshold in units of what is expected.
+    judge_first: u64,
+    judge_scale: f32,
+    stride: u32,
+    judge: PhotoJudge,
     maps: StaticMaps,
-    /// Residuals of the photos of a survey.
-    surveyed: Vec<Surveyed>,
-    /// Weight of each pixel of the batch.
+    /// By batch: weight of each pixel.
     weights: Vec<f32>,
     residuals: Vec<f32>,
     voters: Vec<f32>,
     scratch: Vec<f32>,
-}
-
-/// A photo of a survey.
-struct Surveyed {
-    size: [usize; 2],
-    stride: usize,
-    residuals: Vec<f32>,
 }
 
 /// `|C - Y|`.
@@ -65,45 +56,16 @@ fn residual(pixel: &Pixel, truth: [f32; 3]) -> f32 {
     (0..3).map(|c| (pixel.rgb[c] - truth[c]).powi(2)).sum::<f32>().sqrt()
 }
 
-/// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
-pub(super) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
-    let [width, height] = seen.size;
-    // Sums over all pixels above and to the left.
-    let mut sums = vec![[0.0_f64; 3]; (width + 1) * (height + 1)];
-    for y in 0..height {
-        let mut row = [0.0; 3];
-        for x in 0..width {
-            let (i, at) = (y * width + x, (y + 1) * (width + 1) + x + 1);
-            for c in 0..3 {
-                row[c] += f64::from(seen.pixels[i].rgb[c] - seen.truth[i][c]);
-                sums[at][c] = sums[at - width - 1][c] + row[c];
-            }
-        }
-    }
-    let reach = side / 2;
-    (0..width * height)
-        .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let (x0, x1) = (x.saturating_sub(reach), (x + reach + 1).min(width));
-            let (y0, y1) = (y.saturating_sub(reach), (y + reach + 1).min(height));
-            let at = |x: usize, y: usize, c: usize| sums[y * (width + 1) + x][c];
-            let count = ((x1 - x0) * (y1 - y0)) as f64;
-            let mean = |c| (at(x1, y1, c) - at(x0, y1, c) - at(x1, y0, c) + at(x0, y0, c)) / count;
-            (0..3).map(|c| mean(c).powi(2)).sum::<f64>().sqrt() as f32
-        })
-        .collect()
-}
-
 impl RobustNerf {
     pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset) -> Result<Self, SystemError> {
         let c = config.kernel_scale;
         let kernel = match config.kernel {
-            KernelKind::Trimmed => None,
-            KernelKind::L1 => Some(Kernel::L1),
-            KernelKind::Charbonnier => Some(Kernel::Charbonnier { c }),
-            KernelKind::Cauchy => Some(Kernel::Cauchy { c }),
-            KernelKind::GemanMcClure => Some(Kernel::GemanMcClure { c }),
-            KernelKind::Welsch => Some(Kernel::Welsch { c }),
+            KernelKind::Squared => Kernel::Squared,
+            KernelKind::L1 => Kernel::L1,
+            KernelKind::Charbonnier => Kernel::Charbonnier { c },
+            KernelKind::Cauchy => Kernel::Cauchy { c },
+            KernelKind::GemanMcClure => Kernel::GemanMcClure { c },
+            KernelKind::Welsch => Kernel::Welsch { c },
         };
         let mask = TrimmedMask {
             quantile: config.trim_quantile,
@@ -118,7 +80,7 @@ impl RobustNerf {
             value: String::new(),
             problem: e.to_string(),
         };
-        kernel.map_or(Ok(()), Kernel::check).map_err(bad)?;
+        kernel.check().map_err(bad)?;
         mask.check().map_err(bad)?;
         let smallest = data.views().iter().map(|v| v.camera.width.min(v.camera.height)).min().unwrap_or(u32::MAX);
         if config.draws_patches() && (smallest as usize) < config.patch {
@@ -132,38 +94,17 @@ impl RobustNerf {
             mask,
             scale: config.trim_scale,
             judging: config.judging,
-            judge_every: config.judge_every,
-            stride: survey_stride(data),
             threshold: f32::INFINITY,
+            judge_first: config.judge_first,
+            judge_scale: config.judge_scale,
+            stride: survey_stride(data),
+            judge: PhotoJudge::default(),
             maps: StaticMaps::default(),
-            surveyed: Vec::new(),
             weights,
             residuals,
             voters,
             scratch,
         })
-    }
-
-    fn trims(&self, judging: Judging) -> bool {
-        self.kernel.is_none() && self.judging == judging
-    }
-
-    /// The mask of a whole picture: whole patches; the last of a row or column reaches over what the one before it covers.
-    fn mask_of(&self, [width, height]: [usize; 2], residuals: &[f32]) -> Vec<u8> {
-        let side = self.mask.patch;
-        let mut out = vec![1; width * height];
-        let starts = |size: usize| (0..size.div_ceil(side)).map(move |k| (k * side).min(size.saturating_sub(side)));
-        let (mut scratch, mut weights, mut patch) = (Vec::new(), vec![0.0; side * side], vec![0.0; side * side]);
-        for y in starts(height) {
-            for x in starts(width) {
-                let at = |k: usize| (y + k / side).min(height - 1) * width + (x + k % side).min(width - 1);
-                patch.iter_mut().enumerate().for_each(|(k, e)| *e = residuals[at(k)]);
-                let fits = "a patch is whole, and the settings are checked before";
-                self.mask.weights(&patch, self.threshold, &mut scratch, &mut weights).expect(fits);
-                (0..side * side).for_each(|k| out[at(k)] = u8::from(weights[k] > 0.0));
-            }
-        }
-        out
     }
 }
 
@@ -177,22 +118,20 @@ impl Method for RobustNerf {
     }
 
     fn drawing(&self) -> Drawing {
-        if self.trims(Judging::Batch) {
+        if self.judging == Judging::Batch {
             Drawing::Patches(Patches { shape: Shape::Window, side: self.mask.patch as u32 }, LEAST_PATCHES)
         } else {
             self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
         }
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &Batch, _step: u64) -> Result<(), SystemError> {
-        if self.trims(Judging::Photos) {
-            self.maps.weigh(batch, &mut self.weights);
-        }
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+        self.maps.leave_out(batch);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
 
     fn looks_ahead(&self, _step: u64) -> bool {
-        self.trims(Judging::Batch)
+        self.judging == Judging::Batch
     }
 
     fn judge(&mut self, batch: &Batch, _step: u64, pixels: &[Pixel], truth: &[[f32; 3]]) {
@@ -209,36 +148,29 @@ impl Method for RobustNerf {
     }
 
     fn survey(&self, step: u64) -> Option<u32> {
-        (self.trims(Judging::Photos) && step > 0 && step.is_multiple_of(self.judge_every)).then_some(self.stride)
+        let times = step / self.judge_first;
+        let due = step.is_multiple_of(self.judge_first) && times.is_power_of_two();
+        (self.judging == Judging::Photos && due).then_some(self.stride)
     }
 
     fn look(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
-        let residuals = mean_residuals(seen, NEIGHBOURHOOD);
-        self.voters.extend(residuals.iter().zip(seen.alpha).filter(|(_, a)| **a > 0.0).map(|(e, _)| e));
-        self.surveyed.push(Surveyed { size: seen.size, stride: seen.stride, residuals });
+        self.judge.look(seen);
         Ok(())
     }
 
     fn surveyed(&mut self) {
-        self.threshold = self.scale * self.mask.threshold(&self.voters, &mut self.scratch);
-        self.voters.clear();
-        let photos = std::mem::take(&mut self.surveyed);
-        for (view, photo) in photos.iter().enumerate() {
-            let [width, height] = photo.size;
-            let mask = self.mask_of(photo.size, &photo.residuals);
-            let mut bits = vec![0; mask.len()];
-            let fits = "a mask for each square, and an odd margin";
-            erode(Extent { width, height }, MARGIN, &mask, &mut Vec::new(), &mut bits).expect(fits);
-            self.maps.set(photos.len(), view, StaticMap { width, stride: photo.stride, bits });
-        }
+        self.judge.judge(&self.mask, self.judge_scale, &mut self.maps);
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
-        let Some(kernel) = self.kernel else { return squared(pixel.rgb, truth, self.weights[i]) };
+        let weight = self.weights.get(i).copied().unwrap_or(1.0);
+        if self.kernel == Kernel::Squared {
+            return squared(pixel.rgb, truth, weight);
+        }
+        // The derivative of kernel(|C - Y|) is its weight times the error; a third, as the squared error is a mean over channels.
         let e = residual(pixel, truth);
-        let w = kernel.weight(e, 0.0);
-        // The derivative of kernel(|C - Y|): its weight times the error.
-        (kernel.value(e, 0.0), PixelBar::colour([0, 1, 2].map(|c| w * (pixel.rgb[c] - truth[c]))))
+        let w = weight * self.kernel.weight(e, 0.0) / 3.0;
+        (weight * self.kernel.value(e, 0.0) / 3.0, PixelBar::colour([0, 1, 2].map(|c| w * (pixel.rgb[c] - truth[c]))))
     }
 
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
@@ -251,14 +183,17 @@ impl Method for RobustNerf {
     }
 
     fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
-        if self.kernel.is_some() {
-            return None;
+        match self.judging {
+            Judging::Never => None,
+            Judging::Photos => self.maps.pixels(seen.view, seen.size),
+            Judging::Batch => {
+                let [width, height] = seen.size;
+                let of = |(pixel, &truth): (&Pixel, &[f32; 3])| residual(pixel, truth);
+                let residuals: Vec<f32> = seen.pixels.iter().zip(seen.truth).map(of).collect();
+                let mask = mask_of(&self.mask, self.threshold, Extent { width, height }, &residuals);
+                Some(mask.into_iter().map(f32::from).collect())
+            }
         }
-        let residuals = match self.judging {
-            Judging::Photos => mean_residuals(seen, NEIGHBOURHOOD * self.stride as usize / seen.stride),
-            Judging::Batch => seen.pixels.iter().zip(seen.truth).map(|(pixel, &t)| residual(pixel, t)).collect(),
-        };
-        Some(self.mask_of(seen.size, &residuals).into_iter().map(f32::from).collect())
     }
 
     fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {

@@ -290,7 +290,7 @@ impl Method for SfNerf {
         self.light.as_ref().map(Light::codes)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.cover(batch, step);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }

@@ -39,20 +39,14 @@ impl StaticMaps {
         self.0[view] = map;
     }
 
-    /// Weight of each pixel of a batch; 1 until maps are found.
-    pub(super) fn weigh(&self, batch: &Batch, weights: &mut Vec<f32>) {
-        weights.clear();
-        if self.is_empty() {
-            weights.resize(batch.len(), 1.0);
-            return;
+    /// Leave pixels that are not static out of a batch; none until maps are found.
+    pub(super) fn leave_out(&self, batch: &mut Batch) {
+        let Batch { weight, view, pixel, .. } = batch;
+        for ((weight, &view), &[x, y]) in weight.iter_mut().zip(&*view).zip(&*pixel) {
+            if self.0.get(view as usize).is_some_and(|map| map.at(x.into(), y.into()) == 0) {
+                *weight = 0.0;
+            }
         }
-        weights.extend(
-            batch
-                .view
-                .iter()
-                .zip(&batch.pixel)
-                .map(|(&view, &[x, y])| f32::from(self.0[view as usize].at(x.into(), y.into()))),
-        );
     }
 
     /// A view's map, one value a pixel.

@@ -34,19 +34,21 @@ impl Surveys for Ngp {
         truth_on(&inputs.batch, &inputs.background, &mut inputs.truth);
         let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
         let ctx = self.context(&plan, &inputs);
-        let tasks: Vec<Vec<Pixel>> = (0..n.div_ceil(TASK))
+        let tasks: Vec<(Vec<Pixel>, Vec<[f32; 3]>)> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(
                 || Chunk::new(&self.field),
                 |chunk, task| {
                     let pixels = task * TASK..((task + 1) * TASK).min(n);
                     chunk.sample(&ctx, pixels.clone());
-                    chunk.look_ahead(&ctx, pixels);
-                    chunk.seen.clone()
+                    let places = chunk.look_ahead(&ctx, pixels);
+                    (chunk.seen.clone(), places)
                 },
             )
             .collect();
-        Ok(Shown { size, stride, pixels: tasks.concat(), truth: inputs.truth, alpha: inputs.batch.alpha })
+        let (pixels, place): (Vec<_>, Vec<_>) = tasks.into_iter().unzip();
+        let (pixels, place) = (pixels.concat(), place.concat());
+        Ok(Shown { size, stride, pixels, truth: inputs.truth, alpha: inputs.batch.alpha, place })
     }
 
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {

@@ -45,6 +45,17 @@ pub(super) struct StaticRay<'a> {
     pub(super) trans_end: f32,
 }
 
+impl StaticRay<'_> {
+    /// The sample in which half of what a ray meets lies; `None` for a ray that meets little.
+    pub(super) fn middle(&self) -> Option<usize> {
+        let mut sum = 0.0;
+        self.w.iter().position(|w| {
+            sum += w;
+            sum >= 0.5
+        })
+    }
+}
+
 /// Where a tile's gradients go.
 pub(super) struct Gradients<'a> {
     /// `[levels * features][n]` of the chunk.

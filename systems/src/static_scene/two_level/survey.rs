@@ -34,7 +34,14 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
                 chunk.seen.clone()
             })
             .collect();
-        Ok(Shown { size, stride, pixels: tasks.concat(), truth: inputs.truth, alpha: inputs.batch.alpha })
+        Ok(Shown {
+            size,
+            stride,
+            pixels: tasks.concat(),
+            truth: inputs.truth,
+            alpha: inputs.batch.alpha,
+            place: vec![[f32::NAN; 3]; n],
+        })
     }
 
     fn begin_anew(&mut self, _data: &Dataset) -> Result<(), SystemError> {

@@ -1,0 +1,119 @@
+//! Strangers in photos, found by comparing all photos with what the field renders there.
+//!
+//! The residual of a square is that of means over its neighbourhood: texture that is not learnt yet errs both ways and averages
+//! out, a stranger does not. It is measured by what is expected at the place its ray ends ([`Expected`]): gloss and thin things
+//! err in all photos that show them. What exceeds a threshold, after the diffusion and the vote of RobustNeRF, is a stranger
+//! for certain; what hangs together with him and errs by less is part of him, or of his shadow.
+
+use super::expected::Expected;
+use super::static_maps::{StaticMap, StaticMaps};
+use crate::method::ViewSeen;
+use losses::heuristics::{Extent, close, grow};
+use losses::trimmed::TrimmedMask;
+
+/// Squares along a side of the neighbourhood whose mean is judged.
+pub(super) const NEIGHBOURHOOD: usize = 3;
+/// What hangs together with a stranger belongs to him from this share of the threshold on.
+const WEAK: f32 = 0.4;
+/// Gaps in a stranger up to so many squares are part of him.
+const GAP: usize = 5;
+
+/// Residuals of the photos of a survey.
+#[derive(Default)]
+pub(super) struct PhotoJudge {
+    expected: Expected,
+    photos: Vec<Photo>,
+}
+
+/// A photo of a survey.
+struct Photo {
+    extent: Extent,
+    stride: usize,
+    residuals: Vec<f32>,
+    place: Vec<[f32; 3]>,
+}
+
+/// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
+pub(super) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
+    let [width, height] = seen.size;
+    // Sums over all pixels above and to the left.
+    let mut sums = vec![[0.0_f64; 3]; (width + 1) * (height + 1)];
+    for y in 0..height {
+        let mut row = [0.0; 3];
+        for x in 0..width {
+            let (i, at) = (y * width + x, (y + 1) * (width + 1) + x + 1);
+            for c in 0..3 {
+                row[c] += f64::from(seen.pixels[i].rgb[c] - seen.truth[i][c]);
+                sums[at][c] = sums[at - width - 1][c] + row[c];
+            }
+        }
+    }
+    let reach = side / 2;
+    (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let (x0, x1) = (x.saturating_sub(reach), (x + reach + 1).min(width));
+            let (y0, y1) = (y.saturating_sub(reach), (y + reach + 1).min(height));
+            let at = |x: usize, y: usize, c: usize| sums[y * (width + 1) + x][c];
+            let count = ((x1 - x0) * (y1 - y0)) as f64;
+            let mean = |c| (at(x1, y1, c) - at(x0, y1, c) - at(x1, y0, c) + at(x0, y0, c)) / count;
+            (0..3).map(|c| mean(c).powi(2)).sum::<f64>().sqrt() as f32
+        })
+        .collect()
+}
+
+impl PhotoJudge {
+    /// Take a photo; they come in the order of the views.
+    pub(super) fn look(&mut self, seen: &ViewSeen<'_>) {
+        let residuals = mean_residuals(seen, NEIGHBOURHOOD);
+        self.expected.add(seen, &residuals);
+        let [width, height] = seen.size;
+        let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
+        self.photos.push(Photo { extent, stride, residuals, place });
+    }
+
+    /// Residuals of each photo of the survey in units of what is expected there, `[photos][squares]`; forgets the photos.
+    pub(super) fn relative(&mut self, quantile: f32) -> Vec<(Extent, usize, Vec<f32>)> {
+        self.expected.settle(quantile);
+        let expected = &self.expected;
+        self.photos
+            .drain(..)
+            .map(|Photo { extent, stride, mut residuals, place }| {
+                residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
+                (extent, stride, residuals)
+            })
+            .collect()
+    }
+
+    /// Masks of all photos of the survey; `threshold` in units of what is expected.
+    pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32, maps: &mut StaticMaps) {
+        let photos = self.relative(rule.quantile);
+        let count = photos.len();
+        for (view, (extent, stride, residuals)) in photos.into_iter().enumerate() {
+            let mut mask = mask_of(rule, threshold, extent, &residuals);
+            let mut bits = vec![0; mask.len()];
+            let fits = "one residual and one mask for each square, and an odd window";
+            grow(extent, &residuals, WEAK * threshold, &mut mask).expect(fits);
+            close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
+            maps.set(count, view, StaticMap { width: extent.width, stride, bits });
+        }
+    }
+}
+
+/// The mask of a whole picture: whole patches; the last of a row or column reaches over what the one before it covers.
+pub(super) fn mask_of(rule: &TrimmedMask, threshold: f32, extent: Extent, residuals: &[f32]) -> Vec<u8> {
+    let (Extent { width, height }, side) = (extent, rule.patch);
+    let mut out = vec![1; width * height];
+    let starts = |size: usize| (0..size.div_ceil(side)).map(move |k| (k * side).min(size.saturating_sub(side)));
+    let (mut scratch, mut weights, mut patch) = (Vec::new(), vec![0.0; side * side], vec![0.0; side * side]);
+    for y in starts(height) {
+        for x in starts(width) {
+            let at = |k: usize| (y + k / side).min(height - 1) * width + (x + k % side).min(width - 1);
+            patch.iter_mut().enumerate().for_each(|(k, e)| *e = residuals[at(k)]);
+            let fits = "a patch is whole, and the settings are checked before";
+            rule.weights(&patch, threshold, &mut scratch, &mut weights).expect(fits);
+            (0..side * side).for_each(|k| out[at(k)] = u8::from(weights[k] > 0.0));
+        }
+    }
+    out
+}
