@@ -3,7 +3,8 @@
 use losses::LossError;
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::{
-    Extent, Scratch, Segments, StaticMask, VoteScratch, combine, erode, fill_gaps, residual_masks, smooth, vote,
+    Extent, Scratch, Segments, StaticMask, VoteScratch, close, combine, erode, fill_gaps, grow, residual_masks, smooth,
+    vote,
 };
 use proptest::prelude::*;
 
@@ -129,6 +130,43 @@ proptest! {
         prop_assert!(within(&out, &mask), "erosion added something");
         fill_gaps(extent, &mask, &mut scratch, &mut out).unwrap();
         prop_assert_eq!(&out, &naive::smooth(extent, 5, &mask));
+    }
+
+    #[test]
+    fn gaps_are_closed_by_their_definition((extent, mask, _) in any_case(), half in 0_usize..4) {
+        let (mut out, inverse) = (vec![9; mask.len()], |m: &[u8]| m.iter().map(|&m| u8::from(m == 0)).collect::<Vec<_>>());
+        close(extent, 2 * half + 1, &mask, &mut vec![], &mut out).unwrap();
+        let wide = naive::erode(extent, 2 * half + 1, &mask);
+        prop_assert_eq!(&out, &inverse(&naive::erode(extent, 2 * half + 1, &inverse(&wide))));
+        prop_assert!(within(&out, &mask), "closing made something static");
+        let mut twice = vec![9; mask.len()];
+        close(extent, 2 * half + 1, &out, &mut vec![], &mut twice).unwrap();
+        prop_assert_eq!(&out, &twice);
+    }
+
+    #[test]
+    fn what_hangs_together_is_left_out_together(
+        (extent, mask, _) in any_case(),
+        seed in prop::collection::vec(prop_oneof![4 => 0.0_f32..1.0, 1 => Just(f32::NAN)], 144),
+    ) {
+        let n = extent.pixels();
+        let (r, mut got) = (&seed[..n], mask.clone());
+        grow(extent, r, 0.5, &mut got).unwrap();
+        // The pieces of what errs or is left out that hold something left out; what is left out stays so.
+        let marked: Vec<bool> = (0..n).map(|i| mask[i] == 0 || r[i] > 0.5).collect();
+        for piece in naive::components(extent, &marked) {
+            let out = piece.iter().any(|&i| mask[i] == 0);
+            prop_assert!(piece.iter().all(|&i| (got[i] == 0) == out));
+        }
+        prop_assert!((0..n).all(|i| marked[i] || got[i] == mask[i]));
+        // Nothing left out, or nothing errs: nothing grows.
+        let mut all = vec![1; n];
+        grow(extent, r, 0.5, &mut all).unwrap();
+        prop_assert!(all.iter().all(|&m| m == 1));
+        let mut same = mask.clone();
+        grow(extent, r, f32::INFINITY, &mut same).unwrap();
+        prop_assert_eq!(same, mask);
+        prop_assert!(grow(extent, &[0.0; 0], 0.5, &mut all).is_err() || n == 0);
     }
 
     #[test]

@@ -3,6 +3,8 @@
 
 use crate::system::SystemError;
 use field_core::conv::EncoderConfig;
+use losses::kernel::Kernel;
+use losses::trimmed::TrimmedMask;
 use serde::{Deserialize, Serialize};
 
 /// Which field the method trains.
@@ -146,7 +148,7 @@ pub struct WildConfig {
     /// Encoder: lattices of a batch at least.
     pub lattices: usize,
 
-    /// Robust: `squared`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
+    /// Robust, masks, and codes alone: `squared`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
     pub kernel: KernelKind,
     /// Scale of the kernels from `charbonnier` on, colour units.
     pub kernel_scale: f32,
@@ -245,7 +247,11 @@ impl WildConfig {
                 (true, false) => 32,
             },
             code_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
-            code_size: 1e-5,
+            // Where strangers have codes too, light has to be free to move first.
+            code_size: match occluders {
+                OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks if !mlp => 1e-2,
+                _ => 1e-5,
+            },
             encoder_side: if mlp { 128 } else { 32 },
             encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
             encoder_lr: if mlp { 1.0 } else { 0.1 },
@@ -286,12 +292,12 @@ impl WildConfig {
             filter_lr: 0.1,
             filter_hold: if mlp { 12_000 } else { 250 },
             filter_ease: if mlp { 10_000 } else { 250 },
-            warmup_steps: 1000,
+            warmup_steps: if mlp { 1000 } else { 100 },
             restart: if mlp { Restart::Anew } else { Restart::On },
             track_share: 0.1,
             segments: SegmentKind::Files,
             superpixels: 400,
-            segment_share: 0.5,
+            segment_share: if mlp { 0.5 } else { 0.25 },
         }
     }
 
@@ -300,6 +306,33 @@ impl WildConfig {
     pub fn draws_patches(&self) -> bool {
         (self.occluders == OccluderKind::Robust && self.judging == Judging::Batch)
             || self.appearance == AppearanceKind::Encoder
+    }
+
+    /// What a residual costs that is not left out.
+    #[must_use]
+    pub fn robust_kernel(&self) -> Kernel {
+        let c = self.kernel_scale;
+        match self.kernel {
+            KernelKind::Squared => Kernel::Squared,
+            KernelKind::L1 => Kernel::L1,
+            KernelKind::Charbonnier => Kernel::Charbonnier { c },
+            KernelKind::Cauchy => Kernel::Cauchy { c },
+            KernelKind::GemanMcClure => Kernel::GemanMcClure { c },
+            KernelKind::Welsch => Kernel::Welsch { c },
+        }
+    }
+
+    /// How residuals become masks.
+    #[must_use]
+    pub fn trimming(&self) -> TrimmedMask {
+        TrimmedMask {
+            quantile: self.trim_quantile,
+            diffuse: self.trim_diffuse,
+            vote: self.trim_vote,
+            patch: self.patch,
+            inner: self.patch_inner,
+            ..TrimmedMask::default()
+        }
     }
 
     /// Pixels along a side of those patches.

@@ -16,16 +16,19 @@
 
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
-use super::squared;
+use super::robust;
 use super::visibility::Visibility;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
+use losses::kernel::Kernel;
 
 /// The method.
 pub(super) struct HaNerf {
     light: Option<Light>,
     visibility: Option<Visibility>,
+    /// What an error costs; its square where the mask weighs it.
+    kernel: Kernel,
 }
 
 impl HaNerf {
@@ -37,7 +40,8 @@ impl HaNerf {
     ) -> Result<Self, SystemError> {
         let visible = config.occluders == OccluderKind::Visibility;
         let visibility = visible.then(|| Visibility::new(config, data, seed)).transpose()?;
-        Ok(Self { light, visibility })
+        let kernel = if visible { Kernel::Squared } else { config.robust_kernel() };
+        Ok(Self { light, visibility, kernel })
     }
 }
 
@@ -67,13 +71,13 @@ impl Method for HaNerf {
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
         let (weight, size) = self.visibility.as_ref().map_or((1.0, 0.0), |visibility| visibility.weight(i));
-        let (loss, bar) = squared(pixel.rgb, truth, weight);
+        let (loss, bar) = robust(self.kernel, pixel.rgb, truth, weight);
         (loss + size, bar)
     }
 
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (weight, _) = self.visibility.as_ref().map_or((1.0, 0.0), |visibility| visibility.weight(i));
-        let (loss, bar) = squared(rgb, truth, weight);
+        let (loss, bar) = robust(self.kernel, rgb, truth, weight);
         (loss, bar.rgb)
     }
 

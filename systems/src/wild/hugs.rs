@@ -10,39 +10,57 @@
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
-use super::squared;
+use super::photo_judge::PhotoJudge;
 use super::static_maps::{StaticMap, StaticMaps};
+use super::{is_doubled, robust};
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::superpixels::Superpixels;
-use losses::heuristics::{Extent, Scratch, Segments, StaticMask};
+use losses::heuristics::{Extent, Segments, VoteScratch, vote};
 use losses::kernel::Kernel;
+use losses::trimmed::TrimmedMask;
 use scene_io::{Frame, Scene};
 
 /// Least score and stability of a segment around a feature point, where the segmenter gave them.
 const LEAST_SCORE: f32 = 0.8;
 const LEAST_STABILITY: f32 = 0.92;
 
+/// Segments of a photo.
+enum Pieces {
+    Pixels,
+    Labels(Vec<u16>),
+    Stack(Vec<Vec<u8>>),
+}
+
 /// The method.
 pub(super) struct Hugs {
     light: Option<Light>,
     frames: Vec<Frame>,
     warmup: u64,
+    /// Before masks are found, and after.
     charbonnier: Kernel,
-    rule: StaticMask,
+    kernel: Kernel,
+    rule: TrimmedMask,
+    /// A stranger's residual is so many times what is expected.
+    scale: f32,
+    /// Share of a segment that has to be static.
+    share: f32,
     segments: SegmentKind,
     superpixels: Superpixels,
     /// Photos a feature has to be seen in.
     min_track: u32,
+    judge: PhotoJudge,
+    /// Of each photo of a survey what features say to be static, and its segments.
+    clues: Vec<(Vec<u8>, Pieces)>,
     /// What was found to be static.
     maps: StaticMaps,
     /// The field begins anew once they are found.
     restart: Restart,
     /// Pixels of a photo along a side of what is compared.
     stride: u32,
-    scratch: Scratch,
+    votes: VoteScratch,
 }
 
 fn refused(e: &losses::LossError) -> SystemError {
@@ -62,14 +80,19 @@ impl Hugs {
             frames: scene.frames.clone(),
             warmup: config.warmup_steps,
             charbonnier: Kernel::CHARBONNIER_360,
-            rule: StaticMask { share: config.segment_share, ..StaticMask::default() },
+            kernel: config.robust_kernel(),
+            rule: config.trimming(),
+            scale: config.judge_scale,
+            share: config.segment_share,
             segments: config.segments,
             superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
+            judge: PhotoJudge::default(),
+            clues: Vec::new(),
             maps: StaticMaps::default(),
             restart: config.restart,
             stride: super::survey_stride(data),
-            scratch: Scratch::default(),
+            votes: VoteScratch::default(),
         })
     }
 
@@ -135,7 +158,7 @@ impl Method for Hugs {
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
         if !self.maps.is_empty() {
-            return squared(pixel.rgb, truth, 1.0);
+            return robust(self.kernel, pixel.rgb, truth, 1.0);
         }
         let kernel = self.charbonnier;
         let value = |c: usize| kernel.value(pixel.rgb[c], truth[c]);
@@ -153,7 +176,8 @@ impl Method for Hugs {
     }
 
     fn survey(&self, step: u64) -> Option<u32> {
-        (step == self.warmup).then_some(self.stride)
+        let again = self.restart == Restart::On && is_doubled(step, self.warmup);
+        (step == self.warmup || again).then_some(self.stride)
     }
 
     fn begins_anew(&self) -> Option<u64> {
@@ -169,30 +193,48 @@ impl Method for Hugs {
             SegmentKind::Superpixels | SegmentKind::Pixels => None,
         };
         let h_sfm = self.shared_features(&frame, extent, segments.as_ref())?;
-        let error =
-            |(pixel, truth): (&Pixel, &[f32; 3])| (0..3).map(|c| (pixel.rgb[c] - truth[c]).abs()).sum::<f32>() / 3.0;
-        let residuals: Vec<f32> = seen.pixels.iter().zip(seen.truth).map(error).collect();
-        let mut mask = vec![0; extent.pixels()];
-        let stack: Vec<Vec<u8>> = match &segments {
-            Some(scene_io::Segments::Stack(masks)) => masks.iter().map(|m| m.iter().map(u8::from).collect()).collect(),
-            _ => Vec::new(),
-        };
-        let stack: Vec<&[u8]> = stack.iter().map(|m| &m[..]).collect();
-        let mut pieces = Vec::new();
-        let vote = match &segments {
-            None if self.segments == SegmentKind::Pixels => Segments::Pixels,
+        let pieces = match segments {
+            None if self.segments == SegmentKind::Pixels => Pieces::Pixels,
             None => {
-                pieces.resize(extent.pixels(), 0);
-                self.superpixels.run(extent, seen.truth, &mut pieces).map_err(|e| refused(&e))?;
-                Segments::Labels(&pieces)
+                let mut labels = vec![0; extent.pixels()];
+                self.superpixels.run(extent, seen.truth, &mut labels).map_err(|e| refused(&e))?;
+                Pieces::Labels(labels)
             }
-            Some(scene_io::Segments::Labels(map)) => Segments::Labels(&map.labels),
-            Some(scene_io::Segments::Stack(_)) => Segments::Stack(&stack),
+            Some(scene_io::Segments::Labels(map)) => Pieces::Labels(map.labels),
+            Some(scene_io::Segments::Stack(masks)) => {
+                Pieces::Stack(masks.iter().map(|m| m.iter().map(u8::from).collect()).collect())
+            }
         };
-        self.rule.run(extent, &h_sfm, &residuals, vote, &mut self.scratch, &mut mask).map_err(|e| refused(&e))?;
-        let bits = mask.iter().map(|&m| u8::from(m > 0)).collect();
-        self.maps.set(data.len(), seen.view, StaticMap { width, stride: seen.stride, bits });
+        self.judge.look(seen);
+        self.clues.push((h_sfm, pieces));
         Ok(())
+    }
+
+    fn surveyed(&mut self) {
+        let (photos, clues) = (self.judge.judge(&self.rule, self.scale), std::mem::take(&mut self.clues));
+        let fits = "a clue for each square, and the settings are checked before";
+        let maps: Vec<StaticMap> = photos
+            .into_iter()
+            .zip(clues)
+            .map(|((extent, mut map), (h_sfm, pieces))| {
+                // What features know to be static is, whatever its error.
+                map.bits.iter_mut().zip(h_sfm).for_each(|(bit, h)| *bit |= u8::from(h != 0));
+                let stack: Vec<&[u8]>;
+                let segments = match &pieces {
+                    Pieces::Pixels => Segments::Pixels,
+                    Pieces::Labels(labels) => Segments::Labels(labels),
+                    Pieces::Stack(masks) => {
+                        stack = masks.iter().map(|m| &m[..]).collect();
+                        Segments::Stack(&stack)
+                    }
+                };
+                let mut voted = vec![0; extent.pixels()];
+                vote(extent, segments, &map.bits, self.share, &mut self.votes, &mut voted).expect(fits);
+                map.bits = voted;
+                map
+            })
+            .collect();
+        self.maps.set_all(maps);
     }
 
     fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {

@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     fn seen<'a>(pixels: &'a [Pixel], truth: &'a [[f32; 3]], alpha: &'a [f32]) -> ViewSeen<'a> {
-        ViewSeen { view: 0, size: [pixels.len(), 1], stride: 1, pixels, truth, alpha }
+        ViewSeen { view: 0, size: [pixels.len(), 1], stride: 1, pixels, truth, alpha, place: &[] }
     }
 
     #[test]

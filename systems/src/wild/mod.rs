@@ -42,6 +42,7 @@ pub use plan::{SYSTEMS, build};
 
 use crate::data::Dataset;
 use crate::method::PixelBar;
+use losses::kernel::Kernel;
 
 /// The squared error of a pixel, mean over channels, times `weight`, and its derivative.
 fn squared(rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
@@ -50,8 +51,30 @@ fn squared(rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
     (weight * loss, PixelBar::colour(e.map(|e| weight * 2.0 * e / 3.0)))
 }
 
+/// `|C - Y|`.
+fn residual(rgb: [f32; 3], truth: [f32; 3]) -> f32 {
+    (0..3).map(|c| (rgb[c] - truth[c]).powi(2)).sum::<f32>().sqrt()
+}
+
+/// What the residual of a pixel costs, times `weight`, and its derivative. A third of the kernel, as the squared error is a mean
+/// over channels.
+fn robust(kernel: Kernel, rgb: [f32; 3], truth: [f32; 3], weight: f32) -> (f32, PixelBar) {
+    if kernel == Kernel::Squared {
+        return squared(rgb, truth, weight);
+    }
+    let e = residual(rgb, truth);
+    // The derivative of kernel(|C - Y|) is its weight times the error.
+    let w = weight * kernel.weight(e, 0.0) / 3.0;
+    (weight * kernel.value(e, 0.0) / 3.0, PixelBar::colour([0, 1, 2].map(|c| w * (rgb[c] - truth[c]))))
+}
+
 /// Rays of a survey of all training photos, roughly: a second or two.
 const SURVEY_RAYS: u64 = 300_000;
+
+/// Whether `step` is `first`, twice as many, four times as many, and so on.
+fn is_doubled(step: u64, first: u64) -> bool {
+    step.is_multiple_of(first) && (step / first).is_power_of_two()
+}
 
 /// Pixels of a photo along a side of what a survey compares.
 fn survey_stride(data: &Dataset) -> u32 {

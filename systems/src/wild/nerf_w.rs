@@ -16,16 +16,19 @@
 use super::codes::CodeTable;
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
-use super::squared;
+use super::robust;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
+use losses::kernel::Kernel;
 use losses::uncertainty::{Channels, Likelihood};
 
 /// The method.
 pub(super) struct NerfW {
     light: Option<Light>,
     strangers: Option<Strangers>,
+    /// What an error costs where there are no strangers.
+    kernel: Kernel,
 }
 
 /// What the transient field of each photo depends on, and how it is held back.
@@ -44,7 +47,7 @@ impl NerfW {
             likelihood: Likelihood { beta_min: config.beta_min, channels: Channels::Mean },
             lambda_u: config.lambda_u,
         });
-        Self { light, strangers }
+        Self { light, strangers, kernel: config.robust_kernel() }
     }
 }
 
@@ -75,7 +78,7 @@ impl Method for NerfW {
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
         let Some(Strangers { likelihood, lambda_u, .. }) = &self.strangers else {
-            return squared(pixel.rgb, truth, 1.0);
+            return robust(self.kernel, pixel.rgb, truth, 1.0);
         };
         let beta = [likelihood.beta_min + pixel.beta];
         let (mut loss, mut rgb, mut beta_bar) = ([0.0], [[0.0; 3]], [0.0]);

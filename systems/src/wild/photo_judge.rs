@@ -6,7 +6,7 @@
 //! for certain; what hangs together with him and errs by less is part of him, or of his shadow.
 
 use super::expected::Expected;
-use super::static_maps::{StaticMap, StaticMaps};
+use super::static_maps::StaticMap;
 use crate::method::ViewSeen;
 use losses::heuristics::{Extent, close, grow};
 use losses::trimmed::TrimmedMask;
@@ -72,31 +72,23 @@ impl PhotoJudge {
         self.photos.push(Photo { extent, stride, residuals, place });
     }
 
-    /// Residuals of each photo of the survey in units of what is expected there, `[photos][squares]`; forgets the photos.
-    pub(super) fn relative(&mut self, quantile: f32) -> Vec<(Extent, usize, Vec<f32>)> {
-        self.expected.settle(quantile);
+    /// Static squares of all photos of the survey, in the order they came; `threshold` in units of what is expected. Forgets
+    /// the photos.
+    pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<(Extent, StaticMap)> {
+        self.expected.settle(rule.quantile);
         let expected = &self.expected;
         self.photos
             .drain(..)
             .map(|Photo { extent, stride, mut residuals, place }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
-                (extent, stride, residuals)
+                let mut mask = mask_of(rule, threshold, extent, &residuals);
+                let mut bits = vec![0; mask.len()];
+                let fits = "one residual and one mask for each square, and an odd window";
+                grow(extent, &residuals, WEAK * threshold, &mut mask).expect(fits);
+                close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
+                (extent, StaticMap { width: extent.width, stride, bits })
             })
             .collect()
-    }
-
-    /// Masks of all photos of the survey; `threshold` in units of what is expected.
-    pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32, maps: &mut StaticMaps) {
-        let photos = self.relative(rule.quantile);
-        let count = photos.len();
-        for (view, (extent, stride, residuals)) in photos.into_iter().enumerate() {
-            let mut mask = mask_of(rule, threshold, extent, &residuals);
-            let mut bits = vec![0; mask.len()];
-            let fits = "one residual and one mask for each square, and an odd window";
-            grow(extent, &residuals, WEAK * threshold, &mut mask).expect(fits);
-            close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
-            maps.set(count, view, StaticMap { width: extent.width, stride, bits });
-        }
     }
 }
 

@@ -14,11 +14,11 @@
 //!
 //! What is not left out costs what `kernel` says; squared as published.
 
-use super::config::{Judging, KernelKind, WildConfig};
+use super::config::{Judging, WildConfig};
 use super::light::Light;
 use super::photo_judge::{PhotoJudge, mask_of};
 use super::static_maps::StaticMaps;
-use super::{squared, survey_stride};
+use super::{is_doubled, residual, robust, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
@@ -51,30 +51,10 @@ pub(super) struct RobustNerf {
     scratch: Vec<f32>,
 }
 
-/// `|C - Y|`.
-fn residual(pixel: &Pixel, truth: [f32; 3]) -> f32 {
-    (0..3).map(|c| (pixel.rgb[c] - truth[c]).powi(2)).sum::<f32>().sqrt()
-}
-
 impl RobustNerf {
     pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset) -> Result<Self, SystemError> {
-        let c = config.kernel_scale;
-        let kernel = match config.kernel {
-            KernelKind::Squared => Kernel::Squared,
-            KernelKind::L1 => Kernel::L1,
-            KernelKind::Charbonnier => Kernel::Charbonnier { c },
-            KernelKind::Cauchy => Kernel::Cauchy { c },
-            KernelKind::GemanMcClure => Kernel::GemanMcClure { c },
-            KernelKind::Welsch => Kernel::Welsch { c },
-        };
-        let mask = TrimmedMask {
-            quantile: config.trim_quantile,
-            diffuse: config.trim_diffuse,
-            vote: config.trim_vote,
-            patch: config.patch,
-            inner: config.patch_inner,
-            ..TrimmedMask::default()
-        };
+        let kernel = config.robust_kernel();
+        let mask = config.trimming();
         let bad = |e: losses::LossError| SystemError::Config {
             field: "kernel_scale, trim_quantile, trim_diffuse, trim_vote, patch, patch_inner",
             value: String::new(),
@@ -136,7 +116,7 @@ impl Method for RobustNerf {
 
     fn judge(&mut self, batch: &Batch, _step: u64, pixels: &[Pixel], truth: &[[f32; 3]]) {
         self.residuals.clear();
-        self.residuals.extend(pixels.iter().zip(truth).map(|(pixel, &truth)| residual(pixel, truth)));
+        self.residuals.extend(pixels.iter().zip(truth).map(|(pixel, &truth)| residual(pixel.rgb, truth)));
         // Where a photo is transparent nothing stands: such pixels fit from the start and say nothing about the others.
         let votes = |i: &usize| batch.weight[*i] > 0.0 && batch.alpha[*i] > 0.0;
         self.voters.clear();
@@ -148,9 +128,7 @@ impl Method for RobustNerf {
     }
 
     fn survey(&self, step: u64) -> Option<u32> {
-        let times = step / self.judge_first;
-        let due = step.is_multiple_of(self.judge_first) && times.is_power_of_two();
-        (self.judging == Judging::Photos && due).then_some(self.stride)
+        (self.judging == Judging::Photos && is_doubled(step, self.judge_first)).then_some(self.stride)
     }
 
     fn look(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
@@ -159,18 +137,12 @@ impl Method for RobustNerf {
     }
 
     fn surveyed(&mut self) {
-        self.judge.judge(&self.mask, self.judge_scale, &mut self.maps);
+        let maps = self.judge.judge(&self.mask, self.judge_scale);
+        self.maps.set_all(maps.into_iter().map(|(_, map)| map).collect());
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
-        let weight = self.weights.get(i).copied().unwrap_or(1.0);
-        if self.kernel == Kernel::Squared {
-            return squared(pixel.rgb, truth, weight);
-        }
-        // The derivative of kernel(|C - Y|) is its weight times the error; a third, as the squared error is a mean over channels.
-        let e = residual(pixel, truth);
-        let w = weight * self.kernel.weight(e, 0.0) / 3.0;
-        (weight * self.kernel.value(e, 0.0) / 3.0, PixelBar::colour([0, 1, 2].map(|c| w * (pixel.rgb[c] - truth[c]))))
+        robust(self.kernel, pixel.rgb, truth, self.weights.get(i).copied().unwrap_or(1.0))
     }
 
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
@@ -188,7 +160,7 @@ impl Method for RobustNerf {
             Judging::Photos => self.maps.pixels(seen.view, seen.size),
             Judging::Batch => {
                 let [width, height] = seen.size;
-                let of = |(pixel, &truth): (&Pixel, &[f32; 3])| residual(pixel, truth);
+                let of = |(pixel, &truth): (&Pixel, &[f32; 3])| residual(pixel.rgb, truth);
                 let residuals: Vec<f32> = seen.pixels.iter().zip(seen.truth).map(of).collect();
                 let mask = mask_of(&self.mask, self.threshold, Extent { width, height }, &residuals);
                 Some(mask.into_iter().map(f32::from).collect())

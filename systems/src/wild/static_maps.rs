@@ -34,9 +34,9 @@ impl StaticMaps {
         self.0.is_empty()
     }
 
-    pub(super) fn set(&mut self, views: usize, view: usize, map: StaticMap) {
-        self.0.resize(views, StaticMap::default());
-        self.0[view] = map;
+    /// One for each view, in their order.
+    pub(super) fn set_all(&mut self, maps: Vec<StaticMap>) {
+        self.0 = maps;
     }
 
     /// Leave pixels that are not static out of a batch; none until maps are found.
@@ -110,7 +110,7 @@ mod tests {
     fn maps_survive_a_checkpoint_and_damaged_ones_are_refused() {
         let mut maps = StaticMaps::default();
         let bits: Vec<u8> = (0..70).map(|i| u8::from(i % 3 == 0)).collect();
-        maps.set(2, 1, StaticMap { width: 10, stride: 4, bits });
+        maps.set_all(vec![StaticMap::default(), StaticMap { width: 10, stride: 4, bits }]);
         let mut tensors = Vec::new();
         maps.push_state(&mut tensors);
         let state: TensorMap = tensors.into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();

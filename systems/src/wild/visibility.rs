@@ -222,7 +222,7 @@ mod tests {
         assert!(visibility.m.iter().rev().eq(&first));
         assert!(first[0] != first[1] && first[0] != first[2], "neither photo nor place matter");
         // And the same once more as a picture.
-        let seen = ViewSeen { view: 1, size: [8, 8], stride: 1, pixels: &[], truth: &[], alpha: &[] };
+        let seen = ViewSeen { view: 1, size: [8, 8], stride: 1, pixels: &[], truth: &[], alpha: &[], place: &[] };
         for (i, m) in visibility.of_view(&seen).into_iter().enumerate() {
             assert!((m - first[2 * i + 1]).abs() < 1e-6, "pixel {i}: {m} {}", first[2 * i + 1]);
         }
