@@ -2,7 +2,7 @@
 
 use crate::checkpoint::hex;
 use crate::error::RunError;
-use scene_io::{ImageSource, MaskPolarity, Scene, Split};
+use scene_io::{ImageSource, MaskPolarity, Priors, Scene, Split};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -12,8 +12,8 @@ use std::path::Path;
 /// photographs must not cost minutes.
 const END: u64 = 512 * 1024;
 
-/// SHA-256 over [`Scene::fingerprint`] (names, splits, cameras, poses) and the image and mask files of all frames that are
-/// used. Folders do not matter: a dataset that was moved is the same.
+/// SHA-256 over [`Scene::fingerprint`] (names, splits, cameras, poses) and the image, mask and prior files of all frames that
+/// are used. Folders do not matter: a dataset that was moved is the same.
 ///
 /// # Errors
 /// [`RunError::Read`] naming the file.
@@ -35,8 +35,30 @@ pub fn dataset_hash(scene: &Scene) -> Result<String, RunError> {
             hash.update([u8::from(frame.mask_polarity == MaskPolarity::WhiteIsUsed)]);
             hash_file(&mut hash, mask)?;
         }
+        let Priors { segments, prompted, features } = &frame.priors;
+        for (kind, prior) in (1_u8..).zip([segments, prompted, features]) {
+            if let Some(path) = prior {
+                hash.update([kind]);
+                hash_prior(&mut hash, path)?;
+            }
+        }
     }
     Ok(format!("sha256:{}", hex(&hash.finalize())))
+}
+
+/// A file, or the files of a folder by their names.
+fn hash_prior(hash: &mut Sha256, path: &Path) -> Result<(), RunError> {
+    if !path.is_dir() {
+        return hash_file(hash, path);
+    }
+    let entries = std::fs::read_dir(path).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let mut files: Vec<_> = entries.map_err(RunError::read(path))?.iter().map(std::fs::DirEntry::path).collect();
+    files.retain(|file| file.is_file());
+    files.sort();
+    files.iter().try_for_each(|file| {
+        hash.update(file.file_name().unwrap_or_default().as_encoded_bytes());
+        hash_file(hash, file)
+    })
 }
 
 fn hash_file(hash: &mut Sha256, path: &Path) -> Result<(), RunError> {

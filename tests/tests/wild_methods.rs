@@ -107,8 +107,27 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
         (frame.image, frame.camera, frame.perturbation) =
             (first.image.clone(), first.camera, first.perturbation.clone());
     }
+    // No photo shows what any other does.
+    let mut strangers = scene(4);
+    for (k, frame) in strangers.frames.iter_mut().enumerate() {
+        if let ImageSource::Memory(image) = &mut frame.image {
+            let mut noise = (**image).clone();
+            let value = |i: usize| (i * (2 * k + 3) * 40_503 >> 7) as u8;
+            noise.data.iter_mut().enumerate().for_each(|(i, v)| *v = value(i));
+            *image = Arc::new(noise);
+        }
+    }
+    // A mask ignores all of one photo.
+    let mut covered = scene(4);
+    if let ImageSource::Memory(image) = &mut covered.frames[0].image {
+        let mut masked = (**image).clone();
+        masked.mask = Some(vec![0; (masked.width * masked.height) as usize].into());
+        *image = Arc::new(masked);
+    }
     for (what, scene, set) in [
         ("one photo", scene(1), &[][..]),
+        ("nothing but strangers", strangers, &[]),
+        ("a mask over all of a photo", covered, &[]),
         ("black photos", black(scene(4)), &[]),
         ("identical photos", identical, &["accept_no_parallax=true"]),
     ] {
