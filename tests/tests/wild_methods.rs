@@ -112,7 +112,7 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
     for (k, frame) in strangers.frames.iter_mut().enumerate() {
         if let ImageSource::Memory(image) = &mut frame.image {
             let mut noise = (**image).clone();
-            let value = |i: usize| (i * (2 * k + 3) * 40_503 >> 7) as u8;
+            let value = |i: usize| ((i * (2 * k + 3) * 40_503) >> 7) as u8;
             noise.data.iter_mut().enumerate().for_each(|(i, v)| *v = value(i));
             *image = Arc::new(noise);
         }
@@ -121,7 +121,7 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
     let mut covered = scene(4);
     if let ImageSource::Memory(image) = &mut covered.frames[0].image {
         let mut masked = (**image).clone();
-        masked.mask = Some(vec![0; (masked.width * masked.height) as usize].into());
+        masked.mask = Some(vec![0; (masked.width * masked.height) as usize]);
         *image = Arc::new(masked);
     }
     for (what, scene, set) in [
