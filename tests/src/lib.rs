@@ -116,6 +116,8 @@ pub fn assert_same_bits(run: impl Fn(Range<u64>, Option<&TensorMap>) -> TensorMa
     for threads in [2, 4] {
         assert!(on(threads, 0..6, None) == one, "{threads} threads");
     }
-    let half = on(2, 0..3, None);
-    assert!(on(2, 3..6, Some(&half)) == one, "resumed");
+    for at in [2, 3] {
+        let half = on(2, 0..at, None);
+        assert!(on(2, at..6, Some(&half)) == one, "resumed at {at}");
+    }
 }

@@ -1,17 +1,16 @@
 //! `ha-nerf` and its ablations: that they learn, resume, do not mind threads, and what they refuse.
 
 use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Disturbance, Image, ImageSource, ImageStore, Scene, Split, StoreOptions, perturb};
+use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
 use std::sync::Arc;
 use systems::data::Dataset;
 use systems::options::{Background, RunOptions, parse_set};
-use systems::system::{Appearance, System, SystemError, TensorMap};
+use systems::system::{Appearance, System, SystemError};
 use systems::wild::build;
+use tests::{assert_same_bits, state_after, views};
 
 fn train_of(scene: &Scene) -> Dataset {
-    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
-    let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
-    Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
+    views(scene, 1).0
 }
 
 fn table(size: u32, views: usize) -> Scene {
@@ -33,31 +32,14 @@ fn try_system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Resul
     Ok(build(name, scene, train, &run)?.0)
 }
 
-/// All parameters and moments after steps on `threads` threads, from `state` if there is one.
-fn state_after(name: &str, threads: usize, steps: std::ops::Range<u64>, state: Option<&TensorMap>) -> TensorMap {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| {
-        let (scene, train) = data(24, 12, Disturbance::Both);
-        let mut system = try_system(name, &scene, &train, &[]).unwrap();
-        if let Some(state) = state {
-            system.load_state(state).unwrap();
-        }
-        for step in steps {
-            system.step(&train, step).unwrap();
-        }
-        system.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
-    })
-}
-
 #[test]
 fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     for name in ["ha-nerf", "ha-nerf-t"] {
-        let one = state_after(name, 1, 0..6, None);
-        for threads in [2, 4] {
-            assert!(state_after(name, threads, 0..6, None) == one, "{name}: {threads} threads");
-        }
-        let half = state_after(name, 2, 0..3, None);
-        assert!(state_after(name, 2, 3..6, Some(&half)) == one, "{name}: resumed");
+        println!("{name}");
+        assert_same_bits(|steps, state| {
+            let (scene, train) = data(24, 12, Disturbance::Both);
+            state_after(try_system(name, &scene, &train, &[]).unwrap(), &train, steps, state)
+        });
     }
 }
 

@@ -72,7 +72,8 @@ pub fn erode(
     Ok(())
 }
 
-/// What is not static, closed: gaps of it narrower than `side` are taken for part of it. What lies beyond the edge doesn't count.
+/// What is not static, closed: gaps of it narrower than `side` are taken for part of it. What lies beyond the edge doesn't
+/// count.
 ///
 /// # Shapes and units
 /// As [`erode`].

@@ -3,13 +3,11 @@
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::{ImageStore, Scene, Split, StoreOptions, refuse_blank_masks};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::sync::Arc;
 
-/// The training and the held-out views. A dataset without a test split is measured on its validation split; masks that leave
-/// nothing of most photos are refused before anything is trained.
+/// The training and the held-out views. A dataset without a test split is measured on its validation split.
 pub(super) fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
-    refuse_blank_masks(&scene.frames)?;
     let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
     let store = Arc::new(ImageStore::new(&scene.frames, options)?);
     let train: Vec<usize> = scene.split(Split::Train).collect();

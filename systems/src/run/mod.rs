@@ -35,7 +35,7 @@ use crate::train::{Ended, Reason, Schedule, train};
 use datasets::datasets;
 use host::RunHost;
 use losses::metrics::Lpips;
-use scene_io::Scene;
+use scene_io::{Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -123,6 +123,8 @@ impl<'a> Run<'a> {
             ..request.data.clone()
         };
         let scene = (parts.load)(spec, &data)?;
+        // Whoever goes on with a run has been told.
+        refuse_blank_masks(&scene.frames)?;
         let dataset = dataset_hash(&scene)?;
         let (train, held_out) = datasets(&scene, &data)?;
         let (system, plan) = (parts.build)(name, &scene, &train, &options)?;

@@ -1,6 +1,6 @@
 //! Surveys: all training views as a field renders them, for its method to judge the photos by. Written once for all fields.
 
-use crate::data::Dataset;
+use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel, ViewSeen};
 use crate::system::SystemError;
 
@@ -15,6 +15,23 @@ pub(crate) struct Shown {
 }
 
 impl Shown {
+    /// `rendered` are the pixels of the view in `batch` and where their rays end; `truth` is the photo behind the same
+    /// background. Pixels that a mask ignores say nothing: they are as rendered, and transparent.
+    pub(super) fn new(
+        size: [usize; 2],
+        stride: u32,
+        batch: Batch,
+        mut truth: Vec<[f32; 3]>,
+        rendered: impl Iterator<Item = (Pixel, [f32; 3])>,
+    ) -> Self {
+        let (pixels, place): (Vec<Pixel>, Vec<_>) = rendered.unzip();
+        let mut alpha = batch.alpha;
+        for (i, _) in batch.weight.iter().enumerate().filter(|(_, w)| **w == 0.0) {
+            (truth[i], alpha[i]) = (pixels[i].rgb, 0.0);
+        }
+        Self { size, stride, pixels, truth, alpha, place }
+    }
+
     pub(crate) fn seen(&self, view: usize) -> ViewSeen<'_> {
         let (size, stride) = (self.size, self.stride as usize);
         ViewSeen {
@@ -77,5 +94,22 @@ pub(crate) trait Surveys {
     fn visibility_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
         let Some(method) = self.method() else { return Ok(None) };
         Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ignored_pixels_say_nothing() {
+        let ray = render_core::ray::Ray { o: glam::DVec3::ZERO, d: glam::DVec3::Z };
+        let mut batch = Batch::of_rays(&[ray; 2], &[[0.0; 3]; 2]);
+        batch.weight[1] = 0.0;
+        let pixel = Pixel { rgb: [0.25; 3], ..Pixel::default() };
+        let shown = Shown::new([2, 1], 1, batch, vec![[0.75; 3]; 2], [(pixel, [0.5; 3]); 2].into_iter());
+        let seen = shown.seen(0);
+        assert_eq!((seen.truth, seen.alpha), (&[[0.75; 3], [0.25; 3]][..], &[1.0, 0.0][..]));
+        assert_eq!((seen.pixels.len(), seen.place.len()), (2, 2));
     }
 }

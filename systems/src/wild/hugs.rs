@@ -4,9 +4,10 @@
 //! Heuristics-Guided Segmentation", 2024, section 4.
 //!
 //! A short training with a robust loss; then every training photo is compared with what the field renders there. Features
-//! that many photos share are static (structure from motion knows them), and so is what is rendered well. Both vote on the
-//! segments of the photo, given as files, or else its superpixels; the field then starts anew on what was found to be
-//! static.
+//! that many photos share are static (structure from motion knows them), and so is what is rendered no worse than most
+//! photos are at the same place ([`super::photo_judge`]; published: no worse than the mean of the photo). Both vote on the
+//! segments of the photo, given as files, or else its superpixels; the field then goes on with what was found to be static,
+//! and looks again, or starts anew, as published.
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;

@@ -28,6 +28,7 @@ use losses::trimmed::TrimmedMask;
 
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
+
 /// The method.
 pub(super) struct RobustNerf {
     light: Option<Light>,

@@ -227,20 +227,30 @@ impl Chunk {
         self.stats.seconds[1] = marched.elapsed().as_secs_f64();
     }
 
-    /// Render what [`Chunk::sample`] placed into `seen`, for a method that wants to see the batch first. Returns where each
-    /// ray ends, in the grid's unit cube; NaN where it ends nowhere.
-    pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
-        let start = Instant::now();
-        self.seen.clear();
+    /// Render what [`Chunk::sample`] placed into `seen`, for a method that wants to see the batch first.
+    pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
+        self.look(ctx, pixels, |_, _| {});
+    }
+
+    /// [`Chunk::look_ahead`]; returns where each ray ends, in the grid's unit cube; NaN where it ends nowhere.
+    pub(super) fn look_where(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
         let mut ends = Vec::with_capacity(pixels.len() * ctx.per_pixel);
-        self.each_tile(ctx, pixels, |tile, chunk, _, seen, rays, pixels| {
-            tile.forward(ctx, chunk, rays.clone(), pixels);
-            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
-            ends.extend(rays.enumerate().map(|(r, _)| tile.static_ray(r).middle()));
-        });
-        self.stats.seconds[2] += start.elapsed().as_secs_f64();
+        self.look(ctx, pixels, |tile, rays| ends.extend((0..rays).map(|r| tile.static_ray(r).middle())));
         let at = |ray: usize, k: usize| [0, 1, 2].map(|a| self.x[a * self.n + self.offsets[ray] as usize + k]);
         ends.iter().enumerate().map(|(ray, k)| k.map_or([f32::NAN; 3], |k| at(ray, k))).collect()
+    }
+
+    /// Render into `seen`, and show each tile with the number of its rays.
+    fn look(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, mut each: impl FnMut(&Tile, usize)) {
+        let start = Instant::now();
+        self.seen.clear();
+        self.each_tile(ctx, pixels, |tile, chunk, _, seen, rays, pixels| {
+            let count = rays.len();
+            tile.forward(ctx, chunk, rays, pixels);
+            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
+            each(tile, count);
+        });
+        self.stats.seconds[2] += start.elapsed().as_secs_f64();
     }
 
     /// Render what [`Chunk::sample`] placed and bring the loss back to features and network gradients.

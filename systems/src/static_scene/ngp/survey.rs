@@ -34,21 +34,19 @@ impl Surveys for Ngp {
         truth_on(&inputs.batch, &inputs.background, &mut inputs.truth);
         let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
         let ctx = self.context(&plan, &inputs);
-        let tasks: Vec<(Vec<Pixel>, Vec<[f32; 3]>)> = (0..n.div_ceil(TASK))
+        let tasks: Vec<Vec<(Pixel, [f32; 3])>> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(
                 || Chunk::new(&self.field),
                 |chunk, task| {
                     let pixels = task * TASK..((task + 1) * TASK).min(n);
                     chunk.sample(&ctx, pixels.clone());
-                    let places = chunk.look_ahead(&ctx, pixels);
-                    (chunk.seen.clone(), places)
+                    let places = chunk.look_where(&ctx, pixels);
+                    chunk.seen.iter().copied().zip(places).collect()
                 },
             )
             .collect();
-        let (pixels, place): (Vec<_>, Vec<_>) = tasks.into_iter().unzip();
-        let (pixels, place) = (pixels.concat(), place.concat());
-        Ok(Shown { size, stride, pixels, truth: inputs.truth, alpha: inputs.batch.alpha, place })
+        Ok(Shown::new(size, stride, inputs.batch, inputs.truth, tasks.into_iter().flatten()))
     }
 
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {

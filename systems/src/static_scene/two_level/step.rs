@@ -242,8 +242,9 @@ impl<R: Recipe> TwoLevel<R> {
             chunk.grad.clear();
             chunk.grad.resize(self.trained.params.len(), 0.0);
         }
-        // A method may want to see pixels that do not count between their neighbours.
-        let which = if ctx.method.is_some() { Which::All } else { Which::Counted };
+        // A method that looks may want to see pixels that do not count between their neighbours.
+        let looks = ctx.method.is_some() && ctx.pass == Pass::Look;
+        let which = if looks { Which::All } else { Which::Counted };
         let (rays, hit) = crossing(&self.space, (ctx.data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
         chunk.sums.missed = (ids.len() - hit.len()) as u64;
         chunk.seen.clear();

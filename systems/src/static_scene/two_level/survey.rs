@@ -34,14 +34,9 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
                 chunk.seen.clone()
             })
             .collect();
-        Ok(Shown {
-            size,
-            stride,
-            pixels: tasks.concat(),
-            truth: inputs.truth,
-            alpha: inputs.batch.alpha,
-            place: vec![[f32::NAN; 3]; n],
-        })
+        // Networks have no cube of their own to say places in.
+        let rendered = tasks.into_iter().flatten().map(|pixel| (pixel, [f32::NAN; 3]));
+        Ok(Shown::new(size, stride, inputs.batch, inputs.truth, rendered))
     }
 
     fn begin_anew(&mut self, _data: &Dataset) -> Result<(), SystemError> {
