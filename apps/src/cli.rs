@@ -223,11 +223,12 @@ pub(crate) struct Data {
     /// Folder of the images, where it is not beside the cameras
     #[arg(long, value_name = "DIR")]
     pub(crate) images: Option<PathBuf>,
-    /// Folder of ignore masks, or `off`
+    /// Folder of masks, or `off`
     #[arg(long, value_name = "DIR|off")]
     pub(crate) masks: Option<String>,
-    /// What white means in the masks: `used` (the default) or `ignored`
-    #[arg(long, value_name = "MEANING", value_parser = ["used", "ignored"])]
+    /// What white means in the masks: `used` (the default: black is left out of everything), `ignored`, or `object` (there is
+    /// nothing around it: the mask becomes the photo's alpha)
+    #[arg(long, value_name = "MEANING", value_parser = ["used", "ignored", "object"])]
     pub(crate) mask_white: Option<String>,
     /// Images that are listed and missing: `refuse` or `skip`
     #[arg(long, value_name = "WHAT", value_parser = ["refuse", "skip"])]

@@ -8,7 +8,7 @@ use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TransientTruth};
-use crate::{Bounds, Frame, ImageSource, LayoutHint, Point, Problem, Split};
+use crate::{Bounds, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
 use std::collections::HashMap;
@@ -170,7 +170,11 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
         ));
     }
     if masked > 0 {
-        out.notes.push(format!("{masked} of {} frames have an ignore mask", out.frames.len()));
+        let kind = match options.mask_polarity {
+            MaskPolarity::WhiteIsObject => "an object mask: what is around it is empty",
+            _ => "an ignore mask",
+        };
+        out.notes.push(format!("{masked} of {} frames have {kind}", out.frames.len()));
     }
     note_priors(&mut out);
     note_mended(&unique, &mut out);

@@ -147,7 +147,7 @@ pub struct Frame {
     pub name: String,
     /// The picture.
     pub image: ImageSource,
-    /// Ignore mask; see [`Frame::mask_polarity`].
+    /// Mask; see [`Frame::mask_polarity`].
     pub mask: Option<PathBuf>,
     /// What white means in [`Frame::mask`].
     pub mask_polarity: MaskPolarity,
@@ -234,7 +234,7 @@ impl Split {
     }
 }
 
-/// What white means in an ignore mask.
+/// What white means in a mask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskPolarity {
     /// White pixels are used, black ones ignored (COLMAP, nerfstudio).
@@ -242,4 +242,7 @@ pub enum MaskPolarity {
     WhiteIsUsed,
     /// White pixels are ignored (masks of passers-by or tools).
     WhiteIsIgnored,
+    /// White pixels show the object, and there is nothing around it (NeRD): the mask becomes the photo's alpha, and no pixel
+    /// is ignored.
+    WhiteIsObject,
 }

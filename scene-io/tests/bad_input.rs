@@ -296,6 +296,20 @@ fn masks_are_matched_scaled_and_turned_round() {
         let image = store.get(1).unwrap();
         assert_eq!([image.is_used(0, 0), image.is_used(3, 0)], used);
     }
+    // What cuts out an object is alpha, and colours around it stay out of its rim.
+    let load_options = LoadOptions { mask_polarity: MaskPolarity::WhiteIsObject, ..LoadOptions::default() };
+    let scene = load(dataset.path(), &load_options).unwrap();
+    assert!(scene.notes.iter().any(|n| n.contains("1 of 2 frames have an object mask")));
+    let store = ImageStore::new(&scene.frames, options).unwrap();
+    assert_eq!(store.estimate_bytes(), 4 * 3 * 3 + 4 * 3 * 4);
+    assert_eq!([store.is_cut_out(0), store.is_cut_out(1)], [false, true]);
+    let image = store.get(1).unwrap();
+    assert_eq!((image.channels, image.mask.as_ref(), image.bytes()), (4, None, 48));
+    assert_eq!([0, 1, 2, 3].map(|x| image.pixel(x, 1)[3]), [255, 255, 0, 0]);
+    let narrow = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(3), ..options }).unwrap();
+    let image = narrow.get(1).unwrap();
+    assert_eq!([0, 1, 2].map(|x| image.pixel(x, 0)[3]), [255, 128, 0]);
+
     image::GrayImage::new(3, 6).save(&file).unwrap();
     let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
     let error = ImageStore::new(&scene.frames, options).unwrap().get(1).unwrap_err();

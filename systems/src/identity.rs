@@ -32,7 +32,11 @@ pub fn dataset_hash(scene: &Scene) -> Result<String, RunError> {
             }
         }
         if let Some(mask) = &frame.mask {
-            hash.update([u8::from(frame.mask_polarity == MaskPolarity::WhiteIsUsed)]);
+            hash.update([match frame.mask_polarity {
+                MaskPolarity::WhiteIsIgnored => 0,
+                MaskPolarity::WhiteIsUsed => 1,
+                MaskPolarity::WhiteIsObject => 2,
+            }]);
             hash_file(&mut hash, mask)?;
         }
         let Priors { segments, prompted, features } = &frame.priors;

@@ -8,6 +8,16 @@ use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, rms_distance};
 use scene_io::{LayoutHint, Scene};
 
+/// An object is told by so many points at least; this share of them at each end of an axis may be strays; the cube is so much
+/// larger than the rest.
+const FEWEST_POINTS: usize = 16;
+const STRAY: f64 = 0.002;
+const OBJECT_MARGIN: f64 = 1.15;
+/// Points tell where the place is if there are so many; a cube that holds this share of them is it. The cameras stand far off
+/// where it is smaller than this part of their distance.
+const FEWEST_PLACE_POINTS: usize = 100;
+const PLACE_PERCENTILE: f64 = 0.95;
+const SMALL_PLACE: f64 = 0.5;
 /// Forward-facing: the mean of the unit viewing directions is at least this long (all within about 26 degrees).
 const SAME_WAY: f64 = 0.9;
 /// The near plane of NDC, as a part of the nearest depth seen.
@@ -44,12 +54,62 @@ pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
     let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
     let poses: Vec<Pose> = cameras.iter().map(|c| c.pose).collect();
     let focal = cameras.iter().map(|c| 0.5 * (c.fx + c.fy)).sum::<f64>() / cameras.len().max(1) as f64;
+    let cut_out = || silhouettes(scene, data).and_then(|points| masked_object(&cameras, &poses, focal, &points));
     match scene.layout {
         LayoutHint::Object { near, far } => object(&cameras, &poses, focal, near, far),
-        LayoutHint::ForwardFacing => forward_facing(scene, data, &cameras, &poses, focal)
+        LayoutHint::ForwardFacing => cut_out()
+            .or_else(|| forward_facing(scene, data, &cameras, &poses, focal))
             .unwrap_or_else(|| open(scene, &poses, focal, "cameras do not look the same way")),
-        _ => open(scene, &poses, focal, "the format does not say where the scene ends"),
+        _ => cut_out().unwrap_or_else(|| open(scene, &poses, focal, "the format does not say where the scene ends")),
     }
+}
+
+/// Points of an object that masks cut out of the photos: those inside the masks of three in four photos that have them in
+/// the picture: no two masks are drawn alike. `None` without such masks.
+fn silhouettes(scene: &Scene, data: &Dataset) -> Option<Vec<DVec3>> {
+    if !data.is_cut_out() {
+        return None;
+    }
+    let mut votes = vec![(0_u32, 0_u32); scene.points.len()];
+    for (i, view) in data.views().iter().enumerate().filter(|(_, v)| v.level == 0) {
+        let image = data.image(i).ok()?;
+        let camera = view.camera.prepare();
+        for (point, (inside, seen)) in scene.points.iter().zip(&mut votes) {
+            let Some(p) = camera.project(point.xyz) else { continue };
+            if p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(image.width) && p.y < f64::from(image.height) {
+                *seen += 1;
+                *inside += u32::from(image.pixel(p.x as u32, p.y as u32).get(3).is_none_or(|alpha| *alpha >= 128));
+            }
+        }
+    }
+    let kept = scene.points.iter().zip(&votes).filter(|(_, (inside, seen))| *seen >= 2 && 4 * inside >= 3 * seen);
+    Some(kept.map(|(point, _)| point.xyz).collect())
+}
+
+/// An object cut out by masks: a cube around its points.
+fn masked_object(cameras: &[Camera], poses: &[Pose], focal: f64, points: &[DVec3]) -> Option<Layout> {
+    if points.len() < FEWEST_POINTS {
+        return None;
+    }
+    let bounds = [0, 1, 2].map(|a| {
+        let mut along: Vec<f64> = points.iter().map(|p| p[a]).collect();
+        along.sort_unstable_by(f64::total_cmp);
+        [STRAY, 1.0 - STRAY].map(|share| percentile(&along, share).unwrap_or(0.0))
+    });
+    let centre = DVec3::from(bounds.map(|[low, high]| 0.5 * (low + high)));
+    let radius = OBJECT_MARGIN * bounds.iter().map(|[low, high]| 0.5 * (high - low)).fold(0.0, f64::max);
+    let layout = object(cameras, poses, focal, 0.0, 2.0 * radius);
+    (radius > 0.0).then(|| Layout {
+        centre,
+        radius,
+        footprint: rms_distance(poses, centre).max(f64::MIN_POSITIVE) / radius / focal,
+        why: format!(
+            "masks cut out an object; a cube of side {:.3} around its {} points, empty where masks are black",
+            2.0 * radius,
+            points.len()
+        ),
+        ..layout
+    })
 }
 
 /// Cameras around an object: the cube they see in full.
@@ -107,15 +167,59 @@ fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Po
     })
 }
 
+/// Where the points are: their middle, and half the side of a cube that holds nearly all of them.
+fn place(scene: &Scene) -> Option<(DVec3, f64)> {
+    if scene.points.len() < FEWEST_PLACE_POINTS {
+        return None;
+    }
+    let sorted = |value: &dyn Fn(DVec3) -> f64| {
+        let mut values: Vec<f64> = scene.points.iter().map(|p| value(p.xyz)).filter(|v| v.is_finite()).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values
+    };
+    let centre = DVec3::from([0, 1, 2].map(|a| percentile(&sorted(&|x| x[a]), 0.5).unwrap_or(0.0)));
+    let half = percentile(&sorted(&|x| (x - centre).abs().max_element()), PLACE_PERCENTILE)?;
+    (half > 0.0).then_some((centre, OBJECT_MARGIN * half))
+}
+
+/// Cameras far from what they have in common: an inner cube around that, which the cameras stand outside of.
+fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footprint: f64, reason: &str) -> Layout {
+    let cameras = poses.iter().map(|p| (p.c - centre).abs().max_element());
+    let mut reach: Vec<f64> = scene.points.iter().map(|p| (p.xyz - centre).abs().max_element()).collect();
+    reach.sort_unstable_by(f64::total_cmp);
+    let far = percentile(&reach, FAR_PERCENTILE).unwrap_or(0.0).max(cameras.fold(0.0, f64::max));
+    let cascades = (far / radius).clamp(2.0, WIDEST).log2().ceil() as usize + 1;
+    Layout {
+        kind: SpaceKind::Contracted,
+        centre,
+        radius,
+        cascades,
+        footprint,
+        reference: None,
+        why: format!(
+            "{reason}; inner cube of side {:.3} around the points, which the cameras stand far from, the rest contracted; \
+             sampled out to {} times that",
+            2.0 * radius,
+            1_u64 << (cascades - 1),
+        ),
+    }
+}
+
 /// An inner cube around what the cameras look at, and the rest contracted.
 fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     let in_front = |p: &DVec3| poses.iter().filter(|c| (*p - c.c).dot(c.r.z_axis) > 0.0).count() * 2 > poses.len();
     let middle = mean_centre(poses).unwrap_or(DVec3::ZERO);
     let focus = focus_point(poses).filter(in_front);
     let centre = focus.unwrap_or(middle);
-    let mut distances: Vec<f64> = poses.iter().map(|p| (p.c - centre).length()).collect();
-    distances.sort_unstable_by(f64::total_cmp);
-    let radius = percentile(&distances, 0.5).filter(|r| *r > 0.0).unwrap_or(1.0);
+    let distance = |centre: DVec3, share: f64| {
+        let mut distances: Vec<f64> = poses.iter().map(|p| (p.c - centre).length()).collect();
+        distances.sort_unstable_by(f64::total_cmp);
+        percentile(&distances, share).filter(|r| *r > 0.0).unwrap_or(1.0)
+    };
+    let radius = distance(centre, 0.5);
+    if let Some((heart, small)) = place(scene).filter(|(_, small)| *small < SMALL_PLACE * radius) {
+        return far_off(scene, poses, (heart, small), distance(heart, 0.25) / small / focal, reason);
+    }
     let mut reach: Vec<f64> =
         scene.points.iter().map(|p| (p.xyz - centre).abs().max_element() / radius).filter(|r| r.is_finite()).collect();
     reach.sort_unstable_by(f64::total_cmp);

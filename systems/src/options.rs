@@ -139,7 +139,8 @@ impl DataOptions {
             mask_polarity: match self.mask_white.as_deref() {
                 None | Some("used") => MaskPolarity::WhiteIsUsed,
                 Some("ignored") => MaskPolarity::WhiteIsIgnored,
-                Some(other) => return word("--mask-white", other, "used, ignored"),
+                Some("object") => MaskPolarity::WhiteIsObject,
+                Some(other) => return word("--mask-white", other, "used, ignored, object"),
             },
             longest_side: self.longest_side,
             missing_images: match self.missing_images.as_deref() {

@@ -286,6 +286,8 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         lr_hold: 500,
         lr_tenfold: 0.1,
         weight_decay: 1e-6,
+        free_space: false,
+        sky: false,
         distortion,
         huber: 0.0,
         head_width: 64,

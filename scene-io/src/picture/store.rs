@@ -89,6 +89,15 @@ impl ImageStore {
         &self.entries[index].camera
     }
 
+    /// Whether a mask is the alpha of an image; see [`MaskPolarity::WhiteIsObject`].
+    ///
+    /// # Panics
+    /// If `index` is not below [`ImageStore::len`].
+    #[must_use]
+    pub fn is_cut_out(&self, index: usize) -> bool {
+        self.entries[index].mask_is_alpha()
+    }
+
     /// Bytes of all images once decoded and scaled, masks included: from headers alone.
     #[must_use]
     pub fn estimate_bytes(&self) -> u64 {
@@ -170,11 +179,18 @@ impl Entry {
             ImageSource::Memory(image) => image.mask.is_some() || self.mask.is_some(),
             ImageSource::File(_) => self.mask.is_some(),
         };
-        pixels * (u64::from(self.channels) + u64::from(has_mask))
+        let channels = if self.mask_is_alpha() { 4 } else { self.channels };
+        let has_mask = has_mask && !(self.mask_is_alpha() && matches!(self.image, ImageSource::File(_)));
+        pixels * (u64::from(channels) + u64::from(has_mask))
+    }
+
+    fn mask_is_alpha(&self) -> bool {
+        self.mask.as_ref().is_some_and(|(_, polarity)| *polarity == MaskPolarity::WhiteIsObject)
     }
 
     fn read(&self) -> Result<Image, SceneError> {
-        let mask = self.mask.as_ref().map(|(path, polarity)| read_mask(path, *polarity, self.native)).transpose()?;
+        let mut mask =
+            self.mask.as_ref().map(|(path, polarity)| read_mask(path, *polarity, self.native)).transpose()?;
         let mut native = match &self.image {
             ImageSource::File(path) => {
                 let image = decode(path, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?;
@@ -188,6 +204,12 @@ impl Entry {
         if let Some(perturbation) = &self.perturbation {
             perturbation.apply(&mut native);
         }
+        // Before the image is scaled: colours from around the object stay out of its rim.
+        if self.mask_is_alpha()
+            && let Some((mask, from)) = mask.take()
+        {
+            native = cut_out(native, &mask, from);
+        }
         let size = (self.camera.width, self.camera.height);
         let mut image = resize(native, size.0, size.1);
         if let Some((mask, from)) = mask {
@@ -199,6 +221,20 @@ impl Entry {
         }
         Ok(image)
     }
+}
+
+/// The image, transparent where `mask` (of size `from`) is below one half.
+fn cut_out(image: Image, mask: &[u8], from: (u32, u32)) -> Image {
+    let (w, h) = (u64::from(image.width), u64::from(image.height));
+    let channels = usize::from(image.channels);
+    let data = image.data.chunks_exact(channels).zip(0_u64..).flat_map(|(pixel, i)| {
+        // The nearest pixel of the mask.
+        let (x, y) = ((2 * (i % w) + 1) * u64::from(from.0) / (2 * w), (2 * (i / w) + 1) * u64::from(from.1) / (2 * h));
+        let shown = if mask[(y * u64::from(from.0) + x) as usize] >= 128 { 255 } else { 0 };
+        let alpha = pixel.get(3).map_or(shown, |own| shown.min(*own));
+        [pixel[0], pixel[1], pixel[2], alpha]
+    });
+    Image { data: data.collect(), channels: 4, ..image }
 }
 
 /// A mask with white for what is used, at its own size, which must have the image's shape.

@@ -44,26 +44,27 @@ impl Frame {
 }
 
 /// Refuses ignore masks that leave nothing of more than half of the training photos: almost surely their polarity is
-/// the wrong way round. Decodes every mask.
+/// the wrong way round. Decodes every mask. Returns the mean share of pixels that masks leave; `None` without masks.
 ///
 /// # Errors
 /// [`ErrorKind::Image`] naming the first such mask, or the mask that cannot be decoded.
-pub fn refuse_blank_masks(frames: &[Frame]) -> Result<(), SceneError> {
+pub fn refuse_blank_masks(frames: &[Frame]) -> Result<Option<f64>, SceneError> {
     let training: Vec<&Frame> = frames.iter().filter(|f| f.split == Split::Train).collect();
-    let blank = |frame: &&&Frame| -> Option<Result<PathBuf, SceneError>> {
+    let left = |frame: &&&Frame| -> Option<Result<(PathBuf, f64), SceneError>> {
         let path = frame.mask.as_ref()?;
-        match decode_mask(path) {
-            Err(error) => Some(Err(error.in_frame(&frame.name))),
-            Ok((grey, _)) => {
-                let used = |v: &u8| (*v >= 128) == (frame.mask_polarity == MaskPolarity::WhiteIsUsed);
-                (!grey.iter().any(used)).then(|| Ok(path.clone()))
-            }
-        }
+        let used = |v: &&u8| (**v >= 128) == (frame.mask_polarity != MaskPolarity::WhiteIsIgnored);
+        let share = |grey: Vec<u8>| grey.iter().filter(used).count() as f64 / grey.len().max(1) as f64;
+        let share = decode_mask(path).map(|(grey, _)| (path.clone(), share(grey)));
+        Some(share.map_err(|error| error.in_frame(&frame.name)))
     };
-    let blank: Vec<PathBuf> = training.par_iter().filter_map(|f| blank(&f)).collect::<Result<_, _>>()?;
-    let Some(first) = blank.first().filter(|_| 2 * blank.len() > training.len()) else { return Ok(()) };
+    let left: Vec<(PathBuf, f64)> = training.par_iter().filter_map(|f| left(&f)).collect::<Result<_, _>>()?;
+    let blank: Vec<&PathBuf> = left.iter().filter(|(_, share)| *share == 0.0).map(|(path, _)| path).collect();
+    let Some(first) = blank.first().filter(|_| 2 * blank.len() > training.len()) else {
+        let sum: f64 = left.iter().map(|(_, share)| share).sum();
+        return Ok((!left.is_empty()).then(|| sum / left.len() as f64));
+    };
     let what =
         format!("ignores every pixel, and so do the masks of {} of {} training photos", blank.len(), training.len());
     let remedy = "turn the polarity of the masks round, or load without masks";
-    Err(SceneError::new(ErrorKind::Image, Problem::new(first, what, remedy)))
+    Err(SceneError::new(ErrorKind::Image, Problem::new(*first, what, remedy)))
 }

@@ -12,10 +12,11 @@ pub use batch::Batch;
 pub use patches::{Patches, Shape};
 pub use view::View;
 
+use glam::DVec3;
 use rayon::prelude::*;
 use render_core::camera::{Camera, Prepared, RayTable};
 use render_core::ray::Ray;
-use scene_io::{Image, ImageStore, Scene, SceneError};
+use scene_io::{Frame, Image, ImageStore, Scene, SceneError};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -31,6 +32,21 @@ pub struct Dataset {
     window_views: u64,
     /// `first_pixel[v]` is the number of pixels of the views before `v`; one entry more than views.
     first_pixel: Vec<u64>,
+}
+
+/// A frame of a dataset, before it is a view.
+struct Listed {
+    frame: usize,
+    name: String,
+    points: Arc<[DVec3]>,
+}
+
+impl Listed {
+    fn new(scene: &Scene, frame: usize) -> Self {
+        let Frame { name, tracks, .. } = &scene.frames[frame];
+        let points = tracks.iter().filter_map(|track| scene.points.get(track.point as usize)).map(|point| point.xyz);
+        Self { frame, name: name.clone(), points: points.collect() }
+    }
 }
 
 impl Dataset {
@@ -60,24 +76,25 @@ impl Dataset {
         frames: Vec<usize>,
         levels: Range<u32>,
     ) -> Result<Self, SceneError> {
-        let frames: Vec<(usize, String)> = frames.into_iter().map(|f| (f, scene.frames[f].name.clone())).collect();
+        let frames: Vec<Listed> = frames.into_iter().map(|f| Listed::new(scene, f)).collect();
         Ok(Self::of_frames(store, &frames, levels))
     }
 
     /// The views of this dataset at one level; see [`Dataset::with_levels`].
     #[must_use]
     pub fn at_level(&self, level: u32) -> Self {
-        let mut frames: Vec<(usize, String)> = self.views.iter().map(|v| (v.frame, v.name.clone())).collect();
+        let listed = |v: &View| Listed { frame: v.frame, name: v.name.clone(), points: v.points.clone() };
+        let mut frames: Vec<Listed> = self.views.iter().map(listed).collect();
         let mut seen = std::collections::HashSet::new();
-        frames.retain(|(frame, _)| seen.insert(*frame));
+        frames.retain(|listed| seen.insert(listed.frame));
         Self::of_frames(self.store.clone(), &frames, level..level + 1)
     }
 
-    fn of_frames(store: Arc<ImageStore>, frames: &[(usize, String)], levels: Range<u32>) -> Self {
+    fn of_frames(store: Arc<ImageStore>, frames: &[Listed], levels: Range<u32>) -> Self {
         let mut tables: Vec<(Camera, Arc<RayTable>, Prepared)> = Vec::new();
         let mut views = Vec::with_capacity(frames.len() * levels.len());
         for level in levels {
-            for (frame, name) in frames {
+            for Listed { frame, name, points } in frames {
                 let camera = level_camera(store.camera(*frame), level);
                 let lens = (!camera.lens.is_pinhole()).then(|| {
                     let known = tables.iter().find(|(c, ..)| c.same_optics(&camera)).map(|(_, t, p)| (t.clone(), *p));
@@ -88,7 +105,8 @@ impl Dataset {
                     })
                 });
                 let (table, prepared) = lens.unzip();
-                views.push(View { frame: *frame, name: name.clone(), camera, level, table, prepared });
+                let (name, points) = (name.clone(), points.clone());
+                views.push(View { frame: *frame, name, camera, points, level, table, prepared });
             }
         }
         let mut first_pixel = vec![0];
@@ -124,6 +142,11 @@ impl Dataset {
     /// Whether there is no view.
     pub fn is_empty(&self) -> bool {
         self.views.is_empty()
+    }
+
+    /// Whether alpha comes from masks that cut out an object.
+    pub fn is_cut_out(&self) -> bool {
+        self.views.iter().any(|view| self.store.is_cut_out(view.frame))
     }
 
     /// The views, in the order of the frames given.

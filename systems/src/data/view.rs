@@ -14,6 +14,8 @@ pub struct View {
     pub name: String,
     /// Camera at training resolution.
     pub camera: Camera,
+    /// Points that it shows, world units: its features that were found again in other photos.
+    pub points: Arc<[DVec3]>,
     /// How often the frame was halved: the view is `1 / 2^level` of the training resolution.
     pub level: u32,
     /// Directions of a lens with distortion, shared by views with equal intrinsics.

@@ -26,7 +26,7 @@ use crate::skips::MeasuredSkips;
 use crate::system::{Query, System};
 use image::RgbImage;
 use losses::metrics::Lpips;
-use measure::measure;
+use measure::{inside, measure, object_mask};
 use serde::{Deserialize, Serialize};
 
 /// Which metrics are wanted.
@@ -58,6 +58,9 @@ pub struct ViewScore {
     pub name: String,
     /// Peak signal-to-noise ratio, dB; `None` when the render equals the truth (infinite) or all pixels are ignored.
     pub psnr: Option<f64>,
+    /// The same inside the mask that cuts out an object; `None` without such masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub psnr_object: Option<f64>,
     /// Structural similarity; `None` for images under 11 pixels a side.
     pub ssim: Option<f64>,
     /// Multi-scale SSIM; `None` for images under its smallest side, and for masked ones.
@@ -80,6 +83,9 @@ pub struct ViewScore {
 pub struct Evaluation {
     /// Mean over views, dB.
     pub psnr: Option<f64>,
+    /// Mean over views, dB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub psnr_object: Option<f64>,
     /// Mean over views.
     pub ssim: Option<f64>,
     /// Mean over views.
@@ -149,11 +155,19 @@ pub fn evaluate(
         let render_seconds = clock.elapsed().as_secs_f64();
         let picture = colour(&rendered);
         let mut note = |note: &str| notes.push(format!("{}: {note}", view.name));
+        let object = data.is_cut_out().then(|| object_mask(&image)).flatten();
         let mut score = match protocol.scored {
-            Scored::Whole => measure(&picture, &truth, image.mask.as_deref(), measures, &mut note),
+            Scored::Whole => {
+                let score = measure(&picture, &truth, image.mask.as_deref(), measures, &mut note);
+                ViewScore { psnr_object: object.and_then(|object| inside(&picture, &truth, &object)), ..score }
+            }
             Scored::RightHalf => {
-                let mask = image.mask.as_deref().map(|mask| half::right_mask(mask, image.width));
-                measure(&half::right(&picture), &half::right(&truth), mask.as_deref(), measures, &mut note)
+                let right_mask = |mask: &[u8]| half::right_mask(mask, image.width);
+                let (picture, truth) = (half::right(&picture), half::right(&truth));
+                let score =
+                    measure(&picture, &truth, image.mask.as_deref().map(right_mask).as_deref(), measures, &mut note);
+                let object = object.as_deref().map(right_mask);
+                ViewScore { psnr_object: object.and_then(|object| inside(&picture, &truth, &object)), ..score }
             }
         };
         score.name.clone_from(&view.name);
@@ -165,10 +179,23 @@ pub fn evaluate(
         let values: Vec<f64> = views.iter().filter_map(value).collect();
         (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     };
-    let (psnr, ssim) = (mean(|v| v.psnr), mean(|v| v.ssim));
+    let (psnr, psnr_object, ssim) = (mean(|v| v.psnr), mean(|v| v.psnr_object), mean(|v| v.ssim));
     let (ms_ssim, lpips, flip) = (mean(|v| v.ms_ssim), mean(|v| v.lpips), mean(|v| v.flip));
     let protocol = protocol.clone();
-    Ok(Evaluation { psnr, ssim, ms_ssim, lpips, flip, steps, seconds, protocol, notes, views, skips: None })
+    Ok(Evaluation {
+        psnr,
+        psnr_object,
+        ssim,
+        ms_ssim,
+        lpips,
+        flip,
+        steps,
+        seconds,
+        protocol,
+        notes,
+        views,
+        skips: None,
+    })
 }
 
 /// Refuses views of one column where a protocol needs two halves.

@@ -50,6 +50,9 @@ impl Evaluation {
             out += &row(&name, [v.psnr, v.ssim, v.ms_ssim, v.lpips]);
         }
         out += &row("mean", [self.psnr, self.ssim, self.ms_ssim, self.lpips]);
+        if let Some(db) = self.psnr_object {
+            out += &format!("inside the masks of the object: {db:.3} dB\n");
+        }
         if self.protocol != Protocol::default() {
             out += &format!("protocol: {}\n", self.protocol);
         }

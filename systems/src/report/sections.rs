@@ -162,6 +162,9 @@ pub(super) fn scores(e: &Evaluation) -> String {
     let mean_seconds = e.views.iter().map(|v| v.render_seconds).sum::<f64>() / e.views.len().max(1) as f64;
     row(" class=\"mean\"", "mean", [e.psnr, e.ssim, e.ms_ssim, e.lpips], mean_seconds);
     out += "</table></div>\n";
+    if let Some(db) = e.psnr_object {
+        let _ = writeln!(out, "<p class=\"soft\">PSNR inside the masks of the object: {db:.3} dB.</p>");
+    }
     if e.protocol != Protocol::default() {
         let _ = writeln!(out, "<p class=\"soft\">Protocol: {}.</p>", escape(&e.protocol.to_string()));
     }
@@ -316,6 +319,7 @@ mod tests {
         ViewScore {
             name,
             psnr: Some(psnr),
+            psnr_object: None,
             ssim: None,
             ms_ssim: None,
             lpips: None,

@@ -35,7 +35,7 @@ use crate::train::{Ended, Reason, Schedule, train};
 use datasets::datasets;
 use host::RunHost;
 use losses::metrics::Lpips;
-use scene_io::{Scene, refuse_blank_masks};
+use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -124,7 +124,9 @@ impl<'a> Run<'a> {
         };
         let scene = (parts.load)(spec, &data)?;
         // Whoever goes on with a run has been told.
-        refuse_blank_masks(&scene.frames)?;
+        if let Some(line) = refuse_blank_masks(&scene.frames)?.and_then(|left| mostly_masked(&scene, left)) {
+            observer.event(Event::Warning(&line));
+        }
         let dataset = dataset_hash(&scene)?;
         let (train, held_out) = datasets(&scene, &data)?;
         let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
@@ -311,6 +313,15 @@ impl<'a> Run<'a> {
         );
         write_file(self.parts.storage, &self.folder.join(Summary::FILE), summary.json().as_bytes())
     }
+}
+
+/// Masks that ignore most of the photos are more likely those of an object.
+fn mostly_masked(scene: &Scene, left: f64) -> Option<String> {
+    let ignoring = |f: &Frame| f.mask.is_some() && f.mask_polarity == MaskPolarity::WhiteIsUsed;
+    (left < 0.5 && scene.frames.iter().any(ignoring)).then(|| {
+        let ignored = 100.0 * (1.0 - left);
+        format!("masks ignore {ignored:.0} % of the photos: where white is an object and nothing is around it, say `--mask-white object`")
+    })
 }
 
 fn short(hash: &str) -> String {

@@ -14,6 +14,7 @@ use crate::plan::Ground;
 use crate::static_scene::ngp::NgpConfig;
 use crate::static_scene::survey::Surveys;
 use crate::system::{System, SystemError};
+use scene_io::Scene;
 
 /// Steps of the short training.
 const STEPS: u64 = 80;
@@ -29,6 +30,7 @@ const DARK: f32 = 0.1;
 /// Light and strangers of the photos, each with a line of reason.
 pub(super) fn needs(
     ground: &mut Ground,
+    scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(AppearanceKind, OccluderKind), SystemError> {
@@ -38,7 +40,7 @@ pub(super) fn needs(
     }
     let lines = ground.lines.len();
     // Colours that depend on the direction would explain the light of each photo.
-    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, data) };
+    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, scene, data) };
     let mut field = ground.ngp(data, &config, run.seed, None)?;
     // What this field was built with is said again for the one that stays.
     ground.lines.truncate(lines);

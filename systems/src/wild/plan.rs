@@ -15,6 +15,9 @@ use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
+use glam::DVec3;
+use render_core::bounds::depth_ranges;
+use render_core::camera::Camera;
 use scene_io::Scene;
 
 /// Systems by name.
@@ -74,7 +77,7 @@ pub fn build(
         Some(parts) => parts,
         // Nothing is left to be found out: a resumed run is told again.
         None if asked("appearance") && asked("occluders") => (AppearanceKind::None, OccluderKind::None),
-        None => look::needs(&mut ground, data, run)?,
+        None => look::needs(&mut ground, scene, data, run)?,
     };
     let (ours, fields) = split(run, &table(&WildConfig::new(FieldKind::Ngp, appearance, occluders)));
     let field = match run.set.get("field") {
@@ -95,7 +98,7 @@ pub fn build(
     let method = method(&wild, scene, data, run.seed)?;
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
-            let mut planned = field_settings(&mut ground, data);
+            let mut planned = field_settings(&mut ground, scene, data);
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
                 let side = wild.patch_side();
@@ -118,22 +121,46 @@ pub fn build(
 }
 
 /// Settings of `ngp` for photos from the wild: what one photo alone shows must not find a place right before its camera.
-pub(super) fn field_settings(ground: &mut Ground, data: &Dataset) -> NgpConfig {
+pub(super) fn field_settings(ground: &mut Ground, scene: &Scene, data: &Dataset) -> NgpConfig {
     let mut config = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
     if ground.layout.kind == SpaceKind::Contracted {
-        let distances = data.views().iter().map(|v| v.camera.pose.c.distance(ground.layout.centre));
-        let nearest = distances.fold(f64::INFINITY, f64::min) / ground.layout.radius;
-        let near = (NEAR_SHARE * nearest) as f32;
+        config.sky = true;
+        ground.lines.push("sky: every ray ends at infinity, in a colour of its direction".into());
+        let features: usize = data.views().iter().map(|v| v.points.len()).sum();
+        config.free_space = features > 0;
+        if config.free_space {
+            let line = format!("free space: what lies before the points of {features} features of the photos is empty");
+            ground.lines.push(line);
+        }
+        let (near, why) = nearest(scene, data, ground.layout.centre);
+        let near = (near / ground.layout.radius) as f32;
         if near.is_finite() && near > config.near {
             config.near = near;
-            let line = format!("near: {near:.2} radii ({NEAR_SHARE} of the nearest camera's distance from the centre)");
-            ground.lines.push(line);
+            ground.lines.push(format!("near: {near:.2} radii ({why})"));
         }
     }
     config
 }
 
-/// Where rays begin in open scenes: this share of the nearest camera's distance from the centre.
+/// Where rays begin in open scenes, world units, and why: what stands before all that the photos have in common is a
+/// stranger.
+fn nearest(scene: &Scene, data: &Dataset, centre: DVec3) -> (f64, String) {
+    let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
+    let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+    if let Some(ranges) = depth_ranges(&cameras, &points, NEAR_PERCENTILE, NEAR_POINTS) {
+        let nearest = ranges.iter().map(|r| r[0]).fold(f64::INFINITY, f64::min);
+        return (NEAR_POINT_SHARE * nearest, format!("{NEAR_POINT_SHARE} of the nearest points' depth"));
+    }
+    let nearest = cameras.iter().map(|c| c.pose.c.distance(centre)).fold(f64::INFINITY, f64::min);
+    (NEAR_SHARE * nearest, format!("{NEAR_SHARE} of the nearest camera's distance from the centre"))
+}
+
+/// Of the depths of the points in a photo, this percentile is the nearest that is trusted; photos with fewer points are not.
+const NEAR_PERCENTILE: f64 = 0.02;
+const NEAR_POINTS: usize = 20;
+/// Rays begin at this share of it.
+const NEAR_POINT_SHARE: f64 = 0.7;
+/// Without points: at this share of the nearest camera's distance from the centre.
 const NEAR_SHARE: f64 = 0.35;
 
 /// Photos below this longest side are judged by patches of half the size.

@@ -5,5 +5,6 @@ mod common;
 mod data;
 mod full_disk;
 mod light;
+mod objects;
 mod results;
 mod resume;

@@ -46,6 +46,7 @@ pub(super) fn small(kind: SpaceKind) -> NgpConfig {
         cascades: if contracted { 3 } else { 1 },
         step_min: 0.04,
         step_cone: if contracted { 0.04 } else { 0.0 },
+        sky: contracted,
         centre: [0.0; 3],
         radius: 1.0,
         near: 0.01,

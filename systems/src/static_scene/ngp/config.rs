@@ -118,6 +118,11 @@ pub struct NgpConfig {
     pub lr_tenfold: f32,
     /// L2 penalty on the networks' weights (not on the grid).
     pub weight_decay: f32,
+    /// What lies before the points of photos (features found again in others) is empty from the start.
+    pub free_space: bool,
+    /// Every ray ends in one more sample, at infinity: the sky, which is a colour for each direction. Only where space is
+    /// contracted, with samples placed by the occupancy grid.
+    pub sky: bool,
     /// Factor of the distortion loss, which draws the weight of a ray together; 0: none.
     pub distortion: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.

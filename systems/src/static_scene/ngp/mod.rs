@@ -20,6 +20,7 @@ mod chunk;
 mod config;
 mod field;
 mod fit;
+mod free_space;
 mod grid_trainer;
 mod head;
 mod look;
@@ -228,7 +229,7 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        self.occupy.carve(&self.space, data)
+        self.occupy.carve(&self.config, &self.space, data)
     }
 
     /// Share of the occupancy grid's cells that are empty for good.

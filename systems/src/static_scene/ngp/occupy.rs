@@ -2,8 +2,9 @@
 
 use super::NgpConfig;
 use super::field::{DensityScratch, Field, sized};
+use super::free_space::free_cells;
 use crate::data::Dataset;
-use crate::space::{InternalRay, Space};
+use crate::space::{InternalRay, Space, SpaceKind};
 use crate::system::SystemError;
 use field_core::rng::Rng;
 use glam::DVec3;
@@ -25,10 +26,15 @@ const EAGER_SHARE: u32 = 2;
 const DECAY: f32 = 0.8;
 /// Cells looked at together.
 const TASK: usize = 4096;
+/// One in so many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
+const DOUBTED: usize = 10;
 /// Tasks of an update at most: each has its buffers.
 const LOOKERS: usize = 32;
 /// Samples of a ray at most: [`super::NgpConfig::check`] sees to it that no march ends early.
 pub(super) const MAX_SAMPLES: u32 = 1 << 16;
+/// Where the sky's sample is, and how long: so many times the way to the end of the occupancy grid. There the contraction
+/// leaves nothing of a ray but its direction, and any density is opaque.
+const SKY: f32 = 1e3;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 
@@ -53,6 +59,7 @@ struct Looker {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Marcher {
     rule: StepRule,
+    sky: bool,
 }
 
 impl Marcher {
@@ -70,10 +77,14 @@ impl Marcher {
         mut visit: impl FnMut(f32, f32),
     ) -> Marched {
         let span = RaySpan { o: ray.o, d: ray.d, t_min: ray.start, t_max: ray.end };
-        grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
+        let marched = grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
             visit(t, dt);
             ControlFlow::Continue(())
-        })
+        });
+        if self.sky && ray.start < ray.end {
+            visit(SKY * ray.end, SKY * ray.end);
+        }
+        marched
     }
 }
 
@@ -93,7 +104,8 @@ impl Occupy {
     /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nobody needs.
     pub(super) fn settings(config: &NgpConfig, updates: u64) -> Settings {
         let settled = (updates * config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
-        let (first, last) = ((0.5 * config.step_min).min(config.occupancy_threshold), config.occupancy_threshold);
+        let last = config.occupancy_threshold;
+        let first = (0.5 * config.density_bias.clamp(-80.0, 80.0).exp() * config.step_min).min(last);
         Settings {
             resolution: config.occupancy as u32,
             cascades: config.cascades as u32,
@@ -106,6 +118,7 @@ impl Occupy {
     pub(super) fn marcher(&self, config: &NgpConfig, stretch: f32) -> Marcher {
         Marcher {
             rule: StepRule { dt_min: stretch * config.step_min, cone: stretch * config.step_cone, dt_max: STEP_MAX },
+            sky: config.sky && config.space == SpaceKind::Contracted,
         }
     }
 
@@ -146,13 +159,18 @@ impl Occupy {
     }
 
     /// See [`super::Ngp::carve`].
-    pub(super) fn carve(&mut self, space: &Space, data: &Dataset) -> Result<(), SystemError> {
+    pub(super) fn carve(&mut self, config: &NgpConfig, space: &Space, data: &Dataset) -> Result<(), SystemError> {
         let views: Vec<Silhouette> =
             (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
+        let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
+        let free = if config.free_space { free_cells(grid, space, data) } else { vec![false; grid.cells()] };
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {
+                if free[id as usize] {
+                    return false;
+                }
                 let (corner, side) = grid.cell_box(id);
                 let centre = space.world_point(corner.map(|c| c + 0.5 * side));
                 let reach = [0, 1, 2, 3, 4, 5, 6, 7]
@@ -160,10 +178,15 @@ impl Occupy {
                     .map(|x| (x - centre).length())
                     .into_iter()
                     .fold(0.0, f64::max);
-                let mut seen = false;
+                let (mut seen, mut empty) = (false, 0);
                 for view in &views {
                     match view.look(centre, reach) {
-                        Sight::Background => return false,
+                        Sight::Background => {
+                            empty += 1;
+                            if empty > doubted {
+                                return false;
+                            }
+                        }
                         Sight::Something => seen = true,
                         Sight::Outside => {}
                     }

@@ -1,0 +1,165 @@
+//! Space that the features of photos see through: whoever sees a point sees nothing before it.
+//!
+//! Features that were found again in other photos belong to the place, not to a stranger, and the line from a camera to such
+//! a point is free. A cell that several of these lines cross, none of them near its end, and that no point lies in or
+//! beside, is empty; and so is what lies before all the points of a photo, in whatever direction. Without this, few photos
+//! are explained by a fog before each camera.
+
+use crate::data::{Dataset, View};
+use crate::space::Space;
+use render_core::bounds::percentile;
+use render_core::occupancy::OccupancyGrid;
+
+/// Lines that make a cell free.
+const LINES: u16 = 3;
+/// Part of a line that counts: points are not that certain, and what they lie on has a thickness.
+const CERTAIN: f32 = 0.9;
+/// Lines along a side of the fan before a photo, the fewest points that tell how far it reaches, the share of them that may
+/// stray, and the share of the way to the nearest of the others.
+const FAN: u32 = 24;
+const FEWEST: usize = 20;
+const STRAY: f64 = 0.02;
+const SHARE: f64 = 0.7;
+/// Places looked at in a cell's side.
+const PER_CELL: f32 = 2.0;
+
+/// Depth before which a photo shows no point, world units: a share of that of nearly all of its points.
+fn nearest(view: &View) -> Option<f64> {
+    let mut depths: Vec<f64> =
+        view.points.iter().map(|x| view.camera.pose.to_camera(*x).z).filter(|z| *z > 0.0).collect();
+    depths.sort_unstable_by(f64::total_cmp);
+    (depths.len() >= FEWEST).then(|| percentile(&depths, STRAY)).flatten().map(|depth| SHARE * depth)
+}
+
+/// Which cells of the grid are free; all false without points.
+pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) -> Vec<bool> {
+    let mut lines = vec![0_u16; grid.cells()];
+    let mut kept = vec![false; grid.cells()];
+    let mut any = false;
+    for view in data.views().iter().filter(|view| view.level == 0) {
+        let Some(o) = space.internal_point(view.camera.pose.c) else { continue };
+        if let Some(depth) = nearest(view) {
+            any = true;
+            for (x, y) in (0..FAN).flat_map(|y| (0..FAN).map(move |x| (x, y))) {
+                let [x, y] =
+                    [(x, view.camera.width), (y, view.camera.height)].map(|(i, size)| i * (size - 1) / (FAN - 1));
+                let Some(ray) = view.ray(x, y) else { continue };
+                let end = ray.o + ray.d * (depth / ray.d.dot(view.camera.optical_axis()));
+                if let Some(p) = space.internal_point(end) {
+                    cross(grid, o, p, &mut lines);
+                }
+            }
+        }
+        for point in view.points.iter() {
+            let Some(p) = space.internal_point(*point) else { continue };
+            any = true;
+            keep_around(grid, p, &mut kept);
+            cross(grid, o, p, &mut lines);
+        }
+    }
+    if !any {
+        return kept;
+    }
+    let mut free: Vec<bool> = lines.iter().zip(&kept).map(|(n, kept)| *n >= LINES && !kept).collect();
+    // A cell that is only met by long steps is free where the eight it consists of are.
+    let resolution = grid.settings().resolution;
+    for k in 1..grid.settings().cascades {
+        let inner = resolution / 4..resolution - resolution / 4;
+        for (z, y, x) in inner.clone().flat_map(|z| {
+            let rows = inner.clone();
+            rows.clone().flat_map(move |y| rows.clone().map(move |x| (z, y, x)))
+        }) {
+            let corner = [x, y, z].map(|c| 2 * (c - resolution / 4));
+            let parts = (0..8_u32).map(|i| grid.cell(k - 1, [0, 1, 2].map(|a| corner[a] + (i >> a & 1))));
+            free[grid.cell(k, [x, y, z]) as usize] = parts.into_iter().all(|part| free[part as usize]);
+        }
+    }
+    free
+}
+
+/// The finest cell that holds `p`, inside the grid.
+fn cell_of(grid: &OccupancyGrid, p: [f32; 3]) -> (u32, [u32; 3]) {
+    let furthest = p.iter().fold(0.0_f32, |m, x| m.max(x.abs()));
+    let k = (0..grid.settings().cascades - 1).find(|k| furthest < (1_u32 << k) as f32);
+    let k = k.unwrap_or(grid.settings().cascades - 1);
+    let (side, half, last) = (grid.cell_side(k), (1_u32 << k) as f32, grid.settings().resolution - 1);
+    (k, p.map(|x| (((x + half) / side).max(0.0) as u32).min(last)))
+}
+
+/// The cell of a point and those beside it stay.
+fn keep_around(grid: &OccupancyGrid, p: [f32; 3], kept: &mut [bool]) {
+    let (k, at) = cell_of(grid, p);
+    let last = grid.settings().resolution - 1;
+    for i in 0..27_u32 {
+        let shift = [i % 3, i / 3 % 3, i / 9];
+        let beside = [0, 1, 2].map(|a| (at[a] + shift[a]).saturating_sub(1).min(last));
+        kept[grid.cell(k, beside) as usize] = true;
+    }
+}
+
+/// Count the line from `o` to `p` in the cells it crosses.
+fn cross(grid: &OccupancyGrid, o: [f32; 3], p: [f32; 3], lines: &mut [u16]) {
+    let way = [0, 1, 2].map(|a| p[a] - o[a]);
+    let length = way.iter().map(|x| x * x).sum::<f32>().sqrt();
+    let (mut t, mut previous) = (0.0, None);
+    while t < CERTAIN * length {
+        let at = [0, 1, 2].map(|a| o[a] + t / length * way[a]);
+        let (k, x) = cell_of(grid, at);
+        if previous.replace((k, x)) != Some((k, x)) {
+            let count = &mut lines[grid.cell(k, x) as usize];
+            *count = count.saturating_add(1);
+        }
+        t += grid.cell_side(k) / PER_CELL;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use render_core::occupancy::Settings;
+
+    fn grid() -> OccupancyGrid {
+        OccupancyGrid::new(Settings { resolution: 16, cascades: 2, decay: 0.9, threshold: 0.1 }).unwrap()
+    }
+
+    #[test]
+    fn cells_found_are_those_that_hold_the_point() {
+        let grid = grid();
+        for p in [[0.0; 3], [0.99, -0.99, 0.3], [1.0, 0.0, 0.0], [-1.99, 1.3, 0.1], [2.0, -2.0, 2.0]] {
+            let (k, x) = cell_of(&grid, p);
+            let (corner, side) = grid.cell_box(grid.cell(k, x));
+            for a in 0..3 {
+                assert!(corner[a] <= p[a] && p[a] <= corner[a] + side, "{p:?} in {corner:?} + {side}");
+            }
+            assert_eq!(k == 0, p.iter().all(|x| x.abs() < 1.0), "the finest that does");
+        }
+    }
+
+    #[test]
+    fn a_line_crosses_each_cell_once_and_not_its_end() {
+        let grid = grid();
+        let mut lines = vec![0; grid.cells()];
+        cross(&grid, [-1.9, 0.03, 0.03], [0.9, 0.03, 0.03], &mut lines);
+        assert_eq!(lines.iter().max(), Some(&1));
+        let at = |p| {
+            let (k, x) = cell_of(&grid, p);
+            lines[grid.cell(k, x) as usize]
+        };
+        for x in [-1.9, -1.2, -0.8, 0.0, 0.5] {
+            assert_eq!(at([x, 0.03, 0.03]), 1, "{x}");
+        }
+        assert_eq!([at([0.9, 0.03, 0.03]), at([0.0, 0.3, 0.0])], [0, 0]);
+        // A point at the camera is no line.
+        cross(&grid, [0.5; 3], [0.5; 3], &mut lines);
+    }
+
+    #[test]
+    fn what_lies_beside_a_point_stays() {
+        let grid = grid();
+        let mut kept = vec![false; grid.cells()];
+        keep_around(&grid, [0.01, 0.01, 0.01], &mut kept);
+        assert_eq!(kept.iter().filter(|k| **k).count(), 27);
+        keep_around(&grid, [-2.0; 3], &mut kept);
+        assert_eq!(kept.iter().filter(|k| **k).count(), 27 + 8, "a corner of the outer cube");
+    }
+}
