@@ -7,7 +7,8 @@
 //! that many photos share are static (structure from motion knows them), and so is what is rendered no worse than most
 //! photos are at the same place ([`super::photo_judge`]; published: no worse than the mean of the photo). Both vote on the
 //! segments of the photo, given as files, or else its superpixels; the field then goes on with what was found to be static,
-//! and looks again, or starts anew, as published.
+//! and looks again, or starts anew, as published. Segments from files have outlines as sharp as the photo. Where the field goes
+//! on, it leaves out what errs, too, whatever segment it is in: no segmenter gives the shadow to the stranger.
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
@@ -27,6 +28,17 @@ use scene_io::{Frame, Scene};
 /// Least score and stability of a segment around a feature point, where the segmenter gave them.
 const LEAST_SCORE: f32 = 0.8;
 const LEAST_STABILITY: f32 = 0.92;
+
+/// Pixels of the segments of all photos together, at most: a few bytes each while photos are judged.
+const OUTLINE_PIXELS: f64 = 32e6;
+
+/// A photo of a survey: what features say to be static and its segments, in squares of `stride` pixels.
+struct Clue {
+    extent: Extent,
+    stride: usize,
+    h_sfm: Vec<u8>,
+    pieces: Pieces,
+}
 
 /// Segments of a photo.
 enum Pieces {
@@ -53,14 +65,17 @@ pub(super) struct Hugs {
     /// Photos a feature has to be seen in.
     min_track: u32,
     judge: PhotoJudge,
-    /// Of each photo of a survey what features say to be static, and its segments.
-    clues: Vec<(Vec<u8>, Pieces)>,
+    /// The photos of a survey.
+    clues: Vec<Clue>,
     /// What was found to be static.
     maps: StaticMaps,
+    /// What is rendered no worse than most photos are at the same place.
+    unerring: StaticMaps,
     /// The field begins anew once they are found.
     restart: Restart,
-    /// Pixels of a photo along a side of what is compared.
+    /// Pixels of a photo along a side of what is compared, and of the outlines of segments from files.
     stride: u32,
+    fine: usize,
     votes: VoteScratch,
 }
 
@@ -91,8 +106,10 @@ impl Hugs {
             judge: PhotoJudge::default(),
             clues: Vec::new(),
             maps: StaticMaps::default(),
+            unerring: StaticMaps::default(),
             restart: config.restart,
             stride: super::survey_stride(data),
+            fine: (data.pixel_count() as f64 / OUTLINE_PIXELS).sqrt().ceil().max(1.0) as usize,
             votes: VoteScratch::default(),
         })
     }
@@ -154,6 +171,7 @@ impl Method for Hugs {
 
     fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
         self.maps.leave_out(batch);
+        self.unerring.leave_out(batch);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
     }
 
@@ -187,12 +205,18 @@ impl Method for Hugs {
 
     fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
         let [width, height] = seen.size;
-        let extent = Extent { width, height };
-        let frame = self.frames[data.view(seen.view).frame].clone();
-        let segments = match self.segments {
-            SegmentKind::Files => frame.read_segments()?.map(|s| s.resized(width as u32, height as u32)),
-            SegmentKind::Superpixels | SegmentKind::Pixels => None,
-        };
+        let (mut extent, mut stride) = (Extent { width, height }, seen.stride);
+        let view = data.view(seen.view);
+        let frame = self.frames[view.frame].clone();
+        let mut segments = None;
+        if self.segments == SegmentKind::Files
+            && let Some(files) = frame.read_segments()?
+        {
+            stride = self.fine.min(stride);
+            let [width, height] = [view.camera.width, view.camera.height].map(|side| (side as usize / stride).max(1));
+            extent = Extent { width, height };
+            segments = Some(files.resized(width as u32, height as u32));
+        }
         let h_sfm = self.shared_features(&frame, extent, segments.as_ref())?;
         let pieces = match segments {
             None if self.segments == SegmentKind::Pixels => Pieces::Pixels,
@@ -207,19 +231,22 @@ impl Method for Hugs {
             }
         };
         self.judge.look(seen);
-        self.clues.push((h_sfm, pieces));
+        self.clues.push(Clue { extent, stride, h_sfm, pieces });
         Ok(())
     }
 
     fn surveyed(&mut self) {
         let (photos, clues) = (self.judge.judge(&self.rule, self.scale), std::mem::take(&mut self.clues));
         let fits = "a clue for each square, and the settings are checked before";
+        let mut unerring = Vec::new();
         let maps: Vec<StaticMap> = photos
             .into_iter()
             .zip(clues)
-            .map(|((extent, mut map), (h_sfm, pieces))| {
+            .map(|((_, map), Clue { extent, stride, h_sfm, pieces })| {
+                let mut bits = map.in_squares(stride, extent);
+                unerring.push(map);
                 // What features know to be static is, whatever its error.
-                map.bits.iter_mut().zip(h_sfm).for_each(|(bit, h)| *bit |= u8::from(h != 0));
+                bits.iter_mut().zip(h_sfm).for_each(|(bit, h)| *bit |= u8::from(h != 0));
                 let stack: Vec<&[u8]>;
                 let segments = match &pieces {
                     Pieces::Pixels => Segments::Pixels,
@@ -230,12 +257,14 @@ impl Method for Hugs {
                     }
                 };
                 let mut voted = vec![0; extent.pixels()];
-                vote(extent, segments, &map.bits, self.share, &mut self.votes, &mut voted).expect(fits);
-                map.bits = voted;
-                map
+                vote(extent, segments, &bits, self.share, &mut self.votes, &mut voted).expect(fits);
+                StaticMap { width: extent.width, stride, bits: voted }
             })
             .collect();
         self.maps.set_all(maps);
+        if self.restart == Restart::On {
+            self.unerring.set_all(unerring);
+        }
     }
 
     fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
@@ -248,13 +277,15 @@ impl Method for Hugs {
 
     fn state(&self) -> Vec<Tensor<'_>> {
         let mut out = Vec::new();
-        self.maps.push_state(&mut out);
+        self.maps.push_state("static", &mut out);
+        self.unerring.push_state("unerring", &mut out);
         self.light.iter().for_each(|light| light.push_state(&mut out));
         out
     }
 
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        self.maps.load_state(state)?;
+        self.maps.load_state("static", state)?;
+        self.unerring.load_state("unerring", state)?;
         self.light.as_mut().map_or(Ok(()), |light| light.load_state(state))
     }
 
@@ -263,6 +294,6 @@ impl Method for Hugs {
     }
 
     fn memory_bytes(&self) -> usize {
-        self.light.as_ref().map_or(0, Light::bytes) + self.maps.bytes()
+        self.light.as_ref().map_or(0, Light::bytes) + self.maps.bytes() + self.unerring.bytes()
     }
 }

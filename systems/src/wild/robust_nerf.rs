@@ -175,14 +175,14 @@ impl Method for RobustNerf {
 
     fn state(&self) -> Vec<Tensor<'_>> {
         let mut out = vec![f32_tensor("robust.threshold", std::slice::from_ref(&self.threshold))];
-        self.maps.push_state(&mut out);
+        self.maps.push_state("static", &mut out);
         self.light.iter().for_each(|light| light.push_state(&mut out));
         out
     }
 
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         self.threshold = take_f32(state, "robust.threshold", 1)?[0];
-        self.maps.load_state(state)?;
+        self.maps.load_state("static", state)?;
         self.light.as_mut().map_or(Ok(()), |light| light.load_state(state))
     }
 

@@ -2,6 +2,7 @@
 
 use crate::data::Batch;
 use crate::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
+use losses::heuristics::Extent;
 
 /// A map for each training view; empty until they are found.
 #[derive(Default)]
@@ -18,6 +19,12 @@ pub(super) struct StaticMap {
 }
 
 impl StaticMap {
+    /// The same in squares of `stride` pixels, `extent` of them.
+    pub(super) fn in_squares(&self, stride: usize, extent: Extent) -> Vec<u8> {
+        let middle = |k: usize| k * stride + stride / 2;
+        (0..extent.pixels()).map(|i| self.at(middle(i % extent.width), middle(i / extent.width))).collect()
+    }
+
     /// Whether pixel `(x, y)` is static. What lies beyond the last whole square is as that square.
     fn at(&self, x: usize, y: usize) -> u8 {
         let height = self.bits.len().checked_div(self.width).unwrap_or(0);
@@ -60,7 +67,8 @@ impl StaticMaps {
         self.0.iter().map(|map| map.bits.len()).sum()
     }
 
-    pub(super) fn push_state(&self, out: &mut Vec<Tensor<'_>>) {
+    /// Tensors `NAME.words` and `NAME.maps`.
+    pub(super) fn push_state(&self, name: &str, out: &mut Vec<Tensor<'_>>) {
         // Their number; for each its width, stride and length; then 64 squares to a word.
         let mut words = vec![self.0.len() as u64];
         words.extend(self.0.iter().flat_map(|map| [map.width as u64, map.stride as u64, map.bits.len() as u64]));
@@ -68,15 +76,15 @@ impl StaticMaps {
             words
                 .extend(map.bits.chunks(64).map(|bits| bits.iter().rev().fold(0, |word, &b| word << 1 | u64::from(b))));
         }
-        out.push(u64_tensor("static.words", vec![words.len() as u64]));
-        out.push(u64_tensor("static.maps", words));
+        out.push(u64_tensor(&format!("{name}.words"), vec![words.len() as u64]));
+        out.push(u64_tensor(&format!("{name}.maps"), words));
     }
 
-    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let words = take_u64(state, "static.words", 1)?[0] as usize;
-        let words = take_u64(state, "static.maps", words)?;
+    pub(super) fn load_state(&mut self, name: &str, state: &TensorMap) -> Result<(), SystemError> {
+        let words = take_u64(state, &format!("{name}.words"), 1)?[0] as usize;
+        let words = take_u64(state, &format!("{name}.maps"), words)?;
         self.0 = unpack(&words).ok_or_else(|| SystemError::State {
-            name: "static.maps".into(),
+            name: format!("{name}.maps"),
             problem: "its lengths do not fit its content".into(),
         })?;
         Ok(())
@@ -112,10 +120,10 @@ mod tests {
         let bits: Vec<u8> = (0..70).map(|i| u8::from(i % 3 == 0)).collect();
         maps.set_all(vec![StaticMap::default(), StaticMap { width: 10, stride: 4, bits }]);
         let mut tensors = Vec::new();
-        maps.push_state(&mut tensors);
+        maps.push_state("static", &mut tensors);
         let state: TensorMap = tensors.into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
         let mut read = StaticMaps::default();
-        read.load_state(&state).unwrap();
+        read.load_state("static", &state).unwrap();
         assert_eq!(read.0, maps.0);
         let good = [1, 2, 1, 4, 0b1010];
         assert_eq!(unpack(&good).unwrap()[0].bits, [0, 1, 0, 1]);
@@ -128,5 +136,6 @@ mod tests {
     fn pixels_beyond_the_last_square_are_as_that_square() {
         let map = StaticMap { width: 2, stride: 3, bits: vec![1, 0, 0, 1] };
         assert_eq!([map.at(0, 0), map.at(5, 0), map.at(7, 0), map.at(7, 7), map.at(0, 7)], [1, 0, 0, 1, 0]);
+        assert_eq!(map.in_squares(2, Extent { width: 4, height: 2 }), [1, 0, 0, 0, 0, 1, 1, 1]);
     }
 }

@@ -77,12 +77,14 @@ impl Marcher {
         mut visit: impl FnMut(f32, f32),
     ) -> Marched {
         let span = RaySpan { o: ray.o, d: ray.d, t_min: ray.start, t_max: ray.end };
-        let marched = grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
+        let mut marched = grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
             visit(t, dt);
             ControlFlow::Continue(())
         });
         if self.sky && ray.start < ray.end {
             visit(SKY * ray.end, SKY * ray.end);
+            marched.samples += 1;
+            marched.lattice += 1;
         }
         marched
     }
