@@ -287,6 +287,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         lr_tenfold: 0.1,
         weight_decay: 1e-6,
         distortion,
+        sparsity: 0.0,
         huber: 0.0,
         head_width: 64,
         mixture: MixtureKind::Paper,

@@ -43,7 +43,7 @@ impl NerfW {
     pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset, seed: u64) -> Self {
         let strangers = (config.occluders == OccluderKind::Transient).then(|| Strangers {
             codes: CodeTable::new("transient", data.len(), config.transient_dims, seed),
-            lr: f64::from(config.code_lr),
+            lr: f64::from(config.transient_lr),
             likelihood: Likelihood { beta_min: config.beta_min, channels: Channels::Mean },
             lambda_u: config.lambda_u,
         });

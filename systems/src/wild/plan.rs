@@ -6,6 +6,7 @@ use super::hugs::Hugs;
 use super::light::Light;
 use super::look;
 use super::nerf_w::NerfW;
+use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
@@ -13,6 +14,7 @@ use crate::method::Method;
 use crate::options::{Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
 use crate::space::SpaceKind;
+use crate::static_scene::nerf::NerfConfig;
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -90,12 +92,18 @@ pub fn build(
     if longest < SMALL_PHOTO {
         (wild.patch, wild.patch_inner) = (wild.patch / 2, wild.patch_inner / 2);
     }
-    let wild: WildConfig = settings(&wild, &ours)?;
+    let mut wild: WildConfig = settings(&wild, &ours)?;
     wild.check()?;
-    let method = method(&wild, scene, data, run.seed)?;
+    let start = FilterStart::of(&mut wild)?;
+    if wild.occluders == OccluderKind::Filter {
+        ground.lines.push(start.line(wild.filter_freeze));
+    }
+    let method = method(&wild, scene, data, (start, run.seed))?;
+    let sparsity = if wild.occluders == OccluderKind::Filter { SPARSITY } else { 0.0 };
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
             let mut planned = field_settings(&mut ground, data);
+            planned.sparsity = sparsity;
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
                 let side = wild.patch_side();
@@ -106,7 +114,8 @@ pub fn build(
             (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
         }
         FieldKind::Mlp => {
-            let config = settings(&ground.nerf_settings(), &fields)?;
+            let planned = NerfConfig { sparsity, ..ground.nerf_settings() };
+            let config = settings(&planned, &fields)?;
             (Box::new(ground.nerf(data, &config, run.seed, method)?), table(&config))
         }
     };
@@ -136,6 +145,9 @@ pub(super) fn field_settings(ground: &mut Ground, data: &Dataset) -> NgpConfig {
 /// Where rays begin in open scenes: this share of the nearest camera's distance from the centre.
 const NEAR_SHARE: f64 = 0.35;
 
+/// SF-NeRF's weight of the prior on densities.
+const SPARSITY: f32 = 1e-10;
+
 /// Photos below this longest side are judged by patches of half the size.
 const SMALL_PHOTO: u32 = 320;
 
@@ -158,7 +170,7 @@ fn method(
     config: &WildConfig,
     scene: &Scene,
     data: &Dataset,
-    seed: u64,
+    (start, seed): (FilterStart, u64),
 ) -> Result<Option<Box<dyn Method>>, SystemError> {
     let light = Light::new(config, data, seed)?;
     Ok(match config.occluders {
@@ -170,6 +182,6 @@ fn method(
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
         OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
-        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, seed)?)),
+        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, (start, seed))?)),
     })
 }

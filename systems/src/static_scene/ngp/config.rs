@@ -120,6 +120,8 @@ pub struct NgpConfig {
     pub weight_decay: f32,
     /// Factor of the distortion loss, which draws the weight of a ray together; 0: none.
     pub distortion: f32,
+    /// Factor of the prior `ln(1 + 2 sigma^2)` on static densities, mean over the samples of a ray; 0: none.
+    pub sparsity: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
 
@@ -300,6 +302,9 @@ impl NgpConfig {
         }
         if !(0.0..1.0).contains(&self.train_stop) {
             return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
+        }
+        if !(0.0..=10.0).contains(&self.sparsity) {
+            return Err(bad("sparsity", self.sparsity, "must be in 0..=10"));
         }
         if !(0.0..=10.0).contains(&self.distortion) {
             return Err(bad("distortion", self.distortion, "must be in 0..=10"));
