@@ -222,7 +222,7 @@ fn density_that_costs_is_less() {
             density.iter().sum::<f32>() / density.len() as f32
         };
         let (free, dear) = (mean("sparsity=0"), mean("sparsity=10"));
-        assert!(dear < 0.8 * free, "{field}: {dear} {free}");
+        assert!(dear < 0.8 * free, "{field:?}: {dear} {free}");
     }
 }
 

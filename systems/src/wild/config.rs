@@ -186,6 +186,9 @@ pub struct WildConfig {
 
     /// Transient, filter: least uncertainty of a pixel, colour units.
     pub beta_min: f32,
+    /// Transient, filter: an error well above this costs its length instead of its square, colour units; 0: its square
+    /// always, as published.
+    pub tail: f32,
     /// Transient: price of transient density.
     pub lambda_u: f32,
 
@@ -294,6 +297,7 @@ impl WildConfig {
                 (false, false) => 0.05,
                 _ => 0.1,
             },
+            tail: if mlp { 0.0 } else { 0.05 },
             lambda_u: 0.01,
             visibility_dims: if mlp { 128 } else { 32 },
             visibility_octaves: 10,
@@ -405,6 +409,7 @@ impl WildConfig {
         let prices = [
             ("lambda_u", self.lambda_u),
             ("code_size", self.code_size),
+            ("tail", self.tail),
             ("filter_opacity", self.filter_opacity),
             ("filter_smoothness", self.filter_smoothness),
         ];

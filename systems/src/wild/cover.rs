@@ -3,9 +3,9 @@
 //! Opacities are samples of a Binary Concrete distribution: `a(h) = logistic((ln softplus(h) + noise) / kappa)`.
 
 use super::filter::OUTPUTS;
+use super::likelihood::{TailedLikelihood, Unlikely};
 use float_core::m32;
 use losses::concrete::{BinaryConcrete, ln_odds, ln_odds_derivative};
-use losses::uncertainty::Likelihood;
 
 /// What stands before a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,7 +24,7 @@ pub(super) struct Cover {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CoverLoss {
     pub(super) concrete: BinaryConcrete,
-    pub(super) likelihood: Likelihood,
+    pub(super) likelihood: TailedLikelihood,
     /// Price of opacity.
     pub(super) lambda_alpha: f32,
 }
@@ -47,18 +47,14 @@ impl CoverLoss {
     /// What the filter's raw outputs say; `noise` is 0 outside of training.
     pub(super) fn cover(&self, [h, r, g, b, raw_beta]: [f32; OUTPUTS], noise: f32) -> Cover {
         let [alpha, ..] = opacity(self.concrete, h, noise);
-        let beta = self.likelihood.beta_min + m32::softplus(raw_beta);
+        let beta = self.likelihood.beta_min() + m32::softplus(raw_beta);
         Cover { h, noise, alpha, rgb: [r, g, b].map(m32::logistic), raw_beta, beta }
     }
 
     /// A pixel that the field renders as `rgb`.
     pub(super) fn cost(&self, cover: &Cover, rgb: [f32; 3], truth: [f32; 3]) -> Cost {
-        let (over, beta) = ([cover.over(rgb)], [cover.beta]);
-        let (mut loss, mut over_bar, mut beta_bar) = ([0.0], [[0.0; 3]], [0.0]);
-        let fits = "one ray, and `beta_min` is checked before";
-        self.likelihood.per_ray(&over, &[truth], &beta, &mut loss).expect(fits);
-        self.likelihood.sum_backward(&over, &[truth], &beta, None, 1.0, &mut over_bar, &mut beta_bar).expect(fits);
-        Cost { loss: loss[0] + self.lambda_alpha * cover.alpha, over_bar: over_bar[0], beta_bar: beta_bar[0] }
+        let Unlikely { loss, rgb_bar, beta_bar } = self.likelihood.pixel(cover.over(rgb), truth, cover.beta);
+        Cost { loss: loss + self.lambda_alpha * cover.alpha, over_bar: rgb_bar, beta_bar }
     }
 
     /// Derivative of `factor` times that with respect to the raw outputs.
@@ -89,16 +85,19 @@ pub(super) fn opacity(concrete: BinaryConcrete, h: f32, noise: f32) -> [f32; 3] 
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
     use super::super::twin;
     use super::*;
     use losses::concrete::noise;
-    use losses::uncertainty::Channels;
     use proptest::prelude::*;
 
     fn judge(kappa: f32) -> CoverLoss {
         CoverLoss {
             concrete: BinaryConcrete { temperature: kappa },
-            likelihood: Likelihood { beta_min: 0.03, channels: Channels::Mean },
+            likelihood: TailedLikelihood::new(&WildConfig {
+                beta_min: 0.03,
+                ..WildConfig::new(FieldKind::Ngp, AppearanceKind::None, OccluderKind::Filter)
+            }),
             lambda_alpha: 0.2,
         }
     }

@@ -26,6 +26,7 @@ mod filter;
 mod ha_nerf;
 mod hugs;
 mod light;
+mod likelihood;
 mod look;
 mod nerf_w;
 mod net;
