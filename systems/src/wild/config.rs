@@ -269,11 +269,13 @@ impl WildConfig {
                 (true, true) => 128,
                 (true, false) => 32,
             },
-            code_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
+            code_lr: if mlp { 1.0 } else { 0.25 },
             transient_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
             // Where strangers have codes too, light has to be free to move first.
             code_size: match occluders {
-                OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks if !mlp => 1e-2,
+                OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks | OccluderKind::Transient if !mlp => {
+                    1e-2
+                }
                 _ => 1e-5,
             },
             encoder_side: if mlp { 128 } else { 32 },
@@ -294,10 +296,9 @@ impl WildConfig {
             patch_inner: 8,
             beta_min: match (filter, mlp) {
                 (true, true) => 0.03,
-                (false, false) => 0.05,
                 _ => 0.1,
             },
-            tail: if mlp { 0.0 } else { 0.05 },
+            tail: if mlp || filter { 0.0 } else { 0.05 },
             lambda_u: 0.01,
             visibility_dims: if mlp { 128 } else { 32 },
             visibility_octaves: 10,

@@ -104,6 +104,11 @@ pub fn build(
         FieldKind::Ngp => {
             let mut planned = field_settings(&mut ground, data);
             planned.sparsity = sparsity;
+            if wild.occluders == OccluderKind::Transient {
+                planned.batch_samples += planned.batch_samples / 2;
+                let samples = planned.batch_samples;
+                ground.lines.push(format!("batches: {samples} samples (rays have more of them with a transient part)"));
+            }
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
                 let side = wild.patch_side();

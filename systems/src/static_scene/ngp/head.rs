@@ -22,8 +22,9 @@ use std::array;
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// Added to the raw density: transient matter starts thin, a few percent of a ray's light.
-const DENSITY_BIAS: f32 = -3.0;
+/// Added to the raw density: transient matter starts thin, less than a percent of a ray's light. What is there already when
+/// the scene takes shape veils all photos.
+const DENSITY_BIAS: f32 = -5.0;
 
 /// Octaves of the pixel's place in its photo, which the head sees beside the code: what the trunk of the published network
 /// knows of a stranger from fifteen octaves of his position, a hash grid would have to learn from one photo.
