@@ -34,6 +34,7 @@ mod photo_features;
 mod photo_judge;
 mod plan;
 mod pretrained;
+mod rates;
 mod robust_nerf;
 mod sf_nerf;
 mod slopes;

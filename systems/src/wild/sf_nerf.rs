@@ -27,6 +27,7 @@ use super::light::Light;
 use super::likelihood::TailedLikelihood;
 use super::photo_features::read_features;
 use super::pretrained::{FilterStart, Pretrained};
+use super::rates::Rates;
 use super::slopes::{Pick, Slopes};
 use super::squared;
 use crate::data::{Batch, Dataset};
@@ -49,9 +50,6 @@ const COARSE: f32 = 0.1;
 /// Pixels of a batch that the smoothness of opacities is measured on.
 const SMOOTH_PIXELS: usize = 256;
 
-/// Learning rate of the layers behind the branch of the place at first, as a part of that branch's.
-const HELD: f64 = 0.1;
-
 /// The method.
 pub(super) struct SfNerf {
     light: Option<Light>,
@@ -69,24 +67,6 @@ pub(super) struct SfNerf {
     cover: Vec<Cover>,
     raw_bar: Vec<[f32; OUTPUTS]>,
     code_bar: Vec<f32>,
-}
-
-/// Learning rates, as parts of that of the field's networks.
-struct Rates {
-    filter: f64,
-    codes: f64,
-    /// Steps the layers behind the branch of the place are held back, and steps until they are not.
-    hold: u64,
-    ease: u64,
-}
-
-impl Rates {
-    /// What the layers behind the branch of the place learn at, as a part of what it learns at: [`HELD`], then along a cosine
-    /// up to 1.
-    fn eased(&self, step: u64) -> f64 {
-        let x = if self.ease == 0 { 1.0 } else { (step.saturating_sub(self.hold) as f64 / self.ease as f64).min(1.0) };
-        if step < self.hold { HELD } else { HELD + (1.0 - HELD) * 0.5 * (1.0 - (std::f64::consts::PI * x).cos()) }
-    }
 }
 
 impl SfNerf {
@@ -453,13 +433,5 @@ mod tests {
                 assert!((coarse[0] - want).abs() < 1e-6);
             }
         }
-    }
-
-    #[test]
-    fn layers_behind_the_place_are_held_then_let_go() {
-        let rates = Rates { filter: 1.0, codes: 1.0, hold: 100, ease: 50 };
-        assert_eq!([0, 99, 100, 150, 1_000_000].map(|step| rates.eased(step)), [HELD, HELD, HELD, 1.0, 1.0]);
-        assert!((rates.eased(125) - 0.55).abs() < 1e-12);
-        assert_eq!(Rates { hold: 0, ease: 0, ..rates }.eased(0), 1.0);
     }
 }
