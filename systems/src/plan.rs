@@ -290,6 +290,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         sparsity: 0.0,
         huber: 0.0,
         head_width: 64,
+        head_bias: -5.0,
         mixture: MixtureKind::Paper,
     }
 }

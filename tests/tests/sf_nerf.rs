@@ -245,6 +245,8 @@ fn settings_that_cannot_work_are_refused() {
         ("filter_freeze=all", "filter_freeze"),
         ("transient_lr=0", "transient_lr"),
         ("sparsity=-1", "sparsity"),
+        ("head_bias=nan", "head_bias"),
+        ("tail=-1", "tail"),
     ] {
         let error = build(&scene, &train, &[set]).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains(field), "{set}: {error}");

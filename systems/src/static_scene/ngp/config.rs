@@ -127,6 +127,8 @@ pub struct NgpConfig {
 
     /// Width of the two hidden layers of the transient head, where a method has one.
     pub head_width: usize,
+    /// Added to the head's raw density: how thin transient matter starts, 5 % of a ray's light at -3, less than 1 % at -5.
+    pub head_bias: f32,
     /// How static and transient part share an interval: `paper` or `proportional`.
     pub mixture: MixtureKind,
 }
@@ -302,6 +304,9 @@ impl NgpConfig {
         }
         if !(0.0..1.0).contains(&self.train_stop) {
             return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
+        }
+        if !(-20.0..=10.0).contains(&self.head_bias) {
+            return Err(bad("head_bias", self.head_bias, "must be in -20..=10"));
         }
         if !(0.0..=10.0).contains(&self.sparsity) {
             return Err(bad("sparsity", self.sparsity, "must be in 0..=10"));
