@@ -172,6 +172,15 @@ fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
     Ok((meta, state))
 }
 
+/// The arrays of a file, and its SHA-256.
+///
+/// # Errors
+/// What is wrong with the file, as a sentence that does not name it.
+pub(crate) fn read_arrays(path: &Path) -> Result<(TensorMap, String), String> {
+    let bytes = fs::read(path).map_err(|e| format!("cannot be read: {e}"))?;
+    Ok((deserialise(&bytes)?, sha256(&bytes)))
+}
+
 /// Steps with a JSON file, ascending.
 fn steps(folder: &Path) -> Vec<u64> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };

@@ -42,6 +42,7 @@ pub mod summary;
 pub mod surface;
 pub mod system;
 pub mod train;
+pub(crate) mod watch;
 pub mod wild;
 
 pub use error::RunError;

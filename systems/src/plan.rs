@@ -289,8 +289,10 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         free_space: false,
         sky: false,
         distortion,
+        sparsity: 0.0,
         huber: 0.0,
         head_width: 64,
+        head_bias: -5.0,
         mixture: MixtureKind::Paper,
     }
 }

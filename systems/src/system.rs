@@ -22,6 +22,8 @@ pub struct StepStats {
     pub rays: u64,
     /// Samples the field was evaluated at.
     pub samples: u64,
+    /// Mean weight of what one photo alone shows, over the pixels that count; 0 without a transient part.
+    pub transient: f64,
     /// Gradient entries that were NaN or infinite and were set to 0.
     pub nonfinite: u64,
 }

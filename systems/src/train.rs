@@ -8,6 +8,7 @@ use crate::error::RunError;
 use crate::log::{MetricsLog, Row};
 use crate::memory::resident_bytes;
 use crate::system::{StepStats, System};
+use crate::watch::TransientWatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -100,6 +101,9 @@ pub trait Host {
     /// # Errors
     /// Stops the run.
     fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError>;
+
+    /// Tell people what they should act on.
+    fn warn(&mut self, line: &str);
 
     /// Take note of where the run stands; called after every step.
     fn progress(&mut self, progress: &Progress);
@@ -210,7 +214,7 @@ pub fn train(
     let start = step;
     let mut eval_at: Vec<f64> = schedule.eval_at.iter().copied().filter(|&at| at > seconds).collect();
     eval_at.sort_by(|a, b| b.total_cmp(a));
-    let (mut window, mut pace) = (Window::default(), Pace::default());
+    let (mut window, mut pace, mut watch) = (Window::default(), Pace::default(), TransientWatch::default());
     let mut saved_at = Instant::now();
     let mut latest = Progress { step, seconds, ..Progress::default() };
     let reason = loop {
@@ -239,6 +243,9 @@ pub fn train(
             Stop::Seconds(s) => Some((s - seconds).max(0.0)),
         };
 
+        if let Some(line) = watch.see(stats.transient, step, latest.done) {
+            host.warn(&line);
+        }
         let mut evaluate = schedule.eval_every.is_some_and(|every| every > 0 && step.is_multiple_of(every));
         while eval_at.last().is_some_and(|&at| seconds >= at) {
             eval_at.pop();

@@ -1,20 +1,26 @@
 //! SF-NeRF as a system: the same bits on any number of threads and after a pause, with features beside the photos and
-//! without, and what is said of features that do not fit.
+//! without, filters of other runs, and what is said of what does not fit.
 
 use scene_io::{Features, Scene};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use systems::checkpoint;
 use systems::data::Dataset;
-use systems::options::{Background, RunOptions, parse_set};
+use systems::options::{Background, DataOptions, Plan, RunConfig, RunOptions, parse_set};
+use systems::output::Disk;
 use systems::system::{System, SystemError, TensorMap};
 use tests::{assert_same_bits, state_after, state_of, table_data};
 
 const SMALL: [&str; 4] = ["levels=4", "log2_table=12", "filter_width=16", "batch_samples=4096"];
 
 fn build(scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
+    planned("sf-nerf", scene, train, set).map(|(system, _)| system)
+}
+
+fn planned(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
-    systems::wild::build("sf-nerf", scene, train, &run).map(|(system, _)| system)
+    systems::wild::build(name, scene, train, &run)
 }
 
 /// A feature file of `f32`.
@@ -96,6 +102,133 @@ fn features_that_do_not_fit_are_named() {
     assert!(build(&scene, &train, &[]).is_ok());
 }
 
+/// Six steps of training, and a run folder with a checkpoint of them.
+fn saved(name: &str, scene: &Scene, train: &Dataset, set: &[&str], folder: &Path) -> TensorMap {
+    let (mut system, plan) = planned(name, scene, train, set).unwrap();
+    for step in 0..6 {
+        system.step(train, step).unwrap();
+    }
+    let config = RunConfig {
+        scene: "table".into(),
+        system: name.into(),
+        seed: 3,
+        background: Background::White,
+        error_budget: 0.0,
+        eval_appearance: None,
+        data: DataOptions::default(),
+        settings: plan.config,
+    };
+    checkpoint::save(&Disk, folder, system.as_ref(), (6, 1.0), &config, "sha256:").unwrap();
+    state_of(system.as_ref())
+}
+
+const NETWORKS: [&str; 3] = ["filter.place.network", "filter.features.network", "filter.joined.network"];
+
+#[test]
+fn a_filter_of_another_run_is_what_training_begins_with() {
+    let (mut scene, train, _) = table_data(24);
+    let folder = tempfile::tempdir().unwrap();
+    with_features(&mut scene, &train, folder.path(), |_| 5);
+    let many = saved("sf-nerf", &scene, &train, &[], folder.path());
+    let from = format!("filter_from={:?}", folder.path().display().to_string());
+    let (system, plan) = planned("sf-nerf", &scene, &train, &[&from]).unwrap();
+    let (begun, scratch) = (state_of(system.as_ref()), state_of(build(&scene, &train, &[]).unwrap().as_ref()));
+    // The networks are those of the other run, all else is new: codes, moments, the field.
+    for (name, tensor) in &begun {
+        let of = if NETWORKS.contains(&name.as_str()) { &many } else { &scratch };
+        assert!(tensor == &of[name], "{name}");
+    }
+    assert!(NETWORKS.iter().all(|name| begun[*name] != scratch[*name]));
+    let line = |plan: &Plan| plan.lines.iter().find(|line| line.starts_with("filter:")).unwrap().clone();
+    assert!(line(&plan).contains("step-00000006.safetensors") && line(&plan).contains("features"), "{:?}", plan.lines);
+    let (_, without) = planned("sf-nerf", &scene, &train, &[]).unwrap();
+    assert!(line(&without).contains("from scratch") && line(&without).contains("filter_from"), "{:?}", without.lines);
+
+    // What it makes of features stays, unless told otherwise; the rest goes on learning.
+    for (freeze, stays) in [("features", true), ("nothing", false)] {
+        let after = run(&scene, &train, &[&from, &format!("filter_freeze={freeze}")], 0..6, None);
+        for name in NETWORKS {
+            assert_eq!(after[name] == many[name], stays && name == NETWORKS[1], "{freeze}: {name}");
+        }
+    }
+    assert_same_bits(|steps, state| run(&scene, &train, &[&from], steps, state));
+    // From the array file itself it is the same.
+    let file = format!("filter_from={:?}", checkpoint::folder(folder.path()).join("step-00000006.safetensors"));
+    assert!(run(&scene, &train, &[&file], 0..6, None) == run(&scene, &train, &[&from], 0..6, None));
+
+    // A run that goes on needs the file no more; one that begins again does, and the same one.
+    let hash = plan.config["filter_sha256"].as_str().unwrap();
+    assert_eq!(hash.len(), 64);
+    let again = [&from[..], &format!("filter_sha256={hash:?}")];
+    let half = run(&scene, &train, &again, 0..3, None);
+    let step = |set: &[&str]| build(&scene, &train, set).unwrap().step(&train, 0).unwrap_err().to_string();
+    let error = step(&[&from, "filter_sha256=\"0123\""]);
+    assert!(error.contains("another filter"), "{error}");
+    std::fs::remove_dir_all(checkpoint::folder(folder.path())).unwrap();
+    assert!(run(&scene, &train, &again, 3..6, Some(&half)) == run(&scene, &train, &again, 3..6, Some(&half)));
+    let error = step(&again);
+    assert!(error.contains("filter_from") && error.contains("no checkpoint"), "{error}");
+}
+
+#[test]
+fn filters_that_do_not_fit_are_named() {
+    let (mut scene, train, _) = table_data(16);
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let refused = |scene: &Scene, from: &Path, set: &[&str]| {
+        let from = format!("filter_from={:?}", from.display().to_string());
+        let error = build(scene, &train, &[&[&from[..]], set].concat()).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("filter_from") && !error.contains('\n'), "{error}");
+        error
+    };
+    saved("sf-nerf", &scene, &train, &["filter_width=8"], &path("narrow"));
+    saved("nerf-u", &scene, &train, &[], &path("other"));
+    std::fs::create_dir(path("empty")).unwrap();
+    std::fs::write(path("text.safetensors"), "hello").unwrap();
+
+    let error = refused(&scene, &path("narrow"), &[]);
+    for part in ["step-00000006.safetensors", "filter.place.network", "[1", "`filter_width` is 8 there and 16 here"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let file = checkpoint::folder(&path("narrow")).join("step-00000006.safetensors");
+    assert!(refused(&scene, &file, &[]).contains("have to agree"));
+    let error = refused(&scene, &path("other"), &[]);
+    assert!(error.contains("filter.place.network") && error.contains("no checkpoint of `sf-nerf`"), "{error}");
+    assert!(refused(&scene, &path("empty"), &[]).contains("there is no checkpoint in it"));
+    assert!(refused(&scene, &path("nowhere"), &[]).contains("cannot be read"));
+    assert!(refused(&scene, &path("text.safetensors"), &[]).contains("array file"));
+    // Features on one side only.
+    saved("sf-nerf", &scene, &train, &[], &path("without"));
+    with_features(&mut scene, &train, folder.path(), |_| 5);
+    assert!(refused(&scene, &path("without"), &[]).contains("trained without features"));
+    saved("sf-nerf", &scene, &train, &[], &path("with"));
+    assert!(refused(&scene, &path("with"), &["filter_features=none"]).contains("filter.joined.network"));
+}
+
+#[test]
+fn density_that_costs_is_less() {
+    let (scene, train, _) = table_data(16);
+    let small = ["field=mlp", "width=32", "coarse=8", "fine=8", "filter_width=16", "batch_rays=32", "lr=5e-3"];
+    for (field, steps) in [(&SMALL[..], 30), (&small, 20)] {
+        let build = |sparsity: &str| {
+            let set = field.iter().chain([&sparsity]).map(|s| parse_set(s).unwrap()).collect();
+            let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+            systems::wild::build("sf-nerf", &scene, &train, &run).unwrap().0
+        };
+        // What one step more costs with the prior and without, of the same state: the prior.
+        let prior = |state: &TensorMap| {
+            let [with, without] = ["sparsity=10", "sparsity=0"].map(|sparsity| {
+                let mut system = build(sparsity);
+                system.load_state(state).unwrap();
+                system.step(&train, steps).unwrap().loss
+            });
+            with - without
+        };
+        let [free, dear] = ["sparsity=0", "sparsity=10"].map(|s| prior(&state_after(build(s), &train, 0..steps, None)));
+        assert!(0.0 < free && dear < 0.8 * free, "{field:?}: {dear} {free}");
+    }
+}
+
 #[test]
 fn settings_that_cannot_work_are_refused() {
     let (scene, train, _) = table_data(16);
@@ -109,6 +242,11 @@ fn settings_that_cannot_work_are_refused() {
         ("filter_smoothness=nan", "filter_smoothness"),
         ("beta_min=0", "beta_min"),
         ("filter_features=some", "filter_features"),
+        ("filter_freeze=all", "filter_freeze"),
+        ("transient_lr=0", "transient_lr"),
+        ("sparsity=-1", "sparsity"),
+        ("head_bias=nan", "head_bias"),
+        ("tail=-1", "tail"),
     ] {
         let error = build(&scene, &train, &[set]).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains(field), "{set}: {error}");

@@ -58,6 +58,10 @@ impl Host for RunHost<'_> {
         Ok(())
     }
 
+    fn warn(&mut self, line: &str) {
+        self.observer.event(Event::Warning(line));
+    }
+
     fn progress(&mut self, progress: &Progress) {
         self.observer.event(Event::Step(progress));
     }

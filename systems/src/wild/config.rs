@@ -80,6 +80,17 @@ pub enum FeatureKind {
     None,
 }
 
+/// What stays as it is of a filter that comes from another run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Freeze {
+    /// What it makes of features.
+    #[default]
+    Features,
+    /// Nothing.
+    Nothing,
+}
+
 /// What votes on masks as a whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -134,6 +145,8 @@ pub struct WildConfig {
     pub transient_dims: usize,
     /// Learning rate of codes, as a part of that of the field's networks.
     pub code_lr: f32,
+    /// Transient, filter: learning rate of the codes of strangers, likewise.
+    pub transient_lr: f32,
     /// Factor of the mean square of appearance codes in the loss.
     pub code_size: f32,
 
@@ -173,6 +186,9 @@ pub struct WildConfig {
 
     /// Transient, filter: least uncertainty of a pixel, colour units.
     pub beta_min: f32,
+    /// Transient, filter: an error well above this costs its length instead of its square, colour units; 0: its square
+    /// always, as published.
+    pub tail: f32,
     /// Transient: price of transient density.
     pub lambda_u: f32,
 
@@ -201,6 +217,13 @@ pub struct WildConfig {
     pub filter_width: usize,
     /// Filter: `files`, the features beside the photos where there are any, or `none`.
     pub filter_features: FeatureKind,
+    /// Filter: a run of `sf-nerf`, or the array file of one of its checkpoints, whose filter this one begins with; empty: from
+    /// scratch. Codes and field begin anew.
+    pub filter_from: String,
+    /// Filter of another run: what stays as it is of it, `features` (the branch that sees them) or `nothing`.
+    pub filter_freeze: Freeze,
+    /// Filter of another run: SHA-256 of the file it was read from; taken down when it is.
+    pub filter_sha256: String,
     /// Filter: temperature of its opacities; towards 0 they are a coin toss.
     pub filter_temperature: f32,
     /// Filter: price of opacity.
@@ -246,10 +269,13 @@ impl WildConfig {
                 (true, true) => 128,
                 (true, false) => 32,
             },
-            code_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
+            code_lr: if mlp { 1.0 } else { 0.25 },
+            transient_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
             // Where strangers have codes too, light has to be free to move first.
             code_size: match occluders {
-                OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks if !mlp => 1e-2,
+                OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks | OccluderKind::Transient if !mlp => {
+                    1e-2
+                }
                 _ => 1e-5,
             },
             encoder_side: if mlp { 128 } else { 32 },
@@ -270,9 +296,9 @@ impl WildConfig {
             patch_inner: 8,
             beta_min: match (filter, mlp) {
                 (true, true) => 0.03,
-                (false, false) => 0.05,
                 _ => 0.1,
             },
+            tail: if mlp || filter { 0.0 } else { 0.05 },
             lambda_u: 0.01,
             visibility_dims: if mlp { 128 } else { 32 },
             visibility_octaves: 10,
@@ -286,6 +312,9 @@ impl WildConfig {
             filter_octaves: if mlp { 15 } else { 8 },
             filter_width: if mlp { 128 } else { 64 },
             filter_features: FeatureKind::Files,
+            filter_from: String::new(),
+            filter_freeze: Freeze::Features,
+            filter_sha256: String::new(),
             filter_temperature: 1.0,
             filter_opacity: 0.2,
             filter_smoothness: 5e-7,
@@ -362,6 +391,7 @@ impl WildConfig {
             ("beta_min", self.beta_min),
             ("kernel_scale", self.kernel_scale),
             ("code_lr", self.code_lr),
+            ("transient_lr", self.transient_lr),
             ("trim_scale", self.trim_scale),
             ("judge_scale", self.judge_scale),
             ("encoder_lr", self.encoder_lr),
@@ -380,6 +410,7 @@ impl WildConfig {
         let prices = [
             ("lambda_u", self.lambda_u),
             ("code_size", self.code_size),
+            ("tail", self.tail),
             ("filter_opacity", self.filter_opacity),
             ("filter_smoothness", self.filter_smoothness),
         ];

@@ -10,6 +10,7 @@
 //! Letters: `p` place in the photo, shares of width and height; `gamma` its octaves; `q` code of the photo. Without features
 //! that branch is not there. The last layer of a branch is linear.
 
+use super::config::Freeze;
 use super::net::Net;
 use super::slopes::Slopes;
 use crate::system::{SystemError, Tensor, TensorMap};
@@ -58,6 +59,8 @@ pub(super) struct Filter {
     /// `[pixels][joined inputs]`: what the branches gave for the last batch, and the gradient of that.
     pub(super) hidden: Vec<f32>,
     hidden_bar: Vec<f32>,
+    /// What of it does not learn.
+    pub(super) freeze: Freeze,
 }
 
 fn mlp(inputs: usize, width: usize, outputs: usize) -> Result<Mlp, SystemError> {
@@ -93,7 +96,16 @@ impl Filter {
         let biases = joined.mlp.layers()[2].biases.clone();
         joined.params[biases][0] = RAW_OPACITY;
         joined.pack();
-        Ok(Self { shape, encoding, place, features, joined, hidden: Vec::new(), hidden_bar: Vec::new() })
+        Ok(Self {
+            shape,
+            encoding,
+            place,
+            features,
+            joined,
+            hidden: Vec::new(),
+            hidden_bar: Vec::new(),
+            freeze: Freeze::Nothing,
+        })
     }
 
     /// Raw outputs of `n` pixels: `take(pixel, outputs)` in order. Keeps what [`Filter::backward`] needs.
@@ -141,6 +153,7 @@ impl Filter {
     ) {
         let (Shape { width, code, .. }, inputs) = (self.shape, self.joined.mlp.inputs());
         let rows = self.encoding.out_rows();
+        let learns = self.learning_features().is_some();
         let Self { place, features, joined, hidden_bar, .. } = self;
         hidden_bar.resize(raw_bar.len() * inputs, 0.0);
         code_bar.resize(raw_bar.len() * code, 0.0);
@@ -154,7 +167,7 @@ impl Filter {
             },
             |span, x_bar| scatter(span, x_bar, hidden_bar, inputs, 0),
         );
-        if let Some(net) = features {
+        if let Some(net) = features.as_mut().filter(|_| learns) {
             net.backward(simd, |span, bar| gather(span, hidden_bar, inputs, width, bar), |_, _| {});
         }
         place.backward(
@@ -172,7 +185,7 @@ impl Filter {
 
     /// Adam: the branch of the place at a learning rate of its own. Returns the count of non-finite gradients.
     pub(super) fn step(&mut self, simd: Simd, place_lr: f64, others_lr: f64) -> usize {
-        let features = self.features.as_mut().map_or(0, |net| net.step(simd, others_lr));
+        let features = self.learning_features().map_or(0, |net| net.step(simd, others_lr));
         self.place.step(simd, place_lr) + features + self.joined.step(simd, others_lr)
     }
 
@@ -196,8 +209,18 @@ impl Filter {
         raw.as_chunks().0.to_vec()
     }
 
-    fn nets(&self) -> impl Iterator<Item = &Net> {
+    /// The branch of the features, where it learns.
+    fn learning_features(&mut self) -> Option<&mut Net> {
+        let freeze = self.freeze;
+        self.features.as_mut().filter(|_| freeze != Freeze::Features)
+    }
+
+    pub(super) fn nets(&self) -> impl Iterator<Item = &Net> {
         [Some(&self.place), self.features.as_ref(), Some(&self.joined)].into_iter().flatten()
+    }
+
+    pub(super) fn nets_mut(&mut self) -> impl Iterator<Item = &mut Net> {
+        [Some(&mut self.place), self.features.as_mut(), Some(&mut self.joined)].into_iter().flatten()
     }
 
     pub(super) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
@@ -205,8 +228,7 @@ impl Filter {
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let nets = [Some(&mut self.place), self.features.as_mut(), Some(&mut self.joined)];
-        nets.into_iter().flatten().try_for_each(|net| net.load_state(state))
+        self.nets_mut().try_for_each(|net| net.load_state(state))
     }
 
     /// Trainable numbers.

@@ -4,8 +4,8 @@
 //! * Strangers: squares of a photo whose mean is far from the field's after its light is taken out.
 
 use super::config::{AppearanceKind, OccluderKind};
+use super::field_settings::field_settings;
 use super::photo_judge::{NEIGHBOURHOOD, mean_residuals};
-use super::plan::field_settings;
 use super::survey_stride;
 use crate::data::Dataset;
 use crate::method::{Pixel, ViewSeen};

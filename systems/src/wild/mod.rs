@@ -16,19 +16,26 @@
 //! Light (`--set appearance=none|codes|encoder`) and strangers
 //! (`--set occluders=none|robust|transient|visibility|filter|masks`) may be combined freely; a name is a pair of them.
 
+mod chain;
 mod codes;
 mod config;
+mod cover;
 mod encoder;
 mod expected;
+mod field_settings;
 mod filter;
 mod ha_nerf;
 mod hugs;
 mod light;
+mod likelihood;
 mod look;
 mod nerf_w;
 mod net;
+mod photo_features;
 mod photo_judge;
 mod plan;
+mod pretrained;
+mod rates;
 mod robust_nerf;
 mod sf_nerf;
 mod slopes;
@@ -37,7 +44,7 @@ mod static_maps;
 mod twin;
 mod visibility;
 
-pub use config::{AppearanceKind, FeatureKind, FieldKind, KernelKind, OccluderKind, SegmentKind, WildConfig};
+pub use config::{AppearanceKind, FeatureKind, FieldKind, Freeze, KernelKind, OccluderKind, SegmentKind, WildConfig};
 pub use plan::{SYSTEMS, build};
 
 use crate::data::Dataset;

@@ -16,12 +16,12 @@
 use super::codes::CodeTable;
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
+use super::likelihood::{TailedLikelihood, Unlikely};
 use super::robust;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
-use losses::uncertainty::{Channels, Likelihood};
 
 /// The method.
 pub(super) struct NerfW {
@@ -35,7 +35,7 @@ pub(super) struct NerfW {
 struct Strangers {
     codes: CodeTable,
     lr: f64,
-    likelihood: Likelihood,
+    likelihood: TailedLikelihood,
     lambda_u: f32,
 }
 
@@ -43,8 +43,8 @@ impl NerfW {
     pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset, seed: u64) -> Self {
         let strangers = (config.occluders == OccluderKind::Transient).then(|| Strangers {
             codes: CodeTable::new("transient", data.len(), config.transient_dims, seed),
-            lr: f64::from(config.code_lr),
-            likelihood: Likelihood { beta_min: config.beta_min, channels: Channels::Mean },
+            lr: f64::from(config.transient_lr),
+            likelihood: TailedLikelihood::new(config),
             lambda_u: config.lambda_u,
         });
         Self { light, strangers, kernel: config.robust_kernel() }
@@ -80,13 +80,10 @@ impl Method for NerfW {
         let Some(Strangers { likelihood, lambda_u, .. }) = &self.strangers else {
             return robust(self.kernel, pixel.rgb, truth, 1.0);
         };
-        let beta = [likelihood.beta_min + pixel.beta];
-        let (mut loss, mut rgb, mut beta_bar) = ([0.0], [[0.0; 3]], [0.0]);
-        let fits = "one ray, and `beta_min` is checked before";
-        likelihood.per_ray(&[pixel.rgb], &[truth], &beta, &mut loss).expect(fits);
-        likelihood.sum_backward(&[pixel.rgb], &[truth], &beta, None, 1.0, &mut rgb, &mut beta_bar).expect(fits);
-        let bar = PixelBar { rgb: rgb[0], beta: beta_bar[0], sigma_t: *lambda_u };
-        (loss[0] + lambda_u * pixel.sigma_t, bar)
+        let Unlikely { loss, rgb_bar, beta_bar } =
+            likelihood.pixel(pixel.rgb, truth, likelihood.beta_min() + pixel.beta);
+        let bar = PixelBar { rgb: rgb_bar, beta: beta_bar, sigma_t: *lambda_u };
+        (loss + lambda_u * pixel.sigma_t, bar)
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -59,6 +59,28 @@ impl Net {
         net
     }
 
+    /// Name in a checkpoint.
+    pub(super) fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its layers, for people: `60 -> 64 -> 5`.
+    pub(super) fn shape(&self) -> String {
+        let widths = self.mlp.layers().iter().map(|layer| format!(" -> {}", layer.outputs));
+        format!("{}{}", self.mlp.inputs(), widths.collect::<String>())
+    }
+
+    /// Begin with these parameters.
+    ///
+    /// # Panics
+    /// When there are more or less of them.
+    pub(super) fn begin_with(&mut self, params: Vec<f32>) {
+        assert_eq!(params.len(), self.params.len(), "{}", self.name);
+        self.params = params;
+        self.adam = Adam::new(self.params.len(), AdamConfig::DEFAULT);
+        self.pack();
+    }
+
     /// Renew what the kernels read.
     pub(super) fn pack(&mut self) {
         self.mlp.pack(&self.params, &mut self.packed);

@@ -1,23 +1,21 @@
 //! What do these photos need? The system built from its name, its parts and its field.
 
 use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
+use super::field_settings::field_settings;
 use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
 use super::light::Light;
 use super::look;
 use super::nerf_w::NerfW;
+use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, ngp_settings, settings, table};
-use crate::space::SpaceKind;
-use crate::static_scene::ngp::NgpConfig;
+use crate::plan::{Ground, NO_PARALLAX, settings, table};
+use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
-use glam::DVec3;
-use render_core::bounds::depth_ranges;
-use render_core::camera::Camera;
 use scene_io::Scene;
 
 /// Systems by name.
@@ -93,12 +91,23 @@ pub fn build(
     if longest < SMALL_PHOTO {
         (wild.patch, wild.patch_inner) = (wild.patch / 2, wild.patch_inner / 2);
     }
-    let wild: WildConfig = settings(&wild, &ours)?;
+    let mut wild: WildConfig = settings(&wild, &ours)?;
     wild.check()?;
-    let method = method(&wild, scene, data, run.seed)?;
+    let start = FilterStart::of(&mut wild)?;
+    if wild.occluders == OccluderKind::Filter {
+        ground.lines.push(start.line(wild.filter_freeze));
+    }
+    let method = method(&wild, scene, data, (start, run.seed))?;
+    let sparsity = if wild.occluders == OccluderKind::Filter { SPARSITY } else { 0.0 };
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
             let mut planned = field_settings(&mut ground, scene, data);
+            planned.sparsity = sparsity;
+            if wild.occluders == OccluderKind::Transient {
+                planned.batch_samples += planned.batch_samples / 2;
+                let samples = planned.batch_samples;
+                ground.lines.push(format!("batches: {samples} samples (rays have more of them with a transient part)"));
+            }
             if wild.draws_patches() && planned.rays_per_side > 1 {
                 planned.rays_per_side = 1;
                 let side = wild.patch_side();
@@ -109,7 +118,8 @@ pub fn build(
             (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
         }
         FieldKind::Mlp => {
-            let config = settings(&ground.nerf_settings(), &fields)?;
+            let planned = NerfConfig { sparsity, ..ground.nerf_settings() };
+            let config = settings(&planned, &fields)?;
             (Box::new(ground.nerf(data, &config, run.seed, method)?), table(&config))
         }
     };
@@ -120,48 +130,8 @@ pub fn build(
     Ok((system, Plan { lines, background, error_budget, config: all }))
 }
 
-/// Settings of `ngp` for photos from the wild: what one photo alone shows must not find a place right before its camera.
-pub(super) fn field_settings(ground: &mut Ground, scene: &Scene, data: &Dataset) -> NgpConfig {
-    let mut config = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
-    if ground.layout.kind == SpaceKind::Contracted {
-        config.sky = true;
-        ground.lines.push("sky: every ray ends at infinity, in a colour of its direction".into());
-        let features: usize = data.views().iter().map(|v| v.points.len()).sum();
-        config.free_space = features > 0;
-        if config.free_space {
-            let line = format!("free space: what lies before the points of {features} features of the photos is empty");
-            ground.lines.push(line);
-        }
-        let (near, why) = nearest(scene, data, ground.layout.centre);
-        let near = (near / ground.layout.radius) as f32;
-        if near.is_finite() && near > config.near {
-            config.near = near;
-            ground.lines.push(format!("near: {near:.2} radii ({why})"));
-        }
-    }
-    config
-}
-
-/// Where rays begin in open scenes, world units, and why: what stands before all that the photos have in common is a
-/// stranger.
-fn nearest(scene: &Scene, data: &Dataset, centre: DVec3) -> (f64, String) {
-    let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
-    let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
-    if let Some(ranges) = depth_ranges(&cameras, &points, NEAR_PERCENTILE, NEAR_POINTS) {
-        let nearest = ranges.iter().map(|r| r[0]).fold(f64::INFINITY, f64::min);
-        return (NEAR_POINT_SHARE * nearest, format!("{NEAR_POINT_SHARE} of the nearest points' depth"));
-    }
-    let nearest = cameras.iter().map(|c| c.pose.c.distance(centre)).fold(f64::INFINITY, f64::min);
-    (NEAR_SHARE * nearest, format!("{NEAR_SHARE} of the nearest camera's distance from the centre"))
-}
-
-/// Of the depths of the points in a photo, this percentile is the nearest that is trusted; photos with fewer points are not.
-const NEAR_PERCENTILE: f64 = 0.02;
-const NEAR_POINTS: usize = 20;
-/// Rays begin at this share of it.
-const NEAR_POINT_SHARE: f64 = 0.7;
-/// Without points: at this share of the nearest camera's distance from the centre.
-const NEAR_SHARE: f64 = 0.35;
+/// SF-NeRF's weight of the prior on densities.
+const SPARSITY: f32 = 1e-10;
 
 /// Photos below this longest side are judged by patches of half the size.
 const SMALL_PHOTO: u32 = 320;
@@ -185,7 +155,7 @@ fn method(
     config: &WildConfig,
     scene: &Scene,
     data: &Dataset,
-    seed: u64,
+    (start, seed): (FilterStart, u64),
 ) -> Result<Option<Box<dyn Method>>, SystemError> {
     let light = Light::new(config, data, seed)?;
     Ok(match config.occluders {
@@ -197,6 +167,6 @@ fn method(
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
         OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
         OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
-        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, seed)?)),
+        OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, (start, seed))?)),
     })
 }

@@ -1,5 +1,5 @@
-//! The prior of SF-NeRF that holds opacities smooth over the picture, and its gradient: a loss on the derivative of the opacity `a(h)` with respect
-//! to the encoded place `gamma(p)`. Its gradient needs the network twice. Let `s` be the derivative of the prior with respect to
+//! The prior of SF-NeRF that holds opacities smooth over the picture, and its gradient: a loss on the derivative of the
+//! opacity `a(h)` with respect to the encoded place `gamma(p)`. Its gradient needs the network twice. Let `s` be the derivative of the prior with respect to
 //! `d = a'(h) dh/dgamma`: signs, times constants. Then the prior is `s d = a'(h) h'`, with `h'` the derivative of `h` along
 //! `s`: one more forward pass. Between the kinks of a ReLU network everything is linear, so with `t_l` that pass's input of
 //! layer `l`, and `g_l = dh/dz_l`
@@ -11,15 +11,11 @@
 //! and biases, codes and features have the second term alone, which is that of an ordinary backward pass from
 //! `h_bar = a''(h) h'`.
 
+use super::chain::{Chain, Pass};
 use super::filter::{Filter, Spot, fill_places};
-use field_core::mlp::{Activation, Layer};
-use float_core::{Simd, m32};
-use losses::concrete::{BinaryConcrete, ln_odds, ln_odds_derivative};
-use losses::smoothness::{smoothness, smoothness_backward};
+use float_core::Simd;
+use losses::concrete::BinaryConcrete;
 use rayon::prelude::*;
-
-/// Rows of an octave: sine and cosine of both coordinates.
-const OCTAVE_ROWS: usize = 4;
 
 /// Pixels of one task: fixed, so that sums do not depend on the number of threads.
 const TASK: usize = 32;
@@ -88,181 +84,6 @@ impl Filter {
         }
         out
     }
-}
-
-/// Layers from the place to the raw opacity.
-const DEPTH: usize = 6;
-
-/// The layer whose outputs the features are put beside, before the next.
-const JOINT: usize = 2;
-
-/// One of them.
-#[derive(Clone, Copy)]
-struct Link<'a> {
-    /// `[out][in]`
-    weights: &'a [f32],
-    biases: &'a [f32],
-    /// Where the weights begin in the flat parameters of the network.
-    first: usize,
-    inputs: usize,
-    relu: bool,
-}
-
-impl<'a> Link<'a> {
-    fn of(params: &'a [f32], layer: &Layer, outputs: usize) -> Self {
-        Self {
-            weights: &params[layer.weights.clone()][..outputs * layer.inputs],
-            biases: &params[layer.biases.clone()][..outputs],
-            first: layer.weights.start,
-            inputs: layer.inputs,
-            relu: layer.activation == Activation::Relu,
-        }
-    }
-
-    fn rows(self) -> impl Iterator<Item = &'a [f32]> {
-        self.weights.chunks_exact(self.inputs)
-    }
-}
-
-/// What lies between the place of a pixel and its raw opacity, without a detour over other outputs.
-struct Chain<'a> {
-    links: [Link<'a>; DEPTH],
-    octaves: usize,
-}
-
-/// Buffers of one pixel.
-#[derive(Default)]
-struct Pass {
-    /// Inputs of the layers; the last is `h`.
-    x: [Vec<f32>; DEPTH + 1],
-    /// Derivative of `h` with respect to what the layers give before their ReLU.
-    g: [Vec<f32>; DEPTH],
-    /// Derivatives of the inputs along `s`.
-    t: [Vec<f32>; DEPTH + 1],
-    x_bar: Vec<f32>,
-    d: Vec<f32>,
-    s: Vec<f32>,
-}
-
-impl<'a> Chain<'a> {
-    fn of(filter: &'a Filter) -> Self {
-        let links = std::array::from_fn(|l| {
-            let net = if l <= JOINT { &filter.place } else { &filter.joined };
-            let layer = &net.mlp.layers()[l % (JOINT + 1)];
-            Link::of(&net.params, layer, if l + 1 == DEPTH { 1 } else { layer.outputs })
-        });
-        Self { links, octaves: filter.shape.octaves }
-    }
-
-    /// Add one pixel, whose input of the first layer `pass` holds; `beside` is what the features' branch gave.
-    fn add(
-        &self,
-        pass: &mut Pass,
-        beside: &[f32],
-        (concrete, noise): (BinaryConcrete, f32),
-        weight: f64,
-        out: &mut Slopes,
-    ) {
-        let Pass { x, g, t, x_bar, d, s } = pass;
-        // h.
-        for (l, link) in self.links.iter().enumerate() {
-            let (input, output) = x.split_at_mut(l + 1);
-            let (input, output) = (&input[l], &mut output[0]);
-            output.clear();
-            output.extend(link.rows().zip(link.biases).map(|(row, b)| dot(row, input) + b));
-            if link.relu {
-                output.iter_mut().for_each(|y| *y = y.max(0.0));
-            }
-            if l == JOINT {
-                output.extend_from_slice(beside);
-            }
-        }
-        let h = x[DEPTH][0];
-        let [_, slope, curvature] = opacity(concrete, h, noise);
-
-        // g, and dh/dgamma.
-        g[DEPTH - 1].clear();
-        g[DEPTH - 1].push(1.0);
-        for l in (0..DEPTH).rev() {
-            let link = &self.links[l];
-            x_bar.clear();
-            x_bar.resize(link.inputs, 0.0);
-            for (row, &g) in link.rows().zip(&g[l]).filter(|(_, g)| **g != 0.0) {
-                axpy(g, row, x_bar);
-            }
-            if let Some(before) = l.checked_sub(1) {
-                let gate = |(&bar, &y): (&f32, &f32)| if self.links[before].relu && y <= 0.0 { 0.0 } else { bar };
-                let outputs = self.links[before].biases.len();
-                g[before].clear();
-                g[before].extend(x_bar.iter().zip(&x[l]).take(outputs).map(gate));
-            }
-        }
-        d.clear();
-        d.extend(x_bar[..OCTAVE_ROWS * self.octaves].iter().map(|bar| slope * bar));
-
-        // The prior, and its derivative with respect to d.
-        let fits = "whole octaves";
-        out.value += weight * smoothness(d, self.octaves, OCTAVE_ROWS).expect(fits);
-        s.clear();
-        s.resize(d.len(), 0.0);
-        smoothness_backward(d, self.octaves, OCTAVE_ROWS, weight, s).expect(fits);
-
-        // h' along s: biases are constants, and so is all beside the octaves.
-        t[0].clear();
-        t[0].extend_from_slice(s);
-        t[0].resize(self.links[0].inputs, 0.0);
-        for (l, link) in self.links.iter().enumerate() {
-            let (input, output) = t.split_at_mut(l + 1);
-            let (input, output) = (&input[l], &mut output[0]);
-            output.clear();
-            output.extend(
-                link.rows().zip(&x[l + 1]).map(|(row, &y)| if link.relu && y <= 0.0 { 0.0 } else { dot(row, input) }),
-            );
-            if l == JOINT {
-                output.resize(output.len() + beside.len(), 0.0);
-            }
-        }
-        out.h_bar.push(curvature * t[DEPTH][0]);
-        for (l, link) in self.links.iter().enumerate() {
-            let grad = if l <= JOINT { &mut out.place } else { &mut out.joined };
-            let rows = grad[link.first..][..link.weights.len()].chunks_exact_mut(link.inputs);
-            for (row, &g) in rows.zip(&g[l]).filter(|(_, g)| **g != 0.0) {
-                axpy(slope * g, &t[l], row);
-            }
-        }
-    }
-}
-
-/// `a(h)`, `a'(h)`, `a''(h)`: the opacity of a pixel and its derivatives with respect to the raw one.
-pub(super) fn opacity(concrete: BinaryConcrete, h: f32, noise: f32) -> [f32; 3] {
-    let odds = ln_odds(h);
-    let alpha = concrete.sample(odds, noise);
-    let (outer, inner) = (concrete.sample_derivative(odds, noise), ln_odds_derivative(h));
-    let outer2 = outer * (1.0 - 2.0 * alpha) / concrete.temperature;
-    // logistic' / softplus - (logistic / softplus)^2; far below 0 both tend to 1, and their difference to -e^h / 2.
-    let inner2 = if h < -8.0 {
-        -0.5 * m32::exp(h)
-    } else {
-        m32::logistic(h) * m32::logistic(-h) / m32::softplus(h) - inner * inner
-    };
-    [alpha, outer * inner, outer2 * inner * inner + outer * inner2]
-}
-
-/// Sixteen sums side by side, then their sum: the same on every machine.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0_f32; 16];
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
-    for (a, b) in a.iter().zip(b) {
-        for k in 0..16 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    a_rest.iter().zip(b_rest).fold(sums.iter().sum(), |sum, (a, b)| sum + a * b)
-}
-
-/// `y += a x`.
-fn axpy(a: f32, x: &[f32], y: &mut [f32]) {
-    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
 }
 
 #[cfg(test)]
@@ -368,32 +189,6 @@ mod tests {
                     case.twin(&twin, weight, &moved)
                 });
                 assert_near("codes", &code_bar, &want);
-            }
-        }
-    }
-
-    #[test]
-    fn opacity_and_its_derivatives_match_differences() {
-        for kappa in [0.1, 0.7, 1.0] {
-            for noise in [-3.0, 0.0, 1.5] {
-                for h in [-30.0, -14.0, -8.1, -7.9, -2.0, -0.1, 0.0, 0.7, 3.0, 9.0] {
-                    let a = |h: f64| twin::alpha(h, kappa, noise);
-                    let step = 1e-3;
-                    let (low, mid, high) = (a(h - step), a(h), a(h + step));
-                    let concrete = BinaryConcrete { temperature: kappa as f32 };
-                    let [alpha, slope, curvature] = opacity(concrete, h as f32, noise as f32).map(f64::from);
-                    // Digits of h, and of differences: h^2 of the fourth derivative.
-                    let scale = mid.min(1.0 - mid) / (kappa * kappa);
-                    assert!((alpha - mid).abs() < 1e-5 * scale + 1e-7, "{alpha} {mid} at {h} {noise} {kappa}");
-                    let want = (high - low) / (2.0 * step);
-                    assert!(
-                        (slope - want).abs() < 1e-4 * scale / kappa + 1e-7,
-                        "{slope} {want} at {h} {noise} {kappa}"
-                    );
-                    let want = (high - 2.0 * mid + low) / (step * step);
-                    let bound = 1e-3 * scale / kappa + 1e-6;
-                    assert!((curvature - want).abs() < bound, "{curvature} {want} at {h} {noise} {kappa}");
-                }
             }
         }
     }

@@ -34,6 +34,8 @@ pub(crate) struct Sky {
     steps: u64,
     batch: Batch,
     seconds: f64,
+    /// What it says of a transient part that it has not.
+    transient: f64,
 }
 
 impl Sky {
@@ -68,6 +70,7 @@ impl Sky {
             steps: 0,
             batch: Batch::default(),
             seconds: 0.0,
+            transient: options.set.get("transient").and_then(|v| v.as_float()).unwrap_or(0.0),
         };
         Ok((Box::new(system), plan))
     }
@@ -115,7 +118,14 @@ impl System for Sky {
         self.batch = batch;
         self.steps += 1;
         self.seconds += clock.elapsed().as_secs_f64();
-        Ok(StepStats { loss: mse, mse, rays: RAYS as u64, samples: RAYS as u64, nonfinite: 0 })
+        Ok(StepStats {
+            loss: mse,
+            mse,
+            rays: RAYS as u64,
+            samples: RAYS as u64,
+            nonfinite: 0,
+            transient: self.transient,
+        })
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {

@@ -31,6 +31,22 @@ fn a_run_folder_holds_everything_and_the_report_stands_alone() {
 }
 
 #[test]
+fn a_scene_that_empties_is_told_of_once() {
+    for (transient, lines) in [(0.0, 0), (0.5, 0), (0.9, 1)] {
+        let folder = tempfile::tempdir().unwrap();
+        let set = toml::Table::from_iter([("transient".to_string(), toml::Value::Float(transient))]);
+        let mut watch = Watch::default();
+        with_parts(&Disk, &sky_scene(8, 16, false), |parts| {
+            let mut run = Run::create(folder.path(), &Request { set, ..request() }, parts, &mut watch).unwrap();
+            let interrupt = watch.interrupt.clone();
+            run.train(&Schedule::new(Stop::Steps(40)), None, &mut watch, &interrupt).unwrap();
+        });
+        assert_eq!(watch.warnings.len(), lines, "{transient}: {:?}", watch.warnings);
+        assert!(watch.warnings.iter().all(|line| line.contains("lambda_u") && line.contains("beta_min")));
+    }
+}
+
+#[test]
 fn eval_json_has_the_agreed_fields_and_means_of_views() {
     let folder = tempfile::tempdir().unwrap();
     start(folder.path(), &Disk, Stop::Steps(30), &mut Watch::default()).unwrap();

@@ -35,6 +35,8 @@ pub struct NerfConfig {
     pub density_noise: f32,
     /// How a transient part shares an interval with the static one, where a method has one: `paper` or `proportional`.
     pub mixture: MixtureKind,
+    /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the coarse network, mean over its samples; 0: none.
+    pub sparsity: f32,
     /// Rays of a batch. Published: 4096; fewer make more steps in the same time.
     pub batch_rays: usize,
     /// Learning rate at the start, 5e-4.
@@ -61,6 +63,7 @@ impl NerfConfig {
             fine: 128,
             density_noise: if space == SpaceKind::Box { 0.0 } else { 1.0 },
             mixture: MixtureKind::Paper,
+            sparsity: 0.0,
             batch_rays: 128,
             lr: 5e-4,
             lr_decay: if space == SpaceKind::Ndc { 250_000 } else { 500_000 },
@@ -100,6 +103,13 @@ impl NerfConfig {
                 let problem = "must be at most 32".into();
                 return Err(SystemError::Config { field, value: octaves.to_string(), problem });
             }
+        }
+        if !(0.0..=10.0).contains(&self.sparsity) {
+            return Err(SystemError::Config {
+                field: "sparsity",
+                value: self.sparsity.to_string(),
+                problem: "must be in 0..=10".into(),
+            });
         }
         if self.coarse < 3 {
             return Err(SystemError::Config {

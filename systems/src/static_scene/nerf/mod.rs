@@ -58,6 +58,10 @@ impl Recipe for NerfConfig {
         1.0
     }
 
+    fn sparsity(&self) -> f32 {
+        self.sparsity
+    }
+
     fn mixture(&self) -> Mixture {
         self.mixture.into()
     }

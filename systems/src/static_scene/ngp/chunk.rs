@@ -104,6 +104,8 @@ pub(super) struct StepContext<'a> {
     /// Factor of the distortion loss, and the distance it is measured in.
     pub(super) distortion: f32,
     pub(super) distance: RayDistance,
+    /// Factor of the prior on densities.
+    pub(super) sparsity: f32,
     /// Optical depth behind which nothing is looked at.
     pub(super) depth_limit: f64,
     /// One over the pixels of the batch that count.

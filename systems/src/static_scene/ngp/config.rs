@@ -125,11 +125,15 @@ pub struct NgpConfig {
     pub sky: bool,
     /// Factor of the distortion loss, which draws the weight of a ray together; 0: none.
     pub distortion: f32,
+    /// Factor of the prior `ln(1 + 2 sigma^2)` on static densities, mean over the samples of a ray; 0: none.
+    pub sparsity: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
 
     /// Width of the two hidden layers of the transient head, where a method has one.
     pub head_width: usize,
+    /// Added to the head's raw density: how thin transient matter starts, 5 % of a ray's light at -3, less than 1 % at -5.
+    pub head_bias: f32,
     /// How static and transient part share an interval: `paper` or `proportional`.
     pub mixture: MixtureKind,
 }
@@ -305,6 +309,12 @@ impl NgpConfig {
         }
         if !(0.0..1.0).contains(&self.train_stop) {
             return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
+        }
+        if !(-20.0..=10.0).contains(&self.head_bias) {
+            return Err(bad("head_bias", self.head_bias, "must be in -20..=10"));
+        }
+        if !(0.0..=10.0).contains(&self.sparsity) {
+            return Err(bad("sparsity", self.sparsity, "must be in 0..=10"));
         }
         if !(0.0..=10.0).contains(&self.distortion) {
             return Err(bad("distortion", self.distortion, "must be in 0..=10"));

@@ -110,7 +110,8 @@ impl Field {
         let colour_params = xavier(&colour, rng.substream(2));
         let head = codes[1].map(|dims| {
             let (geometry, width) = (density.outputs(), config.head_width);
-            Head::new(geometry, dims, width, config.step_min, config.mixture.into(), rng.substream(3))
+            let start = (config.step_min, config.head_bias);
+            Head::new(geometry, dims, width, start, config.mixture.into(), rng.substream(3))
         });
         let mut field = Self {
             head: head.transpose()?,

@@ -22,9 +22,6 @@ use std::array;
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// Added to the raw density: transient matter starts thin, a few percent of a ray's light.
-const DENSITY_BIAS: f32 = -3.0;
-
 /// Octaves of the pixel's place in its photo, which the head sees beside the code: what the trunk of the published network
 /// knows of a stranger from fifteen octaves of his position, a hash grid would have to learn from one photo.
 const PLACE_OCTAVES: usize = 4;
@@ -59,6 +56,8 @@ pub(super) struct Head {
     mixture: Mixture,
     /// One over the length of the smallest step: the unit of transient density.
     per_step: f32,
+    /// Added to the raw density.
+    bias: f32,
 }
 
 impl Head {
@@ -66,7 +65,7 @@ impl Head {
         geometry: usize,
         dims: usize,
         width: usize,
-        step_min: f32,
+        (step_min, bias): (f32, f32),
         mixture: Mixture,
         rng: Rng,
     ) -> Result<Self, SystemError> {
@@ -82,8 +81,17 @@ impl Head {
         .map_err(|e| config::bad("transient_dims", dims, &e.to_string()))?;
         let params = xavier(&mlp, rng);
         let adam = Adam::new(params.len(), ADAM);
-        let mut head =
-            Self { mlp, params, packed: Packed::default(), adam, geometry, dims, mixture, per_step: 1.0 / step_min };
+        let mut head = Self {
+            mlp,
+            params,
+            packed: Packed::default(),
+            adam,
+            geometry,
+            dims,
+            mixture,
+            per_step: 1.0 / step_min,
+            bias,
+        };
         head.pack();
         Ok(head)
     }
@@ -196,7 +204,7 @@ impl HeadTile {
         let (rgb, beta) = (sized(&mut self.rgb, 3 * n), sized(&mut self.beta, n));
         for i in 0..n {
             length[i] = chunk.dt[samples.start + i] * head.per_step;
-            tau[i] = softplus(raw[i] + DENSITY_BIAS) * length[i];
+            tau[i] = softplus(raw[i] + head.bias) * length[i];
             beta[i] = softplus(raw[4 * n + i]);
         }
         for (rgb, raw) in rgb.iter_mut().zip(&raw[n..4 * n]) {
@@ -281,7 +289,7 @@ impl HeadTile {
             let span = offsets[r] as usize..offsets[r + 1] as usize;
             let prior = bars.sigma_t[r] / span.len().max(1) as f32;
             for i in span {
-                raw_bar[i] = (tau_bar[i] * length[i] + prior) * logistic(raw[i] + DENSITY_BIAS);
+                raw_bar[i] = (tau_bar[i] * length[i] + prior) * logistic(raw[i] + head.bias);
                 raw_bar[4 * n + i] = beta_bar[i] * logistic(raw[4 * n + i]);
             }
         }

@@ -9,6 +9,7 @@ use crate::data::{Batch, Dataset};
 use crate::method::{Drawing, Outcome};
 use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
+use crate::watch::mean_transient;
 use field_core::rng::Rng;
 use rayon::prelude::*;
 use render_core::budget::depth_limit;
@@ -77,6 +78,9 @@ impl Ngp {
         let start = Instant::now();
         let bad = bad + self.update_networks(lr) + self.update_method(&plan, lr);
         self.seconds.optimise += since(start);
+        if self.field.head.is_some() {
+            stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
+        }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
 
@@ -145,6 +149,7 @@ impl Ngp {
             kernel: self.config.kernel(),
             distortion: self.config.distortion,
             distance: self.distance,
+            sparsity: self.config.sparsity,
             depth_limit: depth_limit(self.config.train_stop),
             share: plan.share,
         }

@@ -5,6 +5,7 @@ use super::field::{Field, sized};
 use super::head::{HeadBars, HeadTile};
 use crate::method::{Pixel, PixelBar};
 use field_core::mlp::{Mlp, Packed};
+use losses::sparsity;
 use losses::{Edges, RayIntervals, Reduction, distortion};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
@@ -92,6 +93,9 @@ pub(super) struct Tile {
     /// Ends of the intervals in normalised distance, and the gradient of their weights.
     ends: [Vec<f32>; 2],
     w_bar: Vec<f32>,
+    /// Static densities and the gradient of the prior on them.
+    sigma: Vec<f32>,
+    sigma_bar: Vec<f32>,
     /// Gradient of the rays' uncertainties and mean transient densities.
     head_bars: HeadBars,
     head: HeadTile,
@@ -214,7 +218,8 @@ impl Tile {
         }
     }
 
-    /// Bring the derivatives back to features and network gradients. Returns the distortion loss of the rays.
+    /// Bring the derivatives back to features and network gradients. Returns what the rays cost besides their
+    /// colours.
     pub(super) fn backward(
         &mut self,
         ctx: &StepContext<'_>,
@@ -295,6 +300,24 @@ impl Tile {
                         tau_bar[self.offsets[r] as usize] = 0.0;
                     }
                 }
+            }
+        }
+        if ctx.sparsity > 0.0 {
+            let factor = f64::from(ctx.sparsity * per_ray);
+            let dt = &chunk.dt[samples.clone()];
+            let (sigma, sigma_bar) = (sized(&mut self.sigma, n), sized(&mut self.sigma_bar, n));
+            for (sigma, (tau, dt)) in sigma.iter_mut().zip(tau.iter().zip(dt)) {
+                *sigma = if *dt > 0.0 { tau / dt } else { 0.0 };
+            }
+            sigma_bar.fill(0.0);
+            for r in 0..count {
+                let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
+                loss += factor * sparsity::density(&sigma[span.clone()]);
+                let bar = factor * f64::from(ctx.share);
+                sparsity::density_backward(&sigma[span.clone()], bar, &mut sigma_bar[span]).expect("as many");
+            }
+            for (tau_bar, (sigma_bar, dt)) in tau_bar.iter_mut().zip(sigma_bar.iter().zip(dt)) {
+                *tau_bar += if *dt > 0.0 { sigma_bar / dt } else { 0.0 };
             }
         }
         let scratch_len = field.colour.backward_scratch_len().max(field.density.backward_scratch_len());

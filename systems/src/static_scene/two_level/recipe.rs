@@ -47,6 +47,11 @@ pub trait Recipe: Clone + Send + Sync {
         Mixture::default()
     }
 
+    /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the first look, mean over its samples; 0: none.
+    fn sparsity(&self) -> f32 {
+        0.0
+    }
+
     /// Deviation of the noise on the raw density in training.
     fn density_noise(&self) -> f32;
 

@@ -12,9 +12,11 @@ use crate::space::InternalRay;
 use crate::static_scene::cones::{TILE, Which, crossing};
 use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
+use crate::watch::mean_transient;
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
+use losses::sparsity;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::Instant;
@@ -178,6 +180,9 @@ impl<R: Recipe> TwoLevel<R> {
         self.pack();
         bad += self.update_method(step, lr, share);
         self.seconds[2] += start.elapsed().as_secs_f64();
+        if self.head.is_some() {
+            stats.transient = mean_transient(&self.seen, &self.inputs.batch);
+        }
         stats.nonfinite = bad as u64;
         self.trained.record(bad)?;
         Ok(stats)
@@ -340,7 +345,19 @@ impl<R: Recipe> TwoLevel<R> {
             if ctx.pass == Pass::Look {
                 return Ok(());
             }
-            tape.backward(&[(pixels, bar)], &mut chunk.grad[self.range(level)])?;
+            let prior = self.config.sparsity();
+            let mut sigma_bar = Vec::new();
+            if level == 0 && prior > 0.0 {
+                // The mean over the samples of each ray, as the mean over rays is taken outside.
+                let sigmas = tape.value(sigma)?.data;
+                let factor = f64::from(prior) * count as f64;
+                chunk.sums.loss += factor * sparsity::density(sigmas);
+                sigma_bar.resize(n, 0.0);
+                sparsity::density_backward(sigmas, factor * f64::from(ctx.share), &mut sigma_bar).expect("as many");
+            }
+            let seeds = [(pixels, &bar[..]), (sigma, &sigma_bar[..])];
+            let seeds = if sigma_bar.is_empty() { &seeds[..1] } else { &seeds[..] };
+            tape.backward(seeds, &mut chunk.grad[self.range(level)])?;
             let places = || ids.iter().map(|i| i - first);
             if let Some(code) = seen.code {
                 add_codes(tape.gradient(code)?, offsets, places(), &mut chunk.appearance_bar);
