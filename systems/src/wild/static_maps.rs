@@ -76,8 +76,8 @@ impl StaticMaps {
             words
                 .extend(map.bits.chunks(64).map(|bits| bits.iter().rev().fold(0, |word, &b| word << 1 | u64::from(b))));
         }
-        out.push(u64_tensor(&format!("{name}.words"), vec![words.len() as u64]));
-        out.push(u64_tensor(&format!("{name}.maps"), words));
+        out.push(u64_tensor(format!("{name}.words"), vec![words.len() as u64]));
+        out.push(u64_tensor(format!("{name}.maps"), words));
     }
 
     pub(super) fn load_state(&mut self, name: &str, state: &TensorMap) -> Result<(), SystemError> {
