@@ -143,10 +143,22 @@ pub struct WildConfig {
     pub encoder_channels: Vec<usize>,
     /// Encoder: its learning rate, as a part of that of the field's networks.
     pub encoder_lr: f32,
-    /// Encoder: pixels along a side of the lattices, spread over half a photo or more, that a batch is made of.
-    pub lattice: usize,
-    /// Encoder: lattices of a batch at least.
+    /// Encoder: tilts of the tones it sees besides, for each channel; none as published.
+    pub encoder_tilts: Vec<f32>,
+    /// Encoder: lattices that a batch is made of at least, all of whose photos it looks at in that step (as published); 0:
+    /// batches are random pixels, and it looks at the photos by turns.
     pub lattices: usize,
+    /// Encoder: pixels along a side of a lattice, spread over half a photo or more.
+    pub lattice: usize,
+    /// Encoder, by turns: photos it looks at in a step.
+    pub encoder_photos: usize,
+    /// Encoder: weight of its finding a photo's light in a lattice rendered in that light; 0: none is rendered. `--field ngp`
+    /// alone does it.
+    pub view_weight: f32,
+    /// Encoder: weight of other light looking different there.
+    pub mode_weight: f32,
+    /// Encoder: such a lattice is rendered in one step of so many, and weighs so many times as much.
+    pub view_every: u64,
 
     /// Robust, masks, and codes alone: `squared`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
     pub kernel: KernelKind,
@@ -255,8 +267,14 @@ impl WildConfig {
             encoder_side: if mlp { 128 } else { 32 },
             encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
             encoder_lr: if mlp { 1.0 } else { 0.1 },
-            lattice: if mlp { 32 } else { 16 },
-            lattices: if mlp { 1 } else { 8 },
+            encoder_tilts: if mlp { vec![] } else { vec![-10.0, 0.0, 10.0] },
+            lattices: if mlp { 1 } else { 0 },
+            lattice: 32,
+            encoder_photos: 8,
+            // Twice the published ones, as half the squared error is not what pixels cost here.
+            view_weight: if mlp { 0.0 } else { 2e-3 },
+            mode_weight: if mlp { 0.0 } else { 2e-6 },
+            view_every: 4,
             kernel: if mlp { KernelKind::Squared } else { KernelKind::Charbonnier },
             kernel_scale: 0.05,
             judging: if mlp { Judging::Batch } else { Judging::Photos },
@@ -305,7 +323,7 @@ impl WildConfig {
     #[must_use]
     pub fn draws_patches(&self) -> bool {
         (self.occluders == OccluderKind::Robust && self.judging == Judging::Batch)
-            || self.appearance == AppearanceKind::Encoder
+            || (self.appearance == AppearanceKind::Encoder && self.lattices > 0)
     }
 
     /// What a residual costs that is not left out.
@@ -380,6 +398,8 @@ impl WildConfig {
         let prices = [
             ("lambda_u", self.lambda_u),
             ("code_size", self.code_size),
+            ("view_weight", self.view_weight),
+            ("mode_weight", self.mode_weight),
             ("filter_opacity", self.filter_opacity),
             ("filter_smoothness", self.filter_smoothness),
         ];
@@ -391,7 +411,9 @@ impl WildConfig {
         if !(1..=65535).contains(&self.superpixels) {
             return refuse("superpixels", self.superpixels.to_string(), "must be in 1..=65535");
         }
-        for (field, value) in [("judge_first", self.judge_first), ("warmup_steps", self.warmup_steps)] {
+        let steps =
+            [("judge_first", self.judge_first), ("warmup_steps", self.warmup_steps), ("view_every", self.view_every)];
+        for (field, value) in steps {
             if value == 0 {
                 return refuse(field, value.to_string(), "must be at least 1");
             }
@@ -402,7 +424,8 @@ impl WildConfig {
             }
         }
         let counts = [
-            ("lattices", self.lattices, 1..=4096),
+            ("lattices", self.lattices, 0..=4096),
+            ("encoder_photos", self.encoder_photos, 1..=4096),
             ("encoder_side", self.encoder_side, 1..=1024),
             ("visibility_dims", self.visibility_dims, 1..=512),
             ("visibility_octaves", self.visibility_octaves, 0..=16),
@@ -418,6 +441,14 @@ impl WildConfig {
         if self.encoder_channels.len() > 8 || self.encoder_channels.iter().any(|c| !(1..=1024).contains(c)) {
             let value = format!("{:?}", self.encoder_channels);
             return refuse("encoder_channels", value, "must be 1 to 8 numbers in 1..=1024");
+        }
+        if self.encoder_tilts.len() > 16 || !self.encoder_tilts.iter().all(|t| (-50.0..=50.0).contains(t)) {
+            let value = format!("{:?}", self.encoder_tilts);
+            return refuse("encoder_tilts", value, "must be at most 16 numbers in -50..=50");
+        }
+        if self.field == FieldKind::Mlp && (self.view_weight > 0.0 || self.mode_weight > 0.0) {
+            let value = format!("{}, {}", self.view_weight, self.mode_weight);
+            return refuse("view_weight, mode_weight", value, "must be 0 with `field = \"mlp\"`");
         }
         Ok(())
     }

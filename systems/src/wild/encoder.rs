@@ -1,12 +1,18 @@
 //! The encoder that makes a code of a photo: thumbnails, codes, and what it learns from their gradients.
+//!
+//! To look at all photos in every step costs more than the rest of it, and a batch of a few photos says little about the scene.
+//! So codes are kept: where batches are random pixels the encoder looks at a few photos in each step, by turns, and what a step
+//! says about the code of any other waits until it is that photo's turn. In a round of turns every photo is looked at once and
+//! learns from all pixels drawn of it.
 
 use super::config::WildConfig;
+use super::consistency::Consistency;
+use super::glance::{Glance, Kept, Picture};
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Outcome};
+use crate::method::{Codes, Outcome, Relit, SecondLight};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
-use field_core::conv::{Encoder, EncoderConfig, Size, Workspace};
+use field_core::conv::{Encoder, EncoderConfig, Size};
 use field_core::rng::Rng;
-use float_core::Simd;
 use optim::{Adam, AdamConfig};
 use rayon::prelude::*;
 use scene_io::Image;
@@ -14,13 +20,9 @@ use scene_io::Image;
 /// Stream of the initial parameters.
 const INIT: u64 = 0x656e_636f_6465;
 
-/// What [`Encoder`] says about its images holds for all thumbnails.
-const FITS: &str = "thumbnails are no smaller than the encoder needs";
-
-/// The encoder, and the code of each photo as it was when the photo was last in a batch.
+/// The encoder, and the code of each photo as it was when the encoder last looked at it.
 pub(super) struct PhotoEncoder {
-    encoder: Encoder,
-    simd: Simd,
+    glance: Glance,
     params: Vec<f32>,
     grad: Vec<f32>,
     adam: Adam,
@@ -29,19 +31,27 @@ pub(super) struct PhotoEncoder {
     pull: f32,
     /// Longest side of a thumbnail.
     side: usize,
-    /// Made when a photo is in a batch for the first time: pictures of a trained system need none of them.
+    /// Photos of a step by turns; `None`: all photos of the batch.
+    turns: Option<usize>,
+    /// Made when a photo is looked at for the first time: pictures of a trained system need none of them.
     thumbnails: Vec<Option<Thumbnail>>,
     /// `[views][code]`
     rows: Vec<f32>,
-    /// The photos of the batch, by number.
+    /// `[views][code]`, gradients that wait until the encoder looks at the photo.
+    pending: Vec<f32>,
+    /// The photos of the step, by number.
     tasks: Vec<Task>,
     count: usize,
+    consistency: Consistency,
+    /// What renders in another light bring to the gradient.
+    second_grad: Vec<f32>,
 }
 
-/// `[3][height][width]`
+/// `[3][height][width]`, and the opacity `[height][width]`.
 struct Thumbnail {
     size: Size,
     planes: Vec<u8>,
+    alpha: Vec<u8>,
 }
 
 /// A photo on its way through the encoder and back.
@@ -49,29 +59,30 @@ struct Thumbnail {
 struct Task {
     view: usize,
     x: Vec<f32>,
-    acts: Vec<f32>,
+    alpha: Vec<f32>,
+    kept: Kept,
     code: Vec<f32>,
     code_bar: Vec<f32>,
     grad: Vec<f32>,
-    work: Workspace,
 }
 
 impl Task {
-    fn forward(&mut self, encoder: &Encoder, simd: Simd, params: &[f32], thumbnail: &Thumbnail) {
-        let Self { x, acts, code, work, .. } = self;
+    fn forward(&mut self, glance: &Glance, params: &[f32], thumbnail: &Thumbnail) {
+        let Self { x, alpha, kept, code, .. } = self;
         x.clear();
         // Around 0, which is also what transparent pixels are.
         x.extend(thumbnail.planes.iter().map(|&v| (f32::from(v) - 127.5) / 127.5));
-        acts.resize(encoder.activations_len(thumbnail.size).expect(FITS), 0.0);
-        code.resize(encoder.code(), 0.0);
-        encoder.forward(simd, params, x, thumbnail.size, acts, code, work).expect(FITS);
+        alpha.clear();
+        alpha.extend(thumbnail.alpha.iter().map(|&a| f32::from(a) / 255.0));
+        glance.forward(params, Picture { x, alpha, size: thumbnail.size }, kept, code);
     }
 
-    fn backward(&mut self, encoder: &Encoder, simd: Simd, params: &[f32], thumbnail: &Thumbnail) {
-        let Self { x, acts, code_bar, grad, work, .. } = self;
+    /// After [`Task::forward`].
+    fn backward(&mut self, glance: &Glance, params: &[f32], size: Size) {
+        let Self { x, alpha, kept, code_bar, grad, .. } = self;
         grad.clear();
         grad.resize(params.len(), 0.0);
-        encoder.backward(simd, params, x, thumbnail.size, acts, code_bar, grad, None, work).expect(FITS);
+        glance.backward(params, Picture { x, alpha, size }, kept, code_bar, grad, None);
     }
 }
 
@@ -86,7 +97,8 @@ impl PhotoEncoder {
             Ok(encoder) => encoder,
             Err(e) => return bad("encoder_channels", format!("{:?}", config.encoder_channels), e.to_string()),
         };
-        let least = encoder.min_side();
+        let glance = Glance::new(encoder, &config.encoder_tilts);
+        let least = glance.min_side();
         if config.encoder_side < least {
             let problem = format!("must be at least {least}: the encoder halves a photo so often");
             return bad("encoder_side", config.encoder_side.to_string(), problem);
@@ -98,31 +110,48 @@ impl PhotoEncoder {
             );
             return bad("appearance", "encoder".into(), problem);
         }
-        let mut params = vec![0.0; encoder.param_count()];
-        encoder.init(Rng::new(seed, INIT), &mut params);
+        if config.view_weight + config.mode_weight > 0.0 && config.lattice < least {
+            let problem = format!(
+                "must be at least {least}, as the encoder looks at renders; or `view_weight` and `mode_weight` 0"
+            );
+            return bad("lattice", config.lattice.to_string(), problem);
+        }
+        let mut params = vec![0.0; glance.param_count()];
+        glance.init(Rng::new(seed, INIT), seed, &mut params);
         Ok(Self {
-            simd: Simd::best(),
             grad: vec![0.0; params.len()],
+            second_grad: vec![0.0; params.len()],
             adam: Adam::new(params.len(), AdamConfig::DEFAULT),
             lr: f64::from(config.encoder_lr),
             pull: config.code_size,
             side: config.encoder_side,
+            turns: (config.lattices == 0).then_some(config.encoder_photos),
             thumbnails: (0..data.len()).map(|_| None).collect(),
-            rows: vec![0.0; data.len() * encoder.code()],
+            rows: vec![0.0; data.len() * glance.code()],
+            pending: vec![0.0; data.len() * glance.code()],
             tasks: Vec::new(),
             count: 0,
-            encoder,
+            consistency: Consistency::new(config, seed),
+            glance,
             params,
         })
     }
 
     pub(super) fn codes(&self) -> Codes<'_> {
-        Codes { dims: self.encoder.code(), rows: &self.rows }
+        Codes { dims: self.glance.code(), rows: &self.rows }
     }
 
-    /// Codes of the photos of a batch; the others stay as they are.
-    pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch) -> Result<(), SystemError> {
-        let mut views = batch.view.clone();
+    /// Codes of the photos of a step; the others stay as they are.
+    pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
+        let photos = self.thumbnails.len() as u64;
+        let mut views: Vec<usize> = match self.turns {
+            Some(count) if photos > 0 => {
+                let count = photos.min(count as u64);
+                (0..count).map(|k| ((step % photos * count + k) % photos) as usize).collect()
+            }
+            Some(_) => Vec::new(),
+            None => batch.view.iter().map(|&v| v as usize).collect(),
+        };
         views.sort_unstable();
         views.dedup();
         self.count = views.len();
@@ -130,50 +159,63 @@ impl PhotoEncoder {
             self.tasks.resize_with(self.count, Task::default);
         }
         for (task, view) in self.tasks.iter_mut().zip(views) {
-            task.view = view as usize;
-            if self.thumbnails[task.view].is_none() {
-                self.thumbnails[task.view] =
-                    Some(thumbnail(&*data.image(task.view)?, self.side, self.encoder.min_side()));
+            task.view = view;
+            if self.thumbnails[view].is_none() {
+                self.thumbnails[view] = Some(thumbnail(&*data.image(view)?, self.side, self.glance.min_side()));
             }
         }
-        let Self { encoder, simd, params, thumbnails, tasks, rows, .. } = self;
+        let Self { glance, params, thumbnails, tasks, rows, .. } = self;
         tasks[..self.count].par_iter_mut().for_each(|task| {
             if let Some(thumbnail) = &thumbnails[task.view] {
-                task.forward(encoder, *simd, params, thumbnail);
+                task.forward(glance, params, thumbnail);
             }
         });
-        let dims = encoder.code();
+        let dims = glance.code();
         for task in &tasks[..self.count] {
             rows[task.view * dims..][..dims].copy_from_slice(&task.code);
         }
         Ok(())
     }
 
+    /// See [`crate::method::Method::second_light`].
+    pub(super) fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.consistency.second_light(self.codes(), step)
+    }
+
+    /// See [`crate::method::Method::judge_second`].
+    pub(super) fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        let Self { glance, params, rows, consistency, second_grad, .. } = self;
+        let codes = Codes { dims: glance.code(), rows };
+        consistency.judge((glance, params), codes, relit, second_grad).1
+    }
+
     /// One step from the gradients of the pixels' codes. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
-        let (dims, batch) = (self.encoder.code(), outcome.batch);
-        let Self { encoder, simd, params, thumbnails, tasks, grad, .. } = self;
-        let all = &mut tasks[..self.count];
-        for task in all.iter_mut() {
-            task.code_bar.clear();
-            task.code_bar.resize(dims, 0.0);
-        }
+        let (dims, batch) = (self.glance.code(), outcome.batch);
         // Codes near 0: the mean over pixels of the mean square of their codes.
         let pull = 2.0 * self.pull / (dims * batch.len().max(1)) as f32;
         for (bars, &view) in outcome.appearance_bar.chunks_exact(dims).zip(&batch.view) {
-            if let Ok(at) = all.binary_search_by_key(&(view as usize), |task| task.view) {
-                let Task { code, code_bar, .. } = &mut all[at];
-                for ((sum, bar), code) in code_bar.iter_mut().zip(bars).zip(code) {
-                    *sum += bar + pull * *code;
-                }
+            let at = view as usize * dims;
+            let code = self.rows[at..at + dims].iter();
+            for ((sum, bar), code) in self.pending[at..at + dims].iter_mut().zip(bars).zip(code) {
+                *sum += bar + pull * *code;
             }
+        }
+        let Self { glance, params, thumbnails, tasks, grad, pending, second_grad, .. } = self;
+        let all = &mut tasks[..self.count];
+        for task in all.iter_mut() {
+            let waiting = &mut pending[task.view * dims..][..dims];
+            task.code_bar.clear();
+            task.code_bar.extend_from_slice(waiting);
+            waiting.fill(0.0);
         }
         all.par_iter_mut().for_each(|task| {
             if let Some(thumbnail) = &thumbnails[task.view] {
-                task.backward(encoder, *simd, params, thumbnail);
+                task.backward(glance, params, thumbnail.size);
             }
         });
-        grad.fill(0.0);
+        grad.copy_from_slice(second_grad);
+        second_grad.fill(0.0);
         for task in all {
             grad.iter_mut().zip(&task.grad).for_each(|(sum, g)| *sum += g);
         }
@@ -182,11 +224,12 @@ impl PhotoEncoder {
 
     /// The code of any photo; `None` for one that is too small.
     pub(super) fn encode(&self, photo: &Image) -> Option<Vec<f32>> {
-        if (photo.width.min(photo.height) as usize) < self.encoder.min_side() {
+        let least = self.glance.min_side();
+        if (photo.width.min(photo.height) as usize) < least {
             return None;
         }
         let mut task = Task::default();
-        task.forward(&self.encoder, self.simd, &self.params, &thumbnail(photo, self.side, self.encoder.min_side()));
+        task.forward(&self.glance, &self.params, &thumbnail(photo, self.side, least));
         Some(task.code)
     }
 
@@ -196,22 +239,25 @@ impl PhotoEncoder {
 
     /// Bytes of parameters, moments, gradients, thumbnails and codes.
     pub(super) fn bytes(&self) -> usize {
-        let thumbnails: usize = self.thumbnails.iter().flatten().map(|t| t.planes.capacity()).sum();
-        let task = |t: &Task| t.x.capacity() + t.acts.capacity() + t.grad.capacity();
-        thumbnails + 4 * (4 * self.params.len() + self.rows.len() + self.tasks.iter().map(task).sum::<usize>())
+        let thumbnails: usize =
+            self.thumbnails.iter().flatten().map(|t| t.planes.capacity() + t.alpha.capacity()).sum();
+        let task = |t: &Task| t.x.capacity() + t.alpha.capacity() + t.kept.len() + t.grad.capacity();
+        thumbnails + 4 * (5 * self.params.len() + 2 * self.rows.len() + self.tasks.iter().map(task).sum::<usize>())
     }
 
     pub(super) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
         out.push(f32_tensor("encoder.network", &self.params));
         out.push(f32_tensor("encoder.codes", &self.rows));
+        out.push(f32_tensor("encoder.pending", &self.pending));
         push_adam(out, "encoder", &self.adam);
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let params = take_f32(state, "encoder.network", self.params.len())?;
         let rows = take_f32(state, "encoder.codes", self.rows.len())?;
+        let pending = take_f32(state, "encoder.pending", self.pending.len())?;
         self.adam = take_adam(state, "encoder", &self.adam)?;
-        (self.params, self.rows) = (params, rows);
+        (self.params, self.rows, self.pending) = (params, rows, pending);
         Ok(())
     }
 }
@@ -224,7 +270,7 @@ fn thumbnail(photo: &Image, side: usize, least: usize) -> Thumbnail {
     let [width, height] = [width, height].map(|n| ((n * side + longest / 2) / longest).max(least));
     let size = Size::one(height, width);
     let small = photo.resized(width as u32, height as u32);
-    let mut planes = vec![0; 3 * size.pixels()];
+    let (mut planes, mut opacity) = (vec![0; 3 * size.pixels()], vec![0; size.pixels()]);
     for i in 0..size.pixels() {
         let [x, y] = [i % width, i / width].map(|n| n as u32);
         let pixel = small.pixel(x, y);
@@ -233,8 +279,9 @@ fn thumbnail(photo: &Image, side: usize, least: usize) -> Thumbnail {
             let value = u32::from(pixel[c]) * alpha + 128 * (255 - alpha);
             planes[c * size.pixels() + i] = ((value + 127) / 255) as u8;
         }
+        opacity[i] = alpha as u8;
     }
-    Thumbnail { size, planes }
+    Thumbnail { size, planes, alpha: opacity }
 }
 
 #[cfg(test)]

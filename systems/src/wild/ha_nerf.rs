@@ -11,15 +11,18 @@
 //!
 //! `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out.
 //!
-//! Of the released loss two small terms are missing, those of renders in the light of other photos: view consistency (weight
-//! 1e-3) and mode seeking (1e-6).
+//! Now and then a lattice of a photo's pixels is rendered in the light of another photo, in which the encoder should find that
+//! light again (`consistency.rs`; on the fast field alone).
+//!
+//! The fast field learns from pixels of all photos in every step, the encoder by turns (`encoder.rs`); the published networks
+//! from one lattice, as published.
 
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
 use super::robust;
 use super::visibility::Visibility;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 
@@ -66,7 +69,7 @@ impl Method for HaNerf {
         if let Some(visibility) = &mut self.visibility {
             visibility.begin(batch, step);
         }
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -79,6 +82,14 @@ impl Method for HaNerf {
         let (weight, _) = self.visibility.as_ref().map_or((1.0, 0.0), |visibility| visibility.weight(i));
         let (loss, bar) = robust(self.kernel, rgb, truth, weight);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

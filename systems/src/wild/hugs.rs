@@ -15,7 +15,7 @@ use super::photo_judge::PhotoJudge;
 use super::static_maps::{StaticMap, StaticMaps};
 use super::{is_doubled, robust};
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::superpixels::Superpixels;
@@ -152,9 +152,9 @@ impl Method for Hugs {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.maps.leave_out(batch);
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -170,6 +170,14 @@ impl Method for Hugs {
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (loss, bar) = self.loss(i, &Pixel { rgb, ..Pixel::default() }, truth);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

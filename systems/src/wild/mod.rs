@@ -18,9 +18,11 @@
 
 mod codes;
 mod config;
+mod consistency;
 mod encoder;
 mod expected;
 mod filter;
+mod glance;
 mod ha_nerf;
 mod hugs;
 mod light;

@@ -18,7 +18,7 @@ use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
 use super::robust;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 use losses::uncertainty::{Channels, Likelihood};
@@ -72,8 +72,8 @@ impl Method for NerfW {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -87,6 +87,14 @@ impl Method for NerfW {
         likelihood.sum_backward(&[pixel.rgb], &[truth], &beta, None, 1.0, &mut rgb, &mut beta_bar).expect(fits);
         let bar = PixelBar { rgb: rgb[0], beta: beta_bar[0], sigma_t: *lambda_u };
         (loss[0] + lambda_u * pixel.sigma_t, bar)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

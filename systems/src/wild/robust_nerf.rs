@@ -20,7 +20,7 @@ use super::photo_judge::{PhotoJudge, mask_of};
 use super::static_maps::StaticMaps;
 use super::{is_doubled, residual, robust, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::heuristics::Extent;
 use losses::kernel::Kernel;
@@ -106,9 +106,9 @@ impl Method for RobustNerf {
         }
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.maps.leave_out(batch);
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn looks_ahead(&self, _step: u64) -> bool {
@@ -149,6 +149,14 @@ impl Method for RobustNerf {
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (loss, bar) = self.loss(i, &Pixel { rgb, ..Pixel::default() }, truth);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -1,0 +1,1 @@
+//! What renders in another light teach: the colour network what it says, everything else nothing.
