@@ -183,6 +183,11 @@ pub trait Method: Send + Sync {
         None
     }
 
+    /// Those that the field learns with, where they are others.
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.appearance()
+    }
+
     /// Codes of the transient part; `None`: there is no such part.
     fn transient(&self) -> Option<Codes<'_>> {
         None

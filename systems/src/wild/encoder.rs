@@ -1,10 +1,12 @@
 //! The encoder that makes a code of a photo: thumbnails, codes, and what it learns from their gradients.
 //!
-//! To look at all photos in every step costs more than the rest of it, and a batch of a few photos says little about the scene.
-//! So codes are kept: where batches are random pixels the encoder looks at a few photos in each step, by turns, and what a step
-//! says about the code of any other waits until it is that photo's turn. In a round of turns every photo is looked at once and
-//! learns from all pixels drawn of it.
+//! As published, the encoder looks at the photo of a batch and learns from the gradient of the batch's code. The fast field
+//! cannot wait for that: a batch of a few photos says little about the scene, and while the encoder still mistakes what a photo
+//! shows for its light the field learns to make up for it, view by view. There the field learns with free codes, and the encoder
+//! learns to say them, a few photos in each step, by turns; in return they are drawn towards what it says. What is rendered
+//! later is in the light the encoder sees.
 
+use super::codes::CodeTable;
 use super::config::WildConfig;
 use super::consistency::Consistency;
 use super::glance::{Glance, Kept, Picture};
@@ -31,20 +33,26 @@ pub(super) struct PhotoEncoder {
     pull: f32,
     /// Longest side of a thumbnail.
     side: usize,
-    /// Photos of a step by turns; `None`: all photos of the batch.
-    turns: Option<usize>,
+    /// The codes that the field learns with, where they are not the encoder's.
+    follows: Option<Follows>,
     /// Made when a photo is looked at for the first time: pictures of a trained system need none of them.
     thumbnails: Vec<Option<Thumbnail>>,
     /// `[views][code]`
     rows: Vec<f32>,
-    /// `[views][code]`, gradients that wait until the encoder looks at the photo.
-    pending: Vec<f32>,
     /// The photos of the step, by number.
     tasks: Vec<Task>,
     count: usize,
     consistency: Consistency,
     /// What renders in another light bring to the gradient.
     second_grad: Vec<f32>,
+}
+
+/// What the encoder learns to say.
+struct Follows {
+    table: CodeTable,
+    lr: f64,
+    /// Photos of a step.
+    photos: usize,
 }
 
 /// `[3][height][width]`, and the opacity `[height][width]`.
@@ -125,10 +133,13 @@ impl PhotoEncoder {
             lr: f64::from(config.encoder_lr),
             pull: config.code_size,
             side: config.encoder_side,
-            turns: (config.lattices == 0).then_some(config.encoder_photos),
+            follows: (config.lattices == 0).then(|| Follows {
+                table: CodeTable::zeros("appearance", data.len(), config.appearance_dims),
+                lr: f64::from(config.code_lr),
+                photos: config.encoder_photos,
+            }),
             thumbnails: (0..data.len()).map(|_| None).collect(),
             rows: vec![0.0; data.len() * glance.code()],
-            pending: vec![0.0; data.len() * glance.code()],
             tasks: Vec::new(),
             count: 0,
             consistency: Consistency::new(config, seed),
@@ -141,12 +152,17 @@ impl PhotoEncoder {
         Codes { dims: self.glance.code(), rows: &self.rows }
     }
 
+    /// The codes that the field learns with.
+    pub(super) fn learning_codes(&self) -> Codes<'_> {
+        self.follows.as_ref().map_or_else(|| self.codes(), |follows| follows.table.codes())
+    }
+
     /// Codes of the photos of a step; the others stay as they are.
     pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
         let photos = self.thumbnails.len() as u64;
-        let mut views: Vec<usize> = match self.turns {
-            Some(count) if photos > 0 => {
-                let count = photos.min(count as u64);
+        let mut views: Vec<usize> = match &self.follows {
+            Some(follows) if photos > 0 => {
+                let count = photos.min(follows.photos as u64);
                 (0..count).map(|k| ((step % photos * count + k) % photos) as usize).collect()
             }
             Some(_) => Vec::new(),
@@ -192,22 +208,34 @@ impl PhotoEncoder {
     /// One step from the gradients of the pixels' codes. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let (dims, batch) = (self.glance.code(), outcome.batch);
-        // Codes near 0: the mean over pixels of the mean square of their codes.
-        let pull = 2.0 * self.pull / (dims * batch.len().max(1)) as f32;
-        for (bars, &view) in outcome.appearance_bar.chunks_exact(dims).zip(&batch.view) {
-            let at = view as usize * dims;
-            let code = self.rows[at..at + dims].iter();
-            for ((sum, bar), code) in self.pending[at..at + dims].iter_mut().zip(bars).zip(code) {
-                *sum += bar + pull * *code;
-            }
-        }
-        let Self { glance, params, thumbnails, tasks, grad, pending, second_grad, .. } = self;
+        let Self { glance, params, thumbnails, tasks, grad, second_grad, follows, rows, .. } = self;
         let all = &mut tasks[..self.count];
-        for task in all.iter_mut() {
-            let waiting = &mut pending[task.view * dims..][..dims];
-            task.code_bar.clear();
-            task.code_bar.extend_from_slice(waiting);
-            waiting.fill(0.0);
+        let mut bad = 0;
+        if let Some(Follows { table, lr, .. }) = follows {
+            // Half the mean squared distance.
+            let share = 1.0 / (dims * all.len().max(1)) as f32;
+            for task in all.iter_mut() {
+                let Task { code, code_bar, .. } = task;
+                code_bar.clear();
+                code_bar.extend(code.iter().zip(table.codes().of(task.view)).map(|(code, aim)| share * (code - aim)));
+            }
+            let lr = outcome.lr * *lr;
+            bad = table.learn_towards(outcome.simd, lr, batch, outcome.appearance_bar, (self.pull, Some(rows)));
+        } else {
+            // Codes near 0: the mean over pixels of the mean square of their codes.
+            let pull = 2.0 * self.pull / (dims * batch.len().max(1)) as f32;
+            for task in all.iter_mut() {
+                task.code_bar.clear();
+                task.code_bar.resize(dims, 0.0);
+            }
+            for (bars, &view) in outcome.appearance_bar.chunks_exact(dims).zip(&batch.view) {
+                if let Ok(at) = all.binary_search_by_key(&(view as usize), |task| task.view) {
+                    let Task { code, code_bar, .. } = &mut all[at];
+                    for ((sum, bar), code) in code_bar.iter_mut().zip(bars).zip(code) {
+                        *sum += bar + pull * *code;
+                    }
+                }
+            }
         }
         all.par_iter_mut().for_each(|task| {
             if let Some(thumbnail) = &thumbnails[task.view] {
@@ -219,7 +247,7 @@ impl PhotoEncoder {
         for task in all {
             grad.iter_mut().zip(&task.grad).for_each(|(sum, g)| *sum += g);
         }
-        self.adam.step(outcome.simd, outcome.lr * self.lr, &mut self.params, &self.grad)
+        bad + self.adam.step(outcome.simd, outcome.lr * self.lr, &mut self.params, &self.grad)
     }
 
     /// The code of any photo; `None` for one that is too small.
@@ -234,7 +262,7 @@ impl PhotoEncoder {
     }
 
     pub(super) fn len(&self) -> usize {
-        self.params.len()
+        self.params.len() + self.follows.as_ref().map_or(0, |follows| follows.table.len())
     }
 
     /// Bytes of parameters, moments, gradients, thumbnails and codes.
@@ -242,22 +270,22 @@ impl PhotoEncoder {
         let thumbnails: usize =
             self.thumbnails.iter().flatten().map(|t| t.planes.capacity() + t.alpha.capacity()).sum();
         let task = |t: &Task| t.x.capacity() + t.alpha.capacity() + t.kept.len() + t.grad.capacity();
-        thumbnails + 4 * (5 * self.params.len() + 2 * self.rows.len() + self.tasks.iter().map(task).sum::<usize>())
+        thumbnails + 4 * (5 * self.params.len() + 5 * self.rows.len() + self.tasks.iter().map(task).sum::<usize>())
     }
 
     pub(super) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
         out.push(f32_tensor("encoder.network", &self.params));
         out.push(f32_tensor("encoder.codes", &self.rows));
-        out.push(f32_tensor("encoder.pending", &self.pending));
+        self.follows.iter().for_each(|follows| follows.table.push_state(out));
         push_adam(out, "encoder", &self.adam);
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let params = take_f32(state, "encoder.network", self.params.len())?;
         let rows = take_f32(state, "encoder.codes", self.rows.len())?;
-        let pending = take_f32(state, "encoder.pending", self.pending.len())?;
+        self.follows.as_mut().map_or(Ok(()), |follows| follows.table.load_state(state))?;
         self.adam = take_adam(state, "encoder", &self.adam)?;
-        (self.params, self.rows, self.pending) = (params, rows, pending);
+        (self.params, self.rows) = (params, rows);
         Ok(())
     }
 }

@@ -86,7 +86,7 @@ impl Glance {
         let env = |k: &str, d: f32| std::env::var(k).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
         let last = self.encoder.config().channels.last().copied().unwrap_or(0) * self.code();
         let n = network.len() - self.code();
-        network[n - last..n].iter_mut().for_each(|w| *w *= env("HA_HEAD", 0.0));
+        network[n - last..n].iter_mut().for_each(|w| *w *= env("HA_HEAD", 1.0));
         weights.iter_mut().for_each(|w| *w *= env("HA_TONE", 0.0));
     }
 
@@ -99,7 +99,11 @@ impl Glance {
         self.encoder.forward(self.simd, network, picture.x, picture.size, acts, code, work).expect(FITS);
         tones.clear();
         for x in picture.x.chunks_exact(picture.size.pixels()) {
-            tones.extend(self.tilts.iter().map(|&tilt| GAIN * (Tilted::new(x, picture.alpha, tilt).mean - 0.6 * (tilt / 5.0).tanh())));
+            tones.extend(
+                self.tilts
+                    .iter()
+                    .map(|&tilt| GAIN * (Tilted::new(x, picture.alpha, tilt).mean - 0.6 * (tilt / 5.0).tanh())),
+            );
         }
         for (code, weights) in code.iter_mut().zip(weights.chunks_exact(tones.len().max(1))) {
             *code += weights.iter().zip(&tones[..]).map(|(w, tone)| w * tone).sum::<f32>();

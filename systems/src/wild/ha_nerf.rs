@@ -61,6 +61,10 @@ impl Method for HaNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }

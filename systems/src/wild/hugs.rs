@@ -148,6 +148,10 @@ impl Method for Hugs {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }

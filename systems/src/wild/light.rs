@@ -42,6 +42,14 @@ impl Light {
         }
     }
 
+    /// The codes that the field learns with.
+    pub(super) fn learning_codes(&self) -> Codes<'_> {
+        match self {
+            Self::Codes { table, .. } => table.codes(),
+            Self::Encoder { photos, .. } => photos.learning_codes(),
+        }
+    }
+
     /// How pixels are drawn, where the rest of the method does not mind.
     pub(super) fn drawing(&self) -> Drawing {
         match self {

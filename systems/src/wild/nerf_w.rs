@@ -64,6 +64,10 @@ impl Method for NerfW {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn transient(&self) -> Option<Codes<'_>> {
         self.strangers.as_ref().map(|s| s.codes.codes())
     }

@@ -98,6 +98,10 @@ impl Method for RobustNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         if self.judging == Judging::Batch {
             Drawing::Patches(Patches { shape: Shape::Window, side: self.mask.patch as u32 }, LEAST_PATCHES)

@@ -290,6 +290,10 @@ impl Method for SfNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.cover(batch, step);
         self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))

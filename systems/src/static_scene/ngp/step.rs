@@ -136,7 +136,7 @@ impl Ngp {
             lead: self.lead(),
             batch: &inputs.batch,
             method: self.method.as_deref(),
-            appearance: self.method.as_ref().and_then(|method| method.appearance()),
+            appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
             transient: self.method.as_ref().and_then(|method| method.transient()),
             per_pixel: plan.per_pixel,
             rays: &inputs.rays,
