@@ -48,18 +48,6 @@ impl CodeTable {
     /// One step from the gradients of the pixels' codes, `[pixels][dims]`, and a pull towards 0. Only photos of the batch
     /// move. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, simd: Simd, lr: f64, batch: &Batch, bars: &[f32], pull: f32) -> usize {
-        self.learn_towards(simd, lr, batch, bars, (pull, None))
-    }
-
-    /// [`CodeTable::learn`] with a pull towards other codes.
-    pub(super) fn learn_towards(
-        &mut self,
-        simd: Simd,
-        lr: f64,
-        batch: &Batch,
-        bars: &[f32],
-        (pull, to): (f32, Option<&[f32]>),
-    ) -> usize {
         self.grad.fill(0.0);
         for (bars, &view) in bars.chunks_exact(self.dims).zip(&batch.view) {
             let at = view as usize * self.dims;
@@ -69,8 +57,8 @@ impl CodeTable {
         }
         // The mean of squares over all codes, for those that are here.
         let pull = 2.0 * pull / self.rows.len().max(1) as f32;
-        for (i, grad) in self.grad.iter_mut().enumerate().filter(|(_, grad)| **grad != 0.0) {
-            *grad += pull * (self.rows[i] - to.map_or(0.0, |to| to[i]));
+        for (grad, value) in self.grad.iter_mut().zip(&self.rows).filter(|(grad, _)| **grad != 0.0) {
+            *grad += pull * value;
         }
         self.adam.step_nonzero(simd, lr, &mut self.rows, &self.grad)
     }

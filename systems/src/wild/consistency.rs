@@ -101,3 +101,120 @@ impl Consistency {
 fn is_known(code: &[f32]) -> bool {
     code.iter().any(|&a| a != 0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Batch;
+    use crate::wild::{AppearanceKind, FieldKind, OccluderKind};
+    use field_core::conv::{Encoder, EncoderConfig};
+    use glam::DVec3;
+    use render_core::ray::Ray;
+
+    const SIDE: usize = 5;
+    const N: usize = SIDE * SIDE;
+
+    fn config(view_weight: f32, mode_weight: f32) -> WildConfig {
+        let config = WildConfig::new(FieldKind::Ngp, AppearanceKind::Encoder, OccluderKind::None);
+        WildConfig { view_weight, mode_weight, view_every: 2, lattice: SIDE, ..config }
+    }
+
+    fn glance() -> (Glance, Vec<f32>) {
+        let encoder = Encoder::new(EncoderConfig { inputs: 3, channels: vec![3, 4], code: 2 }).unwrap();
+        let glance = Glance::new(encoder, &[-3.0, 0.0, 3.0]);
+        let mut params = vec![0.0; glance.param_count()];
+        glance.init(Rng::new(5, 6), 3, &mut params);
+        (glance, params)
+    }
+
+    /// Two lattices, of views 0 and 1, and colours.
+    fn lattices() -> (Batch, [Vec<[f32; 3]>; 2]) {
+        let rays = vec![Ray { o: DVec3::ZERO, d: DVec3::Z }; 2 * N];
+        let mut batch = Batch::of_rays(&rays, &vec![[0.0; 3]; 2 * N]);
+        batch.view[N..].fill(1);
+        let rng = Rng::new(8, 9);
+        let rgb =
+            |k: usize| (0..2 * N).map(|i| [0, 1, 2].map(|c| rng.uniform_at((6 * i + 2 * c + k) as u64))).collect();
+        (batch, [rgb(0), rgb(1)])
+    }
+
+    fn second(views: &[u32]) -> SecondLight {
+        SecondLight { patches: Patches { shape: Shape::Lattice, side: SIDE as u32 }, views: views.to_vec() }
+    }
+
+    const CODES: Codes<'_> = Codes { dims: 2, rows: &[0.5, -0.4, 1.2, 0.9, -0.7, 0.1] };
+
+    #[test]
+    fn both_terms_have_the_derivatives_of_differences() {
+        let (glance, params) = glance();
+        let (batch, [own, other]) = lattices();
+        let light = second(&[2, 0]);
+        // The second is so small because the pictures differ: at 1 it would be near 3.
+        for (weights, mode) in [([0.3, 0.0], false), ([0.0, 0.3], true)] {
+            let consistency = Consistency::new(&config(weights[0], weights[1]), 1);
+            let judge = |params: &[f32], other: &[[f32; 3]], grad: &mut [f32]| {
+                let relit = Relit { light: &light, batch: &batch, own: &own, other };
+                consistency.judge((&glance, params), CODES, &relit, grad)
+            };
+            let mut grad = vec![0.0; params.len()];
+            let (loss, bars) = judge(&params, &other, &mut grad);
+            assert!(loss > 0.0);
+            let mut nothing = vec![0.0; params.len()];
+            let h = 1e-3_f32;
+            for i in 0..2 * N {
+                for c in 0..3 {
+                    let mut at = |by: f32| {
+                        let mut other = other.clone();
+                        other[i][c] += by;
+                        judge(&params, &other, &mut nothing).0
+                    };
+                    let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
+                    // The terms have kinks, where a pixel is what it was or a code is met.
+                    let off = (slope - f64::from(bars[i][c])).abs();
+                    assert!(off < 2e-3, "{weights:?}, pixel {i}, {c}: {slope} {}", bars[i][c]);
+                }
+            }
+            for k in (0..params.len()).step_by(17) {
+                let mut at = |by: f32| {
+                    let mut params = params.clone();
+                    params[k] += by;
+                    judge(&params, &other, &mut nothing).0
+                };
+                let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
+                let off = (slope - f64::from(grad[k])).abs();
+                assert!(off < 2e-3, "{weights:?}, parameter {k}: {slope} {}", grad[k]);
+            }
+            // The encoder has no part in the second term.
+            assert_eq!(mode, grad.iter().all(|g| *g == 0.0));
+        }
+    }
+
+    #[test]
+    fn nothing_is_rendered_until_another_photo_has_been_seen_nor_where_it_weighs_nothing() {
+        let on = Consistency::new(&config(1e-3, 0.0), 1);
+        let of = |rows: &'static [f32], step| on.second_light(Codes { dims: 2, rows }, step).map(|light| light.views);
+        assert_eq!(of(&[], 0), None);
+        assert_eq!(of(&[0.5, 0.1], 0), None, "one photo");
+        assert_eq!(of(&[0.5, 0.1, 0.0, 0.0], 0), None, "nobody has looked at the second");
+        assert_eq!(of(CODES.rows, 1), None, "not its turn");
+        let lights: Vec<u32> = (0..40).flat_map(|k| of(CODES.rows, 2 * k).unwrap()).collect();
+        assert!((0..3).all(|view| lights.contains(&view)), "{lights:?}");
+        let off = Consistency::new(&config(0.0, 0.0), 1);
+        assert_eq!(off.second_light(CODES, 0), None);
+    }
+
+    #[test]
+    fn a_lattice_in_its_own_light_and_photos_nobody_has_seen_say_nothing() {
+        let (glance, params) = glance();
+        let (batch, [own, other]) = lattices();
+        let consistency = Consistency::new(&config(0.3, 0.3), 1);
+        let unseen = Codes { dims: 2, rows: &[0.0, 0.0, 1.2, 0.9, 0.0, 0.0] };
+        for (codes, views) in [(CODES, [0, 1]), (unseen, [1, 2])] {
+            let light = second(&views);
+            let relit = Relit { light: &light, batch: &batch, own: &own, other: &other };
+            let mut grad = vec![0.0; params.len()];
+            let (loss, bars) = consistency.judge((&glance, &params), codes, &relit, &mut grad);
+            assert!(loss == 0.0 && grad.iter().all(|g| *g == 0.0) && bars.iter().all(|b| *b == [0.0; 3]));
+        }
+    }
+}

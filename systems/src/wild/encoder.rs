@@ -3,8 +3,7 @@
 //! As published, the encoder looks at the photo of a batch and learns from the gradient of the batch's code. The fast field
 //! cannot wait for that: a batch of a few photos says little about the scene, and while the encoder still mistakes what a photo
 //! shows for its light the field learns to make up for it, view by view. There the field learns with free codes, and the encoder
-//! learns to say them, a few photos in each step, by turns; in return they are drawn towards what it says. What is rendered
-//! later is in the light the encoder sees.
+//! learns to say them, a few photos in each step, by turns. What is rendered later is in the light the encoder sees.
 
 use super::codes::CodeTable;
 use super::config::WildConfig;
@@ -208,7 +207,7 @@ impl PhotoEncoder {
     /// One step from the gradients of the pixels' codes. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let (dims, batch) = (self.glance.code(), outcome.batch);
-        let Self { glance, params, thumbnails, tasks, grad, second_grad, follows, rows, .. } = self;
+        let Self { glance, params, thumbnails, tasks, grad, second_grad, follows, .. } = self;
         let all = &mut tasks[..self.count];
         let mut bad = 0;
         if let Some(Follows { table, lr, .. }) = follows {
@@ -220,7 +219,7 @@ impl PhotoEncoder {
                 code_bar.extend(code.iter().zip(table.codes().of(task.view)).map(|(code, aim)| share * (code - aim)));
             }
             let lr = outcome.lr * *lr;
-            bad = table.learn_towards(outcome.simd, lr, batch, outcome.appearance_bar, (self.pull, Some(rows)));
+            bad = table.learn(outcome.simd, lr, batch, outcome.appearance_bar, self.pull);
         } else {
             // Codes near 0: the mean over pixels of the mean square of their codes.
             let pull = 2.0 * self.pull / (dims * batch.len().max(1)) as f32;
