@@ -123,7 +123,8 @@ mod tests {
         let encoder = Encoder::new(EncoderConfig { inputs: 3, channels: vec![3, 4], code: 2 }).unwrap();
         let glance = Glance::new(encoder, &[-3.0, 0.0, 3.0]);
         let mut params = vec![0.0; glance.param_count()];
-        glance.init(Rng::new(5, 6), 3, &mut params);
+        glance.init(Rng::new(5, 6), &mut params);
+        params.iter_mut().rev().take(18).enumerate().for_each(|(i, w)| *w = 0.1 * (i as f32 % 5.0) - 0.2);
         (glance, params)
     }
 

@@ -124,7 +124,7 @@ impl PhotoEncoder {
             return bad("lattice", config.lattice.to_string(), problem);
         }
         let mut params = vec![0.0; glance.param_count()];
-        glance.init(Rng::new(seed, INIT), seed, &mut params);
+        glance.init(Rng::new(seed, INIT), &mut params);
         Ok(Self {
             grad: vec![0.0; params.len()],
             second_grad: vec![0.0; params.len()],

@@ -11,7 +11,6 @@
 //! Without tilts this is the encoder alone, as published.
 
 use field_core::conv::{Encoder, Size, Workspace};
-use field_core::init::Init;
 use field_core::rng::Rng;
 use float_core::Simd;
 
@@ -20,9 +19,6 @@ const GAIN: f32 = 3.0;
 
 /// What [`Encoder`] says about its images holds for all that are looked at.
 const FITS: &str = "pictures are no smaller than the encoder needs";
-
-/// Stream of the initial weights of tones.
-const INIT: u64 = 0x746f_6e65;
 
 /// The encoder and the tilts. Parameters: the encoder's, then `[code][tilts * 3]`.
 pub(super) struct Glance {
@@ -79,15 +75,11 @@ impl Glance {
         self.encoder.param_count() + self.code() * self.tones()
     }
 
-    pub(super) fn init(&self, rng: Rng, seed: u64, params: &mut [f32]) {
+    /// Draw the encoder's; tones begin without weight.
+    pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
         let (network, weights) = params.split_at_mut(self.encoder.param_count());
         self.encoder.init(rng, network);
-        Init::XavierUniform.fill(Rng::new(seed, INIT), self.tones(), self.code(), weights);
-        let env = |k: &str, d: f32| std::env::var(k).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-        let last = self.encoder.config().channels.last().copied().unwrap_or(0) * self.code();
-        let n = network.len() - self.code();
-        network[n - last..n].iter_mut().for_each(|w| *w *= env("HA_HEAD", 1.0));
-        weights.iter_mut().for_each(|w| *w *= env("HA_TONE", 0.0));
+        weights.fill(0.0);
     }
 
     /// The code of a picture, written.
@@ -99,11 +91,8 @@ impl Glance {
         self.encoder.forward(self.simd, network, picture.x, picture.size, acts, code, work).expect(FITS);
         tones.clear();
         for x in picture.x.chunks_exact(picture.size.pixels()) {
-            tones.extend(
-                self.tilts
-                    .iter()
-                    .map(|&tilt| GAIN * (Tilted::new(x, picture.alpha, tilt).mean - 0.6 * (tilt / 5.0).tanh())),
-            );
+            tones
+                .extend(self.tilts.iter().map(|&tilt| GAIN * (Tilted::new(x, picture.alpha, tilt).mean - usual(tilt))));
         }
         for (code, weights) in code.iter_mut().zip(weights.chunks_exact(tones.len().max(1))) {
             *code += weights.iter().zip(&tones[..]).map(|(w, tone)| w * tone).sum::<f32>();
@@ -139,6 +128,11 @@ impl Glance {
             }
         }
     }
+}
+
+/// The tone of a photo that has about as much of everything.
+fn usual(tilt: f32) -> f32 {
+    0.6 * (0.2 * tilt).tanh()
 }
 
 /// A tilted mean.
@@ -195,7 +189,8 @@ mod tests {
         let glance = Glance::new(encoder, &[-4.0, 0.0, 6.0]);
         let rng = Rng::new(5, 6);
         let mut params = vec![0.0; glance.param_count()];
-        glance.init(rng, 3, &mut params);
+        glance.init(rng, &mut params);
+        rng.fill_uniform(2000, &mut params[glance.encoder.param_count()..]);
         let size = Size::one(5, 6);
         let mut x = vec![0.0; 90];
         rng.fill_uniform(0, &mut x);
