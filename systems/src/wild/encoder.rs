@@ -21,6 +21,16 @@ use scene_io::Image;
 /// Stream of the initial parameters.
 const INIT: u64 = 0x656e_636f_6465;
 
+/// Stream of the parts of photos.
+const PARTS: u64 = 0x7061_7274_73;
+
+/// Smallest part of a photo, along each side.
+const SMALLEST_PART: f32 = 0.5;
+
+/// Where the encoder follows codes its learning rate falls as `1 / (1 + step / SETTLE)`, besides that of the field: what it
+/// follows comes to rest.
+const SETTLE: f64 = 300.0;
+
 /// The encoder, and the code of each photo as it was when the encoder last looked at it.
 pub(super) struct PhotoEncoder {
     glance: Glance,
@@ -28,6 +38,7 @@ pub(super) struct PhotoEncoder {
     grad: Vec<f32>,
     adam: Adam,
     lr: f64,
+    seed: u64,
     /// Factor of the mean square of a code.
     pull: f32,
     /// Longest side of a thumbnail.
@@ -61,10 +72,30 @@ struct Thumbnail {
     alpha: Vec<u8>,
 }
 
+impl Thumbnail {
+    /// A part of it, at least `least` pixels along each side: `u` uniform numbers for its size and place.
+    fn part(&self, least: usize, [u, x, y, _]: [f32; 4]) -> Self {
+        let span = SMALLEST_PART + (1.0 - SMALLEST_PART) * u;
+        let cut = |n: usize, at: f32| {
+            let part = ((n as f32 * span) as usize).clamp(least.min(n), n);
+            (((n - part + 1) as f32 * at) as usize).min(n - part)..((n - part + 1) as f32 * at) as usize + part
+        };
+        let (rows, columns) = (cut(self.size.height, y), cut(self.size.width, x));
+        let take = |from: &[u8]| -> Vec<u8> {
+            from.chunks_exact(self.size.pixels())
+                .flat_map(|plane| rows.clone().flat_map(|row| &plane[row * self.size.width..][columns.clone()]))
+                .copied()
+                .collect()
+        };
+        Self { size: Size::one(rows.len(), columns.len()), planes: take(&self.planes), alpha: take(&self.alpha) }
+    }
+}
+
 /// A photo on its way through the encoder and back.
 #[derive(Default)]
 struct Task {
     view: usize,
+    size: Option<Size>,
     x: Vec<f32>,
     alpha: Vec<f32>,
     kept: Kept,
@@ -75,7 +106,8 @@ struct Task {
 
 impl Task {
     fn forward(&mut self, glance: &Glance, params: &[f32], thumbnail: &Thumbnail) {
-        let Self { x, alpha, kept, code, .. } = self;
+        let Self { size, x, alpha, kept, code, .. } = self;
+        *size = Some(thumbnail.size);
         x.clear();
         // Around 0, which is also what transparent pixels are.
         x.extend(thumbnail.planes.iter().map(|&v| (f32::from(v) - 127.5) / 127.5));
@@ -85,11 +117,13 @@ impl Task {
     }
 
     /// After [`Task::forward`].
-    fn backward(&mut self, glance: &Glance, params: &[f32], size: Size) {
-        let Self { x, alpha, kept, code_bar, grad, .. } = self;
+    fn backward(&mut self, glance: &Glance, params: &[f32]) {
+        let Self { size, x, alpha, kept, code_bar, grad, .. } = self;
         grad.clear();
         grad.resize(params.len(), 0.0);
-        glance.backward(params, Picture { x, alpha, size }, kept, code_bar, grad, None);
+        if let Some(size) = *size {
+            glance.backward(params, Picture { x, alpha, size }, kept, code_bar, grad, None);
+        }
     }
 }
 
@@ -130,6 +164,7 @@ impl PhotoEncoder {
             second_grad: vec![0.0; params.len()],
             adam: Adam::new(params.len(), AdamConfig::DEFAULT),
             lr: f64::from(config.encoder_lr),
+            seed,
             pull: config.code_size,
             side: config.encoder_side,
             follows: (config.lattices == 0).then(|| Follows {
@@ -169,6 +204,11 @@ impl PhotoEncoder {
         };
         views.sort_unstable();
         views.dedup();
+        let whole = views.len();
+        if self.follows.is_some() {
+            // And at a part of each: light is what the parts of a photo have in common.
+            views.extend_from_within(..);
+        }
         self.count = views.len();
         if self.tasks.len() < self.count {
             self.tasks.resize_with(self.count, Task::default);
@@ -180,13 +220,17 @@ impl PhotoEncoder {
             }
         }
         let Self { glance, params, thumbnails, tasks, rows, .. } = self;
-        tasks[..self.count].par_iter_mut().for_each(|task| {
-            if let Some(thumbnail) = &thumbnails[task.view] {
-                task.forward(glance, params, thumbnail);
+        let rng = Rng::new(self.seed, PARTS).substream(step);
+        tasks[..self.count].par_iter_mut().enumerate().for_each(|(i, task)| match &thumbnails[task.view] {
+            Some(thumbnail) if i < whole => task.forward(glance, params, thumbnail),
+            Some(thumbnail) => {
+                let u = rng.uniform4_at(task.view as u64);
+                task.forward(glance, params, &thumbnail.part(glance.min_side(), u));
             }
+            None => {}
         });
         let dims = glance.code();
-        for task in &tasks[..self.count] {
+        for task in &tasks[..whole] {
             rows[task.view * dims..][..dims].copy_from_slice(&task.code);
         }
         Ok(())
@@ -207,9 +251,9 @@ impl PhotoEncoder {
     /// One step from the gradients of the pixels' codes. Returns the count of non-finite gradients.
     pub(super) fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
         let (dims, batch) = (self.glance.code(), outcome.batch);
-        let Self { glance, params, thumbnails, tasks, grad, second_grad, follows, .. } = self;
+        let Self { glance, params, tasks, grad, second_grad, follows, .. } = self;
         let all = &mut tasks[..self.count];
-        let mut bad = 0;
+        let (mut bad, mut settled) = (0, 1.0);
         if let Some(Follows { table, lr, .. }) = follows {
             // Half the mean squared distance.
             let share = 1.0 / (dims * all.len().max(1)) as f32;
@@ -218,6 +262,7 @@ impl PhotoEncoder {
                 code_bar.clear();
                 code_bar.extend(code.iter().zip(table.codes().of(task.view)).map(|(code, aim)| share * (code - aim)));
             }
+            settled = 1.0 / (1.0 + outcome.step as f64 / SETTLE);
             let lr = outcome.lr * *lr;
             bad = table.learn(outcome.simd, lr, batch, outcome.appearance_bar, self.pull);
         } else {
@@ -237,16 +282,14 @@ impl PhotoEncoder {
             }
         }
         all.par_iter_mut().for_each(|task| {
-            if let Some(thumbnail) = &thumbnails[task.view] {
-                task.backward(glance, params, thumbnail.size);
-            }
+            task.backward(glance, params);
         });
         grad.copy_from_slice(second_grad);
         second_grad.fill(0.0);
         for task in all {
             grad.iter_mut().zip(&task.grad).for_each(|(sum, g)| *sum += g);
         }
-        bad + self.adam.step(outcome.simd, outcome.lr * self.lr, &mut self.params, &self.grad)
+        bad + self.adam.step(outcome.simd, outcome.lr * self.lr * settled, &mut self.params, &self.grad)
     }
 
     /// The code of any photo; `None` for one that is too small.
@@ -325,6 +368,28 @@ mod tests {
             assert_eq!((small.size.width, small.size.height), want, "{size:?}");
             assert!(small.planes.len() == 3 * want.0 * want.1 && small.planes.iter().all(|&v| v == 9));
         }
+    }
+
+    #[test]
+    fn parts_lie_within_the_photo_and_are_large_enough() {
+        let mut data: Vec<u8> = (0..24 * 16).flat_map(|i| [i % 24, i / 24, 7]).map(|v| v as u8).collect();
+        data.truncate(24 * 16 * 3);
+        let whole = thumbnail(&Image::rgb(24, 16, data).unwrap(), 24, 8);
+        for (u, size, first) in [
+            ([1.0, 0.3, 0.9, 0.0], (24, 16), [0, 0]),
+            ([0.0, 0.0, 0.0, 0.0], (12, 8), [0, 0]),
+            ([0.0, 0.999_999, 0.999_999, 0.0], (12, 8), [12, 8]),
+            ([0.5, 0.5, 0.0, 0.0], (18, 12), [3, 0]),
+        ] {
+            let part = whole.part(8, u);
+            assert_eq!((part.size.width, part.size.height), size, "{u:?}");
+            let n = size.0 * size.1;
+            assert_eq!((part.planes.len(), part.alpha.len()), (3 * n, n));
+            assert_eq!([part.planes[0], part.planes[n]], first, "{u:?}");
+            let last = [first[0] as usize + size.0 - 1, first[1] as usize + size.1 - 1];
+            assert_eq!([part.planes[n - 1], part.planes[2 * n - 1]].map(usize::from), last, "{u:?}");
+        }
+        assert_eq!(whole.part(16, [0.0; 4]).size, Size::one(16, 16));
     }
 
     #[test]
