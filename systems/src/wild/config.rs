@@ -146,7 +146,7 @@ pub struct WildConfig {
     /// Encoder: tilts of the tones it sees besides, for each channel; none as published.
     pub encoder_tilts: Vec<f32>,
     /// Encoder: lattices that a batch is made of at least, all of whose photos it looks at in that step (as published); 0:
-    /// batches are random pixels, and it looks at the photos by turns.
+    /// batches are random pixels, codes are free, and the encoder learns to say them, looking at the photos by turns.
     pub lattices: usize,
     /// Encoder: pixels along a side of a lattice, spread over half a photo or more.
     pub lattice: usize,
@@ -251,7 +251,12 @@ impl WildConfig {
             field,
             appearance,
             occluders,
-            appearance_dims: if mlp { 48 } else { 16 },
+            appearance_dims: match (mlp, appearance) {
+                (true, _) => 48,
+                // What the encoder says has an error in each of them.
+                (false, AppearanceKind::Encoder) => 6,
+                (false, _) => 16,
+            },
             transient_dims: match (filter, mlp) {
                 (false, true) => 16,
                 (false, false) => 32,
@@ -261,16 +266,17 @@ impl WildConfig {
             code_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
             // Where strangers have codes too, light has to be free to move first.
             code_size: match occluders {
+                _ if !mlp && appearance == AppearanceKind::Encoder => 3e-2,
                 OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks if !mlp => 1e-2,
                 _ => 1e-5,
             },
             encoder_side: if mlp { 128 } else { 32 },
             encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
-            encoder_lr: if mlp { 1.0 } else { 0.1 },
+            encoder_lr: if mlp { 1.0 } else { 0.2 },
             encoder_tilts: if mlp { vec![] } else { vec![-10.0, 0.0, 10.0] },
             lattices: if mlp { 1 } else { 0 },
             lattice: 32,
-            encoder_photos: 8,
+            encoder_photos: 12,
             // Twice the published ones, as half the squared error is not what pixels cost here.
             view_weight: if mlp { 0.0 } else { 2e-3 },
             mode_weight: if mlp { 0.0 } else { 2e-6 },

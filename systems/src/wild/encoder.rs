@@ -3,7 +3,7 @@
 //! As published, the encoder looks at the photo of a batch and learns from the gradient of the batch's code. The fast field
 //! cannot wait for that: a batch of a few photos says little about the scene, and while the encoder still mistakes what a photo
 //! shows for its light the field learns to make up for it, view by view. There the field learns with free codes, and the encoder
-//! learns to say them, a few photos in each step, by turns. What is rendered later is in the light the encoder sees.
+//! learns to say them, a few photos in each step, by turns, and parts of some. What is rendered later is in the light the encoder sees.
 
 use super::codes::CodeTable;
 use super::config::WildConfig;
@@ -22,14 +22,14 @@ use scene_io::Image;
 const INIT: u64 = 0x656e_636f_6465;
 
 /// Stream of the parts of photos.
-const PARTS: u64 = 0x7061_7274_73;
+const PARTS: u64 = 0x0070_6172_7473;
 
 /// Smallest part of a photo, along each side.
 const SMALLEST_PART: f32 = 0.5;
 
 /// Where the encoder follows codes its learning rate falls as `1 / (1 + step / SETTLE)`, besides that of the field: what it
 /// follows comes to rest.
-const SETTLE: f64 = 300.0;
+const SETTLE: f64 = 500.0;
 
 /// The encoder, and the code of each photo as it was when the encoder last looked at it.
 pub(super) struct PhotoEncoder {
@@ -78,7 +78,8 @@ impl Thumbnail {
         let span = SMALLEST_PART + (1.0 - SMALLEST_PART) * u;
         let cut = |n: usize, at: f32| {
             let part = ((n as f32 * span) as usize).clamp(least.min(n), n);
-            (((n - part + 1) as f32 * at) as usize).min(n - part)..((n - part + 1) as f32 * at) as usize + part
+            let start = (((n - part + 1) as f32 * at) as usize).min(n - part);
+            start..start + part
         };
         let (rows, columns) = (cut(self.size.height, y), cut(self.size.width, x));
         let take = |from: &[u8]| -> Vec<u8> {
@@ -206,8 +207,9 @@ impl PhotoEncoder {
         views.dedup();
         let whole = views.len();
         if self.follows.is_some() {
-            // And at a part of each: light is what the parts of a photo have in common.
-            views.extend_from_within(..);
+            // And at a part of every fourth: light is what the parts of a photo have in common.
+            let parts: Vec<usize> = views.iter().copied().skip((step % 4) as usize).step_by(4).collect();
+            views.extend(parts);
         }
         self.count = views.len();
         if self.tasks.len() < self.count {

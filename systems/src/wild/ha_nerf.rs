@@ -14,8 +14,8 @@
 //! Now and then a lattice of a photo's pixels is rendered in the light of another photo, in which the encoder should find that
 //! light again (`consistency.rs`; on the fast field alone).
 //!
-//! The fast field learns from pixels of all photos in every step, the encoder by turns (`encoder.rs`); the published networks
-//! from one lattice, as published.
+//! The published networks learn from one lattice of one photo in a step, as published. The fast field learns from random pixels
+//! of all photos and free codes, which the encoder learns to say (`encoder.rs`): docs/decisions/0015-ha-nerf-on-a-fast-field.md.
 
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
