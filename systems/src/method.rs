@@ -7,7 +7,9 @@
 //! 1. [`Method::drawing`]: how pixels are drawn; [`Method::begin`]: the batch is drawn;
 //! 2. where [`Method::looks_ahead`]: the field renders the batch, and [`Method::judge`] sees all of it;
 //! 3. [`Method::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
-//! 4. [`Method::learn`]: what came out, for the method's own parameters.
+//! 4. where [`Method::second_light`] asks for it: patches in the light of other photos, and [`Method::judge_second`] (`ngp`
+//!    alone does this);
+//! 5. [`Method::learn`]: what came out, for the method's own parameters.
 //!
 //! Before some of the steps ([`Method::survey`]) it sees all training photos beside what the field renders there.
 //!
@@ -149,6 +151,28 @@ pub struct ViewSeen<'a> {
     pub place: &'a [[f32; 3]],
 }
 
+/// Patches that are rendered twice: in the light of their own photo, and in that of another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SecondLight {
+    /// Their form.
+    pub patches: Patches,
+    /// For each patch the view in whose light it is rendered.
+    pub views: Vec<u32>,
+}
+
+/// These patches, static part alone, before a grey of one half.
+#[derive(Clone, Copy, Debug)]
+pub struct Relit<'a> {
+    /// What was asked for.
+    pub light: &'a SecondLight,
+    /// The patches, one after the other, with their own views.
+    pub batch: &'a Batch,
+    /// Colours in the light of that view.
+    pub own: &'a [[f32; 3]],
+    /// Colours in the other light.
+    pub other: &'a [[f32; 3]],
+}
+
 /// What a method adds to a field.
 pub trait Method: Send + Sync {
     /// Name on the command line.
@@ -157,6 +181,11 @@ pub trait Method: Send + Sync {
     /// Codes that the colour of the static part depends on; `None`: all photos have the same light.
     fn appearance(&self) -> Option<Codes<'_>> {
         None
+    }
+
+    /// Those that the field learns with, where they are others.
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.appearance()
     }
 
     /// Codes of the transient part; `None`: there is no such part.
@@ -199,6 +228,17 @@ pub trait Method: Send + Sync {
         let _ = i;
         let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
         (e.iter().map(|e| e * e).sum::<f32>() / 3.0, e.map(|e| 2.0 * e / 3.0))
+    }
+
+    /// Patches to be rendered in another light in this step, besides the batch. `None`: none.
+    fn second_light(&self, _step: u64) -> Option<SecondLight> {
+        None
+    }
+
+    /// Those patches. Returns the derivatives of what they cost with respect to [`Relit::other`], one for each pixel: only the
+    /// network that knows colours learns from them, neither density, nor what both are computed from, nor the codes.
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        vec![[0.0; 3]; relit.other.len()]
     }
 
     /// Learn from a step. Returns how many gradient entries were not finite.

@@ -34,11 +34,15 @@ fn try_system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Resul
 
 #[test]
 fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
-    for name in ["ha-nerf", "ha-nerf-t"] {
-        println!("{name}");
+    for (name, set) in [
+        ("ha-nerf", &["view_every=1", "encoder_photos=4"][..]),
+        ("ha-nerf", &["lattices=3", "lattice=16"]),
+        ("ha-nerf-t", &[]),
+    ] {
+        println!("{name} {set:?}");
         assert_same_bits(|steps, state| {
             let (scene, train) = data(24, 12, Disturbance::Both);
-            state_after(try_system(name, &scene, &train, &[]).unwrap(), &train, steps, state)
+            state_after(try_system(name, &scene, &train, set).unwrap(), &train, steps, state)
         });
     }
 }
@@ -146,7 +150,11 @@ fn what_cannot_work_is_named() {
         ("encoder_channels=[]", "encoder_channels"),
         ("encoder_channels=[8,0]", "encoder_channels"),
         ("lattice=1", "lattice"),
-        ("lattices=0", "lattices"),
+        ("lattice=8", "lattice"),
+        ("encoder_photos=0", "encoder_photos"),
+        ("encoder_tilts=[99.0]", "encoder_tilts"),
+        ("view_every=0", "view_every"),
+        ("view_weight=-1.0", "view_weight"),
         ("visibility_width=0", "visibility_width"),
         ("visibility_dims=0", "visibility_dims"),
         ("mask_size=0.0", "mask_size"),

@@ -34,6 +34,13 @@ impl CodeTable {
         Self { name, dims, rows, grad, adam }
     }
 
+    /// Codes that begin at 0: nothing about them is chance.
+    pub(super) fn zeros(name: &'static str, views: usize, dims: usize) -> Self {
+        let rows = vec![0.0; views * dims];
+        let (grad, adam) = (vec![0.0; rows.len()], Adam::new(rows.len(), AdamConfig::DEFAULT));
+        Self { name, dims, rows, grad, adam }
+    }
+
     pub(super) fn codes(&self) -> Codes<'_> {
         Codes { dims: self.dims, rows: &self.rows }
     }

@@ -1,7 +1,6 @@
 //! Settings of methods for photographs from the wild; all of them can be given as `--set name=value`, beside those of the
 //! field.
 
-use crate::system::SystemError;
 use field_core::conv::EncoderConfig;
 use losses::kernel::Kernel;
 use losses::trimmed::TrimmedMask;
@@ -156,10 +155,22 @@ pub struct WildConfig {
     pub encoder_channels: Vec<usize>,
     /// Encoder: its learning rate, as a part of that of the field's networks.
     pub encoder_lr: f32,
-    /// Encoder: pixels along a side of the lattices, spread over half a photo or more, that a batch is made of.
-    pub lattice: usize,
-    /// Encoder: lattices of a batch at least.
+    /// Encoder: tilts of the tones it sees besides, for each channel; none as published.
+    pub encoder_tilts: Vec<f32>,
+    /// Encoder: lattices that a batch is made of at least, all of whose photos it looks at in that step (as published); 0:
+    /// batches are random pixels, codes are free, and the encoder learns to say them, looking at the photos by turns.
     pub lattices: usize,
+    /// Encoder: pixels along a side of a lattice, spread over half a photo or more.
+    pub lattice: usize,
+    /// Encoder, by turns: photos it looks at in a step.
+    pub encoder_photos: usize,
+    /// Encoder: weight of its finding a photo's light in a lattice rendered in that light; 0: none is rendered. `--field ngp`
+    /// alone does it.
+    pub view_weight: f32,
+    /// Encoder: weight of other light looking different there.
+    pub mode_weight: f32,
+    /// Encoder: such a lattice is rendered in one step of so many, and weighs so many times as much.
+    pub view_every: u64,
 
     /// Robust, masks, and codes alone: `squared`, `l1`, `charbonnier`, `cauchy`, `gemanmcclure` or `welsch`.
     pub kernel: KernelKind,
@@ -248,8 +259,10 @@ pub struct WildConfig {
     pub segments: SegmentKind,
     /// Masks: superpixels of a photo.
     pub superpixels: usize,
-    /// Masks: share of a segment that has to be static.
+    /// Masks: share of a superpixel that has to be static, and of a segment from a file.
     pub segment_share: f32,
+    /// See `segment_share`.
+    pub file_share: f32,
 }
 
 impl WildConfig {
@@ -262,7 +275,12 @@ impl WildConfig {
             field,
             appearance,
             occluders,
-            appearance_dims: if mlp { 48 } else { 16 },
+            appearance_dims: match (mlp, appearance) {
+                (true, _) => 48,
+                // What the encoder says has an error in each of them.
+                (false, AppearanceKind::Encoder) => 6,
+                (false, _) => 16,
+            },
             transient_dims: match (filter, mlp) {
                 (false, true) => 16,
                 (false, false) => 32,
@@ -273,6 +291,7 @@ impl WildConfig {
             transient_lr: if mlp || occluders == OccluderKind::Transient { 1.0 } else { 0.25 },
             // Where strangers have codes too, light has to be free to move first.
             code_size: match occluders {
+                _ if !mlp && appearance == AppearanceKind::Encoder => 3e-2,
                 OccluderKind::None | OccluderKind::Robust | OccluderKind::Masks | OccluderKind::Transient if !mlp => {
                     1e-2
                 }
@@ -280,9 +299,15 @@ impl WildConfig {
             },
             encoder_side: if mlp { 128 } else { 32 },
             encoder_channels: if mlp { EncoderConfig::published() } else { EncoderConfig::small() }.channels,
-            encoder_lr: if mlp { 1.0 } else { 0.1 },
-            lattice: if mlp { 32 } else { 16 },
-            lattices: if mlp { 1 } else { 8 },
+            encoder_lr: if mlp { 1.0 } else { 0.2 },
+            encoder_tilts: if mlp { vec![] } else { vec![-10.0, 0.0, 10.0] },
+            lattices: if mlp { 1 } else { 0 },
+            lattice: 32,
+            encoder_photos: 12,
+            // Twice the published ones, as half the squared error is not what pixels cost here.
+            view_weight: if mlp { 0.0 } else { 2e-3 },
+            mode_weight: if mlp { 0.0 } else { 2e-6 },
+            view_every: 4,
             kernel: if mlp { KernelKind::Squared } else { KernelKind::Charbonnier },
             kernel_scale: 0.05,
             judging: if mlp { Judging::Batch } else { Judging::Photos },
@@ -327,6 +352,7 @@ impl WildConfig {
             segments: SegmentKind::Files,
             superpixels: 400,
             segment_share: if mlp { 0.5 } else { 0.25 },
+            file_share: if mlp { 0.5 } else { 0.8 },
         }
     }
 
@@ -334,7 +360,7 @@ impl WildConfig {
     #[must_use]
     pub fn draws_patches(&self) -> bool {
         (self.occluders == OccluderKind::Robust && self.judging == Judging::Batch)
-            || self.appearance == AppearanceKind::Encoder
+            || (self.appearance == AppearanceKind::Encoder && self.lattices > 0)
     }
 
     /// What a residual costs that is not left out.
@@ -368,88 +394,5 @@ impl WildConfig {
     #[must_use]
     pub fn patch_side(&self) -> usize {
         if self.occluders == OccluderKind::Robust { self.patch } else { self.lattice }
-    }
-
-    /// Check what the parts do not check themselves.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] naming the field.
-    pub fn check(&self) -> Result<(), SystemError> {
-        let refuse =
-            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
-        let sizes = [
-            ("appearance_dims", self.appearance_dims),
-            ("transient_dims", self.transient_dims),
-            ("filter_width", self.filter_width),
-        ];
-        for (field, value) in sizes {
-            if !(1..=512).contains(&value) {
-                return refuse(field, value.to_string(), "must be in 1..=512");
-            }
-        }
-        let positive = [
-            ("beta_min", self.beta_min),
-            ("kernel_scale", self.kernel_scale),
-            ("code_lr", self.code_lr),
-            ("transient_lr", self.transient_lr),
-            ("trim_scale", self.trim_scale),
-            ("judge_scale", self.judge_scale),
-            ("encoder_lr", self.encoder_lr),
-            ("visibility_lr", self.visibility_lr),
-            ("visibility_code_lr", self.visibility_code_lr),
-            ("mask_size", self.mask_size),
-            ("mask_size_start", self.mask_size_start),
-            ("filter_temperature", self.filter_temperature),
-            ("filter_lr", self.filter_lr),
-        ];
-        for (field, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return refuse(field, value.to_string(), "must be positive and finite");
-            }
-        }
-        let prices = [
-            ("lambda_u", self.lambda_u),
-            ("code_size", self.code_size),
-            ("tail", self.tail),
-            ("filter_opacity", self.filter_opacity),
-            ("filter_smoothness", self.filter_smoothness),
-        ];
-        for (field, value) in prices {
-            if !(0.0..=1e3).contains(&value) {
-                return refuse(field, value.to_string(), "must be in 0..=1000");
-            }
-        }
-        if !(1..=65535).contains(&self.superpixels) {
-            return refuse("superpixels", self.superpixels.to_string(), "must be in 1..=65535");
-        }
-        for (field, value) in [("judge_first", self.judge_first), ("warmup_steps", self.warmup_steps)] {
-            if value == 0 {
-                return refuse(field, value.to_string(), "must be at least 1");
-            }
-        }
-        for (field, value) in [("patch", self.patch), ("lattice", self.lattice)] {
-            if !(2..=256).contains(&value) {
-                return refuse(field, value.to_string(), "must be in 2..=256");
-            }
-        }
-        let counts = [
-            ("lattices", self.lattices, 1..=4096),
-            ("encoder_side", self.encoder_side, 1..=1024),
-            ("visibility_dims", self.visibility_dims, 1..=512),
-            ("visibility_octaves", self.visibility_octaves, 0..=16),
-            ("visibility_width", self.visibility_width, 1..=1024),
-            ("visibility_depth", self.visibility_depth, 1..=16),
-        ];
-        for (field, value, range) in counts {
-            if !range.contains(&value) {
-                let (least, most) = range.into_inner();
-                return refuse(field, value.to_string(), &format!("must be in {least}..={most}"));
-            }
-        }
-        if self.encoder_channels.len() > 8 || self.encoder_channels.iter().any(|c| !(1..=1024).contains(c)) {
-            let value = format!("{:?}", self.encoder_channels);
-            return refuse("encoder_channels", value, "must be 1 to 8 numbers in 1..=1024");
-        }
-        Ok(())
     }
 }

@@ -11,15 +11,18 @@
 //!
 //! `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out.
 //!
-//! Of the released loss two small terms are missing, those of renders in the light of other photos: view consistency (weight
-//! 1e-3) and mode seeking (1e-6).
+//! Now and then a lattice of a photo's pixels is rendered in the light of another photo, in which the encoder should find that
+//! light again (`consistency.rs`; on the fast field alone).
+//!
+//! The published networks learn from one lattice of one photo in a step, as published. The fast field learns from random pixels
+//! of all photos and free codes, which the encoder learns to say (`encoder.rs`): docs/decisions/0015-ha-nerf-on-a-fast-field.md.
 
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
 use super::robust;
 use super::visibility::Visibility;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 
@@ -58,6 +61,10 @@ impl Method for HaNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
@@ -66,7 +73,7 @@ impl Method for HaNerf {
         if let Some(visibility) = &mut self.visibility {
             visibility.begin(batch, step);
         }
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -79,6 +86,14 @@ impl Method for HaNerf {
         let (weight, _) = self.visibility.as_ref().map_or((1.0, 0.0), |visibility| visibility.weight(i));
         let (loss, bar) = robust(self.kernel, rgb, truth, weight);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -12,11 +12,11 @@
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
-use super::photo_judge::PhotoJudge;
+use super::photo_judge::{Judged, PhotoJudge};
 use super::static_maps::{StaticMap, StaticMaps};
 use super::{is_doubled, robust};
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::{disc_radius, discs, min_track, segments_at, union};
 use losses::heuristics::superpixels::Superpixels;
@@ -36,6 +36,7 @@ const OUTLINE_PIXELS: f64 = 32e6;
 struct Clue {
     extent: Extent,
     stride: usize,
+    from_file: bool,
     h_sfm: Vec<u8>,
     pieces: Pieces,
 }
@@ -58,8 +59,9 @@ pub(super) struct Hugs {
     rule: TrimmedMask,
     /// A stranger's residual is so many times what is expected.
     scale: f32,
-    /// Share of a segment that has to be static.
+    /// Share of a segment that has to be static, and of one from a file.
     share: f32,
+    file_share: f32,
     segments: SegmentKind,
     superpixels: Superpixels,
     /// Photos a feature has to be seen in.
@@ -100,6 +102,7 @@ impl Hugs {
             rule: config.trimming(),
             scale: config.judge_scale,
             share: config.segment_share,
+            file_share: config.file_share,
             segments: config.segments,
             superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
@@ -165,14 +168,18 @@ impl Method for Hugs {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.maps.leave_out(batch);
         self.unerring.leave_out(batch);
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -188,6 +195,14 @@ impl Method for Hugs {
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (loss, bar) = self.loss(i, &Pixel { rgb, ..Pixel::default() }, truth);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
@@ -218,6 +233,7 @@ impl Method for Hugs {
             segments = Some(files.resized(width as u32, height as u32));
         }
         let h_sfm = self.shared_features(&frame, extent, segments.as_ref())?;
+        let from_file = segments.is_some();
         let pieces = match segments {
             None if self.segments == SegmentKind::Pixels => Pieces::Pixels,
             None => {
@@ -231,7 +247,7 @@ impl Method for Hugs {
             }
         };
         self.judge.look(seen);
-        self.clues.push(Clue { extent, stride, h_sfm, pieces });
+        self.clues.push(Clue { extent, stride, from_file, h_sfm, pieces });
         Ok(())
     }
 
@@ -242,9 +258,11 @@ impl Method for Hugs {
         let maps: Vec<StaticMap> = photos
             .into_iter()
             .zip(clues)
-            .map(|((_, map), Clue { extent, stride, h_sfm, pieces })| {
-                let mut bits = map.in_squares(stride, extent);
-                unerring.push(map);
+            .map(|(Judged { seed, whole }, Clue { extent, stride, from_file, h_sfm, pieces })| {
+                // A segmenter's outlines are sharp, and shadows have no vote on them. Superpixels follow shadows, too.
+                let (clue, share) = if from_file { (&seed, self.file_share) } else { (&whole, self.share) };
+                let mut bits = clue.in_squares(stride, extent);
+                unerring.push(whole);
                 // What features know to be static is, whatever its error.
                 bits.iter_mut().zip(h_sfm).for_each(|(bit, h)| *bit |= u8::from(h != 0));
                 let stack: Vec<&[u8]>;
@@ -257,7 +275,7 @@ impl Method for Hugs {
                     }
                 };
                 let mut voted = vec![0; extent.pixels()];
-                vote(extent, segments, &bits, self.share, &mut self.votes, &mut voted).expect(fits);
+                vote(extent, segments, &bits, share, &mut self.votes, &mut voted).expect(fits);
                 StaticMap { width: extent.width, stride, bits: voted }
             })
             .collect();

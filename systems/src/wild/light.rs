@@ -4,7 +4,7 @@ use super::codes::CodeTable;
 use super::config::{AppearanceKind, WildConfig};
 use super::encoder::PhotoEncoder;
 use crate::data::{Batch, Dataset, Patches, Shape};
-use crate::method::{Codes, Drawing, Outcome};
+use crate::method::{Codes, Drawing, Outcome, Relit, SecondLight};
 use crate::system::{SystemError, Tensor, TensorMap};
 
 /// Where the codes of photos come from.
@@ -27,10 +27,10 @@ impl Light {
             }),
             AppearanceKind::Encoder => Some(Self::Encoder {
                 photos: Box::new(PhotoEncoder::new(config, data, seed)?),
-                drawing: Drawing::Patches(
-                    Patches { shape: Shape::Lattice, side: config.lattice as u32 },
-                    config.lattices,
-                ),
+                drawing: match config.lattices {
+                    0 => Drawing::Pixels,
+                    n => Drawing::Patches(Patches { shape: Shape::Lattice, side: config.lattice as u32 }, n),
+                },
             }),
         })
     }
@@ -39,6 +39,14 @@ impl Light {
         match self {
             Self::Codes { table, .. } => table.codes(),
             Self::Encoder { photos, .. } => photos.codes(),
+        }
+    }
+
+    /// The codes that the field learns with.
+    pub(super) fn learning_codes(&self) -> Codes<'_> {
+        match self {
+            Self::Codes { table, .. } => table.codes(),
+            Self::Encoder { photos, .. } => photos.learning_codes(),
         }
     }
 
@@ -51,10 +59,26 @@ impl Light {
     }
 
     /// The batch of a step is drawn.
-    pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch) -> Result<(), SystemError> {
+    pub(super) fn begin(&mut self, data: &Dataset, batch: &Batch, step: u64) -> Result<(), SystemError> {
         match self {
             Self::Codes { .. } => Ok(()),
-            Self::Encoder { photos, .. } => photos.begin(data, batch),
+            Self::Encoder { photos, .. } => photos.begin(data, batch, step),
+        }
+    }
+
+    /// See [`crate::method::Method::second_light`].
+    pub(super) fn second_light(&self, step: u64) -> Option<SecondLight> {
+        match self {
+            Self::Codes { .. } => None,
+            Self::Encoder { photos, .. } => photos.second_light(step),
+        }
+    }
+
+    /// See [`crate::method::Method::judge_second`].
+    pub(super) fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        match self {
+            Self::Codes { .. } => vec![[0.0; 3]; relit.other.len()],
+            Self::Encoder { photos, .. } => photos.judge_second(relit),
         }
     }
 

@@ -17,13 +17,16 @@
 //! (`--set occluders=none|robust|transient|visibility|filter|masks`) may be combined freely; a name is a pair of them.
 
 mod chain;
+mod check;
 mod codes;
 mod config;
+mod consistency;
 mod cover;
 mod encoder;
 mod expected;
 mod field_settings;
 mod filter;
+mod glance;
 mod ha_nerf;
 mod hugs;
 mod light;

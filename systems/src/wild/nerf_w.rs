@@ -19,7 +19,7 @@ use super::light::Light;
 use super::likelihood::{TailedLikelihood, Unlikely};
 use super::robust;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 
@@ -64,6 +64,10 @@ impl Method for NerfW {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn transient(&self) -> Option<Codes<'_>> {
         self.strangers.as_ref().map(|s| s.codes.codes())
     }
@@ -72,8 +76,8 @@ impl Method for NerfW {
         self.light.as_ref().map_or(Drawing::Pixels, Light::drawing)
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, _i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -84,6 +88,14 @@ impl Method for NerfW {
             likelihood.pixel(pixel.rgb, truth, likelihood.beta_min() + pixel.beta);
         let bar = PixelBar { rgb: rgb_bar, beta: beta_bar, sigma_t: *lambda_u };
         (loss + lambda_u * pixel.sigma_t, bar)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -25,6 +25,14 @@ pub(super) struct PhotoJudge {
     photos: Vec<Photo>,
 }
 
+/// What is static in a photo.
+pub(super) struct Judged {
+    /// All but what is a stranger for certain.
+    pub(super) seed: StaticMap,
+    /// Without what hangs together with him.
+    pub(super) whole: StaticMap,
+}
+
 /// A photo of a survey.
 struct Photo {
     extent: Extent,
@@ -74,7 +82,7 @@ impl PhotoJudge {
 
     /// Static squares of all photos of the survey, in the order they came; `threshold` in units of what is expected. Forgets
     /// the photos.
-    pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<(Extent, StaticMap)> {
+    pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<Judged> {
         self.expected.settle(rule.quantile);
         let expected = &self.expected;
         self.photos
@@ -84,9 +92,11 @@ impl PhotoJudge {
                 let mut mask = mask_of(rule, threshold, extent, &residuals);
                 let mut bits = vec![0; mask.len()];
                 let fits = "one residual and one mask for each square, and an odd window";
+                let map = |bits: &[u8]| StaticMap { width: extent.width, stride, bits: bits.to_vec() };
+                let seed = map(&mask);
                 grow(extent, &residuals, WEAK * threshold, &mut mask).expect(fits);
                 close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
-                (extent, StaticMap { width: extent.width, stride, bits })
+                Judged { seed, whole: map(&bits) }
             })
             .collect()
     }

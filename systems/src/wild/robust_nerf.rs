@@ -20,7 +20,7 @@ use super::photo_judge::{PhotoJudge, mask_of};
 use super::static_maps::StaticMaps;
 use super::{is_doubled, residual, robust, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::heuristics::Extent;
 use losses::kernel::Kernel;
@@ -56,13 +56,6 @@ impl RobustNerf {
     pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset) -> Result<Self, SystemError> {
         let kernel = config.robust_kernel();
         let mask = config.trimming();
-        let bad = |e: losses::LossError| SystemError::Config {
-            field: "kernel_scale, trim_quantile, trim_diffuse, trim_vote, patch, patch_inner",
-            value: String::new(),
-            problem: e.to_string(),
-        };
-        kernel.check().map_err(bad)?;
-        mask.check().map_err(bad)?;
         let smallest = data.views().iter().map(|v| v.camera.width.min(v.camera.height)).min().unwrap_or(u32::MAX);
         if config.draws_patches() && (smallest as usize) < config.patch {
             let problem = format!("a photo's shorter side is {smallest} pixels: patches must fit into it");
@@ -98,6 +91,10 @@ impl Method for RobustNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn drawing(&self) -> Drawing {
         if self.judging == Judging::Batch {
             Drawing::Patches(Patches { shape: Shape::Window, side: self.mask.patch as u32 }, LEAST_PATCHES)
@@ -106,9 +103,9 @@ impl Method for RobustNerf {
         }
     }
 
-    fn begin(&mut self, data: &Dataset, batch: &mut Batch, _step: u64) -> Result<(), SystemError> {
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         self.maps.leave_out(batch);
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn looks_ahead(&self, _step: u64) -> bool {
@@ -139,7 +136,7 @@ impl Method for RobustNerf {
 
     fn surveyed(&mut self) {
         let maps = self.judge.judge(&self.mask, self.judge_scale);
-        self.maps.set_all(maps.into_iter().map(|(_, map)| map).collect());
+        self.maps.set_all(maps.into_iter().map(|judged| judged.whole).collect());
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -149,6 +146,14 @@ impl Method for RobustNerf {
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (loss, bar) = self.loss(i, &Pixel { rgb, ..Pixel::default() }, truth);
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -31,7 +31,7 @@ use super::rates::Rates;
 use super::slopes::{Pick, Slopes};
 use super::squared;
 use crate::data::{Batch, Dataset};
-use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::method::{Codes, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -206,12 +206,16 @@ impl Method for SfNerf {
         self.light.as_ref().map(Light::codes)
     }
 
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.light.as_ref().map(Light::learning_codes)
+    }
+
     fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
         if let Some((path, sha256)) = self.later.take() {
             self.begin_with(&Pretrained::read_again(&path, &sha256)?, self.filter.freeze)?;
         }
         self.cover(batch, step);
-        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch))
+        self.light.as_mut().map_or(Ok(()), |light| light.begin(data, batch, step))
     }
 
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
@@ -223,6 +227,14 @@ impl Method for SfNerf {
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let (loss, bar) = squared(rgb, truth, COARSE * (1.0 - self.cover[i].alpha));
         (loss, bar.rgb)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.light.as_ref()?.second_light(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        self.light.as_mut().map_or_else(|| vec![[0.0; 3]; relit.other.len()], |light| light.judge_second(relit))
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -3,6 +3,7 @@
 use super::render::render_trial;
 use super::{Ngp, NgpConfig};
 use crate::data::Dataset;
+use crate::method::Method;
 use crate::options::{Background, RunOptions};
 use crate::plan::build;
 use crate::skips::{MeasuredSkips, measure};
@@ -21,7 +22,7 @@ use std::sync::Arc;
 const RAYS: usize = 24;
 
 /// A scene of a few pixels, and its training views.
-fn table() -> (Scene, Dataset) {
+pub(super) fn table() -> (Scene, Dataset) {
     let options = TabletopOptions { width: 8, height: 8, train: 3, test: 1, rays: 1, ..TabletopOptions::default() };
     let scene = tabletop(&options);
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
@@ -61,12 +62,17 @@ fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
 
 /// Random parameters for these settings.
 pub(super) fn randomised(config: NgpConfig, seed: u64) -> Ngp {
+    randomised_with(config, seed, None)
+}
+
+/// Random parameters for these settings and a method.
+pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<dyn Method>>) -> Ngp {
     let kind = config.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
     };
-    let mut ngp = Ngp::new(config, space, Background::White, seed).unwrap();
+    let mut ngp = Ngp::with_method(config, space, Background::White, seed, method).unwrap();
     ngp.stretch = 1.0;
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
     for (i, x) in ngp.field.grid_params.iter_mut().enumerate() {

@@ -329,7 +329,7 @@ impl Chunk {
 
     /// Cut the chunk into tiles of whole pixels: `work(tile, samples, gradients and weights, seen, rays, pixels)` with rays
     /// counted from the chunk's first and pixels from the batch's.
-    fn each_tile(
+    pub(super) fn each_tile(
         &mut self,
         ctx: &StepContext<'_>,
         pixels: Range<usize>,

@@ -29,6 +29,9 @@ mod proposal;
 #[cfg(test)]
 mod proposal_tests;
 mod proposed;
+mod relight;
+#[cfg(test)]
+mod relight_tests;
 mod render;
 mod state;
 mod step;
@@ -51,6 +54,7 @@ use grid_trainer::GridTrainer;
 use occupy::Occupy;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use proposal::Proposals;
+use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
@@ -123,6 +127,8 @@ struct Work {
     seen: Vec<Pixel>,
     appearance_bar: Vec<f32>,
     transient_bar: Vec<f32>,
+    /// What is rendered in another light; empty until a method asks.
+    relighting: Relighting,
 }
 
 /// Seconds of work in each part: of all threads together where a part runs on several.
@@ -201,6 +207,7 @@ impl Ngp {
             seen: Vec::new(),
             appearance_bar: Vec::new(),
             transient_bar: Vec::new(),
+            relighting: Relighting::default(),
         };
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
@@ -310,7 +317,7 @@ impl System for Ngp {
     }
 
     fn memory_bytes(&self) -> usize {
-        let chunks: usize = self.work.chunks.iter().map(Chunk::bytes).sum();
+        let chunks: usize = self.work.chunks.iter().chain(self.work.relighting.chunks()).map(Chunk::bytes).sum();
         // Gradient and two moments of each parameter.
         let proposals = self.proposals.as_ref().map_or(0, |p| 4 * p.parameter_count());
         self.field.bytes()

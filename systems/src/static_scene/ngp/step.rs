@@ -69,6 +69,7 @@ impl Ngp {
                 chunk.learn(ctx, pixels);
             });
         }
+        self.relight(data, step)?;
         let mut stats = self.count(rays);
 
         let lr = f64::from(self.config.learning_rate(step));
@@ -139,7 +140,7 @@ impl Ngp {
             lead: self.lead(),
             batch: &inputs.batch,
             method: self.method.as_deref(),
-            appearance: self.method.as_ref().and_then(|method| method.appearance()),
+            appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
             transient: self.method.as_ref().and_then(|method| method.transient()),
             per_pixel: plan.per_pixel,
             rays: &inputs.rays,
@@ -213,9 +214,10 @@ impl Ngp {
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
-        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, .. } = &mut self.work;
+        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, relighting, .. } = &mut self.work;
         fold_gradients(&field.density, chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
-        fold_gradients(&field.colour, chunks.iter().map(|c| &c.colour_grad[..]), packed_grad, colour_grad);
+        let colours = chunks.iter().chain(relighting.chunks()).map(|c| &c.colour_grad[..]);
+        fold_gradients(&field.colour, colours, packed_grad, colour_grad);
         let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
             + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
         if let Some(head) = &mut field.head {

@@ -73,23 +73,24 @@ pub(super) struct Gradients<'a> {
 #[derive(Default)]
 pub(super) struct Tile {
     density_acts: Vec<f32>,
-    colour_acts: Vec<f32>,
+    pub(super) colour_acts: Vec<f32>,
     /// Input of the colour network, `[geometry + sh + appearance][n]`; its first rows are the density network's output.
     input: Vec<f32>,
     input_bar: Vec<f32>,
     rgb: Vec<f32>,
-    rgb_bar: Vec<f32>,
+    pub(super) rgb_bar: Vec<f32>,
     tau: Vec<f32>,
     tau_bar: Vec<f32>,
     /// Weights of the static part alone.
     pub(super) w: Vec<f32>,
-    offsets: Vec<u32>,
+    pub(super) offsets: Vec<u32>,
     background: Vec<f32>,
-    pixel: Vec<f32>,
+    /// Colours of the static part alone.
+    pub(super) pixel: Vec<f32>,
     pixel_bar: Vec<f32>,
     opacity: Vec<f32>,
     trans_end: Vec<f32>,
-    scratch: Vec<f32>,
+    pub(super) scratch: Vec<f32>,
     /// Ends of the intervals in normalised distance, and the gradient of their weights.
     ends: [Vec<f32>; 2],
     w_bar: Vec<f32>,

@@ -221,7 +221,7 @@ impl<R: Recipe> TwoLevel<R> {
             random: None,
             share: 1.0,
             method: self.method.as_deref(),
-            appearance: self.method.as_ref().and_then(|method| method.appearance()),
+            appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
             transient: self.method.as_ref().and_then(|method| method.transient()),
             pass: Pass::Look,
         }

@@ -1,0 +1,150 @@
+//! Patches in the light of another photo, for a method that wants to see them: only the colour network learns from that.
+
+use super::chunk::{Chunk, StepContext};
+use super::field::sized;
+use super::step::Plan;
+use super::tile::{Gradients, Tile};
+use super::{CHUNKS, Inputs, Ngp};
+use crate::data::Dataset;
+use crate::method::{Relit, SecondLight};
+use crate::system::SystemError;
+use field_core::rng::Rng;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// What is behind the scene there.
+const GREY: [f32; 3] = [0.5; 3];
+/// Stream of the first samples of these rays.
+const JITTER: u64 = 0x7265_6c69_6768;
+
+/// Buffers, kept from step to step.
+#[derive(Default)]
+pub(super) struct Relighting {
+    inputs: Inputs,
+    chunks: Vec<Chunk>,
+    /// Whether this step has patches.
+    active: bool,
+}
+
+impl Relighting {
+    /// What this step brings to the colour network's gradient.
+    pub(super) fn chunks(&self) -> impl Iterator<Item = &Chunk> {
+        self.chunks.iter().filter(|_| self.active)
+    }
+}
+
+impl Ngp {
+    /// Render the patches a method asks for, and keep what it says of them until the networks learn.
+    pub(super) fn relight(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let mut own = std::mem::take(&mut self.work.relighting);
+        own.active = false;
+        if let Some(light) = self.method.as_ref().and_then(|method| method.second_light(step)) {
+            // Its photos, if not all of them fit in memory, are those of the step.
+            own.inputs.batch = self.work.inputs.batch.clone();
+            data.draw_patches(self.seed, step, light.views.len(), light.patches, &mut own.inputs.batch)?;
+            self.relight_patches(&mut own, &light, step);
+        }
+        self.work.relighting = own;
+        Ok(())
+    }
+
+    /// [`Ngp::relight`] for the patches in `own`.
+    pub(super) fn relight_patches(&mut self, own: &mut Relighting, light: &SecondLight, step: u64) {
+        let inputs = &mut own.inputs;
+        let n = inputs.batch.len();
+        own.active = n > 0;
+        inputs.rays.clone_from(&inputs.batch.rays);
+        inputs.background.clear();
+        inputs.background.resize(n, GREY);
+        inputs.truth.clone_from(&inputs.background);
+        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
+        inputs.jitter.resize((1 + rounds) * n, 0.0);
+        Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut inputs.jitter);
+        own.chunks.resize_with(CHUNKS, || Chunk::new(&self.field));
+        let plan = Plan { step, per_pixel: 1, share: 1.0 };
+
+        let in_own = self.shown(own, &plan);
+        let pixels = light.patches.pixels();
+        let others = light.views.iter().flat_map(|&view| std::iter::repeat_n(view, pixels)).collect();
+        let views = std::mem::replace(&mut own.inputs.batch.view, others);
+        let in_other = self.shown(own, &plan);
+        let others = std::mem::replace(&mut own.inputs.batch.view, views);
+        let Some(method) = &mut self.method else { return };
+        let relit = Relit { light, batch: &own.inputs.batch, own: &in_own, other: &in_other };
+        let bars = method.judge_second(&relit);
+        own.inputs.batch.view = others;
+        self.each_part(own, &plan, |chunk, ctx, pixels| chunk.learn_relit(ctx, pixels, &bars));
+    }
+
+    /// Place samples and render.
+    fn shown(&mut self, own: &mut Relighting, plan: &Plan) -> Vec<[f32; 3]> {
+        let parts = self.each_part(own, plan, |chunk, ctx, pixels| {
+            chunk.sample(ctx, pixels.clone());
+            chunk.show_static(ctx, pixels)
+        });
+        for chunk in &own.chunks {
+            let [march, encode, networks, _] = chunk.stats.seconds;
+            self.seconds.march += march;
+            self.seconds.encode += encode;
+            self.seconds.networks += networks;
+        }
+        parts.concat()
+    }
+
+    fn each_part<T: Send>(
+        &self,
+        own: &mut Relighting,
+        plan: &Plan,
+        work: impl Fn(&mut Chunk, &StepContext<'_>, Range<usize>) -> T + Sync,
+    ) -> Vec<T> {
+        let Relighting { inputs, chunks, .. } = own;
+        let (n, ctx) = (inputs.batch.len(), self.context(plan, inputs));
+        let span = |c: usize| c * n / CHUNKS..(c + 1) * n / CHUNKS;
+        chunks.par_iter_mut().enumerate().map(|(c, chunk)| work(chunk, &ctx, span(c))).collect()
+    }
+}
+
+impl Chunk {
+    /// The static part of what [`Chunk::sample`] placed.
+    fn show_static(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
+        let mut out = Vec::with_capacity(pixels.len());
+        self.each_tile(ctx, pixels, |tile, chunk, _, _, rays, pixels| {
+            let count = rays.len();
+            tile.forward(ctx, chunk, rays, pixels);
+            out.extend_from_slice(&tile.pixel.as_chunks().0[..count]);
+        });
+        out
+    }
+
+    /// Bring derivatives of those colours to the colour network's gradient.
+    fn learn_relit(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, bars: &[[f32; 3]]) {
+        self.colour_grad.fill(0.0);
+        self.each_tile(ctx, pixels, |tile, chunk, (out, _), _, rays, pixels| {
+            // What was rendered in between is gone.
+            tile.forward(ctx, chunk, rays, pixels.clone());
+            tile.colour_backward(ctx, &bars[pixels], out);
+        });
+    }
+}
+
+impl Tile {
+    /// Derivatives of the static part of rays, to the colour network's gradient and nowhere else: what is in front of what
+    /// stays.
+    fn colour_backward(&mut self, ctx: &StepContext<'_>, bars: &[[f32; 3]], out: &mut Gradients<'_>) {
+        let field = ctx.field;
+        let count = self.offsets.len() - 1;
+        let n = self.offsets[count] as usize;
+        if n == 0 {
+            return;
+        }
+        let rgb_bar = sized(&mut self.rgb_bar, 3 * n);
+        for (r, bar) in bars.iter().enumerate() {
+            for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
+                (0..3).for_each(|c| rgb_bar[c * n + i] = self.w[i] * bar[c]);
+            }
+        }
+        let scratch = sized(&mut self.scratch, field.colour.backward_scratch_len());
+        let (packed, acts) = (&field.colour_packed, &self.colour_acts);
+        field.colour.backward(field.simd, packed, acts, rgb_bar, n, n, None, out.colour, scratch);
+    }
+}
