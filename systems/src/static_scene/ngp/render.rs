@@ -287,12 +287,16 @@ impl Job<'_> {
                 let w = before as f32 * -(-tau).exp_m1();
                 ray.depth += f64::from(tau);
                 ray.trans = (-ray.depth).exp();
-                if before > 0.5 && ray.trans <= 0.5 {
+                // The sky is no distance.
+                let in_space = s.t[i] <= s.rays[r].end;
+                if in_space && before > 0.5 && ray.trans <= 0.5 {
                     // Where within the step the transmittance passes one half.
                     ray.median = s.t[i] + s.dt[i] * (((2.0 * before as f32).ln() / tau).clamp(0.0, 1.0) - lead);
                 }
-                ray.opacity += w;
-                ray.distance += w * (s.t[i] + (0.5 - lead) * s.dt[i]);
+                if in_space {
+                    ray.opacity += w;
+                    ray.distance += w * (s.t[i] + (0.5 - lead) * s.dt[i]);
+                }
                 shaded += 1;
                 let left = end - i as u32;
                 if !self.budget.drops(&mut ray.account, w, left) {
