@@ -132,3 +132,35 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
         }
     }
 }
+
+#[test]
+fn one_photo_may_lack_the_files_that_others_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scene = scene(4);
+    for (k, frame) in scene.frames.iter_mut().enumerate() {
+        let file = |kind: &str| folder.path().join(format!("{k}.{kind}.png"));
+        if k != 1 {
+            // Four segments.
+            let labels =
+                image::ImageBuffer::from_fn(24, 24, |x, y| image::Luma([1 + x as u16 / 12 + 2 * (y as u16 / 12)]));
+            labels.save(file("segs")).unwrap();
+            frame.priors.segments = Some(file("segs"));
+        }
+        if k != 2 {
+            let mask = image::GrayImage::from_fn(24, 24, |x, _| image::Luma([if x < 2 { 0 } else { 255 }]));
+            mask.save(file("mask")).unwrap();
+            frame.mask = Some(file("mask"));
+        }
+    }
+    let train = train_of(&scene);
+    for name in ["hugs", "robust-nerf", "nerf-w"] {
+        let mut system = system(name, &scene, &train, &[]).unwrap();
+        for step in 0..8 {
+            let stats = system.step(&train, step).unwrap();
+            assert!(stats.loss.is_finite() && stats.nonfinite == 0, "{name}, step {step}");
+        }
+        for view in 0..train.len() {
+            assert_eq!(system.visibility(&train, view).unwrap().unwrap().len(), 24 * 24, "{name}, photo {view}");
+        }
+    }
+}
