@@ -3,7 +3,7 @@
 use crate::data::Dataset;
 use crate::space::{Space, SpaceKind};
 use glam::DVec3;
-use render_core::bounds::{depth_ranges, percentile};
+use render_core::bounds::{depth_ranges, percentile, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, rms_distance};
 use scene_io::{LayoutHint, Scene};
@@ -18,6 +18,11 @@ const OBJECT_MARGIN: f64 = 1.15;
 const FEWEST_PLACE_POINTS: usize = 100;
 const PLACE_PERCENTILE: f64 = 0.95;
 const SMALL_PLACE: f64 = 0.5;
+/// The nearest points of a photo: this share of its points may be strays, fewer points say nothing, and what is nearer than
+/// this part of their depth does not belong to the place.
+const NEAR_STRAY: f64 = 0.02;
+const NEAR_POINTS: usize = 20;
+pub(crate) const NEAR_SHARE: f64 = 0.7;
 /// Forward-facing: the mean of the unit viewing directions is at least this long (all within about 26 degrees).
 const SAME_WAY: f64 = 0.9;
 /// The near plane of NDC, as a part of the nearest depth seen.
@@ -91,13 +96,8 @@ fn masked_object(cameras: &[Camera], poses: &[Pose], focal: f64, points: &[DVec3
     if points.len() < FEWEST_POINTS {
         return None;
     }
-    let bounds = [0, 1, 2].map(|a| {
-        let mut along: Vec<f64> = points.iter().map(|p| p[a]).collect();
-        along.sort_unstable_by(f64::total_cmp);
-        [STRAY, 1.0 - STRAY].map(|share| percentile(&along, share).unwrap_or(0.0))
-    });
-    let centre = DVec3::from(bounds.map(|[low, high]| 0.5 * (low + high)));
-    let radius = OBJECT_MARGIN * bounds.iter().map(|[low, high]| 0.5 * (high - low)).fold(0.0, f64::max);
+    let bounds = robust_box(points, STRAY)?;
+    let (centre, radius) = (bounds.centre(), OBJECT_MARGIN * 0.5 * bounds.size().max_element());
     let layout = object(cameras, poses, focal, 0.0, 2.0 * radius);
     (radius > 0.0).then(|| Layout {
         centre,
@@ -172,23 +172,31 @@ fn place(scene: &Scene) -> Option<(DVec3, f64)> {
     if scene.points.len() < FEWEST_PLACE_POINTS {
         return None;
     }
-    let sorted = |value: &dyn Fn(DVec3) -> f64| {
-        let mut values: Vec<f64> = scene.points.iter().map(|p| value(p.xyz)).filter(|v| v.is_finite()).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        values
-    };
-    let centre = DVec3::from([0, 1, 2].map(|a| percentile(&sorted(&|x| x[a]), 0.5).unwrap_or(0.0)));
-    let half = percentile(&sorted(&|x| (x - centre).abs().max_element()), PLACE_PERCENTILE)?;
+    let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+    let centre = robust_box(&points, 0.5)?.centre();
+    let half = percentile(&reach(scene, centre, 1.0), PLACE_PERCENTILE)?;
     (half > 0.0).then_some((centre, OBJECT_MARGIN * half))
+}
+
+/// Largest coordinates of the points about `centre`, in units of `radius`, sorted.
+fn reach(scene: &Scene, centre: DVec3, radius: f64) -> Vec<f64> {
+    let mut reach: Vec<f64> =
+        scene.points.iter().map(|p| (p.xyz - centre).abs().max_element() / radius).filter(|r| r.is_finite()).collect();
+    reach.sort_unstable_by(f64::total_cmp);
+    reach
+}
+
+/// Depth before which a photo shows nothing of the place, world units: a share of that of its nearest points. `None` where it
+/// shows too few.
+pub(crate) fn nearest_depth(camera: &Camera, points: &[DVec3]) -> Option<f64> {
+    Some(NEAR_SHARE * depth_ranges(&[*camera], points, NEAR_STRAY, NEAR_POINTS)?[0][0])
 }
 
 /// Cameras far from what they have in common: an inner cube around that, which the cameras stand outside of.
 fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footprint: f64, reason: &str) -> Layout {
-    let cameras = poses.iter().map(|p| (p.c - centre).abs().max_element());
-    let mut reach: Vec<f64> = scene.points.iter().map(|p| (p.xyz - centre).abs().max_element()).collect();
-    reach.sort_unstable_by(f64::total_cmp);
-    let far = percentile(&reach, FAR_PERCENTILE).unwrap_or(0.0).max(cameras.fold(0.0, f64::max));
-    let cascades = (far / radius).clamp(2.0, WIDEST).log2().ceil() as usize + 1;
+    let cameras = poses.iter().map(|p| (p.c - centre).abs().max_element() / radius);
+    let points = percentile(&reach(scene, centre, radius), FAR_PERCENTILE).unwrap_or(0.0);
+    let cascades = cameras.fold(points, f64::max).clamp(2.0, WIDEST).log2().ceil() as usize + 1;
     Layout {
         kind: SpaceKind::Contracted,
         centre,
@@ -220,9 +228,7 @@ fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     if let Some((heart, small)) = place(scene).filter(|(_, small)| *small < SMALL_PLACE * radius) {
         return far_off(scene, poses, (heart, small), distance(heart, 0.25) / small / focal, reason);
     }
-    let mut reach: Vec<f64> =
-        scene.points.iter().map(|p| (p.xyz - centre).abs().max_element() / radius).filter(|r| r.is_finite()).collect();
-    reach.sort_unstable_by(f64::total_cmp);
+    let reach = reach(scene, centre, radius);
     let stated = scene.bounds.map(|b| (b.min - centre).abs().max((b.max - centre).abs()).max_element() / radius);
     let (extent, how) = match (percentile(&reach, FAR_PERCENTILE), stated) {
         (Some(far), _) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),

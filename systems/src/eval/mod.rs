@@ -156,18 +156,16 @@ pub fn evaluate(
         let picture = colour(&rendered);
         let mut note = |note: &str| notes.push(format!("{}: {note}", view.name));
         let object = data.is_cut_out().then(|| object_mask(&image)).flatten();
+        let mut scored = |picture: &RgbImage, truth: &RgbImage, mask: Option<&[u8]>, object: Option<&[u8]>| ViewScore {
+            psnr_object: object.and_then(|object| inside(picture, truth, object)),
+            ..measure(picture, truth, mask, measures, &mut note)
+        };
+        let (mask, object) = (image.mask.as_deref(), object.as_deref());
         let mut score = match protocol.scored {
-            Scored::Whole => {
-                let score = measure(&picture, &truth, image.mask.as_deref(), measures, &mut note);
-                ViewScore { psnr_object: object.and_then(|object| inside(&picture, &truth, &object)), ..score }
-            }
+            Scored::Whole => scored(&picture, &truth, mask, object),
             Scored::RightHalf => {
-                let right_mask = |mask: &[u8]| half::right_mask(mask, image.width);
-                let (picture, truth) = (half::right(&picture), half::right(&truth));
-                let score =
-                    measure(&picture, &truth, image.mask.as_deref().map(right_mask).as_deref(), measures, &mut note);
-                let object = object.as_deref().map(right_mask);
-                ViewScore { psnr_object: object.and_then(|object| inside(&picture, &truth, &object)), ..score }
+                let [mask, object] = [mask, object].map(|mask| mask.map(|m| half::right_mask(m, image.width)));
+                scored(&half::right(&picture), &half::right(&truth), mask.as_deref(), object.as_deref())
             }
         };
         score.name.clone_from(&view.name);

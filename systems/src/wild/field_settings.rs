@@ -1,11 +1,11 @@
 //! Settings of the fast field for photos from the wild: where rays begin and end, and what is empty before the first step.
 
 use crate::data::Dataset;
+use crate::layout::{NEAR_SHARE, nearest_depth};
 use crate::plan::{Ground, ngp_settings};
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
 use glam::DVec3;
-use render_core::bounds::depth_ranges;
 use render_core::camera::Camera;
 use scene_io::Scene;
 
@@ -36,18 +36,12 @@ pub(super) fn field_settings(ground: &mut Ground, scene: &Scene, data: &Dataset)
 fn nearest(scene: &Scene, data: &Dataset, centre: DVec3) -> (f64, String) {
     let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
     let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
-    if let Some(ranges) = depth_ranges(&cameras, &points, NEAR_PERCENTILE, NEAR_POINTS) {
-        let nearest = ranges.iter().map(|r| r[0]).fold(f64::INFINITY, f64::min);
-        return (NEAR_POINT_SHARE * nearest, format!("{NEAR_POINT_SHARE} of the nearest points' depth"));
+    if let Some(nearest) = cameras.iter().filter_map(|camera| nearest_depth(camera, &points)).reduce(f64::min) {
+        return (nearest, format!("{NEAR_SHARE} of the nearest points' depth"));
     }
     let nearest = cameras.iter().map(|c| c.pose.c.distance(centre)).fold(f64::INFINITY, f64::min);
-    (NEAR_SHARE * nearest, format!("{NEAR_SHARE} of the nearest camera's distance from the centre"))
+    (CAMERA_SHARE * nearest, format!("{CAMERA_SHARE} of the nearest camera's distance from the centre"))
 }
 
-/// Of the depths of the points in a photo, this percentile is the nearest that is trusted; photos with fewer points are not.
-const NEAR_PERCENTILE: f64 = 0.02;
-const NEAR_POINTS: usize = 20;
-/// Rays begin at this share of it.
-const NEAR_POINT_SHARE: f64 = 0.7;
-/// Without points: at this share of the nearest camera's distance from the centre.
-const NEAR_SHARE: f64 = 0.35;
+/// Without points rays begin at this share of the nearest camera's distance from the centre.
+const CAMERA_SHARE: f64 = 0.35;

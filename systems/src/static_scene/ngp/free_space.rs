@@ -5,31 +5,19 @@
 //! beside, is empty; and so is what lies before all the points of a photo, in whatever direction. Without this, few photos
 //! are explained by a fog before each camera.
 
-use crate::data::{Dataset, View};
+use crate::data::Dataset;
+use crate::layout::nearest_depth;
 use crate::space::Space;
-use render_core::bounds::percentile;
 use render_core::occupancy::OccupancyGrid;
 
 /// Lines that make a cell free.
 const LINES: u16 = 3;
 /// Part of a line that counts: points are not that certain, and what they lie on has a thickness.
 const CERTAIN: f32 = 0.9;
-/// Lines along a side of the fan before a photo, the fewest points that tell how far it reaches, the share of them that may
-/// stray, and the share of the way to the nearest of the others.
+/// Lines along a side of the fan before a photo.
 const FAN: u32 = 24;
-const FEWEST: usize = 20;
-const STRAY: f64 = 0.02;
-const SHARE: f64 = 0.7;
 /// Places looked at in a cell's side.
 const PER_CELL: f32 = 2.0;
-
-/// Depth before which a photo shows no point, world units: a share of that of nearly all of its points.
-fn nearest(view: &View) -> Option<f64> {
-    let mut depths: Vec<f64> =
-        view.points.iter().map(|x| view.camera.pose.to_camera(*x).z).filter(|z| *z > 0.0).collect();
-    depths.sort_unstable_by(f64::total_cmp);
-    (depths.len() >= FEWEST).then(|| percentile(&depths, STRAY)).flatten().map(|depth| SHARE * depth)
-}
 
 /// Which cells of the grid are free; all false without points.
 pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) -> Vec<bool> {
@@ -38,7 +26,7 @@ pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) ->
     let mut any = false;
     for view in data.views().iter().filter(|view| view.level == 0) {
         let Some(o) = space.internal_point(view.camera.pose.c) else { continue };
-        if let Some(depth) = nearest(view) {
+        if let Some(depth) = nearest_depth(&view.camera, &view.points) {
             any = true;
             for (x, y) in (0..FAN).flat_map(|y| (0..FAN).map(move |x| (x, y))) {
                 let [x, y] =

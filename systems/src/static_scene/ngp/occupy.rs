@@ -166,11 +166,11 @@ impl Occupy {
             (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
         let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
-        let free = if config.free_space { free_cells(grid, space, data) } else { vec![false; grid.cells()] };
+        let free = config.free_space.then(|| free_cells(grid, space, data));
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {
-                if free[id as usize] {
+                if free.as_ref().is_some_and(|free| free[id as usize]) {
                     return false;
                 }
                 let (corner, side) = grid.cell_box(id);
