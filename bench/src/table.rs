@@ -9,6 +9,8 @@ pub(crate) enum Cell {
     Text(String),
     /// A finite number.
     Number(f64),
+    /// A finite number of decibels: two decimals.
+    Decibels(f64),
     /// Not measured, or nothing to say: `-`, empty in CSV.
     Missing,
 }
@@ -63,7 +65,7 @@ impl Table {
     pub(crate) fn row<const N: usize>(&mut self, cells: [Cell; N]) -> Result<(), BenchError> {
         assert_eq!(N, self.columns.len(), "{}: a row has one cell a column", self.name);
         for (cell, column) in cells.iter().zip(&self.columns) {
-            if let Cell::Number(value) = *cell
+            if let Cell::Number(value) | Cell::Decibels(value) = *cell
                 && !value.is_finite()
             {
                 return Err(BenchError::NonFinite {
@@ -78,9 +80,19 @@ impl Table {
         Ok(())
     }
 
+    /// Decibels where they are known.
+    pub(crate) fn decibels(x: Option<f64>) -> Cell {
+        x.map_or(Cell::Missing, Cell::Decibels)
+    }
+
+    /// Whether there is no row.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// A Markdown table; numbers right-aligned.
     pub(crate) fn markdown(&self) -> String {
-        let numeric = |c: usize| self.rows.iter().any(|r| matches!(r[c], Cell::Number(_)));
+        let numeric = |c: usize| self.rows.iter().any(|r| matches!(r[c], Cell::Number(_) | Cell::Decibels(_)));
         let rule: Vec<&str> = (0..self.columns.len()).map(|c| if numeric(c) { "---:" } else { "---" }).collect();
         let mut text = format!("| {} |\n| {} |\n", self.columns.join(" | "), rule.join(" | "));
         for row in &self.rows {
@@ -98,7 +110,7 @@ impl Table {
                 .iter()
                 .map(|cell| match cell {
                     Cell::Text(t) => quoted(t),
-                    Cell::Number(x) => plain(*x, 6),
+                    Cell::Number(x) | Cell::Decibels(x) => plain(*x, 6),
                     Cell::Missing => String::new(),
                 })
                 .collect();
@@ -112,6 +124,7 @@ fn markdown(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.replace('|', "\\|"),
         Cell::Number(x) => number(*x),
+        Cell::Decibels(x) => format!("{x:.2}"),
         Cell::Missing => "-".into(),
     }
 }
@@ -156,11 +169,13 @@ mod tests {
     fn tables_are_written_twice_and_refuse_what_is_no_number() {
         let mut table = Table::new("t", "c", &["what", "x"]);
         table.row(["a, \"b\"".into(), 1.5.into()]).unwrap();
-        table.row(["c|d".into(), Cell::Missing]).unwrap();
+        table.row(["c|d".into(), Table::decibels(None)]).unwrap();
         assert_eq!(table.csv(), "what,x\n\"a, \"\"b\"\"\",1.50000\nc|d,\n");
         assert_eq!(table.markdown(), "| what | x |\n| --- | ---: |\n| a, \"b\" | 1.50 |\n| c\\|d | - |\n");
         let error = table.row(["bad".into(), f64::NAN.into()]).unwrap_err();
         assert_eq!(error.to_string(), "t: x of `bad` is NaN, which is no result");
         assert_eq!(table.csv().lines().count(), 3);
+        table.row(["e".into(), Table::decibels(Some(31.125_4))]).unwrap();
+        assert!(table.markdown().ends_with("| e | 31.13 |\n") && table.csv().ends_with("e,31.1254\n"));
     }
 }

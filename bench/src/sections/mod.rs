@@ -10,6 +10,7 @@ mod quadrature;
 mod scene;
 mod tables;
 mod training;
+mod wild;
 
 use crate::cli::Cli;
 use crate::error::BenchError;
@@ -43,6 +44,16 @@ pub(crate) enum Name {
     Growth,
     /// PSNR over time
     Training,
+    /// Disturbed photos of lego: what systems for the wild win back
+    WildLego,
+    /// Things in the way: the same, and masks against the truth
+    WildYard,
+    /// Light and strangers at once
+    WildPlaza,
+    /// Real photographs of many people
+    WildReal,
+    /// What a step of each system for the wild costs
+    WildCost,
 }
 
 impl Name {
@@ -57,6 +68,11 @@ impl Name {
             Self::Budgets => "budgets",
             Self::Growth => "growth",
             Self::Training => "training",
+            Self::WildLego => "wild-lego",
+            Self::WildYard => "wild-yard",
+            Self::WildPlaza => "wild-plaza",
+            Self::WildReal => "wild-real",
+            Self::WildCost => "wild-cost",
         }
     }
 
@@ -71,6 +87,11 @@ impl Name {
             Self::Budgets => budgets::run(bench),
             Self::Growth => growth::run(bench),
             Self::Training => training::run(bench),
+            Self::WildLego => wild::lego(bench),
+            Self::WildYard => wild::yard(bench),
+            Self::WildPlaza => wild::plaza(bench),
+            Self::WildReal => wild::real(bench),
+            Self::WildCost => wild::cost(bench),
         }
     }
 }

@@ -6,7 +6,6 @@ use scene_io::Scene;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use systems::RunError;
 use systems::options::{DataOptions, Request};
 use systems::progress::{Event, Observer};
 use systems::run::{Parts, Run, disk_parts};
@@ -39,7 +38,7 @@ pub(crate) struct Trained {
 /// Train for so many seconds, the held-out views measured at `eval_at` and at the end.
 pub(crate) fn train(bench: &Bench, subject: &Subject, seconds: f64, eval_at: &[f64]) -> Result<Trained, BenchError> {
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
-    let mut watch = Watch { name: &subject.name, curve: Vec::new(), rates: Vec::new(), said: 0.0 };
+    let mut watch = Watch::new(&subject.name);
     let run_folder = folder.path().join("run");
     let mut run = Run::create(&run_folder, &subject.request, parts(bench, subject), &mut watch)?;
     let schedule = Schedule { eval_at: eval_at.to_vec(), ..Schedule::new(Stop::Seconds(seconds)) };
@@ -53,11 +52,12 @@ pub(crate) fn train(bench: &Bench, subject: &Subject, seconds: f64, eval_at: &[f
 fn parts(bench: &Bench, subject: &Subject) -> Parts<'static> {
     let small = subject.request.scene.as_deref().is_some_and(|s| s.starts_with(systems::source::SYNTHETIC))
         && bench.extent == Extent::Quick;
-    disk_parts(if small { &small_tabletop } else { &systems::source::load }, &systems::plan::build, "ngp")
+    disk_parts(if small { &|_, _| Ok(small_tabletop()) } else { &systems::source::load }, &systems::plan::build, "ngp")
 }
 
-fn small_tabletop(_: &str, _: &DataOptions) -> Result<Scene, RunError> {
-    Ok(tabletop(&TabletopOptions { width: 64, height: 64, train: 24, test: 4, rays: 2, ..TabletopOptions::default() }))
+/// The embedded scene, small.
+pub(super) fn small_tabletop() -> Scene {
+    tabletop(&TabletopOptions { width: 64, height: 64, train: 24, test: 4, rays: 2, ..TabletopOptions::default() })
 }
 
 /// A dataset's request, `None` where its folder is not there: said loudly.
@@ -84,11 +84,17 @@ pub(crate) fn names_file(folder: &Path, names: &[String]) -> Result<String, Benc
 }
 
 /// Keeps the curve, says now and then where things stand.
-struct Watch<'a> {
+pub(super) struct Watch<'a> {
     name: &'a str,
     curve: Vec<(u64, f64, f64)>,
     rates: Vec<f64>,
     said: f64,
+}
+
+impl<'a> Watch<'a> {
+    pub(super) fn new(name: &'a str) -> Self {
+        Self { name, curve: Vec::new(), rates: Vec::new(), said: 0.0 }
+    }
 }
 
 /// Training seconds between two lines.

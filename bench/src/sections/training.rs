@@ -1,7 +1,7 @@
 //! PSNR of held-out views over training time.
 
 use super::scene::{Subject, dataset, embedded, names_file, train};
-use super::{Bench, Extent};
+use super::{Bench, Extent, wild};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -26,13 +26,27 @@ struct Protocol {
 
 /// Which views are held out.
 #[derive(Clone, Copy)]
-enum Held {
+pub(super) enum Held {
     /// The dataset's own.
     Own,
-    /// Every eighth of all, by name.
-    EveryEighth,
+    /// Every so many of all, by name.
+    Every(u32),
     /// Every 24th of the dataset's test views, eight in all.
     EightOfTest,
+}
+
+impl Held {
+    /// The word on the command line, if one is needed; names go to a file in `folder`.
+    pub(super) fn word(self, folder: &std::path::Path) -> Result<Option<String>, BenchError> {
+        Ok(match self {
+            Self::Own => None,
+            Self::Every(n) => Some(format!("every:{n}")),
+            Self::EightOfTest => {
+                let names: Vec<String> = (0..8).map(|i| format!("test/r_{}", 24 * i)).collect();
+                Some(names_file(folder, &names)?)
+            }
+        })
+    }
 }
 
 const PROTOCOLS: [Protocol; 5] = [
@@ -62,7 +76,7 @@ const PROTOCOLS: [Protocol; 5] = [
         name: "fox135",
         path: "benchmarks/fox135",
         longest_side: None,
-        holdout: Held::EveryEighth,
+        holdout: Held::Every(8),
         targets: &[(60.0, 25.5), (300.0, 27.0)],
         peers: &[
             ("OpenSplat 1.1.5 (CPU)", &[(60.0, 23.2), (300.0, 25.2)]),
@@ -75,7 +89,7 @@ const PROTOCOLS: [Protocol; 5] = [
         name: "fox480",
         path: "instant_ngp/fox",
         longest_side: Some(480),
-        holdout: Held::EveryEighth,
+        holdout: Held::Every(8),
         targets: &[],
         peers: &[],
         plot: "fox480",
@@ -96,7 +110,7 @@ const EVAL_AT: [f64; 5] = [10.0, 30.0, 60.0, 120.0, 300.0];
 
 /// Refuse names that mean nothing before an hour has passed.
 pub(super) fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
-    let known = || PROTOCOLS.iter().map(|p| p.name);
+    let known = || PROTOCOLS.iter().map(|p| p.name).chain(wild::names());
     match wanted.iter().find(|w| known().all(|k| k != w.as_str())) {
         Some(name) => {
             let known: Vec<&str> = known().collect();
@@ -194,14 +208,7 @@ fn protocol_goals(protocol: &Protocol, curve: &[(f64, f64)]) -> Vec<Goal> {
 }
 
 fn data_options(protocol: &Protocol, folder: &std::path::Path) -> Result<DataOptions, BenchError> {
-    let holdout = match protocol.holdout {
-        Held::Own => None,
-        Held::EveryEighth => Some("every:8".into()),
-        Held::EightOfTest => {
-            let names: Vec<String> = (0..8).map(|i| format!("test/r_{}", 24 * i)).collect();
-            Some(names_file(folder, &names)?)
-        }
-    };
+    let holdout = protocol.holdout.word(folder)?;
     Ok(DataOptions { longest_side: protocol.longest_side, holdout, ..DataOptions::default() })
 }
 
@@ -229,7 +236,7 @@ mod tests {
 
     #[test]
     fn protocols_are_known_by_name() {
-        assert!(check_protocols(&["fern".into(), "lego100".into()]).is_ok());
-        assert!(check_protocols(&["yard".into()]).unwrap_err().to_string().contains("lego400"));
+        assert!(check_protocols(&["fern".into(), "yard".into()]).is_ok());
+        assert!(check_protocols(&["moon".into()]).unwrap_err().to_string().contains("lego400"));
     }
 }

@@ -1,0 +1,132 @@
+//! One system on one set of photos: trained, and measured in each light.
+
+use super::protocols::{Entry, Group, Kind, Photos, Segments};
+use super::segments;
+use crate::error::BenchError;
+use crate::sections::scene::{Watch, dataset};
+use crate::sections::{Bench, Extent, say};
+use losses::metrics::EmptyClass;
+use scene_io::Scene;
+use scene_io::synthetic::{PlazaOptions, plaza};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use systems::RunError;
+use systems::eval::masks::MaskOptions;
+use systems::eval::{Evaluation, Scored};
+use systems::options::{DataOptions, Request};
+use systems::run::{Load, Run, disk_parts};
+use systems::source::{PERTURBED, SYNTHETIC};
+use systems::train::{Schedule, Stop};
+
+/// What came out.
+pub(super) struct Measured {
+    pub(super) views: String,
+    /// A measurement for each light of the photos.
+    pub(super) scores: Vec<Score>,
+    /// Mean over photos of mIoU and of F1 of strangers, where the truth is known.
+    pub(super) masks: [Option<f64>; 2],
+    pub(super) ms_per_step: f64,
+}
+
+/// Means over the held-out views in one light.
+pub(super) struct Score {
+    pub(super) scored: Scored,
+    pub(super) psnr: Option<f64>,
+    pub(super) psnr_object: Option<f64>,
+    pub(super) ssim: Option<f64>,
+}
+
+impl From<Evaluation> for Score {
+    fn from(e: Evaluation) -> Self {
+        Self { scored: e.protocol.scored, psnr: e.psnr, psnr_object: e.psnr_object, ssim: e.ssim }
+    }
+}
+
+/// The request that a protocol makes; `None` where its dataset is not there: said loudly.
+pub(super) fn request(
+    bench: &Bench,
+    (group, photos, entry): (&Group, &Photos, &Entry),
+    folder: &Path,
+) -> Result<Option<Request>, BenchError> {
+    let split = (photos.kind == Kind::Clean && !matches!(group.holdout, crate::sections::training::Held::EightOfTest))
+        .then(|| "clean".into());
+    let data = DataOptions {
+        longest_side: group.longest_side,
+        holdout: group.holdout.word(folder)?,
+        mask_white: group.mask_white.map(Into::into),
+        train_split: split,
+        ..DataOptions::default()
+    };
+    let mut request = if group.path.starts_with(SYNTHETIC) {
+        Request { scene: Some(group.path.into()), data, ..Request::default() }
+    } else {
+        let Some(subject) = dataset(bench, group.name, group.path, data) else { return Ok(None) };
+        subject.request
+    };
+    if let (Kind::Perturbed(what), Some(scene)) = (photos.kind, &mut request.scene) {
+        *scene = format!("{PERTURBED}{what}:{scene}");
+    }
+    request.system = Some(entry.system.into());
+    request.set = entry.set.parse().map_err(BenchError::part)?;
+    Ok(Some(request))
+}
+
+/// Train for `steps`, measure the held-out views in each of `lights`, and the masks of all training photos.
+pub(super) fn measure(
+    bench: &Bench,
+    (name, segments): (&str, Segments),
+    (request, steps): (&Request, u64),
+    lights: &[&str],
+) -> Result<Measured, BenchError> {
+    let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
+    let outlines = folder.path().join("segments");
+    std::fs::create_dir(&outlines).map_err(BenchError::file(&outlines))?;
+    let load = |spec: &str, data: &DataOptions| {
+        let mut scene = load(bench, spec, data)?;
+        if segments == Segments::True {
+            segments::write(&mut scene, &outlines).map_err(|e| RunError::Option(e.line()))?;
+        }
+        Ok(scene)
+    };
+    let load: &Load<'_> = &load;
+    let lights = lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<Vec<_>, _>>()?;
+    let request = Request { eval_appearance: lights.first().cloned(), ..request.clone() };
+    let mut watch = Watch::new(name);
+    let parts = disk_parts(load, &systems::wild::build, "auto");
+    let mut run = Run::create(&folder.path().join("run"), &request, parts, &mut watch)?;
+    let views = format!("{} / {}", run.train.len(), run.held_out.len());
+    let (ended, first) = run.train(&Schedule::new(Stop::Steps(steps)), None, &mut watch, &AtomicBool::new(false))?;
+    let mut scores: Vec<Score> = first.into_iter().map(Score::from).collect();
+    for light in lights.into_iter().skip(1) {
+        run.measure_in(Some(light));
+        scores.push(run.evaluate(None, &mut watch)?.into());
+    }
+    let finds_strangers = run.system.visibility(&run.train, 0).map_err(RunError::from)?.is_some();
+    let masks = match finds_strangers {
+        true => {
+            let options = MaskOptions { every: 1, empty: EmptyClass::default() };
+            let table = run.write_masks(&folder.path().join("masks"), options, &mut watch)?;
+            if table.with_truth > 0 { [table.per_image.miou, table.per_image.f1] } else { [None; 2] }
+        }
+        false => [None; 2],
+    };
+    let ms_per_step = 1e3 * ended.seconds / ended.step.max(1) as f64;
+    say(&format!("        {name}: {ms_per_step:.1} ms a step"));
+    Ok(Measured { views, scores, masks, ms_per_step })
+}
+
+/// Files and embedded scenes as everywhere; in quick runs the embedded scene is small.
+fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    if bench.extent == Extent::Quick && spec == format!("{SYNTHETIC}plaza") {
+        let photos = data.load_options()?.train_photos;
+        return Ok(plaza(&PlazaOptions {
+            width: 48,
+            height: 36,
+            train: 8,
+            test: 2,
+            photos,
+            ..PlazaOptions::default()
+        }));
+    }
+    systems::source::load(spec, data)
+}

@@ -1,0 +1,273 @@
+//! Which photos, which systems, and what is expected of them.
+
+use crate::sections::training::Held;
+
+/// A dataset with its oracle, and the photos of it that are trained on.
+pub(super) struct Group {
+    /// Name on the command line and in the table.
+    pub(super) name: &'static str,
+    /// In the folder of datasets, or an embedded scene.
+    pub(super) path: &'static str,
+    pub(super) longest_side: Option<u32>,
+    pub(super) holdout: Held,
+    /// What white means in its masks, where it is not what it means everywhere.
+    pub(super) mask_white: Option<&'static str>,
+    pub(super) steps: u64,
+    /// Clean photos come first, where there are such.
+    pub(super) photos: &'static [Photos],
+}
+
+/// One set of training photos of a place.
+pub(super) struct Photos {
+    pub(super) name: &'static str,
+    pub(super) kind: Kind,
+    /// Lights that held-out views are measured in, words of `--eval-appearance`.
+    pub(super) lights: &'static [&'static str],
+    pub(super) entries: &'static [Entry],
+}
+
+/// What makes them differ from the dataset as it lies there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Nothing.
+    AsIs,
+    /// Its clean photos: the first of a group, which others are compared with.
+    Clean,
+    /// Disturbed: `c`, `o` or `co`.
+    Perturbed(&'static str),
+}
+
+/// A system with its settings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Entry {
+    pub(super) name: &'static str,
+    pub(super) system: &'static str,
+    /// TOML.
+    pub(super) set: &'static str,
+    pub(super) segments: Segments,
+    pub(super) aims: &'static [Aim],
+}
+
+/// Segments of the photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Segments {
+    /// The dataset's own files, or what the system makes itself.
+    Own,
+    /// True outlines, as a segmenter that makes no mistake would draw them.
+    True,
+}
+
+/// What was planned, in per cent, decibels or as F1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Aim {
+    /// Of the gap between plain and clean, at least; in the light of a training photo or over whole views.
+    Share(f64),
+    /// Strangers in its masks.
+    F1(f64),
+    /// Below `plain` on the same clean photos, at most.
+    Loss(f64),
+}
+
+impl Entry {
+    const fn new(system: &'static str) -> Self {
+        Self { name: system, system, set: "", segments: Segments::Own, aims: &[] }
+    }
+
+    const fn set(self, name: &'static str, set: &'static str) -> Self {
+        Self { name, set, ..self }
+    }
+
+    const fn aims(self, aims: &'static [Aim]) -> Self {
+        Self { aims, ..self }
+    }
+
+    const fn true_segments(self, name: &'static str) -> Self {
+        Self { name, segments: Segments::True, ..self }
+    }
+}
+
+const PLAIN: Entry = Entry::new("plain");
+const ROBUST: Entry = Entry::new("robust-nerf");
+const L1: Entry = ROBUST.set("robust-nerf: L1, no masks", "kernel = 'l1'\njudging = 'never'");
+const CHARBONNIER: Entry =
+    ROBUST.set("robust-nerf: Charbonnier, no masks", "kernel = 'charbonnier'\njudging = 'never'");
+const ROBUST_CODES: Entry = ROBUST.set("robust-nerf with codes", "appearance = 'codes'");
+const NERF_A: Entry = Entry::new("nerf-a");
+const NERF_U: Entry = Entry::new("nerf-u");
+const NERF_W: Entry = Entry::new("nerf-w");
+const HA_NERF: Entry = Entry::new("ha-nerf");
+const HA_NERF_A: Entry = Entry::new("ha-nerf-a");
+const HA_NERF_T: Entry = Entry::new("ha-nerf-t");
+const SF_NERF: Entry = Entry::new("sf-nerf");
+const SF_NERF_ONE_LIGHT: Entry = SF_NERF.set("sf-nerf, one light", "appearance = 'none'");
+const HUGS: Entry = Entry::new("hugs");
+const HUGS_CODES: Entry = HUGS.set("hugs with codes", "appearance = 'codes'");
+
+/// Every light is the same there, or known: whole views count.
+const ONE_LIGHT: &[&str] = &["mean"];
+/// The first photo of lego is left as it was.
+const KNOWN_LIGHT: &[&str] = &["image:train/r_0", "fit"];
+const FITTED: &[&str] = &["fit"];
+
+const PERTURBED: [Photos; 4] = [
+    Photos {
+        name: "clean",
+        kind: Kind::Clean,
+        lights: KNOWN_LIGHT,
+        entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), HUGS.aims(&[Aim::Loss(0.5)])],
+    },
+    Photos {
+        name: "o",
+        kind: Kind::Perturbed("o"),
+        lights: ONE_LIGHT,
+        entries: &[
+            PLAIN,
+            L1,
+            CHARBONNIER,
+            ROBUST.aims(&[Aim::Share(85.0)]),
+            HUGS.aims(&[Aim::Share(85.0)]),
+            NERF_U,
+            NERF_W,
+            HA_NERF_T,
+            SF_NERF_ONE_LIGHT,
+        ],
+    },
+    Photos {
+        name: "c",
+        kind: Kind::Perturbed("c"),
+        lights: KNOWN_LIGHT,
+        entries: &[
+            PLAIN,
+            NERF_A.aims(&[Aim::Share(85.0)]),
+            NERF_W.aims(&[Aim::Share(85.0)]),
+            HA_NERF_A.aims(&[Aim::Share(85.0)]),
+        ],
+    },
+    Photos {
+        name: "co",
+        kind: Kind::Perturbed("co"),
+        lights: KNOWN_LIGHT,
+        entries: &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_W.aims(&[Aim::Share(80.0)]), HA_NERF, SF_NERF],
+    },
+];
+
+const EVERYTHING: &[Entry] = &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_A, NERF_W, HA_NERF, SF_NERF];
+
+/// Lego with squares over it, other colours, both.
+pub(super) const LEGO: &[Group] = &[
+    Group {
+        name: "lego100",
+        path: "nerf_synthetic/lego",
+        longest_side: Some(100),
+        holdout: Held::EightOfTest,
+        mask_white: None,
+        steps: 1000,
+        photos: &PERTURBED,
+    },
+    Group {
+        name: "lego400",
+        path: "nerf_synthetic/lego",
+        longest_side: Some(400),
+        holdout: Held::EightOfTest,
+        mask_white: None,
+        steps: 1000,
+        photos: &PERTURBED,
+    },
+];
+
+/// Things that stand in the way, each in one photo.
+pub(super) const YARD: &[Group] = &[Group {
+    name: "yard",
+    path: "blender_rendered/yard",
+    longest_side: None,
+    holdout: Held::Own,
+    mask_white: None,
+    steps: 2000,
+    photos: &[
+        Photos {
+            name: "clean",
+            kind: Kind::Clean,
+            lights: ONE_LIGHT,
+            entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)])],
+        },
+        Photos {
+            name: "strangers",
+            kind: Kind::AsIs,
+            lights: ONE_LIGHT,
+            entries: &[
+                PLAIN,
+                L1,
+                CHARBONNIER,
+                ROBUST.aims(&[Aim::Share(85.0), Aim::F1(0.75)]),
+                HUGS,
+                HUGS.true_segments("hugs, true outlines").aims(&[Aim::Share(85.0), Aim::F1(0.9)]),
+                NERF_A,
+                NERF_U,
+                NERF_W,
+                HA_NERF,
+                SF_NERF,
+            ],
+        },
+    ],
+}];
+
+/// Light, exposure and strangers at once, with the truth known.
+pub(super) const PLAZA: &[Group] = &[
+    Group {
+        name: "plaza",
+        path: "synthetic:plaza",
+        longest_side: None,
+        holdout: Held::Own,
+        mask_white: None,
+        steps: 1000,
+        photos: &[
+            Photos { name: "clean", kind: Kind::Clean, lights: FITTED, entries: &[PLAIN] },
+            Photos { name: "many people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING },
+        ],
+    },
+    Group {
+        name: "plaza_photos",
+        path: "blender_rendered/plaza_photos",
+        longest_side: None,
+        holdout: Held::Own,
+        mask_white: None,
+        steps: 1000,
+        photos: &[Photos { name: "many people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING }],
+    },
+];
+
+/// Real photographs.
+pub(super) const REAL: &[Group] = &[
+    Group {
+        name: "statue",
+        path: "nerd_in_the_wild/statue_of_liberty_40",
+        longest_side: Some(480),
+        holdout: Held::Every(8),
+        mask_white: Some("object"),
+        steps: 1000,
+        photos: &[Photos {
+            name: "40 people's",
+            kind: Kind::AsIs,
+            lights: FITTED,
+            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF],
+        }],
+    },
+    Group {
+        name: "sacre",
+        path: "phototourism/sacre_coeur_10",
+        longest_side: Some(480),
+        holdout: Held::Every(5),
+        mask_white: None,
+        steps: 1000,
+        photos: &[Photos { name: "8 people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING }],
+    },
+];
+
+/// What `--protocol` may name.
+pub(in crate::sections) fn names() -> impl Iterator<Item = &'static str> {
+    [LEGO, YARD, PLAZA, REAL].into_iter().flatten().map(|group| group.name)
+}
+
+/// Systems whose cost is measured.
+pub(super) const COSTS: &[Entry] =
+    &[PLAIN, L1, ROBUST, ROBUST_CODES, HUGS, NERF_A, NERF_U, NERF_W, HA_NERF_A, HA_NERF_T, HA_NERF, SF_NERF];
