@@ -83,8 +83,8 @@ pub(super) fn measure(
     std::fs::create_dir(&outlines).map_err(BenchError::file(&outlines))?;
     let load = |spec: &str, data: &DataOptions| {
         let mut scene = load(bench, spec, data)?;
-        if segments == Segments::True {
-            segments::write(&mut scene, &outlines).map_err(|e| RunError::Option(e.line()))?;
+        if let Segments::True(square) = segments {
+            segments::write(&mut scene, square, &outlines).map_err(|e| RunError::Option(e.line()))?;
         }
         Ok(scene)
     };

@@ -53,8 +53,9 @@ pub(super) struct Entry {
 pub(super) enum Segments {
     /// The dataset's own files, or what the system makes itself.
     Own,
-    /// True outlines, as a segmenter that makes no mistake would draw them.
-    True,
+    /// True outlines of strangers, as a segmenter that makes no mistake would draw them; the rest in squares of so many
+    /// pixels.
+    True(usize),
 }
 
 /// What was planned, in per cent, decibels or as F1.
@@ -81,8 +82,8 @@ impl Entry {
         Self { aims, ..self }
     }
 
-    const fn true_segments(self, name: &'static str) -> Self {
-        Self { name, segments: Segments::True, ..self }
+    const fn true_segments(self, name: &'static str, square: usize) -> Self {
+        Self { name, segments: Segments::True(square), ..self }
     }
 }
 
@@ -200,7 +201,9 @@ pub(super) const YARD: &[Group] = &[Group {
                 CHARBONNIER,
                 ROBUST.aims(&[Aim::Share(85.0), Aim::F1(0.75)]),
                 HUGS,
-                HUGS.true_segments("hugs, true outlines").aims(&[Aim::Share(85.0), Aim::F1(0.9)]),
+                // As large as things of the place are, and much smaller: then shadows of strangers are segments, too.
+                HUGS.true_segments("hugs, true outlines, squares of 40", 40).aims(&[Aim::Share(85.0), Aim::F1(0.9)]),
+                HUGS.true_segments("hugs, true outlines, squares of 16", 16),
                 NERF_A,
                 NERF_U,
                 NERF_W,

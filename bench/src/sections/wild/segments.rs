@@ -1,20 +1,20 @@
 //! Segments as a segmenter without mistakes would draw them: each piece of the strangers is one, the rest is cut into squares.
+//!
+//! Squares as large as the things of the place stand for its own segments: a segment is called a stranger as a whole, so
+//! large ones keep what lies in a stranger's shadow, small ones lose it.
 
 use crate::error::BenchError;
 use image::{ImageBuffer, Luma};
 use scene_io::{Scene, Split};
 use std::path::Path;
 
-/// Side of the squares that the place itself is cut into, pixels.
-const SQUARE: usize = 16;
-
 /// Write a label map for each training photo whose strangers are known, and let the photo name it.
-pub(super) fn write(scene: &mut Scene, folder: &Path) -> Result<(), BenchError> {
+pub(super) fn write(scene: &mut Scene, square: usize, folder: &Path) -> Result<(), BenchError> {
     for (i, frame) in scene.frames.iter_mut().enumerate().filter(|(_, f)| f.split == Split::Train) {
         let Some(truth) = frame.read_transient().map_err(BenchError::part)? else { continue };
         let (width, height) = (truth.width(), truth.height());
         let strangers: Vec<bool> = truth.iter().collect();
-        let labels = outlines(&strangers, width as usize);
+        let labels = outlines(&strangers, width as usize, square);
         let path = folder.join(format!("{i}.segs.png"));
         let map = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, labels)
             .ok_or_else(|| BenchError::Part(format!("segments of `{}` do not fill it", frame.name)))?;
@@ -25,9 +25,9 @@ pub(super) fn write(scene: &mut Scene, folder: &Path) -> Result<(), BenchError> 
 }
 
 /// Labels of squares, and above them labels of the pieces of `strangers` that hang together.
-fn outlines(strangers: &[bool], width: usize) -> Vec<u16> {
-    let across = width.div_ceil(SQUARE);
-    let square = |i: usize| (i / width / SQUARE * across + i % width / SQUARE) as u16 + 1;
+fn outlines(strangers: &[bool], width: usize, side: usize) -> Vec<u16> {
+    let across = width.div_ceil(side);
+    let square = |i: usize| (i / width / side * across + i % width / side) as u16 + 1;
     let mut labels: Vec<u16> = (0..strangers.len()).map(square).collect();
     let mut next = labels.iter().max().map_or(1, |most| most + 1);
     let mut left = strangers.to_vec();
@@ -65,11 +65,11 @@ mod tests {
         for (x, y) in [(14, 0), (15, 1), (16, 2), (19, 3)] {
             strangers[y * width + x] = true;
         }
-        let labels = outlines(&strangers, width);
+        let labels = outlines(&strangers, width, 16);
         assert_eq!((labels[0], labels[17]), (1, 2));
         assert_eq!((labels[14], labels[width + 15], labels[2 * width + 16]), (3, 3, 3));
         assert_eq!(labels[3 * width + 19], 4);
         assert_eq!(labels.iter().filter(|l| **l > 2).count(), 4);
-        assert!(outlines(&[], 4).is_empty());
+        assert!(outlines(&[], 4, 16).is_empty());
     }
 }
