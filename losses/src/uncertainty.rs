@@ -10,6 +10,14 @@
 //! the negative logarithm of a normal density, without its constant. For a given error it is smallest where `beta` is the root
 //! of `e2`, and it may be negative: down to `ln(beta_min)`.
 //!
+//! With a tail of scale `c` an error well above it costs its length instead of its square: `k2` stands in the place of `e2`,
+//!
+//! ```text
+//! k2 = 2 c^2 (sqrt(1 + e2 / c^2) - 1)          d k2 / d e2 = 1 / sqrt(1 + e2 / c^2)
+//! ```
+//!
+//! the Charbonnier kernel, which is `e2` for small errors. The published likelihood has none; see [`Likelihood::tail`].
+//!
 //! [`transient_density`] is the price of declaring matter transient. Sums are `f64` in index order; a batch in tiles sums and
 //! divides at the end, as in [`crate::photometric`]. Values are not scanned: NaN in gives NaN out.
 //!
@@ -36,11 +44,14 @@ pub struct Likelihood {
     pub beta_min: f32,
     /// How channels make one error.
     pub channels: Channels,
+    /// Scale `c` of the tail, `>= 0`, colour units; 0: none, as published. Until outliers are explained their squares are
+    /// most of a batch's gradient: with a tail no error pulls harder than `c / beta^2`.
+    pub tail: f32,
 }
 
 impl Likelihood {
-    /// For photographs: `beta_min` 0.03, mean over channels.
-    pub const PHOTOGRAPHS: Self = Self { beta_min: 0.03, channels: Channels::Mean };
+    /// For photographs: `beta_min` 0.03, mean over channels, no tail.
+    pub const PHOTOGRAPHS: Self = Self { beta_min: 0.03, channels: Channels::Mean, tail: 0.0 };
 
     /// Cost of each ray.
     ///
@@ -49,7 +60,8 @@ impl Likelihood {
     /// * `loss` `[n]` out, written
     ///
     /// # Errors
-    /// [`LossError::Shape`] where lengths disagree, [`LossError::Parameter`] unless `beta_min` is finite and above 0.
+    /// [`LossError::Shape`] where lengths disagree, [`LossError::Parameter`] unless `beta_min` is finite and above 0
+    /// and `tail` finite and not below.
     pub fn per_ray(
         &self,
         prediction: &[[f32; 3]],
@@ -102,14 +114,14 @@ impl Likelihood {
         for i in 0..prediction.len() {
             let (bar, b) = (loss_bar * weight(w, i), self.floor(beta[i]));
             let precision = 1.0 / (b * b);
+            let (k2, slope) = self.shortened(self.error(&prediction[i], &target[i]));
             for c in 0..3 {
                 let x = f64::from(prediction[i][c]) - f64::from(target[i][c]);
-                prediction_bar[i][c] += (bar * self.share() * precision * x) as f32;
+                prediction_bar[i][c] += (bar * self.share() * precision * slope * x) as f32;
             }
             // Under the floor the cost does not depend on beta.
             if beta[i] >= self.beta_min {
-                let e2 = self.error(&prediction[i], &target[i]);
-                beta_bar[i] += (bar * (1.0 - e2 * precision) / b) as f32;
+                beta_bar[i] += (bar * (1.0 - k2 * precision) / b) as f32;
             } else if beta[i].is_nan() {
                 beta_bar[i] = beta[i];
             }
@@ -168,6 +180,18 @@ impl Likelihood {
         self.share() * (square(0) + square(1) + square(2))
     }
 
+    /// `k2` and `d k2 / d e2`.
+    #[inline(always)]
+    fn shortened(&self, e2: f64) -> (f64, f64) {
+        if self.tail == 0.0 {
+            return (e2, 1.0);
+        }
+        let c = f64::from(self.tail);
+        let root = m64::sqrt(1.0 + e2 / (c * c));
+        // 2 c^2 (root - 1), without the difference of near numbers.
+        (2.0 * e2 / (root + 1.0), 1.0 / root)
+    }
+
     #[inline(always)]
     fn floor(&self, beta: f32) -> f64 {
         // Asked this way round, NaN stays NaN.
@@ -177,7 +201,7 @@ impl Likelihood {
     #[inline(always)]
     fn ray(&self, p: &[f32; 3], t: &[f32; 3], beta: f32) -> f64 {
         let b = self.floor(beta);
-        0.5 * self.error(p, t) / (b * b) + m64::ln(b)
+        0.5 * self.shortened(self.error(p, t)).0 / (b * b) + m64::ln(b)
     }
 
     fn check(
@@ -190,6 +214,10 @@ impl Likelihood {
         if !(self.beta_min > 0.0 && self.beta_min.is_finite()) {
             let what = "`beta_min` of the likelihood";
             return Err(LossError::Parameter { what, value: self.beta_min, range: "a finite number above 0" });
+        }
+        if !(self.tail >= 0.0 && self.tail.is_finite()) {
+            let what = "`tail` of the likelihood";
+            return Err(LossError::Parameter { what, value: self.tail, range: "a finite number, 0 or above" });
         }
         same("target", prediction.len(), target.len())?;
         same("beta", prediction.len(), beta.len())?;

@@ -9,22 +9,31 @@ fn colours(x: &[f32]) -> Vec<[f32; 3]> {
     x.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
 }
 
-/// One ray, from the definition. `x` holds the prediction, then beta.
-fn naive(channels: Channels, x: &[f64], target: &[f32; 3]) -> f64 {
-    let sum: f64 = (0..3).map(|c| (x[c] - f64::from(target[c])).powi(2)).sum();
-    let e2 = if channels == Channels::Mean { sum / 3.0 } else { sum };
-    e2 / (2.0 * x[3] * x[3]) + x[3].ln()
+/// The square that a ray pays for, from the definition, and its derivative by `e2`.
+fn shortened(tail: f64, e2: f64) -> (f64, f64) {
+    let root = (1.0 + e2 / (tail * tail)).sqrt();
+    if tail > 0.0 { (2.0 * tail * tail * (root - 1.0), 1.0 / root) } else { (e2, 1.0) }
 }
 
-fn naive_backward(channels: Channels, x: &[f64], target: &[f32; 3], bar: f64, x_bar: &mut [f64]) {
+/// One ray, from the definition. `x` holds the prediction, then beta.
+fn naive(Likelihood { channels, tail, .. }: Likelihood, x: &[f64], target: &[f32; 3]) -> f64 {
+    let sum: f64 = (0..3).map(|c| (x[c] - f64::from(target[c])).powi(2)).sum();
+    let e2 = if channels == Channels::Mean { sum / 3.0 } else { sum };
+    shortened(tail.into(), e2).0 / (2.0 * x[3] * x[3]) + x[3].ln()
+}
+
+fn naive_backward(
+    Likelihood { channels, tail, .. }: Likelihood,
+    x: &[f64],
+    target: &[f32; 3],
+    bar: f64,
+    x_bar: &mut [f64],
+) {
     let share = if channels == Channels::Mean { 1.0 / 3.0 } else { 1.0 };
-    let mut e2 = 0.0;
-    for c in 0..3 {
-        let d = x[c] - f64::from(target[c]);
-        e2 += share * d * d;
-        x_bar[c] += bar * share * d / x[3].powi(2);
-    }
-    x_bar[3] += bar * (1.0 / x[3] - e2 / x[3].powi(3));
+    let d = [0, 1, 2].map(|c| x[c] - f64::from(target[c]));
+    let (k2, slope) = shortened(tail.into(), share * d.iter().map(|d| d * d).sum::<f64>());
+    (0..3).for_each(|c| x_bar[c] += bar * share * slope * d[c] / x[3].powi(2));
+    x_bar[3] += bar * (1.0 / x[3] - k2 / x[3].powi(3));
 }
 
 proptest! {
@@ -34,13 +43,14 @@ proptest! {
     fn gradient_matches_twin_and_differences(
         colour in prop::collection::vec(0.0_f32..1.0, 6),
         beta in 0.1_f32..3.0,
+        tail in prop_oneof![Just(0.0_f32), 0.02_f32..0.5],
         w in 0.0_f32..2.0,
         seed in 0_u64..1000,
     ) {
         let (target, mut x) = (colours(&colour[3..])[0], colour[..3].to_vec());
         x.push(beta);
         for channels in [Channels::Mean, Channels::Sum] {
-            let likelihood = Likelihood { beta_min: 0.03, channels };
+            let likelihood = Likelihood { beta_min: 0.03, channels, tail };
             let weighted = f64::from(w);
             check_f32_pair(
                 &x,
@@ -58,8 +68,8 @@ proptest! {
                     },
                 ),
                 (
-                    |x, out| out[0] = weighted * naive(channels, x, &target),
-                    |x, bar, x_bar| naive_backward(channels, x, &target, weighted * bar[0], x_bar),
+                    |x, out| out[0] = weighted * naive(likelihood, x, &target),
+                    |x, bar, x_bar| naive_backward(likelihood, x, &target, weighted * bar[0], x_bar),
                 ),
                 PairTolerances::default(),
             )
@@ -71,7 +81,7 @@ proptest! {
     fn best_beta_is_the_error(colour in prop::collection::vec(0.0_f32..1.0, 6), factor in 1.02_f32..20.0) {
         let (prediction, target) = (colours(&colour[..3]), colours(&colour[3..]));
         for channels in [Channels::Mean, Channels::Sum] {
-            let likelihood = Likelihood { beta_min: 0.03, channels };
+            let likelihood = Likelihood { beta_min: 0.03, channels, tail: 0.0 };
             let cost = |beta: f32| likelihood.mean(&prediction, &target, &[beta], None).unwrap();
             let e2: f64 = (0..3).map(|c| f64::from(prediction[0][c] - target[0][c]).powi(2)).sum();
             let e = (if channels == Channels::Mean { e2 / 3.0 } else { e2 }).sqrt() as f32;
@@ -89,10 +99,10 @@ proptest! {
     }
 
     #[test]
-    fn finite_for_every_beta(p in prop::collection::vec(-1.0_f32..2.0, 3), power in -44_i32..38, floor in 0.001_f32..0.3) {
+    fn finite_for_every_beta(p in prop::collection::vec(-1.0_f32..2.0, 3), power in -44_i32..38, floor in 0.001_f32..0.3, tail in prop_oneof![Just(0.0_f32), 0.01_f32..0.5]) {
         let prediction = colours(&p);
         for beta in [10.0_f32.powi(power), 0.0, -1.0, floor, f32::MAX] {
-            let likelihood = Likelihood { beta_min: floor, channels: Channels::Mean };
+            let likelihood = Likelihood { beta_min: floor, channels: Channels::Mean, tail };
             let cost = likelihood.mean(&prediction, &[[0.5; 3]], &[beta], None).unwrap();
             prop_assert!(cost.is_finite() && cost >= f64::from(floor).ln(), "{cost} for {beta}");
             let mut bars = (vec![[0.0; 3]], vec![0.0]);
@@ -103,6 +113,21 @@ proptest! {
                 prop_assert_eq!(cost, likelihood.mean(&prediction, &[[0.5; 3]], &[floor], None).unwrap());
                 prop_assert_eq!(bars.1[0], 0.0);
             }
+        }
+    }
+
+    #[test]
+    fn with_a_tail_no_error_pulls_without_end(e in prop_oneof![-1e9_f32..1e9, -2.0_f32..2.0], tail in 0.01_f32..0.5, beta in 0.05_f32..1.0) {
+        let tailed = Likelihood { tail, ..Likelihood::PHOTOGRAPHS };
+        let (prediction, target) = ([[e, 0.0, 0.0]], [[0.0; 3]]);
+        let mut bars = (vec![[0.0; 3]], vec![0.0]);
+        tailed.sum_backward(&prediction, &target, &[beta], None, 1.0, &mut bars.0, &mut bars.1).unwrap();
+        prop_assert!(bars.0[0][0].abs() <= 1.001 * tail / (beta * beta), "{:?}", bars.0);
+        // An error never costs more with a tail, and one well below its scale costs the same.
+        let [with, without] = [tailed, Likelihood::PHOTOGRAPHS].map(|l| l.sum(&prediction, &target, &[beta], None).unwrap());
+        prop_assert!(with.is_finite() && with <= without);
+        if e.abs() < 0.01 * tail {
+            prop_assert!((with - without).abs() <= 1e-4 * (without - f64::from(beta).ln()));
         }
     }
 
@@ -184,6 +209,10 @@ fn empty_batches_and_wrong_arguments() {
     assert_eq!(transient_density(&[0, 2], &[0.0]), Err(LossError::Shape { what: "sigma", want: 2, got: 1 }));
     for beta_min in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let error = Likelihood { beta_min, ..likelihood }.mean(&[], &[], &[], None);
+        assert!(matches!(error, Err(LossError::Parameter { .. })));
+    }
+    for tail in [-0.1, f32::NAN, f32::INFINITY] {
+        let error = Likelihood { tail, ..likelihood }.mean(&[], &[], &[], None);
         assert!(matches!(error, Err(LossError::Parameter { .. })));
     }
 }

@@ -157,7 +157,7 @@ fn likelihood_matches_golden() {
         let samples = record.input("sigma_t").shape[1];
         let offsets: Vec<u32> = (0..=rgb.len()).map(|r| (r * samples) as u32).collect();
         // Far below every beta: the records have no floor.
-        let mean = Likelihood { beta_min: 1e-6, channels: Channels::Mean };
+        let mean = Likelihood { beta_min: 1e-6, channels: Channels::Mean, tail: 0.0 };
         let paper = Likelihood { channels: Channels::Sum, ..mean };
 
         let own = mean.mean(&rgb, &target, &beta, None).unwrap();

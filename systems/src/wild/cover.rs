@@ -3,9 +3,10 @@
 //! Opacities are samples of a Binary Concrete distribution: `a(h) = logistic((ln softplus(h) + noise) / kappa)`.
 
 use super::filter::OUTPUTS;
-use super::likelihood::{TailedLikelihood, Unlikely};
+use super::likelihood::{self, Unlikely};
 use float_core::m32;
 use losses::concrete::{BinaryConcrete, ln_odds, ln_odds_derivative};
+use losses::uncertainty::Likelihood;
 
 /// What stands before a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,7 +25,7 @@ pub(super) struct Cover {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CoverLoss {
     pub(super) concrete: BinaryConcrete,
-    pub(super) likelihood: TailedLikelihood,
+    pub(super) likelihood: Likelihood,
     /// Price of opacity.
     pub(super) lambda_alpha: f32,
 }
@@ -47,13 +48,14 @@ impl CoverLoss {
     /// What the filter's raw outputs say; `noise` is 0 outside of training.
     pub(super) fn cover(&self, [h, r, g, b, raw_beta]: [f32; OUTPUTS], noise: f32) -> Cover {
         let [alpha, ..] = opacity(self.concrete, h, noise);
-        let beta = self.likelihood.beta_min() + m32::softplus(raw_beta);
+        let beta = self.likelihood.beta_min + m32::softplus(raw_beta);
         Cover { h, noise, alpha, rgb: [r, g, b].map(m32::logistic), raw_beta, beta }
     }
 
     /// A pixel that the field renders as `rgb`.
     pub(super) fn cost(&self, cover: &Cover, rgb: [f32; 3], truth: [f32; 3]) -> Cost {
-        let Unlikely { loss, rgb_bar, beta_bar } = self.likelihood.pixel(cover.over(rgb), truth, cover.beta);
+        let Unlikely { loss, rgb_bar, beta_bar } =
+            likelihood::pixel(&self.likelihood, cover.over(rgb), truth, cover.beta);
         Cost { loss: loss + self.lambda_alpha * cover.alpha, over_bar: rgb_bar, beta_bar }
     }
 
@@ -94,7 +96,7 @@ mod tests {
     fn judge(kappa: f32) -> CoverLoss {
         CoverLoss {
             concrete: BinaryConcrete { temperature: kappa },
-            likelihood: TailedLikelihood::new(&WildConfig {
+            likelihood: likelihood::likelihood(&WildConfig {
                 beta_min: 0.03,
                 ..WildConfig::new(FieldKind::Ngp, AppearanceKind::None, OccluderKind::Filter)
             }),

@@ -43,6 +43,7 @@ mod robust_nerf;
 mod sf_nerf;
 mod slopes;
 mod static_maps;
+mod thumbnail;
 #[cfg(test)]
 mod twin;
 mod visibility;

@@ -16,12 +16,13 @@
 use super::codes::CodeTable;
 use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
-use super::likelihood::{TailedLikelihood, Unlikely};
+use super::likelihood::{self, Unlikely};
 use super::robust;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
+use losses::uncertainty::Likelihood;
 
 /// The method.
 pub(super) struct NerfW {
@@ -35,7 +36,7 @@ pub(super) struct NerfW {
 struct Strangers {
     codes: CodeTable,
     lr: f64,
-    likelihood: TailedLikelihood,
+    likelihood: Likelihood,
     lambda_u: f32,
 }
 
@@ -44,7 +45,7 @@ impl NerfW {
         let strangers = (config.occluders == OccluderKind::Transient).then(|| Strangers {
             codes: CodeTable::new("transient", data.len(), config.transient_dims, seed),
             lr: f64::from(config.transient_lr),
-            likelihood: TailedLikelihood::new(config),
+            likelihood: likelihood::likelihood(config),
             lambda_u: config.lambda_u,
         });
         Self { light, strangers, kernel: config.robust_kernel() }
@@ -85,7 +86,7 @@ impl Method for NerfW {
             return robust(self.kernel, pixel.rgb, truth, 1.0);
         };
         let Unlikely { loss, rgb_bar, beta_bar } =
-            likelihood.pixel(pixel.rgb, truth, likelihood.beta_min() + pixel.beta);
+            likelihood::pixel(likelihood, pixel.rgb, truth, likelihood.beta_min + pixel.beta);
         let bar = PixelBar { rgb: rgb_bar, beta: beta_bar, sigma_t: *lambda_u };
         (loss + lambda_u * pixel.sigma_t, bar)
     }

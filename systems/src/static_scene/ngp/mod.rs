@@ -25,6 +25,7 @@ mod grid_trainer;
 mod head;
 mod look;
 mod occupy;
+mod points;
 mod proposal;
 #[cfg(test)]
 mod proposal_tests;
@@ -289,11 +290,11 @@ impl System for Ngp {
     }
 
     fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
-        render::density(self, points, out);
+        points::density(self, points, out);
     }
 
     fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
-        render::colour(self, points, d, out);
+        points::colour(self, points, d, out);
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {

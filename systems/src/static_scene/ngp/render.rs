@@ -12,8 +12,7 @@ use super::field::{Field, shapes_hold, sized};
 use super::proposed::{Draw, Proposed};
 use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
-use crate::system::{Appearance, EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
-use glam::DVec3;
+use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
 use rayon::prelude::*;
 use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
 use render_core::occupancy::OccupancyGrid;
@@ -390,60 +389,4 @@ fn finish(space: &Space, rays: &[Ray], query: &Query, progress: &[Progress]) -> 
         }
     }
     out
-}
-
-/// Grid positions of points of the scene's frame, and which of them the space reaches.
-fn place(ngp: &Ngp, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
-    let n = points.len();
-    let (mut p, mut x) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
-    let inside = points
-        .iter()
-        .enumerate()
-        .map(|(i, &point)| {
-            let at = ngp.space.internal_point(DVec3::from(point));
-            let q = at.unwrap_or([0.0; 3]);
-            (p[i], p[n + i], p[2 * n + i]) = (q[0], q[1], q[2]);
-            at.is_some_and(|q| ngp.proposals.is_some() || ngp.occupy.grid.occupied(q, 0.0))
-        })
-        .collect();
-    ngp.space.grid_positions(ngp.field.simd, &p, &mut x);
-    (x, inside)
-}
-
-/// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty.
-pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], out: &mut [f32]) {
-    out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).for_each(|(out, points)| {
-        let (x, inside) = place(ngp, points);
-        ngp.field.densities(&x, out, &mut Default::default());
-        for ((out, point), inside) in out.iter_mut().zip(points).zip(inside) {
-            let scale = ngp.space.per_world_unit(DVec3::from(*point)) as f32;
-            *out = if inside { *out * scale } else { 0.0 };
-        }
-    });
-}
-
-/// Colour at points of the scene's frame seen along `d`.
-pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
-    let code = ngp.appearance_code(&Appearance::Mean).unwrap_or_default();
-    let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).zip(d.par_chunks(TASK));
-    tasks.for_each(|((out, points), d)| {
-        let (field, n) = (&ngp.field, points.len());
-        let (x, _) = place(ngp, points);
-        let mut features = vec![0.0; field.grid.out_rows() * n];
-        field.encode(&x, &mut features);
-        let mut input = vec![0.0; field.colour.inputs() * n];
-        let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
-        field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);
-        let views: Vec<f32> = (0..3).flat_map(|a| d.iter().map(move |d| d[a])).collect();
-        let (basis, codes) = input[field.density.outputs() * n..].split_at_mut(field.harmonics.out_rows() * n);
-        shapes_hold(field.harmonics.encode(field.simd, &views, basis));
-        for (row, value) in codes.chunks_exact_mut(n.max(1)).zip(&code) {
-            row.fill(*value);
-        }
-        let mut rgb = vec![0.0; 3 * n];
-        field.colour.infer(field.simd, &field.colour_packed, &input, n, n, &mut rgb, n, &mut scratch);
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = [rgb[i], rgb[n + i], rgb[2 * n + i]];
-        }
-    });
 }
