@@ -233,7 +233,7 @@ impl PhotoEncoder {
         });
         let dims = glance.code();
         for task in &tasks[..whole] {
-            rows[task.view * dims..][..dims].copy_from_slice(&task.code);
+            keep_finite(&task.code, &mut rows[task.view * dims..][..dims]);
         }
         Ok(())
     }
@@ -334,6 +334,14 @@ impl PhotoEncoder {
     }
 }
 
+/// Take down the code of a photo. One that is not finite, from a network that learns too fast, is none: the photo keeps what
+/// it had, and the gradient, which is not finite either, ends the training.
+fn keep_finite(code: &[f32], row: &mut [f32]) {
+    if code.iter().all(|v| v.is_finite()) {
+        row.copy_from_slice(code);
+    }
+}
+
 /// A photo at `side` pixels along its longer side, and at least `least` along the other. What a mask ignores and what is
 /// transparent is grey: it has no light.
 fn thumbnail(photo: &Image, side: usize, least: usize) -> Thumbnail {
@@ -370,6 +378,17 @@ mod tests {
             assert_eq!((small.size.width, small.size.height), want, "{size:?}");
             assert!(small.planes.len() == 3 * want.0 * want.1 && small.planes.iter().all(|&v| v == 9));
         }
+    }
+
+    #[test]
+    fn a_photo_keeps_its_code_when_the_new_one_is_no_number() {
+        let mut row = [1.0, 2.0];
+        for bad in [[f32::INFINITY, 0.0], [0.0, f32::NAN]] {
+            keep_finite(&bad, &mut row);
+            assert_eq!(row, [1.0, 2.0]);
+        }
+        keep_finite(&[3.0, -4.0], &mut row);
+        assert_eq!(row, [3.0, -4.0]);
     }
 
     #[test]

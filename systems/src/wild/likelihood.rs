@@ -70,6 +70,7 @@ impl TailedLikelihood {
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::LEAST_SCALE;
     use super::super::config::{AppearanceKind, FieldKind, OccluderKind};
     use super::*;
     use proptest::prelude::*;
@@ -96,6 +97,22 @@ mod tests {
         // So it is well below the scale of the tail, and no pixel costs more with one.
         let near = likelihood(100.0).pixel(rgb, truth, 0.2).loss;
         assert!((near - loss[0]).abs() < 1e-4 && likelihood(0.1).pixel(rgb, truth, 0.2).loss < loss[0]);
+    }
+
+    #[test]
+    fn the_least_scales_that_settings_allow_leave_derivatives_finite() {
+        let config = WildConfig::new(FieldKind::Ngp, AppearanceKind::None, OccluderKind::Transient);
+        for tail in [0.0, LEAST_SCALE, 1e3] {
+            for beta_min in [LEAST_SCALE, 1e3] {
+                let config = WildConfig { tail, beta_min, ..config.clone() };
+                config.check().unwrap();
+                for e in [0.0, 1e-30, 1e-6, 1.0, 1e4] {
+                    let got = TailedLikelihood::new(&config).pixel([e, 0.0, -e], [0.0; 3], beta_min);
+                    let numbers = [got.loss, got.beta_bar, got.rgb_bar[0], got.rgb_bar[1], got.rgb_bar[2]];
+                    assert!(numbers.iter().all(|v| v.is_finite()), "{tail} {beta_min} {e}: {got:?}");
+                }
+            }
+        }
     }
 
     proptest! {
