@@ -12,11 +12,11 @@ fn every_case_keeps_its_promise() {
     stress::run(
         "systems",
         &[
-            //X            Once("files", files::cases),
-            //X            Once("settings", settings::cases),
-            //X            Once("learning rates", trainings::learning_rates),
-            //X            Once("scenes", trainings::scenes),
-            //X            Once("long run", trainings::long_run),
+            Once("files", files::cases),
+            Once("settings", settings::cases),
+            Once("learning rates", trainings::learning_rates),
+            Once("scenes", trainings::scenes),
+            Once("long run", trainings::long_run),
             Once("wild settings", wild::settings),
             Once("wild scenes", wild::scenes),
             Once("wild rates", wild::learning_rates),
