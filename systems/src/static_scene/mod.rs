@@ -1,6 +1,7 @@
 //! Systems for scenes that stand still.
 
 mod cones;
+mod left_out;
 pub mod mip_nerf;
 pub mod mip_nerf_360;
 pub mod nerf;

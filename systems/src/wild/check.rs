@@ -3,6 +3,10 @@
 use super::config::{FieldKind, WildConfig};
 use crate::system::SystemError;
 
+/// Least of what errors are measured by, colour units: thousands of times below the steps of 8-bit colours. With much smaller
+/// ones derivatives overflow.
+pub(super) const LEAST_SCALE: f32 = 1e-6;
+
 impl WildConfig {
     /// Check what the parts do not check themselves.
     ///
@@ -22,23 +26,36 @@ impl WildConfig {
             }
         }
         let positive = [
-            ("beta_min", self.beta_min),
-            ("kernel_scale", self.kernel_scale),
-            ("code_lr", self.code_lr),
-            ("transient_lr", self.transient_lr),
             ("trim_scale", self.trim_scale),
             ("judge_scale", self.judge_scale),
+            ("filter_temperature", self.filter_temperature),
+        ];
+        for (field, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return refuse(field, value.to_string(), "must be positive and finite");
+            }
+        }
+        for (field, value) in [("beta_min", self.beta_min), ("kernel_scale", self.kernel_scale)] {
+            if !(LEAST_SCALE..=1e3).contains(&value) {
+                return refuse(field, value.to_string(), "must be in 0.000001..=1000");
+            }
+        }
+        if self.tail > 0.0 && self.tail < LEAST_SCALE {
+            return refuse("tail", self.tail.to_string(), "must be 0, or in 0.000001..=1000");
+        }
+        let rates = [
+            ("code_lr", self.code_lr),
+            ("transient_lr", self.transient_lr),
             ("encoder_lr", self.encoder_lr),
             ("visibility_lr", self.visibility_lr),
             ("visibility_code_lr", self.visibility_code_lr),
             ("mask_size", self.mask_size),
             ("mask_size_start", self.mask_size_start),
-            ("filter_temperature", self.filter_temperature),
             ("filter_lr", self.filter_lr),
         ];
-        for (field, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return refuse(field, value.to_string(), "must be positive and finite");
+        for (field, value) in rates {
+            if !(value > 0.0 && value <= 1e3) {
+                return refuse(field, value.to_string(), "must be above 0 and at most 1000");
             }
         }
         let prices = [
@@ -129,7 +146,7 @@ mod tests {
             good(field).check().unwrap();
         }
         type Spoil = fn(&mut WildConfig);
-        let spoils: [(&str, Spoil); 9] = [
+        let spoils: [(&str, Spoil); 13] = [
             ("`quantile`", |c| c.trim_quantile = 7.0),
             ("`vote`", |c| c.trim_vote = -1.0),
             ("`diffuse`", |c| c.trim_diffuse = f32::NAN),
@@ -139,6 +156,10 @@ mod tests {
             ("file_share", |c| c.file_share = 1.5),
             ("kernel_scale", |c| c.kernel_scale = -1.0),
             ("judge_first", |c| c.judge_first = 0),
+            ("beta_min", |c| c.beta_min = 9e-7),
+            ("tail", |c| c.tail = 1e-20),
+            ("filter_lr", |c| c.filter_lr = 1e10),
+            ("mask_size_start", |c| c.mask_size_start = f32::MAX),
         ];
         for (name, spoil) in spoils {
             let mut config = good(FieldKind::Ngp);

@@ -204,7 +204,7 @@ impl PhotoEncoder {
         });
         let dims = glance.code();
         for task in &tasks[..whole] {
-            rows[task.view * dims..][..dims].copy_from_slice(&task.code);
+            keep_finite(&task.code, &mut rows[task.view * dims..][..dims]);
         }
         Ok(())
     }
@@ -302,5 +302,29 @@ impl PhotoEncoder {
         self.adam = take_adam(state, "encoder", &self.adam)?;
         (self.params, self.rows) = (params, rows);
         Ok(())
+    }
+}
+
+/// Take down the code of a photo. One that is not finite, from a network that learns too fast, is none: the photo keeps what
+/// it had, and the gradient, which is not finite either, ends the training.
+fn keep_finite(code: &[f32], row: &mut [f32]) {
+    if code.iter().all(|v| v.is_finite()) {
+        row.copy_from_slice(code);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_photo_keeps_its_code_when_the_new_one_is_no_number() {
+        let mut row = [1.0, 2.0];
+        for bad in [[f32::INFINITY, 0.0], [0.0, f32::NAN]] {
+            keep_finite(&bad, &mut row);
+            assert_eq!(row, [1.0, 2.0]);
+        }
+        keep_finite(&[3.0, -4.0], &mut row);
+        assert_eq!(row, [3.0, -4.0]);
     }
 }

@@ -31,6 +31,7 @@ pub(super) fn pixel(likelihood: &Likelihood, rgb: [f32; 3], truth: [f32; 3], bet
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::LEAST_SCALE;
     use super::super::config::{AppearanceKind, FieldKind, OccluderKind};
     use super::*;
 
@@ -43,5 +44,21 @@ mod tests {
         let root = (1.0 + e2 / 0.01).sqrt();
         assert!((f64::from(got.loss) - (0.01 * (root - 1.0) / 0.04 + 0.2_f64.ln())).abs() < 1e-6, "{got:?}");
         assert!((f64::from(got.rgb_bar[1]) - 0.5 / 3.0 / 0.04 / root).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_least_scales_that_settings_allow_leave_derivatives_finite() {
+        let config = WildConfig::new(FieldKind::Ngp, AppearanceKind::None, OccluderKind::Transient);
+        for tail in [0.0, LEAST_SCALE, 1e3] {
+            for beta_min in [LEAST_SCALE, 1e3] {
+                let config = WildConfig { tail, beta_min, ..config.clone() };
+                config.check().unwrap();
+                for e in [0.0, 1e-30, 1e-6, 1.0, 1e4] {
+                    let got = pixel(&likelihood(&config), [e, 0.0, -e], [0.0; 3], beta_min);
+                    let numbers = [got.loss, got.beta_bar, got.rgb_bar[0], got.rgb_bar[1], got.rgb_bar[2]];
+                    assert!(numbers.iter().all(|v| v.is_finite()), "{tail} {beta_min} {e}: {got:?}");
+                }
+            }
+        }
     }
 }

@@ -3,6 +3,7 @@
 mod files;
 mod settings;
 mod trainings;
+mod wild;
 
 use stress::Group::Once;
 
@@ -16,6 +17,9 @@ fn every_case_keeps_its_promise() {
             Once("learning rates", trainings::learning_rates),
             Once("scenes", trainings::scenes),
             Once("long run", trainings::long_run),
+            Once("wild settings", wild::settings),
+            Once("wild scenes", wild::scenes),
+            Once("wild rates", wild::learning_rates),
         ],
     );
 }

@@ -45,6 +45,7 @@ use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
+use crate::static_scene::left_out::LeftOut;
 use crate::static_scene::survey::Surveys;
 use crate::system::{
     Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
@@ -154,6 +155,8 @@ struct Skipped {
     dense: AtomicU64,
     /// Intervals that proposals weighed.
     proposed: AtomicU64,
+    /// Training pixels that were not rendered.
+    left_out: LeftOut,
     /// What renders skipped.
     renders: Mutex<Ledger>,
 }
@@ -360,6 +363,8 @@ impl System for Ngp {
                 format!("transmittance < {}", self.config.train_stop),
             ),
         ];
+        rows.extend(self.skipped.left_out.ignored_row());
+        rows.extend(self.skipped.left_out.strangers_row());
         rows.extend(render::skip_rows(&self.skipped.renders));
         rows
     }

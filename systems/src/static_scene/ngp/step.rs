@@ -7,6 +7,7 @@ use super::proposal::Proposals;
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
 use crate::method::{Drawing, Outcome};
+use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
 use crate::watch::mean_transient;
@@ -105,9 +106,11 @@ impl Ngp {
                 data.draw_patches(self.seed, step, count, patches, batch)?;
             }
         }
+        let ignored = unweighted(batch);
         if let Some(method) = &mut self.method {
             method.begin(data, batch, step)?;
         }
+        self.skipped.left_out.count(batch, ignored);
         data.spread(self.seed, step, self.config.rays_per_side, batch, rays);
         self.draw_randoms(step);
         Ok(())

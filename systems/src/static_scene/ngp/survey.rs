@@ -55,6 +55,7 @@ impl Surveys for Ngp {
         let mut fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
         fresh.carve(data)?;
         (fresh.seed, fresh.seconds, fresh.guard) = (self.seed, self.seconds, self.guard);
+        fresh.skipped = std::mem::take(&mut self.skipped);
         *self = fresh;
         Ok(())
     }

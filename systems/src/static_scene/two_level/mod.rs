@@ -29,6 +29,7 @@ use crate::data::Dataset;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::Space;
+use crate::static_scene::left_out::LeftOut;
 use crate::static_scene::survey::Surveys;
 use crate::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
@@ -66,6 +67,8 @@ pub struct TwoLevel<R: Recipe> {
     seconds: [f64; 3],
     missed: u64,
     cast: u64,
+    /// Training pixels that were not rendered.
+    left_out: LeftOut,
 }
 
 /// The tape operations of both levels and of the head.
@@ -121,6 +124,7 @@ impl<R: Recipe> TwoLevel<R> {
             seconds: [0.0; 3],
             missed: 0,
             cast: 0,
+            left_out: LeftOut::default(),
             config,
             seed,
             background,
@@ -256,7 +260,10 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![cones::missed_row(self.missed, self.cast)]
+        // A ray that a method leaves out is one of those not looked at, too: it is counted once.
+        let mut rows = vec![cones::missed_row(self.missed - self.left_out.strangers(), self.cast)];
+        rows.extend(self.left_out.strangers_row());
+        rows
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

@@ -10,6 +10,7 @@ use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
 use crate::space::InternalRay;
 use crate::static_scene::cones::{TILE, Which, crossing};
+use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
 use crate::watch::mean_transient;
@@ -198,9 +199,11 @@ impl<R: Recipe> TwoLevel<R> {
                 data.draw_patches(seed, step, count, patches, batch)?;
             }
         }
+        let ignored = unweighted(batch);
         if let Some(method) = &mut self.method {
             method.begin(data, batch, step)?;
         }
+        self.left_out.count(batch, ignored);
         let rng = Rng::new(seed, BACKGROUND).substream(step);
         let background = self.background;
         self.inputs.put_on(|i| background.of_ray(&rng, i));

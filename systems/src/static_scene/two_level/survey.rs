@@ -45,6 +45,7 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
         let fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
         let old = std::mem::replace(self, fresh);
         (self.seed, self.seconds, self.missed, self.cast) = (old.seed, old.seconds, old.missed, old.cast);
+        self.left_out = old.left_out;
         self.trained.count_on(&old.trained);
         Ok(())
     }

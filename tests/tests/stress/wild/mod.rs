@@ -1,0 +1,102 @@
+//! Methods for photos from the wild at the edge of their settings, of what photos can be, and of learning rates.
+
+mod learning_rates;
+mod scenes;
+mod settings;
+
+pub(crate) use learning_rates::cases as learning_rates;
+pub(crate) use scenes::cases as scenes;
+pub(crate) use settings::cases as settings;
+
+use crate::common::{QUERY, TINY_NERF, TINY_NGP};
+use scene_io::Scene;
+use stress::{Verdict, ensure, finite};
+use systems::data::Dataset;
+use systems::options::{Background, RunOptions, parse_set};
+use systems::render::render;
+use systems::system::{Appearance, Query, System, SystemError, TensorData};
+
+/// The systems that do something about photos.
+const METHODS: [&str; 9] =
+    ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
+
+/// Settings with which methods are small, and have judged their photos twice after five steps.
+const SMALL: [&str; 15] = [
+    "judge_first=2",
+    "warmup_steps=2",
+    "view_every=1",
+    "appearance_dims=3",
+    "transient_dims=4",
+    "encoder_channels=[4,4]",
+    "encoder_side=16",
+    "encoder_photos=2",
+    "lattice=16",
+    "filter_width=8",
+    "filter_octaves=3",
+    "visibility_width=8",
+    "visibility_depth=1",
+    "visibility_dims=4",
+    "superpixels=9",
+];
+
+const STEPS: u64 = 5;
+
+/// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
+fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
+    let field: &[&str] = if set.contains(&"field=mlp") { &TINY_NERF } else { &TINY_NGP };
+    let set = SMALL.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    Ok(systems::wild::build(name, scene, data, &options)?.0)
+}
+
+/// It learns for a few steps: every loss and every gradient is finite, and so is all that it says afterwards.
+fn trains(system: &mut dyn System, data: &Dataset, steps: u64) -> Verdict {
+    for step in 0..steps {
+        let stats = system.step(data, step).map_err(|e| format!("step {step}: {e}"))?;
+        ensure(stats.loss.is_finite() && stats.mse.is_finite() && stats.nonfinite == 0, || {
+            format!("step {step}: loss {}, {} gradients are not finite", stats.loss, stats.nonfinite)
+        })?;
+    }
+    is_sound(system, data)
+}
+
+/// What a checkpoint holds, what it renders in the light of each photo, and what it thinks of them are numbers.
+fn is_sound(system: &dyn System, data: &Dataset) -> Verdict {
+    state_is_sound(system)?;
+    let looks = |view: usize, appearance| {
+        let layers = render(system, &data.view(view).camera, &Query { appearance, ..QUERY }).layers;
+        finite("rgb", layers.rgb.as_flattened()).and(finite("opacity", &layers.opacity))
+    };
+    for view in 0..data.len() {
+        looks(view, if view == 0 { Appearance::Mean } else { Appearance::View(view) })?;
+        if let Some(mask) = system.visibility(data, view).map_err(|e| e.to_string())? {
+            ensure(mask.iter().all(|&v| v == 0.0 || v == 1.0), || format!("a mask of view {view} is neither 0 nor 1"))?;
+        }
+        let photo = data.image(view).map_err(|e| e.to_string())?;
+        if let Some(code) = system.encode_appearance(&photo) {
+            finite("code", &code)?;
+        }
+    }
+    Ok(())
+}
+
+fn state_is_sound(system: &dyn System) -> Verdict {
+    for tensor in system.state() {
+        match &tensor.data {
+            // Infinite: nothing was judged yet, so nothing is a stranger.
+            TensorData::F32(data) if tensor.name == "robust.threshold" => {
+                ensure(data.iter().all(|t| *t >= 0.0), || format!("the threshold is {data:?}"))?;
+            }
+            TensorData::F32(data) => finite(&tensor.name, data)?,
+            TensorData::U64(_) => {}
+        }
+    }
+    Ok(())
+}
+
+/// One line with all of these words.
+fn says(e: &SystemError, words: &[&str]) -> Verdict {
+    let said = e.to_string();
+    let missing = words.iter().find(|w| !said.to_lowercase().contains(&w.to_lowercase()));
+    ensure(missing.is_none() && !said.contains('\n'), || format!("does not say {missing:?}: {said}"))
+}
