@@ -194,18 +194,27 @@ fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
     Ok(!data.is_empty() && data.image(0)?.channels == 4)
 }
 
-/// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
-pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
-    let mut all = table(planned);
-    for (key, value) in run.set.iter().filter(|(key, _)| *key != NO_PARALLAX) {
-        let Some(slot) = all.get_mut(key) else {
-            let names: Vec<String> = table(planned).keys().cloned().collect();
-            return Err(SystemError::Config {
+/// Refuse names of `--set` that are none of `known`.
+pub(crate) fn refuse_unknown(run: &RunOptions, known: &toml::Table) -> Result<(), SystemError> {
+    match run.set.keys().find(|key| *key != NO_PARALLAX && !known.contains_key(*key)) {
+        None => Ok(()),
+        Some(key) => {
+            let names: Vec<&str> = known.keys().map(String::as_str).collect();
+            Err(SystemError::Config {
                 field: "set",
                 value: key.clone(),
                 problem: format!("there is no such setting; there are {}", names.join(", ")),
-            });
-        };
+            })
+        }
+    }
+}
+
+/// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
+pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
+    let mut all = table(planned);
+    refuse_unknown(run, &all)?;
+    for (key, value) in &run.set {
+        let Some(slot) = all.get_mut(key) else { continue };
         // `1` for a float is meant well.
         *slot = match (&*slot, value) {
             (toml::Value::Float(_), toml::Value::Integer(i)) => toml::Value::Float(*i as f64),

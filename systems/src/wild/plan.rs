@@ -13,10 +13,11 @@ use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, settings, table};
+use crate::plan::{Ground, NO_PARALLAX, refuse_unknown, settings, table};
 use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
+use serde::Serialize;
 
 /// Systems by name.
 pub const SYSTEMS: [&str; 11] = [
@@ -114,11 +115,13 @@ pub fn build(
                 let line = format!("rays: one a pixel (patches of {side}x{side} pixels instead of more rays)");
                 ground.lines.push(line);
             }
+            names_of(run, &wild, &planned)?;
             let config = settings(&planned, &fields)?;
             (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
         }
         FieldKind::Mlp => {
             let planned = NerfConfig { sparsity, ..ground.nerf_settings() };
+            names_of(run, &wild, &planned)?;
             let config = settings(&planned, &fields)?;
             (Box::new(ground.nerf(data, &config, run.seed, method)?), table(&config))
         }
@@ -135,6 +138,13 @@ const SPARSITY: f32 = 1e-10;
 
 /// Photos below this longest side are judged by patches of half the size.
 const SMALL_PHOTO: u32 = 320;
+
+/// Refuse what is a setting neither of the method nor of the field.
+fn names_of<C: Serialize>(run: &RunOptions, wild: &WildConfig, field: &C) -> Result<(), SystemError> {
+    let mut known = table(wild);
+    known.extend(table(field));
+    refuse_unknown(run, &known)
+}
 
 /// `--set` for the method and for the field.
 fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {

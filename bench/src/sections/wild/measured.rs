@@ -18,6 +18,9 @@ use systems::run::{Load, Run, disk_parts};
 use systems::source::{PERTURBED, SYNTHETIC};
 use systems::train::{Schedule, Stop};
 
+/// Pixels whose masks are compared with the truth, roughly: photos are left out evenly where there are more.
+const MASK_PIXELS: f64 = 3e6;
+
 /// What came out.
 pub(super) struct Measured {
     pub(super) views: String,
@@ -104,7 +107,8 @@ pub(super) fn measure(
     let finds_strangers = run.system.visibility(&run.train, 0).map_err(RunError::from)?.is_some();
     let masks = match finds_strangers {
         true => {
-            let options = MaskOptions { every: 1, empty: EmptyClass::default() };
+            let every = (run.train.pixel_count() as f64 / MASK_PIXELS).ceil().max(1.0) as usize;
+            let options = MaskOptions { every, empty: EmptyClass::default() };
             let table = run.write_masks(&folder.path().join("masks"), options, &mut watch)?;
             if table.with_truth > 0 { [table.per_image.miou, table.per_image.f1] } else { [None; 2] }
         }

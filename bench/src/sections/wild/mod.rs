@@ -24,7 +24,8 @@ const QUICK_SYSTEMS: usize = 2;
 const INTRO: &str = "Whole views: held-out views in a light that is known (that of a photo left as it was, or the only one \
                      there is). Right halves: the light fitted on the left half of each held-out view, the right half scored, \
                      also where a system has no light to fit. Share: of the gap between `plain` on these photos and `plain` on \
-                     clean photos of the same place. Masks: all training photos against the truth, means over photos. The \
+                     clean photos of the same place. Masks: training photos against the truth, means over photos; of many large \
+                     photos some. The \
                      time is that of the training alone, with whatever else the machine does: compare it within a table.";
 
 /// Lego, disturbed.
