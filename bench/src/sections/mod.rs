@@ -44,8 +44,10 @@ pub(crate) enum Name {
     Growth,
     /// PSNR over time
     Training,
-    /// Disturbed photos of lego: what systems for the wild win back
-    WildLego,
+    /// Disturbed photos of lego, small: what systems for the wild win back
+    WildLego100,
+    /// The same, larger
+    WildLego400,
     /// Things in the way: the same, and masks against the truth
     WildYard,
     /// Light and strangers at once
@@ -68,7 +70,8 @@ impl Name {
             Self::Budgets => "budgets",
             Self::Growth => "growth",
             Self::Training => "training",
-            Self::WildLego => "wild-lego",
+            Self::WildLego100 => "wild-lego100",
+            Self::WildLego400 => "wild-lego400",
             Self::WildYard => "wild-yard",
             Self::WildPlaza => "wild-plaza",
             Self::WildReal => "wild-real",
@@ -87,7 +90,8 @@ impl Name {
             Self::Budgets => budgets::run(bench),
             Self::Growth => growth::run(bench),
             Self::Training => training::run(bench),
-            Self::WildLego => wild::lego(bench),
+            Self::WildLego100 => wild::lego100(bench),
+            Self::WildLego400 => wild::lego400(bench),
             Self::WildYard => wild::yard(bench),
             Self::WildPlaza => wild::plaza(bench),
             Self::WildReal => wild::real(bench),

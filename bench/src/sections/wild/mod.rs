@@ -11,7 +11,7 @@ use crate::goals::Goal;
 use crate::page::{Item, Section};
 use crate::table::Table;
 use measured::{Measured, measure, request};
-use protocols::{Aim, Entry, Group, Kind, LEGO, PLAZA, REAL, YARD};
+use protocols::{Aim, Entry, Group, Kind, LEGO100, LEGO400, PLAZA, REAL, YARD};
 use systems::eval::Scored;
 
 pub(super) use cost::run as cost;
@@ -29,8 +29,13 @@ const INTRO: &str = "Whole views: held-out views in a light that is known (that 
                      time is that of the training alone, with whatever else the machine does: compare it within a table.";
 
 /// Lego, disturbed.
-pub(super) fn lego(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: disturbed lego", LEGO)
+pub(super) fn lego100(bench: &Bench) -> Result<Section, BenchError> {
+    section(bench, "In the wild: disturbed lego, 100 pixels", LEGO100)
+}
+
+/// The same photos, larger.
+pub(super) fn lego400(bench: &Bench) -> Result<Section, BenchError> {
+    section(bench, "In the wild: disturbed lego, 400 pixels", LEGO400)
 }
 
 /// Things in the way.
@@ -231,7 +236,7 @@ mod tests {
 
     #[test]
     fn settings_of_all_entries_are_toml_and_every_group_begins_with_plain() {
-        for group in [LEGO, YARD, PLAZA, REAL].into_iter().flatten() {
+        for group in [LEGO100, LEGO400, YARD, PLAZA, REAL].into_iter().flatten() {
             for photos in group.photos {
                 assert_eq!(photos.entries[0].system, "plain", "{} {}", group.name, photos.name);
                 for entry in photos.entries {

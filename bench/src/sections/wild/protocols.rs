@@ -154,27 +154,19 @@ const PERTURBED: [Photos; 4] = [
 
 const EVERYTHING: &[Entry] = &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_A, NERF_W, HA_NERF, SF_NERF];
 
+const LEGO: Group = Group {
+    name: "lego100",
+    path: "nerf_synthetic/lego",
+    longest_side: Some(100),
+    holdout: Held::EightOfTest,
+    mask_white: None,
+    steps: 1000,
+    photos: &PERTURBED,
+};
+
 /// Lego with squares over it, other colours, both.
-pub(super) const LEGO: &[Group] = &[
-    Group {
-        name: "lego100",
-        path: "nerf_synthetic/lego",
-        longest_side: Some(100),
-        holdout: Held::EightOfTest,
-        mask_white: None,
-        steps: 1000,
-        photos: &PERTURBED,
-    },
-    Group {
-        name: "lego400",
-        path: "nerf_synthetic/lego",
-        longest_side: Some(400),
-        holdout: Held::EightOfTest,
-        mask_white: None,
-        steps: 1000,
-        photos: &PERTURBED,
-    },
-];
+pub(super) const LEGO100: &[Group] = &[LEGO];
+pub(super) const LEGO400: &[Group] = &[Group { name: "lego400", longest_side: Some(400), ..LEGO }];
 
 /// Things that stand in the way, each in one photo.
 pub(super) const YARD: &[Group] = &[Group {
@@ -268,7 +260,7 @@ pub(super) const REAL: &[Group] = &[
 
 /// What `--protocol` may name.
 pub(in crate::sections) fn names() -> impl Iterator<Item = &'static str> {
-    [LEGO, YARD, PLAZA, REAL].into_iter().flatten().map(|group| group.name)
+    [LEGO100, LEGO400, YARD, PLAZA, REAL].into_iter().flatten().map(|group| group.name)
 }
 
 /// Systems whose cost is measured.
