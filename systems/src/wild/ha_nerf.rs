@@ -9,7 +9,9 @@
 //! L = (1 - m) |C - Y|^2 + 2 lambda m^2        at best  m = min(1, |C - Y|^2 / (4 lambda))
 //! ```
 //!
-//! `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out.
+//! `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out. On the fast
+//! field what is not left out costs the scene a robust error (`kernel`), as the network needs its time to find strangers;
+//! what the network learns from stays the square.
 //!
 //! Now and then a lattice of a photo's pixels is rendered in the light of another photo, in which the encoder should find that
 //! light again (`consistency.rs`; on the fast field alone).
@@ -30,7 +32,7 @@ use losses::kernel::Kernel;
 pub(super) struct HaNerf {
     light: Option<Light>,
     visibility: Option<Visibility>,
-    /// What an error costs; its square where the mask weighs it.
+    /// What an error costs the scene.
     kernel: Kernel,
 }
 
@@ -43,7 +45,7 @@ impl HaNerf {
     ) -> Result<Self, SystemError> {
         let visible = config.occluders == OccluderKind::Visibility;
         let visibility = visible.then(|| Visibility::new(config, data, seed)).transpose()?;
-        let kernel = if visible { Kernel::Squared } else { config.robust_kernel() };
+        let kernel = config.robust_kernel();
         Ok(Self { light, visibility, kernel })
     }
 }
