@@ -6,8 +6,8 @@ use crate::error::BenchError;
 use crate::sections::scene::{Watch, dataset};
 use crate::sections::{Bench, Extent, say};
 use losses::metrics::EmptyClass;
-use scene_io::Scene;
 use scene_io::synthetic::{PlazaOptions, plaza};
+use scene_io::{Scene, Split};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use systems::RunError;
@@ -104,8 +104,9 @@ pub(super) fn measure(
         run.measure_in(Some(light));
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
-    let finds_strangers = run.system.visibility(&run.train, 0).map_err(RunError::from)?.is_some();
-    let masks = match finds_strangers {
+    let has_truth = run.scene.frames.iter().any(|f| f.split == Split::Train && f.transient.is_some());
+    let finds_strangers = || Ok::<_, RunError>(run.system.visibility(&run.train, 0)?.is_some());
+    let masks = match has_truth && finds_strangers()? {
         true => {
             let every = (run.train.pixel_count() as f64 / MASK_PIXELS).ceil().max(1.0) as usize;
             let options = MaskOptions { every, empty: EmptyClass::default() };
