@@ -12,10 +12,11 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use systems::RunError;
 use systems::eval::masks::MaskOptions;
-use systems::eval::{Evaluation, Scored};
+use systems::eval::{EvalAppearance, Evaluation, Scored};
 use systems::options::{DataOptions, Request};
 use systems::run::{Load, Run, disk_parts};
 use systems::source::{PERTURBED, SYNTHETIC};
+use systems::system::Appearance;
 use systems::train::{Schedule, Stop};
 
 /// Pixels whose masks are compared with the truth, roughly: photos are left out evenly where there are more.
@@ -92,15 +93,21 @@ pub(super) fn measure(
         Ok(scene)
     };
     let load: &Load<'_> = &load;
-    let lights = lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<Vec<_>, _>>()?;
-    let request = Request { eval_appearance: lights.first().cloned(), ..request.clone() };
+    let lights: Vec<EvalAppearance> =
+        lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<_, _>>()?;
     let mut watch = Watch::new(name);
     let parts = disk_parts(load, &systems::wild::build, "auto");
-    let mut run = Run::create(&folder.path().join("run"), &request, parts, &mut watch)?;
+    let mut run = Run::create(&folder.path().join("run"), request, parts, &mut watch)?;
+    // A system that knows one light has no photo's: its whole views are in the only one.
+    let has_codes = run.system.appearance_code(&Appearance::Mean).is_some();
+    let known =
+        |light| if has_codes || !matches!(light, EvalAppearance::Image(_)) { light } else { EvalAppearance::Mean };
+    let mut lights = lights.into_iter().map(known);
+    run.measure_in(lights.next());
     let views = format!("{} / {}", run.train.len(), run.held_out.len());
     let (ended, first) = run.train(&Schedule::new(Stop::Steps(steps)), None, &mut watch, &AtomicBool::new(false))?;
     let mut scores: Vec<Score> = first.into_iter().map(Score::from).collect();
-    for light in lights.into_iter().skip(1) {
+    for light in lights {
         run.measure_in(Some(light));
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
