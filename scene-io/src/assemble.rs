@@ -2,12 +2,13 @@
 //!
 //! Every dialect ends here, so that all treat missing, duplicate and wrongly sized images alike.
 
+use crate::depth::DepthSource;
 use crate::files::with_image_extension;
 use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
-use crate::priors::{Priors, TrackPoint, TransientTruth};
+use crate::priors::{Priors, TrackPoint, TruthMask};
 use crate::{Bounds, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
@@ -89,9 +90,11 @@ pub(crate) struct RawFrame {
     pub(crate) split: Split,
     pub(crate) time: Option<f64>,
     pub(crate) mask: Option<PathBuf>,
-    pub(crate) depth: Option<PathBuf>,
+    pub(crate) depth: Option<DepthSource>,
     /// Truth mask, white = occluder: for scoring.
     pub(crate) transient: Option<PathBuf>,
+    /// Truth mask, white = moves at some time: for scoring.
+    pub(crate) moving: Option<PathBuf>,
     /// At the size of [`RawFrame::size`].
     pub(crate) tracks: Vec<TrackPoint>,
     pub(crate) z_bounds: Option<[f64; 2]>,
@@ -220,7 +223,8 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         mask,
         mask_polarity: options.mask_polarity,
         depth: raw.depth.clone(),
-        transient: raw.transient.clone().map(TransientTruth::File),
+        transient: raw.transient.clone().map(TruthMask::File),
+        moving: raw.moving.clone().map(TruthMask::File),
         tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
         perturbation: None,
         camera,

@@ -10,6 +10,7 @@ mod assemble;
 mod blender;
 mod check;
 pub mod colmap;
+mod depth;
 mod detect;
 mod error;
 pub mod export;
@@ -37,12 +38,13 @@ pub mod synthetic;
 mod transforms;
 
 pub use check::{Depth, Report, check};
+pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::load;
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions};
 pub use priors::{
-    BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TransientTruth, refuse_blank_masks,
+    BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask, refuse_blank_masks,
 };
 pub use scene::{Bounds, Dialect, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split};

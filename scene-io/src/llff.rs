@@ -85,6 +85,7 @@ fn frame(file: &Path, i: usize, name: &str, image: &Path, row: &[f64]) -> Result
         mask: None,
         depth: None,
         transient: None,
+        moving: None,
         tracks: Vec::new(),
         // Bounds that say nothing (some writers fill in 0) are left out.
         z_bounds: (near > 0.0 && far > near).then_some([near, far]),

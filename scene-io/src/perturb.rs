@@ -16,7 +16,7 @@
 //! pixels), are pasted over the picture, opaque also where it is transparent. The first training view and all other splits
 //! stay as they are. All this happens at the picture's native size, when it is decoded.
 
-use crate::priors::{BitMask, TransientTruth};
+use crate::priors::{BitMask, TruthMask};
 use crate::random::random;
 use crate::{Image, Scene, Split};
 use std::sync::Arc;
@@ -184,7 +184,7 @@ pub fn perturb(mut scene: Scene, what: Disturbance, seed: u64) -> Scene {
         if what != Disturbance::Colour {
             let bars = perturbation.as_ref().and_then(|p| p.bars);
             let mask = bars.map_or_else(|| BitMask::new(width, height), |bars| bars.mask());
-            frame.transient = Some(TransientTruth::Memory(Arc::new(mask)));
+            frame.transient = Some(TruthMask::Memory(Arc::new(mask)));
         }
         frame.perturbation = perturbation.map(Arc::new);
     }

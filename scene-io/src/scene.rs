@@ -1,8 +1,9 @@
 //! A dataset as every system sees it: frames, cameras, points. Dialects end here.
 
+use crate::depth::DepthSource;
 use crate::perturb::Perturbation;
 use crate::picture::Image;
-use crate::priors::{Priors, TrackPoint, TransientTruth};
+use crate::priors::{Priors, TrackPoint, TruthMask};
 use glam::DVec3;
 use render_core::camera::Camera;
 use std::fmt;
@@ -151,12 +152,14 @@ pub struct Frame {
     pub mask: Option<PathBuf>,
     /// What white means in [`Frame::mask`].
     pub mask_polarity: MaskPolarity,
-    /// Depth map, kept as a path.
-    pub depth: Option<PathBuf>,
+    /// Depth: measured (stereo, lidar) in training frames, truth to score against in test frames.
+    pub depth: Option<DepthSource>,
     /// What other programs made of the photo.
     pub priors: Priors,
     /// Truth about what does not belong to the place: for scoring only, never for training.
-    pub transient: Option<TransientTruth>,
+    pub transient: Option<TruthMask>,
+    /// Truth about what moves at some time: for scoring only, never for training.
+    pub moving: Option<TruthMask>,
     /// Features that belong to reconstructed points (COLMAP), in the order of the model.
     pub tracks: Vec<TrackPoint>,
     /// What is done to the picture when it is decoded; see [`crate::perturb`].
@@ -185,6 +188,7 @@ impl Frame {
             depth: None,
             priors: Priors::default(),
             transient: None,
+            moving: None,
             tracks: Vec::new(),
             perturbation: None,
             camera,

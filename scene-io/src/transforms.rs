@@ -1,6 +1,7 @@
 //! What the `transforms*.json` family has in common: intrinsics, lens and pose of a frame.
 
 use crate::assemble::{Intrinsics, RawFrame};
+use crate::depth::DepthSource;
 use crate::json::Object;
 use crate::pose::{Axes, pose_from};
 use crate::{Problem, Split, files};
@@ -43,8 +44,10 @@ pub(crate) fn raw_frame(root: &Path, top: &Object<'_>, frame: &Object<'_>, split
         depth: match optional_path("depth_file_path").map_err(in_frame)? {
             None => optional_path("depth_path").map_err(in_frame)?,
             depth => depth,
-        },
+        }
+        .map(DepthSource::file),
         transient: optional_path("transient_mask_path").map_err(in_frame)?,
+        moving: optional_path("moving_path").map_err(in_frame)?,
         tracks: Vec::new(),
         z_bounds: None,
         sharpness: frame.number("sharpness").map_err(in_frame)?,

@@ -4,8 +4,8 @@ mod common;
 
 use common::{Dataset, colmap_binary, gradient, ngp_frame, ngp_json, poses_bounds};
 use scene_io::{
-    Depth, ErrorKind, Holdout, ImageStore, LoadOptions, MaskPolarity, MissingImages, SceneError, Severity, Split,
-    StoreOptions, check, load,
+    Depth, DepthPlace, ErrorKind, Holdout, ImageStore, LoadOptions, MaskPolarity, MissingImages, SceneError, Severity,
+    Split, StoreOptions, check, load,
 };
 
 fn refused(dataset: &Dataset, options: &LoadOptions) -> SceneError {
@@ -506,7 +506,8 @@ fn nerfstudio_fields_are_read() {
     assert_eq!((frame.camera.fx, frame.camera.fy), (99.0, 11.0));
     assert_eq!(frame.camera.lens, render_core::camera::Lens::Fisheye { k: [0.1, 0.0, 0.0, -0.01] });
     assert_eq!(frame.mask.as_deref(), Some(dataset.path().join("other/m.png").as_path()));
-    assert_eq!(frame.depth.as_deref(), Some(dataset.path().join("d/1.png").as_path()));
+    let depth = frame.depth.as_ref().map(|depth| &depth.place);
+    assert!(matches!(depth, Some(DepthPlace::File(path)) if *path == dataset.path().join("d/1.png")), "{depth:?}");
     assert_eq!(scene.points.len(), 1);
     dataset.edit("transforms.json", "[\"images/001.png\"", "[\"images/009.png\"");
     says(&refused(&dataset, &LoadOptions::default()), &["`train_filenames` = images/009.png", "names no frame"]);

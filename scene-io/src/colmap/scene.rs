@@ -163,6 +163,7 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
             mask: None,
             depth: None,
             transient: None,
+            moving: None,
             tracks: tracks.seen_in(image),
             z_bounds: z_bounds(&model, image.pose, &image.point_ids),
             sharpness: None,

@@ -12,14 +12,14 @@
 //! | `STEM.features.npy` | dense features, `C x H' x W'`, `f32` or `f16` | none |
 //!
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
-//! [`TransientTruth`]): they are for scoring and never reach training.
+//! [`TruthMask`]): they are for scoring and never reach training.
 //!
 //! Paths only are kept in a [`Frame`]; `Frame::read_*` decodes at the file's own size and checks it.
 
 mod bits;
 mod features;
 mod segments;
-mod transient;
+mod truth;
 
 use crate::Frame;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 pub use bits::BitMask;
 pub use features::Features;
 pub use segments::{LabelMap, PromptedSegment, Segments};
-pub use transient::{TransientTruth, refuse_blank_masks};
+pub use truth::{TruthMask, refuse_blank_masks};
 
 /// Files that other programs made of a photo. See the table above for their names and forms.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use image::RgbImage;
 use render_core::camera::Camera;
 use render_core::pose::Pose;
 use render_core::ray::Ray;
-use scene_io::{BitMask, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, TransientTruth};
+use scene_io::{BitMask, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, TruthMask};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
@@ -192,7 +192,7 @@ fn scene(width: u32) -> Scene {
                 }
             }
             let truth = BitMask::from_fn(width, HEIGHT, |x, y| (3..9).contains(&y) && (2..6).contains(&x));
-            frame.transient = Some(TransientTruth::Memory(Arc::new(truth)));
+            frame.transient = Some(TruthMask::Memory(Arc::new(truth)));
         }
         frame.image = ImageSource::Memory(Arc::new(image));
         frame.split = if i % 3 == 2 { Split::Test } else { Split::Train };

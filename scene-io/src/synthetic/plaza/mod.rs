@@ -19,7 +19,7 @@ pub use photo::{PasserBy, Photo, PhotoTruth};
 use super::shape::{Placed, Shape};
 use super::surface::Paint;
 use crate::options::TrainPhotos;
-use crate::priors::{TrackPoint, TransientTruth};
+use crate::priors::{TrackPoint, TruthMask};
 use crate::random::random;
 use crate::{Bounds, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split};
 use glam::{DMat3, DVec2, DVec3};
@@ -297,7 +297,7 @@ pub fn plaza(options: &PlazaOptions) -> Scene {
         let name = format!("{}/{number:03}", photo.split.name());
         *number += 1;
         let (image, occluder) = square.render(photo, options.rays);
-        let truth = (photo.split == Split::Train).then(|| TransientTruth::Memory(Arc::new(occluder)));
+        let truth = (photo.split == Split::Train).then(|| TruthMask::Memory(Arc::new(occluder)));
         let image = ImageSource::Memory(Arc::new(image));
         Frame { split: photo.split, transient: truth, tracks, ..Frame::new(name, image, photo.camera) }
     });

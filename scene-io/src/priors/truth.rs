@@ -1,4 +1,4 @@
-//! Truth about what does not belong to the place, and masks that leave nothing to train on.
+//! Truth about photos, for scoring: what does not belong to the place, what moves. And masks that leave nothing to train on.
 
 use super::bits::BitMask;
 use crate::picture::{decode_mask, same_shape};
@@ -7,13 +7,14 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Truth about passers-by and other things that do not belong to the place: set (white) = occluder.
+/// A set of pixels that is known for certain. For scoring; nothing that trains may look at it.
 ///
-/// For scoring masks a system found; nothing that trains may look at it. Read from `transient_mask_path` of a frame in
-/// any `transforms*.json`, and from `mask_path` of a Blender-form clutter file (see [`crate::TrainPhotos`]), whose sense is
-/// the opposite of nerfstudio's.
+/// Passers-by and other things that do not belong to the place ([`Frame::transient`]) are read from `transient_mask_path`
+/// of a frame in any `transforms*.json`, and from `mask_path` of a Blender-form clutter file (see
+/// [`crate::TrainPhotos`]), whose sense is the opposite of nerfstudio's. Things that move at some time
+/// ([`Frame::moving`]) are read from `moving_path`.
 #[derive(Clone, Debug)]
-pub enum TransientTruth {
+pub enum TruthMask {
     /// In a file.
     File(PathBuf),
     /// Known already, at the photo's native size.
@@ -26,10 +27,21 @@ impl Frame {
     /// # Errors
     /// Names the file that cannot be decoded or has another shape than the photo.
     pub fn read_transient(&self) -> Result<Option<BitMask>, SceneError> {
-        match &self.transient {
-            None => Ok(None),
-            Some(TransientTruth::Memory(mask)) => Ok(Some(BitMask::clone(mask))),
-            Some(TransientTruth::File(path)) => {
+        self.transient.as_ref().map(|truth| self.read_truth(truth)).transpose()
+    }
+
+    /// The pixels that truly show things that move at some time, at the truth's own size; `None` where it is not known.
+    ///
+    /// # Errors
+    /// As [`Frame::read_transient`].
+    pub fn read_moving(&self) -> Result<Option<BitMask>, SceneError> {
+        self.moving.as_ref().map(|truth| self.read_truth(truth)).transpose()
+    }
+
+    fn read_truth(&self, truth: &TruthMask) -> Result<BitMask, SceneError> {
+        match truth {
+            TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
+            TruthMask::File(path) => {
                 let (grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
                 if !same_shape((width, height), self.size()) {
                     let (w, h) = self.size();
@@ -37,7 +49,7 @@ impl Frame {
                     let problem = Problem::new(path, what, "make it as large as the photo, or remove it");
                     return Err(SceneError::new(ErrorKind::Image, problem.frame(&self.name)));
                 }
-                Ok(Some(BitMask::from_grey(width, height, &grey)))
+                Ok(BitMask::from_grey(width, height, &grey))
             }
         }
     }
