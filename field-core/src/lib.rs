@@ -12,12 +12,15 @@ extern crate std;
 compile_error!("field-core needs a float backend: enable `std` or `libm`");
 
 pub mod conv;
+pub mod deform;
 pub mod embedding;
 pub mod encoding;
 mod error;
 pub mod init;
+pub mod lie;
 pub mod mlp;
 pub mod rng;
+pub mod stumpff;
 pub mod tape;
 
 pub use error::FieldError;

@@ -57,6 +57,12 @@ fn unary_functions_match_the_twin() {
             check_step(&[(2, cols)], Step::Unary(f, 0), 0.3, 3.0);
         }
         check_step(&[(2, cols)], Step::Unary(Recip, 0), -3.0, -0.4);
+        // Small angles, angles around pi, past the series; imaginary ones.
+        for k in 0..=5 {
+            for (low, high) in [(0.0, 0.1), (0.0, 10.0), (9.0, 11.0), (15.0, 40.0), (-12.0, 0.0)] {
+                check_step(&[(2, cols)], Step::Unary(Stumpff(k), 0), low, high);
+            }
+        }
     }
 }
 
@@ -92,6 +98,8 @@ fn row_operations_match_the_twin() {
         check_step(&[(3, n)], Step::Sum(0), -1.0, 1.0);
         check_step(&[(3, n), (3, n)], Step::Dot(0, 1), -1.0, 1.0);
         check_step(&[(3, n)], Step::Dot(0, 0), -1.0, 1.0);
+        check_step(&[(3, n), (3, n)], Step::Cross(0, 1), -1.0, 1.0);
+        check_step(&[(3, n)], Step::Cross(0, 0), -1.0, 1.0);
         check_step(&[(3, n)], Step::Normalise(0), 0.3, 1.0);
         check_step(&[(9, n), (3, n)], Step::MatVec(0, 1), -1.0, 1.0);
         check_step(&[(6, n), (3, n)], Step::MatVec(0, 1), -1.0, 1.0);
@@ -133,6 +141,8 @@ fn the_derivatives_of_the_twin_are_those_of_its_values() {
         Abs,
         Pow(1.7),
         Clamp(0.4, 0.9),
+        Stumpff(1),
+        Stumpff(4),
     ] {
         for x in [0.35, 0.71, 1.3] {
             let h = 1e-6;
@@ -227,6 +237,9 @@ fn extreme_values_stay_finite_and_nan_is_passed_on() {
         Cos,
         Abs,
         Clamp(0.0, 1.0),
+        Stumpff(0),
+        Stumpff(1),
+        Stumpff(5),
     ] {
         let mut arena = field_core::tape::Arena::new();
         let mut tape = field_core::tape::Tape::new(&mut arena, &[]);
@@ -256,12 +269,47 @@ fn extreme_values_stay_finite_and_nan_is_passed_on() {
         Abs,
         Pow(2.0),
         Clamp(0.0, 1.0),
+        Stumpff(2),
     ] {
         let mut arena = field_core::tape::Arena::new();
         let mut tape = field_core::tape::Tape::new(&mut arena, &[]);
         let x = tape.input(1, 1, &[f32::NAN]).unwrap();
         let y = f.tape(&mut tape, x).unwrap();
         assert!(tape.value(y).unwrap().data[0].is_nan(), "{f:?} hides NaN");
+    }
+}
+
+#[test]
+fn stumpff_keeps_its_stated_error_through_three_derivatives() {
+    use field_core::stumpff::stumpff_derivative;
+    let simds: Vec<_> = float_core::Simd::available().collect();
+    for simd in simds {
+        for k in 0..=5 {
+            // 37 beside 1e4 and the like: a value does not depend on its neighbours.
+            let grid: Vec<f32> = (-300..3000).map(|i| i as f32 * 0.043).collect();
+            let mut arena = field_core::tape::Arena::with_simd(simd);
+            let mut tape = field_core::tape::Tape::new(&mut arena, &[]);
+            let u = tape.input(1, grid.len(), &grid).unwrap();
+            let one = tape.fill(1, grid.len(), 1.0);
+            let mut node = tape.stumpff(u, k).unwrap();
+            for order in 0..4 {
+                let value = tape.value(node).unwrap().data.to_vec();
+                let top = stumpff_derivative(k, order, 0.0).abs();
+                for (&u, &got) in grid.iter().zip(&value) {
+                    let want = stumpff_derivative(k, order, f64::from(u));
+                    let off = (f64::from(got) - want).abs() / want.abs().max(top);
+                    assert!(off <= 4e-7, "c_{k} derivative {order} at {u}: {got:e} should be {want:e}, off by {off:e}");
+                }
+                tape.backward(&[(node, &vec![1.0; grid.len()])], &mut []).unwrap();
+                for (&u, &got) in grid.iter().zip(tape.gradient(u).unwrap()) {
+                    let want = stumpff_derivative(k, order + 1, f64::from(u));
+                    let top = stumpff_derivative(k, order + 1, 0.0).abs();
+                    let off = (f64::from(got) - want).abs() / want.abs().max(top);
+                    assert!(off <= 4e-7, "c_{k} gradient {order} at {u}: {got:e} should be {want:e}, off by {off:e}");
+                }
+                [node] = tape.jvp([node], &[(u, one)]).unwrap();
+            }
+        }
     }
 }
 

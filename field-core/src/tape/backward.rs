@@ -2,7 +2,7 @@
 
 use super::arena::{Arena, span};
 use super::custom::{Bar, Demand, MAX_INPUTS};
-use super::forward::{Source, add, mul_add};
+use super::forward::{Source, add, mul_add, mul_sub};
 use super::op::{Binary, Entry, NONE, Op};
 use super::product::{Product, Start, Transpose, sum};
 use super::{Node, Tape, TapeError, View, unary};
@@ -291,6 +291,19 @@ impl Task for Rows<'_, '_> {
                     if let Some(bar) = bars.of(to) {
                         let other = get(other).chunks_exact(n.max(1));
                         bar.chunks_exact_mut(n.max(1)).zip(other).for_each(|(bar, other)| mul_add(g, other, bar));
+                    }
+                }
+            }
+            Op::Cross { a, b } => {
+                // a_bar += b x g, b_bar += g x a.
+                let row = |x: usize| x * n..(x + 1) * n;
+                for (to, other, of_a) in [(a, b, true), (b, a, false)] {
+                    let Some(bar) = bars.of(to) else { continue };
+                    let other = get(other);
+                    for r in 0..3 {
+                        let (i, j) = if of_a { ((r + 1) % 3, (r + 2) % 3) } else { ((r + 2) % 3, (r + 1) % 3) };
+                        mul_add(&other[row(i)], &g[row(j)], &mut bar[row(r)]);
+                        mul_sub(&other[row(j)], &g[row(i)], &mut bar[row(r)]);
                     }
                 }
             }

@@ -129,6 +129,22 @@ impl Tape<'_> {
         self.unary("clamp", Unary::Clamp(low, high), x)
     }
 
+    /// Stumpff function `c_k(u) = sum((-u)^j / (k + 2 j)!)` of a squared angle: `c_1(t^2) = sin t / t`,
+    /// `c_2(t^2) = (1 - cos t) / t^2`, `c_3(t^2) = (t - sin t) / t^3`, smooth at 0 and everywhere.
+    ///
+    /// Error at most 4e-7 of `max(|c_k(u)|, c_k(0))` for `k <= 9` and first to third derivatives; any finite `u` gives a
+    /// finite number (`u < -6400` counts as -6400), NaN stays NaN.
+    ///
+    /// # Errors
+    /// [`TapeError::ForeignNode`].
+    pub fn stumpff(&mut self, u: Node, k: u32) -> Result<Node, TapeError> {
+        self.stumpff_derivative(u, k, 0)
+    }
+
+    pub(super) fn stumpff_derivative(&mut self, u: Node, k: u32, order: u32) -> Result<Node, TapeError> {
+        self.unary("stumpff", Unary::Stumpff(k, order), u)
+    }
+
     /// 1 where `low <= x <= high`, else 0, without gradient.
     ///
     /// # Errors

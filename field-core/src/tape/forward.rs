@@ -144,6 +144,15 @@ impl Task for Rows<'_> {
                     mul_add(&a[r * n..(r + 1) * n], &b[r * n..(r + 1) * n], out);
                 }
             }
+            Op::Cross { a, b } => {
+                let (a, b) = (get(a), get(b));
+                for r in 0..3 {
+                    let (i, j) = ((r + 1) % 3, (r + 2) % 3);
+                    let row = |x: usize| x * n..(x + 1) * n;
+                    zip(&a[row(i)], &b[row(j)], &mut out[row(r)], |a, b| a * b);
+                    mul_sub(&a[row(j)], &b[row(i)], &mut out[row(r)]);
+                }
+            }
             Op::MatVec { m, v } => {
                 let (inner, m, v) = (source.shape(v).rows, get(m), get(v));
                 out.fill(0.0);
@@ -176,6 +185,14 @@ fn zip(a: &[f32], b: &[f32], out: &mut [f32], f: impl Fn(f32, f32) -> f32) {
 pub(super) fn add(x: &[f32], out: &mut [f32]) {
     for (out, &x) in out.iter_mut().zip(x) {
         *out += x;
+    }
+}
+
+/// `out -= a * b`.
+#[inline(always)]
+pub(super) fn mul_sub(a: &[f32], b: &[f32], out: &mut [f32]) {
+    for ((out, &a), &b) in out.iter_mut().zip(a).zip(b) {
+        *out -= a * b;
     }
 }
 

@@ -163,6 +163,17 @@ impl Tape<'_> {
         self.mul_row(x, inverse)
     }
 
+    /// Cross product `a x b` of each sample: `[3 x n]` twice to `[3 x n]`.
+    ///
+    /// # Errors
+    /// [`TapeError::Shape`] unless both have three rows and the same samples; [`TapeError::ForeignNode`].
+    pub fn cross(&mut self, a: Node, b: Node) -> Result<Node, TapeError> {
+        let shape = Shape::new(3, self.entry("cross", a)?.shape.cols);
+        self.expect("cross", "a", a, shape)?;
+        self.expect("cross", "b", b, shape)?;
+        self.emit(Op::Cross { a: a.id, b: b.id }, shape)
+    }
+
     /// A matrix for each sample times a vector for each sample: `m` `[r * c x n]`, rows of the matrix one after another,
     /// `v` `[c x n]`, result `[r x n]`.
     ///

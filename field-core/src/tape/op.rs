@@ -68,6 +68,11 @@ pub(super) enum Op {
         a: u32,
         b: u32,
     },
+    /// Cross product of each sample's `[3]` vectors.
+    Cross {
+        a: u32,
+        b: u32,
+    },
     MatVec {
         m: u32,
         v: u32,
@@ -120,6 +125,7 @@ impl Op {
             Self::Binary { a, b, .. }
             | Self::MulRow { x: a, w: b }
             | Self::Dot { a, b }
+            | Self::Cross { a, b }
             | Self::MatVec { m: a, v: b } => {
                 f(a);
                 f(b);

@@ -215,6 +215,12 @@ impl Tape<'_> {
                 let right = b_dot.map(|b_dot| self.dot(self.node(a), b_dot)).transpose()?;
                 self.add_some(left, right)?
             }
+            Op::Cross { a, b } => {
+                let (a_dot, b_dot) = (dot(self, a), dot(self, b));
+                let left = a_dot.map(|a_dot| self.cross(a_dot, self.node(b))).transpose()?;
+                let right = b_dot.map(|b_dot| self.cross(self.node(a), b_dot)).transpose()?;
+                self.add_some(left, right)?
+            }
             Op::MatVec { m, v } => {
                 let (m_dot, v_dot) = (dot(self, m), dot(self, v));
                 let left = m_dot.map(|m_dot| self.mat_vec(m_dot, self.node(v))).transpose()?;
@@ -277,6 +283,7 @@ impl Tape<'_> {
                 self.scale(lower, p)?
             }
             Unary::Clamp(low, high) => self.inside(x, low, high)?,
+            Unary::Stumpff(k, order) => self.stumpff_derivative(x, k, order + 1)?,
             Unary::Sign | Unary::Inside(..) | Unary::Detach => return Ok(self.zeros_like(x)),
         };
         self.mul(slope, x_dot)

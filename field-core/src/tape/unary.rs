@@ -1,5 +1,6 @@
 //! Functions of one number: value and derivative, over whole rows.
 
+use crate::stumpff::Lanes as Stumpff;
 use float_core::{Task, Vector, m32, vecmath};
 
 /// Where the backward pass of `trunc_exp` clamps its argument.
@@ -33,6 +34,8 @@ pub(super) enum Unary {
     Abs,
     Pow(f32),
     Clamp(f32, f32),
+    /// Derivative of the second number of the Stumpff function of the first.
+    Stumpff(u32, u32),
     /// -1, 0 or 1. Flat.
     Sign,
     /// 1 inside the bounds, else 0. Flat.
@@ -80,6 +83,7 @@ impl Task for Forward<'_> {
             Unary::Abs => map(x, y, f32::abs),
             Unary::Pow(p) => map(x, y, |x| m32::powf(x, p)),
             Unary::Clamp(low, high) => map(x, y, |x| clamp(x, low, high)),
+            Unary::Stumpff(k, order) => Stumpff::new(k, order).map::<V>(x, y),
             Unary::Sign => map(x, y, sign),
             Unary::Inside(low, high) => map(x, y, |x| if x >= low && x <= high { 1.0 } else { 0.0 }),
             Unary::Detach => y.copy_from_slice(x),
@@ -122,6 +126,7 @@ impl Task for Backward<'_> {
             Unary::Pow(0.0) => {}
             Unary::Pow(p) => fold(x, g, out, |x| p * m32::powf(x, p - 1.0)),
             Unary::Clamp(low, high) => fold(x, g, out, |x| if x >= low && x <= high { 1.0 } else { 0.0 }),
+            Unary::Stumpff(k, order) => Stumpff::new(k, order + 1).fold::<V>(x, g, out),
             Unary::Sign | Unary::Inside(..) | Unary::Detach => {}
         }
     }

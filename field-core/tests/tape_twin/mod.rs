@@ -72,6 +72,7 @@ pub(crate) enum Unary {
     Clamp(f32, f32),
     Sign,
     Inside(f32, f32),
+    Stumpff(u32),
     Detach,
 }
 
@@ -111,6 +112,18 @@ impl Unary {
             Self::Clamp(low, high) => (x.clamp(low.into(), high.into()), f64::from(u8::from(inside(low, high)))),
             Self::Sign => (if x == 0.0 { 0.0 } else { x.signum() }, 0.0),
             Self::Inside(low, high) => (f64::from(u8::from(inside(low, high))), 0.0),
+            Self::Stumpff(k) => {
+                // By definition, term by term: (-x)^j / (k + 2 j)!.
+                let mut term = 1.0 / (1..=k).map(f64::from).product::<f64>();
+                let (mut value, mut slope) = (term, 0.0);
+                for j in 1..60 {
+                    let n = f64::from(k + 2 * j);
+                    slope -= term * f64::from(j) / (n * (n - 1.0));
+                    term *= -x / (n * (n - 1.0));
+                    value += term;
+                }
+                (value, slope)
+            }
             Self::Detach => (x, 0.0),
         }
     }
@@ -141,6 +154,7 @@ impl Unary {
             Self::Clamp(low, high) => tape.clamp(x, low, high),
             Self::Sign => tape.sign(x),
             Self::Inside(low, high) => tape.inside(x, low, high),
+            Self::Stumpff(k) => tape.stumpff(x, k),
             Self::Detach => tape.detach(x),
         }
     }
@@ -167,6 +181,7 @@ pub(crate) enum Step {
     WeightedSum(usize, usize),
     Sum(usize),
     Dot(usize, usize),
+    Cross(usize, usize),
     Normalise(usize),
     MatVec(usize, usize),
 }
@@ -218,6 +233,10 @@ impl Step {
             Self::Dot(a, b) => Matrix::from_fn(1, m[a].cols, |_, c| {
                 total(&mut (0..m[a].rows).map(|r| m[a].at(r, c).mul(m[b].at(r, c))))
             }),
+            Self::Cross(a, b) => Matrix::from_fn(3, m[a].cols, |r, c| {
+                let product = |i: usize, j: usize| m[a].at(i % 3, c).mul(m[b].at(j % 3, c));
+                product(r + 1, r + 2).add(product(r + 2, r + 1).mul(number(-1.0)))
+            }),
             Self::Normalise(x) => Matrix::from_fn(m[x].rows, m[x].cols, |r, c| {
                 let squared = total(&mut (0..m[x].rows).map(|r| m[x].at(r, c).mul(m[x].at(r, c))));
                 m[x].at(r, c).mul(unary(Unary::Rsqrt, squared))
@@ -248,6 +267,7 @@ impl Step {
             Self::WeightedSum(x, w) => tape.weighted_sum(n[x], n[w]),
             Self::Sum(x) => tape.sum(n[x]),
             Self::Dot(a, b) => tape.dot(n[a], n[b]),
+            Self::Cross(a, b) => tape.cross(n[a], n[b]),
             Self::Normalise(x) => tape.normalise(n[x]),
             Self::MatVec(m, v) => tape.mat_vec(n[m], n[v]),
         }
