@@ -40,6 +40,18 @@ pub(crate) static STATIC: App = App {
     is_wild: false,
 };
 
+/// `nerf-dynamic`.
+pub(crate) static DYNAMIC: App = App {
+    name: "nerf-dynamic",
+    about: "Radiance fields of scenes that move: a video in, any viewpoint at any time out",
+    default_system: "d-nerf",
+    build: systems::dynamic::build,
+    demo_scene: "synthetic:orbit",
+    demo_folder: "runs/demo-dynamic",
+    demo_steps: 1000,
+    is_wild: false,
+};
+
 /// `nerf-wild`.
 pub(crate) static WILD: App = App {
     name: "nerf-wild",

@@ -16,6 +16,11 @@ pub fn nerf_static() -> ExitCode {
     run(&app::STATIC)
 }
 
+/// `nerf-dynamic`: scenes that move.
+pub fn nerf_dynamic() -> ExitCode {
+    run(&app::DYNAMIC)
+}
+
 /// `nerf-wild`: one place in photos of many people.
 pub fn nerf_wild() -> ExitCode {
     run(&app::WILD)

@@ -14,6 +14,8 @@ pub mod appearance;
 pub mod camera_path;
 pub mod checkpoint;
 pub mod data;
+pub mod deform;
+pub mod dynamic;
 pub mod error;
 pub mod eval;
 pub mod eval_scales;

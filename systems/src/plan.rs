@@ -1,6 +1,7 @@
 //! What does this scene need? Settings from the scene, a line of reason for each, and the system built from them.
 
 use crate::data::Dataset;
+use crate::deform::Deform;
 use crate::layout::{Layout, layout};
 use crate::method::Method;
 use crate::options::{Background, Plan, RunOptions};
@@ -82,13 +83,33 @@ impl Ground {
         let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
         let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
         let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
+        self.carve(&mut ngp, data, self.transparent)?;
+        Ok(ngp)
+    }
+
+    /// A new `ngp` of a scene that moves, under a system's name.
+    pub(crate) fn moving(
+        &mut self,
+        data: &Dataset,
+        config: &NgpConfig,
+        seed: u64,
+        (name, deform): (&'static str, Option<Deform>),
+    ) -> Result<Ngp, SystemError> {
+        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, (name, None, deform))?;
+        self.carve(&mut ngp, data, false)?;
+        Ok(ngp)
+    }
+
+    fn carve(&mut self, ngp: &mut Ngp, data: &Dataset, alpha: bool) -> Result<(), SystemError> {
         ngp.carve(data)?;
         self.lines.push(format!(
             "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
             percent(ngp.carved()),
-            if self.transparent { " and the images' alpha" } else { "" }
+            if alpha { " and the images' alpha" } else { "" }
         ));
-        Ok(ngp)
+        Ok(())
     }
 }
 
@@ -226,6 +247,20 @@ pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOp
         value: run.set.to_string().trim().replace('\n', ", "),
         problem: e.message().into(),
     })
+}
+
+/// `--set` for a method, whose settings are `ours`, and for its field.
+pub(crate) fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {
+    let keep = |mine: bool| RunOptions {
+        set: run
+            .set
+            .iter()
+            .filter(|(key, _)| ours.contains_key(*key) == mine)
+            .map(|(k, v)| (k.clone(), v.clone()))
+            .collect(),
+        ..run.clone()
+    };
+    (keep(true), keep(false))
 }
 
 /// Every field of a configuration with its value.

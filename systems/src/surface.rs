@@ -74,23 +74,23 @@ pub fn default_level(crop: &CropBox) -> f32 {
     (50.0 / longest) as f32
 }
 
-/// The mesh where the density crosses `level` inside `crop`, with `resolution` cells along the longest side; vertices take
+/// The mesh where the density at a time crosses `level` inside `crop`, with `resolution` cells along the longest side; vertices take
 /// the colour they show along their normal.
 ///
 /// # Errors
 /// [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
-pub fn mesh(system: &dyn System, crop: &CropBox, level: f32, resolution: usize) -> Result<Mesh, RunError> {
+pub fn mesh(system: &dyn System, crop: &CropBox, level: f32, resolution: usize, time: f64) -> Result<Mesh, RunError> {
     let grid = MeshGrid::cubic(crop[0], crop[1], resolution);
     let mut mesh = marching_cubes(&grid, level, |points, out| {
         for (points, out) in points.chunks(BATCH).zip(out.chunks_mut(BATCH)) {
-            system.density(points, out);
+            system.density(points, time, out);
         }
     })?;
     let mut colours = vec![[0.0; 3]; mesh.vertices.len()];
     let inward: Vec<[f32; 3]> = mesh.normals.iter().map(|n| n.map(|c| -c)).collect();
     let batches = mesh.vertices.chunks(BATCH).zip(inward.chunks(BATCH)).zip(colours.chunks_mut(BATCH));
     for ((points, d), out) in batches {
-        system.colour(points, d, out);
+        system.colour(points, d, time, out);
     }
     mesh.colours = colours.iter().map(|c| c.map(quantise_value)).collect();
     Ok(mesh)

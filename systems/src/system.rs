@@ -106,6 +106,8 @@ pub struct Query {
     pub error_budget: f32,
     /// In which light.
     pub appearance: Appearance,
+    /// At which time, `0..=1`. Systems of scenes that stand still know one time only.
+    pub time: f64,
 }
 
 /// Pixels an appearance is fitted to.
@@ -314,11 +316,11 @@ pub trait System: Send + Sync {
         Ok(None)
     }
 
-    /// Density at points of the scene's frame, 1 / world unit. `out` has one entry a point.
-    fn density(&self, points: &[[f64; 3]], out: &mut [f32]);
+    /// Density at points of the scene's frame at a time, 1 / world unit. `out` has one entry a point.
+    fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]);
 
-    /// Colour at points of the scene's frame seen along unit directions `d`.
-    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]);
+    /// Colour at points of the scene's frame seen along unit directions `d`, at a time.
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]);
 
     /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.
     fn bounds(&self) -> [[f64; 3]; 2];

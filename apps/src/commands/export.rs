@@ -23,7 +23,7 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     }
     if let Some(path) = &args.mesh {
         let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);
-        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution))?;
+        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution), 0.0)?;
         write_mesh(path, &mesh)?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         line(format_args!("{triangles} triangles, {vertices} vertices at density {level} in {}", path.display()));

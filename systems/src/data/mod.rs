@@ -37,15 +37,16 @@ pub struct Dataset {
 /// A frame of a dataset, before it is a view.
 struct Listed {
     frame: usize,
-    name: String,
+    source: Arc<Frame>,
     points: Arc<[DVec3]>,
 }
 
 impl Listed {
     fn new(scene: &Scene, frame: usize) -> Self {
-        let Frame { name, tracks, .. } = &scene.frames[frame];
-        let points = tracks.iter().filter_map(|track| scene.points.get(track.point as usize)).map(|point| point.xyz);
-        Self { frame, name: name.clone(), points: points.collect() }
+        let source = Arc::new(scene.frames[frame].clone());
+        let points =
+            source.tracks.iter().filter_map(|track| scene.points.get(track.point as usize)).map(|point| point.xyz);
+        Self { frame, points: points.collect(), source }
     }
 }
 
@@ -83,7 +84,7 @@ impl Dataset {
     /// The views of this dataset at one level; see [`Dataset::with_levels`].
     #[must_use]
     pub fn at_level(&self, level: u32) -> Self {
-        let listed = |v: &View| Listed { frame: v.frame, name: v.name.clone(), points: v.points.clone() };
+        let listed = |v: &View| Listed { frame: v.frame, source: v.source.clone(), points: v.points.clone() };
         let mut frames: Vec<Listed> = self.views.iter().map(listed).collect();
         let mut seen = std::collections::HashSet::new();
         frames.retain(|listed| seen.insert(listed.frame));
@@ -94,7 +95,7 @@ impl Dataset {
         let mut tables: Vec<(Camera, Arc<RayTable>, Prepared)> = Vec::new();
         let mut views = Vec::with_capacity(frames.len() * levels.len());
         for level in levels {
-            for Listed { frame, name, points } in frames {
+            for Listed { frame, source, points } in frames {
                 let camera = level_camera(store.camera(*frame), level);
                 let lens = (!camera.lens.is_pinhole()).then(|| {
                     let known = tables.iter().find(|(c, ..)| c.same_optics(&camera)).map(|(_, t, p)| (t.clone(), *p));
@@ -105,8 +106,9 @@ impl Dataset {
                     })
                 });
                 let (table, prepared) = lens.unzip();
-                let (name, points) = (name.clone(), points.clone());
-                views.push(View { frame: *frame, name, camera, points, level, table, prepared });
+                let (name, time) = (source.name.clone(), source.time.unwrap_or(0.0));
+                let (source, points) = (source.clone(), points.clone());
+                views.push(View { frame: *frame, source, name, time, camera, points, level, table, prepared });
             }
         }
         let mut first_pixel = vec![0];

@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Prepared, RayTable};
 use render_core::ray::Ray;
+use scene_io::Frame;
 use std::sync::Arc;
 
 /// One view of a [`Dataset`](super::Dataset).
@@ -10,8 +11,12 @@ use std::sync::Arc;
 pub struct View {
     /// Index into [`Scene::frames`](scene_io::Scene::frames).
     pub frame: usize,
+    /// The frame itself, for truth and priors that are read when asked for.
+    pub(crate) source: Arc<Frame>,
     /// Name of the frame.
     pub name: String,
+    /// When it was taken, `0..=1`; 0 where the dataset does not say.
+    pub time: f64,
     /// Camera at training resolution.
     pub camera: Camera,
     /// Points that it shows, world units: its features that were found again in other photos.

@@ -18,6 +18,7 @@ pub(super) fn measure(
         name: String::new(),
         psnr: None,
         psnr_object: None,
+        motion: super::MotionScore::default(),
         ssim: None,
         ms_ssim: None,
         lpips: None,

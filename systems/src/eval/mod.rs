@@ -11,10 +11,12 @@
 mod half;
 pub mod masks;
 mod measure;
+mod motion;
 mod protocol;
 mod table;
 
 pub(crate) use half::pixels;
+pub use motion::MotionScore;
 pub use protocol::{EvalAppearance, FIT_LR, FIT_STEPS, Part, Protocol, Scored};
 pub(crate) use protocol::{need_codes, view_of};
 
@@ -61,6 +63,9 @@ pub struct ViewScore {
     /// The same inside the mask that cuts out an object; `None` without such masks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub psnr_object: Option<f64>,
+    /// Motion and depth, where their truth is known.
+    #[serde(default, skip_serializing_if = "MotionScore::is_empty")]
+    pub motion: MotionScore,
     /// Structural similarity; `None` for images under 11 pixels a side.
     pub ssim: Option<f64>,
     /// Multi-scale SSIM; `None` for images under its smallest side, and for masked ones.
@@ -86,6 +91,9 @@ pub struct Evaluation {
     /// Mean over views, dB.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub psnr_object: Option<f64>,
+    /// Means over views.
+    #[serde(default, skip_serializing_if = "MotionScore::is_empty")]
+    pub motion: MotionScore,
     /// Mean over views.
     pub ssim: Option<f64>,
     /// Mean over views.
@@ -149,7 +157,8 @@ pub fn evaluate(
         if own.is_none() && protocol.fit_steps.is_some() {
             notes.push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
         }
-        let query = Query { appearance: own.unwrap_or_else(|| query.appearance.clone()), ..query.clone() };
+        let appearance = own.unwrap_or_else(|| query.appearance.clone());
+        let query = Query { appearance, time: view.time, ..query.clone() };
         let clock = std::time::Instant::now();
         let rendered = render(system, &view.camera, &query);
         let render_seconds = clock.elapsed().as_secs_f64();
@@ -170,6 +179,9 @@ pub fn evaluate(
         };
         score.name.clone_from(&view.name);
         score.render_seconds = render_seconds;
+        if protocol.scored == Scored::Whole {
+            score.motion = MotionScore::of(view, &rendered, (&picture, &truth), mask)?;
+        }
         each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
         views.push(score);
     }
@@ -183,6 +195,7 @@ pub fn evaluate(
     Ok(Evaluation {
         psnr,
         psnr_object,
+        motion: MotionScore::mean(views.iter().map(|v| v.motion)),
         ssim,
         ms_ssim,
         lpips,

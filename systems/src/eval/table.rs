@@ -53,6 +53,9 @@ impl Evaluation {
         if let Some(db) = self.psnr_object {
             out += &format!("inside the masks of the object: {db:.3} dB\n");
         }
+        for line in self.motion.words() {
+            out += &format!("{line}\n");
+        }
         if self.protocol != Protocol::default() {
             out += &format!("protocol: {}\n", self.protocol);
         }

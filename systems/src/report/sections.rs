@@ -165,6 +165,9 @@ pub(super) fn scores(e: &Evaluation) -> String {
     if let Some(db) = e.psnr_object {
         let _ = writeln!(out, "<p class=\"soft\">PSNR inside the masks of the object: {db:.3} dB.</p>");
     }
+    for line in e.motion.words() {
+        let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(&line));
+    }
     if e.protocol != Protocol::default() {
         let _ = writeln!(out, "<p class=\"soft\">Protocol: {}.</p>", escape(&e.protocol.to_string()));
     }
@@ -320,6 +323,7 @@ mod tests {
             name,
             psnr: Some(psnr),
             psnr_object: None,
+            motion: crate::eval::MotionScore::default(),
             ssim: None,
             ms_ssim: None,
             lpips: None,

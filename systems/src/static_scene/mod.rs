@@ -6,7 +6,7 @@ pub mod mip_nerf;
 pub mod mip_nerf_360;
 pub mod nerf;
 pub mod ngp;
-mod parts;
+pub(crate) mod parts;
 pub(crate) mod survey;
 mod trained;
 pub mod two_level;

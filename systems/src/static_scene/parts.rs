@@ -8,7 +8,7 @@ use float_core::Simd;
 use std::ops::Range;
 
 /// Where each part's parameters lie, the first from `at` on.
-pub(super) fn ranges<const N: usize>(mlps: [&Mlp; N], mut at: usize) -> [Range<usize>; N] {
+pub(crate) fn ranges<const N: usize>(mlps: [&Mlp; N], mut at: usize) -> [Range<usize>; N] {
     mlps.map(|m| {
         at += m.param_count();
         at - m.param_count()..at
@@ -16,12 +16,12 @@ pub(super) fn ranges<const N: usize>(mlps: [&Mlp; N], mut at: usize) -> [Range<u
 }
 
 /// Parameters of all parts.
-pub(super) fn param_count<const N: usize>(mlps: [&Mlp; N]) -> usize {
+pub(crate) fn param_count<const N: usize>(mlps: [&Mlp; N]) -> usize {
     mlps.iter().map(|m| m.param_count()).sum()
 }
 
 /// Random weights, zero biases.
-pub(super) fn init<const N: usize>(mlps: [&Mlp; N], weights: Init, rng: Rng, params: &mut [f32]) {
+pub(crate) fn init<const N: usize>(mlps: [&Mlp; N], weights: Init, rng: Rng, params: &mut [f32]) {
     params.fill(0.0);
     let mut stream = 0;
     for (mlp, range) in mlps.into_iter().zip(ranges(mlps, 0)) {
@@ -34,20 +34,20 @@ pub(super) fn init<const N: usize>(mlps: [&Mlp; N], weights: Init, rng: Rng, par
 }
 
 /// Give the kernels their copies of new parameters.
-pub(super) fn pack<const N: usize>(mlps: [&Mlp; N], params: &[f32], packed: &mut [Packed; N]) {
+pub(crate) fn pack<const N: usize>(mlps: [&Mlp; N], params: &[f32], packed: &mut [Packed; N]) {
     for ((mlp, range), packed) in mlps.into_iter().zip(ranges(mlps, 0)).zip(packed) {
         mlp.pack(&params[range], packed);
     }
 }
 
 /// The tape operation of a part.
-pub(super) struct Part<'a> {
+pub(crate) struct Part<'a> {
     op: MlpOp<'a>,
     range: Range<usize>,
 }
 
 /// The tape operations of all parts, whose parameters begin at `at` of those of the tape.
-pub(super) fn ops<'a, const N: usize>(
+pub(crate) fn ops<'a, const N: usize>(
     mlps: [&'a Mlp; N],
     packed: &'a [Packed; N],
     at: usize,
@@ -58,8 +58,13 @@ pub(super) fn ops<'a, const N: usize>(
 }
 
 impl<'a> Part<'a> {
+    /// The operation of one network, whose parameters begin at `at` of those of the tape.
+    pub(crate) fn new(mlp: &'a Mlp, packed: &'a Packed, at: usize, simd: Simd) -> Self {
+        Self { op: MlpOp { mlp, packed, simd }, range: at..at + mlp.param_count() }
+    }
+
     /// Record the part.
-    pub(super) fn apply(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<Node, TapeError> {
+    pub(crate) fn apply(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<Node, TapeError> {
         let params = tape.param(self.range.start, self.range.len(), 1)?;
         tape.custom(&self.op, &[x, params])
     }

@@ -13,7 +13,7 @@ use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, refuse_unknown, settings, table};
+use crate::plan::{Ground, NO_PARALLAX, refuse_unknown, settings, split, table};
 use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -144,20 +144,6 @@ fn names_of<C: Serialize>(run: &RunOptions, wild: &WildConfig, field: &C) -> Res
     let mut known = table(wild);
     known.extend(table(field));
     refuse_unknown(run, &known)
-}
-
-/// `--set` for the method and for the field.
-fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {
-    let keep = |mine: bool| RunOptions {
-        set: run
-            .set
-            .iter()
-            .filter(|(key, _)| ours.contains_key(*key) == mine)
-            .map(|(k, v)| (k.clone(), v.clone()))
-            .collect(),
-        ..run.clone()
-    };
-    (keep(true), keep(false))
 }
 
 /// The method of a pair of parts; `None` where the photos show the scene as it is.

@@ -104,6 +104,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
         layers: LayerRequest::default(),
         error_budget: plan.error_budget,
         appearance: Appearance::Mean,
+        time: 0.0,
     };
     let terms = Terms { query: &query, protocol: &protocol, measures: Measures::Psnr, seed: 0 };
     // One mask in so many is wrong about the lower half: it is there all the same.

@@ -81,6 +81,7 @@ mod common {
         layers: systems::system::LayerRequest { normals: systems::system::Normals::Compute },
         error_budget: 0.0,
         appearance: systems::system::Appearance::Mean,
+        time: 0.0,
     };
 
     /// Every number that the next step depends on is finite.

@@ -338,12 +338,12 @@ impl System for MipNerf360 {
         cones::render_tiles(rays, radii, |cones, tile, out| fits(self.render_into(&ops, cones, query, tile, out)))
     }
 
-    fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
+    fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
         let d = vec![[0.0, 0.0, 1.0]; points.len()];
         self.evaluate(points, &d, |i, sigma, _| out[i] = sigma);
     }
 
-    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], _time: f64, out: &mut [[f32; 3]]) {
         self.evaluate(points, d, |i, _, rgb| out[i] = rgb);
     }
 

@@ -3,7 +3,7 @@
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
 //! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
-use super::field::{Field, sized};
+use super::field::{Field, shapes_hold, sized};
 use super::grid_trainer::Part;
 use super::head::{PLACE_ROWS, place_features};
 use super::look::{Kept, Look};
@@ -12,6 +12,7 @@ use super::proposal::Proposals;
 use super::proposed::{Draw, Proposed};
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::data::Batch;
+use crate::deform::{DeformGrad, DeformScratch, Points};
 use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::space::{InternalRay, Space};
 use losses::kernel::Kernel;
@@ -53,11 +54,18 @@ pub(super) struct Chunk {
     dt: Vec<f32>,
     /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
-    /// `[3][n]`, positions in the grid.
+    /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
     pub(super) x: Vec<f32>,
+    was: Vec<f32>,
+    /// `[n]`, views; only where something moves.
+    which: Vec<u32>,
     features: Vec<f32>,
-    /// `[levels * features][n]`
+    /// `[rows][n]`: those of the grid, then those of the deformation.
     pub(super) features_bar: Vec<f32>,
+    /// `[3][n]`, gradient of the canonical positions; only where something moves.
+    x_bar: Vec<f32>,
+    pub(super) deform_grad: DeformGrad,
+    deform: DeformScratch,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
@@ -149,8 +157,13 @@ impl Chunk {
             dt: Vec::new(),
             n: 0,
             x: Vec::new(),
+            was: Vec::new(),
+            which: Vec::new(),
             features: Vec::new(),
             features_bar: Vec::new(),
+            x_bar: Vec::new(),
+            deform_grad: DeformGrad::default(),
+            deform: DeformScratch::default(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             head_grad: vec![0.0; field.head.as_ref().map_or(0, |head| head.mlp.packed_grad_len())],
@@ -176,6 +189,8 @@ impl Chunk {
             &self.t,
             &self.dt,
             &self.x,
+            &self.was,
+            &self.x_bar,
             &self.features,
             &self.features_bar,
             &self.density_grad,
@@ -183,7 +198,7 @@ impl Chunk {
             &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        let parts = self.look.bytes() + self.proposed.bytes() + self.tile.bytes();
+        let parts = self.look.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes();
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }
 
@@ -192,6 +207,7 @@ impl Chunk {
         let start = Instant::now();
         self.stats = ChunkStats::default();
         let rays = pixels.start * ctx.per_pixel..pixels.end * ctx.per_pixel;
+        let first_pixel = pixels.start;
         self.rays.clear();
         self.rays.extend(ctx.rays[rays.clone()].iter().map(|ray| ctx.space.internal_ray(ray)));
         let dims = ctx.appearance.map_or(0, |codes| codes.dims);
@@ -221,8 +237,9 @@ impl Chunk {
             }
         }
         let marched = Instant::now();
-        let Self { offsets, t, dt, x, features, .. } = self;
-        self.n = self.look.follow(ctx, &self.rays, Kept { offsets, t, dt, x, features });
+        let Self { offsets, t, dt, x, was, which, features, .. } = self;
+        let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
+        self.n = self.look.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
         self.stats.dense = self.look.dense;
         self.stats.placed = self.look.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
@@ -263,7 +280,7 @@ impl Chunk {
         self.head_grad.fill(0.0);
         self.seen.clear();
         let n = self.n;
-        sized(&mut self.features_bar, ctx.field.grid.out_rows() * n).fill(0.0);
+        sized(&mut self.features_bar, ctx.field.rows() * n).fill(0.0);
         let rays = pixels.len() * ctx.per_pixel;
         for (buffer, codes) in [(&mut self.appearance_bar, ctx.appearance), (&mut self.transient_bar, ctx.transient)] {
             buffer.clear();
@@ -302,6 +319,7 @@ impl Chunk {
             stats.loss += tile.backward(ctx, chunk, rays, out);
         });
         self.stats = stats;
+        self.move_back(ctx);
         let rendered = Instant::now();
         if let Some(proposals) = ctx.proposals {
             // The mean over rays and final intervals.
@@ -310,6 +328,22 @@ impl Chunk {
         }
         self.stats.seconds[2] += (rendered - start).as_secs_f64();
         self.stats.seconds[3] = rendered.elapsed().as_secs_f64();
+    }
+
+    /// Bring the gradient of the features back through the grid's positions to the deformation.
+    fn move_back(&mut self, ctx: &StepContext<'_>) {
+        let (field, n) = (ctx.field, self.n);
+        let Some(deform) = &field.deform else { return };
+        self.deform_grad.begin(deform);
+        let (features_bar, seen_bar) = self.features_bar[..field.rows() * n].split_at(field.grid.out_rows() * n);
+        let x_bar = sized(&mut self.x_bar, 3 * n);
+        x_bar.fill(0.0);
+        if deform.warps() {
+            let x = &self.x[..3 * n];
+            shapes_hold(field.grid.encode_backward_x(field.simd, &field.grid_params, x, features_bar, x_bar));
+        }
+        let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
+        deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
     }
 
     /// Each ray with what the static part holds along it; one ray a pixel.

@@ -187,13 +187,13 @@ impl NgpConfig {
         .map_err(|e| bad("levels, features, log2_table, n_min, n_max", "", &e.to_string()))
     }
 
-    /// The density network.
+    /// The density network; `more` is what it sees besides the grid's features.
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.
-    pub fn density_mlp(&self) -> Result<Mlp, SystemError> {
+    pub fn density_mlp(&self, more: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
-            inputs: self.levels * self.features,
+            inputs: self.levels * self.features + more,
             hidden: vec![self.width],
             outputs: self.geometry,
             bias: Bias::None,

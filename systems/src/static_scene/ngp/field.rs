@@ -2,6 +2,7 @@
 
 use super::NgpConfig;
 use super::head::Head;
+use crate::deform::{Deform, DeformScratch, Moments, Points};
 use crate::space::InternalRay;
 use crate::system::SystemError;
 use field_core::FieldError;
@@ -31,6 +32,34 @@ pub(super) struct Field {
     pub(super) density_bias: f32,
     /// What one photo alone shows; only where a method asks.
     pub(super) head: Option<Head>,
+    /// What moves; `None`: nothing does.
+    pub(super) deform: Option<Deform>,
+}
+
+/// The moments of a field in which nothing moves.
+static NEVER: Moments = Moments { dims: 0, rows: Vec::new(), still: Vec::new() };
+
+/// The moments of points: which row of `moments` is that of each. Unused where nothing moves.
+#[derive(Clone, Copy)]
+pub(super) struct When<'a> {
+    pub(super) moments: &'a Moments,
+    /// `[n]`
+    pub(super) which: &'a [u32],
+}
+
+/// Work space of [`Field::features`].
+#[derive(Default)]
+pub(super) struct Placing {
+    deform: DeformScratch,
+    /// `[3][n]`, where points are, before they are canonical.
+    x: Vec<f32>,
+}
+
+impl Placing {
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.deform.bytes() + 4 * self.x.capacity()
+    }
 }
 
 /// Scratch for evaluating density without gradients.
@@ -39,12 +68,13 @@ pub(super) struct DensityScratch {
     features: Vec<f32>,
     raw: Vec<f32>,
     mlp: Vec<f32>,
+    placing: Placing,
 }
 
 impl DensityScratch {
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity())
+        4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity()) + self.placing.bytes()
     }
 }
 
@@ -100,8 +130,14 @@ pub(super) fn fold_gradients<'g>(
 
 impl Field {
     /// `codes` are the lengths of the appearance and of the transient codes.
-    pub(super) fn new(config: &NgpConfig, codes: [Option<usize>; 2], seed: u64) -> Result<Self, SystemError> {
-        let (grid, density) = (config.grid()?, config.density_mlp()?);
+    pub(super) fn new(
+        config: &NgpConfig,
+        codes: [Option<usize>; 2],
+        deform: Option<Deform>,
+        seed: u64,
+    ) -> Result<Self, SystemError> {
+        let seen = deform.as_ref().map_or(0, Deform::seen_rows);
+        let (grid, density) = (config.grid()?, config.density_mlp(seen)?);
         let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let rng = Rng::new(seed, INIT);
         let mut grid_params = vec![0.0; grid.params_len()];
@@ -115,6 +151,7 @@ impl Field {
         });
         let mut field = Self {
             head: head.transpose()?,
+            deform,
             simd: Simd::best(),
             grid,
             density,
@@ -166,11 +203,38 @@ impl Field {
         codes
     }
 
-    /// Densities, per internal unit, at `x` `[3][n]`.
-    pub(super) fn densities(&self, x: &[f32], out: &mut [f32], scratch: &mut DensityScratch) {
-        let n = out.len();
-        let features = sized(&mut scratch.features, self.grid.out_rows() * n);
+    /// Moments of the training views.
+    pub(super) fn moments(&self) -> &Moments {
+        self.deform.as_ref().map_or(&NEVER, Deform::moments)
+    }
+
+    /// The moment of a time.
+    pub(super) fn moments_at(&self, time: f64) -> Moments {
+        self.deform.as_ref().map_or_else(Moments::default, |deform| deform.moments_at(&[time]))
+    }
+
+    /// What the density network sees: features of the grid, and what a deformation adds.
+    pub(super) fn rows(&self) -> usize {
+        self.density.inputs()
+    }
+
+    /// What the density network sees of points, `out` `[rows][n]`. Their positions `x` `[3][n]` become canonical ones.
+    pub(super) fn features(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], placing: &mut Placing) {
+        let (features, seen) = out.split_at_mut(self.grid.out_rows() * (x.len() / 3));
+        if let Some(deform) = &self.deform {
+            let was = sized(&mut placing.x, x.len());
+            was.copy_from_slice(x);
+            let points = Points { x: was, which: when.which, moments: when.moments };
+            deform.place(points, x, seen, &mut placing.deform);
+        }
         self.encode(x, features);
+    }
+
+    /// Densities, per internal unit, at `x` `[3][n]`, which become canonical.
+    pub(super) fn densities(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], scratch: &mut DensityScratch) {
+        let n = out.len();
+        let features = sized(&mut scratch.features, self.rows() * n);
+        self.features(x, when, features, &mut scratch.placing);
         let raw = sized(&mut scratch.raw, self.density.outputs() * n);
         let mlp = sized(&mut scratch.mlp, self.density.infer_scratch_len());
         self.density.infer(self.simd, &self.density_packed, features, n, n, raw, n, mlp);

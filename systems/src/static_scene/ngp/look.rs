@@ -6,7 +6,7 @@
 //! changes a pixel by that much at most ([`render_core::budget`]).
 
 use super::chunk::StepContext;
-use super::field::sized;
+use super::field::{Placing, When, sized};
 use super::proposed::Proposed;
 use crate::space::InternalRay;
 use std::ops::Range;
@@ -31,6 +31,7 @@ pub(super) struct Look {
     p: Vec<f32>,
     raw: Vec<f32>,
     mlp: Vec<f32>,
+    placing: Placing,
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
 }
@@ -41,8 +42,11 @@ struct Round {
     /// Columns.
     n: usize,
     runs: Vec<Run>,
-    /// `[3][n]`, positions in the grid.
+    /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
     x: Vec<f32>,
+    was: Vec<f32>,
+    /// `[n]`, views; only where something moves.
+    which: Vec<u32>,
     /// `[rows][n]`
     features: Vec<f32>,
 }
@@ -62,8 +66,11 @@ pub(super) struct Kept<'a> {
     /// `[n]`, distances and steps.
     pub(super) t: &'a mut Vec<f32>,
     pub(super) dt: &'a mut Vec<f32>,
-    /// `[3][n]`, positions in the grid.
+    /// `[3][n]`, positions in the grid, as in [`Round`].
     pub(super) x: &'a mut Vec<f32>,
+    pub(super) was: &'a mut Vec<f32>,
+    /// `[n]`, views; only where something moves.
+    pub(super) which: &'a mut Vec<u32>,
     /// `[rows][n]`
     pub(super) features: &'a mut Vec<f32>,
 }
@@ -71,8 +78,9 @@ pub(super) struct Kept<'a> {
 impl Look {
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        let rounds: usize = self.rounds.iter().map(|r| r.x.capacity() + r.features.capacity()).sum();
+        let rounds: usize = self.rounds.iter().map(|r| r.x.capacity() + r.was.capacity() + r.features.capacity()).sum();
         4 * (rounds + self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity())
+            + self.placing.bytes()
     }
 
     /// Samples the march placed.
@@ -111,7 +119,14 @@ impl Look {
     }
 
     /// Follow the rays until they are opaque or end; what they keep is written over `out`. Returns its number of samples.
-    pub(super) fn follow(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], out: Kept<'_>) -> usize {
+    /// `views` are those of the rays.
+    pub(super) fn follow(
+        &mut self,
+        ctx: &StepContext<'_>,
+        rays: &[InternalRay],
+        views: impl Fn(usize) -> u32,
+        out: Kept<'_>,
+    ) -> usize {
         self.depth.clear();
         self.depth.resize(rays.len(), 0.0);
         self.kept.clear();
@@ -129,13 +144,13 @@ impl Look {
             if self.rounds.len() == count {
                 self.rounds.push(Round::default());
             }
-            self.round(ctx, rays, count);
+            self.round(ctx, rays, &views, count);
             count += 1;
         }
         self.gather(ctx, count, out)
     }
 
-    fn round(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], index: usize) {
+    fn round(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], views: &impl Fn(usize) -> u32, index: usize) {
         let (field, round) = (ctx.field, &mut self.rounds[index]);
         round.runs.clear();
         let mut n = 0;
@@ -157,8 +172,16 @@ impl Look {
         }
         let x = sized(&mut round.x, 3 * n);
         ctx.space.grid_positions(field.simd, p, x);
-        let features = sized(&mut round.features, field.grid.out_rows() * n);
-        field.encode(x, features);
+        round.which.clear();
+        if field.deform.is_some() {
+            sized(&mut round.was, 3 * n).copy_from_slice(x);
+            for run in &round.runs {
+                round.which.extend(std::iter::repeat_n(views(run.ray as usize), run.len as usize));
+            }
+        }
+        let features = sized(&mut round.features, field.rows() * n);
+        let when = When { moments: field.moments(), which: &round.which };
+        field.features(x, when, features, &mut self.placing);
         let raw = sized(&mut self.raw, field.density.outputs() * n);
         let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());
         field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);
@@ -190,7 +213,7 @@ impl Look {
 
     /// Bring the rounds' columns into the order of the rays.
     fn gather(&self, ctx: &StepContext<'_>, rounds: usize, out: Kept<'_>) -> usize {
-        let rows = ctx.field.grid.out_rows();
+        let rows = ctx.field.rows();
         out.offsets.clear();
         out.offsets.push(0);
         let mut n = 0;
@@ -206,8 +229,20 @@ impl Look {
             dt[to..][..kept].copy_from_slice(&self.dt[from..][..kept]);
         }
         let (x, features) = (sized(out.x, 3 * n), sized(out.features, rows * n));
+        let moves = ctx.field.deform.is_some();
+        let was = sized(out.was, if moves { 3 * n } else { 0 });
+        out.which.clear();
+        out.which.resize(if moves { n } else { 0 }, 0);
         for (k, round) in self.rounds[..rounds].iter().enumerate() {
-            let parts = [(3, &round.x[..], &mut *x), (rows, &round.features[..], &mut *features)];
+            for run in round.runs.iter().filter(|_| moves) {
+                let at = out.offsets[run.ray as usize] as usize + k * ROUND;
+                out.which[at..][..run.len as usize].fill(round.which[run.first as usize]);
+            }
+            let parts = [
+                (3, &round.x[..], &mut *x),
+                (if moves { 3 } else { 0 }, &round.was[..], &mut *was),
+                (rows, &round.features[..], &mut *features),
+            ];
             for (rows, from, to) in parts {
                 for row in 0..rows {
                     let (from, to) = (&from[row * round.n..][..round.n], &mut to[row * n..][..n]);

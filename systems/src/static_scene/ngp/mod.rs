@@ -42,6 +42,7 @@ mod tile;
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};
+use crate::deform::Deform;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
@@ -53,7 +54,7 @@ use crate::system::{
 use chunk::Chunk;
 use field::Field;
 use grid_trainer::GridTrainer;
-use occupy::Occupy;
+use occupy::{Moves, Occupy};
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use proposal::Proposals;
 use relight::Relighting;
@@ -79,6 +80,7 @@ const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, eps: 1e-15, decay
 
 /// The system.
 pub struct Ngp {
+    name: &'static str,
     config: NgpConfig,
     seed: u64,
     background: Background,
@@ -192,13 +194,32 @@ impl Ngp {
         seed: u64,
         method: Option<Box<dyn Method>>,
     ) -> Result<Self, SystemError> {
+        let name = method.as_ref().map_or("ngp", |method| method.name());
+        Self::moving(config, space, background, seed, (name, method, None))
+    }
+
+    /// A new field of a scene that moves, under a system's name.
+    ///
+    /// # Errors
+    /// As [`Ngp::new`].
+    pub(crate) fn moving(
+        config: NgpConfig,
+        space: Space,
+        background: Background,
+        seed: u64,
+        (name, method, deform): (&'static str, Option<Box<dyn Method>>, Option<Deform>),
+    ) -> Result<Self, SystemError> {
         config.check()?;
+        if config.sampler == Sampler::Proposal && deform.is_some() {
+            let problem = "a scene that moves needs `occupancy`: proposals know of one moment only";
+            return Err(config::bad("sampler", "proposal", problem));
+        }
         if config.sampler == Sampler::Proposal && method.as_ref().is_some_and(|m| m.transient().is_some()) {
             let problem = "a transient part needs `occupancy`: proposals know of static matter only";
             return Err(config::bad("sampler", "proposal", problem));
         }
         let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
-        let field = Field::new(&config, codes.map(|codes| codes.map(|codes| codes.dims)), seed)?;
+        let field = Field::new(&config, codes.map(|codes| codes.map(|codes| codes.dims)), deform, seed)?;
         let occupy = Occupy::new(&config)?;
         let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
         let work = Work {
@@ -222,6 +243,7 @@ impl Ngp {
             rays: FIRST_RAYS.min(config.batch_rays),
             stretch: MAX_STRETCH,
             distance: normalised_distance(&space, config.near),
+            name,
             config,
             seed,
             background,
@@ -240,7 +262,8 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        self.occupy.carve(&self.config, &self.space, data)
+        let scene = if self.field.deform.is_some() { Moves::Yes } else { Moves::No };
+        self.occupy.carve(&self.config, &self.space, data, scene)
     }
 
     /// Share of the occupancy grid's cells that are empty for good.
@@ -257,7 +280,7 @@ impl Ngp {
 
 impl System for Ngp {
     fn name(&self) -> &'static str {
-        self.method.as_ref().map_or("ngp", |method| method.name())
+        self.name
     }
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
@@ -292,12 +315,12 @@ impl System for Ngp {
         self.visibility_of(data, view)
     }
 
-    fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
-        points::density(self, points, out);
+    fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
+        points::density(self, points, time, out);
     }
 
-    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
-        points::colour(self, points, d, out);
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
+        points::colour(self, points, d, time, out);
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {
@@ -316,8 +339,9 @@ impl System for Ngp {
         let f = &self.field;
         let proposals = self.proposals.as_ref().map_or(0, Proposals::parameter_count);
         let head = f.head.as_ref().map_or(0, |head| head.params.len());
+        let deform = f.deform.as_ref().map_or(0, Deform::parameter_count);
         let method = self.method.as_ref().map_or(0, |method| method.parameter_count());
-        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals + head + method
+        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals + head + deform + method
     }
 
     fn memory_bytes(&self) -> usize {

@@ -1,7 +1,7 @@
 //! The occupancy grid of the field: what it looks at, when, and what the alpha of the photos rules out at the start.
 
 use super::NgpConfig;
-use super::field::{DensityScratch, Field, sized};
+use super::field::{DensityScratch, Field, When, sized};
 use super::free_space::free_cells;
 use crate::data::Dataset;
 use crate::space::{InternalRay, Space, SpaceKind};
@@ -13,8 +13,9 @@ use render_core::camera::Prepared;
 use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, Settings, StepRule};
 use std::ops::ControlFlow;
 
-/// Stream of the points looked at.
+/// Stream of the points looked at, and of their moments within it.
 const POINTS: u64 = 0x6f63_6375;
+const MOMENTS: u64 = 0x6d6f_6d65;
 /// Each update looks at one of so many cells, and at one of so many occupied ones.
 const SHARE: u32 = 8;
 const OCCUPIED_SHARE: u32 = 4;
@@ -53,6 +54,8 @@ struct Looker {
     densities: DensityScratch,
     p: Vec<f32>,
     x: Vec<f32>,
+    /// Views whose moments are looked at; only where something moves.
+    which: Vec<u32>,
 }
 
 /// Step rule of a march.
@@ -161,12 +164,18 @@ impl Occupy {
     }
 
     /// See [`super::Ngp::carve`].
-    pub(super) fn carve(&mut self, config: &NgpConfig, space: &Space, data: &Dataset) -> Result<(), SystemError> {
+    pub(super) fn carve(
+        &mut self,
+        config: &NgpConfig,
+        space: &Space,
+        data: &Dataset,
+        scene: Moves,
+    ) -> Result<(), SystemError> {
         let views: Vec<Silhouette> =
-            (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i)).collect::<Result<_, _>>()?;
+            (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i, scene)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
         let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
-        let free = config.free_space.then(|| free_cells(grid, space, data));
+        let free = (config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data));
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {
@@ -218,12 +227,26 @@ impl Looker {
         }
         let x = sized(&mut self.x, 3 * n);
         space.grid_positions(field.simd, p, x);
-        field.densities(x, out, &mut self.densities);
+        // What is empty has to be so at all times: a cell is looked at in another moment each time.
+        let moments = field.moments();
+        self.which.clear();
+        if let 1.. = moments.len() {
+            let when = rng.substream(MOMENTS);
+            self.which.extend(cells.iter().map(|&id| (when.u64_at(id.into()) % moments.len() as u64) as u32));
+        }
+        field.densities(x, When { moments, which: &self.which }, out, &mut self.densities);
     }
 
     fn bytes(&self) -> usize {
         4 * (self.p.capacity() + self.x.capacity()) + self.densities.bytes()
     }
+}
+
+/// Whether a scene moves: what one photo sees through may be full in the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Moves {
+    No,
+    Yes,
 }
 
 /// What a view says about a ball.
@@ -248,11 +271,11 @@ struct Silhouette {
 }
 
 impl Silhouette {
-    fn new(data: &Dataset, i: usize) -> Result<Self, SystemError> {
+    fn new(data: &Dataset, i: usize, scene: Moves) -> Result<Self, SystemError> {
         let image = data.image(i)?;
         let (w, h) = (image.width as usize, image.height as usize);
         let mut sums = Vec::new();
-        if image.channels == 4 {
+        if image.channels == 4 && scene == Moves::No {
             sums.resize((w + 1) * (h + 1), 0);
             for y in 0..h {
                 let mut row = 0;

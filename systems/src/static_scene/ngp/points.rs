@@ -1,7 +1,7 @@
 //! Density and colour at points of the scene's frame, for surfaces, slices and tests.
 
 use super::Ngp;
-use super::field::shapes_hold;
+use super::field::{Placing, When, shapes_hold};
 use crate::system::{Appearance, System};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -28,10 +28,12 @@ fn place(ngp: &Ngp, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
 }
 
 /// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty.
-pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], out: &mut [f32]) {
+pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
+    let moments = ngp.field.moments_at(time);
     out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).for_each(|(out, points)| {
-        let (x, inside) = place(ngp, points);
-        ngp.field.densities(&x, out, &mut Default::default());
+        let (mut x, inside) = place(ngp, points);
+        let which = vec![0; points.len()];
+        ngp.field.densities(&mut x, When { moments: &moments, which: &which }, out, &mut Default::default());
         for ((out, point), inside) in out.iter_mut().zip(points).zip(inside) {
             let scale = ngp.space.per_world_unit(DVec3::from(*point)) as f32;
             *out = if inside { *out * scale } else { 0.0 };
@@ -40,14 +42,16 @@ pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], out: &mut [f32]) {
 }
 
 /// Colour at points of the scene's frame seen along `d`.
-pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
+    let moments = ngp.field.moments_at(time);
     let code = ngp.appearance_code(&Appearance::Mean).unwrap_or_default();
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).zip(d.par_chunks(TASK));
     tasks.for_each(|((out, points), d)| {
         let (field, n) = (&ngp.field, points.len());
-        let (x, _) = place(ngp, points);
-        let mut features = vec![0.0; field.grid.out_rows() * n];
-        field.encode(&x, &mut features);
+        let (mut x, _) = place(ngp, points);
+        let mut features = vec![0.0; field.rows() * n];
+        let which = vec![0; n];
+        field.features(&mut x, When { moments: &moments, which: &which }, &mut features, &mut Placing::default());
         let mut input = vec![0.0; field.colour.inputs() * n];
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);

@@ -8,8 +8,9 @@
 //! are the lattice, and no cell is empty.
 
 use super::Ngp;
-use super::field::{Field, shapes_hold, sized};
+use super::field::{Field, Placing, When, shapes_hold, sized};
 use super::proposed::{Draw, Proposed};
+use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
 use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
 use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
@@ -44,6 +45,11 @@ struct Scratch {
     kept: Vec<Kept>,
     p: Vec<f32>,
     x: Vec<f32>,
+    /// `[3][n]`, positions before they were canonical, and moments of them; only for normals where something moves.
+    was: Vec<f32>,
+    which: Vec<u32>,
+    placing: Placing,
+    deform: (DeformGrad, DeformScratch),
     features: Vec<f32>,
     acts: Vec<f32>,
     raw: Vec<f32>,
@@ -109,6 +115,8 @@ struct Job<'a> {
     full: Option<OccupancyGrid>,
     /// Appearance code of the query; empty where the field knows one light only.
     code: Vec<f32>,
+    /// The query's moment.
+    moments: Moments,
 }
 
 /// Layers of rays of the scene's frame.
@@ -122,7 +130,8 @@ pub(super) fn render(ngp: &Ngp, rays: &[Ray], query: &Query) -> Layers {
 pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial) -> (Layers, Ledger) {
     let budget = Budget::new(query.error_budget, Radiance::UNIT, query.background).only(trial.skips);
     let code = ngp.appearance_code(&query.appearance).unwrap_or_default();
-    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty), code };
+    let moments = ngp.field.moments_at(query.time);
+    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty), code, moments };
     let tasks: Vec<(Layers, Ledger)> =
         rays.par_chunks(TASK).map_init(Scratch::default, |scratch, rays| job.render(rays, scratch)).collect();
     let (mut out, mut ledger) = Default::default();
@@ -260,8 +269,13 @@ impl Job<'_> {
         }
         let x = sized(&mut s.x, 3 * n);
         space.grid_positions(field.simd, p, x);
-        let features = sized(&mut s.features, field.grid.out_rows() * n);
-        field.encode(x, features);
+        if field.deform.is_some() {
+            s.which.clear();
+            s.which.resize(n, 0);
+            sized(&mut s.was, 3 * n).copy_from_slice(x);
+        }
+        let features = sized(&mut s.features, field.rows() * n);
+        field.features(x, When { moments: &self.moments, which: &s.which }, features, &mut s.placing);
         let raw = sized(&mut s.raw, field.density.outputs() * n);
         let acts = sized(&mut s.acts, field.density.activations_len(n));
         field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
@@ -309,7 +323,7 @@ impl Job<'_> {
         }
         ledger.count(Skip::Faint, shaded - s.kept.len() as u64, shaded);
         if self.query.layers.normals == Normals::Compute {
-            add_normals(field, space, n, progress, s);
+            add_normals(field, space, &self.moments, progress, (n, s));
         }
         add_colours(self.ngp, n, progress, s);
         n as u64
@@ -344,14 +358,20 @@ fn add_colours(ngp: &Ngp, n: usize, progress: &mut [Progress], s: &mut Scratch) 
 }
 
 /// Minus the density's gradient, weighted, in the scene's frame.
-fn add_normals(field: &Field, space: &Space, n: usize, progress: &mut [Progress], s: &mut Scratch) {
+fn add_normals(
+    field: &Field,
+    space: &Space,
+    moments: &Moments,
+    progress: &mut [Progress],
+    (n, s): (usize, &mut Scratch),
+) {
     let bar = sized(&mut s.bar, field.density.outputs() * n);
     bar.fill(0.0);
     for kept in &s.kept {
         // d sigma / d raw = sigma.
         bar[kept.column as usize] = kept.sigma;
     }
-    let features_bar = sized(&mut s.features_bar, field.grid.out_rows() * n);
+    let features_bar = sized(&mut s.features_bar, field.rows() * n);
     features_bar.fill(0.0);
     let grad = sized(&mut s.grad, field.density.packed_grad_len());
     grad.fill(0.0);
@@ -361,7 +381,14 @@ fn add_normals(field: &Field, space: &Space, n: usize, progress: &mut [Progress]
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
     let x = &s.x[..3 * n];
+    let (features_bar, seen_bar) = features_bar.split_at(field.grid.out_rows() * n);
     shapes_hold(field.grid.encode_backward_x(field.simd, &field.grid_params, x, features_bar, x_bar));
+    if let Some(deform) = &field.deform {
+        // The gradient where the point is, not where it is canonical.
+        let (grad, scratch) = &mut s.deform;
+        grad.begin_at(deform, moments);
+        deform.learn(Points { x: &s.was[..3 * n], which: &s.which, moments }, x_bar, seen_bar, grad, scratch);
+    }
     for kept in &s.kept {
         let (i, ray) = (kept.column as usize, &s.rays[kept.ray as usize]);
         let gradient = space.world_gradient(ray.at(kept.t), [x_bar[i], x_bar[n + i], x_bar[2 * n + i]]);

@@ -78,7 +78,7 @@ impl Ngp {
         let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
-        let bad = bad + self.update_networks(lr) + self.update_method(&plan, lr);
+        let bad = bad + self.update_networks(lr) + self.update_deform(lr) + self.update_method(&plan, lr);
         self.seconds.optimise += since(start);
         if self.field.head.is_some() {
             stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
@@ -229,6 +229,12 @@ impl Ngp {
         }
         field.pack();
         bad
+    }
+
+    /// One step of what moves. Returns the count of non-finite gradients.
+    fn update_deform(&mut self, lr: f64) -> usize {
+        let grads = self.work.chunks.iter().map(|c| &c.deform_grad);
+        self.field.deform.as_mut().map_or(0, |deform| deform.step(grads, lr))
     }
 
     /// One step of each proposal. Returns the count of non-finite gradients.

@@ -1,0 +1,253 @@
+//! What moves: the seam between a radiance field and a scene that is not the same at all times.
+//!
+//! A field knows one scene, the *canonical* one. A [`Deform`] says where in it the point of a moment is, and what else the
+//! density there depends on:
+//!
+//! 1. a moment is a row of numbers ([`Moments`]): the time's sines and cosines, or a free code;
+//! 2. [`Deform::place`]: points of a moment, in the unit cube, to canonical points, and rows for the density network;
+//! 3. the field learns; [`Deform::learn`]: the gradient of both, back to networks, moments and points.
+//!
+//! A field without one does none of this. Where nothing is warped ([`Moments::still`]) points stay as they are, bit for bit,
+//! and no network is asked.
+
+mod config;
+mod moments;
+mod pass;
+mod record;
+mod state;
+mod times;
+
+pub use config::{Ambient, DeformConfig, Moment, Motion, Origin, Sees, Warp};
+pub(crate) use moments::Moments;
+pub(crate) use pass::{DeformGrad, DeformScratch, Points};
+pub(crate) use times::Times;
+
+use crate::data::Dataset;
+use crate::static_scene::parts;
+use crate::system::SystemError;
+use field_core::encoding::frequency::{Base, Frequency, Identity};
+use field_core::encoding::window;
+use field_core::init::Init;
+use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::rng::Rng;
+use float_core::Simd;
+use moments::TimeNetwork;
+use optim::{Adam, AdamConfig};
+
+/// Stream of the initial parameters.
+const INIT: u64 = 0x6465_666f;
+/// Largest number the last layer of a warp begins with: points start where they are.
+const SMALL: f32 = 1e-4;
+/// Codes begin in `0..CODE` (Nerfies).
+const CODE: f32 = 0.05;
+
+/// A deformation and its optimiser.
+pub struct Deform {
+    config: DeformConfig,
+    simd: Simd,
+    times: Times,
+    time: Frequency,
+    time_network: Option<TimeNetwork>,
+    /// Octaves of the point that the warp, the ambient network and the density network see.
+    warp_point: Option<Frequency>,
+    ambient_point: Option<Frequency>,
+    seen_point: Option<Frequency>,
+    seen_ambient: Option<Frequency>,
+    warp: Option<Mlp>,
+    ambient: Option<Mlp>,
+    /// Those of the warp, then those of the ambient network.
+    params: Vec<f32>,
+    packed: [Packed; 2],
+    adam: Adam,
+    grad: Vec<f32>,
+    /// `[moments][dims]`, or the parameters of the time network.
+    codes: Vec<f32>,
+    code_adam: Adam,
+    code_grad: Vec<f32>,
+    /// Those of the training views.
+    moments: Moments,
+    /// Steps taken.
+    steps: u64,
+    /// Weights of the warp's octaves, and of the ambient ones, as of this step.
+    warp_window: Vec<f32>,
+    ambient_window: Vec<f32>,
+    /// Points that were warped, and all of them.
+    pub(crate) counts: pass::Counts,
+}
+
+fn refuse(e: impl ToString) -> SystemError {
+    SystemError::Config { field: "warp, ambient", value: String::new(), problem: e.to_string() }
+}
+
+fn octaves(dims: usize, octaves: usize, identity: Identity) -> Result<Frequency, SystemError> {
+    Frequency::new(dims, octaves, Base::One, identity).map_err(refuse)
+}
+
+/// Hidden layers with a skip of the input into the fifth, where there are so many.
+fn network(inputs: usize, (depth, width): (usize, usize), outputs: usize) -> Result<Mlp, SystemError> {
+    let skips = if depth > 4 { vec![4] } else { vec![] };
+    Mlp::new(&MlpConfig {
+        inputs,
+        hidden: vec![width; depth],
+        outputs,
+        bias: Bias::Zero,
+        hidden_activation: Activation::Relu,
+        output_activation: Activation::None,
+        skips,
+    })
+    .map_err(refuse)
+}
+
+impl Deform {
+    /// A deformation that moves nothing yet.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for networks that cannot be.
+    pub(crate) fn new(config: DeformConfig, data: &Dataset, seed: u64) -> Result<Self, SystemError> {
+        let simd = Simd::best();
+        let times = Times::of(data);
+        let dims = Self::moment_dims(config.moment);
+        let rng = Rng::new(seed, INIT);
+        let (time_octaves, code_len) = match config.moment {
+            Moment::Time { octaves } => (octaves, 0),
+            Moment::TimeNetwork { octaves, .. } => (octaves, 0),
+            Moment::Codes { dims } => (0, dims * times.len()),
+        };
+        let time = octaves(1, time_octaves, Identity::Include)?;
+        let mut codes = vec![0.0; code_len];
+        let mut time_network = None;
+        if let Moment::TimeNetwork { width, .. } = config.moment {
+            let mlp = network(time.out_rows(), (1, width), dims)?;
+            codes = vec![0.0; mlp.param_count()];
+            parts::init([&mlp], Init::XavierUniform, rng.substream(0), &mut codes);
+            time_network = Some(TimeNetwork { mlp, packed: Packed::default() });
+        } else {
+            rng.substream(0).fill_uniform(0, &mut codes);
+            codes.iter_mut().for_each(|c| *c *= CODE);
+        }
+        let encoding = |n: Option<usize>, dims, identity| n.map(|n| octaves(dims, n, identity)).transpose();
+        let warp_point = encoding(config.warp.map(|w| w.octaves), 3, Identity::Include)?;
+        let ambient_point = encoding(config.ambient.map(|a| a.octaves), 3, Identity::Omit)?;
+        let seen = match config.sees {
+            Sees::MomentAndPoint { octaves } => Some(octaves),
+            Sees::Place | Sees::Moment => None,
+        };
+        let seen_point = encoding(seen, 3, Identity::Include)?;
+        let ambients = config.ambient.map_or(1, |a| a.dims);
+        let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Include)?;
+        let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
+        let warp = config.warp.map(|w| {
+            let outputs = if w.motion == Motion::Rigid { 6 } else { 3 };
+            network(rows(&warp_point) + dims, (w.depth, w.width), outputs)
+        });
+        let ambient = config.ambient.map(|a| network(rows(&ambient_point) + dims, (a.depth, a.width), a.dims));
+        let (warp, ambient) = (warp.transpose()?, ambient.transpose()?);
+        let count = |mlp: &Option<Mlp>| mlp.as_ref().map_or(0, Mlp::param_count);
+        let (warps, all) = (count(&warp), count(&warp) + count(&ambient));
+        let mut params = vec![0.0; all];
+        let places = [(&warp, 0..warps), (&ambient, warps..all)];
+        for (k, (mlp, range)) in places.into_iter().enumerate() {
+            let Some(mlp) = mlp else { continue };
+            let (rng, params) = (rng.substream(1 + k as u64), &mut params[range]);
+            parts::init([mlp], Init::XavierUniform, rng, params);
+            // Points begin where they are.
+            if let Some(last) = mlp.layers().last() {
+                rng.substream(u64::MAX).fill_uniform(0, &mut params[last.weights.clone()]);
+                params[last.weights.clone()].iter_mut().for_each(|w| *w *= SMALL);
+            }
+        }
+        let mut deform = Self {
+            adam: Adam::new(all, AdamConfig::DEFAULT),
+            grad: vec![0.0; all],
+            code_adam: Adam::new(codes.len(), AdamConfig::DEFAULT),
+            code_grad: vec![0.0; codes.len()],
+            packed: Default::default(),
+            moments: Moments::default(),
+            steps: 0,
+            warp_window: vec![0.0; config.warp.map_or(0, |w| w.octaves)],
+            ambient_window: vec![0.0; config.ambient.map_or(0, |a| a.seen_octaves)],
+            counts: pass::Counts::default(),
+            config,
+            simd,
+            times,
+            time,
+            time_network,
+            warp_point,
+            ambient_point,
+            seen_point,
+            seen_ambient,
+            warp,
+            ambient,
+            params,
+            codes,
+        };
+        deform.renew();
+        Ok(deform)
+    }
+
+    /// Rows that the density network sees besides features.
+    pub(crate) fn seen_rows(&self) -> usize {
+        let dims = Self::moment_dims(self.config.moment);
+        let seen = match self.config.sees {
+            Sees::Place => 0,
+            Sees::Moment => dims,
+            Sees::MomentAndPoint { .. } => dims + self.seen_point.as_ref().map_or(0, Frequency::out_rows),
+        };
+        seen + self.seen_ambient.as_ref().map_or(0, Frequency::out_rows)
+    }
+
+    /// Whether points are moved at all.
+    pub(crate) fn warps(&self) -> bool {
+        self.warp.is_some()
+    }
+
+    /// Moments of the training views.
+    pub(crate) fn moments(&self) -> &Moments {
+        &self.moments
+    }
+
+    /// Everything that follows from parameters and the count of steps.
+    fn renew(&mut self) {
+        let [warp, ambient] = &mut self.packed;
+        let at = self.warp.as_ref().map_or(0, Mlp::param_count);
+        for (mlp, params, packed) in
+            [(&self.warp, &self.params[..at], warp), (&self.ambient, &self.params[at..], ambient)]
+        {
+            if let Some(mlp) = mlp {
+                mlp.pack(params, packed);
+            }
+        }
+        if let Some(network) = &mut self.time_network {
+            network.mlp.pack(&self.codes, &mut network.packed);
+        }
+        if let Some(warp) = self.config.warp {
+            let done = if warp.anneal == 0 { 1.0 } else { self.steps as f64 / warp.anneal as f64 };
+            window::nerfies(done.min(1.0) * warp.octaves as f64, &mut self.warp_window);
+        }
+        if let Some(ambient) = self.config.ambient {
+            let [first, length] = ambient.anneal;
+            let done = self.steps.saturating_sub(first) as f64 / length.max(1) as f64;
+            window::nerfies(done.min(1.0) * ambient.seen_octaves as f64, &mut self.ambient_window);
+        }
+        let times: Vec<f64> = self.times.of_views().collect();
+        self.moments = self.moments_at(&times);
+    }
+
+    /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.
+    pub(crate) fn step<'g>(&mut self, parts: impl Iterator<Item = &'g DeformGrad> + Clone, lr: f64) -> usize {
+        self.grad.fill(0.0);
+        let at = self.warp.as_ref().map_or(0, Mlp::param_count);
+        let mut rows_bar = vec![0.0; self.moments.rows.len()];
+        for part in parts {
+            self.grad.iter_mut().zip(&part.params).for_each(|(sum, g)| *sum += g);
+            rows_bar.iter_mut().zip(&part.moments).for_each(|(sum, g)| *sum += g);
+        }
+        debug_assert!(at <= self.grad.len());
+        let lr = lr * self.config.rate;
+        let mut bad = self.adam.step(self.simd, lr, &mut self.params, &self.grad);
+        bad += self.learn_moments(&rows_bar, lr);
+        self.steps += 1;
+        self.renew();
+        bad
+    }
+}

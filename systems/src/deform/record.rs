@@ -1,0 +1,86 @@
+//! The deformation as the papers write it, on the tape.
+
+use super::Deform;
+use super::config::{Motion, Sees};
+use crate::static_scene::parts::Part;
+use field_core::deform;
+use field_core::encoding::frequency::Frequency;
+use field_core::tape::{EncodingOp, Node, Tape, TapeError, Windowed};
+
+/// The tape operations of a deformation.
+pub(super) struct Ops<'a> {
+    warp: Option<(EncodingOp<Windowed<'a>>, Part<'a>)>,
+    ambient: Option<(EncodingOp<Frequency>, Part<'a>, EncodingOp<Windowed<'a>>)>,
+    seen_point: Option<EncodingOp<Frequency>>,
+}
+
+/// Points that have been moved.
+pub(super) struct Moved {
+    /// Canonical points, `[3 x n]` in the unit cube.
+    pub(super) x: Node,
+    /// What the density network sees besides features, `[rows x n]`; `None` for nothing.
+    pub(super) seen: Option<Node>,
+}
+
+impl Deform {
+    pub(super) fn ops(&self) -> Ops<'_> {
+        let windowed = |encoding: &Frequency, window| Windowed { encoding: *encoding, window: Some(window) };
+        let at = self.warp.as_ref().map_or(0, |mlp| mlp.param_count());
+        let warp = self.warp.as_ref().zip(self.warp_point.as_ref()).map(|(mlp, point)| {
+            let encoding = EncodingOp::new(windowed(point, &self.warp_window[..]), self.simd);
+            (encoding, Part::new(mlp, &self.packed[0], 0, self.simd))
+        });
+        let ambient = self.ambient.as_ref().zip(self.ambient_point.as_ref()).zip(self.seen_ambient.as_ref());
+        let ambient = ambient.map(|((mlp, point), seen)| {
+            let seen = EncodingOp::new(windowed(seen, &self.ambient_window[..]), self.simd);
+            (EncodingOp::new(*point, self.simd), Part::new(mlp, &self.packed[1], at, self.simd), seen)
+        });
+        let seen_point = self.seen_point.as_ref().map(|point| EncodingOp::new(*point, self.simd));
+        Ops { warp, ambient, seen_point }
+    }
+
+    /// Record the deformation of points `x` `[3 x n]` of the unit cube at moments `[dims x n]`.
+    pub(super) fn record<'a>(
+        &self,
+        ops: &'a Ops<'a>,
+        tape: &mut Tape<'a>,
+        x: Node,
+        moment: Node,
+    ) -> Result<Moved, TapeError> {
+        // Encodings and rotations are about the middle of the scene: the cube [-1, 1]^3.
+        let q = tape.affine(x, 2.0, -1.0)?;
+        let mut moved = Moved { x, seen: None };
+        if let Some((encoding, network)) = &ops.warp {
+            let point = tape.custom(encoding, &[q])?;
+            let input = tape.concat(&[point, moment])?;
+            let said = network.apply(tape, input)?;
+            let there = match self.config.warp.map(|w| w.motion) {
+                Some(Motion::Rigid) => {
+                    let (omega, v) = (tape.slice(said, 0..3)?, tape.slice(said, 3..6)?);
+                    deform::rigid(tape, q, omega, v)?
+                }
+                _ => deform::translate(tape, q, said)?,
+            };
+            moved.x = tape.affine(there, 0.5, 0.5)?;
+        }
+        let mut seen = Vec::with_capacity(3);
+        if let Some((point, network, windowed)) = &ops.ambient {
+            let point = tape.custom(point, &[q])?;
+            let input = tape.concat(&[point, moment])?;
+            let w = network.apply(tape, input)?;
+            seen.push(tape.custom(windowed, &[w])?);
+        }
+        if self.config.sees != Sees::Place {
+            seen.push(moment);
+        }
+        if let Some(point) = &ops.seen_point {
+            seen.push(tape.custom(point, &[q])?);
+        }
+        moved.seen = match seen[..] {
+            [] => None,
+            [one] => Some(one),
+            _ => Some(tape.concat(&seen)?),
+        };
+        Ok(moved)
+    }
+}

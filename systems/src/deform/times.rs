@@ -1,0 +1,83 @@
+//! The moments of the training views, and what lies between them.
+
+use crate::data::Dataset;
+
+/// Distinct times of the training views, ascending, and which of them each view shows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Times {
+    moments: Vec<f64>,
+    of_view: Vec<u32>,
+}
+
+/// Two moments and how far time is from the first to the second, `0..=1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Between {
+    pub(crate) before: usize,
+    pub(crate) after: usize,
+    pub(crate) share: f32,
+}
+
+impl Times {
+    pub(crate) fn of(data: &Dataset) -> Self {
+        let times: Vec<f64> = data.views().iter().map(|view| view.time).collect();
+        let mut moments = times.clone();
+        moments.sort_by(f64::total_cmp);
+        moments.dedup();
+        let place = |t: &f64| moments.partition_point(|m| m < t) as u32;
+        let of_view = times.iter().map(place).collect();
+        Self { moments, of_view }
+    }
+
+    /// Number of moments.
+    pub(crate) fn len(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// Time of each view.
+    pub(crate) fn of_views(&self) -> impl Iterator<Item = f64> + '_ {
+        self.of_view.iter().map(|&m| self.moments[m as usize])
+    }
+
+    /// Moment of a view.
+    pub(crate) fn moment(&self, view: usize) -> usize {
+        self.of_view[view] as usize
+    }
+
+    /// Views in the order of time.
+    pub(crate) fn in_order(&self) -> Vec<u32> {
+        let mut views: Vec<u32> = (0..self.of_view.len() as u32).collect();
+        views.sort_by_key(|&v| self.of_view[v as usize]);
+        views
+    }
+
+    /// The moments around a time; before the first and after the last one stands still.
+    pub(crate) fn between(&self, time: f64) -> Between {
+        let last = self.moments.len().saturating_sub(1);
+        let after = self.moments.partition_point(|&m| m < time).min(last);
+        let before = if self.moments.get(after).is_some_and(|&m| m <= time) { after } else { after.saturating_sub(1) };
+        let gap = self.moments.get(after).zip(self.moments.get(before)).map_or(0.0, |(b, a)| b - a);
+        let share = if gap > 0.0 { ((time - self.moments[before]) / gap).clamp(0.0, 1.0) as f32 } else { 0.0 };
+        Between { before, after, share }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn times(moments: &[f64]) -> Times {
+        Times { moments: moments.to_vec(), of_view: (0..moments.len() as u32).collect() }
+    }
+
+    #[test]
+    fn a_time_lies_between_its_neighbours_and_ends_stand_still() {
+        let t = times(&[0.0, 0.5, 1.0]);
+        assert_eq!(t.between(0.5), Between { before: 1, after: 1, share: 0.0 });
+        assert_eq!(t.between(0.75), Between { before: 1, after: 2, share: 0.5 });
+        assert_eq!(t.between(-1.0), Between { before: 0, after: 0, share: 0.0 });
+        assert_eq!(t.between(2.0).after, 2);
+        let after = t.between(2.0);
+        assert!(after.share == 0.0 || after.before == after.after || after.share == 1.0, "{after:?}");
+        assert_eq!(times(&[0.3]).between(0.9), Between { before: 0, after: 0, share: 0.0 });
+    }
+}

@@ -1,0 +1,206 @@
+//! Settings of systems for scenes that move; all of them can be given as `--set name=value`, beside those of the field.
+
+use crate::deform::{Ambient, DeformConfig, Moment, Motion, Origin, Sees, Warp};
+use crate::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// How a moment is told to the networks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MomentKind {
+    /// Time, its sines and cosines.
+    Time,
+    /// The same through a small network.
+    Network,
+    /// A free code for each moment trained on.
+    Codes,
+}
+
+/// What a deformation says of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WarpKind {
+    /// Nothing: points stay where they are.
+    None,
+    /// A displacement.
+    Translation,
+    /// A rotation and a translation.
+    Rigid,
+}
+
+/// What the density network sees besides features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SeesKind {
+    /// Nothing.
+    Place,
+    /// The moment.
+    Moment,
+    /// The moment and the point where it is now.
+    Point,
+}
+
+/// What a warp does at `t = 0`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OriginKind {
+    /// Nothing: the canonical scene is that of `t = 0`.
+    Canonical,
+    /// What it does at any other time.
+    Free,
+}
+
+/// Settings of a system for scenes that move.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DynamicConfig {
+    /// How a moment is told to the networks: `time`, `network` or `codes`.
+    pub moment: MomentKind,
+    /// Octaves of the time (`time`, `network`).
+    pub time_octaves: usize,
+    /// Numbers of a moment (`network`, `codes`).
+    pub moment_dims: usize,
+
+    /// What the deformation says of a point: `none`, `translation` or `rigid`.
+    pub warp: WarpKind,
+    /// What it does at `t = 0`: `canonical` (nothing) or `free`.
+    pub origin: OriginKind,
+    /// Octaves of the point it sees.
+    pub warp_octaves: usize,
+    /// Steps over which these come in, coarse to fine; 0: all from the start.
+    pub warp_anneal: u64,
+    /// Width and number of its hidden layers.
+    pub warp_width: usize,
+    /// See `warp_width`.
+    pub warp_depth: usize,
+
+    /// Coordinates beyond space; 0: none.
+    pub ambient: usize,
+    /// Octaves of the point that their network sees.
+    pub ambient_octaves: usize,
+    /// Width and number of its hidden layers.
+    pub ambient_width: usize,
+    /// See `ambient_width`.
+    pub ambient_depth: usize,
+    /// Steps before they come in.
+    pub ambient_from: u64,
+    /// Steps over which they come in.
+    pub ambient_anneal: u64,
+
+    /// What the density network sees besides features: `place` (nothing), `moment`, or `point` (the moment and where the
+    /// point is now).
+    pub sees: SeesKind,
+    /// Octaves of that point.
+    pub sees_octaves: usize,
+
+    /// Learning rate of the deformation's networks, a factor of the field's.
+    pub warp_lr: f64,
+    /// Learning rate of what moments are told by, a factor of that.
+    pub moment_lr: f64,
+}
+
+impl DynamicConfig {
+    /// A field that knows no time: nothing moves.
+    #[must_use]
+    pub fn still() -> Self {
+        Self {
+            moment: MomentKind::Time,
+            time_octaves: 10,
+            moment_dims: 8,
+            warp: WarpKind::None,
+            origin: OriginKind::Free,
+            warp_octaves: 6,
+            warp_anneal: 0,
+            warp_width: 64,
+            warp_depth: 3,
+            ambient: 0,
+            ambient_octaves: 6,
+            ambient_width: 64,
+            ambient_depth: 3,
+            ambient_from: 100,
+            ambient_anneal: 400,
+            sees: SeesKind::Place,
+            sees_octaves: 4,
+            warp_lr: 0.1,
+            moment_lr: 1.0,
+        }
+    }
+
+    /// The parts of the deformation; `None` where nothing moves.
+    pub(crate) fn deform(&self) -> Option<DeformConfig> {
+        let motion = match self.warp {
+            WarpKind::None => None,
+            WarpKind::Translation => Some(Motion::Translation),
+            WarpKind::Rigid => Some(Motion::Rigid),
+        };
+        if motion.is_none() && self.ambient == 0 && self.sees == SeesKind::Place {
+            return None;
+        }
+        Some(DeformConfig {
+            moment: match self.moment {
+                MomentKind::Time => Moment::Time { octaves: self.time_octaves },
+                MomentKind::Network => {
+                    Moment::TimeNetwork { octaves: self.time_octaves, width: self.warp_width, dims: self.moment_dims }
+                }
+                MomentKind::Codes => Moment::Codes { dims: self.moment_dims },
+            },
+            warp: motion.map(|motion| Warp {
+                octaves: self.warp_octaves,
+                anneal: self.warp_anneal,
+                width: self.warp_width,
+                depth: self.warp_depth,
+                motion,
+                origin: match self.origin {
+                    OriginKind::Canonical => Origin::Canonical,
+                    OriginKind::Free => Origin::Free,
+                },
+            }),
+            ambient: (self.ambient > 0).then_some(Ambient {
+                dims: self.ambient,
+                octaves: self.ambient_octaves,
+                width: self.ambient_width,
+                depth: self.ambient_depth,
+                seen_octaves: 1,
+                anneal: [self.ambient_from, self.ambient_anneal],
+            }),
+            sees: match self.sees {
+                SeesKind::Place => Sees::Place,
+                SeesKind::Moment => Sees::Moment,
+                SeesKind::Point => Sees::MomentAndPoint { octaves: self.sees_octaves },
+            },
+            rate: self.warp_lr,
+            code_rate: self.moment_lr,
+        })
+    }
+
+    /// Check what the parts do not check themselves.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub fn check(&self) -> Result<(), SystemError> {
+        let bad = |field: &'static str, value: String, problem: &str| {
+            Err(SystemError::Config { field, value, problem: problem.into() })
+        };
+        for (field, value) in [
+            ("time_octaves", self.time_octaves),
+            ("warp_octaves", self.warp_octaves),
+            ("ambient_octaves", self.ambient_octaves),
+            ("sees_octaves", self.sees_octaves),
+        ] {
+            if value > 16 {
+                return bad(field, value.to_string(), "must be at most 16");
+            }
+        }
+        for (field, value) in [("moment_dims", self.moment_dims), ("warp_width", self.warp_width)] {
+            if !(1..=1024).contains(&value) {
+                return bad(field, value.to_string(), "must be in 1..=1024");
+            }
+        }
+        for (field, value) in [("warp_lr", self.warp_lr), ("moment_lr", self.moment_lr)] {
+            if !(0.0..=100.0).contains(&value) {
+                return bad(field, value.to_string(), "must be in 0..=100");
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,17 @@
+//! Systems for scenes that move: a video in, any viewpoint at any time out.
+//!
+//! Each file reads like its paper: which parts of a [deformation](crate::deform) it takes, and its losses.
+//!
+//! | name | a moment | where a point was | beyond space |
+//! | --- | --- | --- | --- |
+//! | `ngp` | - | - | - |
+//! | `t-nerf` | time | - | - |
+//! | `d-nerf` | time | displacement, none at `t = 0` | - |
+
+mod config;
+mod d_nerf;
+mod plan;
+mod t_nerf;
+
+pub use config::{DynamicConfig, MomentKind, OriginKind, SeesKind, WarpKind};
+pub use plan::{SYSTEMS, build};

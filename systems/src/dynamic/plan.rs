@@ -1,0 +1,62 @@
+//! What does this video need? The system built from its name and its settings.
+
+use super::config::DynamicConfig;
+use super::{d_nerf, t_nerf};
+use crate::data::Dataset;
+use crate::deform::Deform;
+use crate::options::{Plan, RunOptions};
+use crate::plan::{Ground, NO_PARALLAX, ngp_settings, refuse_unknown, settings, split, table};
+use crate::system::{System, SystemError};
+use scene_io::Scene;
+
+/// Systems by name.
+pub const SYSTEMS: [&str; 3] = ["ngp", "t-nerf", "d-nerf"];
+
+/// Settings of a named system.
+fn named(name: &str) -> Result<DynamicConfig, SystemError> {
+    Ok(match name {
+        "ngp" => DynamicConfig::still(),
+        "t-nerf" => t_nerf::settings(),
+        "d-nerf" => d_nerf::settings(),
+        other => {
+            return Err(SystemError::Config {
+                field: "system",
+                value: other.into(),
+                problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
+            });
+        }
+    })
+}
+
+/// Build the system `name` for a scene.
+///
+/// # Errors
+/// As [`crate::plan::build`].
+pub fn build(
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let planned = named(name)?;
+    let (ours, fields) = split(run, &table(&planned));
+    let config: DynamicConfig = settings(&planned, &ours)?;
+    config.check()?;
+    let mut ground = Ground::of(scene, data, run)?;
+    let field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    let mut known = table(&config);
+    known.extend(table(&field));
+    refuse_unknown(run, &known)?;
+    let field = settings(&field, &fields)?;
+    let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
+    let system = ground.moving(data, &field, run.seed, (name_of(name), deform))?;
+    let mut all = table(&config);
+    all.extend(table(&field));
+    all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
+    let Ground { lines, background, error_budget, .. } = ground;
+    Ok((Box::new(system), Plan { lines, background, error_budget, config: all }))
+}
+
+fn name_of(name: &str) -> &'static str {
+    SYSTEMS.into_iter().find(|n| *n == name).unwrap_or("ngp")
+}
