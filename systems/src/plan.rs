@@ -301,6 +301,8 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         radius: layout.radius,
         levels: 8,
         features: 4,
+        levels_anneal: 0,
+        levels_first: 4,
         log2_table,
         n_min: 16,
         n_max,

@@ -116,6 +116,25 @@ impl Dataset {
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
     pub fn draw(&self, seed: u64, step: u64, n: usize, batch: &mut Batch) -> Result<(), SceneError> {
+        self.draw_among(seed, step, n, None, batch)
+    }
+
+    /// [`Dataset::draw`] from some of the views only, each as likely as the other. Where not all views fit in the image
+    /// memory, the window comes from all of them, and from these those that are in it, if any.
+    ///
+    /// # Errors
+    /// As [`Dataset::draw`].
+    ///
+    /// # Panics
+    /// When one of `views` does not exist.
+    pub fn draw_among(
+        &self,
+        seed: u64,
+        step: u64,
+        n: usize,
+        views: Option<&[u32]>,
+        batch: &mut Batch,
+    ) -> Result<(), SceneError> {
         if self.views.is_empty() {
             batch.resize(0);
             return Ok(());
@@ -123,7 +142,7 @@ impl Dataset {
         batch.resize(n);
         self.ready(seed, step, batch)?;
         let rng = Rng::new(seed, PIXELS).substream(step);
-        batch.fill(|i, pool| self.draw_one(&rng, i, pool));
+        batch.fill(|i, pool| self.draw_one(&rng, i, pool, views));
         Ok(())
     }
 
@@ -154,23 +173,33 @@ impl Dataset {
         });
     }
 
-    fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)]) -> Drawn {
+    fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)], views: Option<&[u32]>) -> Drawn {
         let mut drawn = Drawn::default();
         for attempt in 0..ATTEMPTS {
             let bits = rng.block_at(i * ATTEMPTS + attempt);
             let u = u64::from(bits[0]) << 32 | u64::from(bits[1]);
-            let (v, image, x, y) = match self.resident.get() {
-                Some(images) => {
+            let u_view = u64::from(bits[2]) << 32 | u64::from(bits[3]);
+            let within = |camera: &render_core::camera::Camera| {
+                split(scale(u, u64::from(camera.width) * u64::from(camera.height)), camera.width)
+            };
+            let (v, image, x, y) = match (self.resident.get(), views) {
+                (Some(images), Some(views)) if !views.is_empty() => {
+                    let v = views[scale(u_view, views.len() as u64) as usize] as usize;
+                    let (x, y) = within(&self.views[v].camera);
+                    (v, &images[v], x, y)
+                }
+                (Some(images), _) => {
                     let at = scale(u, self.pixel_count());
                     let v = self.view_of_pixel(at);
                     let (x, y) = split(at - self.first_pixel[v], self.views[v].camera.width);
                     (v, &images[v], x, y)
                 }
-                None => {
-                    let u_view = u64::from(bits[2]) << 32 | u64::from(bits[3]);
-                    let (v, image) = &pool[scale(u_view, pool.len() as u64) as usize];
-                    let camera = &self.views[*v as usize].camera;
-                    let (x, y) = split(scale(u, u64::from(camera.width) * u64::from(camera.height)), camera.width);
+                (None, views) => {
+                    let open = |(v, _): &&(u32, Arc<Image>)| views.is_none_or(|views| views.contains(v));
+                    let count = pool.iter().filter(open).count() as u64;
+                    let chosen = pool.iter().filter(open).nth(scale(u_view, count) as usize);
+                    let (v, image) = chosen.unwrap_or(&pool[scale(u_view, pool.len() as u64) as usize]);
+                    let (x, y) = within(&self.views[*v as usize].camera);
                     (*v as usize, image, x, y)
                 }
             };

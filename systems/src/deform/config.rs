@@ -12,6 +12,8 @@ pub struct DeformConfig {
     pub ambient: Option<Ambient>,
     /// What the density network sees besides the features of the warped point and its ambient coordinates.
     pub sees: Sees,
+    /// Steps after which all training views have come in, in the order of time; 0: they are there from the start.
+    pub curriculum: u64,
     /// Learning rate of these networks, a factor of the field's.
     pub rate: f64,
     /// Learning rate of the codes, a factor of the networks'.

@@ -38,6 +38,8 @@ use optim::{Adam, AdamConfig};
 const INIT: u64 = 0x6465_666f;
 /// Largest number the last layer of a warp begins with: points start where they are.
 const SMALL: f32 = 1e-4;
+/// Views that a curriculum begins with.
+const CURRICULUM_LEAST: usize = 3;
 /// Codes begin in `0..CODE` (Nerfies).
 const CODE: f32 = 0.05;
 
@@ -71,6 +73,8 @@ pub struct Deform {
     /// Weights of the warp's octaves, and of the ambient ones, as of this step.
     warp_window: Vec<f32>,
     ambient_window: Vec<f32>,
+    /// Training views in the order of time.
+    order: Vec<u32>,
     /// Points that were warped, and all of them.
     pub(crate) counts: pass::Counts,
 }
@@ -167,6 +171,7 @@ impl Deform {
             warp_window: vec![0.0; config.warp.map_or(0, |w| w.octaves)],
             ambient_window: vec![0.0; config.ambient.map_or(0, |a| a.seen_octaves)],
             counts: pass::Counts::default(),
+            order: times.in_order(),
             config,
             simd,
             times,
@@ -194,6 +199,15 @@ impl Deform {
             Sees::MomentAndPoint { .. } => dims + self.seen_point.as_ref().map_or(0, Frequency::out_rows),
         };
         seen + self.seen_ambient.as_ref().map_or(0, Frequency::out_rows)
+    }
+
+    /// The training views that this step draws from; `None`: all. The first ones in time come first (D-NeRF, section 4.2:
+    /// the canonical scene is learnt before what is far from it).
+    pub(crate) fn open_views(&self) -> Option<&[u32]> {
+        let all = self.order.len();
+        let open = (u128::from(self.steps) * all as u128).checked_div(self.config.curriculum.into());
+        let open = open.map_or(all, |open| open as usize);
+        (open < all).then(|| &self.order[..open.max(CURRICULUM_LEAST).min(all)])
     }
 
     /// Whether points are moved at all.

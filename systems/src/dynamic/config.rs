@@ -93,6 +93,8 @@ pub struct DynamicConfig {
     /// Octaves of that point.
     pub sees_octaves: usize,
 
+    /// Steps after which all frames have come in, in the order of time; 0: they are there from the start.
+    pub curriculum: u64,
     /// Learning rate of the deformation's networks, a factor of the field's.
     pub warp_lr: f64,
     /// Learning rate of what moments are told by, a factor of that.
@@ -121,6 +123,7 @@ impl DynamicConfig {
             ambient_anneal: 400,
             sees: SeesKind::Place,
             sees_octaves: 4,
+            curriculum: 0,
             warp_lr: 0.1,
             moment_lr: 1.0,
         }
@@ -168,6 +171,7 @@ impl DynamicConfig {
                 SeesKind::Moment => Sees::Moment,
                 SeesKind::Point => Sees::MomentAndPoint { octaves: self.sees_octaves },
             },
+            curriculum: self.curriculum,
             rate: self.warp_lr,
             code_rate: self.moment_lr,
         })

@@ -319,6 +319,7 @@ impl Chunk {
             stats.loss += tile.backward(ctx, chunk, rays, out);
         });
         self.stats = stats;
+        ctx.field.weigh_levels(n, &mut self.features_bar);
         self.move_back(ctx);
         let rendered = Instant::now();
         if let Some(proposals) = ctx.proposals {

@@ -4,6 +4,7 @@ use super::occupy;
 use crate::space::SpaceKind;
 use crate::system::SystemError;
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
+use field_core::encoding::window;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};
 use losses::kernel::Kernel;
 use render_core::quadrature::two::Mixture;
@@ -55,6 +56,10 @@ pub struct NgpConfig {
     pub levels: usize,
     /// Features of a hash grid entry: 1, 2, 4 or 8.
     pub features: usize,
+    /// Steps over which the levels come in, coarse to fine; 0: all from the start.
+    pub levels_anneal: u64,
+    /// Levels there are from the start, where the others come in later.
+    pub levels_first: usize,
     /// Each level has at most `2^log2_table` entries.
     pub log2_table: u32,
     /// Cells along an axis of the coarsest level.
@@ -261,6 +266,15 @@ impl NgpConfig {
     #[must_use]
     pub fn kernel(&self) -> Kernel {
         if self.huber > 0.0 { Kernel::Huber { delta: self.huber } } else { Kernel::Squared }
+    }
+
+    /// Weights of the grid's levels after so many steps: 0 for those that are not there yet.
+    pub(super) fn level_weights(&self, steps: u64, out: &mut [f32]) {
+        let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
+        let first = self.levels_first.min(out.len());
+        let (there, later) = out.split_at_mut(first);
+        there.fill(1.0);
+        window::nerfies(done * later.len() as f64, later);
     }
 
     /// Learning rate of a step.

@@ -24,6 +24,8 @@ pub(super) struct Field {
     pub(super) colour: Mlp,
     pub(super) harmonics: SphericalHarmonics,
     pub(super) grid_params: Vec<f32>,
+    /// Weights of the levels: 0 for those that are not there yet.
+    pub(super) level_weights: Vec<f32>,
     pub(super) density_params: Vec<f32>,
     pub(super) colour_params: Vec<f32>,
     /// The networks' parameters as the kernels read them: renewed after each step.
@@ -149,6 +151,8 @@ impl Field {
             let start = (config.step_min, config.head_bias);
             Head::new(geometry, dims, width, start, config.mixture.into(), rng.substream(3))
         });
+        let mut level_weights = vec![1.0; grid.levels().len()];
+        config.level_weights(0, &mut level_weights);
         let mut field = Self {
             head: head.transpose()?,
             deform,
@@ -158,6 +162,7 @@ impl Field {
             colour,
             harmonics: SphericalHarmonics::new(config.sh_degree, Directions::Unit)
                 .map_err(|e| super::config::bad("sh_degree", config.sh_degree, &e.to_string()))?,
+            level_weights,
             grid_params,
             density_params,
             colour_params,
@@ -180,7 +185,32 @@ impl Field {
 
     /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`.
     pub(super) fn encode(&self, x: &[f32], out: &mut [f32]) {
-        encode(&self.grid, self.simd, &self.grid_params, x, out);
+        let rows = self.grid.config().features * (x.len() / 3);
+        for (level, (out, &weight)) in out.chunks_exact_mut(rows.max(1)).zip(&self.level_weights).enumerate() {
+            if weight == 0.0 {
+                out.fill(0.0);
+                continue;
+            }
+            shapes_hold(self.grid.encode_level(self.simd, &self.grid_params, level, x, out));
+            if weight < 1.0 {
+                out.iter_mut().for_each(|feature| *feature *= weight);
+            }
+        }
+    }
+
+    /// The way back through the levels' weights: `bars` `[levels * features][n]`.
+    pub(super) fn weigh_levels(&self, n: usize, bars: &mut [f32]) {
+        let rows = self.grid.config().features * n;
+        for (bars, &weight) in bars.chunks_exact_mut(rows.max(1)).zip(&self.level_weights) {
+            if weight < 1.0 {
+                bars.iter_mut().for_each(|bar| *bar *= weight);
+            }
+        }
+    }
+
+    /// Levels that are there, at least in part.
+    pub(super) fn open_levels(&self) -> usize {
+        self.level_weights.iter().take_while(|&&w| w > 0.0).count()
     }
 
     /// What the colour network sees of rays: `[sh + more][rays]`, the basis of the view directions and room for `more` rows,

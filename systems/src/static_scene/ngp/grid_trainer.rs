@@ -43,7 +43,7 @@ impl GridTrainer {
         }
     }
 
-    /// One step. The parts add up in order, whatever the number of threads; each level is one task. Returns the count of
+    /// One step of the first `open` levels. The parts add up in order, whatever the number of threads; each level is one task. Returns the count of
     /// non-finite gradients.
     pub(super) fn step(
         &mut self,
@@ -52,6 +52,7 @@ impl GridTrainer {
         params: &mut [f32],
         lr: f64,
         parts: &[Part<'_>],
+        open: usize,
     ) -> usize {
         let features = grid.config().features;
         let mut jobs: [Option<LevelJob<'_>>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
@@ -72,6 +73,6 @@ impl GridTrainer {
             }
             adam.step_touched(simd, lr, params, grad, touched)
         };
-        jobs[..grid.levels().len()].par_iter_mut().enumerate().map(update).sum()
+        jobs[..open].par_iter_mut().enumerate().map(update).sum()
     }
 }

@@ -145,7 +145,7 @@ impl ProposalField {
         mlp_grads: impl Iterator<Item = &'g [f32]>,
         packed_grad: &mut Vec<f32>,
     ) -> usize {
-        let bad = self.trainer.step(simd, &self.grid, &mut self.grid_params, lr, parts);
+        let bad = self.trainer.step(simd, &self.grid, &mut self.grid_params, lr, parts, self.grid.levels().len());
         fold_gradients(&self.mlp, mlp_grads, packed_grad, &mut self.mlp_grad);
         let bad = bad + self.mlp_adam.step(simd, lr, &mut self.mlp_params, &self.mlp_grad);
         self.pack();

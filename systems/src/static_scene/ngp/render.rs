@@ -381,6 +381,7 @@ fn add_normals(
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
     let x = &s.x[..3 * n];
+    field.weigh_levels(n, features_bar);
     let (features_bar, seen_bar) = features_bar.split_at(field.grid.out_rows() * n);
     shapes_hold(field.grid.encode_backward_x(field.simd, &field.grid_params, x, features_bar, x_bar));
     if let Some(deform) = &field.deform {

@@ -109,6 +109,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     }
     (ngp.rays, ngp.stretch) = (counters[0] as usize, stretch);
     ngp.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
+    ngp.config.level_weights(ngp.guard.steps(), &mut ngp.field.level_weights);
     ngp.field.pack();
     Ok(())
 }

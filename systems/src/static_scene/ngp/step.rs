@@ -6,6 +6,7 @@ use super::grid_trainer::Part;
 use super::proposal::Proposals;
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
+use crate::deform::Deform;
 use crate::method::{Drawing, Outcome};
 use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
@@ -85,6 +86,7 @@ impl Ngp {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
+        self.config.level_weights(self.guard.steps(), &mut self.field.level_weights);
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -100,7 +102,10 @@ impl Ngp {
         let Inputs { batch, rays, .. } = &mut self.work.inputs;
         let pixels = self.rays.div_ceil(per_pixel);
         match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
-            Drawing::Pixels => data.draw(self.seed, step, pixels, batch)?,
+            Drawing::Pixels => {
+                let views = self.field.deform.as_ref().and_then(Deform::open_views);
+                data.draw_among(self.seed, step, pixels, views, batch)?;
+            }
             Drawing::Patches(patches, least) => {
                 let count = pixels.div_ceil(patches.pixels()).max(least);
                 data.draw_patches(self.seed, step, count, patches, batch)?;
@@ -211,7 +216,8 @@ impl Ngp {
     fn update_grid(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
         let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part());
-        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
+        let open = field.open_levels();
+        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts, open)
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
