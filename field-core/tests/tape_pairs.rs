@@ -5,6 +5,7 @@ mod tape_twin;
 use field_core::encoding::dense_grid::DenseGrid;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
+use field_core::encoding::multi_distance::MultiDistance;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::tape::{
@@ -171,6 +172,10 @@ fn grids_differentiate_twice() {
         let x = inside_cells(&[(3.0, 0.0), (4.0, 0.0), (5.0, 0.0)], 0.06);
         check_encoder(dense, &x, 1e-3, 1e-3);
     }
+    let grid = MultiDistance::new([4, 5, 6], 3).unwrap();
+    // The faces of the wide cells are among those of the narrow ones.
+    let x = inside_cells(&[(3.0, 0.0), (4.0, 0.0), (5.0, 0.0)], 0.06);
+    check_encoder(grid, &x, 1e-3, 1e-3);
 }
 
 #[test]

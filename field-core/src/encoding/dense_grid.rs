@@ -2,10 +2,9 @@
 
 use float_core::Simd;
 
-use super::lattice::features::{Features, Packed};
-use super::lattice::kernel::{Axes, Gather, Place, Scatter, Slope};
-use super::lattice::{Addressing, Interpolation, Lattice};
-use super::{axes, check_points, rows_mut};
+use super::lattice::kernel::Place;
+use super::lattice::{Addressing, Interpolation, Lattice, groups};
+use super::{axes, check_points};
 use crate::FieldError;
 use crate::error::check_len;
 
@@ -81,7 +80,7 @@ impl DenseGrid {
     /// [`FieldError::Shape`].
     pub fn encode(&self, simd: Simd, params: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
         self.check(params.len(), x, x.len(), out.len())?;
-        self.gather(simd, params, axes(x), None, out);
+        groups::gather(simd, self.place(x, None), params, out);
         Ok(())
     }
 
@@ -98,7 +97,7 @@ impl DenseGrid {
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
         self.check(params.len(), x, x_dot.len(), out_dot.len())?;
-        self.gather(simd, params, axes(x), Some(axes(x_dot)), out_dot);
+        groups::gather(simd, self.place(x, Some(x_dot)), params, out_dot);
         Ok(())
     }
 
@@ -108,7 +107,7 @@ impl DenseGrid {
     /// [`FieldError::Shape`].
     pub fn encode_backward(&self, simd: Simd, x: &[f32], out_bar: &[f32], grad: &mut [f32]) -> Result<(), FieldError> {
         self.check(grad.len(), x, x.len(), out_bar.len())?;
-        self.scatter(simd, axes(x), None, out_bar, grad);
+        groups::scatter(simd, self.place(x, None), out_bar, grad, None);
         Ok(())
     }
 
@@ -125,7 +124,7 @@ impl DenseGrid {
         grad: &mut [f32],
     ) -> Result<(), FieldError> {
         self.check(grad.len(), x, x_dot.len(), out_dot_bar.len())?;
-        self.scatter(simd, axes(x), Some(axes(x_dot)), out_dot_bar, grad);
+        groups::scatter(simd, self.place(x, Some(x_dot)), out_dot_bar, grad, None);
         Ok(())
     }
 
@@ -143,7 +142,7 @@ impl DenseGrid {
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
         self.check(params.len(), x, x_bar.len(), out_bar.len())?;
-        self.slope(simd, params, axes(x), None, out_bar, x_bar);
+        groups::slope(simd, self.place(x, None), params, out_bar, x_bar);
         Ok(())
     }
 
@@ -162,7 +161,7 @@ impl DenseGrid {
     ) -> Result<(), FieldError> {
         self.check(params.len(), x, x_dot.len(), out_dot_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope(simd, params, axes(x), Some(axes(x_dot)), out_dot_bar, x_bar);
+        groups::slope(simd, self.place(x, Some(x_dot)), params, out_dot_bar, x_bar);
         Ok(())
     }
 
@@ -173,83 +172,15 @@ impl DenseGrid {
         check_len("out", out, x.len() / 3 * self.features)
     }
 
-    /// Groups of 8, 4, 2, 1 features: first feature and size.
-    fn groups(&self) -> impl Iterator<Item = (usize, usize)> {
-        let mut first = 0;
-        core::iter::from_fn(move || {
-            let rest = self.features - first;
-            let size = [8, 4, 2, 1].into_iter().find(|&size| size <= rest)?;
-            first += size;
-            Some((first - size, size))
-        })
-    }
-
-    fn place<'a>(&self, first: usize, x: Axes<'a>, x_dot: Option<Axes<'a>>) -> Place<'a> {
-        Place { lattice: self.lattice, stride: self.features, first, interpolation: self.interpolation, x, x_dot }
-    }
-
-    fn gather(&self, simd: Simd, params: &[f32], x: Axes<'_>, x_dot: Option<Axes<'_>>, out: &mut [f32]) {
-        let n = x[0].len();
-        for (first, size) in self.groups() {
-            let (place, out) = (self.place(first, x, x_dot), &mut out[first * n..(first + size) * n]);
-            match size {
-                1 => gather::<1>(simd, place, params, out),
-                2 => gather::<2>(simd, place, params, out),
-                4 => gather::<4>(simd, place, params, out),
-                _ => gather::<8>(simd, place, params, out),
-            }
+    fn place<'a>(&self, x: &'a [f32], x_dot: Option<&'a [f32]>) -> Place<'a> {
+        Place {
+            lattice: self.lattice,
+            stride: self.features,
+            features: self.features,
+            first: 0,
+            interpolation: self.interpolation,
+            x: axes(x),
+            x_dot: x_dot.map(axes),
         }
     }
-
-    fn scatter(&self, simd: Simd, x: Axes<'_>, x_dot: Option<Axes<'_>>, out_bar: &[f32], grad: &mut [f32]) {
-        let n = x[0].len();
-        for (first, size) in self.groups() {
-            let (place, out_bar) = (self.place(first, x, x_dot), &out_bar[first * n..(first + size) * n]);
-            match size {
-                1 => scatter::<1>(simd, place, out_bar, grad),
-                2 => scatter::<2>(simd, place, out_bar, grad),
-                4 => scatter::<4>(simd, place, out_bar, grad),
-                _ => scatter::<8>(simd, place, out_bar, grad),
-            }
-        }
-    }
-
-    fn slope(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: Axes<'_>,
-        x_dot: Option<Axes<'_>>,
-        out_bar: &[f32],
-        x_bar: &mut [f32],
-    ) {
-        let n = x[0].len();
-        for (first, size) in self.groups() {
-            let (place, out_bar) = (self.place(first, x, x_dot), &out_bar[first * n..(first + size) * n]);
-            match size {
-                1 => slope::<1>(simd, place, table, out_bar, x_bar),
-                2 => slope::<2>(simd, place, table, out_bar, x_bar),
-                4 => slope::<4>(simd, place, table, out_bar, x_bar),
-                _ => slope::<8>(simd, place, table, out_bar, x_bar),
-            }
-        }
-    }
-}
-
-fn gather<const F: usize>(simd: Simd, place: Place<'_>, table: &[f32], out: &mut [f32])
-where
-    Packed: Features<F>,
-{
-    simd.run(Gather::<F> { place, table, out: rows_mut(out) });
-}
-
-fn scatter<const F: usize>(simd: Simd, place: Place<'_>, out_bar: &[f32], grad: &mut [f32])
-where
-    Packed: Features<F>,
-{
-    simd.run(Scatter::<F> { place, out_bar: super::rows(out_bar), grad, touched: None });
-}
-
-fn slope<const F: usize>(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32]) {
-    simd.run(Slope::<F> { place, table, out_bar: super::rows(out_bar), x_bar: rows_mut(x_bar) });
 }

@@ -7,6 +7,8 @@ pub mod frequency;
 pub mod hash_grid;
 pub mod integrated;
 mod lattice;
+pub mod multi_distance;
+mod resample;
 pub mod spherical_harmonics;
 pub mod window;
 

@@ -4,6 +4,7 @@ use super::encode::Encoder;
 use crate::FieldError;
 use crate::encoding::dense_grid::DenseGrid;
 use crate::encoding::hash_grid::HashGrid;
+use crate::encoding::multi_distance::MultiDistance;
 use float_core::Simd;
 
 /// A hash grid. Operations are shared by threads, so they cannot mark what they touch: entries without gradient are those
@@ -127,6 +128,65 @@ impl Encoder for DenseGrid {
     ) -> Result<(), FieldError> {
         if let Some(bar) = table_bar {
             DenseGrid::tangent_backward(self, simd, x, x_dot, out_dot_bar, bar)?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
+    }
+}
+
+impl Encoder for MultiDistance {
+    const NAME: &'static str = "multi_distance";
+
+    fn in_rows(&self) -> usize {
+        3
+    }
+
+    fn out_rows(&self) -> usize {
+        MultiDistance::out_rows(self)
+    }
+
+    fn params_len(&self) -> usize {
+        MultiDistance::params_len(self)
+    }
+
+    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        MultiDistance::encode(self, simd, table, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        out_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            self.encode_backward(simd, x, out_bar, bar)?;
+        }
+        x_bar.map_or(Ok(()), |bar| self.encode_backward_x(simd, table, x, out_bar, bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        MultiDistance::tangent(self, simd, table, x, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        (table, x): (&[f32], &[f32]),
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        table_bar: Option<&mut [f32]>,
+        x_bar: Option<&mut [f32]>,
+    ) -> Result<(), FieldError> {
+        if let Some(bar) = table_bar {
+            MultiDistance::tangent_backward(self, simd, x, x_dot, out_dot_bar, bar)?;
         }
         x_bar.map_or(Ok(()), |bar| self.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
     }

@@ -279,8 +279,8 @@ impl HashGrid {
     }
 
     fn place<'a>(&self, level: usize, x: Axes<'a>, x_dot: Option<Axes<'a>>) -> Place<'a> {
-        let lattice = self.levels[level].lattice();
-        Place { lattice, stride: self.config.features, first: 0, interpolation: self.config.interpolation, x, x_dot }
+        let (lattice, features) = (self.levels[level].lattice(), self.config.features);
+        Place { lattice, stride: features, features, first: 0, interpolation: self.config.interpolation, x, x_dot }
     }
 
     /// The rows `out` are `[features][n]`.

@@ -67,7 +67,7 @@ macro_rules! plain {
 
 plain! { 1 }
 #[cfg(not(target_arch = "x86_64"))]
-plain! { 2 4 8 }
+plain! { 2 4 6 8 }
 
 #[cfg(target_arch = "x86_64")]
 mod sse {
@@ -163,6 +163,39 @@ mod sse {
         }
     }
 
+    impl Features<6> for Packed {
+        type Reg = [__m128; 2];
+        #[inline(always)]
+        fn zero() -> [__m128; 2] {
+            [zero(); 2]
+        }
+        #[inline(always)]
+        fn pack(e: [f32; 6]) -> [__m128; 2] {
+            [pack(e[0], e[1], e[2], e[3]), pack(e[4], e[5], 0.0, 0.0)]
+        }
+        #[inline(always)]
+        unsafe fn load(p: *const f32) -> [__m128; 2] {
+            // SAFETY: four numbers and two more that the caller vouches for; neither load needs alignment.
+            unsafe { [_mm_loadu_ps(p), _mm_castpd_ps(_mm_load_sd(p.add(4).cast()))] }
+        }
+        #[inline(always)]
+        unsafe fn store(reg: [__m128; 2], p: *mut f32) {
+            // SAFETY: four numbers and two more that the caller vouches for; neither store needs alignment.
+            unsafe {
+                _mm_storeu_ps(p, reg[0]);
+                _mm_store_sd(p.add(4).cast(), _mm_castps_pd(reg[1]));
+            }
+        }
+        #[inline(always)]
+        fn add_scaled(a: [__m128; 2], w: f32, b: [__m128; 2]) -> [__m128; 2] {
+            [add_scaled(a[0], w, b[0]), add_scaled(a[1], w, b[1])]
+        }
+        #[inline(always)]
+        fn unpack(reg: [__m128; 2]) -> [f32; 6] {
+            unpack!(6, reg)
+        }
+    }
+
     impl Features<8> for Packed {
         type Reg = [__m128; 2];
         #[inline(always)]
@@ -228,6 +261,7 @@ mod tests {
         check::<1>();
         check::<2>();
         check::<4>();
+        check::<6>();
         check::<8>();
     }
 }

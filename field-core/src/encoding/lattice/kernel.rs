@@ -16,8 +16,10 @@ pub(crate) type Axes<'a> = [&'a [f32]; 3];
 #[derive(Clone, Copy)]
 pub(crate) struct Place<'a> {
     pub(crate) lattice: Lattice,
-    /// Features of an entry.
+    /// Floats from an entry to the next.
     pub(crate) stride: usize,
+    /// Features of an entry, at most `stride`.
+    pub(crate) features: usize,
     /// The first of the features that the kernel works on.
     pub(crate) first: usize,
     pub(crate) interpolation: Interpolation,
@@ -112,8 +114,9 @@ impl Place<'_> {
 
     #[inline(always)]
     fn check<const F: usize>(&self, table: &[f32]) {
-        assert!(table.len() == self.lattice.entries as usize * self.stride, "a grid's table has the wrong length");
-        assert!(self.first + F <= self.stride && table.len() <= u32::MAX as usize, "a grid's features do not exist");
+        let end = (self.lattice.entries as usize - 1) * self.stride + self.features;
+        assert!(table.len() >= end, "a grid's table has the wrong length");
+        assert!(self.first + F <= self.features && end <= u32::MAX as usize, "a grid's features do not exist");
     }
 }
 
@@ -133,8 +136,8 @@ where
                 for c in 0..8 {
                     let start = starts[c][i] as usize + place.first;
                     debug_assert!(start + F <= table.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries *
-                    // stride, and that first + F <= stride.
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more,
+                    // and that first + F <= features.
                     let e = unsafe { Packed::load(table.as_ptr().add(start)) };
                     acc = Packed::add_scaled(acc, weights[c][i], e);
                 }
@@ -166,6 +169,8 @@ where
         self.place.check::<F>(self.grad);
         let Self { place, out_bar: rows, grad, mut touched } = self;
         let n = place.x[0].len();
+        // Groups that do not start at multiples of their size may lie in two blocks.
+        let straddles = !BLOCK_FLOATS.is_multiple_of(F) || !(place.stride | place.first).is_multiple_of(F);
         place.for_each_block(grad.as_ptr(), |at, starts, weights| {
             let out_bar = block(&rows, at);
             for i in 0..BLOCK.min(n - at) {
@@ -173,8 +178,8 @@ where
                 for c in 0..8 {
                     let start = starts[c][i] as usize + place.first;
                     debug_assert!(start + F <= grad.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds entries *
-                    // stride, and that first + F <= stride.
+                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more,
+                    // and that first + F <= features.
                     unsafe {
                         let e = grad.as_mut_ptr().add(start);
                         Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
@@ -184,8 +189,13 @@ where
             if let Some(touched) = &mut touched {
                 for i in 0..BLOCK.min(n - at) {
                     for starts in starts {
-                        let block = (starts[i] as usize + place.first) / BLOCK_FLOATS;
+                        let first = starts[i] as usize + place.first;
+                        let block = first / BLOCK_FLOATS;
                         touched[block / 64] |= 1 << (block % 64);
+                        if straddles {
+                            let block = (first + F - 1) / BLOCK_FLOATS;
+                            touched[block / 64] |= 1 << (block % 64);
+                        }
                     }
                 }
             }

@@ -2,6 +2,7 @@
 
 pub(crate) mod cell;
 pub(crate) mod features;
+pub(crate) mod groups;
 pub(crate) mod kernel;
 
 /// How features change inside a cell.
