@@ -303,6 +303,8 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         features: 4,
         levels_anneal: 0,
         levels_first: 4,
+        voxels: 0,
+        voxels_every: 500,
         log2_table,
         n_min: 16,
         n_max,

@@ -15,6 +15,8 @@ mod moments;
 mod pass;
 mod record;
 mod state;
+#[cfg(test)]
+mod tests;
 mod times;
 
 pub use config::{Ambient, DeformConfig, Moment, Motion, Origin, Sees, Warp};
@@ -108,8 +110,12 @@ impl Deform {
     /// # Errors
     /// [`SystemError::Config`] for networks that cannot be.
     pub(crate) fn new(config: DeformConfig, data: &Dataset, seed: u64) -> Result<Self, SystemError> {
+        Self::of_times(config, Times::of(data), seed)
+    }
+
+    /// The same for training views of these times.
+    fn of_times(config: DeformConfig, times: Times, seed: u64) -> Result<Self, SystemError> {
         let simd = Simd::best();
-        let times = Times::of(data);
         let dims = Self::moment_dims(config.moment);
         let rng = Rng::new(seed, INIT);
         let (time_octaves, code_len) = match config.moment {

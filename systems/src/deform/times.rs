@@ -19,8 +19,12 @@ pub(crate) struct Between {
 
 impl Times {
     pub(crate) fn of(data: &Dataset) -> Self {
-        let times: Vec<f64> = data.views().iter().map(|view| view.time).collect();
-        let mut moments = times.clone();
+        Self::of_list(&data.views().iter().map(|view| view.time).collect::<Vec<f64>>())
+    }
+
+    /// Those of views with these times.
+    pub(crate) fn of_list(times: &[f64]) -> Self {
+        let mut moments = times.to_vec();
         moments.sort_by(f64::total_cmp);
         moments.dedup();
         let place = |t: &f64| moments.partition_point(|m| m < t) as u32;

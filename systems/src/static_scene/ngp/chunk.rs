@@ -3,13 +3,14 @@
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
 //! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
-use super::field::{Field, shapes_hold, sized};
+use super::field::{Field, sized};
 use super::grid_trainer::Part;
 use super::head::{PLACE_ROWS, place_features};
 use super::look::{Kept, Look};
 use super::occupy::Marcher;
 use super::proposal::Proposals;
 use super::proposed::{Draw, Proposed};
+use super::table::Table;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::data::Batch;
 use crate::deform::{DeformGrad, DeformScratch, Points};
@@ -62,6 +63,8 @@ pub(super) struct Chunk {
     features: Vec<f32>,
     /// `[rows][n]`: those of the grid, then those of the deformation.
     pub(super) features_bar: Vec<f32>,
+    /// Gradient of interpolated features, where these are not what the network sees.
+    raw_bar: Vec<f32>,
     /// `[3][n]`, gradient of the canonical positions; only where something moves.
     x_bar: Vec<f32>,
     pub(super) deform_grad: DeformGrad,
@@ -161,6 +164,7 @@ impl Chunk {
             which: Vec::new(),
             features: Vec::new(),
             features_bar: Vec::new(),
+            raw_bar: Vec::new(),
             x_bar: Vec::new(),
             deform_grad: DeformGrad::default(),
             deform: DeformScratch::default(),
@@ -178,9 +182,13 @@ impl Chunk {
         }
     }
 
-    /// What it brings to the gradient of the grid.
-    pub(super) fn part(&self) -> Part<'_> {
-        Part { n: self.n, x: &self.x, features_bar: &self.features_bar }
+    /// What it brings to the gradient of a table.
+    pub(super) fn part(&self, table: &Table) -> Part<'_> {
+        let features_bar = match table {
+            Table::Hash(..) => &self.features_bar,
+            Table::Voxels(..) => &self.raw_bar,
+        };
+        Part { n: self.n, x: &self.x, features_bar }
     }
 
     /// Bytes held.
@@ -319,7 +327,6 @@ impl Chunk {
             stats.loss += tile.backward(ctx, chunk, rays, out);
         });
         self.stats = stats;
-        ctx.field.weigh_levels(n, &mut self.features_bar);
         self.move_back(ctx);
         let rendered = Instant::now();
         if let Some(proposals) = ctx.proposals {
@@ -331,17 +338,18 @@ impl Chunk {
         self.stats.seconds[3] = rendered.elapsed().as_secs_f64();
     }
 
-    /// Bring the gradient of the features back through the grid's positions to the deformation.
+    /// Bring the gradient of the features back to the table, and through positions to the deformation.
     fn move_back(&mut self, ctx: &StepContext<'_>) {
         let (field, n) = (ctx.field, self.n);
+        let bars = &mut self.features_bar[..field.rows() * n];
+        let (raw_bar, seen_bar) = field.pull(&self.x[..3 * n], bars, &mut self.raw_bar);
         let Some(deform) = &field.deform else { return };
         self.deform_grad.begin(deform);
-        let (features_bar, seen_bar) = self.features_bar[..field.rows() * n].split_at(field.grid.out_rows() * n);
         let x_bar = sized(&mut self.x_bar, 3 * n);
         x_bar.fill(0.0);
         if deform.warps() {
             let x = &self.x[..3 * n];
-            shapes_hold(field.grid.encode_backward_x(field.simd, &field.grid_params, x, features_bar, x_bar));
+            field.grid.pull_positions(field.simd, &field.grid_params, x, raw_bar, x_bar);
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);

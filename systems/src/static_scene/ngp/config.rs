@@ -60,6 +60,11 @@ pub struct NgpConfig {
     pub levels_anneal: u64,
     /// Levels there are from the start, where the others come in later.
     pub levels_first: usize,
+    /// Voxels along an axis, instead of a hash grid; 0: a hash grid. They begin with an eighth of them in all, and double in
+    /// number three times.
+    pub voxels: usize,
+    /// Steps between one doubling and the next.
+    pub voxels_every: u64,
     /// Each level has at most `2^log2_table` entries.
     pub log2_table: u32,
     /// Cells along an axis of the coarsest level.
@@ -163,6 +168,9 @@ impl From<MixtureKind> for Mixture {
     }
 }
 
+/// How often the number of voxels doubles.
+const DOUBLINGS: u64 = 3;
+
 /// Rounds of proposals at most, and intervals of a ray in each.
 const MAX_PROPOSALS: usize = 3;
 const MAX_INTERVALS: usize = 1024;
@@ -192,13 +200,13 @@ impl NgpConfig {
         .map_err(|e| bad("levels, features, log2_table, n_min, n_max", "", &e.to_string()))
     }
 
-    /// The density network; `more` is what it sees besides the grid's features.
+    /// The density network of so many inputs.
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.
-    pub fn density_mlp(&self, more: usize) -> Result<Mlp, SystemError> {
+    pub fn density_mlp(&self, inputs: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
-            inputs: self.levels * self.features + more,
+            inputs,
             hidden: vec![self.width],
             outputs: self.geometry,
             bias: Bias::None,
@@ -266,6 +274,13 @@ impl NgpConfig {
     #[must_use]
     pub fn kernel(&self) -> Kernel {
         if self.huber > 0.0 { Kernel::Huber { delta: self.huber } } else { Kernel::Squared }
+    }
+
+    /// Voxels along an axis after so many steps.
+    pub(super) fn voxels_after(&self, steps: u64) -> usize {
+        let left = DOUBLINGS.saturating_sub(steps.checked_div(self.voxels_every).unwrap_or(DOUBLINGS));
+        let share = 2.0_f64.powf(-(left as f64) / 3.0);
+        ((self.voxels as f64 * share).round() as usize).max(2)
     }
 
     /// Weights of the grid's levels after so many steps: 0 for those that are not there yet.
@@ -348,6 +363,9 @@ impl NgpConfig {
         }
         if !counts.contains(&self.final_samples) {
             return Err(bad("final_samples", self.final_samples, &format!("must be in 2..={MAX_INTERVALS}")));
+        }
+        if self.voxels != 0 && !(8..=512).contains(&self.voxels) {
+            return Err(bad("voxels", self.voxels, "must be 0 or in 8..=512"));
         }
         if !(8..=512).contains(&self.occupancy) {
             return Err(bad("occupancy", self.occupancy, "must be in 8..=512"));

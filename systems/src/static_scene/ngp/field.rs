@@ -2,6 +2,7 @@
 
 use super::NgpConfig;
 use super::head::Head;
+use super::table::Table;
 use crate::deform::{Deform, DeformScratch, Moments, Points};
 use crate::space::InternalRay;
 use crate::system::SystemError;
@@ -19,13 +20,11 @@ const INIT: u64 = 0x696e_6974;
 /// Parameters and shapes of the field. Positions are in the grid's `[0, 1]^3`.
 pub(super) struct Field {
     pub(super) simd: Simd,
-    pub(super) grid: HashGrid,
+    pub(super) grid: Table,
     pub(super) density: Mlp,
     pub(super) colour: Mlp,
     pub(super) harmonics: SphericalHarmonics,
     pub(super) grid_params: Vec<f32>,
-    /// Weights of the levels: 0 for those that are not there yet.
-    pub(super) level_weights: Vec<f32>,
     pub(super) density_params: Vec<f32>,
     pub(super) colour_params: Vec<f32>,
     /// The networks' parameters as the kernels read them: renewed after each step.
@@ -139,11 +138,14 @@ impl Field {
         seed: u64,
     ) -> Result<Self, SystemError> {
         let seen = deform.as_ref().map_or(0, Deform::seen_rows);
-        let (grid, density) = (config.grid()?, config.density_mlp(seen)?);
+        let grid = Table::new(config, 0)?;
+        let density = config.density_mlp(grid.out_rows() + seen)?;
         let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let rng = Rng::new(seed, INIT);
         let mut grid_params = vec![0.0; grid.params_len()];
-        Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
+        if let Table::Hash(..) = grid {
+            Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
+        }
         let density_params = xavier(&density, rng.substream(1));
         let colour_params = xavier(&colour, rng.substream(2));
         let head = codes[1].map(|dims| {
@@ -151,8 +153,6 @@ impl Field {
             let start = (config.step_min, config.head_bias);
             Head::new(geometry, dims, width, start, config.mixture.into(), rng.substream(3))
         });
-        let mut level_weights = vec![1.0; grid.levels().len()];
-        config.level_weights(0, &mut level_weights);
         let mut field = Self {
             head: head.transpose()?,
             deform,
@@ -162,7 +162,6 @@ impl Field {
             colour,
             harmonics: SphericalHarmonics::new(config.sh_degree, Directions::Unit)
                 .map_err(|e| super::config::bad("sh_degree", config.sh_degree, &e.to_string()))?,
-            level_weights,
             grid_params,
             density_params,
             colour_params,
@@ -183,34 +182,16 @@ impl Field {
         }
     }
 
-    /// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`.
+    /// Features: `x` `[3][n]`, `out` `[table rows][n]`.
     pub(super) fn encode(&self, x: &[f32], out: &mut [f32]) {
-        let rows = self.grid.config().features * (x.len() / 3);
-        for (level, (out, &weight)) in out.chunks_exact_mut(rows.max(1)).zip(&self.level_weights).enumerate() {
-            if weight == 0.0 {
-                out.fill(0.0);
-                continue;
-            }
-            shapes_hold(self.grid.encode_level(self.simd, &self.grid_params, level, x, out));
-            if weight < 1.0 {
-                out.iter_mut().for_each(|feature| *feature *= weight);
-            }
-        }
+        self.grid.encode(self.simd, &self.grid_params, x, out);
     }
 
-    /// The way back through the levels' weights: `bars` `[levels * features][n]`.
-    pub(super) fn weigh_levels(&self, n: usize, bars: &mut [f32]) {
-        let rows = self.grid.config().features * n;
-        for (bars, &weight) in bars.chunks_exact_mut(rows.max(1)).zip(&self.level_weights) {
-            if weight < 1.0 {
-                bars.iter_mut().for_each(|bar| *bar *= weight);
-            }
-        }
-    }
-
-    /// Levels that are there, at least in part.
-    pub(super) fn open_levels(&self) -> usize {
-        self.level_weights.iter().take_while(|&&w| w > 0.0).count()
+    /// Bring gradients of what the density network sees, `bars` `[rows][n]`, to the table and to positions: those of the
+    /// interpolated features, those of what a deformation adds.
+    pub(super) fn pull<'b>(&self, x: &[f32], bars: &'b mut [f32], raw: &'b mut Vec<f32>) -> (&'b [f32], &'b [f32]) {
+        let (bars, seen) = bars.split_at_mut(self.grid.out_rows() * (x.len() / 3));
+        (self.grid.pull(self.simd, (&self.grid_params, x), bars, raw), seen)
     }
 
     /// What the colour network sees of rays: `[sh + more][rays]`, the basis of the view directions and room for `more` rows,

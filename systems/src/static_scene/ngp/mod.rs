@@ -37,7 +37,9 @@ mod render;
 mod state;
 mod step;
 mod survey;
+mod table;
 mod tile;
+mod voxel_trainer;
 
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
@@ -53,7 +55,6 @@ use crate::system::{
 };
 use chunk::Chunk;
 use field::Field;
-use grid_trainer::GridTrainer;
 use occupy::{Moves, Occupy};
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use proposal::Proposals;
@@ -63,6 +64,7 @@ use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use table::TableTrainer;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
@@ -93,7 +95,7 @@ pub struct Ngp {
     proposals: Option<Proposals>,
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
-    grid: GridTrainer,
+    grid: TableTrainer,
     density_adam: Adam,
     colour_adam: Adam,
     guard: NonFiniteGuard,
@@ -236,7 +238,7 @@ impl Ngp {
         };
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
-            grid: GridTrainer::new(&field.grid),
+            grid: TableTrainer::new(&field.grid),
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),

@@ -1,6 +1,7 @@
 //! Sampling by proposals: where samples lie, what renders skip, and the gradient of the proposals' own loss.
 
 use super::budget_tests::{largest_difference, query, random_rays, randomised, small};
+use super::field::When;
 use super::grid_trainer::Part;
 use super::proposed::{Draw, Proposed};
 use super::{Ngp, NgpConfig, Sampler};
@@ -76,7 +77,8 @@ proptest! {
                 .map(|i| {
                     let (mut x, mut density) = ([0.0; 3], [0.0]);
                     ngp.space.grid_positions(ngp.field.simd, &ray.at(t[i]), &mut x);
-                    ngp.field.densities(&x, &mut density, &mut Default::default());
+                    let when = When { moments: ngp.field.moments(), which: &[] };
+                    ngp.field.densities(&mut x, when, &mut density, &mut Default::default());
                     density[0] * dt[i]
                 })
                 .sum();

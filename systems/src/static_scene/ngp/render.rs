@@ -8,7 +8,7 @@
 //! are the lattice, and no cell is empty.
 
 use super::Ngp;
-use super::field::{Field, Placing, When, shapes_hold, sized};
+use super::field::{Field, Placing, When, sized};
 use super::proposed::{Draw, Proposed};
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
 use crate::skips::bound_of;
@@ -58,6 +58,7 @@ struct Scratch {
     mlp: Vec<f32>,
     bar: Vec<f32>,
     features_bar: Vec<f32>,
+    raw_bar: Vec<f32>,
     x_bar: Vec<f32>,
     grad: Vec<f32>,
     proposed: Proposed,
@@ -381,9 +382,8 @@ fn add_normals(
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
     let x = &s.x[..3 * n];
-    field.weigh_levels(n, features_bar);
-    let (features_bar, seen_bar) = features_bar.split_at(field.grid.out_rows() * n);
-    shapes_hold(field.grid.encode_backward_x(field.simd, &field.grid_params, x, features_bar, x_bar));
+    let (raw_bar, seen_bar) = field.pull(x, features_bar, &mut s.raw_bar);
+    field.grid.pull_positions(field.simd, &field.grid_params, x, raw_bar, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.
         let (grad, scratch) = &mut s.deform;

@@ -3,6 +3,7 @@
 use super::Ngp;
 use super::occupy::Occupy;
 use super::proposal::ProposalField;
+use super::table::{Table, TableTrainer};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32, take_u64, u64_tensor};
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
@@ -26,9 +27,9 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
             ],
         ),
     ];
-    let names = (0..ngp.grid.adam.len()).map(|l| format!("grid.{l}"));
+    let names = (0..ngp.grid.adams().len()).map(|l| format!("grid.{l}"));
     let names = names.chain(["density".into(), "colour".into()]);
-    for (name, adam) in names.zip(ngp.grid.adam.iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
+    for (name, adam) in names.zip(ngp.grid.adams().iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
         push_adam(&mut out, &name, adam);
     }
     if let Some(head) = &f.head {
@@ -59,15 +60,18 @@ struct ProposalState {
 /// All arrays are read and checked before the first is put in its place.
 pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError> {
     let f = &ngp.field;
-    let grid = take_f32(tensors, "field.grid", f.grid_params.len())?;
+    let counters = take_u64(tensors, "counters", 5)?;
+    // Its resolution is that of the step.
+    let table = Table::new(&ngp.config, counters[2])?;
+    let mut trainer = TableTrainer::new(&table);
+    let grid = take_f32(tensors, "field.grid", table.params_len())?;
     let density = take_f32(tensors, "field.density", f.density_params.len())?;
     let colour = take_f32(tensors, "field.colour", f.colour_params.len())?;
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
     let stretch = take_f32(tensors, "step.stretch", 1)?[0];
-    let counters = take_u64(tensors, "counters", 5)?;
     let adam = |name: String, old: &Adam| take_adam(tensors, &name, old);
     let grid_adam: Vec<Adam> =
-        ngp.grid.adam.iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
+        trainer.adams().iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
     let density_adam = adam("density".into(), &ngp.density_adam)?;
     let colour_adam = adam("colour".into(), &ngp.colour_adam)?;
     let proposal = |(i, old): (usize, &ProposalField)| {
@@ -97,7 +101,9 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
         method.load_state(tensors)?;
     }
     (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
-    (ngp.grid.adam, ngp.density_adam, ngp.colour_adam) = (grid_adam, density_adam, colour_adam);
+    trainer.adams_mut().iter_mut().zip(grid_adam).for_each(|(slot, adam)| *slot = adam);
+    (ngp.grid, ngp.field.grid) = (trainer, table);
+    (ngp.density_adam, ngp.colour_adam) = (density_adam, colour_adam);
     ngp.occupy.grid = occupancy;
     if let (Some(field), Some((params, adam))) = (&mut ngp.field.head, head) {
         (field.params, field.adam) = (params, adam);
@@ -109,7 +115,6 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     }
     (ngp.rays, ngp.stretch) = (counters[0] as usize, stretch);
     ngp.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
-    ngp.config.level_weights(ngp.guard.steps(), &mut ngp.field.level_weights);
     ngp.field.pack();
     Ok(())
 }

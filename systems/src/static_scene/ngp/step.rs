@@ -4,6 +4,7 @@ use super::chunk::StepContext;
 use super::field::fold_gradients;
 use super::grid_trainer::Part;
 use super::proposal::Proposals;
+use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
 use crate::deform::Deform;
@@ -86,7 +87,7 @@ impl Ngp {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
-        self.config.level_weights(self.guard.steps(), &mut self.field.level_weights);
+        self.refine();
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -215,9 +216,25 @@ impl Ngp {
     /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
     fn update_grid(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
-        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part());
-        let open = field.open_levels();
-        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts, open)
+        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part(&field.grid));
+        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
+    }
+
+    /// The table as it is from the next step on: more levels, or more voxels, which the optimiser has not seen before.
+    fn refine(&mut self) {
+        let (steps, field) = (self.guard.steps(), &mut self.field);
+        match &mut field.grid {
+            Table::Hash(_, weights) => self.config.level_weights(steps, weights),
+            Table::Voxels(old, _) if old.resolution()[0] as usize != self.config.voxels_after(steps) => {
+                let finer = Table::new(&self.config, steps).expect("the largest grid was checked");
+                if let Table::Voxels(new, _) = &finer {
+                    field.grid_params = old.upsampled(&field.grid_params, new);
+                }
+                field.grid = finer;
+                self.grid = TableTrainer::new(&field.grid);
+            }
+            Table::Voxels(..) => {}
+        }
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.

@@ -1,0 +1,139 @@
+use super::*;
+
+fn warp(motion: Motion, origin: Origin) -> Warp {
+    Warp { octaves: 3, anneal: 0, width: 16, depth: 2, motion, origin }
+}
+
+fn config(moment: Moment, motion: Motion) -> DeformConfig {
+    DeformConfig {
+        moment,
+        warp: Some(warp(motion, Origin::Free)),
+        ambient: Some(Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [0, 0] }),
+        sees: Sees::MomentAndPoint { octaves: 2 },
+        curriculum: 0,
+        rate: 1.0,
+        code_rate: 1.0,
+    }
+}
+
+/// A deformation whose parameters are all of some size.
+fn busy(config: DeformConfig) -> Deform {
+    let mut deform = Deform::of_times(config, Times::of_list(&[0.0, 0.4, 1.0]), 3).unwrap();
+    let mut noise = vec![0.0; deform.params.len()];
+    Rng::new(5, 7).fill_uniform(0, &mut noise);
+    deform.params.iter_mut().zip(noise).for_each(|(p, u)| *p += 0.3 * (u - 0.5));
+    deform.steps = 1;
+    deform.renew();
+    deform
+}
+
+fn points(n: usize) -> (Vec<f32>, Vec<u32>) {
+    let mut x = vec![0.0; 3 * n];
+    Rng::new(1, 2).fill_uniform(0, &mut x);
+    (x, (0..n as u32).map(|i| i % 3).collect())
+}
+
+/// Sum of the outputs times fixed factors.
+fn value(deform: &Deform, x: &[f32], which: &[u32], bars: &(Vec<f32>, Vec<f32>)) -> f64 {
+    let n = which.len();
+    let (mut there, mut seen) = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
+    let points = Points { x, which, moments: deform.moments() };
+    deform.place(points, &mut there, &mut seen, &mut DeformScratch::default());
+    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+    dot(&there, &bars.0) + dot(&seen, &bars.1)
+}
+
+#[test]
+fn gradients_of_networks_moments_and_points_are_those_of_differences() {
+    for (moment, motion) in [
+        (Moment::Time { octaves: 2 }, Motion::Translation),
+        (Moment::Codes { dims: 4 }, Motion::Rigid),
+        (Moment::TimeNetwork { octaves: 2, width: 8, dims: 4 }, Motion::Translation),
+    ] {
+        let mut deform = busy(config(moment, motion));
+        let n = 7;
+        let (x, which) = points(n);
+        let mut bars = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
+        Rng::new(8, 9).fill_uniform(0, &mut bars.0);
+        Rng::new(8, 10).fill_uniform(0, &mut bars.1);
+        let mut grad = DeformGrad::default();
+        grad.begin(&deform);
+        let mut x_bar = bars.0.clone();
+        let at = Points { x: &x, which: &which, moments: deform.moments() };
+        deform.learn(at, &mut x_bar, &bars.1, &mut grad, &mut DeformScratch::default());
+        let close = |got: f32, plus: f64, minus: f64, h: f64, what: &str| {
+            let want = (plus - minus) / (2.0 * h);
+            let room = 2e-2 * want.abs().max(0.3);
+            assert!((f64::from(got) - want).abs() < room, "{moment:?} {motion:?} {what}: {got} and {want}");
+        };
+        let h = 2e-3_f32;
+        for i in (0..deform.params.len()).step_by(29) {
+            let kept = deform.params[i];
+            let mut at = |value_there: f32| {
+                deform.params[i] = value_there;
+                deform.renew();
+                value(&deform, &x, &which, &bars)
+            };
+            let (plus, minus) = (at(kept + h), at(kept - h));
+            at(kept);
+            close(grad.params[i], plus, minus, f64::from(h), &format!("parameter {i}"));
+        }
+        for i in 0..3 * n {
+            let at = |value_there: f32| {
+                let mut x = x.clone();
+                x[i] = value_there;
+                value(&deform, &x, &which, &bars)
+            };
+            close(x_bar[i], at(x[i] + h), at(x[i] - h), f64::from(h), &format!("coordinate {i}"));
+        }
+        // Rows of moments: those of codes are the codes themselves.
+        for i in 0..deform.moments.rows.len() {
+            let kept = deform.moments.rows[i];
+            let mut at = |value_there: f32| {
+                deform.moments.rows[i] = value_there;
+                value(&deform, &x, &which, &bars)
+            };
+            let (plus, minus) = (at(kept + h), at(kept - h));
+            at(kept);
+            close(grad.moments[i], plus, minus, f64::from(h), &format!("moment {i}"));
+        }
+    }
+}
+
+#[test]
+fn nothing_is_warped_at_the_canonical_moment_and_its_gradient_passes() {
+    let still = DeformConfig {
+        warp: Some(warp(Motion::Translation, Origin::Canonical)),
+        ambient: None,
+        sees: Sees::Place,
+        ..config(Moment::Time { octaves: 2 }, Motion::Translation)
+    };
+    let deform = busy(still);
+    let (x, _) = points(5);
+    let which = vec![0; 5];
+    let mut there = vec![0.0; 15];
+    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
+    assert_eq!(there, x, "bit for bit");
+    assert_eq!(deform.counts.warped.load(std::sync::atomic::Ordering::Relaxed), 0, "no network is asked");
+    let mut grad = DeformGrad::default();
+    grad.begin(&deform);
+    let mut x_bar = vec![1.5; 15];
+    deform.learn(at, &mut x_bar, &[], &mut grad, &mut DeformScratch::default());
+    assert!(x_bar.iter().all(|&b| b == 1.5) && grad.params.iter().all(|&g| g == 0.0));
+}
+
+#[test]
+fn points_begin_where_they_are() {
+    for motion in [Motion::Translation, Motion::Rigid] {
+        let start = DeformConfig { ambient: None, sees: Sees::Place, ..config(Moment::Codes { dims: 8 }, motion) };
+        let deform = Deform::of_times(start, Times::of_list(&[0.0, 1.0]), 1).unwrap();
+        let (x, _) = points(9);
+        let which = vec![1; 9];
+        let mut there = vec![0.0; 27];
+        let at = Points { x: &x, which: &which, moments: deform.moments() };
+        deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
+        let furthest = there.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(furthest > 0.0 && furthest < 5e-3, "{furthest}");
+    }
+}

@@ -1,0 +1,170 @@
+//! The learned features behind the density network: a hash grid, or voxels seen at three distances that become finer as
+//! training goes on (TiNeuVox).
+
+use super::NgpConfig;
+use super::field::shapes_hold;
+use super::grid_trainer::{GridTrainer, Part};
+use super::voxel_trainer::VoxelTrainer;
+use crate::system::SystemError;
+use field_core::encoding::frequency::{Base, Frequency, Identity};
+use field_core::encoding::hash_grid::HashGrid;
+use field_core::encoding::multi_distance::MultiDistance;
+use float_core::Simd;
+use optim::Adam;
+
+/// A table's shape. Its parameters lie in the field.
+pub(super) enum Table {
+    /// Levels of growing resolution, each with its weight: 0 for those that are not there yet.
+    Hash(HashGrid, Vec<f32>),
+    /// One grid, and the octaves of what it holds.
+    Voxels(MultiDistance, Frequency),
+}
+
+fn refuse(e: impl ToString) -> SystemError {
+    super::config::bad("voxels, features", "", &e.to_string())
+}
+
+/// Octaves of interpolated features that the network sees.
+const OCTAVES: usize = 2;
+
+impl Table {
+    /// As it is after so many steps.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for sizes that cannot be.
+    pub(super) fn new(config: &NgpConfig, steps: u64) -> Result<Self, SystemError> {
+        if config.voxels == 0 {
+            let grid = config.grid()?;
+            let mut weights = vec![1.0; grid.levels().len()];
+            config.level_weights(steps, &mut weights);
+            return Ok(Self::Hash(grid, weights));
+        }
+        let grid = MultiDistance::new([config.voxels_after(steps) as u32; 3], config.features).map_err(refuse)?;
+        let lift = Frequency::new(grid.out_rows(), OCTAVES, Base::One, Identity::Include).map_err(refuse)?;
+        Ok(Self::Voxels(grid, lift))
+    }
+
+    /// Learned numbers.
+    pub(super) fn params_len(&self) -> usize {
+        match self {
+            Self::Hash(grid, _) => grid.params_len(),
+            Self::Voxels(grid, _) => grid.params_len(),
+        }
+    }
+
+    /// Rows that the network sees.
+    pub(super) fn out_rows(&self) -> usize {
+        match self {
+            Self::Hash(grid, _) => grid.out_rows(),
+            Self::Voxels(_, lift) => lift.out_rows(),
+        }
+    }
+
+    /// What the network sees of points: `x` `[3][n]` in the unit cube, `out` `[out_rows][n]`.
+    pub(super) fn encode(&self, simd: Simd, params: &[f32], x: &[f32], out: &mut [f32]) {
+        match self {
+            Self::Hash(grid, weights) => {
+                let rows = grid.config().features * (x.len() / 3);
+                for (level, (out, &weight)) in out.chunks_exact_mut(rows.max(1)).zip(weights).enumerate() {
+                    if weight == 0.0 {
+                        out.fill(0.0);
+                        continue;
+                    }
+                    shapes_hold(grid.encode_level(simd, params, level, x, out));
+                    if weight < 1.0 {
+                        out.iter_mut().for_each(|feature| *feature *= weight);
+                    }
+                }
+            }
+            Self::Voxels(grid, lift) => {
+                // The first rows of an encoding are what is encoded.
+                let mut features = vec![0.0; grid.out_rows() * (x.len() / 3)];
+                shapes_hold(grid.encode(simd, params, x, &mut features));
+                shapes_hold(lift.encode(simd, &features, None, out));
+            }
+        }
+    }
+
+    /// Bring gradients of [`Table::encode`]'s output, `bars` `[out_rows][n]`, to interpolated features: those gradients, in
+    /// `bars` itself or in `raw`.
+    pub(super) fn pull<'b>(
+        &self,
+        simd: Simd,
+        (params, x): (&[f32], &[f32]),
+        bars: &'b mut [f32],
+        raw: &'b mut Vec<f32>,
+    ) -> &'b [f32] {
+        let n = x.len() / 3;
+        match self {
+            Self::Hash(grid, weights) => {
+                let rows = grid.config().features * n;
+                for (bars, &weight) in bars.chunks_exact_mut(rows.max(1)).zip(weights) {
+                    if weight < 1.0 {
+                        bars.iter_mut().for_each(|bar| *bar *= weight);
+                    }
+                }
+                bars
+            }
+            Self::Voxels(grid, lift) => {
+                let mut features = vec![0.0; grid.out_rows() * n];
+                shapes_hold(grid.encode(simd, params, x, &mut features));
+                raw.clear();
+                raw.resize(features.len(), 0.0);
+                shapes_hold(lift.encode_backward(simd, &features, None, bars, raw));
+                raw
+            }
+        }
+    }
+
+    /// Add the gradient of the positions, from that of the interpolated features.
+    pub(super) fn pull_positions(&self, simd: Simd, params: &[f32], x: &[f32], raw_bar: &[f32], x_bar: &mut [f32]) {
+        shapes_hold(match self {
+            Self::Hash(grid, _) => grid.encode_backward_x(simd, params, x, raw_bar, x_bar),
+            Self::Voxels(grid, _) => grid.encode_backward_x(simd, params, x, raw_bar, x_bar),
+        });
+    }
+}
+
+/// Moments and gradients of a table's parameters.
+pub(super) enum TableTrainer {
+    Hash(GridTrainer),
+    Voxels(Box<VoxelTrainer>),
+}
+
+impl TableTrainer {
+    pub(super) fn new(table: &Table) -> Self {
+        match table {
+            Table::Hash(grid, _) => Self::Hash(GridTrainer::new(grid)),
+            Table::Voxels(grid, _) => Self::Voxels(Box::new(VoxelTrainer::new(grid))),
+        }
+    }
+
+    /// One step. The parts add up in order, whatever the number of threads. Returns the count of non-finite gradients.
+    pub(super) fn step(&mut self, simd: Simd, table: &Table, params: &mut [f32], lr: f64, parts: &[Part<'_>]) -> usize {
+        match (self, table) {
+            (Self::Hash(trainer), Table::Hash(grid, weights)) => {
+                // Levels that are not there yet have no gradient.
+                let open = weights.iter().take_while(|&&w| w > 0.0).count();
+                trainer.step(simd, grid, params, lr, parts, open)
+            }
+            (Self::Voxels(trainer), Table::Voxels(grid, _)) => trainer.step(simd, grid, params, lr, parts),
+            _ => unreachable!("a trainer is made for its table"),
+        }
+    }
+
+    /// Moments, one after the other.
+    pub(super) fn adams(&self) -> &[Adam] {
+        match self {
+            Self::Hash(trainer) => &trainer.adam,
+            Self::Voxels(trainer) => std::slice::from_ref(&trainer.adam),
+        }
+    }
+
+    /// The same, to be put back.
+    pub(super) fn adams_mut(&mut self) -> &mut [Adam] {
+        match self {
+            Self::Hash(trainer) => &mut trainer.adam,
+            Self::Voxels(trainer) => std::slice::from_mut(&mut trainer.adam),
+        }
+    }
+}
