@@ -26,6 +26,8 @@ pub(crate) struct App {
     pub(crate) demo_steps: u64,
     /// Whether photos have lights of their own and passers-by in them: words for these are understood.
     pub(crate) is_wild: bool,
+    /// Whether the scene moves: words for time are understood.
+    pub(crate) is_dynamic: bool,
 }
 
 /// `nerf-static`.
@@ -38,6 +40,7 @@ pub(crate) static STATIC: App = App {
     demo_folder: "runs/demo",
     demo_steps: 1000,
     is_wild: false,
+    is_dynamic: false,
 };
 
 /// `nerf-dynamic`.
@@ -50,6 +53,7 @@ pub(crate) static DYNAMIC: App = App {
     demo_folder: "runs/demo-dynamic",
     demo_steps: 1000,
     is_wild: false,
+    is_dynamic: true,
 };
 
 /// `nerf-wild`.
@@ -62,4 +66,5 @@ pub(crate) static WILD: App = App {
     demo_folder: "runs/demo-wild",
     demo_steps: 1000,
     is_wild: true,
+    is_dynamic: false,
 };

@@ -12,6 +12,7 @@ use systems::appearance::LightPath;
 use systems::camera_path::PathKind;
 use systems::eval::EvalAppearance;
 use systems::options::Background;
+use systems::time_path::TimePath;
 
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -64,7 +65,7 @@ pub(crate) enum Command {
 }
 
 /// Words of apps for photos from the wild: subcommand and argument, or a subcommand alone.
-const WILD: [(&str, Option<&str>); 7] = [
+const WILD: &[(&str, Option<&str>)] = &[
     ("demo", Some("field")),
     ("train", Some("field")),
     ("train", Some("eval_appearance")),
@@ -74,14 +75,17 @@ const WILD: [(&str, Option<&str>); 7] = [
     ("masks", None),
 ];
 
+/// Words of `nerf-dynamic` alone.
+const DYNAMIC: &[(&str, Option<&str>)] = &[("render", Some("time")), ("export", Some("time"))];
+
 impl Cli {
     /// The command line of an app. Words that it has not are not shown, and refused by [`Cli::read`].
     pub(crate) fn of(app: &App) -> clap::Command {
         let mut command = Self::command().name(app.name).about(app.about).mut_subcommand("demo", |demo| {
             demo.mut_arg("out", |out| out.required(false).default_value(app.demo_folder))
         });
-        if !app.is_wild {
-            for (word, argument) in WILD {
+        for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic)] {
+            for (word, argument) in words.iter().filter(|_| !has) {
                 command = command.mut_subcommand(word, |sub| match argument {
                     Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
                     None => sub.hide(true),
@@ -98,22 +102,27 @@ impl Cli {
     pub(crate) fn read(app: &App, words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
         let mut command = Self::of(app);
         let matches = command.try_get_matches_from_mut(words)?;
-        if let Some(word) = foreign(app, &matches) {
-            let problem = format!("`{word}` is a word of nerf-wild: {} knows one light and no passers-by", app.name);
+        if let Some(problem) = foreign(app, &matches) {
             return Err(command.error(ErrorKind::UnknownArgument, problem));
         }
         Self::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
     }
 }
 
-/// A word given that the app has not.
+/// What is wrong with a word given that the app has not.
 fn foreign(app: &App, matches: &ArgMatches) -> Option<String> {
-    let (word, given) = matches.subcommand().filter(|_| !app.is_wild)?;
-    WILD.iter().filter(|(sub, _)| *sub == word).find_map(|(_, argument)| match argument {
-        None => Some(word.to_string()),
-        Some(argument) => (given.value_source(argument) == Some(ValueSource::CommandLine))
-            .then(|| format!("--{}", argument.replace('_', "-"))),
-    })
+    let (word, given) = matches.subcommand()?;
+    let found = |words: &[(&str, Option<&str>)]| {
+        words.iter().filter(|(sub, _)| *sub == word).find_map(|(_, argument)| match argument {
+            None => Some(word.to_string()),
+            Some(argument) => (given.value_source(argument) == Some(ValueSource::CommandLine))
+                .then(|| format!("--{}", argument.replace('_', "-"))),
+        })
+    };
+    let wild = || found(WILD).map(|word| (word, "nerf-wild", "knows one light and no passers-by"));
+    let dynamic = || found(DYNAMIC).map(|word| (word, "nerf-dynamic", "knows one moment only"));
+    let given = (!app.is_wild).then(wild).flatten().or_else(|| (!app.is_dynamic).then(dynamic).flatten());
+    given.map(|(word, other, why)| format!("`{word}` is a word of {other}: {} {why}", app.name))
 }
 
 #[derive(Debug, Args)]
@@ -268,7 +277,11 @@ pub(crate) struct Render {
     /// Frame whose camera took the photo of `fit:FILE`; without, the frame FILE is, or the camera in `FILE`.json beside it
     #[arg(long, value_name = "NAME", requires = "appearance")]
     pub(crate) fit_camera: Option<String>,
-    /// Frames (default: 60, or as many as the file holds; 1 for `hold:` in one light)
+    /// Time of a scene that moves: `T`, or `A..B` to go from one to the other over the frames, 0 the first moment and 1 the
+    /// last (default: 0..1)
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub(crate) time: Option<TimePath>,
+    /// Frames (default: 60, or as many as the file holds; 1 for `hold:` in one light at one time)
     #[arg(long, value_name = "N", value_parser = frame_count)]
     pub(crate) frames: Option<usize>,
     /// Folder of the pictures
@@ -315,6 +328,9 @@ pub(crate) struct Export {
     /// Cameras: a `.json` file (transforms.json), or a folder (COLMAP text)
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,
+    /// Time of a scene that moves, 0 the first moment and 1 the last
+    #[arg(long, default_value_t = 0.0, value_name = "T")]
+    pub(crate) time: f64,
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]
     pub(crate) count: usize,

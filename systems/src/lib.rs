@@ -43,6 +43,7 @@ pub mod static_scene;
 pub mod summary;
 pub mod surface;
 pub mod system;
+pub mod time_path;
 pub mod train;
 pub(crate) mod watch;
 pub mod wild;

@@ -11,6 +11,7 @@ use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, Ngp, NgpConfig, Sampler};
 use crate::system::{System, SystemError};
+use float_core::Simd;
 use scene_io::Scene;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -93,10 +94,18 @@ impl Ground {
         data: &Dataset,
         config: &NgpConfig,
         seed: u64,
-        (name, deform): (&'static str, Option<Deform>),
+        scene: &Scene,
+        (name, mut deform): (&'static str, Option<Deform>),
     ) -> Result<Ngp, SystemError> {
         let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
         let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        if let Some(deform) = &mut deform {
+            let inside: Vec<[f32; 3]> = scene.points.iter().filter_map(|p| space.internal_point(p.xyz)).collect();
+            let p: Vec<f32> = (0..3).flat_map(|a| inside.iter().map(move |p| p[a])).collect();
+            let mut x = vec![0.0; p.len()];
+            space.grid_positions(Simd::best(), &p, &mut x);
+            deform.set_background(x);
+        }
         let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, (name, None, deform))?;
         self.carve(&mut ngp, data, false)?;
         Ok(ngp)

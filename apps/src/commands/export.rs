@@ -6,6 +6,7 @@ use crate::show::line;
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
 use systems::RunError;
 use systems::run::Run;
+use systems::system::Query;
 use systems::surface::{CropBox, default_level, mesh, points};
 
 pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
@@ -17,13 +18,14 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
         line(format_args!("box: ({x0:.4}, {y0:.4}, {z0:.4}) to ({x1:.4}, {y1:.4}, {z1:.4}), the input's frame"));
     }
     if let Some(path) = &args.points {
-        let cloud = points(run.system.as_ref(), &run.train, &run.query(), &crop, args.count);
+        let query = Query { time: args.time, ..run.query() };
+        let cloud = points(run.system.as_ref(), &run.train, &query, &crop, args.count);
         write_points(path, &cloud)?;
         line(format_args!("{} points in {}", cloud.positions.len(), path.display()));
     }
     if let Some(path) = &args.mesh {
         let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);
-        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution), 0.0)?;
+        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution), args.time)?;
         write_mesh(path, &mesh)?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         line(format_args!("{triangles} triangles, {vertices} vertices at density {level} in {}", path.display()));

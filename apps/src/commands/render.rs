@@ -16,6 +16,7 @@ use systems::progress::{Event, Observer};
 use systems::render::{Rendered, render};
 use systems::run::Run;
 use systems::system::{LayerRequest, Normals, Query};
+use systems::time_path::TimePath;
 
 /// Error of a pixel from skipped work where nothing is said: one step of an 8-bit picture.
 const PREVIEW_BUDGET: f32 = 1.0 / 255.0;
@@ -36,6 +37,7 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
         path: PathKind::Orbit,
         appearance: None,
         fit_camera: None,
+        time: None,
         frames: Some(frames),
         out: out.into(),
         layers: vec![Layer::Colour, Layer::Depth],
@@ -49,9 +51,10 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
 fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
     let interrupt = interrupt::flag()?;
     let light = args.appearance.clone().unwrap_or(LightPath::Still(Light::Mean));
+    let time = args.time.unwrap_or(if run.train.moments() > 1 { TimePath::WHOLE } else { TimePath::START });
     let frames = match (&args.path, &light) {
         // The same picture again and again is one picture.
-        (PathKind::Hold(_), LightPath::Still(_)) => args.frames.or(Some(1)),
+        (PathKind::Hold(_), LightPath::Still(_)) if time.is_still() => args.frames.or(Some(1)),
         _ => args.frames,
     };
     let cameras = cameras(&args.path, &run.scene, &run.train, frames)?;
@@ -72,7 +75,8 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
             return Ok(Done::Interrupted);
         }
         let camera: Camera = limited(camera, args.longest_side);
-        let query = Query { appearance: lighting.at(i, cameras.len()), ..query.clone() };
+        let (appearance, time) = (lighting.at(i, cameras.len()), time.at(i, cameras.len()));
+        let query = Query { appearance, time, ..query.clone() };
         let view = render(run.system.as_ref(), &camera, &query);
         // One scale for all frames, from the first, with room on both sides.
         let range = *depth_range.get_or_insert_with(|| {

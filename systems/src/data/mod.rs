@@ -200,6 +200,14 @@ impl Dataset {
         self.views.iter().map(|v| v.camera.width.max(v.camera.height)).max()
     }
 
+    /// Number of different times of the views.
+    pub fn moments(&self) -> usize {
+        let mut times: Vec<f64> = self.views.iter().map(|v| v.time).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times.len()
+    }
+
     /// Pixels of all views.
     pub fn pixel_count(&self) -> u64 {
         self.first_pixel[self.views.len()]

@@ -1,5 +1,7 @@
 //! What a deformation is made of. A system of moving scenes is a choice of these parts.
 
+use serde::{Deserialize, Serialize};
+
 /// How a scene moves: how a moment is told to the networks, how points of that moment find their way to the canonical
 /// scene, and what else the density there depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,12 +14,33 @@ pub struct DeformConfig {
     pub ambient: Option<Ambient>,
     /// What the density network sees besides the features of the warped point and its ambient coordinates.
     pub sees: Sees,
+    /// Factor of the elastic loss, and its scale; 0: none.
+    pub elastic: f32,
+    /// See `elastic`.
+    pub elastic_scale: f32,
+    /// Which samples of a ray the elastic loss looks at.
+    pub elastic_at: ElasticAt,
+    /// Factor of the background loss; 0: none.
+    pub background: f32,
+    /// Points of a step for it.
+    pub background_points: usize,
     /// Steps after which all training views have come in, in the order of time; 0: they are there from the start.
     pub curriculum: u64,
     /// Learning rate of these networks, a factor of the field's.
     pub rate: f64,
     /// Learning rate of the codes, a factor of the networks'.
     pub code_rate: f64,
+}
+
+/// Which samples of a ray an elastic loss looks at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ElasticAt {
+    /// The one where half of the light is gone.
+    #[default]
+    Middle,
+    /// All, by their weights; those of next to no weight are left out.
+    All,
 }
 
 /// How a moment is told to networks.

@@ -14,14 +14,16 @@ mod config;
 mod moments;
 mod pass;
 mod record;
+mod regular;
 mod state;
 #[cfg(test)]
 mod tests;
 mod times;
 
-pub use config::{Ambient, DeformConfig, Moment, Motion, Origin, Sees, Warp};
+pub use config::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
 pub(crate) use moments::Moments;
 pub(crate) use pass::{DeformGrad, DeformScratch, Points};
+pub(crate) use regular::StillWork;
 pub(crate) use times::Times;
 
 use crate::data::Dataset;
@@ -75,6 +77,8 @@ pub struct Deform {
     /// Weights of the warp's octaves, and of the ambient ones, as of this step.
     warp_window: Vec<f32>,
     ambient_window: Vec<f32>,
+    /// `[3][n]`, points of the background in the unit cube.
+    still_points: Vec<f32>,
     /// Training views in the order of time.
     order: Vec<u32>,
     /// Points that were warped, and all of them.
@@ -178,6 +182,7 @@ impl Deform {
             ambient_window: vec![0.0; config.ambient.map_or(0, |a| a.seen_octaves)],
             counts: pass::Counts::default(),
             order: times.in_order(),
+            still_points: Vec::new(),
             config,
             simd,
             times,
@@ -219,6 +224,11 @@ impl Deform {
     /// Whether points are moved at all.
     pub(crate) fn warps(&self) -> bool {
         self.warp.is_some()
+    }
+
+    /// What it is made of.
+    pub(crate) fn config(&self) -> &DeformConfig {
+        &self.config
     }
 
     /// Moments of the training views.

@@ -31,12 +31,12 @@ pub(crate) struct DeformGrad {
 /// Work space.
 #[derive(Default)]
 pub(crate) struct DeformScratch {
-    arena: Arena,
-    columns: Vec<u32>,
-    x: Vec<f32>,
-    moment: Vec<f32>,
-    x_bar: Vec<f32>,
-    seen_bar: Vec<f32>,
+    pub(super) arena: Arena,
+    pub(super) columns: Vec<u32>,
+    pub(super) x: Vec<f32>,
+    pub(super) moment: Vec<f32>,
+    pub(super) x_bar: Vec<f32>,
+    pub(super) seen_bar: Vec<f32>,
 }
 
 impl DeformScratch {
@@ -51,10 +51,12 @@ impl DeformScratch {
 pub(crate) struct Counts {
     pub(crate) all: AtomicU64,
     pub(crate) warped: AtomicU64,
+    /// Points at which an elastic loss saw space folded over itself.
+    pub(crate) flipped: AtomicU64,
 }
 
 /// The tape is built of shapes that fit: an error is a mistake in this module.
-fn recorded<T>(result: Result<T, TapeError>) -> T {
+pub(super) fn recorded<T>(result: Result<T, TapeError>) -> T {
     result.unwrap_or_else(|e| panic!("the record does not fit: {e}"))
 }
 
@@ -99,7 +101,7 @@ impl Deform {
         columns.extend((0..points.which.len() as u32).filter(moves));
     }
 
-    fn fill_tile(points: &Points<'_>, columns: &[u32], x: &mut Vec<f32>, moment: &mut Vec<f32>) {
+    pub(super) fn fill_tile(points: &Points<'_>, columns: &[u32], x: &mut Vec<f32>, moment: &mut Vec<f32>) {
         gather(points.x, points.which.len(), columns, x);
         let Moments { dims, rows, .. } = points.moments;
         moment.clear();

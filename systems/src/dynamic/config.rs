@@ -1,6 +1,6 @@
 //! Settings of systems for scenes that move; all of them can be given as `--set name=value`, beside those of the field.
 
-use crate::deform::{Ambient, DeformConfig, Moment, Motion, Origin, Sees, Warp};
+use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
 use crate::system::SystemError;
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +93,16 @@ pub struct DynamicConfig {
     /// Octaves of that point.
     pub sees_octaves: usize,
 
+    /// Factor of the elastic loss, which keeps the deformation nearly rigid where matter is; 0: none.
+    pub elastic: f32,
+    /// Size of a logarithmic stretch from which on it hardly costs more.
+    pub elastic_scale: f32,
+    /// Samples it looks at: `middle` (one a ray) or `all` that carry weight.
+    pub elastic_at: ElasticAt,
+    /// Factor of the background loss, which keeps the dataset's points where they are; 0: none.
+    pub background: f32,
+    /// Points of a step for it.
+    pub background_points: usize,
     /// Steps after which all frames have come in, in the order of time; 0: they are there from the start.
     pub curriculum: u64,
     /// Learning rate of the deformation's networks, a factor of the field's.
@@ -123,6 +133,11 @@ impl DynamicConfig {
             ambient_anneal: 400,
             sees: SeesKind::Place,
             sees_octaves: 4,
+            elastic: 0.0,
+            elastic_scale: 0.03,
+            elastic_at: ElasticAt::Middle,
+            background: 0.0,
+            background_points: 1024,
             curriculum: 0,
             warp_lr: 0.1,
             moment_lr: 1.0,
@@ -171,6 +186,11 @@ impl DynamicConfig {
                 SeesKind::Moment => Sees::Moment,
                 SeesKind::Point => Sees::MomentAndPoint { octaves: self.sees_octaves },
             },
+            elastic: self.elastic,
+            elastic_scale: self.elastic_scale,
+            elastic_at: self.elastic_at,
+            background: self.background,
+            background_points: self.background_points,
             curriculum: self.curriculum,
             rate: self.warp_lr,
             code_rate: self.moment_lr,

@@ -7,11 +7,17 @@
 //! | `ngp` | - | - | - |
 //! | `t-nerf` | time | - | - |
 //! | `d-nerf` | time | displacement, none at `t = 0` | - |
+//! | `nerfies` | free codes | rigid motion | - |
+//! | `hypernerf` | free codes | rigid motion | ambient coordinates |
+//! | `tineuvox` | time, through a network | displacement | time and place, beside voxels |
 
 mod config;
 mod d_nerf;
+mod hyper_nerf;
+mod nerfies;
 mod plan;
 mod t_nerf;
+mod tineuvox;
 
 pub use config::{DynamicConfig, MomentKind, OriginKind, SeesKind, WarpKind};
 pub use plan::{SYSTEMS, build};

@@ -1,7 +1,7 @@
 //! What does this video need? The system built from its name and its settings.
 
 use super::config::DynamicConfig;
-use super::{d_nerf, t_nerf};
+use super::{d_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::options::{Plan, RunOptions};
@@ -10,7 +10,7 @@ use crate::system::{System, SystemError};
 use scene_io::Scene;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 3] = ["ngp", "t-nerf", "d-nerf"];
+pub const SYSTEMS: [&str; 6] = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox"];
 
 /// Settings of a named system.
 fn named(name: &str) -> Result<DynamicConfig, SystemError> {
@@ -18,6 +18,9 @@ fn named(name: &str) -> Result<DynamicConfig, SystemError> {
         "ngp" => DynamicConfig::still(),
         "t-nerf" => t_nerf::settings(),
         "d-nerf" => d_nerf::settings(),
+        "nerfies" => nerfies::settings(),
+        "hypernerf" => hyper_nerf::settings(),
+        "tineuvox" => tineuvox::settings(),
         other => {
             return Err(SystemError::Config {
                 field: "system",
@@ -43,13 +46,16 @@ pub fn build(
     let config: DynamicConfig = settings(&planned, &ours)?;
     config.check()?;
     let mut ground = Ground::of(scene, data, run)?;
-    let field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    if name == "tineuvox" {
+        tineuvox::field(&mut field);
+    }
     let mut known = table(&config);
     known.extend(table(&field));
     refuse_unknown(run, &known)?;
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
-    let system = ground.moving(data, &field, run.seed, (name_of(name), deform))?;
+    let system = ground.moving(data, &field, run.seed, scene, (name_of(name), deform))?;
     let mut all = table(&config);
     all.extend(table(&field));
     all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));

@@ -13,7 +13,7 @@ use super::proposed::{Draw, Proposed};
 use super::table::Table;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::data::Batch;
-use crate::deform::{DeformGrad, DeformScratch, Points};
+use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
 use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::space::{InternalRay, Space};
 use losses::kernel::Kernel;
@@ -124,6 +124,11 @@ pub(super) struct StepContext<'a> {
 }
 
 impl StepContext<'_> {
+    /// Factor of the elastic loss.
+    fn elastic(&self) -> f32 {
+        self.field.deform.as_ref().map_or(0.0, |deform| deform.config().elastic)
+    }
+
     /// What the error of pixel `i` costs and the derivative of that.
     fn loss(&self, i: usize, pixel: &Pixel) -> (f32, PixelBar) {
         let truth = self.truth[i];
@@ -135,6 +140,22 @@ impl StepContext<'_> {
                 ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(slope)))
             }
         }
+    }
+}
+
+/// Samples of less weight do not pay for a Jacobian.
+const FAINT: f32 = 1e-4;
+
+/// Weight 1 for the sample of a ray in which half of its light is gone, 0 for the others; 0 for all of a ray that loses less.
+fn middle_alone(w: &mut [f32]) {
+    let mut sum = 0.0;
+    let middle = w.iter().position(|w| {
+        sum += w;
+        sum >= 0.5
+    });
+    w.fill(0.0);
+    if let Some(middle) = middle {
+        w[middle] = 1.0;
     }
 }
 
@@ -294,13 +315,14 @@ impl Chunk {
             buffer.clear();
             buffer.resize(codes.map_or(0, |codes| codes.dims * rays), 0.0);
         }
-        if ctx.proposals.is_some() {
+        let keeps = ctx.proposals.is_some() || ctx.elastic() > 0.0;
+        if keeps {
             sized(&mut self.w, n);
         }
         let mut stats = self.stats;
         self.each_tile(ctx, pixels, |tile, chunk, (out, w), seen, rays, pixels| {
             tile.forward(ctx, chunk, rays.clone(), pixels.clone());
-            if ctx.proposals.is_some() {
+            if keeps {
                 let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
                 let n = samples.len();
                 w[samples].copy_from_slice(&tile.w[..n]);
@@ -353,6 +375,18 @@ impl Chunk {
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
+        if ctx.elastic() > 0.0 {
+            let w = &mut self.w[..n];
+            if deform.config().elastic_at == ElasticAt::Middle {
+                self.offsets.windows(2).for_each(|ray| middle_alone(&mut w[ray[0] as usize..ray[1] as usize]));
+            }
+            w.iter_mut().filter(|w| **w < FAINT).for_each(|w| *w = 0.0);
+            // The mean over rays.
+            let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
+            let terms = (deform.config().elastic_scale, factor);
+            let sum = deform.elastic(points, w, terms, &mut self.deform_grad, &mut self.deform);
+            self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
+        }
     }
 
     /// Each ray with what the static part holds along it; one ray a pixel.

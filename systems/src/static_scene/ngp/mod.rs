@@ -44,7 +44,7 @@ mod voxel_trainer;
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 
 use crate::data::{Batch, Dataset};
-use crate::deform::Deform;
+use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
@@ -133,6 +133,8 @@ struct Work {
     seen: Vec<Pixel>,
     appearance_bar: Vec<f32>,
     transient_bar: Vec<f32>,
+    /// The background's pull on what moves.
+    still: StillWork,
     /// What is rendered in another light; empty until a method asks.
     relighting: Relighting,
 }
@@ -234,6 +236,7 @@ impl Ngp {
             seen: Vec::new(),
             appearance_bar: Vec::new(),
             transient_bar: Vec::new(),
+            still: StillWork::default(),
             relighting: Relighting::default(),
         };
         Ok(Self {

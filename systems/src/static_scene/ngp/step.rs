@@ -23,6 +23,7 @@ use std::time::Instant;
 /// Streams of random numbers of a step.
 const BACKGROUND: u64 = 0x6261_636b;
 const JITTER: u64 = 0x6a69_7474;
+const STILL: u64 = 0x7374_696c;
 
 fn since(start: Instant) -> f64 {
     start.elapsed().as_secs_f64()
@@ -80,7 +81,7 @@ impl Ngp {
         let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
-        let bad = bad + self.update_networks(lr) + self.update_deform(lr) + self.update_method(&plan, lr);
+        let bad = bad + self.update_networks(lr) + self.update_deform(step, lr) + self.update_method(&plan, lr);
         self.seconds.optimise += since(start);
         if self.field.head.is_some() {
             stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
@@ -255,9 +256,14 @@ impl Ngp {
     }
 
     /// One step of what moves. Returns the count of non-finite gradients.
-    fn update_deform(&mut self, lr: f64) -> usize {
-        let grads = self.work.chunks.iter().map(|c| &c.deform_grad);
-        self.field.deform.as_mut().map_or(0, |deform| deform.step(grads, lr))
+    fn update_deform(&mut self, step: u64, lr: f64) -> usize {
+        let Some(deform) = &mut self.field.deform else { return 0 };
+        let Work { chunks, still, .. } = &mut self.work;
+        let grads = chunks.iter().map(|c| &c.deform_grad);
+        if deform.holds_background(&Rng::new(self.seed, STILL).substream(step), still) {
+            return deform.step(grads.chain([&still.grad]), lr);
+        }
+        deform.step(grads, lr)
     }
 
     /// One step of each proposal. Returns the count of non-finite gradients.
