@@ -208,6 +208,10 @@ impl Encoder for Planes {
         Planes::params_len(self)
     }
 
+    fn is_linear(&self) -> bool {
+        self.sums()
+    }
+
     fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
         Planes::encode(self, simd, table, x, out)
     }

@@ -243,6 +243,11 @@ impl Planes {
         (0..self.planes().len()).flat_map(of).collect()
     }
 
+    /// Whether nothing is multiplied.
+    pub(crate) fn sums(&self) -> bool {
+        self.rule == Rule::Sum
+    }
+
     fn planes(&self) -> &[Plane] {
         &self.planes[..self.axes * (self.axes - 1) / 2]
     }
