@@ -6,6 +6,7 @@ use field_core::encoding::dense_grid::DenseGrid;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::encoding::multi_distance::MultiDistance;
+use field_core::encoding::planes::{Combine, Planes};
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::tape::{
@@ -176,6 +177,57 @@ fn grids_differentiate_twice() {
     // The faces of the wide cells are among those of the narrow ones.
     let x = inside_cells(&[(3.0, 0.0), (4.0, 0.0), (5.0, 0.0)], 0.06);
     check_encoder(grid, &x, 1e-3, 1e-3);
+}
+
+/// The same in `[-1, 1]`, axis after axis of any number of them.
+fn inside_plane_cells(resolution: &[u32], margin: f32) -> Vec<f32> {
+    let candidates = narrow(&numbers(9, 1000 * resolution.len(), -0.98, 0.98));
+    let clear = |(x, r): (&f32, &u32)| {
+        let cell = ((x + 1.0) * 0.5 * (r - 1) as f32).fract();
+        cell > margin && cell < 1.0 - margin
+    };
+    let points = candidates.chunks(resolution.len()).filter(|p| p.iter().zip(resolution).all(clear));
+    let points: Vec<&[f32]> = points.take(N).collect();
+    assert_eq!(points.len(), N);
+    (0..resolution.len()).flat_map(|axis| points.iter().map(move |p| p[axis])).collect()
+}
+
+#[test]
+fn planes_differentiate_twice() {
+    for planes in [
+        Planes::tri_plane([4, 5, 6], 3, Combine::Sum).unwrap(),
+        Planes::tri_plane([4, 5, 6], 3, Combine::Product).unwrap(),
+        Planes::k_planes([4, 5, 6, 3], 2).unwrap(),
+        Planes::hex_plane([4, 5, 6, 3], 6).unwrap(),
+    ] {
+        let x = inside_plane_cells(planes.resolution(), 0.06);
+        check_encoder(planes, &x, 2e-3, 1e-3);
+    }
+}
+
+#[test]
+fn products_of_planes_have_no_tangent_along_the_table_and_sums_have() {
+    for combine in [Combine::Sum, Combine::Product] {
+        let planes = Planes::tri_plane([3, 4, 5], 2, combine).unwrap();
+        let op = EncodingOp::new(planes, Simd::best());
+        let len = planes.params_len();
+        let (table, table_dot) = (narrow(&numbers(1, len, -1.0, 1.0)), narrow(&numbers(2, len, -1.0, 1.0)));
+        let x = narrow(&numbers(3, 3 * N, -1.0, 1.0));
+        let mut arena = Arena::new();
+        let mut tape = Tape::new(&mut arena, &table);
+        let node = tape.constant(3, N, &x).unwrap();
+        let params = tape.param(0, len, 1).unwrap();
+        let y = tape.custom(&op, &[node, params]).unwrap();
+        let seeds = [(params, tape.constant(len, 1, &table_dot).unwrap())];
+        if combine == Combine::Product {
+            assert_eq!(tape.jvp([y], &seeds), Err(TapeError::NoTangent { op: "planes" }));
+            continue;
+        }
+        let [y_dot] = tape.jvp([y], &seeds).unwrap();
+        let mut want = vec![0.0; 2 * N];
+        planes.encode(Simd::best(), &table_dot, &x, &mut want).unwrap();
+        assert_eq!(tape.value(y_dot).unwrap().data, want);
+    }
 }
 
 #[test]

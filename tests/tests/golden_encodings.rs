@@ -5,6 +5,7 @@ use std::path::Path;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Addressing, Growth, HashGrid, HashGridConfig, Interpolation, Rule, Touched};
 use field_core::encoding::integrated::Integrated;
+use field_core::encoding::planes::{Combine, Planes};
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::encoding::window;
 use float_core::Simd;
@@ -223,6 +224,67 @@ fn hash_grid_features_and_gradients_match_golden() {
         }
     }
     assert_eq!(count, 9);
+}
+
+/// The planes of a record, and their shapes' resolution: plane `(a, b)` is `[features][b][a]`.
+fn planes_of(record: &Record) -> Planes {
+    let features = record.input("plane0").shape[0];
+    let vertices = |plane: &str, axis: usize| record.input(plane).shape[axis] as u32;
+    let [x, y, z] = [vertices("plane0", 2), vertices("plane0", 1), vertices("plane1", 1)];
+    match record.param("combine").str() {
+        "hexplane" => Planes::hex_plane([x, y, z, vertices("plane2", 1)], features),
+        "product" if record.input("x").shape[1] == 4 => Planes::k_planes([x, y, z, vertices("plane2", 1)], features),
+        "product" => Planes::tri_plane([x, y, z], features, Combine::Product),
+        "sum" => Planes::tri_plane([x, y, z], features, Combine::Sum),
+        other => panic!("{}: unknown rule {other}", record.label()),
+    }
+    .unwrap()
+}
+
+#[test]
+fn planes_match_golden() {
+    let golden = golden();
+    let mut count = 0;
+    for record in ["triplane", "kplanes", "hexplane"].into_iter().flat_map(|op| golden.op(op)) {
+        count += 1;
+        let (planes, label) = (planes_of(record), record.label());
+        let features = planes.features();
+        let pairs: Vec<f64> = planes.pairs().flatten().map(|axis| axis as f64).collect();
+        let want: Vec<f64> = record
+            .param("pairs")
+            .json()
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|pair| pair.as_array().unwrap().iter().map(|axis| axis.as_f64().unwrap()))
+            .collect();
+        assert_eq!(pairs, want, "{label}");
+        // Features innermost: from `[features][vertices]` to `[vertices][features]`.
+        let innermost = |tensor: Vec<f32>| transposed(&tensor, tensor.len() / features);
+        let table: Vec<f32> =
+            (0..planes.pairs().len()).flat_map(|p| innermost(record.input(&format!("plane{p}")).f32())).collect();
+        let x = transposed(&record.input("x").f32(), planes.in_rows());
+        let n = x.len() / planes.in_rows();
+        let out_bar = transposed(&record.cotangent("features").f32(), features);
+        let (rtol, atol) = values(record);
+        let (rtol_gradient, atol_gradient) = gradients(record);
+        for simd in Simd::available() {
+            let mut out = vec![f32::NAN; features * n];
+            planes.encode(simd, &table, &x, &mut out).unwrap();
+            assert_close(&label, &transposed(&out, n), &record.output("features").data, rtol, atol);
+
+            let (mut table_bar, mut x_bar) = (vec![0.0; table.len()], vec![0.0; x.len()]);
+            let bars = (Some(&mut table_bar[..]), Some(&mut x_bar[..]));
+            planes.encode_backward(simd, (&table, &x), &out_bar, bars.0, bars.1).unwrap();
+            assert_close(&label, &transposed(&x_bar, n), &record.grad("x").data, rtol_gradient, atol_gradient);
+            for p in 0..planes.pairs().len() {
+                let got = transposed(&table_bar[planes.plane_range(p)], features);
+                let want = &record.grad(&format!("plane{p}")).data;
+                assert_close(&label, &got, want, rtol_gradient, atol_gradient);
+            }
+        }
+    }
+    assert_eq!(count, 12);
 }
 
 #[test]

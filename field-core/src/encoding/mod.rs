@@ -8,6 +8,7 @@ pub mod hash_grid;
 pub mod integrated;
 mod lattice;
 pub mod multi_distance;
+pub mod planes;
 mod resample;
 pub mod spherical_harmonics;
 pub mod window;

@@ -18,9 +18,14 @@ pub trait Encoder: Sync {
     fn in_rows(&self) -> usize;
     /// Features.
     fn out_rows(&self) -> usize;
-    /// Learned numbers; the features are linear in them.
+    /// Learned numbers.
     fn params_len(&self) -> usize {
         0
+    }
+    /// Whether the features are linear in the table, as blends of its entries are and products of blends are not. Where they
+    /// are not, there is no tangent along the table.
+    fn is_linear(&self) -> bool {
+        true
     }
 
     /// Features.
@@ -120,8 +125,8 @@ impl<E: Encoder> CustomOp for EncodingOp<E> {
             Some(x_dot) => Some(self.dot.record(tape, inputs[0], x_dot, table)?),
             None => None,
         };
-        // Linear in the table.
         let along_table = match input_tangents.get(1).copied().flatten() {
+            Some(_) if !self.dot.encoder.is_linear() => return Err(TapeError::NoTangent { op: E::NAME }),
             Some(table_dot) => Some(tape.custom(self, &[inputs[0], table_dot])?),
             None => None,
         };
@@ -212,12 +217,13 @@ impl<E: Encoder> CustomOp for TangentOp<E> {
         if input_tangents[0].is_some() {
             return Err(TapeError::NoTangent { op: E::NAME });
         }
-        // Linear in the direction and in the table.
+        // Linear in the direction.
         let along_x_dot = match input_tangents[1] {
             Some(x_dot) => Some(self.record(tape, inputs[0], x_dot, inputs.get(2).copied())?),
             None => None,
         };
         let along_table = match input_tangents.get(2).copied().flatten() {
+            Some(_) if !self.encoder.is_linear() => return Err(TapeError::NoTangent { op: E::NAME }),
             Some(table_dot) => Some(self.record(tape, inputs[0], inputs[1], Some(table_dot))?),
             None => None,
         };

@@ -51,13 +51,8 @@ impl Cells {
                 let x = if x < 1.0 { x } else { 1.0 };
                 // In f64, where this is exact: in f32 the fraction loses a bit for each doubling of the resolution.
                 let p = f64::from(x) * f64::from(lattice.scale[a]) + f64::from(lattice.shift);
-                let nearest = (p + ROUND) - ROUND;
-                let floor = if nearest > p { nearest - 1.0 } else { nearest };
-                let last = f64::from(lattice.last_cell[a]);
-                let floor = if floor < last { floor } else { last };
-                // The integer lies in the low bits of the mantissa.
-                cells.base[a][i] = (floor + ROUND).to_bits() as u32;
-                let f = (p - floor) as f32;
+                let (cell, f) = split(p, f64::from(lattice.last_cell[a]));
+                cells.base[a][i] = cell;
                 match interpolation {
                     Interpolation::Linear => {
                         cells.upper[a][i] = f;
@@ -151,13 +146,23 @@ impl Cells {
     }
 }
 
+/// The cell of `p >= 0`, at most the whole number `last`, and how far into it `p` lies, in cells.
+#[inline(always)]
+pub(crate) fn split(p: f64, last: f64) -> (u32, f32) {
+    let nearest = (p + ROUND) - ROUND;
+    let floor = if nearest > p { nearest - 1.0 } else { nearest };
+    let floor = if floor < last { floor } else { last };
+    // The integer lies in the low bits of the mantissa.
+    ((floor + ROUND).to_bits() as u32, (p - floor) as f32)
+}
+
 /// Weight of the upper (odd `bit`) or the lower side.
 #[inline(always)]
-fn side(bit: usize, upper: f32) -> f32 {
+pub(crate) fn side(bit: usize, upper: f32) -> f32 {
     if bit & 1 == 1 { upper } else { 1.0 - upper }
 }
 
 #[inline(always)]
-fn sign(bit: usize) -> f32 {
+pub(crate) fn sign(bit: usize) -> f32 {
     if bit & 1 == 1 { 1.0 } else { -1.0 }
 }

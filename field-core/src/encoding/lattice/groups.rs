@@ -7,7 +7,7 @@ use super::kernel::{Gather, Place, Scatter, Slope};
 use crate::encoding::{rows, rows_mut};
 
 /// Groups of 8, 6, 4, 2, 1 features: first feature and size.
-fn groups(features: usize) -> impl Iterator<Item = (usize, usize)> {
+pub(crate) fn groups(features: usize) -> impl Iterator<Item = (usize, usize)> {
     let mut first = 0;
     core::iter::from_fn(move || {
         let rest = features - first;

@@ -53,7 +53,7 @@ pub(crate) struct Slope<'a, 'o, const F: usize> {
 
 /// Sixteen points of a batch, starting at `at`; short blocks are filled up with 0.
 #[inline(always)]
-fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N] {
+pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N] {
     let mut out = [[0.0; BLOCK]; N];
     for (out, row) in out.iter_mut().zip(rows) {
         let row = &row[at..];

@@ -4,12 +4,16 @@ use field_core::FieldError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig};
 use field_core::encoding::integrated::Integrated;
+use field_core::encoding::multi_distance::MultiDistance;
+use field_core::encoding::planes::{Combine, Planes};
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use float_core::Simd;
 use stress::{MAGNITUDES, Tally, close, ensure, finite};
 
 pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
     hash_grid(tally, simd);
+    multi_distance(tally, simd);
+    planes(tally, simd);
     frequency(tally, simd);
     harmonics(tally, simd);
     integrated(tally, simd);
@@ -58,6 +62,77 @@ fn hash_grid(tally: &mut Tally, simd: Simd) {
             grid.encode(simd, &params, &[0.123; 15], &mut out).map_err(|e| e.to_string())?;
             // Eight products of denormals round eight times.
             out.iter().try_for_each(|&f| close("feature", f.into(), value.into(), 1e-6 * f64::from(value) + 6e-45))
+        });
+    }
+}
+
+fn multi_distance(tally: &mut Tally, simd: Simd) {
+    for resolution in [[2, 2, 2], [6, 9, 4], [3, 40, 5]] {
+        let grid = MultiDistance::new(resolution, 6).unwrap();
+        let table: Vec<f32> = (0..grid.params_len()).map(|i| (i as f32 * 0.37).sin()).collect();
+        let positions = MAGNITUDES.iter().flat_map(|&m| [m, -m]).chain([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+        for x in positions {
+            let name = format!("grid of {resolution:?} at three distances, x = {x:e}");
+            tally.case(name, "the features of the clamped position, NaN as 0; no gradient past the edge", || {
+                let n = 17;
+                let at = |x: f32| [vec![x; n], vec![0.3; n], vec![x; n]].concat();
+                let clamped = if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
+                let (mut got, mut want) = (vec![f32::NAN; grid.out_rows() * n], vec![f32::NAN; grid.out_rows() * n]);
+                grid.encode(simd, &table, &at(x), &mut got).map_err(|e| e.to_string())?;
+                grid.encode(simd, &table, &at(clamped), &mut want).map_err(|e| e.to_string())?;
+                finite("features", &got)?;
+                ensure(got == want, || "other features than at the clamped position".into())?;
+                ensure(got.iter().all(|f| f.abs() <= 1.000_001), || "features leave the table's range".into())?;
+                let (mut bar, mut x_bar) = (vec![0.0; table.len()], vec![0.0; 3 * n]);
+                let bars = vec![1.0; got.len()];
+                grid.encode_backward(simd, &at(x), &bars, &mut bar).map_err(|e| e.to_string())?;
+                grid.encode_backward_x(simd, &table, &at(x), &bars, &mut x_bar).map_err(|e| e.to_string())?;
+                finite("table gradient", &bar)?;
+                finite("position gradient", &x_bar)?;
+                ensure((0.0..=1.0).contains(&x) || x_bar[..n].iter().all(|&g| g == 0.0), || "a pull outside".into())
+            });
+        }
+    }
+}
+
+fn planes(tally: &mut Tally, simd: Simd) {
+    for (kind, planes) in [
+        ("tri-plane, sum", Planes::tri_plane([5, 1, 30], 3, Combine::Sum)),
+        ("k-planes", Planes::k_planes([5, 4, 30, 1], 3)),
+        ("hex-plane", Planes::hex_plane([5, 4, 30, 2], 3)),
+    ] {
+        let planes = planes.unwrap();
+        let table: Vec<f32> = (0..planes.params_len()).map(|i| (i as f32 * 0.37).sin()).collect();
+        let positions = MAGNITUDES.iter().flat_map(|&m| [m, -m]).chain([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+        for x in positions {
+            let name = format!("{kind}, x = {x:e}");
+            tally.case(name, "the features of the clamped position, NaN as -1; no gradient past the edge", || {
+                let n = 17;
+                let rows = planes.in_rows();
+                let at = |x: f32| vec![x; rows * n];
+                let clamped = if x.is_nan() { -1.0 } else { x.clamp(-1.0, 1.0) };
+                let (mut got, mut want) = (vec![f32::NAN; 3 * n], vec![f32::NAN; 3 * n]);
+                planes.encode(simd, &table, &at(x), &mut got).map_err(|e| e.to_string())?;
+                planes.encode(simd, &table, &at(clamped), &mut want).map_err(|e| e.to_string())?;
+                finite("features", &got)?;
+                ensure(got == want, || "other features than at the clamped position".into())?;
+                let (mut table_bar, mut x_bar) = (vec![0.0; table.len()], vec![0.0; rows * n]);
+                let (at, bars) = (at(x), vec![1.0; 3 * n]);
+                planes
+                    .encode_backward(simd, (&table, &at), &bars, Some(&mut table_bar), Some(&mut x_bar))
+                    .map_err(|e| e.to_string())?;
+                finite("table gradient", &table_bar)?;
+                finite("position gradient", &x_bar)?;
+                ensure((-1.0..=1.0).contains(&x) || x_bar.iter().all(|&g| g == 0.0), || "a pull outside".into())
+            });
+        }
+        tally.case(format!("{kind} of zeros"), "features and gradients of the positions are 0", || {
+            let zeros = vec![0.0; planes.params_len()];
+            let (mut out, mut x_bar) = (vec![f32::NAN; 3], vec![0.0; planes.in_rows()]);
+            let x = vec![0.3; planes.in_rows()];
+            planes.encode(simd, &zeros, &x, &mut out).map_err(|e| e.to_string())?;
+            planes.encode_backward(simd, (&zeros, &x), &[1.0; 3], None, Some(&mut x_bar)).map_err(|e| e.to_string())?;
+            ensure(out.iter().chain(&x_bar).all(|v| *v == 0.0), || format!("{out:?}, {x_bar:?}"))
         });
     }
 }
