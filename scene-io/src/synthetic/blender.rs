@@ -1,16 +1,17 @@
 //! Scenes to files, in the form of NeRF's synthetic scenes.
 
+use super::files::{write_mask, write_npy, write_picture};
 use crate::export::write_atomically;
-use crate::{ErrorKind, Frame, Image, ImageSource, LayoutHint, Problem, Scene, SceneError, Split};
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use crate::priors::TruthMask;
+use crate::{DepthPlace, DepthSource, ErrorKind, Frame, ImageSource, LayoutHint, Problem, Scene, SceneError, Split};
 use render_core::pose::Axes;
 use serde_json::{Value, json};
-use std::io;
 use std::path::Path;
 
 /// Write a scene of pictures in memory as `transforms_{train,val,test}.json` and PNG files, to be read again by
-/// [`crate::load`]. Splits without frames get no file; unused frames are left out.
+/// [`crate::load`]. Splits without frames get no file; unused frames are left out. `time` is written where it is known
+/// (D-NeRF's form), depth in memory as `depth/NAME.npy` (`depth_path`; float32 along the optical axis, 0 = nothing), the
+/// truth about what moves as `moving/NAME.png` (`moving_path`; 255 = moves).
 ///
 /// # Errors
 /// A frame that is no picture in memory, or whose camera has another lens, focal length or principal point than the
@@ -28,7 +29,7 @@ pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
                 SceneError::new(ErrorKind::Value, problem.frame(&frame.name))
             })?;
             if let ImageSource::Memory(image) = &frame.image {
-                write_png(&folder.join(format!("{}.png", frame.name)), image)?;
+                write_picture(&folder.join(format!("{}.png", frame.name)), image)?;
             }
             let [a, b, c] = frame.camera.pose.to_matrix(Axes::Gl);
             let mut entry = json!({
@@ -37,6 +38,16 @@ pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
             });
             if let Some(time) = frame.time {
                 entry["time"] = time.into();
+            }
+            if let Some(DepthSource { place: DepthPlace::Memory(map), .. }) = &frame.depth {
+                let name = format!("depth/{}.npy", frame.name);
+                write_npy(&folder.join(&name), &[map.height, map.width], &map.z)?;
+                entry["depth_path"] = format!("./{name}").into();
+            }
+            if let Some(TruthMask::Memory(mask)) = &frame.moving {
+                let name = format!("moving/{}.png", frame.name);
+                write_mask(&folder.join(&name), mask)?;
+                entry["moving_path"] = format!("./{name}").into();
             }
             list.push(entry);
         }
@@ -71,15 +82,4 @@ fn check(frame: &Frame, angle: f64) -> Result<(), &'static str> {
         return Err("Blender's form has one angle of view for each split");
     }
     Ok(())
-}
-
-fn write_png(path: &Path, picture: &Image) -> Result<(), SceneError> {
-    let colour = if picture.channels == 4 { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
-    write_atomically(path, |out| {
-        let encoded = PngEncoder::new(out).write_image(&picture.data, picture.width, picture.height, colour);
-        encoded.map_err(|e| match e {
-            image::ImageError::IoError(e) => e,
-            other => io::Error::other(other),
-        })
-    })
 }

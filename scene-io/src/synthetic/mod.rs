@@ -18,6 +18,8 @@
 //! ```
 
 mod blender;
+mod files;
+mod orbit;
 mod plaza;
 mod polynomial;
 mod shape;
@@ -25,6 +27,10 @@ mod surface;
 mod tabletop;
 
 pub use blender::write_blender;
+pub use orbit::{
+    FlowMap, Form, Moment, MomentHit, MomentTruth, Orbit, OrbitCamera, OrbitMotion, OrbitOptions, OrbitView, Placement,
+    Sight, Warp, orbit, orbit_views, write_orbit,
+};
 pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOptions, plaza, plaza_photos};
 pub use shape::{Placed, Shape};
 pub use surface::{Paint, Surface};

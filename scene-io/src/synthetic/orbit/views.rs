@@ -1,0 +1,183 @@
+//! One camera's pictures of the stage: poses, times, and the scene they make.
+
+use super::{Orbit, OrbitMotion};
+use crate::priors::TruthMask;
+use crate::random::random;
+use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Scene, Split};
+use glam::DVec3;
+use render_core::camera::{Camera, Pose};
+use std::f64::consts::{PI, TAU};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Distance of the cameras from what they look at, world units.
+const DISTANCE: f64 = 4.0;
+/// What the cameras look at: the middle of the stage's ball.
+const CENTRE: DVec3 = DVec3::new(0.0, 0.0, 0.3);
+/// Radius of a ball around [`CENTRE`] that holds everything: the rim of the stage lies at 1.12.
+const RADIUS: f64 = 1.2;
+
+/// How the camera moves from picture to picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OrbitCamera {
+    /// It jumps: each picture from somewhere else (D-NeRF).
+    #[default]
+    Jumping,
+    /// It walks half way round, as a hand would; held-out pictures are taken off its way.
+    Walking,
+    /// It stands still, for held-out pictures too.
+    Frozen,
+}
+
+/// Size, number, motion and seed of the pictures of [`orbit`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OrbitOptions {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Training pictures, at the times `i / (train - 1)`; a single one at time 0.
+    pub train: usize,
+    /// Validation pictures, at the times `(i + 0.25) / val`.
+    pub val: usize,
+    /// Test pictures, from other places at the times `(i + 0.5) / test`.
+    pub test: usize,
+    /// Varies colours, phases and where the cameras stand.
+    pub seed: u64,
+    /// Horizontal angle of view, radians.
+    pub angle: f64,
+    /// Rays of a pixel along each side: the square of it in all.
+    pub rays: u32,
+    /// What moves.
+    pub motion: OrbitMotion,
+    /// How the camera moves.
+    pub camera: OrbitCamera,
+}
+
+impl Default for OrbitOptions {
+    /// 80 training and 12 test pictures of 128 x 128 pixels, 3 x 3 rays each; some things move, the camera jumps.
+    fn default() -> Self {
+        Self {
+            width: 128,
+            height: 128,
+            train: 80,
+            val: 0,
+            test: 12,
+            seed: 0,
+            angle: 0.64,
+            rays: 3,
+            motion: OrbitMotion::Some,
+            camera: OrbitCamera::Jumping,
+        }
+    }
+}
+
+/// A picture of the stage that is yet to be drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OrbitView {
+    /// `train/r_000`.
+    pub name: String,
+    /// What for.
+    pub split: Split,
+    /// When.
+    pub time: f64,
+    /// From where.
+    pub camera: Camera,
+}
+
+/// Poses and times of the pictures of some options: training, validation, test.
+///
+/// # Panics
+/// If a side is 0, or the angle is not in `(0, pi)`.
+#[must_use]
+pub fn orbit_views(options: &OrbitOptions) -> Vec<OrbitView> {
+    let OrbitOptions { width, height, angle, .. } = *options;
+    assert!(width > 0 && height > 0, "orbit: pictures of {width} x {height} pixels");
+    assert!(angle > 0.0 && angle < PI, "orbit: angle of view {angle}");
+    let (w, h) = (f64::from(width), f64::from(height));
+    let focal = 0.5 * w / (0.5 * angle).tan();
+    let splits = [(Split::Train, options.train), (Split::Val, options.val), (Split::Test, options.test)];
+    let views = splits.into_iter().flat_map(|(split, n)| (0..n).map(move |i| (split, i, n)));
+    let view = |(split, i, n): (Split, usize, usize)| OrbitView {
+        name: format!("{}/r_{i:03}", split.name()),
+        split,
+        time: match split {
+            Split::Train if n == 1 => 0.0,
+            Split::Train => i as f64 / (n - 1) as f64,
+            Split::Val => (i as f64 + 0.25) / n as f64,
+            _ => (i as f64 + 0.5) / n as f64,
+        },
+        camera: Camera::pinhole(width, height, focal, focal, 0.5 * w, 0.5 * h, pose(split, i, n, options)),
+    };
+    views.map(view).collect()
+}
+
+/// Where picture `i` of `n` is taken from: 15 to 60 degrees above the ground, held-out pictures 18 to 57.
+fn pose(split: Split, i: usize, n: usize, options: &OrbitOptions) -> Pose {
+    let (offset, stream) = match split {
+        Split::Val => (0.236, 62_000),
+        Split::Test => (0.618, 61_000),
+        _ => (0.0, 60_000),
+    };
+    let (low, high) = if split == Split::Train { (15.0_f64, 60.0_f64) } else { (18.0, 57.0) };
+    let jitter = |k: usize| random(options.seed, stream + (2 * i + k) as u64) - 0.5;
+    // Two sequences that fill their range evenly however many there are, and are far from their last value each time.
+    let golden = 0.618_033_988_749_894_8 * i as f64 + offset;
+    let (round, up) = match options.camera {
+        OrbitCamera::Jumping => {
+            (golden + 0.02 * jitter(0), (radical_inverse(i + 1) + 0.06 * jitter(1)).clamp(0.0, 1.0))
+        }
+        OrbitCamera::Walking => {
+            let way = (i as f64 + if split == Split::Train { 0.0 } else { 0.5 }) / n as f64;
+            let aside = if split == Split::Train { 0.0 } else { 0.08 };
+            (0.5 * way + aside * jitter(0), 0.45 + 0.25 * (TAU * way).sin() + aside)
+        }
+        OrbitCamera::Frozen => (0.0, 0.4),
+    };
+    let turn = TAU * (round + random(options.seed, 60_900_000));
+    let z = low.to_radians().sin() + (high.to_radians().sin() - low.to_radians().sin()) * up;
+    // A frozen camera does not know what its pictures are for.
+    let z = if options.camera == OrbitCamera::Frozen { 0.5 } else { z };
+    let flat = (1.0 - z * z).sqrt();
+    let eye = CENTRE + DVec3::new(flat * turn.cos(), flat * turn.sin(), z) * DISTANCE;
+    // Never `None`: the eye is 4 units away, and not above.
+    Pose::look_at(eye, CENTRE, DVec3::Z).unwrap_or(Pose::IDENTITY)
+}
+
+/// Van der Corput's sequence in base 2: `1/2, 1/4, 3/4, 1/8, ..`.
+fn radical_inverse(i: usize) -> f64 {
+    (i as u64).reverse_bits() as f64 / 2_f64.powi(64)
+}
+
+/// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each. All frames carry the truth about what
+/// moves; validation and test frames carry exact depth (for training frames, which have none to train on, see
+/// [`super::Moment::truth`]). The same options give the same bytes.
+///
+/// # Panics
+/// If `rays` is 0, a side is 0, or the angle is not in `(0, pi)`.
+#[must_use]
+pub fn orbit(options: &OrbitOptions) -> Scene {
+    let stage = Orbit::new(options.seed, options.motion);
+    let frame = |view: OrbitView| {
+        let moment = stage.at(view.time);
+        let (image, moving) = moment.render(&view.camera, options.rays);
+        let depth = (view.split != Split::Train).then(|| DepthSource::memory(moment.truth(&view.camera).depth_map()));
+        Frame {
+            split: view.split,
+            time: Some(view.time),
+            depth,
+            moving: Some(TruthMask::Memory(Arc::new(moving))),
+            ..Frame::new(view.name, ImageSource::Memory(Arc::new(image)), view.camera)
+        }
+    };
+    Scene {
+        name: "orbit".to_owned(),
+        root: PathBuf::new(),
+        dialect: Dialect::Synthetic,
+        frames: orbit_views(options).into_iter().map(frame).collect(),
+        points: Vec::new(),
+        layout: LayoutHint::Object { near: DISTANCE - RADIUS, far: DISTANCE + RADIUS },
+        bounds: Some(stage.bounds()),
+        notes: Vec::new(),
+    }
+}
