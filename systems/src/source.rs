@@ -2,7 +2,7 @@
 
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
+use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, orbit, plaza, tabletop};
 use scene_io::{Depth, Disturbance, Report, Scene, TrainPhotos};
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training
 /// views (see [`scene_io::perturb`]).
 ///
 /// # Errors
@@ -68,12 +68,14 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
     let photos = data.load_options()?.train_photos;
     match name {
         "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
-        "tabletop" if photos == TrainPhotos::Clean => {
+        "tabletop" | "orbit" if photos == TrainPhotos::Clean => {
             Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
+        "orbit" => Ok(orbit(&OrbitOptions::default())),
         other => Err(RunError::Option(format!(
-            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop` and `{SYNTHETIC}plaza`"
+            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit` and \
+             `{SYNTHETIC}plaza`"
         ))),
     }
 }

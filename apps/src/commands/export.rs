@@ -6,8 +6,8 @@ use crate::show::line;
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
 use systems::RunError;
 use systems::run::Run;
-use systems::system::Query;
 use systems::surface::{CropBox, default_level, mesh, points};
+use systems::system::Query;
 
 pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     let mut show = session.show();

@@ -1,9 +1,9 @@
 //! What a deformation costs besides the pictures (Nerfies, sections 3.3 and 3.4): it should be nearly rigid where matter is,
 //! and leave the background where it is.
 
+use super::Deform;
 use super::pass::{DeformGrad, DeformScratch, Points, recorded};
 use super::record::Moved;
-use super::Deform;
 use field_core::rng::Rng;
 use field_core::tape::Tape;
 use losses::{background, elastic};
