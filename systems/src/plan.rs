@@ -312,6 +312,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         features: 4,
         levels_anneal: 0,
         levels_first: 4,
+        warp_levels: 8,
         voxels: 0,
         voxels_every: 500,
         log2_table,

@@ -7,7 +7,7 @@ use float_core::Vector;
 const TERMS: usize = 13;
 
 /// Lanes of the widest vector.
-const WIDEST: usize = 16;
+pub(crate) const WIDEST: usize = 16;
 
 /// One derivative of one Stumpff function.
 #[derive(Clone, Copy)]
@@ -50,7 +50,7 @@ impl Lanes {
 
     /// Up to one vector of values. A value depends on its argument only, whatever lies beside it.
     #[inline(always)]
-    fn lanes<V: Vector>(&self, u: &[f32]) -> [f32; WIDEST] {
+    pub(crate) fn lanes<V: Vector>(&self, u: &[f32]) -> [f32; WIDEST] {
         let mut y = [0.0; WIDEST];
         let mut padded = [0.0; WIDEST];
         padded[..u.len()].copy_from_slice(u);

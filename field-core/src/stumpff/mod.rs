@@ -11,7 +11,7 @@
 
 mod lanes;
 
-pub(crate) use lanes::Lanes;
+pub(crate) use lanes::{Lanes, WIDEST};
 
 use float_core::m64;
 

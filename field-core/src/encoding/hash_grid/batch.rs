@@ -39,6 +39,7 @@ struct SlopeJob<'a> {
     params: &'a [f32],
     /// Samples of the whole batch, the stride of `out_bar`.
     n: usize,
+    levels: usize,
     out_bar: &'a [f32],
     /// Where the stretch starts.
     at: usize,
@@ -127,7 +128,27 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x, out_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, params, axes(x), None, out_bar, x_bar);
+        self.slope_batch(simd, params, (axes(x), None), out_bar, x_bar, self.config.levels);
+        Ok(())
+    }
+
+    /// [`encode_backward_x`](Self::encode_backward_x) of the first `levels` levels alone: what moves points is led by the
+    /// coarse ones, as slopes grow with the resolution and say less and less about where to go.
+    ///
+    /// # Errors
+    /// [`FieldError::Shape`].
+    pub fn encode_backward_x_coarse(
+        &self,
+        simd: Simd,
+        params: &[f32],
+        levels: usize,
+        x: &[f32],
+        out_bar: &[f32],
+        x_bar: &mut [f32],
+    ) -> Result<(), FieldError> {
+        self.check_batch(Some(params), x, x, out_bar.len())?;
+        check_len("x_bar", x_bar.len(), x.len())?;
+        self.slope_batch(simd, params, (axes(x), None), out_bar, x_bar, levels.min(self.config.levels));
         Ok(())
     }
 
@@ -147,7 +168,7 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x_dot, out_dot_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, params, axes(x), Some(axes(x_dot)), out_dot_bar, x_bar);
+        self.slope_batch(simd, params, (axes(x), Some(axes(x_dot))), out_dot_bar, x_bar, self.config.levels);
         Ok(())
     }
 
@@ -273,13 +294,13 @@ impl HashGrid {
         &self,
         simd: Simd,
         params: &[f32],
-        x: Axes<'_>,
-        x_dot: Option<Axes<'_>>,
+        (x, x_dot): (Axes<'_>, Option<Axes<'_>>),
         out_bar: &[f32],
         x_bar: &mut [f32],
+        levels: usize,
     ) {
         let n = x[0].len();
-        let job = SlopeJob { params, n, out_bar, at: 0, x, x_dot, x_bar: rows_mut(x_bar) };
+        let job = SlopeJob { params, n, levels, out_bar, at: 0, x, x_dot, x_bar: rows_mut(x_bar) };
         match self.config.features {
             1 => self.slope_chunks::<1>(simd, job),
             2 => self.slope_chunks::<2>(simd, job),
@@ -290,19 +311,19 @@ impl HashGrid {
 
     /// The samples of the batch, halved until a chunk is left; all levels of it, in order.
     fn slope_chunks<const F: usize>(&self, simd: Simd, job: SlopeJob<'_>) {
-        let SlopeJob { params, n, out_bar, at, x, x_dot, x_bar } = job;
+        let SlopeJob { params, n, levels, out_bar, at, x, x_dot, x_bar } = job;
         let len = x[0].len();
         if len > CHUNK {
             let mid = len.div_ceil(CHUNK) / 2 * CHUNK;
             let (bar_a, bar_b) = split_rows_mut(x_bar, mid);
             let (x_a, x_b) = split_rows(x, mid);
             let dot = x_dot.map(|x| split_rows(x, mid));
-            let a = SlopeJob { params, n, out_bar, at, x: x_a, x_dot: dot.map(|d| d.0), x_bar: bar_a };
-            let b = SlopeJob { params, n, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
+            let a = SlopeJob { params, n, levels, out_bar, at, x: x_a, x_dot: dot.map(|d| d.0), x_bar: bar_a };
+            let b = SlopeJob { params, n, levels, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
             return join(|| self.slope_chunks::<F>(simd, a), || self.slope_chunks::<F>(simd, b));
         }
         let [mut x0, mut x1, mut x2] = x_bar;
-        for level in 0..self.config.levels {
+        for level in 0..levels {
             simd.run(Slope::<F> {
                 place: self.place(level, x, x_dot),
                 table: &params[self.level_range(level)],

@@ -112,6 +112,8 @@ pub(super) struct StepContext<'a> {
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     pub(super) kernel: Kernel,
+    /// Levels of the grid whose slopes lead what moves.
+    pub(super) warp_levels: usize,
     /// Factor of the distortion loss, and the distance it is measured in.
     pub(super) distortion: f32,
     pub(super) distance: RayDistance,
@@ -371,7 +373,7 @@ impl Chunk {
         x_bar.fill(0.0);
         if deform.warps() {
             let x = &self.x[..3 * n];
-            field.grid.pull_positions(field.simd, &field.grid_params, x, raw_bar, x_bar);
+            field.grid.pull_positions(field.simd, (&field.grid_params, x), raw_bar, ctx.warp_levels, x_bar);
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);

@@ -60,6 +60,8 @@ pub struct NgpConfig {
     pub levels_anneal: u64,
     /// Levels there are from the start, where the others come in later.
     pub levels_first: usize,
+    /// Levels whose slopes lead what moves, the coarsest first: those of the finest say little about where to go.
+    pub warp_levels: usize,
     /// Voxels along an axis, instead of a hash grid; 0: a hash grid. They begin with an eighth of them in all, and double in
     /// number three times.
     pub voxels: usize,

@@ -383,7 +383,7 @@ fn add_normals(
     x_bar.fill(0.0);
     let x = &s.x[..3 * n];
     let (raw_bar, seen_bar) = field.pull(x, features_bar, &mut s.raw_bar);
-    field.grid.pull_positions(field.simd, &field.grid_params, x, raw_bar, x_bar);
+    field.grid.pull_positions(field.simd, (&field.grid_params, x), raw_bar, usize::MAX, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.
         let (grad, scratch) = &mut s.deform;

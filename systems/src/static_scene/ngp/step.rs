@@ -158,6 +158,7 @@ impl Ngp {
             truth: &inputs.truth,
             jitter: &inputs.jitter,
             kernel: self.config.kernel(),
+            warp_levels: self.config.warp_levels,
             distortion: self.config.distortion,
             distance: self.distance,
             sparsity: self.config.sparsity,

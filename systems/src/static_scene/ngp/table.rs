@@ -116,10 +116,18 @@ impl Table {
         }
     }
 
-    /// Add the gradient of the positions, from that of the interpolated features.
-    pub(super) fn pull_positions(&self, simd: Simd, params: &[f32], x: &[f32], raw_bar: &[f32], x_bar: &mut [f32]) {
+    /// Add the gradient of the positions, from that of the interpolated features; of a hash grid that of its first `levels`
+    /// levels.
+    pub(super) fn pull_positions(
+        &self,
+        simd: Simd,
+        (params, x): (&[f32], &[f32]),
+        raw_bar: &[f32],
+        levels: usize,
+        x_bar: &mut [f32],
+    ) {
         shapes_hold(match self {
-            Self::Hash(grid, _) => grid.encode_backward_x(simd, params, x, raw_bar, x_bar),
+            Self::Hash(grid, _) => grid.encode_backward_x_coarse(simd, params, levels, x, raw_bar, x_bar),
             Self::Voxels(grid, _) => grid.encode_backward_x(simd, params, x, raw_bar, x_bar),
         });
     }

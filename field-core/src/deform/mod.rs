@@ -1,4 +1,5 @@
-//! Deformations of space, as tape operations: where the point that is at `x` now lies in the canonical scene.
+//! Deformations of space: where the point that is at `x` now lies in the canonical scene. Tape operations, and the rigid
+//! one as a plain pair ([`rigid_points`]) for rendering.
 //!
 //! A network answers with a displacement, or with a twist: rotation vector `omega` and `v`. Both deformations are the
 //! identity, bit for bit, where the network answers 0, and differentiable there to any order: their Jacobians (three
@@ -8,6 +9,10 @@
 //! Pumarola et al., "D-NeRF", 2021, eq. 2 (translation); Park et al., "Nerfies", 2021, sec. 3.2 and eq. 4-6 (rigid
 //! motions). Nerfies divides `omega` and `v` by the angle, which is 0/0 at rest; here the same motion is written with
 //! coefficients that are smooth functions of the squared angle.
+
+mod points;
+
+pub use points::{rigid_points, rigid_points_backward};
 
 use crate::tape::{Node, Tape, TapeError};
 
