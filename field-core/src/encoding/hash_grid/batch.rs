@@ -319,7 +319,8 @@ impl HashGrid {
             let (x_a, x_b) = split_rows(x, mid);
             let dot = x_dot.map(|x| split_rows(x, mid));
             let a = SlopeJob { params, n, levels, out_bar, at, x: x_a, x_dot: dot.map(|d| d.0), x_bar: bar_a };
-            let b = SlopeJob { params, n, levels, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
+            let b =
+                SlopeJob { params, n, levels, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
             return join(|| self.slope_chunks::<F>(simd, a), || self.slope_chunks::<F>(simd, b));
         }
         let [mut x0, mut x1, mut x2] = x_bar;
