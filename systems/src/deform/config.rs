@@ -68,12 +68,21 @@ pub enum Moment {
 }
 
 /// The network that says where a point came from.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Warp {
     /// Octaves of the position; with itself.
     pub octaves: usize,
     /// Steps over which they come in, coarse to fine (Nerfies, section 3.5); 0: all from the start.
     pub anneal: u64,
+    /// Planes of features of place and time (k-planes) that it sees besides: cells along an axis of each set of planes.
+    /// Empty: none.
+    pub planes: Vec<usize>,
+    /// Features of a set of planes.
+    pub plane_features: usize,
+    /// Cells along the axis of time.
+    pub plane_times: usize,
+    /// Learning rate of the planes, a factor of that of the networks.
+    pub plane_rate: f64,
     /// Width of the hidden layers.
     pub width: usize,
     /// Number of hidden layers.

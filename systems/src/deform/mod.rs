@@ -30,6 +30,7 @@ use crate::data::Dataset;
 use crate::static_scene::parts;
 use crate::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
+use field_core::encoding::planes::Planes;
 use field_core::encoding::window;
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
@@ -61,10 +62,14 @@ pub struct Deform {
     seen_ambient: Option<Frequency>,
     warp: Option<Mlp>,
     ambient: Option<Mlp>,
-    /// Those of the warp, then those of the ambient network.
+    /// What the warp sees of place and time besides.
+    planes: Vec<Planes>,
+    /// Those of the warp, then those of the ambient network, then from `plane_start` on those of the planes.
     params: Vec<f32>,
+    plane_start: usize,
     packed: [Packed; 2],
     adam: Adam,
+    plane_adam: Adam,
     grad: Vec<f32>,
     /// `[moments][dims]`, or the parameters of the time network.
     codes: Vec<f32>,
@@ -91,6 +96,19 @@ fn refuse(e: impl ToString) -> SystemError {
 
 fn octaves(dims: usize, octaves: usize, identity: Identity) -> Result<Frequency, SystemError> {
     Frequency::new(dims, octaves, Base::One, identity).map_err(refuse)
+}
+
+/// Factors that begin small in space and at 1 in time: a product that does not depend on time yet (K-Planes, section 3.2).
+fn init_planes(planes: &Planes, rng: &Rng, params: &mut [f32]) {
+    for (k, pair) in planes.pairs().enumerate() {
+        let params = &mut params[planes.plane_range(k)];
+        if pair.contains(&3) {
+            params.fill(1.0);
+        } else {
+            rng.substream(k as u64).fill_uniform(0, params);
+            params.iter_mut().for_each(|p| *p = 0.1 + 0.4 * *p);
+        }
+    }
 }
 
 /// Hidden layers with a skip of the input into the fifth, where there are so many.
@@ -140,7 +158,7 @@ impl Deform {
             codes.iter_mut().for_each(|c| *c *= CODE);
         }
         let encoding = |n: Option<usize>, dims, identity| n.map(|n| octaves(dims, n, identity)).transpose();
-        let warp_point = encoding(config.warp.map(|w| w.octaves), 3, Identity::Include)?;
+        let warp_point = encoding(config.warp.as_ref().map(|w| w.octaves), 3, Identity::Include)?;
         let ambient_point = encoding(config.ambient.map(|a| a.octaves), 3, Identity::Omit)?;
         let seen = match config.sees {
             Sees::MomentAndPoint { octaves } => Some(octaves),
@@ -150,15 +168,23 @@ impl Deform {
         let ambients = config.ambient.map_or(1, |a| a.dims);
         let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Include)?;
         let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
-        let warp = config.warp.map(|w| {
+        let planes = config.warp.as_ref().map_or(Ok(Vec::new()), Self::new_planes)?;
+        let plane_rows: usize = planes.iter().map(Planes::features).sum();
+        let warp = config.warp.as_ref().map(|w| {
             let outputs = if w.motion == Motion::Rigid { 6 } else { 3 };
-            network(rows(&warp_point) + dims, (w.depth, w.width), outputs)
+            network(rows(&warp_point) + dims + plane_rows, (w.depth, w.width), outputs)
         });
         let ambient = config.ambient.map(|a| network(rows(&ambient_point) + dims, (a.depth, a.width), a.dims));
         let (warp, ambient) = (warp.transpose()?, ambient.transpose()?);
         let count = |mlp: &Option<Mlp>| mlp.as_ref().map_or(0, Mlp::param_count);
         let (warps, all) = (count(&warp), count(&warp) + count(&ambient));
-        let mut params = vec![0.0; all];
+        let plane_params: usize = planes.iter().map(Planes::params_len).sum();
+        let mut params = vec![0.0; all + plane_params];
+        let mut at = all;
+        for (k, planes) in planes.iter().enumerate() {
+            init_planes(planes, &rng.substream(8 + k as u64), &mut params[at..]);
+            at += planes.params_len();
+        }
         let places = [(&warp, 0..warps), (&ambient, warps..all)];
         for (k, (mlp, range)) in places.into_iter().enumerate() {
             let Some(mlp) = mlp else { continue };
@@ -172,13 +198,16 @@ impl Deform {
         }
         let mut deform = Self {
             adam: Adam::new(all, AdamConfig::DEFAULT),
-            grad: vec![0.0; all],
+            plane_adam: Adam::new(plane_params, AdamConfig::DEFAULT),
+            plane_start: all,
+            grad: vec![0.0; all + plane_params],
+            planes,
             code_adam: Adam::new(codes.len(), AdamConfig::DEFAULT),
             code_grad: vec![0.0; codes.len()],
             packed: Default::default(),
             moments: Moments::default(),
             steps: 0,
-            warp_window: vec![0.0; config.warp.map_or(0, |w| w.octaves)],
+            warp_window: vec![0.0; config.warp.as_ref().map_or(0, |w| w.octaves)],
             ambient_window: vec![0.0; config.ambient.map_or(0, |a| a.seen_octaves)],
             counts: pass::Counts::default(),
             order: times.in_order(),
@@ -199,6 +228,14 @@ impl Deform {
         };
         deform.renew();
         Ok(deform)
+    }
+
+    fn new_planes(warp: &Warp) -> Result<Vec<Planes>, SystemError> {
+        let of = |&cells: &usize| {
+            let r = [cells, cells, cells, warp.plane_times].map(|r| r.min(1 << 16) as u32);
+            Planes::k_planes(r, warp.plane_features).map_err(refuse)
+        };
+        warp.planes.iter().map(of).collect()
     }
 
     /// Rows that the density network sees besides features.
@@ -240,9 +277,8 @@ impl Deform {
     fn renew(&mut self) {
         let [warp, ambient] = &mut self.packed;
         let at = self.warp.as_ref().map_or(0, Mlp::param_count);
-        for (mlp, params, packed) in
-            [(&self.warp, &self.params[..at], warp), (&self.ambient, &self.params[at..], ambient)]
-        {
+        let ambients = &self.params[at..self.plane_start];
+        for (mlp, params, packed) in [(&self.warp, &self.params[..at], warp), (&self.ambient, ambients, ambient)] {
             if let Some(mlp) = mlp {
                 mlp.pack(params, packed);
             }
@@ -250,7 +286,7 @@ impl Deform {
         if let Some(network) = &mut self.time_network {
             network.mlp.pack(&self.codes, &mut network.packed);
         }
-        if let Some(warp) = self.config.warp {
+        if let Some(warp) = &self.config.warp {
             let done = if warp.anneal == 0 { 1.0 } else { self.steps as f64 / warp.anneal as f64 };
             window::nerfies(done.min(1.0) * warp.octaves as f64, &mut self.warp_window);
         }
@@ -266,15 +302,18 @@ impl Deform {
     /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.
     pub(crate) fn step<'g>(&mut self, parts: impl Iterator<Item = &'g DeformGrad> + Clone, lr: f64) -> usize {
         self.grad.fill(0.0);
-        let at = self.warp.as_ref().map_or(0, Mlp::param_count);
         let mut rows_bar = vec![0.0; self.moments.rows.len()];
         for part in parts {
             self.grad.iter_mut().zip(&part.params).for_each(|(sum, g)| *sum += g);
             rows_bar.iter_mut().zip(&part.moments).for_each(|(sum, g)| *sum += g);
         }
-        debug_assert!(at <= self.grad.len());
         let lr = lr * self.config.rate;
-        let mut bad = self.adam.step(self.simd, lr, &mut self.params, &self.grad);
+        let (networks, planes) = self.params.split_at_mut(self.plane_start);
+        let (network_grad, plane_grad) = self.grad.split_at(self.plane_start);
+        let mut bad = self.adam.step(self.simd, lr, networks, network_grad);
+        if let Some(warp) = self.config.warp.as_ref().filter(|w| !w.planes.is_empty()) {
+            bad += self.plane_adam.step(self.simd, lr * warp.plane_rate, planes, plane_grad);
+        }
         bad += self.learn_moments(&rows_bar, lr);
         self.steps += 1;
         self.renew();

@@ -13,6 +13,8 @@ pub(crate) struct Moments {
     pub(crate) dims: usize,
     /// `[moments][dims]`
     pub(crate) rows: Vec<f32>,
+    /// `[moments]`, times in `[-1, 1]`, for what has an axis of time.
+    pub(crate) times: Vec<f32>,
     /// `[moments]`: nothing is warped then.
     pub(crate) still: Vec<bool>,
 }
@@ -56,7 +58,7 @@ impl Deform {
     pub(crate) fn moments_at(&self, times: &[f64]) -> Moments {
         let dims = Self::moment_dims(self.config.moment);
         let n = times.len();
-        let canonical = self.config.warp.is_some_and(|warp| warp.origin == Origin::Canonical);
+        let canonical = self.config.warp.as_ref().is_some_and(|warp| warp.origin == Origin::Canonical);
         let still = times.iter().map(|&t| canonical && t == 0.0).collect();
         let rows = match self.config.moment {
             Moment::Time { .. } => turned(dims, n, &encoded(&self.time, self.simd, times)),
@@ -77,7 +79,7 @@ impl Deform {
                 })
                 .collect(),
         };
-        Moments { dims, rows, still }
+        Moments { dims, rows, times: times.iter().map(|&t| 2.0 * t as f32 - 1.0).collect(), still }
     }
 
     /// Bring the gradient of the training views' rows, `[views][dims]`, to codes or to the time network, and take one step.

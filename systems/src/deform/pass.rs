@@ -35,6 +35,7 @@ pub(crate) struct DeformScratch {
     pub(super) columns: Vec<u32>,
     pub(super) x: Vec<f32>,
     pub(super) moment: Vec<f32>,
+    pub(super) t: Vec<f32>,
     pub(super) x_bar: Vec<f32>,
     pub(super) seen_bar: Vec<f32>,
 }
@@ -101,9 +102,18 @@ impl Deform {
         columns.extend((0..points.which.len() as u32).filter(moves));
     }
 
-    pub(super) fn fill_tile(points: &Points<'_>, columns: &[u32], x: &mut Vec<f32>, moment: &mut Vec<f32>) {
+    /// Points, rows and times of some columns.
+    pub(super) fn fill_tile(
+        points: &Points<'_>,
+        columns: &[u32],
+        x: &mut Vec<f32>,
+        moment: &mut Vec<f32>,
+        t: &mut Vec<f32>,
+    ) {
         gather(points.x, points.which.len(), columns, x);
-        let Moments { dims, rows, .. } = points.moments;
+        let Moments { dims, rows, times, .. } = points.moments;
+        t.clear();
+        t.extend(columns.iter().map(|&i| times[points.which[i as usize] as usize]));
         moment.clear();
         for k in 0..*dims {
             moment.extend(columns.iter().map(|&i| rows[points.which[i as usize] as usize * dims + k]));
@@ -115,18 +125,18 @@ impl Deform {
     pub(crate) fn place(&self, points: Points<'_>, x: &mut [f32], seen: &mut [f32], scratch: &mut DeformScratch) {
         let n = points.which.len();
         x.copy_from_slice(points.x);
-        let DeformScratch { arena, columns, x: tile_x, moment, .. } = scratch;
+        let DeformScratch { arena, columns, x: tile_x, moment, t, .. } = scratch;
         self.columns(&points, columns);
         self.counts.all.fetch_add(n as u64, Ordering::Relaxed);
         self.counts.warped.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let ops = self.ops();
         for columns in columns.chunks(TILE) {
             let m = columns.len();
-            Self::fill_tile(&points, columns, tile_x, moment);
+            Self::fill_tile(&points, columns, tile_x, moment, t);
             let mut tape = Tape::new(arena, &self.params);
             let at = recorded(tape.constant(3, m, tile_x));
             let when = recorded(tape.constant(points.moments.dims, m, moment));
-            let Moved { x: there, seen: more } = recorded(self.record(&ops, &mut tape, at, when));
+            let Moved { x: there, seen: more } = recorded(self.record(&ops, &mut tape, at, (when, t)));
             if self.warp.is_some() {
                 scatter(recorded(tape.value(there)).data, n, columns, x);
                 self.stand_still(&points, columns, x);
@@ -158,13 +168,13 @@ impl Deform {
         scratch: &mut DeformScratch,
     ) {
         let n = points.which.len();
-        let DeformScratch { arena, columns, x: tile_x, moment, x_bar: tile_bar, seen_bar: tile_seen } = scratch;
+        let DeformScratch { arena, columns, x: tile_x, moment, t, x_bar: tile_bar, seen_bar: tile_seen } = scratch;
         self.columns(&points, columns);
         let ops = self.ops();
         let dims = points.moments.dims;
         for columns in columns.chunks(TILE) {
             let m = columns.len();
-            Self::fill_tile(&points, columns, tile_x, moment);
+            Self::fill_tile(&points, columns, tile_x, moment, t);
             gather(x_bar, n, columns, tile_bar);
             gather(seen_bar, n, columns, tile_seen);
             for (k, &i) in columns.iter().enumerate() {
@@ -175,7 +185,7 @@ impl Deform {
             let mut tape = Tape::new(arena, &self.params);
             let at = recorded(tape.input(3, m, tile_x));
             let when = recorded(tape.input(dims, m, moment));
-            let Moved { x, seen } = recorded(self.record(&ops, &mut tape, at, when));
+            let Moved { x, seen } = recorded(self.record(&ops, &mut tape, at, (when, t)));
             let mut seeds = Vec::with_capacity(2);
             if self.warp.is_some() {
                 seeds.push((x, &tile_bar[..]));

@@ -5,11 +5,14 @@ use super::config::{Motion, Sees};
 use crate::static_scene::parts::Part;
 use field_core::deform;
 use field_core::encoding::frequency::Frequency;
+use field_core::encoding::planes::Planes;
 use field_core::tape::{EncodingOp, Node, Tape, TapeError, Windowed};
 
 /// The tape operations of a deformation.
 pub(super) struct Ops<'a> {
     warp: Option<(EncodingOp<Windowed<'a>>, Part<'a>)>,
+    /// Planes of place and time, each with where its parameters begin.
+    planes: Vec<(EncodingOp<Planes>, usize, usize)>,
     ambient: Option<(EncodingOp<Frequency>, Part<'a>, EncodingOp<Windowed<'a>>)>,
     seen_point: Option<EncodingOp<Frequency>>,
 }
@@ -36,25 +39,40 @@ impl Deform {
             (EncodingOp::new(*point, self.simd), Part::new(mlp, &self.packed[1], at, self.simd), seen)
         });
         let seen_point = self.seen_point.as_ref().map(|point| EncodingOp::new(*point, self.simd));
-        Ops { warp, ambient, seen_point }
+        let planes = self.planes.iter().scan(self.plane_start, |at, planes| {
+            let from = *at;
+            *at += planes.params_len();
+            Some((EncodingOp::new(*planes, self.simd), from, planes.params_len()))
+        });
+        Ops { warp, planes: planes.collect(), ambient, seen_point }
     }
 
-    /// Record the deformation of points `x` `[3 x n]` of the unit cube at moments `[dims x n]`.
+    /// Record the deformation of points `x` `[3 x n]` of the unit cube at moments `[dims x n]`, whose times in `[-1, 1]` are
+    /// `times` `[n]`.
     pub(super) fn record<'a>(
         &self,
         ops: &'a Ops<'a>,
         tape: &mut Tape<'a>,
         x: Node,
-        moment: Node,
+        (moment, times): (Node, &[f32]),
     ) -> Result<Moved, TapeError> {
         // Encodings and rotations are about the middle of the scene: the cube [-1, 1]^3.
         let q = tape.affine(x, 2.0, -1.0)?;
         let mut moved = Moved { x, seen: None };
         if let Some((encoding, network)) = &ops.warp {
             let point = tape.custom(encoding, &[q])?;
-            let input = tape.concat(&[point, moment])?;
+            let mut sees = vec![point, moment];
+            if !ops.planes.is_empty() {
+                let t = tape.constant(1, times.len(), times)?;
+                let place_and_time = tape.concat(&[q, t])?;
+                for (planes, from, len) in &ops.planes {
+                    let table = tape.param(*from, *len, 1)?;
+                    sees.push(tape.custom(planes, &[place_and_time, table])?);
+                }
+            }
+            let input = tape.concat(&sees)?;
             let said = network.apply(tape, input)?;
-            let there = match self.config.warp.map(|w| w.motion) {
+            let there = match self.config.warp.as_ref().map(|w| w.motion) {
                 Some(Motion::Rigid) => {
                     let (omega, v) = (tape.slice(said, 0..3)?, tape.slice(said, 3..6)?);
                     deform::rigid(tape, q, omega, v)?

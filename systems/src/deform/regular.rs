@@ -32,19 +32,19 @@ impl Deform {
         if !self.warps() {
             return 0.0;
         }
-        let DeformScratch { arena, columns, x, moment, x_bar: j_bar, .. } = scratch;
+        let DeformScratch { arena, columns, x, moment, t, x_bar: j_bar, .. } = scratch;
         columns.clear();
         let moves = |&i: &u32| w[i as usize] > 0.0 && !points.moments.still[points.which[i as usize] as usize];
         columns.extend((0..points.which.len() as u32).filter(moves));
         let (ops, dims, mut sum) = (self.ops(), points.moments.dims, 0.0);
         for columns in columns.chunks(TILE) {
             let m = columns.len();
-            Self::fill_tile(&points, columns, x, moment);
+            Self::fill_tile(&points, columns, x, moment, t);
             let w: Vec<f32> = columns.iter().map(|&i| w[i as usize]).collect();
             let mut tape = Tape::new(arena, &self.params);
             let at = recorded(tape.input(3, m, x));
             let when = recorded(tape.input(dims, m, moment));
-            let Moved { x: there, .. } = recorded(self.record(&ops, &mut tape, at, when));
+            let Moved { x: there, .. } = recorded(self.record(&ops, &mut tape, at, (when, t)));
             let jacobian = recorded(tape.jacobian(there, at));
             let j = recorded(tape.value(jacobian)).data;
             j_bar.clear();

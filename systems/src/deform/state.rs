@@ -13,6 +13,9 @@ impl Deform {
         ];
         push_adam(&mut out, "deform.networks", &self.adam);
         push_adam(&mut out, "deform.moments", &self.code_adam);
+        if !self.planes.is_empty() {
+            push_adam(&mut out, "deform.planes", &self.plane_adam);
+        }
         out
     }
 
@@ -27,6 +30,9 @@ impl Deform {
         let adam = take_adam(state, "deform.networks", &self.adam)?;
         let code_adam = take_adam(state, "deform.moments", &self.code_adam)?;
         (self.params, self.codes, self.steps) = (params, codes, steps);
+        if !self.planes.is_empty() {
+            self.plane_adam = take_adam(state, "deform.planes", &self.plane_adam)?;
+        }
         (self.adam, self.code_adam) = (adam, code_adam);
         self.renew();
         Ok(())

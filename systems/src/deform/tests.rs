@@ -1,7 +1,18 @@
 use super::*;
 
 fn warp(motion: Motion, origin: Origin) -> Warp {
-    Warp { octaves: 3, anneal: 0, width: 16, depth: 2, motion, origin }
+    Warp {
+        octaves: 3,
+        anneal: 0,
+        planes: vec![3, 5],
+        plane_features: 2,
+        plane_times: 4,
+        plane_rate: 1.0,
+        width: 16,
+        depth: 2,
+        motion,
+        origin,
+    }
 }
 
 fn config(moment: Moment, motion: Motion) -> DeformConfig {

@@ -69,6 +69,14 @@ pub struct DynamicConfig {
     pub warp_octaves: usize,
     /// Steps over which these come in, coarse to fine; 0: all from the start.
     pub warp_anneal: u64,
+    /// Planes of features of place and time that it sees besides: cells along an axis of each set; none: `[]`.
+    pub warp_planes: Vec<usize>,
+    /// Features of a set of planes.
+    pub plane_features: usize,
+    /// Cells along the axis of time.
+    pub plane_times: usize,
+    /// Learning rate of the planes, a factor of that of the networks.
+    pub plane_lr: f64,
     /// Width and number of its hidden layers.
     pub warp_width: usize,
     /// See `warp_width`.
@@ -123,6 +131,10 @@ impl DynamicConfig {
             origin: OriginKind::Free,
             warp_octaves: 6,
             warp_anneal: 0,
+            warp_planes: vec![],
+            plane_features: 8,
+            plane_times: 24,
+            plane_lr: 10.0,
             warp_width: 64,
             warp_depth: 3,
             ambient: 0,
@@ -164,6 +176,10 @@ impl DynamicConfig {
             },
             warp: motion.map(|motion| Warp {
                 octaves: self.warp_octaves,
+                planes: self.warp_planes.clone(),
+                plane_features: self.plane_features,
+                plane_times: self.plane_times,
+                plane_rate: self.plane_lr,
                 anneal: self.warp_anneal,
                 width: self.warp_width,
                 depth: self.warp_depth,

@@ -38,7 +38,7 @@ pub(super) struct Field {
 }
 
 /// The moments of a field in which nothing moves.
-static NEVER: Moments = Moments { dims: 0, rows: Vec::new(), still: Vec::new() };
+static NEVER: Moments = Moments { dims: 0, rows: Vec::new(), times: Vec::new(), still: Vec::new() };
 
 /// The moments of points: which row of `moments` is that of each. Unused where nothing moves.
 #[derive(Clone, Copy)]
