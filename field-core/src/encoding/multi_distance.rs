@@ -88,7 +88,7 @@ impl MultiDistance {
         STRIDES.len() * self.features
     }
 
-    /// Words that mark which blocks of [`BLOCK_FLOATS`](super::hash_grid::BLOCK_FLOATS) parameters were touched: bit
+    /// Words that mark which blocks of [`BLOCK_FLOATS`] parameters were touched: bit
     /// `b % 64` of word `b / 64` stands for block `b`.
     #[must_use]
     pub fn touched_words(&self) -> usize {

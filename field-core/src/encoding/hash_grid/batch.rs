@@ -310,7 +310,10 @@ impl HashGrid {
     }
 
     /// The samples of the batch, halved until a chunk is left; all levels of it, in order.
-    fn slope_chunks<const F: usize>(&self, simd: Simd, job: SlopeJob<'_>) {
+    fn slope_chunks<const F: usize>(&self, simd: Simd, job: SlopeJob<'_>)
+    where
+        Packed: Features<F>,
+    {
         let SlopeJob { params, n, levels, out_bar, at, x, x_dot, x_bar } = job;
         let len = x[0].len();
         if len > CHUNK {

@@ -122,27 +122,28 @@ impl Cells {
         w
     }
 
-    /// `x_bar[a] += sum over corners of dots[c] * d weights[c] / d x_a`.
+    /// Derivatives of the weights with respect to each coordinate: `[corner][axis]`.
     #[inline(always)]
-    pub(crate) fn weights_backward(&self, kind: Weights<'_>, dots: &Corners<f32>, x_bar: &mut [Lanes; 3]) {
-        for (c, dots) in dots.iter().enumerate() {
+    pub(crate) fn weights_by_x(&self, kind: Weights<'_>) -> [[Lanes; 3]; 8] {
+        let mut by_x = [[[0.0; BLOCK]; 3]; 8];
+        for (c, by_x) in by_x.iter_mut().enumerate() {
             let s = [0, 1, 2].map(|a| sign(c >> a));
             for i in 0..BLOCK {
                 let w = [0, 1, 2].map(|a| side(c >> a, self.upper[a][i]));
                 let d = [0, 1, 2].map(|a| s[a] * self.slope[a][i]);
                 for a in 0..3 {
                     let (b, e) = ((a + 1) % 3, (a + 2) % 3);
-                    x_bar[a][i] += dots[i]
-                        * match kind {
-                            Weights::Value => d[a] * w[b] * w[e],
-                            Weights::Tangent(dot) => {
-                                s[a] * self.bend[a][i] * dot[a][i] * w[b] * w[e]
-                                    + d[a] * (d[b] * dot[b][i] * w[e] + w[b] * d[e] * dot[e][i])
-                            }
-                        };
+                    by_x[a][i] = match kind {
+                        Weights::Value => d[a] * w[b] * w[e],
+                        Weights::Tangent(dot) => {
+                            s[a] * self.bend[a][i] * dot[a][i] * w[b] * w[e]
+                                + d[a] * (d[b] * dot[b][i] * w[e] + w[b] * d[e] * dot[e][i])
+                        }
+                    };
                 }
             }
         }
+        by_x
     }
 }
 

@@ -73,7 +73,10 @@ pub(crate) fn scatter(
 
 /// Adds to `x_bar` `[3][n]`, given `out_bar` `[features][n]`.
 pub(crate) fn slope(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32]) {
-    fn some<const F: usize>(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32]) {
+    fn some<const F: usize>(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32])
+    where
+        Packed: Features<F>,
+    {
         simd.run(Slope::<F> { place, table, out_bar: rows(out_bar), x_bar: rows_mut(x_bar) });
     }
     let n = place.x[0].len();

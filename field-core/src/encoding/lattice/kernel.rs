@@ -104,11 +104,16 @@ impl Place<'_> {
             let (starts, weights) = next;
             if at + BLOCK < n {
                 next = self.corners(at + BLOCK);
-                for &start in next.0.as_flattened() {
-                    prefetch(table.wrapping_add(start as usize + self.first));
-                }
+                self.prefetch(table, &next.0);
             }
             body(at, &starts, &weights);
+        }
+    }
+
+    #[inline(always)]
+    fn prefetch(&self, table: *const f32, starts: &Corners<u32>) {
+        for &start in starts.as_flattened() {
+            prefetch(table.wrapping_add(start as usize + self.first));
         }
     }
 
@@ -203,31 +208,74 @@ where
     }
 }
 
-impl<const F: usize> Task for Slope<'_, '_, F> {
+impl<const F: usize> Task for Slope<'_, '_, F>
+where
+    Packed: Features<F>,
+{
     type Output = ();
     #[inline(always)]
-    fn run<V: Vector>(mut self) {
+    fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
-        let n = self.place.x[0].len();
+        let Self { place, table, out_bar: rows, x_bar: mut x_bars } = self;
+        let n = place.x[0].len();
+        if n == 0 {
+            return;
+        }
+        let locate = |at| {
+            let cells = Cells::locate(&place.lattice, place.interpolation, &block(&place.x, at));
+            (cells, cells.starts(&place.lattice, place.stride as u32))
+        };
+        let mut next = locate(0);
         for at in (0..n).step_by(BLOCK) {
-            let cells = Cells::locate(&self.place.lattice, self.place.interpolation, &block(&self.place.x, at));
-            let starts = cells.starts(&self.place.lattice, self.place.stride as u32);
-            let out_bar = block(&self.out_bar, at);
-            let mut dots = [[0.0; BLOCK]; 8];
-            for i in 0..BLOCK {
-                for c in 0..8 {
-                    let start = starts[c][i] as usize + self.place.first;
-                    for (f, e) in self.table[start..start + F].iter().enumerate() {
-                        dots[c][i] += out_bar[f][i] * e;
+            let (cells, starts) = next;
+            if at + BLOCK < n {
+                next = locate(at + BLOCK);
+                place.prefetch(table.as_ptr(), &next.1);
+            }
+            let out_bar = block(&rows, at);
+            let by_x = match &place.x_dot {
+                None => cells.weights_by_x(Weights::Value),
+                Some(x_dot) => cells.weights_by_x(Weights::Tangent(&block(x_dot, at))),
+            };
+            let mut x_bar = [[0.0; BLOCK]; 3];
+            if F < 4 {
+                // Few features: their dot with the cotangents first, then all coordinates, sixteen samples at a time.
+                let mut dots = [[0.0; BLOCK]; 8];
+                for i in 0..BLOCK {
+                    for c in 0..8 {
+                        let start = starts[c][i] as usize + place.first;
+                        for (f, e) in table[start..start + F].iter().enumerate() {
+                            dots[c][i] += out_bar[f][i] * e;
+                        }
+                    }
+                }
+                for (dots, by_x) in dots.iter().zip(&by_x) {
+                    for i in 0..BLOCK {
+                        for a in 0..3 {
+                            x_bar[a][i] += dots[i] * by_x[a][i];
+                        }
+                    }
+                }
+            } else {
+                // Many: the derivatives of all features of a sample first.
+                for i in 0..BLOCK {
+                    let mut slopes = [Packed::zero(); 3];
+                    for c in 0..8 {
+                        let start = starts[c][i] as usize + place.first;
+                        debug_assert!(start + F <= table.len());
+                        // SAFETY: as for `Gather`.
+                        let e = unsafe { Packed::load(table.as_ptr().add(start)) };
+                        for a in 0..3 {
+                            slopes[a] = Packed::add_scaled(slopes[a], by_x[c][a][i], e);
+                        }
+                    }
+                    for a in 0..3 {
+                        let slope = Packed::unpack(slopes[a]);
+                        x_bar[a][i] = out_bar.iter().zip(&slope).fold(0.0, |sum, (bar, s)| sum + bar[i] * s);
                     }
                 }
             }
-            let mut x_bar = [[0.0; BLOCK]; 3];
-            match &self.place.x_dot {
-                None => cells.weights_backward(Weights::Value, &dots, &mut x_bar),
-                Some(x_dot) => cells.weights_backward(Weights::Tangent(&block(x_dot, at)), &dots, &mut x_bar),
-            }
-            for (row, x_bar) in self.x_bar.iter_mut().zip(&x_bar) {
+            for (row, x_bar) in x_bars.iter_mut().zip(&x_bar) {
                 for (out, x) in row[at..].iter_mut().zip(x_bar) {
                     *out += x;
                 }

@@ -110,9 +110,9 @@ impl Cells {
         let mut starts = [[0; BLOCK]; 4];
         for (c, starts) in starts.iter_mut().enumerate() {
             let corner = plane.offset + (c as u32 & 1) * plane.steps[0] + (c as u32 >> 1) * plane.steps[1];
-            for i in 0..BLOCK {
-                // Cells along an axis of one vertex are 0, as are their steps.
-                starts[i] = corner + along[0].cell[i] * features as u32 + along[1].cell[i] * plane.steps[1];
+            // Cells along an axis of one vertex are 0, as are their steps.
+            for ((start, a), b) in starts.iter_mut().zip(&along[0].cell).zip(&along[1].cell) {
+                *start = corner + a * features as u32 + b * plane.steps[1];
             }
         }
         Self { along, starts }
@@ -169,13 +169,13 @@ impl Cells {
         let mut out = [[0.0; BLOCK]; F];
         for i in 0..BLOCK {
             let mut sum = Packed::zero();
-            for c in 0..4 {
-                let start = self.starts[c][i] as usize + place.first;
+            for (starts, weights) in self.starts.iter().zip(weights) {
+                let start = starts[i] as usize + place.first;
                 debug_assert!(start + F <= place.table.len());
                 // SAFETY: cells are at most two below the resolution, so `starts` are at most the plane's last vertex;
                 // `Place::check` saw that the table holds all planes, and that first + F <= features.
                 let e = unsafe { Packed::load(place.table.as_ptr().add(start)) };
-                sum = Packed::add_scaled(sum, weights[c][i], e);
+                sum = Packed::add_scaled(sum, weights[i], e);
             }
             let sum = Packed::unpack(sum);
             for f in 0..F {
@@ -198,13 +198,13 @@ impl Cells {
     {
         for i in 0..len {
             let bar = Packed::pack(core::array::from_fn(|f| bar[f][i]));
-            for c in 0..4 {
-                let start = self.starts[c][i] as usize + place.first;
+            for (starts, weights) in self.starts.iter().zip(weights) {
+                let start = starts[i] as usize + place.first;
                 debug_assert!(start + F <= table_bar.len());
                 // SAFETY: as in `gather`; `Pull::run` saw that `table_bar` is as long as the table.
                 unsafe {
                     let e = table_bar.as_mut_ptr().add(start);
-                    Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], bar), e);
+                    Packed::store(Packed::add_scaled(Packed::load(e), weights[i], bar), e);
                 }
             }
         }
@@ -215,10 +215,10 @@ impl Cells {
     fn dots<const F: usize>(&self, place: &Place<'_>, len: usize, bar: &[Lanes; F]) -> Corners<f32> {
         let mut dots = [[0.0; BLOCK]; 4];
         for i in 0..len {
-            for c in 0..4 {
-                let start = self.starts[c][i] as usize + place.first;
+            for (starts, dots) in self.starts.iter().zip(&mut dots) {
+                let start = starts[i] as usize + place.first;
                 for (f, e) in place.table[start..start + F].iter().enumerate() {
-                    dots[c][i] += bar[f][i] * e;
+                    dots[i] += bar[f][i] * e;
                 }
             }
         }
