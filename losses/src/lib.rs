@@ -9,6 +9,9 @@
 //! * [`uncertainty`]: errors under an uncertainty that is learned along (NeRF-W).
 //! * [`visibility`], [`codes`]: a learned mask of strangers, and appearance codes that renders agree with (Ha-NeRF).
 //! * [`concrete`], [`smoothness`], [`sparsity`]: opacities that decide, without flicker and without excess (SF-NeRF).
+//! * [`elastic`], [`background`]: how far a deformation is from rigid, and from leaving alone what stands still (Nerfies).
+//! * [`variation`]: neighbours in time and on a lattice should not differ.
+//! * [`depth`]: measured depth, with its unit or up to a line.
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
 //! * [`interlevel`]: a proposal's weights have to bound those of the final network.
 //! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; how good a mask is: IoU and F1.
@@ -36,9 +39,12 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("losses needs a float backend: enable `std` or `libm`");
 
+pub mod background;
 pub mod codes;
 pub mod concrete;
+pub mod depth;
 pub mod distortion;
+pub mod elastic;
 mod error;
 pub mod heuristics;
 pub mod interlevel;
@@ -52,6 +58,7 @@ pub mod smoothness;
 pub mod sparsity;
 pub mod trimmed;
 pub mod uncertainty;
+pub mod variation;
 pub mod visibility;
 
 pub use error::LossError;

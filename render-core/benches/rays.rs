@@ -3,11 +3,12 @@
 use core::ops::ControlFlow;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use float_core::Simd;
+use render_core::importance::Sampler;
 use render_core::occupancy::{OccupancyGrid, RaySpan, Settings, StepRule};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
-use render_core::sample::{Spacing, invert_cdf, stratified_bins};
+use render_core::sample::{DepthCue, Spacing, depth_cued, invert_cdf, stratified_bins};
 use std::hint::black_box;
 
 /// Everything that one batch needs, forward and backward.
@@ -166,6 +167,17 @@ fn sampling(c: &mut Criterion) {
     group.bench_function("invert_cdf/63 bins, 128", |b| {
         b.iter(|| invert_cdf(&edges, &weights, 1e-5, &u, &mut cdf, &mut t))
     });
+    let cue = DepthCue::for_range(2.0, 6.0);
+    group.bench_function("depth_cued/128", |b| b.iter(|| depth_cued(2.0, 6.0, 3.7, cue, black_box(&u), &mut t)));
+    // Pixels of a surgical video's frame with a tool over a corner.
+    let n = 640 * 512;
+    let boost = vec![1.01; n];
+    let mask: Vec<u8> = (0..n).map(|i| u8::from(i % 640 > 200 || i / 640 > 300)).collect();
+    if let Ok(sampler) = Sampler::of_frame(&boost, &mask) {
+        group.bench_function("pixels/640x512, 128", |b| {
+            b.iter(|| u.iter().filter_map(|&u| sampler.draw_pixel(u.into(), &boost, &mask)).sum::<usize>());
+        });
+    }
     group.finish();
 }
 

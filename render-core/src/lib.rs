@@ -17,6 +17,7 @@ pub mod contract;
 pub mod error;
 pub mod frustum;
 pub mod histogram;
+pub mod importance;
 pub mod lighting;
 pub mod ndc;
 pub mod occupancy;

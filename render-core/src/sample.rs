@@ -10,11 +10,14 @@
 //! | [`invert_cdf`] | where the weights of a histogram are |
 //! | [`nerf_sample_pdf`] | the same as NeRF's code does it, with its epsilons |
 //! | [`invert_linear`] | where the light of a ray with piecewise-linear density comes from |
+//! | [`depth_cued`] | around a depth that was measured, some anywhere |
 //! | [`merge_sorted`] | two sorted sets in one |
 //! | [`dt_from_edges`], [`dt_from_points`] | interval lengths |
 
+mod depth;
 mod linear;
 
+pub use depth::{DepthCue, depth_cued};
 pub use linear::invert_linear;
 
 /// What is equally spaced.

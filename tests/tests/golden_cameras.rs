@@ -1,5 +1,8 @@
 //! Cameras, NDC and contraction against independent values and gradients: `golden/cameras.json`.
 
+use field_core::deform::rigid;
+use field_core::lie::{se3_exp, se3_exp_derivative, so3_exp, so3_exp_derivative};
+use field_core::tape::{Arena, Tape};
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use render_core::camera::{Camera, CameraBar, Lens, Pose};
 use render_core::contract::{Norm, contract, contract_covariance, contract_jacobian, inv_contract};
@@ -221,5 +224,54 @@ fn contraction_matches() {
                 assert_close(&format!("{label} inverse"), &inv_contract(norm, z), &x, 1e-14 * (1.0 + far), 1e-15);
             }
         }
+    }
+}
+
+fn flat<const J: usize, const K: usize>(d: &[[[f64; K]; J]; 3]) -> Vec<f64> {
+    d.iter().flatten().flatten().copied().collect()
+}
+
+#[test]
+fn exponential_maps_and_their_derivatives_match() {
+    let golden = golden();
+    for record in golden.op("so3_exp") {
+        let w = record.input("w").data.as_slice().try_into().unwrap();
+        let (r, d) = (so3_exp(w), so3_exp_derivative(w));
+        assert_close(&record.label(), r.as_flattened(), &record.output("R").data, 1e-13, 1e-13);
+        assert_close(&format!("{} dR_dw", record.label()), &flat(&d), &record.output("dR_dw").data, 1e-11, 1e-11);
+    }
+    for record in golden.op("se3_exp") {
+        let xi = record.input("xi").data.as_slice().try_into().unwrap();
+        let (t, d) = (se3_exp(xi), se3_exp_derivative(xi));
+        assert_close(&record.label(), t.as_flattened(), &record.output("T").data[..12], 1e-13, 1e-13);
+        assert_close(&format!("{} dT_dxi", record.label()), &flat(&d), &record.output("dT_dxi").data, 1e-11, 1e-11);
+    }
+}
+
+#[test]
+fn rigid_deformations_of_the_tape_match_the_exponential() {
+    for record in golden().op("se3_exp").filter(|r| r.f32_inputs_exact) {
+        // Four samples: the origin shows the translation, the unit vectors the columns of the rotation.
+        let xi = record.input("xi").f32();
+        let rows = |values: &[f32]| values.iter().flat_map(|&v| [v; 4]).collect::<Vec<f32>>();
+        let points = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let mut arena = Arena::new();
+        let mut tape = Tape::new(&mut arena, &[]);
+        let x = tape.input(3, 4, &points).unwrap();
+        let twist = tape.input(6, 4, &rows(&xi)).unwrap();
+        let (omega, v) = (tape.slice(twist, 0..3).unwrap(), tape.slice(twist, 3..6).unwrap());
+        let out = rigid(&mut tape, x, omega, v).unwrap();
+        let j = tape.jacobian(out, twist).unwrap();
+        let (out, j) = (tape.value(out).unwrap().data, tape.value(j).unwrap().data);
+        // Row i, column c of T: samples 1..4 less the translation.
+        let entry = |x: &[f32], row: usize, c: usize| {
+            let at = |s: usize| f64::from(x[row * 4 + s]);
+            if c == 3 { at(0) } else { at(c + 1) - at(0) }
+        };
+        let cells = (0..3).flat_map(|i| (0..4).map(move |c| (i, c)));
+        let got: Vec<f64> = cells.clone().map(|(i, c)| entry(out, i, c)).collect();
+        assert_close(&record.label(), &got, &record.output("T").data[..12], 1e-6, 1e-6);
+        let got: Vec<f64> = cells.flat_map(|(i, c)| (0..6).map(move |k| entry(j, i * 6 + k, c))).collect();
+        assert_close(&format!("{} dT_dxi", record.label()), &got, &record.output("dT_dxi").data, 1e-5, 1e-5);
     }
 }
