@@ -22,7 +22,13 @@ fn scale_and_shift_match_golden() {
         // Sums are f64 and inputs exact: the bounds of f64 hold. The golden values of depths near 1000 with a spread of
         // 0.3 are themselves 1e-9 off those of rational arithmetic, which are these:
         let (rtol, atol) = if record.name == "ill_conditioned" {
-            assert_close("scale and shift", &[fit.scale, fit.shift], &[0.333_172_328_065_831_5, -332.726_665_128_248_2], 1e-12, 0.0);
+            assert_close(
+                "scale and shift",
+                &[fit.scale, fit.shift],
+                &[0.333_172_328_065_831_5, -332.726_665_128_248_2],
+                1e-12,
+                0.0,
+            );
             (2e-9, 0.0)
         } else {
             (1e-12, 1e-13)
