@@ -64,8 +64,7 @@ fn the_exponential_of_nothing_is_the_identity_to_the_bit() {
 #[test]
 fn the_derivative_at_rest_is_the_cross_product() {
     let d = so3_exp_derivative([0.0; 3]);
-    for k in 0..3 {
-        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+    for [k, i, j] in [[0, 1, 2], [1, 2, 0], [2, 0, 1]] {
         assert_eq!((d[j][i][k], d[i][j][k], d[k][k][k]), (1.0, -1.0, 0.0));
     }
 }

@@ -117,16 +117,21 @@ proptest! {
         let both: Vec<f32> = a.iter().chain(&b).copied().collect();
         for kernel in KERNELS {
             for sign in [-1.0, 1.0] {
-                let (term, term_backward): (fn(&[f32], &[f32], Kernel) -> _, _) =
-                    if sign < 0.0 { (between, Side::Between) } else { (opposed, Side::Opposed) };
+                let side = if sign < 0.0 { Side::Between } else { Side::Opposed };
                 check_f32_pair(
                     &both, &[loss_bar],
                     (
-                        |x: &[f32], out: &mut [f32]| out[0] = term(&x[..n], &x[n..], kernel).unwrap() as f32,
+                        |x: &[f32], out: &mut [f32]| {
+                            let value = match side {
+                                Side::Between => between(&x[..n], &x[n..], kernel),
+                                Side::Opposed => opposed(&x[..n], &x[n..], kernel),
+                            };
+                            out[0] = value.unwrap() as f32;
+                        },
                         |x: &[f32], bar: &[f32], x_bar: &mut [f32]| {
                             let bars = x_bar.split_at_mut(n);
                             let at = (&x[..n], &x[n..]);
-                            match term_backward {
+                            match side {
                                 Side::Between => between_backward(at, kernel, bar[0].into(), bars).unwrap(),
                                 Side::Opposed => opposed_backward(at, kernel, bar[0].into(), bars).unwrap(),
                             }

@@ -53,7 +53,7 @@ pub fn stumpff_derivative(k: u32, order: u32, u: f64) -> f64 {
 /// First coefficient of the series of a derivative: `(-1)^m m! / (k + 2 m)!`.
 fn first_coefficient(k: u32, order: u32) -> f64 {
     let factorial = |n: u32| (1..=n).fold(1.0, |product, i| product * f64::from(i));
-    let sign = if order % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = if order.is_multiple_of(2) { 1.0 } else { -1.0 };
     sign * factorial(order) / factorial(k + 2 * order)
 }
 

@@ -39,7 +39,7 @@ pub fn depth_cued(near: f32, far: f32, depth: f32, cue: DepthCue, u: &[f32], t: 
     assert_eq!(u.len(), t.len(), "one random number a sample");
     let (low, high) = (f64::from(near), f64::from(far));
     let is_measured = depth.is_finite() && depth > 0.0;
-    let uniform = if is_measured { f64::from(cue.uniform_share).max(0.0).min(1.0) } else { 1.0 };
+    let uniform = if is_measured { f64::from(cue.uniform_share).clamp(0.0, 1.0) } else { 1.0 };
     let centre = f64::from(depth).max(low).min(high);
     let normal = Truncated::new(centre, f64::from(cue.sigma), low, high);
     let n = u.len() as f64;
@@ -120,7 +120,7 @@ fn quantile(p: f64) -> f64 {
         -3.969_683_028_665_376e1,
         2.209_460_984_245_205e2,
         -2.759_285_104_469_687e2,
-        1.383_577_518_672_690e2,
+        1.383_577_518_672_69e2,
         -3.066_479_806_614_716e1,
         2.506_628_277_459_239,
     ];
