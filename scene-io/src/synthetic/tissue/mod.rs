@@ -91,7 +91,11 @@ impl TissueMoment {
     /// If the ray does not start at the origin, where the camera is, or looks backwards.
     #[must_use]
     pub fn trace(&self, ray: &Ray) -> TissueHit {
-        let tissue = self.trace_tissue(ray);
+        self.before(ray, self.trace_tissue(ray))
+    }
+
+    /// The tool where it is before what a ray meets of the tissue.
+    fn before(&self, ray: &Ray, tissue: TissueHit) -> TissueHit {
         match self.tool.hit(&Ray { o: DVec3::ZERO, d: flip(ray.d) }) {
             Some((t, rgb)) if t < tissue.t => TissueHit { t, x: ray.at(t), z: -ray.d.z * t, rgb, material: None },
             _ => tissue,
@@ -149,14 +153,10 @@ impl TissueMoment {
                 let inside = DVec2::new(f64::from(a) + 0.5, f64::from(b) + 0.5) * step;
                 let Some(ray) = prepared.ray(DVec2::new(f64::from(column), f64::from(row)) + inside) else { continue };
                 let tissue = self.trace_tissue(&ray);
+                let first = self.before(&ray, tissue);
                 without += tissue.rgb;
-                match self.tool.hit(&Ray { o: DVec3::ZERO, d: flip(ray.d) }) {
-                    Some((t, rgb)) if t < tissue.t => {
-                        seen += rgb;
-                        tool = true;
-                    }
-                    _ => seen += tissue.rgb,
-                }
+                seen += first.rgb;
+                tool |= first.material.is_none();
             }
             let bytes = |sum: DVec3| (sum * (step * step) * 255.0).to_array().map(|v| (v + 0.5) as u8);
             (bytes(seen), bytes(without), tool)

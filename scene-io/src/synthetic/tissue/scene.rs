@@ -121,6 +121,7 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
             let rays: Vec<_> = rays.iter().filter_map(|(column, row)| prepared.ray(centre(*column, *row))).collect();
             let map = |z: Vec<f32>| DepthMap { width: w, height: h, z };
             let hits: Vec<_> = rays.iter().map(|ray| moment.trace_tissue(ray)).collect();
+            let seen: Vec<_> = rays.iter().zip(&hits).map(|(ray, hit)| moment.before(ray, *hit)).collect();
             let mask = grown(&tool, options.margin);
             let truth = TissueTruth {
                 time: *time,
@@ -128,9 +129,9 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
                 without_tool,
                 mask,
                 tool,
-                seen_depth: map(rays.iter().map(|ray| moment.trace(ray).z as f32).collect()),
+                seen_depth: map(seen.iter().map(|hit| hit.z as f32).collect()),
                 tissue_depth: map(hits.iter().map(|hit| hit.z as f32).collect()),
-                stereo_depth: moment.stereo(&camera, &options.stereo, options.seed, number),
+                stereo_depth: moment.match_hits(&seen, &camera, &options.stereo, options.seed, number),
                 recoverable: BitMask::new(w, h),
             };
             (truth, hits.iter().map(|hit| hit.material).collect())

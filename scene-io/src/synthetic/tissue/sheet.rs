@@ -68,7 +68,9 @@ impl Sheet {
         };
         let thick = vessel(0.105 * a + 0.035 * b + 1.1 * (0.085 * b + p[6]).sin() + p[7], 0.20);
         let thin = vessel(0.16 * b - 0.09 * a + 1.4 * (0.13 * a + p[8]).sin() + p[9], 0.22);
-        let spots = (0.62 * a + 0.25 * b + p[10]).sin() * (0.55 * b - 0.28 * a + p[11]).sin();
+        // Crests bent by slower waves: no two spots are alike.
+        let bend = 1.8 * (0.17 * b + 0.06 * a + p[3]).sin() + 1.5 * (0.11 * a - 0.07 * b + p[4]).sin();
+        let spots = (0.50 * a + 0.21 * b + p[10] + bend).sin() * (0.45 * b - 0.26 * a + p[11] - 1.3 * bend).sin();
         let flesh = DVec3::new(0.62, 0.22, 0.17).lerp(DVec3::new(0.80, 0.52, 0.40), 0.5 + 0.5 * spots);
         let albedo =
             flesh.lerp(DVec3::new(0.30, 0.03, 0.05), 0.85 * thick).lerp(DVec3::new(0.20, 0.08, 0.22), 0.6 * thin);

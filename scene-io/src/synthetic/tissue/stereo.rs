@@ -1,6 +1,6 @@
 //! Depth as a stereo matcher would find it: in steps, noisy, wrong in places, missing in others.
 
-use super::{TissueMoment, flip};
+use super::{TissueHit, TissueMoment, flip};
 use crate::DepthMap;
 use crate::random::random;
 use glam::{DVec2, DVec3};
@@ -65,9 +65,28 @@ const BLOB: u32 = 3;
 
 impl TissueMoment {
     /// What a matcher makes of frame `number` of a seed: z depth of what is seen (tool included), mm; 0 = missing.
+    ///
+    /// # Panics
+    /// If the camera does not stand at the origin looking along -z.
     #[must_use]
     pub fn stereo(&self, camera: &Camera, stereo: &Stereo, seed: u64, number: usize) -> DepthMap {
         let prepared = camera.prepare();
+        let (w, h) = (camera.width, camera.height);
+        let places = (0..h).flat_map(|row| (0..w).map(move |column| (f64::from(column), f64::from(row))));
+        let rays = places.filter_map(|(column, row)| prepared.ray(DVec2::new(column + 0.5, row + 0.5)));
+        let hits: Vec<TissueHit> = rays.map(|ray| self.trace(&ray)).collect();
+        self.match_hits(&hits, camera, stereo, seed, number)
+    }
+
+    /// [`TissueMoment::stereo`] of what is seen at the pixel centres.
+    pub(super) fn match_hits(
+        &self,
+        hits: &[TissueHit],
+        camera: &Camera,
+        stereo: &Stereo,
+        seed: u64,
+        number: usize,
+    ) -> DepthMap {
         let (w, h) = (camera.width, camera.height);
         let range = super::sheet::RANGE;
         let focal = camera.fx * stereo.baseline;
@@ -82,13 +101,10 @@ impl TissueMoment {
         let pixels = 16 + 4 * u64::from((w / BLOB + 2) * (h / BLOB + 2));
         let z = |i: u32| -> f32 {
             let (column, row) = (i % w, i / w);
-            let centre = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-            let Some(ray) = prepared.ray(centre) else { return 0.0 };
-            let hit = self.trace(&ray);
-            let x = flip(hit.x);
+            let x = flip(hits[i as usize].x);
             let disparity = focal / x.z;
             let hidden = stereo.occlusion == StereoOcclusion::Holes
-                && (centre.x - disparity < 0.0 || self.hidden_from(x, stereo.baseline));
+                && (f64::from(column) + 0.5 < disparity || self.hidden_from(x, stereo.baseline));
             if hidden || draw(blob(column, row, 0)) < stereo.holes {
                 return 0.0;
             }

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 /// Where the instrument comes in: always beside the picture.
 const ENTRY: DVec3 = DVec3::new(46.0, 40.0, 40.0);
 /// The wrist hovers this far before the tissue, mm.
-const HOVER: f64 = 8.0;
+const HOVER: f64 = 9.0;
 
 /// The tool at a time.
 #[derive(Clone, Debug)]
@@ -41,16 +41,16 @@ impl Tool {
         let half = 0.5 * (tip - ENTRY).length();
         let mut parts = vec![
             (
-                Placed { shape: Shape::Cylinder { radius: 2.6, half_height: half }, r, c: ENTRY + z * half },
+                Placed { shape: Shape::Cylinder { radius: 3.4, half_height: half }, r, c: ENTRY + z * half },
                 DVec3::new(0.30, 0.31, 0.34),
             ),
-            (Placed { shape: Shape::Sphere { radius: 3.0 }, r, c: tip }, DVec3::new(0.52, 0.53, 0.55)),
+            (Placed { shape: Shape::Sphere { radius: 3.8 }, r, c: tip }, DVec3::new(0.52, 0.53, 0.55)),
         ];
         let open = 0.30 + 0.22 * (TAU * 3.0 * time).sin();
         for side in [-1.0, 1.0] {
             let jaw = r * DMat3::from_rotation_y(side * open);
-            let shape = Shape::Block { half: DVec3::new(0.8, 1.3, 4.0) };
-            parts.push((Placed { shape, r: jaw, c: tip + jaw.z_axis * 5.0 }, DVec3::new(0.62, 0.63, 0.62)));
+            let shape = Shape::Block { half: DVec3::new(1.0, 1.7, 4.6) };
+            parts.push((Placed { shape, r: jaw, c: tip + jaw.z_axis * 6.0 }, DVec3::new(0.62, 0.63, 0.62)));
         }
         Self { parts }
     }
