@@ -1,7 +1,7 @@
 //! Scenes made of formulas: exact truth for tests, data for a demo that needs no files.
 //!
-//! Rays are intersected with the shapes in closed form (or, for the torus, with roots refined to the last bits), in
-//! `f64`. So depth and normals are exact, and the only approximation in the pictures is the number of rays for each
+//! Rays are intersected with the shapes in closed form (or, for the torus and bent things, with roots refined to the last
+//! bits), in `f64`. So depth and normals are exact, and the only approximation in the pictures is the number of rays for each
 //! pixel.
 //!
 //! ```
@@ -25,6 +25,7 @@ mod polynomial;
 mod shape;
 mod surface;
 mod tabletop;
+mod tissue;
 
 pub use blender::write_blender;
 pub use orbit::{
@@ -35,3 +36,7 @@ pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOption
 pub use shape::{Placed, Shape};
 pub use surface::{Paint, Surface};
 pub use tabletop::{Hit, Tabletop, TabletopOptions, ViewTruth, tabletop};
+pub use tissue::{
+    Stereo, StereoOcclusion, Tissue, TissueDepth, TissueHit, TissueMoment, TissueOptions, TissueTool, TissueTruth,
+    tissue, tissue_camera, tissue_truth, write_tissue,
+};

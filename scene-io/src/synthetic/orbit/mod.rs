@@ -73,7 +73,7 @@ impl Orbit {
     /// A box that holds everything at all times.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
-        Bounds { min: DVec3::new(-1.06, -1.06, -0.09), max: DVec3::new(1.06, 1.06, 1.0) }
+        Bounds { min: DVec3::new(-1.06, -1.06, -0.09), max: DVec3::new(1.06, 1.06, 1.02) }
     }
 
     /// The stage at a time, usually in `[0, 1]`.

@@ -36,7 +36,11 @@ impl Pattern {
     pub(super) fn rgb(&self, q: DVec3, rest_normal: DVec3) -> DVec3 {
         let bent = 1.3 * q.dot(self.k[2]).sin();
         // Steeper between crests than a sine: edges for the eye, smooth for derivatives.
-        let wave = |phase: f64| 0.5 + 0.5 * (2.2 * phase.sin()).tanh() / 2.2_f64.tanh();
+        let wave = |phase: f64| {
+            let s = 0.5 + 0.5 * phase.sin();
+            let s = s * s * (3.0 - 2.0 * s);
+            s * s * (3.0 - 2.0 * s)
+        };
         let [a, b] = [wave(q.dot(self.k[0]) + bent), wave(q.dot(self.k[1]) - bent)];
         let albedo = self.colours[0].lerp(self.colours[1], a).lerp(self.colours[2], 0.7 * b);
         to_srgb(albedo * (0.45 + 0.55 * (0.5 + 0.5 * rest_normal.dot(PAINTED_LIGHT))))
@@ -69,7 +73,7 @@ enum Part {
 }
 
 /// Height of the shoulder over the foot, length of the upper arm, length of the forearm.
-const ARM: [f64; 3] = [0.30, 0.32, 0.26];
+const ARM: [f64; 3] = [0.30, 0.34, 0.28];
 
 impl Course {
     fn at(&self, time: f64) -> Placement {
@@ -177,8 +181,8 @@ pub(super) fn things(seed: u64, motion: OrbitMotion) -> Vec<Thing> {
     let block = |x, y, z| Form::Solid(Shape::Block { half: DVec3::new(x, y, z) });
     let post = |radius, half_height| Form::Solid(Shape::Cylinder { radius, half_height });
     // The stage and what stands still on it.
-    let stone = [[0.50, 0.46, 0.38], [0.24, 0.28, 0.33], [0.62, 0.60, 0.55]];
-    add(post(1.05, 0.04), still(on(0.0, 0.0, -0.04), DMat3::IDENTITY), stone, 11.0);
+    let stone = [[0.56, 0.50, 0.38], [0.13, 0.18, 0.24], [0.62, 0.40, 0.28]];
+    add(post(1.05, 0.04), still(on(0.0, 0.0, -0.04), DMat3::IDENTITY), stone, 13.0);
     let wood = [[0.48, 0.24, 0.10], [0.66, 0.46, 0.22], [0.24, 0.12, 0.08]];
     add(block(0.14, 0.11, 0.13), still(on(150.0, 0.75, 0.13), DMat3::from_rotation_z(0.4)), wood, 22.0);
     let leaf = [[0.10, 0.36, 0.18], [0.46, 0.58, 0.20], [0.05, 0.20, 0.22]];
@@ -191,22 +195,22 @@ pub(super) fn things(seed: u64, motion: OrbitMotion) -> Vec<Thing> {
     add(post(0.075, 0.13), still(foot + DVec3::Z * 0.13, DMat3::IDENTITY), iron, 22.0);
     // What moves.
     let crate_ = [[0.72, 0.26, 0.08], [0.84, 0.68, 0.16], [0.36, 0.08, 0.06]];
-    let circle = Course::Circle { radius: 0.66, start: 0.0, sweep: 1.9, height: 0.24, spin: 1.3 };
-    add(block(0.15, 0.11, 0.12), circle, crate_, 21.0);
+    let circle = Course::Circle { radius: 0.66, start: 0.0, sweep: 1.9, height: 0.31, spin: 1.3 };
+    add(block(0.19, 0.14, 0.15), circle, crate_, 18.0);
     let sea = [[0.08, 0.26, 0.60], [0.56, 0.74, 0.82], [0.06, 0.46, 0.44]];
-    add(ball(0.23), Course::Breathe { foot: DVec3::ZERO, radius: 0.23, phase: TAU * draw(1) }, sea, 19.0);
+    add(ball(0.28), Course::Breathe { foot: DVec3::ZERO, radius: 0.28, phase: TAU * draw(1) }, sea, 17.0);
     let moss = [[0.70, 0.66, 0.10], [0.20, 0.50, 0.16], [0.84, 0.80, 0.56]];
-    let sway = Course::Sway { foot: on(188.0, 0.56, 0.0), towards: 1.2, phase: TAU * draw(2) };
-    add(Form::Bar { radius: 0.075, height: 0.62 }, sway, moss, 23.0);
+    let sway = Course::Sway { foot: on(188.0, 0.60, 0.0), towards: 1.2, phase: TAU * draw(2) };
+    add(Form::Bar { radius: 0.095, height: 0.70 }, sway, moss, 23.0);
     let phase = TAU * draw(3);
     let arm = |part| Course::Arm { foot, towards: 0.0, phase, part };
     let coat = [[0.44, 0.16, 0.56], [0.82, 0.78, 0.70], [0.22, 0.10, 0.34]];
     let skin = [[0.80, 0.42, 0.22], [0.90, 0.74, 0.50], [0.52, 0.14, 0.10]];
-    add(ball(0.085), arm(Part::Shoulder), skin, 26.0);
-    add(block(0.05, 0.05, 0.5 * ARM[1]), arm(Part::Upper), coat, 24.0);
-    add(ball(0.075), arm(Part::Elbow), skin, 26.0);
-    add(block(0.04, 0.04, 0.5 * ARM[2]), arm(Part::Fore), coat, 26.0);
-    add(ball(0.085), arm(Part::Hand), skin, 24.0);
+    add(ball(0.10), arm(Part::Shoulder), skin, 24.0);
+    add(block(0.06, 0.06, 0.5 * ARM[1]), arm(Part::Upper), coat, 24.0);
+    add(ball(0.09), arm(Part::Elbow), skin, 26.0);
+    add(block(0.05, 0.05, 0.5 * ARM[2]), arm(Part::Fore), coat, 26.0);
+    add(ball(0.10), arm(Part::Hand), skin, 24.0);
     list
 }
 

@@ -64,7 +64,7 @@ impl Default for OrbitOptions {
             val: 0,
             test: 12,
             seed: 0,
-            angle: 0.64,
+            angle: 0.60,
             rays: 3,
             motion: OrbitMotion::Some,
             camera: OrbitCamera::Jumping,
