@@ -265,7 +265,7 @@ pub(crate) fn still_poses(n: usize) -> Vec<u8> {
     let start = whole.len() - n * 17 * 8;
     let mut bytes = whole[..start].to_vec();
     for _ in 0..n {
-        let row = [[1.0, 0.0, 0.0, 0.0, 12.0], [0.0, 1.0, 0.0, 0.0, 16.0], [0.0, 0.0, 1.0, 0.0, 20.0]];
+        let row = [[1.0_f64, 0.0, 0.0, 0.0, 12.0], [0.0, 1.0, 0.0, 0.0, 16.0], [0.0, 0.0, 1.0, 0.0, 20.0]];
         for v in row.as_flattened().iter().chain(&[0.0, 90.0]) {
             bytes.extend(v.to_le_bytes());
         }
