@@ -9,7 +9,7 @@ use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TruthMask};
-use crate::{Bounds, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Problem, Split};
+use crate::{AlphaMeaning, Bounds, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
 use std::collections::HashMap;
@@ -32,8 +32,23 @@ pub(crate) struct Reading {
     pub(crate) images_folder: Option<PathBuf>,
     /// Whether [`Masks::Auto`] looks for a mask folder.
     pub(crate) mask_folder: MaskFolder,
+    /// What white means in this dialect's masks, where the caller says nothing else.
+    pub(crate) mask_polarity: MaskPolarity,
+    /// What alpha means in this dialect's pictures.
+    pub(crate) alpha: AlphaMeaning,
+    /// Whether images are looked for.
+    pub(crate) need: Need,
     pub(crate) notes: Vec<String>,
     pub(crate) problems: Vec<Problem>,
+}
+
+/// What is wanted of a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Need {
+    /// Everything: without images there is nothing to train on.
+    Images,
+    /// Cameras and times; images need not be there.
+    Cameras,
 }
 
 /// Whether a dialect has mask folders by custom.
@@ -67,6 +82,9 @@ impl Reading {
             missing: MissingImages::Refuse,
             images_folder: None,
             mask_folder: MaskFolder::Usual,
+            mask_polarity: MaskPolarity::WhiteIsUsed,
+            alpha: AlphaMeaning::Opacity,
+            need: Need::Images,
             notes: Vec::new(),
             problems: Vec::new(),
         }
@@ -95,6 +113,9 @@ pub(crate) struct RawFrame {
     pub(crate) transient: Option<PathBuf>,
     /// Truth mask, white = moves at some time: for scoring.
     pub(crate) moving: Option<PathBuf>,
+    /// Truth mask, white = seen in training, too: for scoring.
+    pub(crate) covisible: Option<PathBuf>,
+    pub(crate) ids: Option<FrameIds>,
     /// At the size of [`RawFrame::size`].
     pub(crate) tracks: Vec<TrackPoint>,
     pub(crate) z_bounds: Option<[f64; 2]>,
@@ -111,7 +132,7 @@ pub(crate) enum Intrinsics {
 }
 
 impl Intrinsics {
-    fn camera(&self, (width, height): (u32, u32), lens: Lens, pose: Pose) -> Camera {
+    pub(crate) fn camera(&self, (width, height): (u32, u32), lens: Lens, pose: Pose) -> Camera {
         let (w, h) = (f64::from(width), f64::from(height));
         let (fx, fy, cx, cy) = match *self {
             Self::Pixels { fx, fy, cx, cy } => (fx, fy, cx, cy),
@@ -173,7 +194,7 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
         ));
     }
     if masked > 0 {
-        let kind = match options.mask_polarity {
+        let kind = match polarity(reading, options) {
             MaskPolarity::WhiteIsObject => "an object mask: what is around it is empty",
             _ => "an ignore mask",
         };
@@ -181,8 +202,15 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     }
     note_priors(&mut out);
     note_mended(&unique, &mut out);
-    normalise_time(&mut out);
     out
+}
+
+/// What white means in masks: what the caller says, and where that is the default, what the dialect says.
+fn polarity(reading: &Reading, options: &LoadOptions) -> MaskPolarity {
+    match options.mask_polarity {
+        MaskPolarity::WhiteIsUsed => reading.mask_polarity,
+        other => other,
+    }
 }
 
 enum Looked {
@@ -192,12 +220,18 @@ enum Looked {
 }
 
 fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
-    let Some((path, other_name)) = find_image(&raw.image) else { return Looked::Missing };
-    let header = match read_header(&path) {
-        Ok(header) => header,
-        Err(error) => return Looked::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
+    let found = find_image(&raw.image);
+    let (path, other_name, is, channels) = match (found, reading.need, raw.size) {
+        (found, Need::Cameras, Some(size)) => {
+            let (path, other_name) = found.unwrap_or_else(|| (raw.image.clone(), false));
+            (path, other_name, size, 3)
+        }
+        (None, ..) => return Looked::Missing,
+        (Some((path, other_name)), ..) => match read_header(&path) {
+            Ok(header) => (path, other_name, (header.width, header.height), header.channels),
+            Err(error) => return Looked::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
+        },
     };
-    let is = (header.width, header.height);
     let said = raw.size.unwrap_or(is);
     if !same_shape(said, is) {
         let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
@@ -221,10 +255,13 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         priors: Priors::beside(&path),
         image: ImageSource::File(path),
         mask,
-        mask_polarity: options.mask_polarity,
+        mask_polarity: polarity(reading, options),
         depth: raw.depth.clone(),
         transient: raw.transient.clone().map(TruthMask::File),
         moving: raw.moving.clone().map(TruthMask::File),
+        covisible: raw.covisible.clone().map(TruthMask::File),
+        ids: raw.ids,
+        alpha: reading.alpha,
         tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
         perturbation: None,
         camera,
@@ -237,7 +274,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         frame: Box::new(frame),
         other_name,
         other_size: (said != is).then_some(said),
-        has_alpha: header.channels == 4,
+        has_alpha: channels == 4 && reading.alpha == AlphaMeaning::Opacity,
     }
 }
 
@@ -324,6 +361,8 @@ fn note_priors(out: &mut Assembled) {
         ("segments around feature points", count(&|f| f.priors.prompted.is_some())),
         ("dense features", count(&|f| f.priors.features.is_some())),
         ("truth masks of what does not belong there (for scoring only)", count(&|f| f.transient.is_some())),
+        ("truth masks of what moves (for scoring only)", count(&|f| f.moving.is_some())),
+        ("truth masks of what training frames show, too (for scoring only)", count(&|f| f.covisible.is_some())),
     ];
     for (what, n) in kinds.into_iter().filter(|(_, n)| *n > 0) {
         out.notes.push(format!("{n} of {} frames have {what}", out.frames.len()));
@@ -350,27 +389,6 @@ fn note_mended(frames: &[&RawFrame], out: &mut Assembled) {
         let names = listing(&names);
         out.notes.push(format!("rotations not quite orthonormal (by up to {worst:.1e}), mended: {names}"));
     }
-}
-
-/// Times in `[0, 1]`: left alone where they are, else (frame numbers) mapped from first to last.
-fn normalise_time(out: &mut Assembled) {
-    let times: Vec<f64> = out.frames.iter().filter_map(|f| f.time).collect();
-    let (Some(first), Some(last)) = (times.iter().copied().reduce(f64::min), times.iter().copied().reduce(f64::max))
-    else {
-        return;
-    };
-    if times.len() < out.frames.len() {
-        let without: Vec<&str> = out.frames.iter().filter(|f| f.time.is_none()).map(|f| f.name.as_str()).collect();
-        out.notes.push(format!("without a time among frames that have one: {}", listing(&without)));
-    }
-    if first >= 0.0 && last <= 1.0 {
-        return;
-    }
-    let length = if last > first { last - first } else { 1.0 };
-    for frame in &mut out.frames {
-        frame.time = frame.time.map(|t| (t - first) / length);
-    }
-    out.notes.push(format!("times {first} to {last} were mapped to 0 to 1"));
 }
 
 /// A list of names for people, the middle of long ones left out.

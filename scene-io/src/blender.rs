@@ -2,7 +2,8 @@
 //!
 //! RGBA images with straight alpha, `file_path` without extension (`.png` is tried first), horizontal angle of view,
 //! camera-to-world matrices with OpenGL axes, cameras 2 to 6 units from what they look at unless the file's `near` and
-//! `far` say otherwise, or no image has alpha. `time` (D-NeRF) is read; `mask_path` has no agreed meaning in this dialect and is not, except in
+//! `far` say otherwise, or no image has alpha. `time` (D-NeRF; HDR-HexPlane's frame numbers) is read, see
+//! [`crate::time`]; HDR-HexPlane's `exposures` are told, not used; `mask_path` has no agreed meaning in this dialect and is not, except in
 //! `transforms_train_clutter.json`: there it is the truth about the clutter (white), which is for scoring only.
 
 use crate::assemble::{DialectSplits, MaskFolder, Reading};
@@ -20,6 +21,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
     reading.mask_folder = MaskFolder::Unknown;
     let (mut near, mut far) = (None, None);
     let mut ignored_masks = 0;
+    let mut exposures: Vec<f64> = Vec::new();
     let is_truth = train.file_name().is_some_and(|name| name == CLUTTER);
     let beside = |name: &str| Some(root.join(name)).filter(|p| p.is_file());
     let files = [
@@ -49,6 +51,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
         for frame in frames {
             match raw_frame(&root, &top, &frame, split) {
                 Ok(mut raw) => {
+                    exposures.extend(frame.number("exposures").map_err(problem)?);
                     let mask = raw.mask.take();
                     if is_truth && split == Split::Train {
                         raw.transient = raw.transient.or(mask);
@@ -65,6 +68,15 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
         reading
             .notes
             .push(format!("{ignored_masks} frames name a mask_path, which has no agreed meaning here: not used"));
+    }
+    exposures.sort_by(f64::total_cmp);
+    exposures.dedup();
+    if let [first, .., last] = exposures.as_slice() {
+        reading.notes.push(format!(
+            "photos were taken with {} exposures ({first} to {last}): only systems with a look of their own for each photo \
+             can agree with all",
+            exposures.len()
+        ));
     }
     reading.layout_needs_alpha = near.is_none() && far.is_none();
     let (near, far) = (near.unwrap_or(2.0), far.unwrap_or(6.0));

@@ -1,10 +1,12 @@
 //! Everything there is to say about a dataset, before training on it.
 
-use crate::assemble::listing;
+use crate::assemble::{Need, listing};
 use crate::load::load_all;
 use crate::priors::refuse_blank_masks;
 use crate::splits::numbers;
-use crate::{Dialect, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions};
+use crate::{
+    Dialect, ErrorKind, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions, time,
+};
 use rayon::prelude::*;
 use render_core::camera::Lens;
 use std::collections::BTreeMap;
@@ -16,7 +18,7 @@ use std::path::Path;
 pub enum Depth {
     /// Image headers only: fast, but a truncated image is not noticed.
     Headers,
-    /// Every image and mask is decoded.
+    /// Every image, mask and depth map is decoded.
     #[default]
     Pixels,
 }
@@ -36,27 +38,58 @@ pub struct Report {
     pub focal: Option<(f64, f64)>,
     /// Bytes of all images once decoded at their native size.
     pub image_bytes: u64,
+    /// What the depth maps hold; `None` where there are none, or they were not opened.
+    pub depth: Option<DepthSummary>,
     /// What is wrong, errors first.
     pub problems: Vec<Problem>,
     /// What was skipped, matched or assumed.
     pub notes: Vec<String>,
 }
 
+/// What the depth maps of a dataset hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthSummary {
+    /// Maps that could be read.
+    pub maps: usize,
+    /// Mean share of their pixels whose depth is not known.
+    pub holes: f64,
+    /// Smallest and largest depth, world units; `None` where nothing is known.
+    pub range: Option<[f32; 2]>,
+}
+
 /// Reads a dataset and lists all its problems; never fails.
+///
+/// Where the files are whole but for their images, the report is on the cameras.
 #[must_use]
 pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
-    match load_all(path, options) {
+    match load_all(path, options, Need::Images) {
         Ok((scene, problems)) => Report::new(scene, problems, depth),
-        Err(error) => Report {
-            scene: None,
-            splits: Vec::new(),
-            sizes: Vec::new(),
-            lenses: Vec::new(),
-            focal: None,
-            image_bytes: 0,
-            problems: vec![error.into_problem()],
-            notes: Vec::new(),
-        },
+        Err(error) => {
+            let cameras = match error.kind() {
+                ErrorKind::Layout => load_all(path, options, Need::Cameras).ok(),
+                _ => None,
+            };
+            let mut problems = vec![error.into_problem()];
+            let scene = cameras.map(|(scene, more)| {
+                problems.extend(more);
+                scene
+            });
+            let report = Report {
+                scene: None,
+                splits: Vec::new(),
+                sizes: Vec::new(),
+                lenses: Vec::new(),
+                focal: None,
+                image_bytes: 0,
+                depth: None,
+                problems,
+                notes: Vec::new(),
+            };
+            match scene {
+                Some(scene) => report.with_cameras(scene),
+                None => report,
+            }
+        }
     }
 }
 
@@ -65,7 +98,7 @@ impl Report {
     #[must_use]
     pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
         problems.extend(geometry(&scene));
-        let mut image_bytes = 0;
+        let (mut image_bytes, mut summary) = (0, None);
         match ImageStore::new(&scene.frames, StoreOptions { budget_bytes: 0, ..StoreOptions::default() }) {
             Ok(store) => {
                 image_bytes = store.estimate_bytes();
@@ -76,12 +109,31 @@ impl Report {
                         .collect();
                     problems.extend(decoded.into_iter().flatten());
                     problems.extend(priors(&scene));
+                    let (maps, more) = depth_maps(&scene);
+                    summary = maps;
+                    problems.extend(more);
                 }
             }
             Err(error) => problems.push(error.into_problem()),
         }
         // Stable: within a severity, problems stay in the order of the files.
         problems.sort_by_key(|p| std::cmp::Reverse(p.severity));
+        let report = Self {
+            scene: None,
+            splits: Vec::new(),
+            sizes: Vec::new(),
+            lenses: Vec::new(),
+            focal: None,
+            image_bytes,
+            depth: summary,
+            problems,
+            notes: Vec::new(),
+        };
+        report.with_cameras(scene)
+    }
+
+    /// The report with what a scene's cameras and notes say.
+    fn with_cameras(self, scene: Scene) -> Self {
         let (mut sizes, mut lenses) = (BTreeMap::new(), BTreeMap::new());
         let mut focal: Option<(f64, f64)> = None;
         for Frame { camera, .. } in &scene.frames {
@@ -95,10 +147,9 @@ impl Report {
             sizes: sizes.into_iter().collect(),
             lenses: lenses.into_iter().collect(),
             focal,
-            image_bytes,
-            problems,
             notes: scene.notes.clone(),
             scene: Some(scene),
+            ..self
         }
     }
 
@@ -134,9 +185,13 @@ fn geometry(scene: &Scene) -> Vec<Problem> {
         let apart = rest.iter().map(|f| f.camera.pose.c.distance(c)).fold(0.0, f64::max);
         // Relative to the distance from the origin, which rounding is relative to.
         if apart <= 1e-9 * c.length().max(1.0) {
+            let known = train.iter().filter(|f| f.depth.is_some()).count();
             let what =
                 format!("all {} training cameras stand at the same place: no parallax, so no depth", train.len());
-            problems.push(warn(what, "photograph from different places, or check the poses"));
+            // A stereo endoscope stands still by design, and its depth maps know what parallax would tell.
+            if known < train.len() {
+                problems.push(warn(what, "photograph from different places, or check the poses, or add depth maps"));
+            }
         }
     }
     let odd: Vec<&str> = scene
@@ -164,10 +219,60 @@ fn priors(scene: &Scene) -> Vec<Problem> {
             frame.read_prompted().err(),
             frame.read_features().err(),
             frame.read_transient().err(),
+            frame.read_moving().err(),
+            frame.read_covisible().err(),
         ]
     };
     let errors: Vec<_> = scene.frames.par_iter().flat_map_iter(read).flatten().collect();
     errors.into_iter().chain(refuse_blank_masks(&scene.frames).err()).map(|e| e.into_problem()).collect()
+}
+
+/// What the depth maps hold, each read once, and what is wrong with them.
+fn depth_maps(scene: &Scene) -> (Option<DepthSummary>, Vec<Problem>) {
+    struct Map {
+        holes: f64,
+        range: Option<[f32; 2]>,
+    }
+    let read = |frame: &Frame| match frame.read_depth() {
+        Ok(map) => map.map(|map| Ok(Map { holes: map.holes() as f64 / map.z.len().max(1) as f64, range: map.range() })),
+        Err(error) => Some(Err(error.into_problem())),
+    };
+    let maps: Vec<Option<Result<Map, Problem>>> = scene.frames.par_iter().map(read).collect();
+    let (mut problems, mut summary) = (Vec::new(), DepthSummary { maps: 0, holes: 0.0, range: None });
+    let (mut flat, mut empty) = (Vec::new(), Vec::new());
+    for (frame, map) in scene.frames.iter().zip(maps) {
+        match map {
+            None => {}
+            Some(Err(problem)) => problems.push(problem),
+            Some(Ok(map)) => {
+                summary.maps += 1;
+                summary.holes += map.holes;
+                match map.range {
+                    None => empty.push(frame.name.as_str()),
+                    Some([low, high]) => {
+                        if low == high {
+                            flat.push(frame.name.as_str());
+                        }
+                        let [least, most] = summary.range.unwrap_or([low, high]);
+                        summary.range = Some([least.min(low), most.max(high)]);
+                    }
+                }
+            }
+        }
+    }
+    for (names, what, remedy) in [
+        (flat, "the depth is the same everywhere", "check the depth maps: a wall straight ahead is rare"),
+        (empty, "no depth is known anywhere", "remove these depth maps, or make them anew"),
+    ] {
+        if !names.is_empty() {
+            problems.push(Problem::new(&scene.root, format!("{what} in {}", listing(&names)), remedy).warning());
+        }
+    }
+    if summary.maps == 0 {
+        return (None, problems);
+    }
+    summary.holes /= summary.maps as f64;
+    (Some(summary), problems)
 }
 
 impl fmt::Display for Report {
@@ -193,13 +298,34 @@ impl fmt::Display for Report {
                 LayoutHint::Unknown => "not said".into(),
             };
             let points = scene.points.len();
-            let times = scene.frames.iter().filter(|f| f.time.is_some()).count();
             let masks = scene.frames.iter().filter(|f| f.mask.is_some()).count();
             let depths = scene.frames.iter().filter(|f| f.depth.is_some()).count();
-            writeln!(
-                f,
-                "layout: {layout}; priors: {points} points, {masks} masks, {depths} depth maps, {times} times"
-            )?;
+            writeln!(f, "layout: {layout}; priors: {points} points, {masks} masks, {depths} depth maps")?;
+            match time::summary(&scene.frames) {
+                None => writeln!(f, "times: none")?,
+                Some((count, distinct, [first, last])) => {
+                    writeln!(f, "times: {count} frames, {distinct} distinct, {first} to {last}")?;
+                }
+            }
+            if let Some(depth) = &self.depth {
+                let range = match depth.range {
+                    Some([low, high]) => format!("{low} to {high} world units"),
+                    None => "nothing known".into(),
+                };
+                let holes = 100.0 * depth.holes;
+                writeln!(f, "depth: {} maps, {range}, {holes:.1} % of the pixels not known", depth.maps)?;
+            }
+            let count = |has: &dyn Fn(&Frame) -> bool| scene.frames.iter().filter(|f| has(f)).count();
+            let truth = [
+                (count(&|f| f.transient.is_some()), "what does not belong"),
+                (count(&|f| f.moving.is_some()), "what moves"),
+                (count(&|f| f.covisible.is_some()), "what training frames show, too"),
+            ];
+            let truth: Vec<String> =
+                truth.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} masks of {what}")).collect();
+            if !truth.is_empty() {
+                writeln!(f, "truth: {}", truth.join(", "))?;
+            }
             if scene.dialect != Dialect::Synthetic && self.splits.iter().any(|(s, n)| *s == Split::Test && *n > 0) {
                 let names = scene.held_out_names();
                 let names: Vec<&str> = names.iter().map(String::as_str).collect();

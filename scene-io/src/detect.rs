@@ -3,7 +3,7 @@
 use crate::colmap::{self, ModelFiles};
 use crate::json::Document;
 use crate::options::{LoadOptions, TrainPhotos};
-use crate::{Dialect, ErrorKind, Problem, SceneError, blender};
+use crate::{Dialect, ErrorKind, Problem, SceneError, blender, endonerf};
 use std::path::{Path, PathBuf};
 
 /// A dialect and its main file.
@@ -17,6 +17,12 @@ pub(crate) enum Found {
     Colmap(PathBuf, Vec<ModelFiles>),
     /// `poses_bounds.npy`.
     Llff(PathBuf),
+    /// `precomputed.json`.
+    NrNerf(PathBuf),
+    /// `dataset.json`.
+    Nerfies(PathBuf),
+    /// `poses_bounds.npy` of an endoscope.
+    EndoNerf(PathBuf),
 }
 
 impl Found {
@@ -26,6 +32,9 @@ impl Found {
             Self::Transforms(dialect, _) => *dialect,
             Self::Colmap(..) => Dialect::Colmap,
             Self::Llff(_) => Dialect::Llff,
+            Self::NrNerf(_) => Dialect::NrNerf,
+            Self::Nerfies(_) => Dialect::Nerfies,
+            Self::EndoNerf(_) => Dialect::EndoNerf,
         }
     }
 
@@ -33,19 +42,23 @@ impl Found {
     pub(crate) fn place(&self) -> &Path {
         match self {
             Self::Blender(path) | Self::Colmap(path, _) | Self::Llff(path) => path,
+            Self::NrNerf(path) | Self::Nerfies(path) | Self::EndoNerf(path) => path,
             Self::Transforms(_, document) => &document.file,
         }
     }
 }
 
 /// What a folder is searched for, in this order.
-const LOOKED_FOR: &str = "transforms_train.json (blender), transforms_train_clutter.json, transforms.json (instant-ngp, nerfstudio), sparse/0 with \
-                          cameras and images (colmap), poses_bounds.npy (llff)";
+const LOOKED_FOR: &str = "transforms_train.json (blender), transforms_train_clutter.json, transforms.json (instant-ngp, nerfstudio), dataset.json \
+                          with camera/ (nerfies), precomputed.json (nr-nerf), sparse/0 with cameras and images (colmap), \
+                          poses_bounds.npy (llff), the same with the identity in every row (endonerf)";
 
 /// Finds the dialect of a folder or file, and what else the folder holds.
 ///
-/// A folder may hold several dialects; the first of `blender`, `transforms.json`, a complete COLMAP model, LLFF is
-/// taken unless [`LoadOptions::dialect`] says otherwise: COLMAP before LLFF because it knows the lens.
+/// A folder may hold several dialects; the first of `blender`, `transforms.json`, Nerfies, NR-NeRF, a complete COLMAP
+/// model, EndoNeRF or LLFF is taken unless [`LoadOptions::dialect`] says otherwise: COLMAP before LLFF because it knows the
+/// lens, those with times before it because it has none. EndoNeRF's pose file is told from LLFF's by its poses, which are
+/// all the identity.
 pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<String>), SceneError> {
     if let Err(error) = std::fs::metadata(path) {
         return Err(SceneError::io(path, "open the dataset", error));
@@ -64,15 +77,22 @@ pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<S
     if (wanted(Dialect::InstantNgp) || wanted(Dialect::Nerfstudio)) && found.is_empty() && transforms.is_file() {
         found.push(transforms_file(&transforms, options)?);
     }
+    let dataset = path.join("dataset.json");
+    if wanted(Dialect::Nerfies) && dataset.is_file() && path.join("camera").is_dir() {
+        found.push(Found::Nerfies(dataset));
+    }
+    let precomputed = path.join("precomputed.json");
+    if wanted(Dialect::NrNerf) && precomputed.is_file() {
+        found.push(Found::NrNerf(precomputed));
+    }
     let models = if wanted(Dialect::Colmap) { colmap::find_models(path) } else { Vec::new() };
     if let Some(first) = models.first() {
         let root = if first.folder == path { colmap::dataset_root(path) } else { path.to_path_buf() };
         let root = if path.file_name().is_some_and(|n| n == "sparse") { colmap::dataset_root(path) } else { root };
         found.push(Found::Colmap(root, models));
     }
-    let poses = path.join("poses_bounds.npy");
-    if wanted(Dialect::Llff) && poses.is_file() {
-        found.push(Found::Llff(poses));
+    if let Some(poses) = endonerf::POSE_FILES.into_iter().map(|name| path.join(name)).find(|p| p.is_file()) {
+        found.extend(pose_file(&poses, options));
     }
     let mut found = found.into_iter();
     let Some(first) = found.next() else { return Err(nothing(path, options)) };
@@ -95,11 +115,19 @@ fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
         }
         return Ok(Found::Blender(path.to_path_buf()));
     }
+    if ["dataset.json", "metadata.json", "scene.json"].contains(&name)
+        && let Some(dataset) = path.parent().map(|p| p.join("dataset.json")).filter(|p| p.is_file())
+    {
+        return Ok(Found::Nerfies(dataset));
+    }
+    if name == "precomputed.json" {
+        return Ok(Found::NrNerf(path.to_path_buf()));
+    }
     if name.ends_with(".json") {
         return transforms_file(path, options);
     }
     if name.ends_with(".npy") {
-        return Ok(Found::Llff(path.to_path_buf()));
+        return Ok(pose_file(path, options).unwrap_or_else(|| Found::Llff(path.to_path_buf())));
     }
     let stem = path.file_stem().and_then(|n| n.to_str()).unwrap_or("");
     if ["cameras", "images", "points3D"].contains(&stem)
@@ -110,6 +138,19 @@ fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
     }
     let what = "is no dataset file: expected transforms*.json, poses_bounds.npy or a file of a COLMAP model";
     Err(SceneError::new(ErrorKind::Layout, Problem::new(path, what, "give the dataset's folder")))
+}
+
+/// Whose pose file it is: EndoNeRF's if asked for, or if its poses or its name say so.
+fn pose_file(path: &Path, options: &LoadOptions) -> Option<Found> {
+    let misspelt = path.file_name().is_some_and(|n| n == endonerf::POSE_FILES[1]);
+    let endonerf = || Some(Found::EndoNerf(path.to_path_buf()));
+    match options.dialect {
+        Some(Dialect::EndoNerf) => endonerf(),
+        Some(Dialect::Llff) => Some(Found::Llff(path.to_path_buf())),
+        Some(_) => None,
+        None if misspelt || endonerf::is_still(path) => endonerf(),
+        None => Some(Found::Llff(path.to_path_buf())),
+    }
 }
 
 /// Keys that only nerfstudio writes.
@@ -165,7 +206,9 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
         .flatten()
         .filter_map(|e| e.ok().map(|e| e.path()))
         .filter(|p| {
-            ["transforms_train.json", "transforms.json", "poses_bounds.npy"].iter().any(|name| p.join(name).is_file())
+            ["transforms_train.json", "transforms.json", "poses_bounds.npy", "precomputed.json", "dataset.json"]
+                .iter()
+                .any(|name| p.join(name).is_file())
         })
         .map(|p| p.display().to_string())
         .collect();

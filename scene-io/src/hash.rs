@@ -47,6 +47,9 @@ impl Scene {
                     numbers.extend(s);
                 }
             }
+            if let Some(ids) = &frame.ids {
+                numbers.extend([ids.time, ids.appearance, ids.camera].map(f64::from));
+            }
             if let Some(perturbation) = &frame.perturbation {
                 numbers.extend(perturbation.numbers());
             }

@@ -112,6 +112,11 @@ impl<'a> Object<'a> {
         self.map.get(key).filter(|v| !v.is_null())
     }
 
+    /// Names of the fields.
+    pub(crate) fn keys(&self) -> impl Iterator<Item = &'a str> {
+        self.map.keys().map(String::as_str)
+    }
+
     pub(crate) fn has(&self, key: &str) -> bool {
         self.get(key).is_some()
     }
@@ -181,6 +186,71 @@ impl<'a> Object<'a> {
         let index = |v: &Value| v.as_u64().and_then(|i| usize::try_from(i).ok());
         let indices = value.as_array().map(|items| items.iter().map(index).collect::<Option<Vec<_>>>());
         indices.flatten().map(Some).ok_or_else(|| self.problem(key, "is no list of whole numbers", "write [0, 1]"))
+    }
+
+    /// A whole number from 0 to 2^32 - 1.
+    pub(crate) fn index(&self, key: &str) -> Result<Option<u32>, Problem> {
+        match self.number(key)? {
+            None => Ok(None),
+            Some(x) if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 => Ok(Some(x as u32)),
+            Some(_) => Err(self.problem(key, "is no whole number from 0", "write an index")),
+        }
+    }
+
+    /// An object in this one.
+    pub(crate) fn object(&self, key: &str) -> Result<Option<Object<'a>>, Problem> {
+        match self.get(key) {
+            None => Ok(None),
+            Some(Value::Object(map)) => Ok(Some(Object { file: self.file, path: self.field(key), map })),
+            Some(_) => Err(self.problem(key, "is no object", "write { ... }")),
+        }
+    }
+
+    /// A list of blocks, each a list of `rows` lists of `width` finite numbers (one row: the block is that list).
+    pub(crate) fn blocks(&self, key: &str, rows: usize, width: usize) -> Result<Option<Vec<Vec<f64>>>, Problem> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let shape = |field: String, form: String| {
+            Problem::new(self.file, format!("is no list of {form}"), "write it anew").field(field)
+        };
+        let key = self.field(key);
+        let form = format!("{rows}x{width} numbers");
+        let blocks = value.as_array().ok_or_else(|| shape(key.clone(), form.clone()))?;
+        let mut out = Vec::with_capacity(blocks.len());
+        for (i, block) in blocks.iter().enumerate() {
+            let here = |r: usize, c: usize| {
+                if rows > 1 { format!("{key}[{i}][{r}][{c}]") } else { format!("{key}[{i}][{c}]") }
+            };
+            let lines: Vec<&Value> = match block.as_array() {
+                Some(_) if rows == 1 => vec![block],
+                Some(lines) if lines.len() == rows => lines.iter().collect(),
+                _ => return Err(shape(format!("{key}[{i}]"), form)),
+            };
+            let mut values = Vec::with_capacity(rows * width);
+            for (r, line) in lines.into_iter().enumerate() {
+                let line = line.as_array().filter(|l| l.len() == width);
+                for (c, entry) in line.ok_or_else(|| shape(format!("{key}[{i}]"), form.clone()))?.iter().enumerate() {
+                    values.push(finite(entry).map_err(|what| {
+                        let problem = Problem::new(self.file, what, "remove the frame or estimate its pose again");
+                        problem.field(here(r, c)).value(shown(entry).trim_matches('"'))
+                    })?);
+                }
+            }
+            out.push(values);
+        }
+        Ok(Some(out))
+    }
+
+    /// A list of finite numbers.
+    pub(crate) fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>, Problem> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let items = value.as_array().ok_or_else(|| self.problem(key, "is no list of numbers", "write [1, 2]"))?;
+        let number = |(i, item): (usize, &Value)| {
+            finite(item).map_err(|what| {
+                let problem = Problem::new(self.file, what, "correct the value");
+                problem.field(format!("{}[{i}]", self.field(key))).value(shown(item).trim_matches('"'))
+            })
+        };
+        items.iter().enumerate().map(number).collect::<Result<_, _>>().map(Some)
     }
 
     /// A list of three finite numbers.

@@ -12,6 +12,7 @@ mod check;
 pub mod colmap;
 mod depth;
 mod detect;
+mod endonerf;
 mod error;
 pub mod export;
 mod files;
@@ -23,8 +24,10 @@ mod llff;
 mod load;
 mod mask_files;
 mod naming;
+mod nerfies;
 mod nerfstudio;
 mod npy;
+mod nr_nerf;
 mod options;
 mod perturb;
 mod picture;
@@ -35,16 +38,19 @@ mod random;
 mod scene;
 mod splits;
 pub mod synthetic;
+pub mod time;
 mod transforms;
 
-pub use check::{Depth, Report, check};
+pub use check::{Depth, DepthSummary, Report, check};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
-pub use load::load;
+pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions};
 pub use priors::{
     BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask, refuse_blank_masks,
 };
-pub use scene::{Bounds, Dialect, Frame, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split};
+pub use scene::{
+    AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split,
+};

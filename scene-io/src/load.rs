@@ -1,24 +1,43 @@
 //! From a path to a [`Scene`].
 
-use crate::assemble::{Assembled, Reading, assemble};
+use crate::assemble::{Assembled, Need, Reading, assemble};
 use crate::detect::{Found, detect};
 use crate::{
-    Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, instant_ngp,
-    llff, naming, nerfstudio, splits,
+    Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, endonerf,
+    instant_ngp, llff, naming, nerfies, nerfstudio, nr_nerf, splits, time,
 };
 use std::path::Path;
 
 /// Reads a dataset from its folder or main file, in whatever dialect it is.
 ///
-/// Image headers are read, pixels are not: see [`crate::ImageStore`].
+/// Image headers are read, pixels are not (but the tool masks of EndoNeRF's form are): see [`crate::ImageStore`]. Warnings
+/// are among [`Scene::notes`].
 ///
 /// # Errors
 /// The first thing that makes training impossible, and how many more there are; [`crate::check`] lists all.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
-    let (scene, problems) = load_all(path, options)?;
-    let mut errors = problems.into_iter().filter(|p| p.severity == Severity::Error);
+    without_errors(load_all(path, options, Need::Images)?)
+}
+
+/// As [`load`], for datasets whose images are not at hand: cameras, times and splits are those of the files, and
+/// [`crate::ImageSource`] says where the images should be. Masks, depth maps and other files are named, not opened.
+///
+/// # Errors
+/// As [`load`], except for missing images. Where files do not say how large the images are (Blender's form), those are
+/// needed all the same.
+pub fn load_cameras(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
+    without_errors(load_all(path, options, Need::Cameras)?)
+}
+
+fn without_errors((mut scene, problems): (Scene, Vec<Problem>)) -> Result<Scene, SceneError> {
+    let (errors, warnings): (Vec<Problem>, Vec<Problem>) =
+        problems.into_iter().partition(|p| p.severity == Severity::Error);
+    let mut errors = errors.into_iter();
     match errors.next() {
-        None => Ok(scene),
+        None => {
+            scene.notes.extend(warnings.iter().map(|warning| format!("warning: {warning}")));
+            Ok(scene)
+        }
         Some(first) => Err(SceneError::new(kind_of(&first), first).and_more(errors.count())),
     }
 }
@@ -30,11 +49,13 @@ fn kind_of(problem: &Problem) -> ErrorKind {
 
 /// The scene as far as it could be read, and all problems met. Where problems leave no frame to train on, they are
 /// the error.
-pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec<Problem>), SceneError> {
+pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result<(Scene, Vec<Problem>), SceneError> {
     let (found, mut notes) = detect(path, options)?;
     let dialect = found.dialect();
-    let mut reading = read(found, options)?;
+    let mut reading = read(found, options, need)?;
+    reading.need = need;
     naming::apply(&mut reading, dialect, options)?;
+    time::apply(&mut reading, dialect);
     let Assembled { mut frames, notes: more_notes, problems: more_problems, has_alpha } = assemble(&reading, options);
     let Reading {
         root,
@@ -66,16 +87,20 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions) -> Result<(Scene, Vec
         all.push(error.into_problem());
         return Ok((scene, all));
     }
+    time::tell(&frames, &mut notes);
     Ok((Scene { name: name_of(&root), root, dialect, frames, points, layout, bounds, notes }, problems))
 }
 
-fn read(found: Found, options: &LoadOptions) -> Result<Reading, SceneError> {
+fn read(found: Found, options: &LoadOptions, need: Need) -> Result<Reading, SceneError> {
     match found {
         Found::Blender(train) => blender::read(&train, options),
         Found::Transforms(Dialect::Nerfstudio, document) => nerfstudio::read(&document),
         Found::Transforms(_, document) => instant_ngp::read(&document),
         Found::Colmap(root, models) => colmap::read(&root, &models, options),
-        Found::Llff(file) => llff::read(&file, options),
+        Found::Llff(file) => llff::read(&file, options, need),
+        Found::NrNerf(file) => nr_nerf::read(&file, options, need),
+        Found::Nerfies(file) => nerfies::read(&file, options, need),
+        Found::EndoNerf(file) => endonerf::read(&file, options, need),
     }
 }
 

@@ -1,7 +1,8 @@
 //! `transforms.json` as nerfstudio writes and reads it.
 //!
-//! Like instant-ngp's, plus `camera_model`, masks (black is left out), depth maps, start points in a PLY file and named
-//! splits. Frames are sorted by file name. `applied_transform` and `applied_scale` say how the file's frame came from
+//! Like instant-ngp's, plus `camera_model`, masks (black is left out), depth maps (PNG in millimetres unless
+//! `depth_unit_scale_factor` says otherwise, `.npy` in units of the world before `applied_scale`), start points in a PLY
+//! file and named splits. Frames are sorted by file name. `applied_transform` and `applied_scale` say how the file's frame came from
 //! the original one; poses and points are left in the file's frame.
 
 use crate::assemble::{DialectSplits, Reading, listing};
@@ -86,6 +87,14 @@ fn named_splits(top: &Object<'_>, reading: &mut Reading) -> Result<(), Problem> 
 
 /// How the file's world came from the original one: checked and told, not applied.
 fn world(top: &Object<'_>, reading: &mut Reading) -> Result<(), Problem> {
+    if let Some(unit) = top.number("depth_unit_scale_factor")? {
+        if unit <= 0.0 {
+            return Err(top.problem("depth_unit_scale_factor", "must be above 0", "correct or remove it"));
+        }
+        for depth in reading.frames.iter_mut().filter_map(|f| f.depth.as_mut()).filter(|d| d.unit != 1.0) {
+            depth.unit = unit;
+        }
+    }
     if let Some(m) = top.matrix("applied_transform")? {
         let rows: Vec<String> = m.iter().map(|row| format!("{row:?}")).collect();
         let rows = rows.join(" ");
@@ -95,7 +104,14 @@ fn world(top: &Object<'_>, reading: &mut Reading) -> Result<(), Problem> {
         Some(scale) if scale <= 0.0 => {
             return Err(top.problem("applied_scale", "must be above 0", "correct or remove it"));
         }
-        Some(scale) => reading.notes.push(format!("applied_scale {scale} is in the poses already: kept")),
+        Some(scale) => {
+            reading
+                .notes
+                .push(format!("applied_scale {scale} is in the poses already: kept; depth maps are scaled by it"));
+            for depth in reading.frames.iter_mut().filter_map(|f| f.depth.as_mut()) {
+                depth.unit *= scale;
+            }
+        }
         None => {}
     }
     if let Some(method) = top.string("orientation_override")? {

@@ -89,6 +89,13 @@ pub enum MissingImages {
 pub enum Holdout {
     /// Of the frames sorted by name, those at 0, N, 2N, …
     Every(usize),
+    /// Of the frames sorted by name, those at `first`, `first + every`, `first + 2 every`, …
+    EveryFrom {
+        /// One frame of this many; not 0.
+        every: usize,
+        /// The first one held out, counted from 0; below `every`.
+        first: usize,
+    },
     /// These: by name, by name without extension, or by the end of the path (`test/r_0`).
     ///
     /// Where the dialect has a test split of its own, its other frames become [`crate::Split::Unused`].
@@ -98,22 +105,29 @@ pub enum Holdout {
 }
 
 impl Holdout {
-    /// Reads `every:N`, `names:FILE` (one name a line; empty lines and lines starting with `#` do not count) or `none`.
+    /// Reads `every:N`, `every:N+K` (the first held out is the one at K, counted from 0), `names:FILE` (one name a line; empty
+    /// lines and lines starting with `#` do not count) or `none`.
     ///
     /// # Errors
     /// [`ErrorKind::Split`] for anything else, [`ErrorKind::Io`] where the file cannot be read.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
         let refuse = |what: &str| {
-            let problem = Problem::new("--holdout", what, "write `every:8`, `names:FILE` or `none`").value(text);
+            let problem =
+                Problem::new("--holdout", what, "write `every:8`, `every:8+4`, `names:FILE` or `none`").value(text);
             SceneError::new(ErrorKind::Split, problem)
         };
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),
-            Some(("every", number)) => match number.parse::<usize>() {
-                Ok(0) => Err(refuse("every 0th frame is none")),
-                Ok(every) => Ok(Self::Every(every)),
-                Err(_) => Err(refuse("the part after `every:` is no whole number")),
-            },
+            Some(("every", number)) => {
+                let (number, first) = number.split_once('+').map_or((number, None), |(n, k)| (n, Some(k)));
+                match (number.parse::<usize>(), first.map(str::parse::<usize>).transpose()) {
+                    (Ok(0), _) => Err(refuse("every 0th frame is none")),
+                    (Ok(every), Ok(None)) => Ok(Self::Every(every)),
+                    (Ok(every), Ok(Some(first))) if first < every => Ok(Self::EveryFrom { every, first }),
+                    (Ok(_), Ok(Some(_))) => Err(refuse("the part after `+` must be below the one before it")),
+                    _ => Err(refuse("the part after `every:` is no whole number")),
+                }
+            }
             Some(("names", file)) if !file.is_empty() => Self::from_file(Path::new(file)),
             _ => Err(refuse("not a way to hold frames out")),
         }

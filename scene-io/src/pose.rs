@@ -10,6 +10,8 @@ pub(crate) enum Axes {
     Gl,
     /// Columns are (down, right, backwards): `poses_bounds.npy`.
     Llff,
+    /// x right, y down, looking along z: Nerfies.
+    Cv,
 }
 
 /// What was mended in a pose.
@@ -132,6 +134,7 @@ pub(crate) fn pose_from(axes: Axes, rotation: DMat3, centre: DVec3) -> Result<(P
         Axes::Gl => DMat3::from_cols(r.x_axis, -r.y_axis, -r.z_axis),
         // (down, right, backwards) to (right, down, forwards).
         Axes::Llff => DMat3::from_cols(r.y_axis, r.x_axis, -r.z_axis),
+        Axes::Cv => r,
     };
     Ok((Pose { r, c: centre }, mended))
 }

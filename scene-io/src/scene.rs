@@ -23,7 +23,8 @@ pub struct Scene {
     pub dialect: Dialect,
     /// Images and cameras, in the order the dialect defines.
     pub frames: Vec<Frame>,
-    /// Reconstructed surface points, empty if the dataset has none.
+    /// Reconstructed surface points, empty if the dataset has none. In a moving scene of the Nerfies form they are known to
+    /// belong to the background, which stands still.
     pub points: Vec<Point>,
     /// What the dialect itself says about the arrangement of cameras and scene.
     pub layout: LayoutHint,
@@ -55,7 +56,7 @@ impl Scene {
 /// The file format of a dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Dialect {
-    /// `transforms_train.json`, `transforms_val.json`, `transforms_test.json`.
+    /// `transforms_train.json`, `transforms_val.json`, `transforms_test.json`; D-NeRF's and HDR-HexPlane's too.
     Blender,
     /// `transforms.json` as instant-ngp writes it.
     InstantNgp,
@@ -65,6 +66,12 @@ pub enum Dialect {
     Colmap,
     /// `poses_bounds.npy`.
     Llff,
+    /// `precomputed.json` as NR-NeRF writes it: images in time order.
+    NrNerf,
+    /// A folder of Nerfies, HyperNeRF or DyCheck: `dataset.json`, `metadata.json`, `scene.json`, `camera/`.
+    Nerfies,
+    /// `poses_bounds.npy` with `images`, `masks` and `depth` of an endoscope, as EndoNeRF reads it.
+    EndoNerf,
     /// Made here, from no file.
     Synthetic,
 }
@@ -79,12 +86,24 @@ impl Dialect {
             Self::Nerfstudio => "nerfstudio",
             Self::Colmap => "colmap",
             Self::Llff => "llff",
+            Self::NrNerf => "nr-nerf",
+            Self::Nerfies => "nerfies",
+            Self::EndoNerf => "endonerf",
             Self::Synthetic => "synthetic",
         }
     }
 
     /// The dialects that can be read from files.
-    pub const READABLE: [Self; 5] = [Self::Blender, Self::InstantNgp, Self::Nerfstudio, Self::Colmap, Self::Llff];
+    pub const READABLE: [Self; 8] = [
+        Self::Blender,
+        Self::InstantNgp,
+        Self::Nerfstudio,
+        Self::Colmap,
+        Self::Llff,
+        Self::NrNerf,
+        Self::Nerfies,
+        Self::EndoNerf,
+    ];
 }
 
 impl fmt::Display for Dialect {
@@ -164,6 +183,12 @@ pub struct Frame {
     pub tracks: Vec<TrackPoint>,
     /// What is done to the picture when it is decoded; see [`crate::perturb`].
     pub perturbation: Option<Arc<Perturbation>>,
+    /// What the alpha of the picture means.
+    pub alpha: AlphaMeaning,
+    /// Truth about which pixels show what training frames saw, too (DyCheck's covisibility): for scoring only.
+    pub covisible: Option<TruthMask>,
+    /// Numbers the dataset gives the frame's moment, look and camera.
+    pub ids: Option<FrameIds>,
     /// Camera at the image's native size.
     pub camera: Camera,
     /// What the frame is for.
@@ -191,6 +216,9 @@ impl Frame {
             moving: None,
             tracks: Vec::new(),
             perturbation: None,
+            alpha: AlphaMeaning::Opacity,
+            covisible: None,
+            ids: None,
             camera,
             split: Split::Train,
             time: None,
@@ -198,6 +226,27 @@ impl Frame {
             sharpness: None,
         }
     }
+}
+
+/// What the alpha of a picture means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AlphaMeaning {
+    /// How opaque the pixel is.
+    #[default]
+    Opacity,
+    /// Whether the pixel may be used (DyCheck: its depth is known): 0 is as an ignore mask's black.
+    Used,
+}
+
+/// Numbers that a dataset of the Nerfies form gives a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct FrameIds {
+    /// Moment: `time_id`, else `warp_id`. Frames of several cameras may share one.
+    pub time: u32,
+    /// Look: `appearance_id`.
+    pub appearance: u32,
+    /// Camera: `camera_id`.
+    pub camera: u32,
 }
 
 /// Where the pixels of a frame are.

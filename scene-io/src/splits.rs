@@ -15,16 +15,17 @@ pub(crate) fn apply(
     let order = by_name(frames);
     match (holdout, dialect) {
         (Some(Holdout::None), _) => set_all(frames, Split::Train),
-        (Some(Holdout::Every(0)), _) => {
+        (Some(Holdout::Every(0) | Holdout::EveryFrom { every: 0, .. }), _) => {
             let problem = Problem::new("--holdout", "every 0th frame is none", "write `every:8` or `none`");
             return Err(SceneError::new(ErrorKind::Split, problem.value("every:0")));
         }
-        (Some(Holdout::Every(n)), _) => every(frames, &order, *n),
+        (Some(Holdout::Every(n)), _) => every(frames, &order, *n, 0),
+        (Some(Holdout::EveryFrom { every: n, first }), _) => every(frames, &order, *n, *first),
         (Some(Holdout::Names(names)), _) => by_names(root, frames, names, dialect)?,
         (None, DialectSplits::Explicit) => {}
         (None, _) if frames.len() == 1 => set_all(frames, Split::Train),
         (None, DialectSplits::Every(n)) => {
-            every(frames, &order, n);
+            every(frames, &order, n, 0);
             notes.push(format!("every {n}th frame by name, from the first, is held out"));
         }
         (None, DialectSplits::NineOfTen) => {
@@ -42,7 +43,7 @@ pub(crate) fn apply(
     }
     match holdout {
         _ if test > 0 => Ok(()),
-        Some(Holdout::Every(_) | Holdout::Names(_)) => {
+        Some(Holdout::Every(_) | Holdout::EveryFrom { .. } | Holdout::Names(_)) => {
             Err(empty(root, frames, "no frames are held out", "use `--holdout none` if that is meant"))
         }
         Some(Holdout::None) => Ok(()),
@@ -84,9 +85,9 @@ fn set_all(frames: &mut [Frame], split: Split) {
     }
 }
 
-fn every(frames: &mut [Frame], order: &[usize], n: usize) {
+fn every(frames: &mut [Frame], order: &[usize], n: usize, first: usize) {
     for (i, frame) in order.iter().enumerate() {
-        frames[*frame].split = if i % n == 0 { Split::Test } else { Split::Train };
+        frames[*frame].split = if i % n == first { Split::Test } else { Split::Train };
     }
 }
 
@@ -254,8 +255,14 @@ mod tests {
             let names: Vec<String> = (0..n).map(|i| format!("{i:04}")).collect();
             let mut f = frames(&names.iter().map(|n| (n.as_str(), Train)).collect::<Vec<_>>());
             let order = by_name(&f);
-            every(&mut f, &order, every_n);
+            every(&mut f, &order, every_n, 0);
             prop_assert_eq!(f.iter().filter(|f| f.split == Test).count(), n.div_ceil(every_n));
+            let mut starts = 0;
+            for first in 0..every_n {
+                every(&mut f, &order, every_n, first);
+                starts += f.iter().filter(|f| f.split == Test).count();
+            }
+            prop_assert_eq!(starts, n);
         }
     }
 }

@@ -45,14 +45,22 @@ pub(crate) fn raw_frame(root: &Path, top: &Object<'_>, frame: &Object<'_>, split
             None => optional_path("depth_path").map_err(in_frame)?,
             depth => depth,
         }
-        .map(DepthSource::file),
+        .map(depth_source),
         transient: optional_path("transient_mask_path").map_err(in_frame)?,
         moving: optional_path("moving_path").map_err(in_frame)?,
+        covisible: None,
+        ids: None,
         tracks: Vec::new(),
         z_bounds: None,
         sharpness: frame.number("sharpness").map_err(in_frame)?,
         name,
     })
+}
+
+/// Millimetres in PNG files, as nerfstudio writes them; world units elsewhere.
+fn depth_source(path: PathBuf) -> DepthSource {
+    let millimetres = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    DepthSource::file(path).in_units_of(if millimetres { 1e-3 } else { 1.0 })
 }
 
 /// The name of a frame: its path without a leading `./`.

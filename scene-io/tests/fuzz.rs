@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{Dataset, colmap_binary, ngp_json, poses_bounds};
+use common::{Dataset, colmap_binary, ngp_json, npy, poses_bounds};
 use proptest::prelude::*;
 use scene_io::colmap::Model;
-use scene_io::{ImageStore, LoadOptions, StoreOptions, load};
+use scene_io::{Depth, ImageStore, LoadOptions, StoreOptions, check, load, load_cameras};
 
 /// Bytes cut at a place, and some of them changed.
 fn spoil(bytes: &[u8], cut: prop::sample::Index, changes: &[(prop::sample::Index, u8)]) -> Vec<u8> {
@@ -147,6 +147,62 @@ proptest! {
         // Features are never taken for whole when cut; one score may lose a digit, and pictures their last chunk.
         if changes.is_empty() && kind == 3 {
             prop_assert_eq!(refused, bytes.len() < whole.len());
+        }
+    }
+
+    #[test]
+    fn moving_scenes_never_panic(dialect in 0_usize..4, file in 0_usize..8, cut: prop::sample::Index, changes in any_changes()) {
+        let (dataset, files): (Dataset, &[&str]) = match dialect {
+            0 => (Dataset::nr_nerf(3), &["precomputed.json"]),
+            1 => (Dataset::endonerf(3), &[
+                "poses_bounds.npy", "masks/frame-000001.mask.png", "depth/frame-000001.depth.png",
+                "gt_masks/frame-000001.mask.png",
+            ]),
+            2 => (Dataset::nerfies(), &[
+                "dataset.json", "metadata.json", "scene.json", "extra.json", "camera/0_00002.json", "points.npy",
+                "splits/train.json", "depth/2x/0_00000.npy",
+            ]),
+            _ => (Dataset::d_nerf(&["0", "3", ""], &["1"]), &["transforms_train.json", "transforms_test.json"]),
+        };
+        let name = files[file % files.len()];
+        let path = dataset.path().join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let bytes = spoil(&whole, cut, &changes);
+        std::fs::write(&path, &bytes).unwrap();
+        let options = LoadOptions::default();
+        let loaded = load(dataset.path(), &options);
+        let _ = load_cameras(dataset.path(), &options);
+        let report = check(dataset.path(), &options, Depth::Pixels);
+        // A cut list is never taken for a whole one (pictures may do without their last chunk, `extra.json` is an extra).
+        if changes.is_empty() && !name.ends_with("png") && name != "extra.json" {
+            prop_assert_eq!(loaded.is_ok(), bytes.len() == whole.len(), "{} of {}", bytes.len(), whole.len());
+        }
+        for frame in report.scene.iter().flat_map(|s| &s.frames) {
+            prop_assert!(frame.time.is_none_or(|t| (0.0..=1.0).contains(&t)), "time {:?}", frame.time);
+        }
+    }
+
+    #[test]
+    fn depth_files_never_panic(format in 0_usize..3, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::endonerf(2);
+        dataset.remove("depth");
+        let name = ["depth/1.npy", "depth/1.png", "depth/1.exr"][format];
+        let file = dataset.file(name);
+        dataset.write("depth/0.npy", npy(&[12, 16], &[2.0; 192]));
+        match format {
+            0 => drop(dataset.write(name, npy(&[12, 16], &[1.0; 192]))),
+            1 => image::ImageBuffer::from_pixel(16, 12, image::Luma([500_u16])).save(&file).unwrap(),
+            _ => image::Rgb32FImage::from_pixel(16, 12, image::Rgb([0.1, 0.2, 0.3])).save(&file).unwrap(),
+        }
+        let whole = std::fs::read(&file).unwrap();
+        let bytes = spoil(&whole, cut, &changes);
+        std::fs::write(&file, &bytes).unwrap();
+        let map = load(dataset.path(), &LoadOptions::default()).and_then(|scene| scene.frames[1].read_depth());
+        if changes.is_empty() && format != 1 {
+            prop_assert_eq!(map.is_ok(), bytes.len() == whole.len());
+        }
+        if let Ok(Some(map)) = map {
+            prop_assert!(map.z.iter().all(|z| z.is_finite() && *z >= 0.0));
         }
     }
 

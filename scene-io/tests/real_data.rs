@@ -5,7 +5,7 @@ use render_core::camera::Lens;
 use scene_io::colmap::Model;
 use scene_io::{
     Depth, Dialect, Disturbance, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, Scene,
-    Split, StoreOptions, TrainPhotos, check, load, perturb, refuse_blank_masks,
+    Split, StoreOptions, TrainPhotos, check, load, load_cameras, perturb, refuse_blank_masks,
 };
 use std::path::PathBuf;
 
@@ -148,6 +148,12 @@ fn partial_hdr_hexplane_is_a_blender_scene_with_extensions_and_frame_numbers() {
     assert_eq!(scene.frames[0].name, "train/0000.png");
     assert_eq!(scene.frames[0].time, Some(1.0 / 35.0));
     has_note(&scene, "times 0 to 35 were mapped to 0 to 1");
+    // Order is kept: the last six test frames lie behind every training frame.
+    let last = scene.frames.iter().filter(|f| f.split == Split::Train).filter_map(|f| f.time).fold(0.0, f64::max);
+    assert_eq!(last, 8.0 / 35.0);
+    assert_eq!(scene.frames.iter().filter(|f| f.time > Some(last)).count(), 6);
+    has_note(&scene, "7 of 8 test frames lie before the first or after the last training time");
+    has_note(&scene, "3 exposures (-3 to 1)");
     has_note(&scene, "no transforms_val.json");
 }
 
@@ -157,6 +163,22 @@ fn workbench_has_times() {
     let scene = load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(counts(&scene), [120, 10, 20, 0]);
     assert_eq!(scene.frames[119].time, Some(1.0));
+    // Times are as written, and test frames have exact depth and moving things.
+    assert!(scene.frames[..120].iter().enumerate().all(|(k, f)| f.time == Some(k as f64 / 119.0)));
+    assert_eq!(scene.frames[130].time, Some(0.025));
+    assert!(!scene.notes.iter().any(|n| n.contains("time")), "{:?}", scene.notes);
+    let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+    assert!(report.can_train() && report.problems.is_empty(), "{report}");
+    let depth = report.depth.unwrap();
+    assert_eq!(depth.maps, 20);
+    assert!((0.1..0.9).contains(&depth.holes), "{depth:?}");
+    assert!(report.to_string().contains("times: 150 frames"), "{report}");
+    let test = &scene.frames[scene.split(Split::Test).next().unwrap()];
+    // Depth and moving things are of the same surfaces: where something moves, something is.
+    let (depth, moving) = (test.read_depth().unwrap().unwrap(), test.read_moving().unwrap().unwrap());
+    let known =
+        moving.iter().zip(&depth.z).filter(|(moves, z)| *moves && **z > 0.0).count() as f64 / moving.count() as f64;
+    assert!(known > 0.9, "{known} of the moving pixels have a depth");
     assert_eq!(scene.layout, LayoutHint::Object { near: 2.0, far: 6.0 });
 }
 
@@ -377,10 +399,153 @@ fn colmap_cameras_are_scaled_to_larger_photographs() {
 }
 
 #[test]
+fn nr_nerf_example_is_a_video_in_time_order() {
+    let Some(path) = data("nr_nerf/example_sequence") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::NrNerf);
+    assert_eq!(counts(&scene), [85, 0, 1, 0]);
+    assert_eq!(scene.held_out_names(), ["image000021.png"]);
+    assert!(scene.frames.iter().enumerate().all(|(i, f)| f.time == Some(i as f64 / 85.0)));
+    let camera = &scene.frames[0].camera;
+    assert_eq!((camera.width, camera.height, camera.cx), (512, 384, 256.0));
+    assert!((camera.fx - 256.609_527).abs() < 1e-5);
+    assert_eq!(scene.layout, LayoutHint::ForwardFacing);
+    // The smallest near depth of a frame is 0.0024, the largest far one 1.0.
+    assert!(scene.frames.iter().all(|f| f.z_bounds == scene.frames[0].z_bounds));
+    let [near, far] = scene.frames[0].z_bounds.unwrap();
+    assert!((0.03..0.1).contains(&near) && (0.7..0.95).contains(&far), "{near} {far}");
+    // Recentred: on average the cameras look along -z with y up, in OpenGL's sense.
+    let mean: DVec3 = scene.frames.iter().map(|f| f.camera.optical_axis()).sum();
+    assert!(mean.normalize().dot(DVec3::NEG_Z) > 0.999, "{mean}");
+    // Protocol nr-example: every 8th from the fifth.
+    let protocol = load(&path, &with(Holdout::parse("every:8+4").unwrap())).unwrap();
+    assert_eq!(counts(&protocol), [75, 0, 11, 0]);
+    assert_eq!(protocol.held_out_names()[..2], ["image000005.png", "image000013.png"]);
+    let report = check(&path, &LoadOptions::default(), Depth::Headers);
+    assert!(report.can_train() && report.problems.is_empty(), "{report}");
+}
+
+/// Poses of `precomputed.json` are in OpenGL axes: what does not move in the video fits its epipolar lines in these axes and
+/// in no others. Patches of one picture are looked for in one three frames later.
+#[test]
+fn nr_nerf_axes_fit_the_pictures() {
+    let Some(path) = data("nr_nerf/example_sequence") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    let store = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(256), ..Default::default() }).unwrap();
+    let mut off = Vec::new();
+    for first in [0, 20, 40, 60] {
+        let (a, b) = (store.get(first).unwrap(), store.get(first + 3).unwrap());
+        let (from, to) = (store.camera(first), store.camera(first + 3));
+        for y in (24..168).step_by(12) {
+            for x in (24..232).step_by(12) {
+                let Some((u, v)) = matched(&a, &b, x, y) else { continue };
+                // The patch lies on the line of the points of its ray, at some depth.
+                let ray = from.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+                let seen = glam::DVec2::new(f64::from(u) + 0.5, f64::from(v) + 0.5);
+                let at = |t: f64| to.project(ray.o + ray.d * t).map(|p| p.distance(seen));
+                off.extend((0..200).filter_map(|k| at(0.05 * 1.02_f64.powi(k))).reduce(f64::min));
+            }
+        }
+    }
+    off.sort_by(f64::total_cmp);
+    assert!(off.len() > 20, "only {} patches found again", off.len());
+    let median = off[off.len() / 2];
+    assert!(median < 1.0, "half of {} patches are more than {median} px off their rays", off.len());
+}
+
+/// Where a patch of 9x9 pixels is found again, if it has texture, is found for sure and has moved.
+fn matched(a: &scene_io::Image, b: &scene_io::Image, x: u32, y: u32) -> Option<(u32, u32)> {
+    const HALF: i64 = 4;
+    let patch = |image: &scene_io::Image, x: i64, y: i64| -> Vec<f64> {
+        let at = |k: i64| image.pixel((x + k % 9 - HALF) as u32, (y + k / 9 - HALF) as u32)[1];
+        let values: Vec<f64> = (0..81).map(|k| f64::from(at(k))).collect();
+        let mean = values.iter().sum::<f64>() / 81.0;
+        values.iter().map(|v| v - mean).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let (x, y) = (i64::from(x), i64::from(y));
+    let here = patch(a, x, y);
+    let norm = dot(&here, &here);
+    if norm < 81.0 * 400.0 {
+        return None;
+    }
+    let mut best = (0.0, 0, 0);
+    for v in -12..=12 {
+        for u in -12..=12 {
+            let there = patch(b, x + u, y + v);
+            let likeness = dot(&here, &there) / (norm * dot(&there, &there)).sqrt().max(1e-9);
+            if likeness > best.0 {
+                best = (likeness, u, v);
+            }
+        }
+    }
+    let (likeness, u, v) = best;
+    (likeness > 0.97 && u * u + v * v >= 4).then_some(((x + u) as u32, (y + v) as u32))
+}
+
+#[test]
+fn dycheck_cameras_are_read_without_their_photos() {
+    let Some(path) = data("dycheck_iphone/paper-windmill_cameras_only") else { return };
+    let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("holds no folder of images: looked for rgb/1x"), "{error}");
+    assert!(error.contains("696 cameras (277 to train, 419 to test)") && !error.contains('\n'), "{error}");
+    let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+    assert!(!report.can_train() && report.problems.len() == 1, "{report}");
+    assert!(report.to_string().contains("times: 696 frames, 277 distinct, 0 to 1"), "{report}");
+
+    let scene = load_cameras(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Nerfies);
+    assert_eq!(counts(&scene), [277, 0, 419, 0]);
+    let frame = &scene.frames[3];
+    assert_eq!((frame.name.as_str(), frame.time), ("0_00003", Some(3.0 / 276.0)));
+    let late = scene.frames.iter().find(|f| f.name == "2_00276").unwrap();
+    assert_eq!((late.time, late.split, late.ids.unwrap().camera), (Some(1.0), Split::Test, 2));
+    let camera = &scene.frames[0].camera;
+    assert_eq!((camera.width, camera.height, camera.fx), (720, 960, 719.947_143_554_687_5));
+    // The first camera looks along -z with y up.
+    assert_eq!((camera.optical_axis(), camera.pose.r.y_axis), (DVec3::NEG_Z, DVec3::NEG_Y));
+    // The point the authors say all look at, (0.07, -0.05, 0.15) in their frame, is in every picture.
+    let lookat =
+        DVec3::new(0.073_601, -0.053_279, 0.152_124) / 0.271_591_6 + DVec3::new(-0.200_620, 0.170_583, -1.171_748);
+    let inside = |f: &&scene_io::Frame| {
+        f.camera.project(lookat).is_some_and(|p| p.x > 0.0 && p.y > 0.0 && p.x < 720.0 && p.y < 960.0)
+    };
+    let seen = scene.frames[..277].iter().filter(inside).count();
+    assert!(seen > 250, "{seen} of 277 pictures show what all look at: wrong axes?");
+    let bounds = scene.bounds.unwrap();
+    assert!(scene.frames[..277].iter().all(|f| {
+        let c = f.camera.pose.c;
+        (c - bounds.min).min_element() > -1e-3 && (bounds.max - c).min_element() > -1e-3
+    }));
+    let [near, far] = scene.frames[0].z_bounds.unwrap();
+    assert!(near > 0.2 && near < 0.401 && (far - 1.886).abs() < 1e-3, "{near} {far}");
+}
+
+#[test]
+fn endoscopes_poses_are_read_alone() {
+    for (name, n) in [("pulling_soft_tissues_poses_only", 63), ("cutting_tissues_twice_poses_only", 156)] {
+        let Some(path) = data(&format!("endonerf/{name}")) else { continue };
+        let scene = load_cameras(&path, &LoadOptions::default()).unwrap();
+        assert_eq!(scene.dialect, Dialect::EndoNerf);
+        assert_eq!(counts(&scene), [n, 0, 0, 0]);
+        assert!(scene.frames.iter().enumerate().all(|(i, f)| f.time == Some(i as f64 / (n - 1) as f64)));
+        let camera = &scene.frames[n - 1].camera;
+        assert_eq!((camera.width, camera.height, camera.cx, camera.cy), (640, 512, 320.0, 256.0));
+        assert!((camera.fx - 569.468_200_41).abs() < 1e-6);
+        assert_eq!((camera.pose.c, camera.optical_axis()), (DVec3::ZERO, DVec3::NEG_Z));
+        let report = check(&path, &LoadOptions::default(), Depth::Pixels);
+        assert!(!report.can_train() && report.problems.len() == 1, "{report}");
+        let text = report.to_string();
+        assert!(text.contains(&format!("there are {n} poses")) && text.contains("`masks` and `depth`"), "{text}");
+        assert!(text.contains(&format!("times: {n} frames, {n} distinct, 0 to 1")), "{text}");
+    }
+}
+
+#[test]
 fn poses_without_images_say_what_is_missing() {
     let Some(path) = data("endonerf/pulling_soft_tissues_poses_only") else { return };
     let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("holds no folder of images"), "{error}");
+    assert!(error.contains("holds no folder of images: there are 63 poses"), "{error}");
     let Some(path) = data("davis/lady-running") else { return };
     let error = load(&path, &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("transforms_train.json (blender)") && error.contains("poses_bounds.npy (llff)"), "{error}");

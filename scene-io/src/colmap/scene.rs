@@ -164,6 +164,8 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
             depth: None,
             transient: None,
             moving: None,
+            covisible: None,
+            ids: None,
             tracks: tracks.seen_in(image),
             z_bounds: z_bounds(&model, image.pose, &image.point_ids),
             sharpness: None,

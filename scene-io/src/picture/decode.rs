@@ -82,7 +82,8 @@ pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), Scene
     Ok((labels, size))
 }
 
-fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
+/// Decodes a file to whatever it holds, with the limits of [`limits`].
+pub(crate) fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
     let bytes = crate::files::read_bytes(path)?;
     if bytes.is_empty() {
         return Err(zero_bytes(path));

@@ -5,7 +5,7 @@ mod header;
 mod resize;
 mod store;
 
-pub(crate) use decode::{decode_labels, decode_mask};
+pub(crate) use decode::{decode_dynamic, decode_labels, decode_mask};
 pub(crate) use header::read_header;
 pub(crate) use store::same_shape;
 pub use store::{ImageStore, StoreOptions};

@@ -5,7 +5,7 @@ use super::decode::{decode, decode_mask};
 use super::header::read_header;
 use super::resize::{fitted, resize, resize_mask};
 use crate::perturb::Perturbation;
-use crate::{ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
+use crate::{AlphaMeaning, ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
 use render_core::camera::Camera;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -45,6 +45,8 @@ struct Entry {
     image: ImageSource,
     mask: Option<(PathBuf, MaskPolarity)>,
     perturbation: Option<Arc<Perturbation>>,
+    /// Whether the file's alpha says which pixels may be used.
+    alpha_is_mask: bool,
     /// Camera at the size images are handed out.
     camera: Camera,
     native: (u32, u32),
@@ -167,6 +169,7 @@ impl Entry {
             image: frame.image.clone(),
             mask: frame.mask.clone().map(|path| (path, frame.mask_polarity)),
             perturbation: frame.perturbation.clone(),
+            alpha_is_mask: frame.alpha == AlphaMeaning::Used && channels == 4,
             camera: frame.camera.resized(width, height),
             native,
             channels,
@@ -179,9 +182,13 @@ impl Entry {
             ImageSource::Memory(image) => image.mask.is_some() || self.mask.is_some(),
             ImageSource::File(_) => self.mask.is_some(),
         };
-        let channels = if self.mask_is_alpha() { 4 } else { self.channels };
+        let channels = match (self.mask_is_alpha(), self.alpha_is_mask) {
+            (true, _) => 4,
+            (false, true) => 3,
+            (false, false) => self.channels,
+        };
         let has_mask = has_mask && !(self.mask_is_alpha() && matches!(self.image, ImageSource::File(_)));
-        pixels * (u64::from(channels) + u64::from(has_mask))
+        pixels * (u64::from(channels) + u64::from(has_mask || self.alpha_is_mask))
     }
 
     fn mask_is_alpha(&self) -> bool {
@@ -201,6 +208,9 @@ impl Entry {
             }
             ImageSource::Memory(image) => Image::clone(image),
         };
+        if self.alpha_is_mask {
+            native = alpha_to_mask(native);
+        }
         if let Some(perturbation) = &self.perturbation {
             perturbation.apply(&mut native);
         }
@@ -221,6 +231,19 @@ impl Entry {
         }
         Ok(image)
     }
+}
+
+/// The image without alpha; where that was below one half, pixels are ignored.
+fn alpha_to_mask(image: Image) -> Image {
+    if image.channels != 4 {
+        return image;
+    }
+    let mut mask: Vec<u8> = image.data.chunks_exact(4).map(|p| if p[3] >= 128 { 255 } else { 0 }).collect();
+    if let Some(own) = &image.mask {
+        mask.iter_mut().zip(own).for_each(|(mask, own)| *mask = (*mask).min(*own));
+    }
+    let data = image.data.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    Image { data, channels: 3, mask: Some(mask), ..image }
 }
 
 /// The image, transparent where `mask` (of size `from`) is below one half.

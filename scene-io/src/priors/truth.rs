@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// Passers-by and other things that do not belong to the place ([`Frame::transient`]) are read from `transient_mask_path`
 /// of a frame in any `transforms*.json`, and from `mask_path` of a Blender-form clutter file (see
 /// [`crate::TrainPhotos`]), whose sense is the opposite of nerfstudio's. Things that move at some time
-/// ([`Frame::moving`]) are read from `moving_path`.
+/// ([`Frame::moving`]) are read from `moving_path`. A mask file of zeros and ones counts as one of black and white.
 #[derive(Clone, Debug)]
 pub enum TruthMask {
     /// In a file.
@@ -38,11 +38,23 @@ impl Frame {
         self.moving.as_ref().map(|truth| self.read_truth(truth)).transpose()
     }
 
+    /// The pixels of a test frame that show what training frames saw, too (DyCheck's masked scores are taken on them), at the
+    /// mask's own size; `None` where it is not known. A mask of zeros and ones counts as one of black and white.
+    ///
+    /// # Errors
+    /// As [`Frame::read_transient`].
+    pub fn read_covisible(&self) -> Result<Option<BitMask>, SceneError> {
+        self.covisible.as_ref().map(|truth| self.read_truth(truth)).transpose()
+    }
+
     fn read_truth(&self, truth: &TruthMask) -> Result<BitMask, SceneError> {
         match truth {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
             TruthMask::File(path) => {
-                let (grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
+                let (mut grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
+                if grey.iter().all(|v| *v <= 1) {
+                    grey.iter_mut().for_each(|v| *v *= 255);
+                }
                 if !same_shape((width, height), self.size()) {
                     let (w, h) = self.size();
                     let what = format!("the truth mask is {width}x{height} and its photo {w}x{h}");
