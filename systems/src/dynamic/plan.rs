@@ -47,6 +47,11 @@ pub fn build(
     config.check()?;
     let mut ground = Ground::of(scene, data, run)?;
     let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    // Each pixel shows a moment of its own: more of them are worth more than each of them done better.
+    if field.rays_per_side > 1 {
+        field.rays_per_side = 1;
+        ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
+    }
     if name == "tineuvox" {
         tineuvox::field(&mut field);
     }
