@@ -313,6 +313,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         levels_anneal: 0,
         levels_first: 4,
         warp_levels: 8,
+        moves: false,
         voxels: 0,
         voxels_every: 500,
         log2_table,

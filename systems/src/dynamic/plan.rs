@@ -52,6 +52,7 @@ pub fn build(
         field.rays_per_side = 1;
         ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
     }
+    field.moves = config.deform().is_some();
     if name == "tineuvox" {
         tineuvox::field(&mut field);
     }

@@ -3,6 +3,7 @@
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
 //! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
+use super::cues::Cues;
 use super::field::{Field, sized};
 use super::grid_trainer::Part;
 use super::head::{PLACE_ROWS, place_features};
@@ -111,6 +112,8 @@ pub(super) struct StepContext<'a> {
     pub(super) truth: &'a [[f32; 3]],
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
+    /// Measured depth.
+    pub(super) cues: Option<&'a Cues>,
     pub(super) kernel: Kernel,
     /// Levels of the grid whose slopes lead what moves.
     pub(super) warp_levels: usize,
@@ -126,6 +129,14 @@ pub(super) struct StepContext<'a> {
 }
 
 impl StepContext<'_> {
+    /// Measured distance along the ray of pixel `i`, internal units; 0 where nothing is known.
+    pub(super) fn measured(&self, i: usize) -> f32 {
+        let Some(cues) = self.cues else { return 0.0 };
+        // A share of the width is not enough: a pixel is asked for, not a place.
+        let [x, y] = self.batch.pixel[i];
+        cues.at(self.batch.view[i], [x, y])
+    }
+
     /// Factor of the elastic loss.
     fn elastic(&self) -> f32 {
         self.field.deform.as_ref().map_or(0.0, |deform| deform.config().elastic)
@@ -329,7 +340,7 @@ impl Chunk {
                 let n = samples.len();
                 w[samples].copy_from_slice(&tile.w[..n]);
             }
-            let first = seen.len();
+            let (first, first_pixel) = (seen.len(), pixels.start);
             seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
             tile.set_bars(
                 ctx.per_pixel,
@@ -348,7 +359,7 @@ impl Chunk {
                     }
                 }),
             );
-            stats.loss += tile.backward(ctx, chunk, rays, out);
+            stats.loss += tile.backward(ctx, chunk, rays, first_pixel, out);
         });
         self.stats = stats;
         self.move_back(ctx);

@@ -62,6 +62,8 @@ pub struct NgpConfig {
     pub levels_first: usize,
     /// Levels whose slopes lead what moves, the coarsest first: those of the finest say little about where to go.
     pub warp_levels: usize,
+    /// Whether something moves: what is empty has to be so at all times.
+    pub moves: bool,
     /// Voxels along an axis, instead of a hash grid; 0: a hash grid. They begin with an eighth of them in all, and double in
     /// number three times.
     pub voxels: usize,

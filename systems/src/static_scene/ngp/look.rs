@@ -102,11 +102,18 @@ impl Look {
                     self.t.push(ray.start);
                     self.dt.push(ctx.marcher.shortest());
                 }
-                let marched = ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], |t, dt| {
-                    self.t.push(t);
-                    self.dt.push(dt);
-                });
-                self.dense += u64::from(marched.lattice);
+                let (all_t, all_dt) = (&mut self.t, &mut self.dt);
+                let mut visit = |t, dt| {
+                    all_t.push(t);
+                    all_dt.push(dt);
+                };
+                let measured = ctx.measured(i / ctx.per_pixel);
+                let cued = ctx.cues.map(|cues| cues.place((ray.start, ray.end), measured, ctx.jitter[i], &mut visit));
+                if let Some(count) = cued.filter(|&count| count > 0) {
+                    self.dense += u64::from(count);
+                } else {
+                    self.dense += u64::from(ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], visit).lattice);
+                }
             }
             self.offsets.push(self.t.len() as u32);
         }

@@ -18,6 +18,7 @@
 mod budget_tests;
 mod chunk;
 mod config;
+mod cues;
 mod field;
 mod fit;
 mod free_space;
@@ -42,6 +43,7 @@ mod tile;
 mod voxel_trainer;
 
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
+pub(crate) use cues::CueConfig;
 
 use crate::data::{Batch, Dataset};
 use crate::deform::{Deform, StillWork};
@@ -54,6 +56,7 @@ use crate::system::{
     Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
 };
 use chunk::Chunk;
+use cues::Cues;
 use field::Field;
 use occupy::{Moves, Occupy};
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
@@ -96,6 +99,8 @@ pub struct Ngp {
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
     grid: TableTrainer,
+    /// Measured depth; `None` where there is none, or nobody asks for it.
+    cues: Option<Cues>,
     density_adam: Adam,
     colour_adam: Adam,
     guard: NonFiniteGuard,
@@ -242,6 +247,7 @@ impl Ngp {
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
             grid: TableTrainer::new(&field.grid),
+            cues: None,
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
@@ -269,6 +275,15 @@ impl Ngp {
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
         let scene = if self.field.deform.is_some() { Moves::Yes } else { Moves::No };
         self.occupy.carve(&self.config, &self.space, data, scene)
+    }
+
+    /// Let measured depth lead the training.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when a depth map cannot be read.
+    pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<(), SystemError> {
+        self.cues = Cues::read(config, &self.space, data)?;
+        Ok(())
     }
 
     /// Share of the occupancy grid's cells that are empty for good.

@@ -25,6 +25,10 @@ const EAGER_SHARE: u32 = 2;
 /// Factor on a cell's running maximum each time it is looked at. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
+/// The same where things move: a cell that is full now and then is not looked at then each time.
+const DECAY_OF_MOTION: f32 = 0.95;
+/// Moments in which such a cell is looked at.
+const MOMENTS_OF_A_LOOK: u64 = 4;
 /// Cells looked at together.
 const TASK: usize = 4096;
 /// One in so many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
@@ -54,8 +58,9 @@ struct Looker {
     densities: DensityScratch,
     p: Vec<f32>,
     x: Vec<f32>,
-    /// Views whose moments are looked at; only where something moves.
+    /// Views whose moments are looked at, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
+    now: Vec<f32>,
 }
 
 /// Step rule of a march.
@@ -114,7 +119,7 @@ impl Occupy {
         Settings {
             resolution: config.occupancy as u32,
             cascades: config.cascades as u32,
-            decay: DECAY,
+            decay: if config.moves { DECAY_OF_MOTION } else { DECAY },
             threshold: first * (last / first).powf(settled.min(1.0)),
         }
     }
@@ -217,7 +222,31 @@ impl Occupy {
 
 impl Looker {
     /// Densities of cells, each at a random point, written over `out`.
+    ///
+    /// Where something moves, a cell is looked at in several moments, and its fullest counts: what is there for a short while
+    /// must not be taken for empty.
     fn look(&mut self, grid: &OccupancyGrid, field: &Field, space: &Space, rng: &Rng, cells: &[u32], out: &mut [f32]) {
+        if field.moments().len() < 2 {
+            return self.look_once(grid, field, space, rng, cells, out);
+        }
+        out.fill(0.0);
+        for round in 0..MOMENTS_OF_A_LOOK {
+            let mut now = std::mem::take(&mut self.now);
+            self.look_once(grid, field, space, &rng.substream(1 + round), cells, sized(&mut now, cells.len()));
+            out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
+            self.now = now;
+        }
+    }
+
+    fn look_once(
+        &mut self,
+        grid: &OccupancyGrid,
+        field: &Field,
+        space: &Space,
+        rng: &Rng,
+        cells: &[u32],
+        out: &mut [f32],
+    ) {
         let n = cells.len();
         let p = sized(&mut self.p, 3 * n);
         for (i, &id) in cells.iter().enumerate() {

@@ -41,6 +41,7 @@ impl Ngp {
     /// See [`crate::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
+        self.refine_depth(data, step)?;
         let start = Instant::now();
         if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
             self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
@@ -157,6 +158,7 @@ impl Ngp {
             background: &inputs.background,
             truth: &inputs.truth,
             jitter: &inputs.jitter,
+            cues: self.cues.as_ref(),
             kernel: self.config.kernel(),
             warp_levels: self.config.warp_levels,
             distortion: self.config.distortion,

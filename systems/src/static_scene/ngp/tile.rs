@@ -226,6 +226,7 @@ impl Tile {
         ctx: &StepContext<'_>,
         chunk: Marched<'_>,
         rays: Range<usize>,
+        first_pixel: usize,
         out: &mut Gradients<'_>,
     ) -> f64 {
         let (field, k) = (ctx.field, ctx.per_pixel);
@@ -259,6 +260,28 @@ impl Tile {
             Some(&*w_bar)
         } else {
             None
+        };
+        let w_bar = match ctx.cues.filter(|cues| cues.holds()) {
+            None => w_bar,
+            Some(cues) => {
+                let begun = w_bar.is_some();
+                let w_bar = sized(&mut self.w_bar, n);
+                if !begun {
+                    w_bar.fill(0.0);
+                }
+                let (t, dt) = (&chunk.t[samples.clone()], &chunk.dt[samples.clone()]);
+                for r in 0..count {
+                    let pixel = first_pixel + r / k;
+                    let (measured, weight) = (ctx.measured(pixel), ctx.batch.weight[pixel]);
+                    let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
+                    if measured > 0.0 && weight > 0.0 {
+                        let ray = (&w[span.clone()], &t[span.clone()], &dt[span.clone()]);
+                        let factor = weight * per_ray;
+                        loss += f64::from(factor * cues.learn(ray, measured, factor * ctx.share, &mut w_bar[span]));
+                    }
+                }
+                Some(&*w_bar)
+            }
         };
 
         let tau_bar = sized(&mut self.tau_bar, n);

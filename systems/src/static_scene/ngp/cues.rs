@@ -1,0 +1,230 @@
+//! What measured depth does for training (EndoNeRF, section 2): samples lie around it, rendered depth is held to it, and where
+//! the field disagrees most it is the measurement that gives way.
+
+use super::Ngp;
+use crate::data::Dataset;
+use crate::space::Space;
+use crate::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use losses::kernel::Kernel;
+use rayon::prelude::*;
+use render_core::bounds::percentile;
+use render_core::sample::{DepthCue, depth_cued};
+use scene_io::SceneError;
+use serde::{Deserialize, Serialize};
+
+/// What is made of measured depth. Fields of a system's settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CueConfig {
+    /// Factor of the depth loss; 0: none.
+    pub depth: f32,
+    /// Width of its Huber kernel, a share of the range of depths.
+    pub depth_delta: f32,
+    /// Samples of a ray around its measured depth; 0: rays are marched as others.
+    pub cue_samples: usize,
+    /// Their spread, a share of the range of depths, and the share of them that lies anywhere.
+    pub cue_spread: f32,
+    /// See `cue_spread`.
+    pub cue_anywhere: f32,
+    /// Steps between rounds in which measured depths give way to rendered ones; 0: they never do.
+    pub refine_every: u64,
+    /// Rounds of it.
+    pub refine_rounds: u64,
+    /// Share of a photo's depths that give way in a round.
+    pub refine_share: f32,
+}
+
+/// Measured depth of the training views.
+pub(super) struct Cues {
+    config: CueConfig,
+    /// `[views][height][width]`, internal distance along the pixel's ray; 0 where nothing is known.
+    t: Vec<Vec<f32>>,
+    /// `[views]`
+    widths: Vec<usize>,
+    /// Spread of depths over all views, internal units.
+    range: f32,
+}
+
+/// Shares of the depths at the ends of their range (EndoNeRF's own).
+const NEAREST: f64 = 0.03;
+const FURTHEST: f64 = 0.999;
+
+impl Cues {
+    /// Those of the training views, where any has depth.
+    pub(super) fn read(config: CueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
+        let views: Vec<Vec<f32>> =
+            (0..data.len()).into_par_iter().map(|i| distances(space, data, i)).collect::<Result<_, _>>()?;
+        let mut known: Vec<f64> = views.iter().flatten().filter(|&&t| t > 0.0).map(|&t| f64::from(t)).collect();
+        known.sort_unstable_by(f64::total_cmp);
+        let [Some(near), Some(middle), Some(far)] = [NEAREST, 0.5, FURTHEST].map(|share| percentile(&known, share))
+        else {
+            return Ok(None);
+        };
+        // Depths that are all the same have no range.
+        let range = (far - near).max(1e-3 * middle) as f32;
+        let widths = data.views().iter().map(|view| view.camera.width as usize).collect();
+        Ok(Some(Self { config, t: views, widths, range }))
+    }
+
+    /// Measured distance of a pixel; 0 where nothing is known.
+    pub(super) fn at(&self, view: u32, [x, y]: [u16; 2]) -> f32 {
+        let width = self.widths[view as usize];
+        self.t[view as usize].get(usize::from(y) * width + usize::from(x)).copied().unwrap_or(0.0)
+    }
+
+    /// Place samples around a measured distance, where that is asked for. How many.
+    pub(super) fn place(
+        &self,
+        (start, end): (f32, f32),
+        depth: f32,
+        jitter: f32,
+        mut visit: impl FnMut(f32, f32),
+    ) -> u32 {
+        let n = self.config.cue_samples;
+        if n == 0 || depth <= 0.0 || end <= start {
+            return 0;
+        }
+        let cue = DepthCue { sigma: self.config.cue_spread * self.range, uniform_share: self.config.cue_anywhere };
+        let (u, mut t) = (vec![jitter; n], vec![0.0; n]);
+        depth_cued(start, end, depth, cue, &u, &mut t);
+        for i in 0..n {
+            let next = t.get(i + 1).copied().unwrap_or(end);
+            visit(t[i], next - t[i]);
+        }
+        n as u32
+    }
+
+    /// What the expected distance of a ray, `sum w t / sum w`, costs; `factor` times its derivative is added to `w_bar`. Each
+    /// sample counts where the middle of its interval is, as renders have it.
+    pub(super) fn learn(
+        &self,
+        (w, t, dt): (&[f32], &[f32], &[f32]),
+        measured: f32,
+        factor: f32,
+        w_bar: &mut [f32],
+    ) -> f32 {
+        let at = |i: usize| t[i] + 0.5 * dt[i];
+        let sum: f32 = w.iter().sum::<f32>() + 1e-6;
+        let found = (0..w.len()).map(|i| w[i] * at(i)).sum::<f32>() / sum;
+        let kernel = Kernel::Huber { delta: self.config.depth_delta };
+        let slope = self.config.depth * kernel.derivative(found / self.range, measured / self.range) / self.range;
+        for (i, bar) in w_bar.iter_mut().enumerate() {
+            *bar += factor * slope * (at(i) - found) / sum;
+        }
+        self.config.depth * kernel.value(found / self.range, measured / self.range)
+    }
+
+    /// Whether rendered depth is held to measured depth.
+    pub(super) fn holds(&self) -> bool {
+        self.config.depth > 0.0
+    }
+
+    /// Whether measurements give way before this step.
+    fn is_due(&self, step: u64) -> bool {
+        let CueConfig { refine_every, refine_rounds, .. } = self.config;
+        refine_every > 0 && step > 0 && step.is_multiple_of(refine_every) && step / refine_every <= refine_rounds
+    }
+
+    /// What later steps depend on; nothing while measurements are as they were read.
+    pub(super) fn state(&self) -> Vec<Tensor<'_>> {
+        let view = |(i, t): (usize, &Vec<f32>)| Tensor {
+            shape: vec![t.len()],
+            ..f32_tensor(format!("cues.{i}"), t).into_owned()
+        };
+        if self.config.refine_every == 0 { Vec::new() } else { self.t.iter().enumerate().map(view).collect() }
+    }
+
+    /// Put back what [`Cues::state`] gave.
+    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        if self.config.refine_every > 0 {
+            let read = |(i, t): (usize, &Vec<f32>)| take_f32(state, &format!("cues.{i}"), t.len());
+            self.t = self.t.iter().enumerate().map(read).collect::<Result<_, _>>()?;
+        }
+        Ok(())
+    }
+}
+
+/// Internal distances of a view's pixels.
+fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneError> {
+    let view = data.view(i);
+    let (width, height) = (view.camera.width, view.camera.height);
+    let mut out = vec![0.0; (width * height) as usize];
+    let Some(map) = view.source.read_depth()? else { return Ok(out) };
+    let (map, axis) = (map.resized(width, height), view.camera.optical_axis());
+    for (k, (out, &z)) in out.iter_mut().zip(&map.z).enumerate() {
+        let Some(ray) = view.ray(k as u32 % width, k as u32 / width).filter(|_| z > 0.0) else { continue };
+        let at = space.internal_point(ray.o + ray.d * (f64::from(z) / ray.d.dot(axis)));
+        let inner = space.internal_ray(&ray);
+        *out = at.map_or(0.0, |p| (0..3).map(|a| (p[a] - inner.o[a]) * inner.d[a]).sum::<f32>().max(0.0));
+    }
+    Ok(out)
+}
+
+impl Ngp {
+    /// Let the measured depths that disagree most with the rendered ones give way to these (EndoNeRF, section 2.4). A depth
+    /// under a mask or without a rendered counterpart stays.
+    pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
+        let given = self.given_way(data, &mut cues);
+        self.cues = Some(cues);
+        given
+    }
+
+    fn given_way(&self, data: &Dataset, cues: &mut Cues) -> Result<(), SystemError> {
+        for view in 0..data.len() {
+            let (seen, image) = (data.view(view), data.image(view)?);
+            let width = seen.camera.width;
+            let used = |k: usize| image.mask.as_ref().is_none_or(|mask| mask[k] >= 128);
+            let known: Vec<usize> = (0..cues.t[view].len()).filter(|&k| cues.t[view][k] > 0.0 && used(k)).collect();
+            let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
+            let rays: Vec<_> = known.iter().filter_map(|&k| place(k)).collect();
+            let query = Query {
+                background: self.background.colour(),
+                layers: LayerRequest::default(),
+                error_budget: 1.0 / 255.0,
+                appearance: crate::system::Appearance::Mean,
+                time: seen.time,
+            };
+            let depth = self.render(&rays, &query).depth;
+            let found: Vec<f32> = rays
+                .iter()
+                .zip(depth)
+                .map(
+                    |(ray, t)| {
+                        if t.is_finite() { (f64::from(t) / self.space.world_distance(ray, 1.0)) as f32 } else { 0.0 }
+                    },
+                )
+                .collect();
+            give_way(&mut cues.t[view], &known, &found, cues.config.refine_share);
+        }
+        Ok(())
+    }
+}
+
+/// Replace the share of `t` at `known` that is furthest from `found`, strictly above the quantile; 0 in `found` is no depth.
+fn give_way(t: &mut [f32], known: &[usize], found: &[f32], share: f32) {
+    let pairs = known.iter().zip(found).filter(|(_, found)| **found > 0.0);
+    let mut errors: Vec<f64> = pairs.clone().map(|(&k, &found)| f64::from((t[k] - found).powi(2))).collect();
+    errors.sort_unstable_by(f64::total_cmp);
+    let Some(limit) = percentile(&errors, 1.0 - f64::from(share)) else { return };
+    for (&k, &found) in pairs {
+        if f64::from((t[k] - found).powi(2)) > limit {
+            t[k] = found;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_share_gives_way_and_what_agrees_stays() {
+        let mut t = vec![1.0, 1.0, 1.0, 0.0, 1.0];
+        give_way(&mut t, &[0, 1, 2, 4], &[1.0, 1.5, 1.01, 0.0], 0.34);
+        assert_eq!(t, [1.0, 1.5, 1.0, 0.0, 1.0], "one of three, not the one without a rendered depth");
+        let before = t.clone();
+        give_way(&mut t, &[0, 1, 2], &[1.0, 1.5, 1.0], 0.34);
+        assert_eq!(t, before, "nothing to replace where rendered equals stored");
+        give_way(&mut t, &[], &[], 0.5);
+    }
+}
