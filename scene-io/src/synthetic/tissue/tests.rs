@@ -8,11 +8,13 @@ fn small() -> TissueOptions {
 }
 
 fn images(scene: &Scene) -> Vec<&Image> {
-    let image = |image| match image {
-        &ImageSource::Memory(ref image) => image.as_ref(),
-        ImageSource::File(path) => panic!("{} is a file", path.display()),
-    };
-    scene.frames.iter().map(|f| image(&f.image)).collect()
+    fn data(image: &ImageSource) -> &Image {
+        match image {
+            ImageSource::Memory(image) => image,
+            ImageSource::File(path) => panic!("{} is a file", path.display()),
+        }
+    }
+    scene.frames.iter().map(|f| data(&f.image)).collect()
 }
 
 #[test]
