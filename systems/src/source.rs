@@ -2,7 +2,7 @@
 
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, orbit, plaza, tabletop};
+use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
 use scene_io::{Depth, Disturbance, Report, Scene, TrainPhotos};
 use std::path::Path;
 
@@ -68,14 +68,15 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
     let photos = data.load_options()?.train_photos;
     match name {
         "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
-        "tabletop" | "orbit" if photos == TrainPhotos::Clean => {
+        "tabletop" | "orbit" | "tissue" if photos == TrainPhotos::Clean => {
             Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
         "orbit" => Ok(orbit(&OrbitOptions::default())),
+        "tissue" => Ok(tissue(&TissueOptions::default())),
         other => Err(RunError::Option(format!(
-            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit` and \
-             `{SYNTHETIC}plaza`"
+            "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit`, \
+             `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
         ))),
     }
 }

@@ -5,10 +5,12 @@
 //! directions are computed.
 
 mod batch;
+mod guide;
 mod patches;
 mod view;
 
 pub use batch::Batch;
+pub use guide::Guide;
 pub use patches::{Patches, Shape};
 pub use view::View;
 

@@ -1,6 +1,7 @@
 //! Settings of systems for scenes that move; all of them can be given as `--set name=value`, beside those of the field.
 
 use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
+use crate::static_scene::ngp::CueConfig;
 use crate::system::SystemError;
 use serde::{Deserialize, Serialize};
 
@@ -52,7 +53,6 @@ pub enum OriginKind {
 
 /// Settings of a system for scenes that move.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct DynamicConfig {
     /// How a moment is told to the networks: `time`, `network` or `codes`.
     pub moment: MomentKind,
@@ -111,6 +111,11 @@ pub struct DynamicConfig {
     pub background: f32,
     /// Points of a step for it.
     pub background_points: usize,
+    /// Whether masks lead the rays: none through a tool, more where it often is.
+    pub guided: bool,
+    /// What is made of measured depth.
+    #[serde(flatten)]
+    pub cues: CueConfig,
     /// Steps after which all frames have come in, in the order of time; 0: they are there from the start.
     pub curriculum: u64,
     /// Learning rate of the deformation's networks, a factor of the field's.
@@ -150,6 +155,8 @@ impl DynamicConfig {
             elastic_at: ElasticAt::Middle,
             background: 0.0,
             background_points: 1024,
+            guided: false,
+            cues: CueConfig::NONE,
             curriculum: 0,
             warp_lr: 0.1,
             moment_lr: 1.0,
@@ -236,6 +243,7 @@ impl DynamicConfig {
                 return bad(field, value.to_string(), "must be in 1..=1024");
             }
         }
+        self.cues.check()?;
         for (field, value) in [("warp_lr", self.warp_lr), ("moment_lr", self.moment_lr)] {
             if !(0.0..=100.0).contains(&value) {
                 return bad(field, value.to_string(), "must be in 0..=100");

@@ -9,10 +9,12 @@
 //! | `d-nerf` | time | displacement, none at `t = 0` | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
+//! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | time, through a network | displacement | time and place, beside voxels |
 
 mod config;
 mod d_nerf;
+mod endo_nerf;
 mod hyper_nerf;
 mod nerfies;
 mod plan;

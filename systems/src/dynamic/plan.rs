@@ -1,7 +1,7 @@
 //! What does this video need? The system built from its name and its settings.
 
 use super::config::DynamicConfig;
-use super::{d_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
+use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::options::{Plan, RunOptions};
@@ -10,7 +10,7 @@ use crate::system::{System, SystemError};
 use scene_io::Scene;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 6] = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox"];
+pub const SYSTEMS: [&str; 7] = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox", "endo-nerf"];
 
 /// Settings of a named system.
 fn named(name: &str) -> Result<DynamicConfig, SystemError> {
@@ -21,6 +21,7 @@ fn named(name: &str) -> Result<DynamicConfig, SystemError> {
         "nerfies" => nerfies::settings(),
         "hypernerf" => hyper_nerf::settings(),
         "tineuvox" => tineuvox::settings(),
+        "endo-nerf" => endo_nerf::settings(),
         other => {
             return Err(SystemError::Config {
                 field: "system",
@@ -53,15 +54,33 @@ pub fn build(
         ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
     }
     field.moves = config.deform().is_some();
-    if name == "tineuvox" {
-        tineuvox::field(&mut field);
+    match name {
+        "tineuvox" => tineuvox::field(&mut field),
+        "endo-nerf" => endo_nerf::field(&mut field),
+        _ => {}
     }
     let mut known = table(&config);
     known.extend(table(&field));
     refuse_unknown(run, &known)?;
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
-    let system = ground.moving(data, &field, run.seed, scene, (name_of(name), deform))?;
+    let mut system = ground.moving(data, &field, run.seed, scene, (name_of(name), deform))?;
+    if config.guided {
+        let led = system.follow_masks(data)?;
+        ground.lines.push(if led {
+            "rays: none under the masks, more where they often are".into()
+        } else {
+            "rays: anywhere (no masks, or views of different sizes)".into()
+        });
+    }
+    if config.cues.asks() {
+        let known = system.follow_depth(config.cues, data)?;
+        ground.lines.push(if known {
+            "depth: measured depths lead samples and are held to".into()
+        } else {
+            "depth: none is measured, so nothing is held to it".into()
+        });
+    }
     let mut all = table(&config);
     all.extend(table(&field));
     all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));

@@ -33,6 +33,46 @@ pub struct CueConfig {
     pub refine_share: f32,
 }
 
+impl CueConfig {
+    /// Measured depth is left alone.
+    pub const NONE: Self = Self {
+        depth: 0.0,
+        depth_delta: 0.2,
+        cue_samples: 0,
+        cue_spread: 0.05,
+        cue_anywhere: 0.1,
+        refine_every: 0,
+        refine_rounds: 4,
+        refine_share: 0.1,
+    };
+
+    /// Whether anything is made of it.
+    pub(crate) fn asks(&self) -> bool {
+        self.depth > 0.0 || self.cue_samples > 0
+    }
+
+    /// Check the ranges.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        for (field, value, range) in [
+            ("depth", self.depth, 0.0..=1e3),
+            ("depth_delta", self.depth_delta, 1e-4..=1e3),
+            ("cue_samples", self.cue_samples as f32, 0.0..=1024.0),
+            ("cue_spread", self.cue_spread, 0.0..=10.0),
+            ("cue_anywhere", self.cue_anywhere, 0.0..=1.0),
+            ("refine_share", self.refine_share, 0.0..=1.0),
+        ] {
+            if !range.contains(&value) {
+                let problem = format!("must be in {}..={}", range.start(), range.end());
+                return Err(SystemError::Config { field, value: value.to_string(), problem });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Measured depth of the training views.
 pub(super) struct Cues {
     config: CueConfig,

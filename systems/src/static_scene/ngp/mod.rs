@@ -43,9 +43,9 @@ mod tile;
 mod voxel_trainer;
 
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
-pub(crate) use cues::CueConfig;
+pub use cues::CueConfig;
 
-use crate::data::{Batch, Dataset};
+use crate::data::{Batch, Dataset, Guide};
 use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
@@ -99,6 +99,8 @@ pub struct Ngp {
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
     grid: TableTrainer,
+    /// Which pixels are drawn, where masks say so.
+    guide: Option<Guide>,
     /// Measured depth; `None` where there is none, or nobody asks for it.
     cues: Option<Cues>,
     density_adam: Adam,
@@ -247,6 +249,7 @@ impl Ngp {
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
             grid: TableTrainer::new(&field.grid),
+            guide: None,
             cues: None,
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
@@ -277,13 +280,22 @@ impl Ngp {
         self.occupy.carve(&self.config, &self.space, data, scene)
     }
 
-    /// Let measured depth lead the training.
+    /// Let masks lead the rays. Whether there are any.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when an image cannot be read.
+    pub(crate) fn follow_masks(&mut self, data: &Dataset) -> Result<bool, SystemError> {
+        self.guide = Guide::of(data)?;
+        Ok(self.guide.is_some())
+    }
+
+    /// Let measured depth lead the training. Whether there is any.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a depth map cannot be read.
-    pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<(), SystemError> {
+    pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<bool, SystemError> {
         self.cues = Cues::read(config, &self.space, data)?;
-        Ok(())
+        Ok(self.cues.is_some())
     }
 
     /// Share of the occupancy grid's cells that are empty for good.

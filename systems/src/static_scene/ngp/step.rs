@@ -105,6 +105,9 @@ impl Ngp {
         let Inputs { batch, rays, .. } = &mut self.work.inputs;
         let pixels = self.rays.div_ceil(per_pixel);
         match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
+            Drawing::Pixels if let Some(guide) = &self.guide => {
+                data.draw_guided(self.seed, step, pixels, guide, batch)?
+            }
             Drawing::Pixels => {
                 let views = self.field.deform.as_ref().and_then(Deform::open_views);
                 data.draw_among(self.seed, step, pixels, views, batch)?;

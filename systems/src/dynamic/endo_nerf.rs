@@ -1,0 +1,40 @@
+//! EndoNeRF: tissue that deforms behind a tool, seen by a stereo endoscope that does not move (Wang, Long, Fan, Dou, "Neural
+//! Rendering for Stereo 3D Reconstruction of Deformable Tissues in Robotic Surgery", 2022).
+//!
+//! The field is D-NeRF's. What is added:
+//!
+//! ```text
+//! V = M (1 + P)                    rays: none through the tool, more where it often is (section 2.2; `data::Guide`)
+//! t ~ N(D, s^2)                    samples around stereo depth (section 2.3)
+//! L = |C - C'|^2 + l Huber(D - D') depth, too (section 2.4)
+//! ```
+//!
+//! and now and then the stereo depths that disagree most with rendered ones give way to these. Distances are along rays in world
+//! units, not in normalised device coordinates; samples never leave the ray.
+
+use super::config::DynamicConfig;
+use super::d_nerf;
+use crate::static_scene::ngp::{CueConfig, NgpConfig};
+
+/// Settings.
+pub(super) fn settings() -> DynamicConfig {
+    DynamicConfig {
+        guided: true,
+        cues: CueConfig {
+            depth: 1.0,
+            depth_delta: 0.2,
+            cue_samples: 32,
+            cue_spread: 0.05,
+            cue_anywhere: 0.1,
+            refine_every: 400,
+            refine_rounds: 4,
+            refine_share: 0.1,
+        },
+        ..d_nerf::settings()
+    }
+}
+
+/// Its field: what is behind tissue is never seen.
+pub(super) fn field(config: &mut NgpConfig) {
+    config.sky = false;
+}
