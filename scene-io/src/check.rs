@@ -38,6 +38,8 @@ pub struct Report {
     pub focal: Option<(f64, f64)>,
     /// Bytes of all images once decoded at their native size.
     pub image_bytes: u64,
+    /// Mean share of the training photos' pixels that ignore masks leave; `None` without masks, or where they were not opened.
+    pub masks_leave: Option<f64>,
     /// What the depth maps hold; `None` where there are none, or they were not opened.
     pub depth: Option<DepthSummary>,
     /// What is wrong, errors first.
@@ -81,6 +83,7 @@ pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
                 lenses: Vec::new(),
                 focal: None,
                 image_bytes: 0,
+                masks_leave: None,
                 depth: None,
                 problems,
                 notes: Vec::new(),
@@ -98,7 +101,7 @@ impl Report {
     #[must_use]
     pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
         problems.extend(geometry(&scene));
-        let (mut image_bytes, mut summary) = (0, None);
+        let (mut image_bytes, mut masks_leave, mut summary) = (0, None, None);
         match ImageStore::new(&scene.frames, StoreOptions { budget_bytes: 0, ..StoreOptions::default() }) {
             Ok(store) => {
                 image_bytes = store.estimate_bytes();
@@ -109,6 +112,10 @@ impl Report {
                         .collect();
                     problems.extend(decoded.into_iter().flatten());
                     problems.extend(priors(&scene));
+                    match refuse_blank_masks(&scene.frames) {
+                        Ok(share) => masks_leave = share,
+                        Err(error) => problems.push(error.into_problem()),
+                    }
                     let (maps, more) = depth_maps(&scene);
                     summary = maps;
                     problems.extend(more);
@@ -125,6 +132,7 @@ impl Report {
             lenses: Vec::new(),
             focal: None,
             image_bytes,
+            masks_leave,
             depth: summary,
             problems,
             notes: Vec::new(),
@@ -224,7 +232,7 @@ fn priors(scene: &Scene) -> Vec<Problem> {
         ]
     };
     let errors: Vec<_> = scene.frames.par_iter().flat_map_iter(read).flatten().collect();
-    errors.into_iter().chain(refuse_blank_masks(&scene.frames).err()).map(|e| e.into_problem()).collect()
+    errors.into_iter().map(|e| e.into_problem()).collect()
 }
 
 /// What the depth maps hold, each read once, and what is wrong with them.
@@ -306,6 +314,9 @@ impl fmt::Display for Report {
                 Some((count, distinct, [first, last])) => {
                     writeln!(f, "times: {count} frames, {distinct} distinct, {first} to {last}")?;
                 }
+            }
+            if let Some(share) = self.masks_leave {
+                writeln!(f, "masks: {:.1} % of the training photos' pixels are used", 100.0 * share)?;
             }
             if let Some(depth) = &self.depth {
                 let range = match depth.range {

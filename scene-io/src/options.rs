@@ -17,7 +17,7 @@ pub struct LoadOptions {
     pub train_photos: TrainPhotos,
     /// Where ignore masks come from.
     pub masks: Masks,
-    /// What white means in them.
+    /// What white means in them. EndoNeRF's masks are [`MaskPolarity::WhiteIsIgnored`] by themselves.
     pub mask_polarity: MaskPolarity,
     /// Longest image side wanted: picks among `images`, `images_2`, `images_4`, … the smallest folder that has it.
     pub longest_side: Option<u32>,

@@ -193,7 +193,7 @@ pub struct Frame {
     pub camera: Camera,
     /// What the frame is for.
     pub split: Split,
-    /// Time in `[0, 1]` over the sequence.
+    /// Time in `[0, 1]` over the sequence, whatever the dialect wrote: see [`crate::time`].
     pub time: Option<f64>,
     /// Smallest and largest z depth of what is seen, world units.
     pub z_bounds: Option<[f64; 2]>,

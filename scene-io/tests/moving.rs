@@ -4,6 +4,7 @@ mod common;
 
 use common::{Dataset, npy, poses_bounds, still_poses};
 use glam::DVec3;
+use proptest::prelude::*;
 use scene_io::{
     Depth, DepthMeaning, DepthSource, Dialect, ErrorKind, FrameIds, Holdout, ImageStore, LayoutHint, LoadOptions,
     MaskPolarity, Masks, Scene, Severity, Split, StoreOptions, check, export, load, load_cameras,
@@ -155,6 +156,27 @@ fn different_exposures_are_told() {
     notes(&plain(&dataset), &["2 exposures (-3 to 1)"]);
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn time_is_between_0_and_1_in_the_order_written(
+        written in prop::collection::vec(prop_oneof![-1e3..1e3_f64, 0.0..1.0_f64, (0..9_i32).prop_map(f64::from)], 2..7),
+    ) {
+        let texts: Vec<String> = written.iter().map(f64::to_string).collect();
+        let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+        let got = times(&plain(&Dataset::d_nerf(&texts[1..], &texts[..1])));
+        // Test frames come last in the scene.
+        let got: Vec<f64> = got.iter().cycle().skip(texts.len() - 1).take(texts.len()).copied().collect();
+        prop_assert!(got.contains(&0.0) && got.iter().all(|t| (0.0..=1.0).contains(t)), "{got:?}");
+        for i in 1..got.len() {
+            // Rounding may make two of them one.
+            prop_assert!((got[i] - got[0]) * (written[i] - written[0]) >= 0.0);
+            prop_assert!(written[i] != written[0] || got[i] == got[0]);
+        }
+    }
+}
+
 // --- NR-NeRF ---
 
 #[test]
@@ -251,6 +273,7 @@ fn endonerf_is_read_with_masks_depth_and_truth() {
         "times: 5 frames, 5 distinct, 0 to 1",
         "depth: 5 maps, 50 to 65 world units, 1.0 % of the pixels not known",
         "truth: 5 masks of what does not belong",
+        "masks: 90.0 % of the training photos' pixels are used",
         "5 masks",
     ] {
         assert!(text.contains(part), "`{part}` is not in {text}");

@@ -2,8 +2,8 @@
 //!
 //! | file | numbers | unit |
 //! | --- | --- | --- |
-//! | `.npy`, `[height][width]` (or with a last dimension of 1) | as stored | the dialect's: world units, unless it says otherwise |
-//! | 16-bit or 8-bit grey `.png` | whole numbers | nerfstudio: millimetres, `1e-3`; EndoNeRF: those of the file |
+//! | `.npy`, `[height][width]` (or with a last dimension of 1) | as stored | world units; Nerfies' form: metres or millimetres, by their median |
+//! | 16-bit or 8-bit grey `.png` | whole numbers | `transforms*.json`: millimetres, `1e-3`; EndoNeRF: the numbers are the world unit |
 //! | `.exr` | channel `Z`, else `Y`, else `R`, else the first | as `.npy` |
 //!
 //! In memory a depth is always along the optical axis, in world units, and 0 where nothing is known.
