@@ -60,6 +60,9 @@ pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
     let poses: Vec<Pose> = cameras.iter().map(|c| c.pose).collect();
     let focal = cameras.iter().map(|c| 0.5 * (c.fx + c.fy)).sum::<f64>() / cameras.len().max(1) as f64;
     let cut_out = || silhouettes(scene, data).and_then(|points| masked_object(&cameras, &poses, focal, &points));
+    if let Some(layout) = still_camera(data, &poses, focal) {
+        return layout;
+    }
     match scene.layout {
         LayoutHint::Object { near, far } => object(&cameras, &poses, focal, near, far),
         LayoutHint::ForwardFacing => cut_out()
@@ -214,6 +217,45 @@ fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footpr
 }
 
 /// An inner cube around what the cameras look at, and the rest contracted.
+/// Whether all poses are the same, relative to the distance from the origin, which rounding is relative to.
+#[must_use]
+pub(crate) fn stands_still(poses: &[Pose]) -> bool {
+    let Some((a, rest)) = poses.split_first() else { return false };
+    let same = |b: &Pose| a.c.distance(b.c) <= 1e-9 * a.c.length().max(1.0) && a.r.abs_diff_eq(b.r, 1e-9);
+    !rest.is_empty() && rest.iter().all(same)
+}
+
+/// A camera that stands still and whose photos come with depth: a box around what it sees between the nearest and the furthest
+/// of them (EndoNeRF's percentiles). Depth that cannot be read is nobody's concern here.
+fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
+    if !stands_still(poses) {
+        return None;
+    }
+    let maps = data.views().iter().filter_map(|view| view.source.read_depth().ok().flatten());
+    let mut z: Vec<f64> = maps.flat_map(|map| map.z).filter(|&z| z > 0.0).map(f64::from).collect();
+    z.sort_unstable_by(f64::total_cmp);
+    let (near, far) = (0.9 * percentile(&z, 0.03)?, 1.1 * percentile(&z, 0.999)?);
+    let camera = data.views().first()?.camera;
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].into_iter().flat_map(|(u, v)| {
+        [near, far].map(|z| {
+            let local = DVec3::new((u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z);
+            camera.pose.to_world(local)
+        })
+    });
+    let (min, max) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+    let (centre, radius) = (0.5 * (min + max), 0.51 * (max - min).max_element());
+    Some(Layout {
+        kind: SpaceKind::Box,
+        centre,
+        radius,
+        cascades: 1,
+        footprint: 0.5 * (near + far) / focal / radius,
+        reference: None,
+        why: format!("the camera stands still and measures depth: a box around {near:.3} to {far:.3}"),
+    })
+}
+
 fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     let in_front = |p: &DVec3| poses.iter().filter(|c| (*p - c.c).dot(c.r.z_axis) > 0.0).count() * 2 > poses.len();
     let middle = mean_centre(poses).unwrap_or(DVec3::ZERO);

@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 use crate::deform::Deform;
-use crate::layout::{Layout, layout};
+use crate::layout::{Layout, layout, stands_still};
 use crate::method::Method;
 use crate::options::{Background, Plan, RunOptions};
 use crate::space::{Space, SpaceKind};
@@ -12,6 +12,7 @@ use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, Ngp, NgpConfig, Sampler};
 use crate::system::{System, SystemError};
 use float_core::Simd;
+use render_core::pose::Pose;
 use scene_io::Scene;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -36,6 +37,11 @@ pub(crate) struct Ground {
 impl Ground {
     pub(crate) fn of(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
         check_parallax(data, run)?;
+        Self::with_depth(scene, data, run)
+    }
+
+    /// The same where depth is known otherwise than by parallax.
+    pub(crate) fn with_depth(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
         let layout = layout(scene, data);
         let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
         let transparent = has_alpha(data)?;
@@ -203,12 +209,9 @@ fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
         Some(other) => return refuse(other.to_string(), "must be true or false".into()),
     }
     let [first, rest @ ..] = data.views() else { return Ok(()) };
-    let a = first.camera.pose;
-    // Relative to the distance from the origin, which rounding is relative to.
-    let same =
-        |b: render_core::pose::Pose| a.c.distance(b.c) <= 1e-9 * a.c.length().max(1.0) && a.r.abs_diff_eq(b.r, 1e-9);
+    let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
     // The same view at several scales is one view.
-    if rest.iter().all(|view| view.frame == first.frame) || !rest.iter().all(|view| same(view.camera.pose)) {
+    if rest.iter().all(|view| view.frame == first.frame) || !stands_still(&poses) {
         return Ok(());
     }
     let what = format!("all {} training cameras have the same pose: no parallax, so no depth", data.len());

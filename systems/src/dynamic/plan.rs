@@ -46,7 +46,8 @@ pub fn build(
     let (ours, fields) = split(run, &table(&planned));
     let config: DynamicConfig = settings(&planned, &ours)?;
     config.check()?;
-    let mut ground = Ground::of(scene, data, run)?;
+    let measured = config.cues.asks() && data.views().iter().any(|view| view.source.depth.is_some());
+    let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
     // Each pixel shows a moment of its own: more of them are worth more than each of them done better.
     if field.rays_per_side > 1 {

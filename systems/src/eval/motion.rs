@@ -6,7 +6,7 @@ use crate::data::View;
 use crate::error::RunError;
 use crate::render::Rendered;
 use image::RgbImage;
-use scene_io::DepthMap;
+use scene_io::{DepthMap, Split};
 use serde::{Deserialize, Serialize};
 
 /// Scores of motion and depth; `None` where the dataset holds no truth for them. Means over views in an evaluation.
@@ -16,6 +16,13 @@ pub struct MotionScore {
     /// PSNR of the pixels that show things that move at some time, dB.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr_moving: Option<f64>,
+    /// PSNR of the pixels of a held-out view that were hidden when the photo of its moment was taken, dB: the truth about what
+    /// does not belong to the place, of a view that shows the place itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub psnr_hidden: Option<f64>,
+    /// Mean absolute error of z depth there, world units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_hidden: Option<f64>,
     /// PSNR of the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr_still: Option<f64>,
@@ -50,8 +57,17 @@ impl MotionScore {
             score.psnr_moving = inside(picture, truth, &mask(true));
             score.psnr_still = inside(picture, truth, &mask(false));
         }
+        let hidden = view.source.read_transient()?.filter(|_| view.source.split == Split::Test);
+        let hidden: Option<Vec<bool>> = hidden.map(|hidden| hidden.resized(width, height).iter().collect());
+        if let Some(hidden) = &hidden {
+            let mask: Vec<u8> = hidden.iter().enumerate().map(|(k, &h)| if h && counts(k) { 255 } else { 0 }).collect();
+            score.psnr_hidden = inside(picture, truth, &mask);
+        }
         if let Some(depth) = view.source.read_depth()? {
             [score.depth_error, score.depth_relative] = depth_errors(view, rendered, &depth, counts);
+            if let Some(hidden) = &hidden {
+                [score.depth_hidden, _] = depth_errors(view, rendered, &depth, |k| hidden[k] && counts(k));
+            }
         }
         Ok(score)
     }
@@ -65,6 +81,8 @@ impl MotionScore {
         Self {
             psnr_moving: mean(|s| s.psnr_moving),
             psnr_still: mean(|s| s.psnr_still),
+            psnr_hidden: mean(|s| s.psnr_hidden),
+            depth_hidden: mean(|s| s.depth_hidden),
             depth_error: mean(|s| s.depth_error),
             depth_relative: mean(|s| s.depth_relative),
         }
@@ -85,6 +103,12 @@ impl MotionScore {
         }
         if let Some(db) = self.psnr_still {
             out.push(format!("everything else: {db:.3} dB"));
+        }
+        if let Some(db) = self.psnr_hidden {
+            out.push(format!("what was hidden: {db:.3} dB"));
+        }
+        if let Some(error) = self.depth_hidden {
+            out.push(format!("depth of what was hidden: {error:.4} world units off"));
         }
         if let (Some(error), Some(relative)) = (self.depth_error, self.depth_relative) {
             out.push(format!("depth: {error:.4} world units off, {:.2} %", 100.0 * relative));

@@ -174,8 +174,8 @@ fn grown(mask: &BitMask, margin: u32) -> BitMask {
 }
 
 /// Pictures of the tissue with a tool in front, as training frames: ignore mask, stereo depth and the true tool
-/// ([`Frame::transient`]); the same moments without the tool and with exact depth as test frames. What was hidden, and what
-/// of it can be recovered, says [`tissue_truth`].
+/// ([`Frame::transient`]); the same moments without the tool and with exact depth as test frames, whose [`Frame::transient`] is
+/// what was hidden and can be recovered. More says [`tissue_truth`].
 ///
 /// # Panics
 /// As [`tissue_truth`].
@@ -197,9 +197,10 @@ pub fn tissue(options: &TissueOptions) -> Scene {
             z_bounds: Some(z_bounds),
             ..Frame::new(format!("{}/{i:06}", split.name()), ImageSource::Memory(Arc::new(image)), camera)
         };
-        let hidden = Some(TruthMask::Memory(Arc::new(truth.tool)));
-        train.push(Frame { transient: hidden, ..frame(Split::Train, picture, truth.stereo_depth) });
-        test.push(frame(Split::Test, truth.without_tool, truth.tissue_depth));
+        let mask = |mask| Some(TruthMask::Memory(Arc::new(mask)));
+        train.push(Frame { transient: mask(truth.tool), ..frame(Split::Train, picture, truth.stereo_depth) });
+        let hidden = mask(truth.recoverable);
+        test.push(Frame { transient: hidden, ..frame(Split::Test, truth.without_tool, truth.tissue_depth) });
     }
     train.append(&mut test);
     Scene {
