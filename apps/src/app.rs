@@ -1,12 +1,16 @@
 //! What one app is and another is not. Commands and words are shared.
 
 use scene_io::Scene;
+use systems::RunError;
 use systems::data::Dataset;
-use systems::options::{Plan, RunOptions};
+use systems::options::{DataOptions, Plan, RunOptions};
 use systems::system::{System, SystemError};
 
 /// Makes a system for a scene and says what it decided.
 pub(crate) type BuildFn = fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError>;
+
+/// Reads a scene by its word or path.
+pub(crate) type LoadFn = fn(&str, &DataOptions) -> Result<Scene, RunError>;
 
 /// An app.
 pub(crate) struct App {
@@ -16,6 +20,8 @@ pub(crate) struct App {
     pub(crate) about: &'static str,
     /// System taken when none is named.
     pub(crate) default_system: &'static str,
+    /// Reads scenes.
+    pub(crate) load: LoadFn,
     /// Makes systems.
     pub(crate) build: BuildFn,
     /// Embedded scene of the demo.
@@ -35,6 +41,7 @@ pub(crate) static STATIC: App = App {
     name: "nerf-static",
     about: "Radiance fields of static scenes, reconstructed on the CPU",
     default_system: "ngp",
+    load: systems::source::load,
     build: systems::plan::build,
     demo_scene: "synthetic:tabletop",
     demo_folder: "runs/demo",
@@ -48,6 +55,7 @@ pub(crate) static DYNAMIC: App = App {
     name: "nerf-dynamic",
     about: "Radiance fields of scenes that move: a video in, any viewpoint at any time out",
     default_system: "d-nerf",
+    load: systems::dynamic::load,
     build: systems::dynamic::build,
     demo_scene: "synthetic:orbit",
     demo_folder: "runs/demo-dynamic",
@@ -61,6 +69,7 @@ pub(crate) static WILD: App = App {
     name: "nerf-wild",
     about: "Radiance fields from photos of many people: the place, without the passers-by, in any photo's light",
     default_system: "auto",
+    load: systems::source::load,
     build: systems::wild::build,
     demo_scene: "synthetic:plaza",
     demo_folder: "runs/demo-wild",

@@ -51,7 +51,7 @@ impl Session {
 
     /// Scenes from files and the embedded ones, systems by the app's plan, files to the disk.
     fn parts(&self) -> Parts<'static> {
-        systems::run::disk_parts(&systems::source::load, &self.app.build, self.app.default_system)
+        systems::run::disk_parts(&self.app.load, &self.app.build, self.app.default_system)
     }
 
     /// The run in a folder, at its newest checkpoint.

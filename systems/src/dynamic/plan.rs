@@ -4,13 +4,24 @@ use super::config::DynamicConfig;
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
-use crate::options::{Plan, RunOptions};
+use crate::error::RunError;
+use crate::options::{DataOptions, Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, ngp_settings, refuse_unknown, settings, split, table};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 
 /// Systems by name.
 pub const SYSTEMS: [&str; 7] = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox", "endo-nerf"];
+
+/// The scene a word or path names; images that say nothing of time are in the order of time.
+///
+/// # Errors
+/// As [`crate::source::load`].
+pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    let mut scene = crate::source::load(spec, data)?;
+    scene.time_by_order();
+    Ok(scene)
+}
 
 /// Settings of a named system.
 fn named(name: &str) -> Result<DynamicConfig, SystemError> {
