@@ -317,6 +317,8 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         levels_first: 4,
         warp_levels: 8,
         moves: false,
+        network_lr: 1.0,
+        density_layers: 1,
         voxels: 0,
         voxels_every: 500,
         log2_table,

@@ -141,7 +141,7 @@ impl Dataset {
         }
         batch.resize(n);
         self.ready(seed, step, batch)?;
-        let rng = Rng::new(seed, PIXELS).substream(step);
+        let rng = self.pixels_of(seed, step);
         batch.fill(|i, pool| self.draw_one(&rng, i, pool, views));
         Ok(())
     }
@@ -173,7 +173,12 @@ impl Dataset {
         });
     }
 
-    fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)], views: Option<&[u32]>) -> Drawn {
+    /// Random numbers of the pixels of a step.
+    pub(super) fn pixels_of(&self, seed: u64, step: u64) -> Rng {
+        Rng::new(seed, PIXELS).substream(step)
+    }
+
+    pub(super) fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)], views: Option<&[u32]>) -> Drawn {
         let mut drawn = Drawn::default();
         for attempt in 0..ATTEMPTS {
             let bits = rng.block_at(i * ATTEMPTS + attempt);

@@ -5,11 +5,13 @@
 //! directions are computed.
 
 mod batch;
+mod errors;
 mod guide;
 mod patches;
 mod view;
 
 pub use batch::Batch;
+pub use errors::ErrorMap;
 pub use guide::Guide;
 pub use patches::{Patches, Shape};
 pub use view::View;

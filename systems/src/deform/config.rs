@@ -12,6 +12,8 @@ pub struct DeformConfig {
     pub warp: Option<Warp>,
     /// Coordinates beyond space; `None`: there are none.
     pub ambient: Option<Ambient>,
+    /// Features of place and time; `None`: there are none.
+    pub planes: Option<PlanesOfTime>,
     /// What the density network sees besides the features of the warped point and its ambient coordinates.
     pub sees: Sees,
     /// Factor of the elastic loss, and its scale; 0: none.
@@ -67,22 +69,42 @@ pub enum Moment {
     },
 }
 
-/// The network that says where a point came from.
+/// Planes of features of place and time (k-planes): a network that sees them need not tell one place from another by its
+/// coordinates alone.
 #[derive(Clone, Debug, PartialEq)]
+pub struct PlanesOfTime {
+    /// Cells along an axis of each set of planes.
+    pub cells: Vec<usize>,
+    /// Features of a set.
+    pub features: usize,
+    /// Cells along the axis of time.
+    pub times: usize,
+    /// Learning rate, a factor of that of the networks.
+    pub rate: f64,
+    /// Who sees them.
+    pub seen_by: SeenBy,
+}
+
+/// Who sees planes of place and time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SeenBy {
+    /// The network of the warp.
+    #[default]
+    Warp,
+    /// The density network.
+    Density,
+    /// Both.
+    Both,
+}
+
+/// The network that says where a point came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Warp {
     /// Octaves of the position; with itself.
     pub octaves: usize,
     /// Steps over which they come in, coarse to fine (Nerfies, section 3.5); 0: all from the start.
     pub anneal: u64,
-    /// Planes of features of place and time (k-planes) that it sees besides: cells along an axis of each set of planes.
-    /// Empty: none.
-    pub planes: Vec<usize>,
-    /// Features of a set of planes.
-    pub plane_features: usize,
-    /// Cells along the axis of time.
-    pub plane_times: usize,
-    /// Learning rate of the planes, a factor of that of the networks.
-    pub plane_rate: f64,
     /// Width of the hidden layers.
     pub width: usize,
     /// Number of hidden layers.

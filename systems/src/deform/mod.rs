@@ -20,7 +20,7 @@ mod state;
 mod tests;
 mod times;
 
-pub use config::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
+pub use config::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, PlanesOfTime, SeenBy, Sees, Warp};
 pub(crate) use moments::Moments;
 pub(crate) use pass::{DeformGrad, DeformScratch, Points};
 pub(crate) use regular::StillWork;
@@ -111,6 +111,14 @@ fn init_planes(planes: &Planes, rng: &Rng, params: &mut [f32]) {
     }
 }
 
+fn new_planes(config: &PlanesOfTime) -> Result<Vec<Planes>, SystemError> {
+    let of = |&cells: &usize| {
+        let r = [cells, cells, cells, config.times].map(|r| r.min(1 << 16) as u32);
+        Planes::k_planes(r, config.features).map_err(refuse)
+    };
+    config.cells.iter().map(of).collect()
+}
+
 /// Hidden layers with a skip of the input into the fifth, where there are so many.
 fn network(inputs: usize, (depth, width): (usize, usize), outputs: usize) -> Result<Mlp, SystemError> {
     let skips = if depth > 4 { vec![4] } else { vec![] };
@@ -168,8 +176,9 @@ impl Deform {
         let ambients = config.ambient.map_or(1, |a| a.dims);
         let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Include)?;
         let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
-        let planes = config.warp.as_ref().map_or(Ok(Vec::new()), Self::new_planes)?;
-        let plane_rows: usize = planes.iter().map(Planes::features).sum();
+        let planes = config.planes.as_ref().map_or(Ok(Vec::new()), new_planes)?;
+        let leads = config.planes.as_ref().is_some_and(|p| p.seen_by != SeenBy::Density);
+        let plane_rows: usize = planes.iter().map(Planes::features).filter(|_| leads).sum();
         let warp = config.warp.as_ref().map(|w| {
             let outputs = if w.motion == Motion::Rigid { 6 } else { 3 };
             network(rows(&warp_point) + dims + plane_rows, (w.depth, w.width), outputs)
@@ -230,12 +239,9 @@ impl Deform {
         Ok(deform)
     }
 
-    fn new_planes(warp: &Warp) -> Result<Vec<Planes>, SystemError> {
-        let of = |&cells: &usize| {
-            let r = [cells, cells, cells, warp.plane_times].map(|r| r.min(1 << 16) as u32);
-            Planes::k_planes(r, warp.plane_features).map_err(refuse)
-        };
-        warp.planes.iter().map(of).collect()
+    /// Whether planes of place and time are seen by the warp (or by the density network).
+    fn planes_for(&self, whom: SeenBy) -> bool {
+        self.config.planes.as_ref().is_some_and(|p| p.seen_by == whom || p.seen_by == SeenBy::Both)
     }
 
     /// Rows that the density network sees besides features.
@@ -246,7 +252,8 @@ impl Deform {
             Sees::Moment => dims,
             Sees::MomentAndPoint { .. } => dims + self.seen_point.as_ref().map_or(0, Frequency::out_rows),
         };
-        seen + self.seen_ambient.as_ref().map_or(0, Frequency::out_rows)
+        let planes: usize = self.planes.iter().map(Planes::features).filter(|_| self.planes_for(SeenBy::Density)).sum();
+        seen + planes + self.seen_ambient.as_ref().map_or(0, Frequency::out_rows)
     }
 
     /// The training views that this step draws from; `None`: all. The first ones in time come first (D-NeRF, section 4.2:
@@ -311,8 +318,8 @@ impl Deform {
         let (networks, planes) = self.params.split_at_mut(self.plane_start);
         let (network_grad, plane_grad) = self.grad.split_at(self.plane_start);
         let mut bad = self.adam.step(self.simd, lr, networks, network_grad);
-        if let Some(warp) = self.config.warp.as_ref().filter(|w| !w.planes.is_empty()) {
-            bad += self.plane_adam.step(self.simd, lr * warp.plane_rate, planes, plane_grad);
+        if let Some(config) = &self.config.planes {
+            bad += self.plane_adam.step(self.simd, lr * config.rate, planes, plane_grad);
         }
         bad += self.learn_moments(&rows_bar, lr);
         self.steps += 1;

@@ -1,7 +1,7 @@
 //! The deformation as the papers write it, on the tape.
 
 use super::Deform;
-use super::config::{Motion, Sees};
+use super::config::{Motion, SeenBy, Sees};
 use crate::static_scene::parts::Part;
 use field_core::deform;
 use field_core::encoding::frequency::Frequency;
@@ -59,17 +59,19 @@ impl Deform {
         // Encodings and rotations are about the middle of the scene: the cube [-1, 1]^3.
         let q = tape.affine(x, 2.0, -1.0)?;
         let mut moved = Moved { x, seen: None };
+        let mut planes = Vec::with_capacity(ops.planes.len());
+        if !ops.planes.is_empty() {
+            let t = tape.constant(1, times.len(), times)?;
+            let place_and_time = tape.concat(&[q, t])?;
+            for (op, from, len) in &ops.planes {
+                let table = tape.param(*from, *len, 1)?;
+                planes.push(tape.custom(op, &[place_and_time, table])?);
+            }
+        }
         if let Some((encoding, network)) = &ops.warp {
             let point = tape.custom(encoding, &[q])?;
             let mut sees = vec![point, moment];
-            if !ops.planes.is_empty() {
-                let t = tape.constant(1, times.len(), times)?;
-                let place_and_time = tape.concat(&[q, t])?;
-                for (planes, from, len) in &ops.planes {
-                    let table = tape.param(*from, *len, 1)?;
-                    sees.push(tape.custom(planes, &[place_and_time, table])?);
-                }
-            }
+            sees.extend(planes.iter().filter(|_| self.planes_for(SeenBy::Warp)));
             let input = tape.concat(&sees)?;
             let said = network.apply(tape, input)?;
             let there = match self.config.warp.as_ref().map(|w| w.motion) {
@@ -94,6 +96,7 @@ impl Deform {
         if let Some(point) = &ops.seen_point {
             seen.push(tape.custom(point, &[q])?);
         }
+        seen.extend(planes.iter().filter(|_| self.planes_for(SeenBy::Density)));
         moved.seen = match seen[..] {
             [] => None,
             [one] => Some(one),

@@ -1,18 +1,7 @@
 use super::*;
 
 fn warp(motion: Motion, origin: Origin) -> Warp {
-    Warp {
-        octaves: 3,
-        anneal: 0,
-        planes: vec![3, 5],
-        plane_features: 2,
-        plane_times: 4,
-        plane_rate: 1.0,
-        width: 16,
-        depth: 2,
-        motion,
-        origin,
-    }
+    Warp { octaves: 3, anneal: 0, width: 16, depth: 2, motion, origin }
 }
 
 fn config(moment: Moment, motion: Motion) -> DeformConfig {
@@ -20,6 +9,7 @@ fn config(moment: Moment, motion: Motion) -> DeformConfig {
         moment,
         warp: Some(warp(motion, Origin::Free)),
         ambient: Some(Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [0, 0] }),
+        planes: Some(PlanesOfTime { cells: vec![3, 5], features: 2, times: 4, rate: 1.0, seen_by: SeenBy::Both }),
         sees: Sees::MomentAndPoint { octaves: 2 },
         elastic: 0.0,
         elastic_scale: 0.03,
@@ -121,6 +111,7 @@ fn nothing_is_warped_at_the_canonical_moment_and_its_gradient_passes() {
     let still = DeformConfig {
         warp: Some(warp(Motion::Translation, Origin::Canonical)),
         ambient: None,
+        planes: None,
         sees: Sees::Place,
         ..config(Moment::Time { octaves: 2 }, Motion::Translation)
     };
@@ -142,7 +133,12 @@ fn nothing_is_warped_at_the_canonical_moment_and_its_gradient_passes() {
 #[test]
 fn points_begin_where_they_are() {
     for motion in [Motion::Translation, Motion::Rigid] {
-        let start = DeformConfig { ambient: None, sees: Sees::Place, ..config(Moment::Codes { dims: 8 }, motion) };
+        let start = DeformConfig {
+            ambient: None,
+            planes: None,
+            sees: Sees::Place,
+            ..config(Moment::Codes { dims: 8 }, motion)
+        };
         let deform = Deform::of_times(start, Times::of_list(&[0.0, 1.0]), 1).unwrap();
         let (x, _) = points(9);
         let which = vec![1; 9];

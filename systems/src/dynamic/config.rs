@@ -1,6 +1,6 @@
 //! Settings of systems for scenes that move; all of them can be given as `--set name=value`, beside those of the field.
 
-use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
+use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, PlanesOfTime, SeenBy, Sees, Warp};
 use crate::static_scene::ngp::CueConfig;
 use crate::system::SystemError;
 use serde::{Deserialize, Serialize};
@@ -69,8 +69,10 @@ pub struct DynamicConfig {
     pub warp_octaves: usize,
     /// Steps over which these come in, coarse to fine; 0: all from the start.
     pub warp_anneal: u64,
-    /// Planes of features of place and time that it sees besides: cells along an axis of each set; none: `[]`.
-    pub warp_planes: Vec<usize>,
+    /// Planes of features of place and time: cells along an axis of each set; none: `[]`.
+    pub planes: Vec<usize>,
+    /// Who sees them: `warp`, `density` or `both`.
+    pub planes_seen_by: SeenBy,
     /// Features of a set of planes.
     pub plane_features: usize,
     /// Cells along the axis of time.
@@ -111,6 +113,8 @@ pub struct DynamicConfig {
     pub background: f32,
     /// Points of a step for it.
     pub background_points: usize,
+    /// Whether errors lead half of the rays: what moves is seen by one photo a moment.
+    pub by_error: bool,
     /// Whether masks lead the rays: none through a tool, more where it often is.
     pub guided: bool,
     /// What is made of measured depth.
@@ -136,7 +140,8 @@ impl DynamicConfig {
             origin: OriginKind::Free,
             warp_octaves: 6,
             warp_anneal: 0,
-            warp_planes: vec![],
+            planes: vec![],
+            planes_seen_by: SeenBy::Warp,
             plane_features: 8,
             plane_times: 24,
             plane_lr: 10.0,
@@ -155,6 +160,7 @@ impl DynamicConfig {
             elastic_at: ElasticAt::Middle,
             background: 0.0,
             background_points: 1024,
+            by_error: true,
             guided: false,
             cues: CueConfig::NONE,
             curriculum: 0,
@@ -170,7 +176,8 @@ impl DynamicConfig {
             WarpKind::Translation => Some(Motion::Translation),
             WarpKind::Rigid => Some(Motion::Rigid),
         };
-        if motion.is_none() && self.ambient == 0 && self.sees == SeesKind::Place {
+        let seen = self.sees != SeesKind::Place || (!self.planes.is_empty() && self.planes_seen_by != SeenBy::Warp);
+        if motion.is_none() && self.ambient == 0 && !seen {
             return None;
         }
         Some(DeformConfig {
@@ -183,10 +190,6 @@ impl DynamicConfig {
             },
             warp: motion.map(|motion| Warp {
                 octaves: self.warp_octaves,
-                planes: self.warp_planes.clone(),
-                plane_features: self.plane_features,
-                plane_times: self.plane_times,
-                plane_rate: self.plane_lr,
                 anneal: self.warp_anneal,
                 width: self.warp_width,
                 depth: self.warp_depth,
@@ -203,6 +206,13 @@ impl DynamicConfig {
                 depth: self.ambient_depth,
                 seen_octaves: 1,
                 anneal: [self.ambient_from, self.ambient_anneal],
+            }),
+            planes: (!self.planes.is_empty()).then(|| PlanesOfTime {
+                cells: self.planes.clone(),
+                features: self.plane_features,
+                times: self.plane_times,
+                rate: self.plane_lr,
+                seen_by: self.planes_seen_by,
             }),
             sees: match self.sees {
                 SeesKind::Place => Sees::Place,

@@ -26,7 +26,7 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
 /// Settings of a named system.
 fn named(name: &str) -> Result<DynamicConfig, SystemError> {
     Ok(match name {
-        "ngp" => DynamicConfig::still(),
+        "ngp" => DynamicConfig { by_error: false, ..DynamicConfig::still() },
         "t-nerf" => t_nerf::settings(),
         "d-nerf" => d_nerf::settings(),
         "nerfies" => nerfies::settings(),
@@ -77,6 +77,10 @@ pub fn build(
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
     let mut system = ground.moving(data, &field, run.seed, scene, (name_of(name), deform))?;
+    if config.by_error && config.curriculum == 0 && !config.guided {
+        system.follow_errors(data);
+        ground.lines.push("rays: half of them where the errors are".into());
+    }
     if config.guided {
         let led = system.follow_masks(data)?;
         ground.lines.push(if led {

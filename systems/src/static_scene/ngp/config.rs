@@ -64,6 +64,10 @@ pub struct NgpConfig {
     pub warp_levels: usize,
     /// Whether something moves: what is empty has to be so at all times.
     pub moves: bool,
+    /// Learning rate of the networks, a factor of that of the table.
+    pub network_lr: f32,
+    /// Hidden layers of the density network.
+    pub density_layers: usize,
     /// Voxels along an axis, instead of a hash grid; 0: a hash grid. They begin with an eighth of them in all, and double in
     /// number three times.
     pub voxels: usize,
@@ -211,7 +215,7 @@ impl NgpConfig {
     pub fn density_mlp(&self, inputs: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
             inputs,
-            hidden: vec![self.width],
+            hidden: vec![self.width; self.density_layers],
             outputs: self.geometry,
             bias: Bias::None,
             hidden_activation: Activation::Relu,
@@ -322,6 +326,10 @@ impl NgpConfig {
         }
         positive("step_min", f64::from(self.step_min))?;
         positive("lr", f64::from(self.lr))?;
+        positive("network_lr", f64::from(self.network_lr))?;
+        if !(1..=8).contains(&self.density_layers) {
+            return Err(bad("density_layers", self.density_layers, "must be in 1..=8"));
+        }
         positive("lr_tenfold", f64::from(self.lr_tenfold))?;
         positive("samples_per_ray", f64::from(self.samples_per_ray))?;
         positive("batch_samples", self.batch_samples as f64)?;

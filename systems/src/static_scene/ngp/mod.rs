@@ -45,7 +45,7 @@ mod voxel_trainer;
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 pub use cues::CueConfig;
 
-use crate::data::{Batch, Dataset, Guide};
+use crate::data::{Batch, Dataset, ErrorMap, Guide};
 use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
@@ -99,6 +99,8 @@ pub struct Ngp {
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
     grid: TableTrainer,
+    /// Where the photos are explained badly still, where that is asked for.
+    errors: Option<ErrorMap>,
     /// Which pixels are drawn, where masks say so.
     guide: Option<Guide>,
     /// Measured depth; `None` where there is none, or nobody asks for it.
@@ -249,6 +251,7 @@ impl Ngp {
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
             grid: TableTrainer::new(&field.grid),
+            errors: None,
             guide: None,
             cues: None,
             density_adam: Adam::new(field.density_params.len(), networks),
@@ -278,6 +281,11 @@ impl Ngp {
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
         let scene = if self.field.deform.is_some() { Moves::Yes } else { Moves::No };
         self.occupy.carve(&self.config, &self.space, data, scene)
+    }
+
+    /// Let errors lead the rays.
+    pub(crate) fn follow_errors(&mut self, data: &Dataset) {
+        self.errors = Some(ErrorMap::new(data));
     }
 
     /// Let masks lead the rays. Whether there are any.

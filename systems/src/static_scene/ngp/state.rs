@@ -36,6 +36,7 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
         out.push(f32_tensor("field.head", &head.params));
         push_adam(&mut out, "head", &head.adam);
     }
+    out.extend(ngp.errors.iter().flat_map(|map| map.state()));
     out.extend(ngp.cues.iter().flat_map(|cues| cues.state()));
     out.extend(f.deform.iter().flat_map(|deform| deform.state()));
     out.extend(ngp.method.iter().flat_map(|method| method.state()));
@@ -95,6 +96,9 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config, counters[1]), &thickness, counters[1])
         .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
 
+    if let Some(map) = &mut ngp.errors {
+        map.load_state(tensors)?;
+    }
     if let Some(cues) = &mut ngp.cues {
         cues.load_state(tensors)?;
     }

@@ -8,7 +8,7 @@ use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
 use crate::deform::Deform;
-use crate::method::{Drawing, Outcome};
+use crate::method::{Drawing, Outcome, Pixel};
 use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
 use crate::system::{StepStats, SystemError};
@@ -76,13 +76,21 @@ impl Ngp {
         }
         self.relight(data, step)?;
         let mut stats = self.count(rays);
+        if let Some(mut map) = self.errors.take() {
+            self.gather_seen();
+            let Work { inputs, seen, .. } = &self.work;
+            let squared = |(p, t): (&Pixel, &[f32; 3])| (0..3).map(|c| (p.rgb[c] - t[c]).powi(2)).sum::<f32>();
+            map.learn(step, &inputs.batch, seen.iter().zip(&inputs.truth).map(squared));
+            self.errors = Some(map);
+        }
 
         let lr = f64::from(self.config.learning_rate(step));
         let start = Instant::now();
         let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
-        let bad = bad + self.update_networks(lr) + self.update_deform(step, lr) + self.update_method(&plan, lr);
+        let network_lr = lr * f64::from(self.config.network_lr);
+        let bad = bad + self.update_networks(network_lr) + self.update_deform(step, lr) + self.update_method(&plan, lr);
         self.seconds.optimise += since(start);
         if self.field.head.is_some() {
             stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
@@ -107,6 +115,9 @@ impl Ngp {
         match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
             Drawing::Pixels if let Some(guide) = &self.guide => {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
+            }
+            Drawing::Pixels if let Some(map) = &self.errors => {
+                data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
                 let views = self.field.deform.as_ref().and_then(Deform::open_views);
