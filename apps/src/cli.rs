@@ -329,7 +329,7 @@ pub(crate) struct Export {
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,
     /// Time of a scene that moves, 0 the first moment and 1 the last
-    #[arg(long, default_value_t = 0.0, value_name = "T")]
+    #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = moment)]
     pub(crate) time: f64,
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]
@@ -397,6 +397,16 @@ impl From<BackgroundWord> for Background {
             BackgroundWord::Black => Self::Black,
             BackgroundWord::Random => Self::Random,
         }
+    }
+}
+
+/// A time of a scene that moves.
+fn moment(text: &str) -> Result<f64, String> {
+    let path: TimePath = text.parse()?;
+    if path.is_still() {
+        Ok(path.at(0, 1))
+    } else {
+        Err(format!("`{text}` is a way from one time to another: give one time"))
     }
 }
 

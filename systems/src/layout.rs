@@ -216,7 +216,6 @@ fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footpr
     }
 }
 
-/// An inner cube around what the cameras look at, and the rest contracted.
 /// Whether all poses are the same, relative to the distance from the origin, which rounding is relative to.
 #[must_use]
 pub(crate) fn stands_still(poses: &[Pose]) -> bool {
@@ -256,6 +255,7 @@ fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
     })
 }
 
+/// An inner cube around what the cameras look at, and the rest contracted.
 fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     let in_front = |p: &DVec3| poses.iter().filter(|c| (*p - c.c).dot(c.r.z_axis) > 0.0).count() * 2 > poses.len();
     let middle = mean_centre(poses).unwrap_or(DVec3::ZERO);

@@ -28,7 +28,7 @@ pub(crate) use times::Times;
 
 use crate::data::Dataset;
 use crate::static_scene::parts;
-use crate::system::SystemError;
+use crate::system::{SkipRow, SystemError};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::planes::Planes;
 use field_core::encoding::window;
@@ -38,6 +38,7 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use moments::TimeNetwork;
 use optim::{Adam, AdamConfig};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Stream of the initial parameters.
 const INIT: u64 = 0x6465_666f;
@@ -174,7 +175,8 @@ impl Deform {
         };
         let seen_point = encoding(seen, 3, Identity::Include)?;
         let ambients = config.ambient.map_or(1, |a| a.dims);
-        let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Include)?;
+        // Without the coordinates themselves, which no window weighs: nothing is seen of them before its time.
+        let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Omit)?;
         let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
         let planes = config.planes.as_ref().map_or(Ok(Vec::new()), new_planes)?;
         let leads = config.planes.as_ref().is_some_and(|p| p.seen_by != SeenBy::Density);
@@ -263,6 +265,18 @@ impl Deform {
         let open = (u128::from(self.steps) * all as u128).checked_div(self.config.curriculum.into());
         let open = open.map_or(all, |open| open as usize);
         (open < all).then(|| &self.order[..open.max(CURRICULUM_LEAST).min(all)])
+    }
+
+    /// Rows of the table of skips: points that were not warped, and octaves that were not there yet.
+    pub(crate) fn skips(&self) -> Vec<SkipRow> {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let (all, warped) = (read(&self.counts.all), read(&self.counts.warped));
+        let mut rows = Vec::new();
+        if self.config.warp.is_some_and(|warp| warp.origin == Origin::Canonical) {
+            let bound = "exact: nothing is warped at t = 0".to_string();
+            rows.push(SkipRow::counted("points at the canonical moment", (all - warped, all), "points", bound));
+        }
+        rows
     }
 
     /// Whether points are moved at all.

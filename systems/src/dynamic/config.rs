@@ -134,7 +134,7 @@ impl DynamicConfig {
     pub fn still() -> Self {
         Self {
             moment: MomentKind::Time,
-            time_octaves: 10,
+            time_octaves: 3,
             moment_dims: 8,
             warp: WarpKind::None,
             origin: OriginKind::Free,
@@ -160,7 +160,7 @@ impl DynamicConfig {
             elastic_at: ElasticAt::Middle,
             background: 0.0,
             background_points: 1024,
-            by_error: true,
+            by_error: false,
             guided: false,
             cues: CueConfig::NONE,
             curriculum: 0,

@@ -6,11 +6,18 @@
 //! (c, sigma) = Psi_x(gamma(x + dx), gamma(d))                      (equation 2)
 //! ```
 //!
-//! The canonical scene is that of `t = 0`, where the deformation is not evaluated.
+//! The canonical scene is that of `t = 0`, where the deformation is not evaluated. Besides the octaves of place and time its network
+//! sees planes of features of both, as the field sees a grid of features of place: minutes instead of days.
 
 use super::config::{DynamicConfig, OriginKind, WarpKind};
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {
-    DynamicConfig { warp: WarpKind::Translation, origin: OriginKind::Canonical, ..DynamicConfig::still() }
+    DynamicConfig {
+        warp: WarpKind::Translation,
+        origin: OriginKind::Canonical,
+        warp_octaves: 4,
+        planes: vec![16, 32],
+        ..DynamicConfig::still()
+    }
 }

@@ -21,6 +21,7 @@ pub(super) fn settings() -> DynamicConfig {
         moment_dims: 8,
         warp: WarpKind::Rigid,
         warp_octaves: 6,
+        planes: vec![16, 32],
         warp_anneal: 1000,
         elastic: 1e-3,
         background: 1.0,

@@ -5,9 +5,11 @@ use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::error::RunError;
+use crate::layout::stands_still;
 use crate::options::{DataOptions, Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, ngp_settings, refuse_unknown, settings, split, table};
 use crate::system::{System, SystemError};
+use render_core::pose::Pose;
 use scene_io::Scene;
 
 /// Systems by name.
@@ -26,7 +28,7 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
 /// Settings of a named system.
 fn named(name: &str) -> Result<DynamicConfig, SystemError> {
     Ok(match name {
-        "ngp" => DynamicConfig { by_error: false, ..DynamicConfig::still() },
+        "ngp" => DynamicConfig::still(),
         "t-nerf" => t_nerf::settings(),
         "d-nerf" => d_nerf::settings(),
         "nerfies" => nerfies::settings(),
@@ -58,6 +60,18 @@ pub fn build(
     let config: DynamicConfig = settings(&planned, &ours)?;
     config.check()?;
     let measured = config.cues.asks() && data.views().iter().any(|view| view.source.depth.is_some());
+    let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
+    let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
+    if stands_still(&poses) && has_depth && !measured {
+        return Err(SystemError::Config {
+            field: "system",
+            value: name.into(),
+            problem:
+                "the camera stands still, so there is no parallax, and this system makes nothing of the depth that was \
+                      measured; use `endo-nerf`, or set `depth=1`"
+                    .into(),
+        });
+    }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
     // Each pixel shows a moment of its own: more of them are worth more than each of them done better.
@@ -66,6 +80,8 @@ pub fn build(
         ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
     }
     field.moves = config.deform().is_some();
+    // Slopes of the finest levels say little about where to go.
+    field.warp_levels = field.levels.div_ceil(2);
     match name {
         "tineuvox" => tineuvox::field(&mut field),
         "endo-nerf" => endo_nerf::field(&mut field),

@@ -427,6 +427,7 @@ impl System for Ngp {
                 format!("transmittance < {}", self.config.train_stop),
             ),
         ];
+        rows.extend(self.field.deform.iter().flat_map(Deform::skips));
         rows.extend(self.skipped.left_out.ignored_row());
         rows.extend(self.skipped.left_out.strangers_row());
         rows.extend(render::skip_rows(&self.skipped.renders));
