@@ -84,6 +84,8 @@ pub(super) struct Cues {
     range: f32,
 }
 
+/// Rays of a round of refinement, roughly: a few seconds.
+const REFINE_RAYS: u64 = 150_000;
 /// Shares of the depths at the ends of their range (EndoNeRF's own).
 const NEAREST: f64 = 0.03;
 const FURTHEST: f64 = 0.999;
@@ -204,17 +206,23 @@ impl Ngp {
     /// under a mask or without a rendered counterpart stays.
     pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
-        let given = self.given_way(data, &mut cues);
+        let given = self.given_way(data, &mut cues, step);
         self.cues = Some(cues);
         given
     }
 
-    fn given_way(&self, data: &Dataset, cues: &mut Cues) -> Result<(), SystemError> {
+    fn given_way(&self, data: &Dataset, cues: &mut Cues, step: u64) -> Result<(), SystemError> {
+        // Of many photos, some pixels in each round: others each time.
+        let stride = (data.pixel_count() as f64 / REFINE_RAYS as f64).sqrt().ceil().max(1.0) as usize;
+        let round = (step / cues.config.refine_every) as usize;
+        let [column, row] = [round % stride, round / stride % stride];
         for view in 0..data.len() {
             let (seen, image) = (data.view(view), data.image(view)?);
             let width = seen.camera.width;
             let used = |k: usize| image.mask.as_ref().is_none_or(|mask| mask[k] >= 128);
-            let known: Vec<usize> = (0..cues.t[view].len()).filter(|&k| cues.t[view][k] > 0.0 && used(k)).collect();
+            let turn = |k: usize| k % width as usize % stride == column && k / width as usize % stride == row;
+            let asked = (0..cues.t[view].len()).filter(|&k| turn(k) && cues.t[view][k] > 0.0 && used(k));
+            let known: Vec<usize> = asked.collect();
             let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
             let rays: Vec<_> = known.iter().filter_map(|&k| place(k)).collect();
             let query = Query {
