@@ -46,7 +46,6 @@ pub(crate) enum ProgressKind {
 }
 
 #[derive(Debug, Subcommand)]
-#[expect(clippy::large_enum_variant, reason = "there is one, once")]
 pub(crate) enum Command {
     /// The whole job on an embedded synthetic scene: train, evaluate, render, report
     Demo(Demo),

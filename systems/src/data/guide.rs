@@ -25,6 +25,7 @@ impl Guide {
     ///
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
+    #[expect(clippy::missing_panics_doc, reason = "all masks are as large as the first, and weights are 0 or 1 to 2")]
     pub fn of(data: &Dataset) -> Result<Option<Self>, SceneError> {
         let Some(first) = data.views().first() else { return Ok(None) };
         let size = (first.camera.width, first.camera.height);

@@ -62,13 +62,14 @@ pub fn build(
     let measured = config.cues.asks() && data.views().iter().any(|view| view.source.depth.is_some());
     let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
-    if stands_still(&poses) && has_depth && !measured {
+    let accepted = run.set.get(NO_PARALLAX) == Some(&toml::Value::Boolean(true));
+    if stands_still(&poses) && has_depth && !measured && !accepted {
         return Err(SystemError::Config {
             field: "system",
             value: name.into(),
             problem:
                 "the camera stands still, so there is no parallax, and this system makes nothing of the depth that was \
-                      measured; use `endo-nerf`, or set `depth=1`"
+                      measured; use `endo-nerf`, set `depth=1`, or set `accept_no_parallax=true`"
                     .into(),
         });
     }

@@ -15,7 +15,7 @@ use optim::Adam;
 /// A table's shape. Its parameters lie in the field.
 pub(super) enum Table {
     /// Levels of growing resolution, each with its weight: 0 for those that are not there yet.
-    Hash(HashGrid, Vec<f32>),
+    Hash(Box<HashGrid>, Vec<f32>),
     /// One grid, and the octaves of what it holds.
     Voxels(MultiDistance, Frequency),
 }
@@ -37,7 +37,7 @@ impl Table {
             let grid = config.grid()?;
             let mut weights = vec![1.0; grid.levels().len()];
             config.level_weights(steps, &mut weights);
-            return Ok(Self::Hash(grid, weights));
+            return Ok(Self::Hash(Box::new(grid), weights));
         }
         let grid = MultiDistance::new([config.voxels_after(steps) as u32; 3], config.features).map_err(refuse)?;
         let lift = Frequency::new(grid.out_rows(), OCTAVES, Base::One, Identity::Include).map_err(refuse)?;
