@@ -75,7 +75,7 @@ fn a_small_one_learns_the_table_at_two_scales() {
     let mut sigma = [0.0; 2];
     let [low, high] = system.bounds();
     let middle = [0, 1, 2].map(|a| 0.5 * (low[a] + high[a]));
-    system.density(&[middle, [1e3; 3]], &mut sigma);
+    system.density(&[middle, [1e3; 3]], 0.0, &mut sigma);
     assert!(sigma[0] >= 0.0 && sigma[0].is_finite() && sigma[1] == 0.0, "{sigma:?}");
 }
 

@@ -142,14 +142,14 @@ impl System for Sky {
         }
     }
 
-    fn density(&self, points: &[[f64; 3]], out: &mut [f32]) {
+    fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
         // A solid unit ball: something to export.
         for (p, out) in points.iter().zip(out) {
             *out = if DVec3::from(*p).length() < 1.0 { 100.0 } else { 0.0 };
         }
     }
 
-    fn colour(&self, points: &[[f64; 3]], _d: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    fn colour(&self, points: &[[f64; 3]], _d: &[[f32; 3]], _time: f64, out: &mut [[f32; 3]]) {
         for (p, out) in points.iter().zip(out) {
             let cell = Self::cell(DVec3::from(*p));
             *out = self.colour[cell * 3..][..3].try_into().unwrap();

@@ -108,11 +108,11 @@ impl System for Lit {
         Ok(self.lights.then(|| photo.data.chunks_exact(3).map(is_static).collect()))
     }
 
-    fn density(&self, _: &[[f64; 3]], out: &mut [f32]) {
+    fn density(&self, _: &[[f64; 3]], _: f64, out: &mut [f32]) {
         out.fill(0.0);
     }
 
-    fn colour(&self, _: &[[f64; 3]], _: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    fn colour(&self, _: &[[f64; 3]], _: &[[f32; 3]], _: f64, out: &mut [[f32; 3]]) {
         out.fill([0.0; 3]);
     }
 

@@ -168,8 +168,8 @@ fn what_lies_before_the_points_of_photos_is_empty() {
         let half_way: Vec<_> = data.views().iter().map(|v| v.camera.pose.c.lerp(CENTRE, 0.5).to_array()).collect();
         let on_it: Vec<_> = scene.points.iter().map(|p| p.xyz.to_array()).collect();
         let [mut fog, mut ball] = [vec![0.0; half_way.len()], vec![0.0; on_it.len()]];
-        system.density(&half_way, &mut fog);
-        system.density(&on_it, &mut ball);
+        system.density(&half_way, 0.0, &mut fog);
+        system.density(&on_it, 0.0, &mut ball);
         (empty, fog, ball.iter().filter(|sigma| **sigma > 0.0).count())
     };
     let ((plain, _, _), (empty, fog, ball)) = (trained(false), trained(true));
