@@ -28,9 +28,14 @@ pub(crate) struct Cli {
     #[arg(long, value_delimiter = ',', value_name = "NAME,…")]
     pub(crate) protocol: Vec<String>,
 
-    /// Training seconds of each protocol
-    #[arg(long, default_value_t = 300.0, value_name = "S", value_parser = seconds)]
-    pub(crate) seconds: f64,
+    /// Training seconds of each protocol, and of each row of the pages of moving scenes (default: 300, and what keeps such a
+    /// page below an hour)
+    #[arg(long, value_name = "S", value_parser = seconds, conflicts_with = "steps")]
+    pub(crate) seconds: Option<f64>,
+
+    /// Training steps of each row of the pages of moving scenes and of those from the wild
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) steps: Option<u64>,
 
     /// Threads where a figure is for several (default: all cores)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
@@ -55,5 +60,7 @@ mod tests {
         assert!(Cli::try_parse_from(["nerf-bench", "--quick", "--only", "kernels,maths", "--out", "x"]).is_ok());
         assert!(Cli::try_parse_from(["nerf-bench", "--only", "weather"]).is_err());
         assert!(Cli::try_parse_from(["nerf-bench", "--seconds", "nan"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--seconds", "9", "--steps", "9"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--steps", "0"]).is_err());
     }
 }

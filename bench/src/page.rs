@@ -90,8 +90,11 @@ fn made_by(machine: &Machine) -> String {
     format!("`{command}`, commit {commit}, {date}; {line}.")
 }
 
+/// Whole or not at all: pages are rewritten while runs of hours may be stopped.
 fn save(path: &Path, text: &str) -> Result<(), BenchError> {
-    fs::write(path, text).map_err(BenchError::file(path))
+    let unfinished = path.with_extension("unfinished");
+    fs::write(&unfinished, text).map_err(BenchError::file(path))?;
+    fs::rename(&unfinished, path).map_err(BenchError::file(path))
 }
 
 #[cfg(test)]

@@ -90,6 +90,15 @@ impl Table {
         self.rows.is_empty()
     }
 
+    /// The columns in which anything was measured; all of a table without rows.
+    pub(crate) fn without_empty_columns(mut self) -> Self {
+        let told = |c: &usize| self.rows.is_empty() || self.rows.iter().any(|r| r[*c] != Cell::Missing);
+        let kept: Vec<usize> = (0..self.columns.len()).filter(told).collect();
+        self.columns = kept.iter().map(|&c| self.columns[c]).collect();
+        self.rows = self.rows.into_iter().map(|row| kept.iter().map(|&c| row[c].clone()).collect()).collect();
+        self
+    }
+
     /// A Markdown table; numbers right-aligned.
     pub(crate) fn markdown(&self) -> String {
         let numeric = |c: usize| self.rows.iter().any(|r| matches!(r[c], Cell::Number(_) | Cell::Decibels(_)));
@@ -177,5 +186,14 @@ mod tests {
         assert_eq!(table.csv().lines().count(), 3);
         table.row(["e".into(), Table::decibels(Some(31.125_4))]).unwrap();
         assert!(table.markdown().ends_with("| e | 31.13 |\n") && table.csv().ends_with("e,31.1254\n"));
+    }
+
+    #[test]
+    fn columns_without_anything_are_left_out() {
+        let mut table = Table::new("t", "c", &["a", "b", "c"]);
+        assert_eq!(table.clone().without_empty_columns().csv(), "a,b,c\n");
+        table.row(["x".into(), Cell::Missing, Cell::Missing]).unwrap();
+        table.row(["y".into(), Cell::Missing, 2.0.into()]).unwrap();
+        assert_eq!(table.without_empty_columns().csv(), "a,c\nx,\ny,2\n");
     }
 }

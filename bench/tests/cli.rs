@@ -32,6 +32,26 @@ fn check_csv(path: &Path) {
     }
 }
 
+/// Tables parse, plots are whole, links lead somewhere.
+fn check_pages(out: &Path) {
+    for entry in fs::read_dir(out).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy();
+        let text = fs::read_to_string(&path).unwrap();
+        if name.ends_with(".csv") {
+            check_csv(&path);
+        } else if name.ends_with(".svg") {
+            assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>") && !text.contains("NaN"), "{name}");
+        } else {
+            // Every file that a page names is there; nothing on it is no number.
+            for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+                assert!(out.join(link).exists(), "{name}: {link}");
+            }
+            assert!(!text.contains("NaN") && !text.contains("| inf"), "{name}");
+        }
+    }
+}
+
 #[test]
 fn quick_sections_write_pages_tables_and_plots() {
     let folder = tempfile::tempdir().unwrap();
@@ -54,21 +74,7 @@ fn quick_sections_write_pages_tables_and_plots() {
     ] {
         assert!(names.iter().any(|n| n == expected), "{expected} is not in {names:?}");
     }
-    for name in &names {
-        let path = out.join(name);
-        let text = fs::read_to_string(&path).unwrap();
-        if name.ends_with(".csv") {
-            check_csv(&path);
-        } else if name.ends_with(".svg") {
-            assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>") && !text.contains("NaN"), "{name}");
-        } else {
-            // Every file that a page names is there; nothing on it is no number.
-            for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-                assert!(out.join(link).exists(), "{name}: {link}");
-            }
-            assert!(!text.contains("NaN") && !text.contains("| inf"), "{name}");
-        }
-    }
+    check_pages(&out);
     let index = fs::read_to_string(out.join("README.md")).unwrap();
     assert!(index.contains("(ceilings.md)") && !index.contains("(kernels.md)"), "{index}");
     assert!(index.contains("--quick --only ceilings,quadrature"), "the command is on the page");
@@ -109,4 +115,30 @@ fn missing_datasets_are_skipped_loudly() {
     let err = String::from_utf8_lossy(&answer.stderr).into_owned();
     assert!(answer.status.success(), "{err}");
     assert!(err.contains("SKIPPED: fern"), "{err}");
+    let answer = bench(&["--only", "dynamic-nr", "--data", data, "--out", out.to_str().unwrap()]);
+    let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert!(answer.status.success() && err.contains("SKIPPED: nr"), "{err}");
+    assert!(fs::read_to_string(out.join("dynamic-nr.md")).unwrap().contains("**Not run**"));
+}
+
+#[test]
+fn pages_of_moving_scenes_have_a_row_a_system_and_end_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pages");
+    let words = ["--quick", "--only", "dynamic-orbit,dynamic-nr", "--steps", "4", "--out", out.to_str().unwrap()];
+    let answer = bench(&words);
+    let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert!(answer.status.success(), "{err}");
+    check_pages(&out);
+    let table = fs::read_to_string(out.join("dynamic-orbit-systems.csv")).unwrap();
+    assert!(table.starts_with("system,train / test views,steps,seconds,PSNR,moving,still,SSIM,"), "{table}");
+    let systems: Vec<&str> = table.lines().skip(1).map(|line| line.split(',').next().unwrap()).collect();
+    assert_eq!(systems[..6], ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox"]);
+    assert!(systems.len() > 6 && table.lines().skip(1).all(|line| line.contains("12 / 2,4,")), "{table}");
+    let curves = fs::read_to_string(out.join("dynamic-orbit-curves.csv")).unwrap();
+    assert_eq!(curves.lines().count(), table.lines().count());
+    let page = fs::read_to_string(out.join("dynamic-orbit.md")).unwrap();
+    assert!(page.contains("dynamic-orbit-time.svg") && !page.contains("Unfinished"), "{page}");
+    let video = fs::read_to_string(out.join("dynamic-nr.md")).unwrap();
+    assert!(video.contains("A quick run") && !video.contains('|'), "files are not read in quick runs: {video}");
 }

@@ -1,6 +1,6 @@
 //! Error budgets of a trained scene: time, bound, true error.
 
-use super::scene::{Subject, Trained, dataset, embedded, train};
+use super::scene::{Subject, Trained, dataset, embedded, train_seconds};
 use super::{Bench, Extent};
 use crate::error::BenchError;
 use crate::measure::{Case, interleaved};
@@ -54,7 +54,7 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
         subjects.extend(scenes.into_iter().flatten().map(|s| (s, 60.0)));
     }
     for (subject, seconds) in &subjects {
-        let trained = train(bench, subject, *seconds, &[])?;
+        let trained = train_seconds(bench, subject, *seconds, &[])?;
         series.push(Series::line(subject.name.as_str(), one(bench, &trained, &subject.name, &mut table)?));
     }
     let plot = Plot {
@@ -74,7 +74,7 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
 }
 
 /// One scene's rows; gives time as a share and largest error of each budget above 0.
-fn one(bench: &Bench, trained: &Trained, name: &str, table: &mut Table) -> Result<Vec<(f64, f64)>, BenchError> {
+fn one(bench: &Bench, trained: &Trained<'_>, name: &str, table: &mut Table) -> Result<Vec<(f64, f64)>, BenchError> {
     let views = trained.run.held_out.views();
     let cameras: Vec<&Camera> = views.iter().take(bench.pick(2, 4)).map(|v| &v.camera).collect();
     let background = trained.run.query().background;

@@ -1,7 +1,7 @@
 //! How cost grows: slopes of the logarithms, and what more threads give.
 
 use super::kernels::{CompositeBatch, GridBatch, Job, NetworkBatch, shape};
-use super::scene::{Trained, embedded, train};
+use super::scene::{Trained, embedded, train_seconds};
 use super::{Bench, Extent};
 use crate::error::BenchError;
 use crate::goals::Goal;
@@ -23,7 +23,8 @@ struct Curve {
 }
 
 pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
-    let trained = train(bench, &embedded(), bench.pick(3.0, 20.0), &[])?;
+    let subject = embedded();
+    let trained = train_seconds(bench, &subject, bench.pick(3.0, 20.0), &[])?;
     let curves = [samples(bench)?, pixels(bench, &trained), table_size(bench)?, width(bench)?];
     let mut table = Table::new(
         "slopes",
@@ -90,7 +91,7 @@ fn samples(bench: &Bench) -> Result<Curve, BenchError> {
 }
 
 /// Rendering of one view of the embedded scene against its pixels.
-fn pixels(bench: &Bench, trained: &Trained) -> Curve {
+fn pixels(bench: &Bench, trained: &Trained<'_>) -> Curve {
     let system: &dyn System = trained.run.system.as_ref();
     let query = plain_query(trained.run.query().background, 1.0 / 2048.0);
     let cameras: Vec<_> = trained
@@ -168,7 +169,7 @@ fn width(bench: &Bench) -> Result<Curve, BenchError> {
 }
 
 /// Training steps of `ngp` and tiles of a network on 1 to all threads.
-fn threads(bench: &Bench, mut trained: Trained) -> Result<(Table, Vec<Goal>), BenchError> {
+fn threads(bench: &Bench, mut trained: Trained<'_>) -> Result<(Table, Vec<Goal>), BenchError> {
     let mut table = Table::new(
         "threads",
         "What more threads give. Results have the same bits for any number of them, so there is no error to state.",

@@ -2,6 +2,7 @@
 
 mod budgets;
 mod ceilings;
+mod dynamic;
 mod growth;
 mod kernels;
 mod maths;
@@ -16,7 +17,7 @@ use crate::cli::Cli;
 use crate::error::BenchError;
 use crate::machine::Machine;
 use crate::measure::{Effort, Pools};
-use crate::page::{self, Section};
+use crate::page::{self, Item, Section};
 use clap::ValueEnum;
 use float_core::Simd;
 use std::io::Write;
@@ -56,6 +57,14 @@ pub(crate) enum Name {
     WildReal,
     /// What a step of each system for the wild costs
     WildCost,
+    /// A moving scene, path-traced: systems for moving scenes
+    DynamicWorkbench,
+    /// A moving scene, embedded: the same
+    DynamicOrbit,
+    /// A real video
+    DynamicNr,
+    /// Tissue behind a tool: what masks and measured depth are worth
+    DynamicTissue,
 }
 
 impl Name {
@@ -76,10 +85,14 @@ impl Name {
             Self::WildPlaza => "wild-plaza",
             Self::WildReal => "wild-real",
             Self::WildCost => "wild-cost",
+            Self::DynamicWorkbench => "dynamic-workbench",
+            Self::DynamicOrbit => "dynamic-orbit",
+            Self::DynamicNr => "dynamic-nr",
+            Self::DynamicTissue => "dynamic-tissue",
         }
     }
 
-    fn run(self, bench: &Bench) -> Result<Section, BenchError> {
+    fn run(self, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
         match self {
             Self::Ceilings => ceilings::run(bench),
             Self::Kernels => kernels::run(bench),
@@ -89,13 +102,17 @@ impl Name {
             Self::Tables => tables::run(bench),
             Self::Budgets => budgets::run(bench),
             Self::Growth => growth::run(bench),
-            Self::Training => training::run(bench),
-            Self::WildLego100 => wild::lego100(bench),
-            Self::WildLego400 => wild::lego400(bench),
-            Self::WildYard => wild::yard(bench),
-            Self::WildPlaza => wild::plaza(bench),
-            Self::WildReal => wild::real(bench),
-            Self::WildCost => wild::cost(bench),
+            Self::Training => training::run(bench, keep),
+            Self::WildLego100 => wild::lego100(bench, keep),
+            Self::WildLego400 => wild::lego400(bench, keep),
+            Self::WildYard => wild::yard(bench, keep),
+            Self::WildPlaza => wild::plaza(bench, keep),
+            Self::WildReal => wild::real(bench, keep),
+            Self::WildCost => wild::cost(bench, keep),
+            Self::DynamicWorkbench => dynamic::workbench(bench, keep),
+            Self::DynamicOrbit => dynamic::orbit(bench, keep),
+            Self::DynamicNr => dynamic::nr(bench, keep),
+            Self::DynamicTissue => dynamic::tissue(bench, keep),
         }
     }
 }
@@ -120,9 +137,14 @@ pub(crate) struct Bench {
     pub(crate) data: Option<PathBuf>,
     /// Protocols wanted; empty for all.
     pub(crate) protocols: Vec<String>,
-    /// Training seconds of a protocol.
-    pub(crate) seconds: f64,
+    /// Training seconds of a protocol or a row, where something is said.
+    pub(crate) seconds: Option<f64>,
+    /// Training steps of a row, where something is said.
+    pub(crate) steps: Option<u64>,
 }
+
+/// Puts what a section has so far on the disk, so that a run that is stopped keeps what it has.
+pub(crate) type Keep<'a> = dyn Fn(&Section) -> Result<(), BenchError> + 'a;
 
 impl Bench {
     fn new(cli: &Cli) -> Result<Self, BenchError> {
@@ -148,7 +170,13 @@ impl Bench {
             data,
             protocols: cli.protocol.clone(),
             seconds: cli.seconds,
+            steps: cli.steps,
         })
+    }
+
+    /// Whether a protocol was asked for.
+    pub(crate) fn wants(&self, protocol: &str) -> bool {
+        self.protocols.is_empty() || self.protocols.iter().any(|w| w == protocol)
     }
 
     /// The one or the other size.
@@ -157,7 +185,7 @@ impl Bench {
     }
 }
 
-/// Run what was asked for; each section is on the disk before the next begins.
+/// Run what was asked for; each section is on the disk before the next begins, long ones a row at a time.
 pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     training::check_protocols(&cli.protocol)?;
     let bench = Bench::new(cli)?;
@@ -165,7 +193,12 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     let clock = Instant::now();
     for &name in Name::value_variants().iter().filter(|n| cli.only.is_empty() || cli.only.contains(n)) {
         say(&format!("{:4.0} s  {}", clock.elapsed().as_secs_f64(), name.file()));
-        let section = name.run(&bench)?;
+        let keep = |so_far: &Section| {
+            let mut so_far = so_far.clone();
+            so_far.items.push(Item::Text("**Unfinished**: more was to come.".into()));
+            page::write(&cli.out, name.file(), &machine, &so_far)
+        };
+        let section = name.run(&bench, &keep)?;
         page::write(&cli.out, name.file(), &machine, &section)?;
     }
     let names: Vec<&str> = Name::value_variants().iter().map(|n| n.file()).collect();
@@ -175,6 +208,9 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     let _ = writeln!(std::io::stdout().lock(), "{}", cli.out.join("README.md").display());
     Ok(())
 }
+
+/// Below tables of quick runs.
+const QUICK: &str = "A quick run: of the embedded scene only, small, and too few steps to compare anything.";
 
 /// A line of progress.
 pub(crate) fn say(text: &str) {

@@ -2,14 +2,17 @@
 
 use super::{Bench, Extent, say};
 use crate::error::BenchError;
+use crate::measure::median;
+use losses::metrics::Lpips;
 use scene_io::Scene;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use systems::eval::Evaluation;
 use systems::options::{DataOptions, Request};
 use systems::progress::{Event, Observer};
-use systems::run::{Parts, Run, disk_parts};
-use systems::train::{Schedule, Stop};
+use systems::run::{Build, Load, Run, disk_parts};
+use systems::train::{Ended, Schedule, Stop};
 use tempfile::TempDir;
 
 /// What is trained.
@@ -25,34 +28,65 @@ pub(crate) fn embedded() -> Subject {
     Subject { name: "tabletop".into(), request: Request { scene: Some(scene), ..Request::default() } }
 }
 
-/// A run and the folder it lives in.
-pub(crate) struct Trained {
-    pub(crate) run: Run<'static>,
-    /// The curve: steps, training seconds, held-out PSNR.
-    pub(crate) curve: Vec<(u64, f64, f64)>,
-    /// Median samples a second, where steps were seen.
-    pub(crate) samples_per_s: Option<f64>,
-    _folder: TempDir,
+/// How a subject is trained.
+#[derive(Clone)]
+pub(crate) struct Job<'a> {
+    /// In lines of progress.
+    pub(crate) name: &'a str,
+    pub(crate) request: &'a Request,
+    pub(crate) load: &'a Load<'a>,
+    pub(crate) build: &'a Build<'a>,
+    pub(crate) schedule: Schedule,
+    pub(crate) lpips: Option<&'a Lpips>,
 }
 
-/// Train for so many seconds, the held-out views measured at `eval_at` and at the end.
-pub(crate) fn train(bench: &Bench, subject: &Subject, seconds: f64, eval_at: &[f64]) -> Result<Trained, BenchError> {
+/// A finished run and the folder it lives in.
+pub(crate) struct Trained<'a> {
+    pub(crate) run: Run<'a>,
+    pub(crate) ended: Ended,
+    /// Held-out views at the end, where there are any.
+    pub(crate) evaluation: Option<Evaluation>,
+    pub(crate) watch: Watch<'a>,
+    pub(crate) folder: TempDir,
+}
+
+impl Trained<'_> {
+    /// Training and held-out views.
+    pub(crate) fn views(&self) -> String {
+        format!("{} / {}", self.run.train.len(), self.run.held_out.len())
+    }
+
+    /// Milliseconds a step.
+    pub(crate) fn ms_per_step(&self) -> f64 {
+        1e3 * self.ended.seconds / self.ended.step.max(1) as f64
+    }
+}
+
+/// Train; `prepare` sees the run before its first step.
+pub(crate) fn train<'a>(job: Job<'a>, prepare: impl FnOnce(&mut Run<'a>)) -> Result<Trained<'a>, BenchError> {
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
-    let mut watch = Watch::new(&subject.name);
-    let run_folder = folder.path().join("run");
-    let mut run = Run::create(&run_folder, &subject.request, parts(bench, subject), &mut watch)?;
-    let schedule = Schedule { eval_at: eval_at.to_vec(), ..Schedule::new(Stop::Seconds(seconds)) };
-    run.train(&schedule, None, &mut watch, &AtomicBool::new(false))?;
-    let Watch { curve, mut rates, .. } = watch;
-    let samples_per_s = (!rates.is_empty()).then(|| crate::measure::median(&mut rates));
-    Ok(Trained { run, curve, samples_per_s, _folder: folder })
+    let mut watch = Watch::new(job.name);
+    let parts = disk_parts(job.load, job.build, "ngp");
+    let mut run = Run::create(&folder.path().join("run"), job.request, parts, &mut watch)?;
+    prepare(&mut run);
+    let (ended, evaluation) = run.train(&job.schedule, job.lpips, &mut watch, &AtomicBool::new(false))?;
+    Ok(Trained { run, ended, evaluation, watch, folder })
 }
 
-/// Files and embedded scenes as everywhere; in quick runs the embedded scene is small.
-fn parts(bench: &Bench, subject: &Subject) -> Parts<'static> {
+/// Train a subject of the static systems for so many seconds, the held-out views measured at `eval_at` and at the end.
+pub(crate) fn train_seconds<'a>(
+    bench: &Bench,
+    subject: &'a Subject,
+    seconds: f64,
+    eval_at: &[f64],
+) -> Result<Trained<'a>, BenchError> {
+    let schedule = Schedule { eval_at: eval_at.to_vec(), ..Schedule::new(Stop::Seconds(seconds)) };
+    // In quick runs the embedded scene is small.
     let small = subject.request.scene.as_deref().is_some_and(|s| s.starts_with(systems::source::SYNTHETIC))
         && bench.extent == Extent::Quick;
-    disk_parts(if small { &|_, _| Ok(small_tabletop()) } else { &systems::source::load }, &systems::plan::build, "ngp")
+    let load: &Load<'static> = if small { &|_, _| Ok(small_tabletop()) } else { &systems::source::load };
+    let Subject { name, request } = subject;
+    train(Job { name, request, load, build: &systems::plan::build, schedule, lpips: None }, |_| {})
 }
 
 /// The embedded scene, small.
@@ -83,17 +117,60 @@ pub(crate) fn names_file(folder: &Path, names: &[String]) -> Result<String, Benc
     Ok(format!("names:{}", file.display()))
 }
 
+/// A measurement of the held-out views during training.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Point {
+    pub(crate) step: u64,
+    /// Of training.
+    pub(crate) seconds: f64,
+    /// dB.
+    pub(crate) psnr: f64,
+}
+
 /// Keeps the curve, says now and then where things stand.
-pub(super) struct Watch<'a> {
+pub(crate) struct Watch<'a> {
     name: &'a str,
-    curve: Vec<(u64, f64, f64)>,
+    pub(crate) curve: Vec<Point>,
+    /// Samples a second, each that was seen.
     rates: Vec<f64>,
+    rays: Rays,
     said: f64,
 }
 
+/// Rays so far: the loop tells a rate now and then, that of the time since it told one before.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rays {
+    rate: Option<f64>,
+    sum: f64,
+    until: f64,
+}
+
+impl Rays {
+    fn see(&mut self, rate: Option<f64>, seconds: f64) {
+        if let Some(now) = rate.filter(|_| rate != self.rate) {
+            self.sum += now * (seconds - self.until);
+            (self.rate, self.until) = (rate, seconds);
+        }
+    }
+
+    fn per_second(&self) -> Option<f64> {
+        (self.until > 0.0).then(|| self.sum / self.until)
+    }
+}
+
 impl<'a> Watch<'a> {
-    pub(super) fn new(name: &'a str) -> Self {
-        Self { name, curve: Vec::new(), rates: Vec::new(), said: 0.0 }
+    fn new(name: &'a str) -> Self {
+        Self { name, curve: Vec::new(), rates: Vec::new(), rays: Rays::default(), said: 0.0 }
+    }
+
+    /// Median samples a second, where a rate was told.
+    pub(crate) fn samples_per_s(&self) -> Option<f64> {
+        (!self.rates.is_empty()).then(|| median(&mut self.rates.clone()))
+    }
+
+    /// Mean rays a second of the training, where a rate was told.
+    pub(crate) fn rays_per_s(&self) -> Option<f64> {
+        self.rays.per_second()
     }
 }
 
@@ -110,6 +187,7 @@ impl Observer for Watch<'_> {
                 {
                     self.rates.push(rate);
                 }
+                self.rays.see(p.rays_per_s, p.seconds);
                 if p.seconds >= self.said + LINE_EVERY {
                     self.said = p.seconds;
                     say(&format!("        {}: {:.0} s, step {}", self.name, p.seconds, p.step));
@@ -117,9 +195,24 @@ impl Observer for Watch<'_> {
             }
             Event::Evaluated { step, seconds, psnr: Some(psnr) } => {
                 say(&format!("        {}: {seconds:.1} s, step {step}, held-out PSNR {psnr:.2} dB", self.name));
-                self.curve.push((step, seconds, psnr));
+                self.curve.push(Point { step, seconds, psnr });
             }
             _ => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_are_counted_from_the_rates_that_are_told() {
+        let mut rays = Rays::default();
+        assert_eq!(rays.per_second(), None);
+        for (rate, seconds) in [(None, 0.5), (Some(100.0), 1.0), (Some(100.0), 2.5), (Some(400.0), 4.0)] {
+            rays.see(rate, seconds);
+        }
+        assert_eq!(rays.per_second(), Some((100.0 + 400.0 * 3.0) / 4.0));
     }
 }

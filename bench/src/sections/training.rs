@@ -1,7 +1,7 @@
 //! PSNR of held-out views over training time.
 
-use super::scene::{Subject, dataset, embedded, names_file, train};
-use super::{Bench, Extent, wild};
+use super::scene::{Subject, dataset, embedded, names_file, train_seconds};
+use super::{Bench, Extent, Keep, dynamic, wild};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -31,6 +31,8 @@ pub(super) enum Held {
     Own,
     /// Every so many of all, by name.
     Every(u32),
+    /// The same, from a later one on, counted from 0.
+    EveryFrom(u32, u32),
     /// Every 24th of the dataset's test views, eight in all.
     EightOfTest,
 }
@@ -41,6 +43,7 @@ impl Held {
         Ok(match self {
             Self::Own => None,
             Self::Every(n) => Some(format!("every:{n}")),
+            Self::EveryFrom(n, first) => Some(format!("every:{n}+{first}")),
             Self::EightOfTest => {
                 let names: Vec<String> = (0..8).map(|i| format!("test/r_{}", 24 * i)).collect();
                 Some(names_file(folder, &names)?)
@@ -105,12 +108,14 @@ const PROTOCOLS: [Protocol; 5] = [
     },
 ];
 
+/// Training seconds of a protocol where nothing is said.
+const SECONDS: f64 = 300.0;
 /// Where curves of the protocols are measured, seconds.
 const EVAL_AT: [f64; 5] = [10.0, 30.0, 60.0, 120.0, 300.0];
 
 /// Refuse names that mean nothing before an hour has passed.
 pub(super) fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
-    let known = || PROTOCOLS.iter().map(|p| p.name).chain(wild::names());
+    let known = || PROTOCOLS.iter().map(|p| p.name).chain(wild::names()).chain(dynamic::names());
     match wanted.iter().find(|w| known().all(|k| k != w.as_str())) {
         Some(name) => {
             let known: Vec<&str> = known().collect();
@@ -120,7 +125,7 @@ pub(super) fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
     }
 }
 
-pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
+pub(crate) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     let mut table = Table::new(
         "curves",
         "Seconds are training seconds: from decoded images to the last step, evaluation not counted.",
@@ -131,41 +136,51 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
         let (seconds, eval_at) = (6.0, [1.0, 2.0, 4.0]);
         let curve = one(bench, &embedded(), seconds, &eval_at, &mut table)?;
         plots.push(plot("embedded", "Embedded scene, 64x64", vec![Series::line("ngp, this run", curve)]));
-    } else {
-        let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
-        let wanted = |p: &&Protocol| bench.protocols.is_empty() || bench.protocols.iter().any(|w| w == p.name);
-        for protocol in PROTOCOLS.iter().filter(wanted) {
-            let data = data_options(protocol, folder.path())?;
-            let Some(subject) = dataset(bench, protocol.name, protocol.path, data) else {
-                missing.push(protocol.name);
-                continue;
-            };
-            let curve = one(bench, &subject, bench.seconds, &EVAL_AT, &mut table)?;
-            goals.extend(protocol_goals(protocol, &curve));
-            let mut series = vec![Series::line("ngp, this run", curve)];
-            for (name, points) in protocol.peers {
-                let name = format!("{name} (measured before, machine of the class)");
-                series.push(Series { name, style: Style::Cross, points: points.to_vec() });
-            }
-            if !protocol.targets.is_empty() {
-                let points = protocol.targets.to_vec();
-                series.push(Series { name: "target".into(), style: Style::Dashed, points });
-            }
-            plots.push(plot(protocol.plot, protocol.name, series));
+        return Ok(section(&table, &plots, goals, &missing));
+    }
+    let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
+    for protocol in PROTOCOLS.iter().filter(|p| bench.wants(p.name)) {
+        let data = data_options(protocol, folder.path())?;
+        let Some(subject) = dataset(bench, protocol.name, protocol.path, data) else {
+            missing.push(protocol.name);
+            continue;
+        };
+        let curve = one(bench, &subject, bench.seconds.unwrap_or(SECONDS), &EVAL_AT, &mut table)?;
+        goals.extend(protocol_goals(protocol, &curve));
+        let mut series = vec![Series::line("ngp, this run", curve)];
+        for (name, points) in protocol.peers {
+            let name = format!("{name} (measured before, machine of the class)");
+            series.push(Series { name, style: Style::Cross, points: points.to_vec() });
         }
+        if !protocol.targets.is_empty() {
+            let points = protocol.targets.to_vec();
+            series.push(Series { name: "target".into(), style: Style::Dashed, points });
+        }
+        plots.push(plot(protocol.plot, protocol.name, series));
+        keep(&section(&table, &plots, goals.clone(), &missing))?;
     }
-    let mut items = vec![Item::Table(table)];
-    if !missing.is_empty() {
-        items.push(Item::Text(format!("**Not run**, their datasets are not there: {}.", missing.join(", "))));
-    }
-    items.extend(plots.into_iter().map(Item::Plot));
-    Ok(Section {
+    Ok(section(&table, &plots, goals, &missing))
+}
+
+fn section(table: &Table, plots: &[Plot], goals: Vec<Goal>, missing: &[&str]) -> Section {
+    let mut items = vec![Item::Table(table.clone())];
+    items.extend(not_run(missing));
+    items.extend(plots.iter().cloned().map(Item::Plot));
+    Section {
         title: "Training",
         intro: "Held-out PSNR over training time, settings as planned from the scene, nothing set by hand. The time is the \
                 wall time of one run, so the figures wander with the machine; the error is the PSNR itself.",
         items,
         goals,
-    })
+    }
+}
+
+/// Which datasets were looked for in vain.
+pub(super) fn not_run(missing: &[&str]) -> Option<Item> {
+    let mut missing = missing.to_vec();
+    missing.dedup();
+    (!missing.is_empty())
+        .then(|| Item::Text(format!("**Not run**, their datasets are not there: {}.", missing.join(", "))))
 }
 
 /// Train, and put the curve into the table.
@@ -176,14 +191,14 @@ fn one(
     eval_at: &[f64],
     table: &mut Table,
 ) -> Result<Vec<(f64, f64)>, BenchError> {
-    let trained = train(bench, subject, seconds, eval_at)?;
-    let views = format!("{} / {}", trained.run.train.len(), trained.run.held_out.len());
-    for &(step, at, psnr) in &trained.curve {
-        let rate = trained.samples_per_s.map(|s| s * 1e-6);
-        let name = subject.name.as_str();
-        table.row([name.into(), views.as_str().into(), at.into(), (step as usize).into(), psnr.into(), rate.into()])?;
+    let trained = train_seconds(bench, subject, seconds, eval_at)?;
+    let (views, rate) = (trained.views(), trained.watch.samples_per_s().map(|s| s * 1e-6));
+    let curve = &trained.watch.curve;
+    for p in curve {
+        let (name, steps) = (subject.name.as_str(), p.step as usize);
+        table.row([name.into(), views.as_str().into(), p.seconds.into(), steps.into(), p.psnr.into(), rate.into()])?;
     }
-    Ok(trained.curve.iter().map(|&(_, at, psnr)| (at, psnr)).collect())
+    Ok(curve.iter().map(|p| (p.seconds, p.psnr)).collect())
 }
 
 /// Each target that the run came to, with the first measurement from its time on.

@@ -18,12 +18,14 @@
 //! Source: Chen et al., "NeRF-HuGS: improved neural radiance fields in non-static scenes using heuristics-guided segmentation",
 //! 2024, section 3, and as released.
 
+mod component;
 mod morphology;
 pub mod points;
 mod residual;
 pub mod superpixels;
 mod vote;
 
+pub use component::take_component;
 pub use morphology::{ERODE_SIDE, GAP_SIDE, SMOOTH_SIDE, close, erode, fill_gaps, grow, smooth};
 pub use residual::{MEAN_SLACK, combine, residual_masks};
 pub use vote::{Segments, VoteScratch, vote};

@@ -1,6 +1,6 @@
 //! Segments vote: static as a whole, or not at all.
 
-use super::Extent;
+use super::{Extent, take_component};
 use crate::LossError;
 use alloc::vec::Vec;
 
@@ -55,14 +55,14 @@ pub fn vote(
         Segments::Labels(labels) => {
             extent.check("labels", labels.len())?;
             by_label(labels, mask, share, scratch, out);
-            components(extent, mask, share, scratch, out);
+            components(extent, mask, share, scratch, out)?;
         }
         Segments::Stack(stack) => {
             for segment in stack {
                 extent.check("segment", segment.len())?;
             }
             by_segment(stack, mask, share, scratch, out);
-            components(extent, mask, share, scratch, out);
+            components(extent, mask, share, scratch, out)?;
         }
     }
     Ok(())
@@ -104,34 +104,21 @@ fn by_segment(stack: &[&[u8]], mask: &[u8], share: f32, scratch: &mut VoteScratc
 }
 
 /// Each set of waiting pixels that hangs together votes.
-fn components(extent: Extent, mask: &[u8], share: f32, scratch: &mut VoteScratch, out: &mut [u8]) {
+fn components(
+    extent: Extent,
+    mask: &[u8],
+    share: f32,
+    scratch: &mut VoteScratch,
+    out: &mut [u8],
+) -> Result<(), LossError> {
     let VoteScratch { waiting, component, .. } = scratch;
     for seed in 0..waiting.len() {
-        if !waiting[seed] {
-            continue;
-        }
-        component.clear();
-        component.push(seed as u32);
-        waiting[seed] = false;
-        // The list is queue and result at once.
-        let (mut next, mut kept) = (0, 0);
-        while let Some(&i) = component.get(next) {
-            next += 1;
-            let i = i as usize;
-            kept += u32::from(mask[i] != 0);
-            let (y, x) = (i / extent.width, i % extent.width);
-            for y in y.saturating_sub(1)..(y + 2).min(extent.height) {
-                for x in x.saturating_sub(1)..(x + 2).min(extent.width) {
-                    let j = y * extent.width + x;
-                    if core::mem::take(&mut waiting[j]) {
-                        component.push(j as u32);
-                    }
-                }
-            }
-        }
+        take_component(extent, seed, waiting, component)?;
+        let kept = component.iter().map(|&i| u32::from(mask[i as usize] != 0)).sum();
         let value = u8::from(wins([component.len() as u32, kept], share));
         component.iter().for_each(|&i| out[i as usize] = value);
     }
+    Ok(())
 }
 
 /// Whether the static share reaches the threshold; not for an empty segment.

@@ -3,18 +3,17 @@
 use super::protocols::{Entry, Group, Kind, Photos, Segments};
 use super::segments;
 use crate::error::BenchError;
-use crate::sections::scene::{Watch, dataset};
+use crate::sections::scene::{Job, Trained, dataset, train};
 use crate::sections::{Bench, Extent, say};
 use losses::metrics::EmptyClass;
 use scene_io::synthetic::{PlazaOptions, plaza};
 use scene_io::{Scene, Split};
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use systems::RunError;
 use systems::eval::masks::MaskOptions;
 use systems::eval::{EvalAppearance, Evaluation, Scored};
 use systems::options::{DataOptions, Request};
-use systems::run::{Load, Run, disk_parts};
+use systems::run::Load;
 use systems::source::{PERTURBED, SYNTHETIC};
 use systems::system::Appearance;
 use systems::train::{Schedule, Stop};
@@ -52,13 +51,11 @@ pub(super) fn request(
     (group, photos, entry): (&Group, &Photos, &Entry),
     folder: &Path,
 ) -> Result<Option<Request>, BenchError> {
-    let split = (photos.kind == Kind::Clean && !matches!(group.holdout, crate::sections::training::Held::EightOfTest))
-        .then(|| "clean".into());
     let data = DataOptions {
         longest_side: group.longest_side,
         holdout: group.holdout.word(folder)?,
         mask_white: group.mask_white.map(Into::into),
-        train_split: split,
+        train_split: photos.split.map(Into::into),
         ..DataOptions::default()
     };
     let mut request = if group.path.starts_with(SYNTHETIC) {
@@ -82,32 +79,31 @@ pub(super) fn measure(
     (request, steps): (&Request, u64),
     lights: &[&str],
 ) -> Result<Measured, BenchError> {
-    let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
-    let outlines = folder.path().join("segments");
-    std::fs::create_dir(&outlines).map_err(BenchError::file(&outlines))?;
+    let outlines = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let load = |spec: &str, data: &DataOptions| {
         let mut scene = load(bench, spec, data)?;
         if let Segments::True(square) = segments {
-            segments::write(&mut scene, square, &outlines).map_err(|e| RunError::Option(e.line()))?;
+            segments::write(&mut scene, square, outlines.path()).map_err(|e| RunError::Option(e.line()))?;
         }
         Ok(scene)
     };
     let load: &Load<'_> = &load;
     let lights: Vec<EvalAppearance> =
         lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<_, _>>()?;
-    let mut watch = Watch::new(name);
-    let parts = disk_parts(load, &systems::wild::build, "auto");
-    let mut run = Run::create(&folder.path().join("run"), request, parts, &mut watch)?;
-    // A system that knows one light has no photo's: its whole views are in the only one.
-    let has_codes = run.system.appearance_code(&Appearance::Mean).is_some();
-    let known =
-        |light| if has_codes || !matches!(light, EvalAppearance::Image(_)) { light } else { EvalAppearance::Mean };
-    let mut lights = lights.into_iter().map(known);
-    run.measure_in(lights.next());
-    let views = format!("{} / {}", run.train.len(), run.held_out.len());
-    let (ended, first) = run.train(&Schedule::new(Stop::Steps(steps)), None, &mut watch, &AtomicBool::new(false))?;
-    let mut scores: Vec<Score> = first.into_iter().map(Score::from).collect();
-    for light in lights {
+    let schedule = Schedule::new(Stop::Steps(steps));
+    let job = Job { name, request, load, build: &systems::wild::build, schedule, lpips: None };
+    let mut known = lights;
+    let mut trained = train(job, |run| {
+        // A system that knows one light has no photo's: its whole views are in the only one.
+        if run.system.appearance_code(&Appearance::Mean).is_none() {
+            known.iter_mut().filter(|l| matches!(l, EvalAppearance::Image(_))).for_each(|l| *l = EvalAppearance::Mean);
+        }
+        run.measure_in(known.first().cloned());
+    })?;
+    let mut scores: Vec<Score> = trained.evaluation.take().into_iter().map(Score::from).collect();
+    let (views, ms_per_step) = (trained.views(), trained.ms_per_step());
+    let Trained { mut run, mut watch, folder, .. } = trained;
+    for light in known.into_iter().skip(1) {
         run.measure_in(Some(light));
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
@@ -122,7 +118,6 @@ pub(super) fn measure(
         }
         false => [None; 2],
     };
-    let ms_per_step = 1e3 * ended.seconds / ended.step.max(1) as f64;
     say(&format!("        {name}: {ms_per_step:.1} ms a step"));
     Ok(Measured { views, scores, masks, ms_per_step })
 }

@@ -5,7 +5,8 @@ mod measured;
 mod protocols;
 mod segments;
 
-use super::{Bench, Extent};
+use super::training::not_run;
+use super::{Bench, Extent, Keep, QUICK};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -29,28 +30,28 @@ const INTRO: &str = "Whole views: held-out views in a light that is known (that 
                      time is that of the training alone, with whatever else the machine does: compare it within a table.";
 
 /// Lego, disturbed.
-pub(super) fn lego100(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: disturbed lego, 100 pixels", LEGO100)
+pub(super) fn lego100(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "In the wild: disturbed lego, 100 pixels", LEGO100)
 }
 
 /// The same photos, larger.
-pub(super) fn lego400(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: disturbed lego, 400 pixels", LEGO400)
+pub(super) fn lego400(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "In the wild: disturbed lego, 400 pixels", LEGO400)
 }
 
 /// Things in the way.
-pub(super) fn yard(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: strangers in a yard", YARD)
+pub(super) fn yard(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "In the wild: strangers in a yard", YARD)
 }
 
 /// Light and strangers.
-pub(super) fn plaza(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: many people's photos of a plaza", PLAZA)
+pub(super) fn plaza(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "In the wild: many people's photos of a plaza", PLAZA)
 }
 
 /// Real photographs.
-pub(super) fn real(bench: &Bench) -> Result<Section, BenchError> {
-    section(bench, "In the wild: real photographs", REAL)
+pub(super) fn real(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "In the wild: real photographs", REAL)
 }
 
 /// What `plain` reached in each light.
@@ -60,7 +61,7 @@ struct Plain<'a> {
     psnr: Vec<Option<f64>>,
 }
 
-fn section(bench: &Bench, title: &'static str, groups: &[Group]) -> Result<Section, BenchError> {
+fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Group]) -> Result<Section, BenchError> {
     let mut table = Table::new(
         "systems",
         "PSNR in dB. One seed (0).",
@@ -81,13 +82,11 @@ fn section(bench: &Bench, title: &'static str, groups: &[Group]) -> Result<Secti
         ],
     );
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
-    let (mut plains, mut goals, mut missing): (Vec<Plain<'_>>, _, Vec<&str>) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut plains, mut goals, mut missing): (Vec<Plain<'_>>, Vec<Goal>, Vec<&str>) =
+        (Vec::new(), Vec::new(), Vec::new());
     let quick = bench.extent == Extent::Quick;
-    let wanted = |g: &&Group| {
-        let named = bench.protocols.is_empty() || bench.protocols.iter().any(|w| w == g.name);
-        // Quick runs know the embedded scene only.
-        named && (!quick || g.path.starts_with(systems::source::SYNTHETIC))
-    };
+    // Quick runs know the embedded scene only.
+    let wanted = |g: &&Group| bench.wants(g.name) && (!quick || g.path.starts_with(systems::source::SYNTHETIC));
     for group in groups.iter().filter(wanted) {
         for photos in group.photos {
             let entries = if quick { QUICK_SYSTEMS.min(photos.entries.len()) } else { photos.entries.len() };
@@ -97,7 +96,7 @@ fn section(bench: &Bench, title: &'static str, groups: &[Group]) -> Result<Secti
                     continue;
                 };
                 let name = format!("{} {}", group.name, photos.name);
-                let steps = if quick { QUICK_STEPS } else { group.steps };
+                let steps = bench.steps.unwrap_or(if quick { QUICK_STEPS } else { group.steps });
                 let watched = format!("{name}, {}", entry.name);
                 let measured = measure(bench, (&watched, entry.segments), (&request, steps), photos.lights)?;
                 if entry.system == "plain" {
@@ -109,24 +108,23 @@ fn section(bench: &Bench, title: &'static str, groups: &[Group]) -> Result<Secti
                     goal((*aim, &name, entry), &measured, (shares.first().copied().flatten(), &plains))
                 }));
                 row(&mut table, (name, entry, steps), &measured, &shares)?;
+                keep(&page(title, &table, goals.clone(), &missing))?;
             }
         }
     }
-    missing.dedup();
-    let mut items = Vec::new();
-    if !table.is_empty() {
-        items.push(Item::Table(table));
-    }
-    if !missing.is_empty() {
-        items.push(Item::Text(format!("**Not run**, their datasets are not there: {}.", missing.join(", "))));
-    }
     if quick {
-        items.push(Item::Text(
-            "A quick run: of the embedded scene only, small, and too few steps to compare anything.".into(),
-        ));
         goals.clear();
     }
-    Ok(Section { title, intro: INTRO, items, goals })
+    let mut section = page(title, &table, goals, &missing);
+    if quick {
+        section.items.push(Item::Text(QUICK.into()));
+    }
+    Ok(section)
+}
+
+fn page(title: &'static str, table: &Table, goals: Vec<Goal>, missing: &[&str]) -> Section {
+    let table = (!table.is_empty()).then(|| Item::Table(table.clone()));
+    Section { title, intro: INTRO, items: table.into_iter().chain(not_run(missing)).collect(), goals }
 }
 
 /// Per cent of the gap that was closed in each light; nothing without clean photos, for them, or where there is no gap.

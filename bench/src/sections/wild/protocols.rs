@@ -21,6 +21,8 @@ pub(super) struct Group {
 pub(super) struct Photos {
     pub(super) name: &'static str,
     pub(super) kind: Kind,
+    /// Photos of the dataset that are trained on, a word of `--train-split`; none: all.
+    pub(super) split: Option<&'static str>,
     /// Lights that held-out views are measured in, words of `--eval-appearance`.
     pub(super) lights: &'static [&'static str],
     pub(super) entries: &'static [Entry],
@@ -87,6 +89,8 @@ impl Entry {
     }
 }
 
+/// What `plain` is compared with: the system of `nerf-static` itself.
+pub(super) const NGP: Entry = Entry::new("ngp").set("ngp of nerf-static", "");
 const PLAIN: Entry = Entry::new("plain");
 const ROBUST: Entry = Entry::new("robust-nerf");
 const L1: Entry = ROBUST.set("robust-nerf: L1, no masks", "kernel = 'l1'\njudging = 'never'");
@@ -114,12 +118,15 @@ const PERTURBED: [Photos; 4] = [
     Photos {
         name: "clean",
         kind: Kind::Clean,
+        // The perturbed ones are made of these: there are no others.
+        split: None,
         lights: KNOWN_LIGHT,
         entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), HUGS.aims(&[Aim::Loss(0.5)])],
     },
     Photos {
         name: "o",
         kind: Kind::Perturbed("o"),
+        split: None,
         lights: ONE_LIGHT,
         entries: &[
             PLAIN,
@@ -136,6 +143,7 @@ const PERTURBED: [Photos; 4] = [
     Photos {
         name: "c",
         kind: Kind::Perturbed("c"),
+        split: None,
         lights: KNOWN_LIGHT,
         entries: &[
             PLAIN,
@@ -147,6 +155,7 @@ const PERTURBED: [Photos; 4] = [
     Photos {
         name: "co",
         kind: Kind::Perturbed("co"),
+        split: None,
         lights: KNOWN_LIGHT,
         entries: &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_W.aims(&[Aim::Share(80.0)]), HA_NERF, SF_NERF],
     },
@@ -180,12 +189,14 @@ pub(super) const YARD: &[Group] = &[Group {
         Photos {
             name: "clean",
             kind: Kind::Clean,
+            split: Some("clean"),
             lights: ONE_LIGHT,
             entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)])],
         },
         Photos {
             name: "strangers",
             kind: Kind::AsIs,
+            split: None,
             lights: ONE_LIGHT,
             entries: &[
                 PLAIN,
@@ -216,8 +227,8 @@ pub(super) const PLAZA: &[Group] = &[
         mask_white: None,
         steps: 1000,
         photos: &[
-            Photos { name: "clean", kind: Kind::Clean, lights: FITTED, entries: &[PLAIN] },
-            Photos { name: "many people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING },
+            Photos { name: "clean", kind: Kind::Clean, split: Some("clean"), lights: FITTED, entries: &[PLAIN] },
+            Photos { name: "many people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING },
         ],
     },
     Group {
@@ -227,7 +238,7 @@ pub(super) const PLAZA: &[Group] = &[
         holdout: Held::Own,
         mask_white: None,
         steps: 1000,
-        photos: &[Photos { name: "many people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING }],
+        photos: &[Photos { name: "many people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING }],
     },
 ];
 
@@ -243,6 +254,7 @@ pub(super) const REAL: &[Group] = &[
         photos: &[Photos {
             name: "40 people's",
             kind: Kind::AsIs,
+            split: None,
             lights: FITTED,
             entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF],
         }],
@@ -254,7 +266,7 @@ pub(super) const REAL: &[Group] = &[
         holdout: Held::Every(5),
         mask_white: None,
         steps: 1000,
-        photos: &[Photos { name: "8 people's", kind: Kind::AsIs, lights: FITTED, entries: EVERYTHING }],
+        photos: &[Photos { name: "8 people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING }],
     },
 ];
 

@@ -5,6 +5,7 @@
 
 use crate::error::BenchError;
 use image::{ImageBuffer, Luma};
+use losses::heuristics::{Extent, take_component};
 use scene_io::{Scene, Split};
 use std::path::Path;
 
@@ -14,7 +15,8 @@ pub(super) fn write(scene: &mut Scene, square: usize, folder: &Path) -> Result<(
         let Some(truth) = frame.read_transient().map_err(BenchError::part)? else { continue };
         let (width, height) = (truth.width(), truth.height());
         let strangers: Vec<bool> = truth.iter().collect();
-        let labels = outlines(&strangers, width as usize, square);
+        let extent = Extent { width: width as usize, height: height as usize };
+        let labels = outlines(extent, &strangers, square)?;
         let path = folder.join(format!("{i}.segs.png"));
         let map = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, labels)
             .ok_or_else(|| BenchError::Part(format!("segments of `{}` do not fill it", frame.name)))?;
@@ -25,32 +27,19 @@ pub(super) fn write(scene: &mut Scene, square: usize, folder: &Path) -> Result<(
 }
 
 /// Labels of squares, and above them labels of the pieces of `strangers` that hang together.
-fn outlines(strangers: &[bool], width: usize, side: usize) -> Vec<u16> {
+fn outlines(extent: Extent, strangers: &[bool], side: usize) -> Result<Vec<u16>, BenchError> {
+    let width = extent.width;
     let across = width.div_ceil(side);
     let square = |i: usize| (i / width / side * across + i % width / side) as u16 + 1;
     let mut labels: Vec<u16> = (0..strangers.len()).map(square).collect();
     let mut next = labels.iter().max().map_or(1, |most| most + 1);
-    let mut left = strangers.to_vec();
+    let (mut left, mut piece) = (strangers.to_vec(), Vec::new());
     for seed in 0..left.len() {
-        let mut waiting = Vec::new();
-        if std::mem::take(&mut left[seed]) {
-            waiting.push(seed);
-        }
-        let is_piece = !waiting.is_empty();
-        while let Some(i) = waiting.pop() {
-            labels[i] = next;
-            let (x, y) = (i % width, i / width);
-            for y in y.saturating_sub(1)..(y + 2).min(left.len() / width) {
-                for x in x.saturating_sub(1)..(x + 2).min(width) {
-                    if std::mem::take(&mut left[y * width + x]) {
-                        waiting.push(y * width + x);
-                    }
-                }
-            }
-        }
-        next = next.saturating_add(u16::from(is_piece));
+        take_component(extent, seed, &mut left, &mut piece).map_err(BenchError::part)?;
+        piece.iter().for_each(|&i| labels[i as usize] = next);
+        next = next.saturating_add(u16::from(!piece.is_empty()));
     }
-    labels
+    Ok(labels)
 }
 
 #[cfg(test)]
@@ -65,11 +54,11 @@ mod tests {
         for (x, y) in [(14, 0), (15, 1), (16, 2), (19, 3)] {
             strangers[y * width + x] = true;
         }
-        let labels = outlines(&strangers, width, 16);
+        let labels = outlines(Extent { width, height }, &strangers, 16).unwrap();
         assert_eq!((labels[0], labels[17]), (1, 2));
         assert_eq!((labels[14], labels[width + 15], labels[2 * width + 16]), (3, 3, 3));
         assert_eq!(labels[3 * width + 19], 4);
         assert_eq!(labels.iter().filter(|l| **l > 2).count(), 4);
-        assert!(outlines(&[], 4, 16).is_empty());
+        assert!(outlines(Extent { width: 4, height: 0 }, &[], 16).unwrap().is_empty());
     }
 }

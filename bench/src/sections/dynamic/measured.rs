@@ -1,0 +1,150 @@
+//! One system on one moving scene: trained, and measured.
+
+use super::protocols::{Entry, Group};
+use crate::error::BenchError;
+use crate::sections::scene::{Job, Point, dataset, train};
+use crate::sections::{Bench, Extent, say};
+use losses::metrics::Lpips;
+use scene_io::Scene;
+use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
+use std::path::Path;
+use systems::RunError;
+use systems::eval::MotionScore;
+use systems::lpips_file::{load_lpips, lpips_path};
+use systems::options::{DataOptions, Request};
+use systems::source::SYNTHETIC;
+use systems::train::{Schedule, Stop};
+
+/// Training seconds after which the held-out views are measured.
+pub(super) const EVAL_AT: [f64; 6] = [10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
+/// The share of a training after which they are measured besides: what is ten times as fast has it all by then.
+const EARLY: f64 = 0.1;
+/// Steps between measurements where steps are given: so many in all.
+const POINTS: u64 = 10;
+
+/// What came out.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Measured {
+    pub(super) name: &'static str,
+    pub(super) views: String,
+    pub(super) steps: u64,
+    pub(super) seconds: f64,
+    /// Means over the held-out views at the end.
+    pub(super) psnr: Option<f64>,
+    pub(super) ssim: Option<f64>,
+    pub(super) lpips: Option<f64>,
+    pub(super) motion: MotionScore,
+    /// Mean over the training.
+    pub(super) rays_per_s: Option<f64>,
+    pub(super) curve: Vec<Point>,
+}
+
+/// The request for an entry; `None` where the dataset is not there: said loudly.
+pub(super) fn request(
+    bench: &Bench,
+    group: &Group,
+    entry: &Entry,
+    folder: &Path,
+) -> Result<Option<Request>, BenchError> {
+    let data = DataOptions { holdout: group.holdout.word(folder)?, ..DataOptions::default() };
+    let request = if group.path.starts_with(SYNTHETIC) {
+        Request { scene: Some(group.path.into()), data, ..Request::default() }
+    } else {
+        let Some(subject) = dataset(bench, group.name, group.path, data) else { return Ok(None) };
+        subject.request
+    };
+    let (system, set) = (Some(entry.system.into()), entry.set.parse().map_err(BenchError::part)?);
+    Ok(Some(Request { system, set, ..request }))
+}
+
+/// Train until `stop`, the held-out views measured on the way, and measure everything at the end.
+pub(super) fn measure(
+    bench: &Bench,
+    (group, entry): (&Group, &Entry),
+    (request, stop): (&Request, Stop),
+    lpips: Option<&Lpips>,
+) -> Result<Measured, BenchError> {
+    let load = |spec: &str, data: &DataOptions| load(bench, spec, data);
+    let name = format!("{}, {}", group.name, entry.name);
+    let job =
+        Job { name: &name, request, load: &load, build: &systems::dynamic::build, schedule: schedule(stop), lpips };
+    let trained = train(job, |_| {})?;
+    let (views, ended) = (trained.views(), trained.ended);
+    say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
+    let mut out = Measured {
+        name: entry.name,
+        views,
+        steps: ended.step,
+        seconds: ended.seconds,
+        rays_per_s: trained.watch.rays_per_s(),
+        curve: trained.watch.curve,
+        ..Measured::default()
+    };
+    if let Some(e) = trained.evaluation {
+        (out.psnr, out.ssim, out.lpips, out.motion) = (e.psnr, e.ssim, e.lpips, e.motion);
+    }
+    Ok(out)
+}
+
+/// When the held-out views are measured.
+fn schedule(stop: Stop) -> Schedule {
+    let schedule = Schedule::new(stop);
+    match stop {
+        Stop::Seconds(seconds) => {
+            Schedule { eval_at: EVAL_AT.into_iter().chain([EARLY * seconds]).collect(), ..schedule }
+        }
+        Stop::Steps(steps) => Schedule { eval_every: Some(steps.div_ceil(POINTS)), ..schedule },
+    }
+}
+
+/// Weights of LPIPS: those that the variable names, or those beside the datasets; none: said.
+pub(super) fn weights(bench: &Bench) -> Result<Option<Lpips>, BenchError> {
+    let beside = || Some(bench.data.as_ref()?.join("../weights/lpips_squeeze.safetensors")).filter(|p| p.is_file());
+    let Some(path) = lpips_path(None).or_else(beside) else {
+        say("        no LPIPS: WILDFIELD_LPIPS names no weights, and none lie beside the datasets");
+        return Ok(None);
+    };
+    load_lpips(&path).map(Some).map_err(BenchError::part)
+}
+
+/// Files and embedded scenes as everywhere; in quick runs these are small.
+fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    if bench.extent == Extent::Quick {
+        match spec.strip_prefix(SYNTHETIC) {
+            Some("orbit") => {
+                return Ok(orbit(&OrbitOptions {
+                    width: 32,
+                    height: 32,
+                    train: 12,
+                    test: 2,
+                    rays: 1,
+                    ..OrbitOptions::default()
+                }));
+            }
+            Some("tissue") => {
+                return Ok(tissue(&TissueOptions {
+                    width: 32,
+                    height: 24,
+                    frames: 8,
+                    rays: 1,
+                    ..TissueOptions::default()
+                }));
+            }
+            _ => {}
+        }
+    }
+    systems::dynamic::load(spec, data)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn held_out_views_are_measured_after_a_tenth_too() {
+        let by_time = schedule(Stop::Seconds(200.0));
+        assert!(by_time.eval_at.contains(&20.0) && by_time.eval_at.contains(&600.0) && by_time.eval_every.is_none());
+        assert_eq!(schedule(Stop::Steps(2000)).eval_every, Some(200));
+        assert_eq!(schedule(Stop::Steps(1)).eval_every, Some(1));
+    }
+}

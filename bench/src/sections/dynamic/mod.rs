@@ -1,0 +1,253 @@
+//! Scenes that move: what does each system see of things that move, of things that do not, and of what was hidden, and how
+//! soon?
+
+mod aims;
+mod measured;
+mod protocols;
+
+use super::training::not_run;
+use super::{Bench, Extent, Keep, QUICK};
+use crate::error::BenchError;
+use crate::goals::Goal;
+use crate::page::{Item, Section};
+use crate::plot::{Axis, Plot, Scale, Series};
+use crate::table::{Cell, Table};
+use aims::goal;
+use measured::{EVAL_AT, Measured, measure, request, weights};
+use protocols::{Entry, Group, NR, ORBIT, TISSUE, WORKBENCH};
+use systems::train::Stop;
+
+pub(super) use protocols::names;
+
+/// Steps of everything in a quick run.
+const QUICK_STEPS: u64 = 10;
+
+const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show things that move at some time; still: the others. \
+                     Hidden: what something stood in front of when the photo of the moment was taken. Depth: mean absolute error \
+                     of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. Rows \
+                     that take a part out of a system do as many steps as it did. The time is that of the training alone, with \
+                     whatever else the machine does: compare it within a table.";
+
+/// The path-traced scene.
+pub(super) fn workbench(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "Moving scenes: workbench", &WORKBENCH)
+}
+
+/// The embedded scene.
+pub(super) fn orbit(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "Moving scenes: orbit", &ORBIT)
+}
+
+/// A real video.
+pub(super) fn nr(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "Moving scenes: a real video", &NR)
+}
+
+/// Tissue behind a tool.
+pub(super) fn tissue(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section((bench, keep), "Moving scenes: tissue behind a tool", &TISSUE)
+}
+
+fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, group: &Group) -> Result<Section, BenchError> {
+    let quick = bench.extent == Extent::Quick;
+    let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
+    let (mut rows, mut goals, mut missing): (Vec<Measured>, Vec<Goal>, Vec<&str>) = Default::default();
+    // Quick runs know embedded scenes only.
+    if bench.wants(group.name) && (!quick || group.path.starts_with(systems::source::SYNTHETIC)) {
+        let lpips = if quick { None } else { weights(bench)? };
+        for entry in group.entries {
+            let Some(request) = request(bench, group, entry, folder.path())? else {
+                missing.push(group.name);
+                break;
+            };
+            let stop = stop(bench, group, entry, &rows);
+            let measured = measure(bench, (group, entry), (&request, stop), lpips.as_ref())?;
+            goals.extend(entry.aims.iter().filter_map(|aim| goal((*aim, group.name, entry), &measured, &rows)));
+            rows.push(measured);
+            keep(&page(title, group, &rows, (goals.clone(), &missing))?)?;
+        }
+    }
+    if quick {
+        goals.clear();
+    }
+    let mut section = page(title, group, &rows, (goals, &missing))?;
+    if quick {
+        section.items.push(Item::Text(QUICK.into()));
+    }
+    Ok(section)
+}
+
+/// When a row ends: with the row it takes a part out of, else as asked for, else as planned.
+fn stop(bench: &Bench, group: &Group, entry: &Entry, before: &[Measured]) -> Stop {
+    if let Some(whole) = entry.without.and_then(|name| before.iter().find(|m| m.name == name)) {
+        return Stop::Steps(whole.steps);
+    }
+    match (bench.steps, bench.seconds) {
+        (Some(steps), _) => Stop::Steps(steps),
+        (None, Some(seconds)) => Stop::Seconds(seconds),
+        (None, None) => bench.pick(Stop::Steps(QUICK_STEPS), group.stop),
+    }
+}
+
+/// The rows so far.
+fn page(
+    title: &'static str,
+    group: &Group,
+    rows: &[Measured],
+    (goals, missing): (Vec<Goal>, &[&str]),
+) -> Result<Section, BenchError> {
+    let mut items = Vec::new();
+    if !rows.is_empty() {
+        items.extend([Item::Table(scores(rows)?), Item::Table(over_time(rows)?), Item::Plot(plot(group, rows))]);
+    }
+    items.extend(not_run(missing));
+    Ok(Section { title, intro: INTRO, items, goals })
+}
+
+/// A row a system, at the end of its training.
+fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
+    let mut table = Table::new(
+        "systems",
+        "PSNR in dB; rays a second are a mean over the training. One seed (0).",
+        &[
+            "system",
+            "train / test views",
+            "steps",
+            "seconds",
+            "PSNR",
+            "moving",
+            "still",
+            "hidden",
+            "SSIM",
+            "LPIPS",
+            "depth",
+            "depth, %",
+            "depth of hidden",
+            "rays/s",
+        ],
+    );
+    for m in rows {
+        table.row([
+            m.name.into(),
+            m.views.as_str().into(),
+            (m.steps as usize).into(),
+            m.seconds.into(),
+            Table::decibels(m.psnr),
+            Table::decibels(m.motion.psnr_moving),
+            Table::decibels(m.motion.psnr_still),
+            Table::decibels(m.motion.psnr_hidden),
+            m.ssim.into(),
+            m.lpips.into(),
+            m.motion.depth_error.into(),
+            m.motion.depth_relative.map(|x| 100.0 * x).into(),
+            m.motion.depth_hidden.into(),
+            m.rays_per_s.into(),
+        ])?;
+    }
+    Ok(table.without_empty_columns())
+}
+
+/// PSNR on the way.
+fn over_time(rows: &[Measured]) -> Result<Table, BenchError> {
+    let mut table = Table::new(
+        "curves",
+        "PSNR in dB over training seconds: at the first step from that time on. A tenth: of its own training time.",
+        &["system", "10 s", "30 s", "60 s", "120 s", "300 s", "600 s", "a tenth", "the end", "seconds in all"],
+    );
+    for m in rows {
+        let [a, b, c, d, e, f] = EVAL_AT.map(|at| Table::decibels(psnr_at(m, at)));
+        let tenth = Table::decibels(psnr_at(m, 0.1 * m.seconds));
+        table.row([m.name.into(), a, b, c, d, e, f, tenth, Table::decibels(m.psnr), Cell::from(m.seconds)])?;
+    }
+    Ok(table.without_empty_columns())
+}
+
+/// What was measured from `at` on, if that was soon after.
+fn psnr_at(m: &Measured, at: f64) -> Option<f64> {
+    m.curve.iter().find(|p| p.seconds >= at && p.seconds <= 1.2 * at).map(|p| p.psnr)
+}
+
+/// Curves of whole systems: those without a part would cover them.
+fn plot(group: &Group, rows: &[Measured]) -> Plot {
+    let is_whole = |m: &&Measured| group.entries.iter().any(|e| e.name == m.name && e.without.is_none());
+    let points = |m: &Measured| m.curve.iter().map(|p| (p.seconds, p.psnr)).collect();
+    Plot {
+        name: "time",
+        title: format!("{}: held-out PSNR over training time", group.name),
+        x: Axis { label: "training seconds", scale: Scale::Log },
+        y: Axis { label: "PSNR, dB", scale: Scale::Linear },
+        series: rows.iter().filter(is_whole).map(|m| Series::line(m.name, points(m))).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Cli;
+    use crate::sections::scene::Point;
+    use clap::Parser;
+    use std::cell::RefCell;
+
+    fn row(name: &'static str, steps: u64, curve: &[(f64, f64)]) -> Measured {
+        Measured {
+            name,
+            views: "8 / 2".into(),
+            steps,
+            seconds: curve.last().map_or(0.0, |c| c.0),
+            psnr: curve.last().map(|c| c.1),
+            curve: curve.iter().map(|&(seconds, psnr)| Point { step: 1, seconds, psnr }).collect(),
+            ..Measured::default()
+        }
+    }
+
+    #[test]
+    fn settings_of_all_entries_are_toml_and_what_they_name_comes_before_them() {
+        for group in [WORKBENCH, ORBIT, NR, TISSUE] {
+            for (i, entry) in group.entries.iter().enumerate() {
+                assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
+                assert!(systems::dynamic::SYSTEMS.contains(&entry.system), "{}", entry.system);
+                let known = |name: &str| group.entries[..i].iter().any(|e| e.name == name);
+                assert!(entry.without.is_none_or(known), "{} {}", group.name, entry.name);
+                assert!(!known(entry.name), "{} twice", entry.name);
+                for aim in entry.aims {
+                    use protocols::Aim::{Costs, DepthCosts, Faster, HiddenCosts, Moving, Over};
+                    match *aim {
+                        Moving(other, _) | Over(other, _) | Faster(other, _) => assert!(known(other), "{aim:?}"),
+                        Costs(_) | HiddenCosts(_) | DepthCosts(_) => assert!(entry.without.is_some(), "{aim:?}"),
+                        _ => {}
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tables_leave_out_what_nobody_measured() {
+        let rows =
+            [row("a", 9, &[(10.2, 20.0), (31.0, 22.0), (101.0, 25.0)]), row("b", 9, &[(10.1, 19.0), (99.0, 24.0)])];
+        let text = over_time(&rows).unwrap().csv();
+        let expected = "system,10 s,30 s,a tenth,the end,seconds in all\n\
+                        a,20.0000,22.0000,20.0000,25.0000,101\nb,19.0000,,19.0000,24.0000,99\n";
+        assert_eq!(text, expected);
+        let text = scores(&rows).unwrap().csv();
+        assert!(text.starts_with("system,train / test views,steps,seconds,PSNR\n"), "{text}");
+        let plot = plot(&WORKBENCH, &[row("ngp", 9, &[(1.0, 2.0)]), row("nerfies, no elastic loss", 9, &[(1.0, 2.0)])]);
+        assert_eq!(plot.series.len(), 1);
+    }
+
+    #[test]
+    fn a_page_is_kept_after_each_row() {
+        let words = ["nerf-bench", "--quick", "--steps", "2", "--threads", "1"];
+        let bench = Bench::new(&Cli::parse_from(words)).unwrap();
+        let kept = RefCell::new(Vec::new());
+        let keep = |so_far: &Section| {
+            let Some(Item::Table(table)) = so_far.items.first() else { panic!("a table comes first") };
+            kept.borrow_mut().push(table.csv().lines().count() - 1);
+            Ok(())
+        };
+        let group = Group { entries: &ORBIT.entries[..2], ..ORBIT };
+        let section = section((&bench, &keep), "Two rows", &group).unwrap();
+        assert_eq!(*kept.borrow(), [1, 2]);
+        assert!(section.goals.is_empty(), "two steps reach nothing");
+    }
+}

@@ -1,0 +1,135 @@
+//! Which scenes that move, which systems, and what is expected of them.
+
+use crate::sections::training::Held;
+use systems::train::Stop;
+
+/// A scene, and everything that is trained on it.
+pub(super) struct Group {
+    /// Name on the command line.
+    pub(super) name: &'static str,
+    /// In the folder of datasets, or an embedded scene.
+    pub(super) path: &'static str,
+    pub(super) holdout: Held,
+    /// When a row ends where nothing is said.
+    pub(super) stop: Stop,
+    /// What others are compared with comes before them.
+    pub(super) entries: &'static [Entry],
+}
+
+/// A system with its settings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Entry {
+    pub(super) name: &'static str,
+    pub(super) system: &'static str,
+    /// TOML.
+    pub(super) set: &'static str,
+    /// The row whose steps this one does: a part is taken out, nothing else may differ.
+    pub(super) without: Option<&'static str>,
+    pub(super) aims: &'static [Aim],
+}
+
+/// What was planned; others are named as their rows are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Aim {
+    /// PSNR of things that move, above that of another, dB at least.
+    Moving(&'static str, f64),
+    /// PSNR above that of another, dB at least.
+    Over(&'static str, f64),
+    /// The time another took to its last PSNR, as a multiple of the time to reach that.
+    Faster(&'static str, f64),
+    /// Rays a second.
+    Rays(f64),
+    /// So many dB within so many training seconds.
+    Within { seconds: f64, psnr: f64 },
+    /// Its PSNR below that of the row it takes a part out of, dB at least.
+    Costs(f64),
+    /// The same of what was hidden.
+    HiddenCosts(f64),
+    /// Its error of depth of what was hidden, as a multiple of that of the row it takes a part out of.
+    DepthCosts(f64),
+}
+
+impl Entry {
+    const fn new(system: &'static str) -> Self {
+        Self { name: system, system, set: "", without: None, aims: &[] }
+    }
+
+    /// The same system with a part taken out.
+    const fn without(self, name: &'static str, set: &'static str) -> Self {
+        Self { name, set, without: Some(self.name), aims: &[], ..self }
+    }
+
+    const fn aims(self, aims: &'static [Aim]) -> Self {
+        Self { aims, ..self }
+    }
+}
+
+/// What knows no time loses at least this much on things that move.
+const STATIC_LOSES: Aim = Aim::Moving("ngp", 8.0);
+/// Rays a second of systems that are as D-NeRF is.
+const RAYS: Aim = Aim::Rays(1e4);
+/// What a whole training of ten minutes is to reach.
+const THIRTY: Aim = Aim::Within { seconds: 600.0, psnr: 30.0 };
+
+const NGP: Entry = Entry::new("ngp");
+const D_NERF: Entry = Entry::new("d-nerf");
+const NERFIES: Entry = Entry::new("nerfies");
+const TINEUVOX: Entry = Entry::new("tineuvox");
+const ENDO_NERF: Entry = Entry::new("endo-nerf");
+
+/// Every system for scenes that move, and Nerfies without its parts.
+const EVERYTHING: &[Entry] = &[
+    NGP,
+    Entry::new("t-nerf").aims(&[STATIC_LOSES]),
+    D_NERF.aims(&[STATIC_LOSES, Aim::Over("t-nerf", 0.0), RAYS, THIRTY]),
+    NERFIES.aims(&[STATIC_LOSES]),
+    Entry::new("hypernerf").aims(&[STATIC_LOSES]),
+    TINEUVOX.aims(&[STATIC_LOSES, Aim::Faster("d-nerf", 10.0), RAYS, THIRTY]),
+    NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(0.0)]),
+    NERFIES.without("nerfies, all octaves from the start", "warp_anneal = 0").aims(&[Aim::Costs(0.0)]),
+    NERFIES.without("nerfies, no background loss", "background = 0.0").aims(&[Aim::Costs(0.0)]),
+];
+
+pub(super) const WORKBENCH: Group = Group {
+    name: "workbench",
+    path: "blender_rendered/workbench",
+    holdout: Held::Own,
+    stop: Stop::Seconds(200.0),
+    entries: EVERYTHING,
+};
+
+pub(super) const ORBIT: Group =
+    Group { name: "orbit", path: "synthetic:orbit", stop: Stop::Seconds(200.0), ..WORKBENCH };
+
+pub(super) const NR: Group = Group {
+    name: "nr",
+    path: "nr_nerf/example_sequence",
+    holdout: Held::EveryFrom(8, 4),
+    stop: Stop::Seconds(300.0),
+    entries: &[NGP, D_NERF, TINEUVOX, NERFIES],
+};
+
+pub(super) const TISSUE: Group = Group {
+    name: "tissue",
+    path: "synthetic:tissue",
+    holdout: Held::Own,
+    // Four rounds of refinement are over by then.
+    stop: Stop::Steps(2000),
+    entries: &[
+        ENDO_NERF,
+        ENDO_NERF
+            .without("endo-nerf, not held to depth", "depth = 0.0")
+            .aims(&[Aim::HiddenCosts(0.0), Aim::DepthCosts(1.0)]),
+        ENDO_NERF
+            .without("endo-nerf, samples not led by depth", "cue_samples = 0")
+            .aims(&[Aim::HiddenCosts(0.0), Aim::DepthCosts(1.0)]),
+        ENDO_NERF.without("endo-nerf, no refinement of depth", "refine_every = 0").aims(&[Aim::DepthCosts(1.0)]),
+        ENDO_NERF.without("endo-nerf, rays not led by masks", "guided = false").aims(&[Aim::HiddenCosts(0.0)]),
+        D_NERF,
+    ],
+};
+
+/// What `--protocol` may name.
+pub(in crate::sections) fn names() -> impl Iterator<Item = &'static str> {
+    [WORKBENCH, ORBIT, NR, TISSUE].into_iter().map(|group| group.name)
+}
