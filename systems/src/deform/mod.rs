@@ -3,11 +3,11 @@
 //! A field knows one scene, the *canonical* one. A [`Deform`] says where in it the point of a moment is, and what else the
 //! density there depends on:
 //!
-//! 1. a moment is a row of numbers ([`Moments`]): the time's sines and cosines, or a free code;
-//! 2. [`Deform::place`]: points of a moment, in the unit cube, to canonical points, and rows for the density network;
-//! 3. the field learns; [`Deform::learn`]: the gradient of both, back to networks, moments and points.
+//! 1. a moment is a row of numbers (`Moments`): the time's sines and cosines, or a free code;
+//! 2. `Deform::place`: points of a moment, in the unit cube, to canonical points, and rows for the density network;
+//! 3. the field learns; `Deform::learn`: the gradient of both, back to networks, moments and points.
 //!
-//! A field without one does none of this. Where nothing is warped ([`Moments::still`]) points stay as they are, bit for bit,
+//! A field without one does none of this. Where nothing is warped (`Moments::still`) points stay as they are, bit for bit,
 //! and no network is asked.
 
 mod config;
