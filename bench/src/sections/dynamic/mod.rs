@@ -227,7 +227,7 @@ mod tests {
             [row("a", 9, &[(10.2, 20.0), (31.0, 22.0), (101.0, 25.0)]), row("b", 9, &[(10.1, 19.0), (99.0, 24.0)])];
         let text = over_time(&rows).unwrap().csv();
         let expected = "system,10 s,30 s,a tenth,the end,seconds in all\n\
-                        a,20.0000,22.0000,20.0000,25.0000,101\nb,19.0000,,19.0000,24.0000,99\n";
+                        a,20,22,20,25,101\nb,19,,19,24,99\n";
         assert_eq!(text, expected);
         let text = scores(&rows).unwrap().csv();
         assert!(text.starts_with("system,train / test views,steps,seconds,PSNR\n"), "{text}");

@@ -54,6 +54,10 @@ impl Entry {
         Self { name: system, system, set: "", without: None, aims: &[] }
     }
 
+    const fn set(self, set: &'static str) -> Self {
+        Self { set, ..self }
+    }
+
     /// The same system with a part taken out.
     const fn without(self, name: &'static str, set: &'static str) -> Self {
         Self { name, set, without: Some(self.name), aims: &[], ..self }
@@ -125,7 +129,8 @@ pub(super) const TISSUE: Group = Group {
             .aims(&[Aim::HiddenCosts(0.0), Aim::DepthCosts(1.0)]),
         ENDO_NERF.without("endo-nerf, no refinement of depth", "refine_every = 0").aims(&[Aim::DepthCosts(1.0)]),
         ENDO_NERF.without("endo-nerf, rays not led by masks", "guided = false").aims(&[Aim::HiddenCosts(0.0)]),
-        D_NERF,
+        // The endoscope stands still, and this system makes nothing of measured depth: it has to be told to try.
+        D_NERF.set("accept_no_parallax = true"),
     ],
 };
 
