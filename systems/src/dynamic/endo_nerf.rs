@@ -23,9 +23,10 @@ pub(super) fn settings() -> DynamicConfig {
         cues: CueConfig {
             depth: 1.0,
             depth_delta: 0.2,
-            cue_samples: 32,
+            // Where a fifth of the depths are wrong, half of the samples have to look elsewhere.
+            cue_samples: 48,
             cue_spread: 0.05,
-            cue_anywhere: 0.1,
+            cue_anywhere: 0.5,
             refine_every: 400,
             refine_rounds: 4,
             refine_share: 0.1,
