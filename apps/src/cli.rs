@@ -329,7 +329,7 @@ pub(crate) struct Export {
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,
     /// Time of a scene that moves, 0 the first moment and 1 the last
-    #[arg(long, default_value_t = 0.0, value_name = "T")]
+    #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = moment, allow_hyphen_values = true)]
     pub(crate) time: f64,
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]
@@ -405,6 +405,12 @@ fn seconds(text: &str) -> Result<f64, String> {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("write a number above 0".into()),
     }
+}
+
+/// A time of a scene that moves.
+fn moment(text: &str) -> Result<f64, String> {
+    let time: TimePath = text.parse()?;
+    if time.is_still() { Ok(time.at(0, 1)) } else { Err(format!("`{text}` is a way through time: write one number")) }
 }
 
 fn budget(text: &str) -> Result<f32, String> {

@@ -166,7 +166,8 @@ impl Deform {
         };
         let seen_point = encoding(seen, 3, Identity::Include)?;
         let ambients = config.ambient.map_or(1, |a| a.dims);
-        let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Include)?;
+        // Without the coordinates themselves, which no window closes: before they come in they say nothing.
+        let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Omit)?;
         let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
         let planes = config.warp.as_ref().map_or(Ok(Vec::new()), Self::new_planes)?;
         let plane_rows: usize = planes.iter().map(Planes::features).sum();
