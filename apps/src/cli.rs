@@ -328,7 +328,7 @@ pub(crate) struct Export {
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,
     /// Time of a scene that moves, 0 the first moment and 1 the last
-    #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = moment)]
+    #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = moment, allow_hyphen_values = true)]
     pub(crate) time: f64,
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]

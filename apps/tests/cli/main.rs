@@ -1,7 +1,9 @@
-//! `nerf-static` and `nerf-wild` as people and scripts meet them: exit codes, one clear line for each failure, files left behind.
+//! `nerf-static`, `nerf-wild` and `nerf-dynamic` as people and scripts meet them: exit codes, one clear line for each
+//! failure, files left behind.
 
 mod bad_datasets;
 mod commands;
+mod dynamic;
 mod resume;
 mod scales;
 mod tools;

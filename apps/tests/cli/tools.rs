@@ -34,6 +34,11 @@ pub(crate) fn nerf_wild(words: &[&str]) -> Answer {
     answer(prepared("nerf-wild"), words)
 }
 
+/// Run `nerf-dynamic`; nor that.
+pub(crate) fn nerf_dynamic(words: &[&str]) -> Answer {
+    answer(prepared("nerf-dynamic"), words)
+}
+
 fn answer(mut program: Command, words: &[&str]) -> Answer {
     let output = program.args(words).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -47,7 +52,7 @@ pub(crate) fn program() -> Command {
     prepared("nerf-static")
 }
 
-fn prepared(name: &str) -> Command {
+pub(crate) fn prepared(name: &str) -> Command {
     let mut command = Command::cargo_bin(name).unwrap();
     command.env_remove("WILDFIELD_LPIPS").args(["--threads", "2"]);
     command

@@ -175,7 +175,7 @@ impl Deform {
         };
         let seen_point = encoding(seen, 3, Identity::Include)?;
         let ambients = config.ambient.map_or(1, |a| a.dims);
-        // Without the coordinates themselves, which no window weighs: nothing is seen of them before its time.
+        // Without the coordinates themselves, which no window closes: before they come in they say nothing.
         let seen_ambient = encoding(config.ambient.map(|a| a.seen_octaves), ambients, Identity::Omit)?;
         let rows = |f: &Option<Frequency>| f.as_ref().map_or(0, Frequency::out_rows);
         let planes = config.planes.as_ref().map_or(Ok(Vec::new()), new_planes)?;

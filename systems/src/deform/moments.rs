@@ -24,6 +24,12 @@ impl Moments {
     pub(crate) fn len(&self) -> usize {
         self.still.len()
     }
+
+    /// Whether any two of them differ.
+    pub(crate) fn differ(&self) -> bool {
+        let rows = self.rows.chunks_exact(self.dims.max(1)).any(|row| *row != self.rows[..row.len()]);
+        rows || self.times.windows(2).any(|pair| pair[0] != pair[1])
+    }
 }
 
 /// `t`, its sines and cosines: `[rows][n]`.

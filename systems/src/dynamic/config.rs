@@ -51,6 +51,9 @@ pub enum OriginKind {
     Free,
 }
 
+/// Sets of planes at most.
+const MAX_PLANES: usize = 8;
+
 /// Settings of a system for scenes that move.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DynamicConfig {
@@ -238,23 +241,41 @@ impl DynamicConfig {
         let bad = |field: &'static str, value: String, problem: &str| {
             Err(SystemError::Config { field, value, problem: problem.into() })
         };
-        for (field, value) in [
-            ("time_octaves", self.time_octaves),
-            ("warp_octaves", self.warp_octaves),
-            ("ambient_octaves", self.ambient_octaves),
-            ("sees_octaves", self.sees_octaves),
+        // Octaves of the ambient network come without the point itself: none of them would leave it nothing to see.
+        for (field, value, least, most) in [
+            ("time_octaves", self.time_octaves, 0, 16),
+            ("warp_octaves", self.warp_octaves, 0, 16),
+            ("ambient_octaves", self.ambient_octaves, 1, 16),
+            ("sees_octaves", self.sees_octaves, 0, 16),
+            ("moment_dims", self.moment_dims, 1, 1024),
+            ("warp_width", self.warp_width, 1, 1024),
+            ("warp_depth", self.warp_depth, 1, 16),
+            ("ambient", self.ambient, 0, 16),
+            ("ambient_width", self.ambient_width, 1, 1024),
+            ("ambient_depth", self.ambient_depth, 1, 16),
+            ("plane_features", self.plane_features, 1, 32),
+            ("plane_times", self.plane_times, 1, 1024),
+            ("background_points", self.background_points, 0, 1 << 20),
         ] {
-            if value > 16 {
-                return bad(field, value.to_string(), "must be at most 16");
+            if !(least..=most).contains(&value) {
+                return bad(field, value.to_string(), &format!("must be in {least}..={most}"));
             }
         }
-        for (field, value) in [("moment_dims", self.moment_dims), ("warp_width", self.warp_width)] {
-            if !(1..=1024).contains(&value) {
-                return bad(field, value.to_string(), "must be in 1..=1024");
+        if self.planes.len() > MAX_PLANES || !self.planes.iter().all(|cells| (1..=512).contains(cells)) {
+            let problem = format!("must be at most {MAX_PLANES} numbers in 1..=512");
+            return bad("planes", format!("{:?}", self.planes), &problem);
+        }
+        for (field, value, least) in [
+            ("elastic", self.elastic, 0.0),
+            ("elastic_scale", self.elastic_scale, 1e-6),
+            ("background", self.background, 0.0),
+        ] {
+            if !(least..=1e3).contains(&value) {
+                return bad(field, value.to_string(), &format!("must be in {least}..=1000"));
             }
         }
         self.cues.check()?;
-        for (field, value) in [("warp_lr", self.warp_lr), ("moment_lr", self.moment_lr)] {
+        for (field, value) in [("warp_lr", self.warp_lr), ("moment_lr", self.moment_lr), ("plane_lr", self.plane_lr)] {
             if !(0.0..=100.0).contains(&value) {
                 return bad(field, value.to_string(), "must be in 0..=100");
             }

@@ -99,11 +99,14 @@ pub fn build(
         ground.lines.push("rays: half of them where the errors are".into());
     }
     if config.guided {
-        let led = system.follow_masks(data)?;
-        ground.lines.push(if led {
-            "rays: none under the masks, more where they often are".into()
-        } else {
-            "rays: anywhere (no masks, or views of different sizes)".into()
+        ground.lines.push(match system.follow_masks(data)? {
+            Some(0) => "rays: none under the masks, more where they often are".into(),
+            Some(hidden) => format!(
+                "rays: none under the masks, more where they often are; {hidden} of {} photos lie all under theirs and are \
+                 left out",
+                data.len()
+            ),
+            None => "rays: anywhere (no masks, masks over everything, or views of different sizes)".into(),
         });
     }
     if config.cues.asks() {

@@ -148,3 +148,125 @@ fn depth_errors(
     let mean = |sum: f64| (n > 0).then(|| sum / n as f64);
     [mean(sum), mean(relative)]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Dataset;
+    use crate::render::plain_query;
+    use crate::system::Layers;
+    use glam::DMat3;
+    use render_core::camera::Camera;
+    use render_core::pose::Pose;
+    use scene_io::synthetic::{TabletopOptions, tabletop};
+    use scene_io::{BitMask, DepthSource, Frame, Image, ImageSource, ImageStore, Scene, StoreOptions, TruthMask};
+    use std::sync::Arc;
+
+    const W: u32 = 6;
+    const H: u32 = 4;
+
+    /// The left third moves, the lower half was hidden, the first column has no depth.
+    fn frame() -> Frame {
+        let pose = Pose { r: DMat3::from_rotation_x(0.4), c: [1.0, 2.0, 3.0].into() };
+        let camera = Camera::pinhole(W, H, 5.0, 5.0, 3.0, 2.0, pose);
+        let image = Image::rgb(W, H, vec![100; 3 * (W * H) as usize]).unwrap();
+        let mask = |is_set: fn(u32, u32) -> bool| Some(TruthMask::Memory(Arc::new(BitMask::from_fn(W, H, is_set))));
+        let z = (0..W * H).map(|k| if k % W == 0 { 0.0 } else { 2.0 + 0.1 * k as f32 }).collect();
+        Frame {
+            split: Split::Test,
+            moving: mask(|x, _| x < 2),
+            transient: mask(|_, y| y >= 2),
+            depth: Some(DepthSource::memory(DepthMap::new(W, H, z).unwrap())),
+            ..Frame::new("a", ImageSource::Memory(Arc::new(image)), camera)
+        }
+    }
+
+    fn data(frame: Frame) -> Dataset {
+        let scene = tabletop(&TabletopOptions { train: 0, test: 0, ..Default::default() });
+        let scene = Scene { frames: vec![frame], ..scene };
+        let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
+        Dataset::new(&scene, store, vec![0]).unwrap()
+    }
+
+    /// Scores of a render that is off by 20 steps where things move and by 5 elsewhere, and whose depths are `depth(z)`.
+    fn scored(frame: Frame, depth: impl Fn(usize, f32) -> f32, used: Option<&[u8]>) -> MotionScore {
+        let data = data(frame);
+        let view = data.view(0);
+        let z = view.source.read_depth().unwrap().map_or(vec![2.0; (W * H) as usize], |map| map.z);
+        let mut layers = Layers::nothing((W * H) as usize, &plain_query([0.0; 3], 0.0));
+        for (k, (out, &z)) in layers.depth.iter_mut().zip(&z).enumerate() {
+            let ray = view.ray(k as u32 % W, k as u32 / W).unwrap();
+            // Along the ray.
+            *out = (f64::from(depth(k, z)) / ray.d.dot(view.camera.optical_axis())) as f32;
+        }
+        let truth = RgbImage::from_pixel(W, H, image::Rgb([100; 3]));
+        let picture = RgbImage::from_fn(W, H, |x, _| image::Rgb([if x < 2 { 120 } else { 105 }; 3]));
+        let rendered = Rendered { width: W, height: H, layers };
+        MotionScore::of(view, &rendered, (&picture, &truth), used).unwrap()
+    }
+
+    fn db(steps: f64) -> f64 {
+        -20.0 * (steps / 255.0).log10()
+    }
+
+    fn is(found: Option<f64>, want: f64) {
+        assert!((found.unwrap() - want).abs() < 1e-5 * want.abs().max(1.0), "{found:?}, not {want}");
+    }
+
+    #[test]
+    fn each_part_of_a_picture_has_its_score() {
+        let score = scored(frame(), |_, z| 1.1 * z, None);
+        is(score.psnr_moving, db(20.0));
+        is(score.psnr_still, db(5.0));
+        // A third of what was hidden moves.
+        is(score.psnr_hidden, db(((400.0 + 2.0 * 25.0) / 3.0_f64).sqrt()));
+        is(score.depth_relative, 0.1);
+        let known: Vec<f64> = (0..W * H).filter(|k| k % W != 0).map(|k| 2.0 + 0.1 * f64::from(k)).collect();
+        is(score.depth_error, 0.1 * known.iter().sum::<f64>() / known.len() as f64);
+        let low: Vec<f64> = (2 * W..W * H).filter(|k| k % W != 0).map(|k| 2.0 + 0.1 * f64::from(k)).collect();
+        is(score.depth_hidden, 0.1 * low.iter().sum::<f64>() / low.len() as f64);
+        let words = score.words();
+        assert_eq!(words.len(), 5, "{words:?}");
+        assert!(words[0].starts_with("things that move: 22.1") && words[4].ends_with("10.00 %"), "{words:?}");
+    }
+
+    #[test]
+    fn a_ray_that_ends_nowhere_counts_with_the_whole_depth() {
+        let score = scored(frame(), |_, _| f32::INFINITY, None);
+        is(score.depth_relative, 1.0);
+        let exact = scored(frame(), |_, z| z, None);
+        assert!(exact.depth_error.unwrap() < 1e-6 && exact.depth_relative.unwrap() < 1e-6);
+    }
+
+    #[test]
+    fn pixels_that_are_not_used_do_not_count() {
+        let used: Vec<u8> = (0..W * H).map(|k| if k % W == 1 { 255 } else { 0 }).collect();
+        let score = scored(frame(), |_, z| 1.1 * z, Some(&used));
+        is(score.psnr_moving, db(20.0));
+        assert_eq!(score.psnr_still, None, "none of them is left");
+        is(score.psnr_hidden, db(20.0));
+        let none = scored(frame(), |_, z| z, Some(&[0; 24]));
+        assert!(none.is_empty() && none.words().is_empty(), "{none:?}");
+    }
+
+    #[test]
+    fn nothing_is_said_where_nothing_is_known() {
+        let bare = || Frame { moving: None, transient: None, depth: None, ..frame() };
+        assert!(scored(bare(), |_, z| z, None).is_empty());
+        // What a training photo's tool hid is known to nobody.
+        let training = Frame { split: Split::Train, ..frame() };
+        let score = scored(training, |_, z| z, None);
+        assert!(score.psnr_hidden.is_none() && score.depth_hidden.is_none() && score.psnr_moving.is_some());
+        let holes = DepthSource::memory(DepthMap::new(W, H, vec![0.0; 24]).unwrap());
+        let score = scored(Frame { depth: Some(holes), ..frame() }, |_, _| 1.0, None);
+        assert!(score.depth_error.is_none() && score.depth_relative.is_none() && score.psnr_moving.is_some());
+    }
+
+    #[test]
+    fn means_are_over_views_that_have_a_score() {
+        let of = |moving, depth| MotionScore { psnr_moving: moving, depth_error: depth, ..MotionScore::default() };
+        let scores = [of(Some(20.0), None), of(None, Some(0.5)), of(Some(30.0), None)];
+        assert_eq!(MotionScore::mean(scores.into_iter()), of(Some(25.0), Some(0.5)));
+        assert!(MotionScore::mean([].into_iter()).is_empty());
+    }
+}

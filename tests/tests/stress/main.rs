@@ -1,5 +1,6 @@
 //! The stress list of trainings and files: what people do to programs. The list of the math crates is the package `stress`.
 
+mod dynamic;
 mod files;
 mod settings;
 mod trainings;
@@ -20,6 +21,9 @@ fn every_case_keeps_its_promise() {
             Once("wild settings", wild::settings),
             Once("wild scenes", wild::scenes),
             Once("wild rates", wild::learning_rates),
+            Once("moving settings", dynamic::settings),
+            Once("moving scenes", dynamic::scenes),
+            Once("moving rates", dynamic::learning_rates),
         ],
     );
 }

@@ -25,6 +25,8 @@ mod free_space;
 mod grid_trainer;
 mod head;
 mod look;
+#[cfg(test)]
+mod moving_tests;
 mod occupy;
 mod points;
 mod proposal;
@@ -288,13 +290,13 @@ impl Ngp {
         self.errors = Some(ErrorMap::new(data));
     }
 
-    /// Let masks lead the rays. Whether there are any.
+    /// Let masks lead the rays. Where there are any, the number of views of which they leave nothing.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
-    pub(crate) fn follow_masks(&mut self, data: &Dataset) -> Result<bool, SystemError> {
+    pub(crate) fn follow_masks(&mut self, data: &Dataset) -> Result<Option<usize>, SystemError> {
         self.guide = Guide::of(data)?;
-        Ok(self.guide.is_some())
+        Ok(self.guide.as_ref().map(Guide::hidden_views))
     }
 
     /// Let measured depth lead the training. Whether there is any.

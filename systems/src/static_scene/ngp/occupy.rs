@@ -226,7 +226,7 @@ impl Looker {
     /// Where something moves, a cell is looked at in several moments, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
     fn look(&mut self, grid: &OccupancyGrid, field: &Field, space: &Space, rng: &Rng, cells: &[u32], out: &mut [f32]) {
-        if field.moments().len() < 2 {
+        if !field.moments().differ() {
             return self.look_once(grid, field, space, rng, cells, out);
         }
         out.fill(0.0);

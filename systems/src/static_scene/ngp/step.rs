@@ -239,7 +239,7 @@ impl Ngp {
     }
 
     /// The table as it is from the next step on: more levels, or more voxels, which the optimiser has not seen before.
-    fn refine(&mut self) {
+    pub(super) fn refine(&mut self) {
         let (steps, field) = (self.guard.steps(), &mut self.field);
         match &mut field.grid {
             Table::Hash(_, weights) => self.config.level_weights(steps, weights),

@@ -176,3 +176,104 @@ impl TableTrainer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::budget_tests::small;
+    use super::*;
+    use crate::space::SpaceKind;
+    use field_core::rng::Rng;
+
+    const N: usize = 11;
+
+    fn voxels(voxels: usize, steps: u64) -> Table {
+        let config = NgpConfig { voxels, features: 2, voxels_every: 10, ..small(SpaceKind::Box) };
+        Table::new(&config, steps).unwrap()
+    }
+
+    fn uniform(n: usize, stream: u64) -> Vec<f32> {
+        let mut out = vec![0.0; n];
+        Rng::new(4, stream).fill_uniform(0, &mut out);
+        out
+    }
+
+    /// Sum of the outputs times fixed factors.
+    fn value(table: &Table, params: &[f32], x: &[f32], bars: &[f32]) -> f64 {
+        let mut out = vec![0.0; bars.len()];
+        table.encode(Simd::best(), params, x, &mut out);
+        out.iter().zip(bars).map(|(out, bar)| f64::from(*out) * f64::from(*bar)).sum()
+    }
+
+    #[test]
+    fn voxels_are_pulled_as_differences_say() {
+        let (table, simd) = (voxels(12, 30), Simd::best());
+        let params: Vec<f32> = uniform(table.params_len(), 1).iter().map(|u| u - 0.5).collect();
+        let x = uniform(3 * N, 2);
+        let bars = uniform(table.out_rows() * N, 3);
+        let (mut pulled, mut raw) = (bars.clone(), Vec::new());
+        let raw_bar = table.pull(simd, (&params, &x), &mut pulled, &mut raw);
+        let mut x_bar = vec![0.25; 3 * N];
+        table.pull_positions(simd, (&params, &x), raw_bar, 0, &mut x_bar);
+        let Table::Voxels(grid, _) = &table else { panic!("voxels were asked for") };
+        let mut params_bar = vec![0.0; params.len()];
+        grid.encode_backward(simd, &x, raw_bar, &mut params_bar).unwrap();
+
+        let close = |got: f32, plus: f64, minus: f64, h: f32, what: &str| {
+            let want = (plus - minus) / (2.0 * f64::from(h));
+            assert!((f64::from(got) - want).abs() < 1e-2 * want.abs().max(1.0), "{what}: {got} and {want}");
+        };
+        let h = 2e-3;
+        let touched: Vec<usize> = (0..params.len()).filter(|&i| params_bar[i] != 0.0).collect();
+        assert!(touched.len() > 100, "three distances of eight corners each: {}", touched.len());
+        for &i in touched.iter().step_by(touched.len() / 40) {
+            let at = |step: f32| {
+                let mut params = params.clone();
+                params[i] += step;
+                value(&table, &params, &x, &bars)
+            };
+            close(params_bar[i], at(h), at(-h), h, &format!("parameter {i}"));
+        }
+        // Inside cells: the slope jumps at their faces.
+        let (h, cells) = (1e-3, f64::from(grid.resolution()[0] - 1));
+        let mut tried = 0;
+        for i in 0..3 * N {
+            let inside = (f64::from(x[i]) * cells).fract();
+            if !(0.05..0.95).contains(&inside) || !(0.02..0.98).contains(&x[i]) {
+                continue;
+            }
+            let at = |step: f32| {
+                let mut x = x.clone();
+                x[i] += step;
+                value(&table, &params, &x, &bars)
+            };
+            close(x_bar[i] - 0.25, at(h), at(-h), h, &format!("coordinate {i}"));
+            tried += 1;
+        }
+        assert!(tried > N, "{tried}");
+    }
+
+    #[test]
+    fn what_is_seen_of_voxels_is_what_they_hold_and_its_octaves() {
+        let table = voxels(12, 30);
+        let params = vec![0.3; table.params_len()];
+        let mut out = vec![0.0; table.out_rows() * N];
+        table.encode(Simd::best(), &params, &uniform(3 * N, 2), &mut out);
+        // Three distances of two features; each with itself, and sine and cosine of two octaves.
+        assert_eq!(table.out_rows(), 6 * 5);
+        let seen = [0.3, 0.3_f32.sin(), 0.3_f32.cos(), 0.6_f32.sin(), 0.6_f32.cos()];
+        for (i, value) in out.iter().enumerate() {
+            assert!(seen.iter().any(|s| (s - value).abs() < 1e-5), "row {}: {value}", i / N);
+        }
+    }
+
+    #[test]
+    fn voxels_double_in_number_three_times() {
+        let len = |steps| voxels(32, steps).params_len() as f64;
+        assert_eq!(len(0), len(9));
+        for (before, after) in [(9, 10), (19, 20), (29, 30)] {
+            let more = len(after) / len(before);
+            assert!((1.6..2.4).contains(&more), "after {after} steps: {more} times as many");
+        }
+        assert_eq!(len(30), len(1000));
+    }
+}

@@ -1,0 +1,194 @@
+//! The words of `nerf-dynamic`: time in renders and exports, scores of what moves, a video in a folder.
+
+use crate::tools::{Answer, SMALL, error_line, nerf, nerf_dynamic, nerf_wild, prepared, text};
+use scene_io::export::Ply;
+use scene_io::synthetic::{OrbitOptions, write_orbit};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// 8 training and 2 test views of 24 x 24 pixels in D-NeRF's form, in `DIR/scene`.
+fn video() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let options = OrbitOptions { width: 24, height: 24, train: 8, test: 2, rays: 1, ..OrbitOptions::default() };
+    write_orbit(&options, &scene).unwrap();
+    (folder, scene)
+}
+
+const NARROW: [&str; 4] = ["--set", "warp_width=16", "--set", "warp_depth=2"];
+
+fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
+    let words = ["train", text(scene), "--out", text(run), "--progress", "off"];
+    nerf_dynamic(&[&words[..], &SMALL, &NARROW, extra].concat())
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn time_is_a_word_of_nerf_dynamic_alone() {
+    for word in ["render", "export"] {
+        for (program, has) in [(nerf as fn(&[&str]) -> Answer, false), (nerf_wild, false), (nerf_dynamic, true)] {
+            let help = program(&[word, "--help"]);
+            assert_eq!((help.code, help.out.contains("--time")), (0, has), "{word}: {}", help.out);
+        }
+    }
+    let help = nerf_dynamic(&["--help"]);
+    assert!(help.code == 0 && help.out.contains("scenes that move") && !help.out.contains("masks"), "{}", help.out);
+    for words in [
+        &["render", "x", "--path", "orbit", "--out", "y", "--time", "0..1"][..],
+        &["export", "x", "--mesh", "y.ply", "--time", "0.5"],
+    ] {
+        for program in [nerf as fn(&[&str]) -> Answer, nerf_wild] {
+            let answer = program(words);
+            assert_eq!(answer.code, 2, "{words:?}");
+            assert!(answer.err.contains("`--time` is a word of nerf-dynamic"), "{}", answer.err);
+        }
+    }
+    // Words of other apps are none of this one's.
+    let answer = nerf_dynamic(&["render", "x", "--path", "orbit", "--out", "y", "--appearance", "mean"]);
+    assert!(answer.code == 2 && answer.err.contains("word of nerf-wild"), "{}", answer.err);
+}
+
+#[test]
+fn times_that_are_none_are_refused_before_anything_is_read() {
+    for time in ["2", "-1", "0..2", "nan", "now", "0..", "", "inf"] {
+        for words in
+            [["render", "x", "--path", "orbit", "--out", "y"], ["export", "x", "--mesh", "y.ply", "--count", "9"]]
+        {
+            let answer = nerf_dynamic(&[&words[..], &["--time", time]].concat());
+            assert_eq!(answer.code, 2, "{} --time {time}: {}{}", words[0], answer.out, answer.err);
+            let lines: Vec<&str> = answer.err.lines().filter(|line| line.contains("--time")).collect();
+            assert!(!lines.is_empty() && lines[0].starts_with("error: "), "{}", answer.err);
+        }
+    }
+}
+
+#[test]
+fn a_video_is_trained_measured_rendered_and_exported() {
+    let (folder, scene) = video();
+    let run = folder.path().join("run");
+    let answer = train(&scene, &run, &["--steps", "20", "--system", "t-nerf"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("things that move: ") && answer.out.contains("everything else: "), "{}", answer.out);
+
+    let answer = nerf_dynamic(&["eval", text(&run)]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    for line in ["things that move: ", "everything else: ", "depth: "] {
+        assert_eq!(answer.out.lines().filter(|l| l.starts_with(line)).count(), 1, "{line}\n{}", answer.out);
+    }
+    let eval = json(&run.join("eval.json"));
+    for score in ["psnr_moving", "psnr_still", "depth_error", "depth_relative"] {
+        assert!(eval["motion"][score].as_f64().is_some_and(f64::is_finite), "{score}: {}", eval["motion"]);
+        assert!(eval["views"][1]["motion"][score].is_f64(), "{score} of a view: {}", eval["views"][1]);
+    }
+
+    let pictures = folder.path().join("pictures");
+    let render = |words: &[&str]| nerf_dynamic(&[&["render", text(&run), "--out", text(&pictures)], words].concat());
+    let frame = |i: usize| fs::read(pictures.join(format!("colour_{i:04}.png"))).unwrap();
+    let answer = render(&["--path", "hold:test/r_000", "--time", "0..1", "--frames", "3"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let [first, middle, last] = [0, 1, 2].map(frame);
+    assert!(first != middle && middle != last && first != last, "the camera holds and time goes on");
+    assert!(pictures.join("preview.gif").exists());
+    // One moment of one place is one picture, the same as on the way.
+    for (time, same) in [("0.5", &middle), ("1", &last), ("1..1", &last)] {
+        fs::remove_dir_all(&pictures).unwrap();
+        let answer = render(&["--path", "hold:test/r_000", "--time", time]);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        assert!(frame(0) == *same && !pictures.join("colour_0001.png").exists(), "{time}");
+    }
+    // Without a word all of the time is shown; backwards is a way, too.
+    for time in [&[][..], &["--time", "1..0"]] {
+        let answer = render(&[&["--path", "hold:test/r_000", "--frames", "3"], time].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        let ends = if time.is_empty() { [&first, &last] } else { [&last, &first] };
+        assert!(frame(0) == *ends[0] && frame(2) == *ends[1], "{time:?}");
+    }
+
+    let mesh = |time: &str| {
+        let path = folder.path().join(format!("mesh{time}.ply"));
+        let words = ["export", text(&run), "--mesh", text(&path), "--resolution", "16", "--level", "0.5"];
+        let answer = nerf_dynamic(&[&words[..], &["--time", time]].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        Ply::read(&path).unwrap();
+        fs::read(path).unwrap()
+    };
+    assert!(mesh("0.5") != mesh("0"), "another moment, another surface");
+    let points = folder.path().join("points.ply");
+    let answer = nerf_dynamic(&["export", text(&run), "--points", text(&points), "--count", "50", "--time", "1"]);
+    assert!(answer.code == 0 && points.exists(), "{}", answer.err);
+}
+
+#[test]
+fn what_a_system_of_moving_scenes_has_not_is_said_in_one_line() {
+    let (folder, scene) = video();
+    let run = folder.path().join("run");
+    for (extra, part) in [
+        (&["--system", "nerf-w"][..], "tineuvox"),
+        (&["--set", "warp=sideways"], "sideways"),
+        (&["--set", "warp_depth=0"], "`warp_depth` = 0"),
+        (&["--set", "sampler=\"proposal\""], "proposals know of one moment only"),
+    ] {
+        let answer = train(&scene, &run, &[&["--steps", "1"], extra].concat());
+        assert_eq!(answer.code, 1, "{extra:?}: {}", answer.out);
+        assert!(error_line(&answer).contains(part), "{}", answer.err);
+        assert!(!run.join("checkpoint").exists());
+    }
+}
+
+#[test]
+fn a_killed_run_resumes_to_the_same_bits() {
+    let (folder, scene) = video();
+    for system in ["tineuvox", "nerfies"] {
+        let own: &[&str] = match system {
+            // Doubled after steps 10, 20 and 30.
+            "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=10"],
+            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30"],
+        };
+        let place = |name: &str| folder.path().join(format!("{system}-{name}"));
+        let (whole, killed) = (place("whole"), place("killed"));
+        let extra = [&["--system", system], own].concat();
+        let answer = train(&scene, &whole, &[&["--steps", "40"], &extra[..]].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+
+        // A checkpoint after every step, and no mercy once there are some.
+        let mut child = Command::new(prepared("nerf-dynamic").get_program())
+            .args(["train", text(&scene), "--out", text(&killed), "--progress", "off", "--steps", "100000"])
+            .args([&SMALL[..], &NARROW, &extra].concat())
+            .args(["--checkpoint-minutes", "1e-9", "--threads", "1"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let since = Instant::now();
+        while newest(&killed) < 12 && since.elapsed() < Duration::from_secs(60) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let step = newest(&killed);
+        assert!((12..40).contains(&step), "{system}: killed at step {step}");
+
+        let resume = ["train", "--resume", "--out", text(&killed), "--steps", "40", "--progress", "off"];
+        let answer = nerf_dynamic(&resume);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        assert!(answer.out.contains("resumed at step"), "{}", answer.out);
+        let arrays = |run: &Path| fs::read(run.join("checkpoint/step-00000040.safetensors")).unwrap();
+        assert!(arrays(&whole) == arrays(&killed), "{system}: the same bits as an uninterrupted run");
+    }
+}
+
+/// Step of the newest checkpoint; 0 where there is none.
+fn newest(run: &Path) -> u64 {
+    let steps = fs::read_dir(run.join("checkpoint")).into_iter().flatten().flatten().filter_map(|e| {
+        let name = e.file_name().into_string().ok()?;
+        name.strip_prefix("step-")?.strip_suffix(".json")?.parse().ok()
+    });
+    steps.max().unwrap_or(0)
+}

@@ -1,0 +1,150 @@
+//! The field of a scene that moves: what is full now and then stays in sight, and finer voxels show the same scene.
+
+use super::budget_tests::small;
+use super::occupy::Occupy;
+use super::{Ngp, NgpConfig};
+use crate::data::Dataset;
+use crate::deform::{Deform, DeformConfig, ElasticAt, Moment, Sees};
+use crate::options::Background;
+use crate::space::{Space, SpaceKind};
+use crate::system::{Query, System, TensorData, TensorMap};
+use glam::DVec3;
+use optim::NonFiniteGuard;
+use render_core::ray::Ray;
+use scene_io::synthetic::{OrbitOptions, orbit};
+use scene_io::{ImageStore, Split, StoreOptions};
+use std::sync::Arc;
+
+const MOMENTS: usize = 20;
+
+/// A photo of each of so many moments.
+fn filmed(side: u32) -> Dataset {
+    let options =
+        OrbitOptions { width: side, height: side, train: MOMENTS, test: 0, rays: 1, ..OrbitOptions::default() };
+    let scene = orbit(&options);
+    let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
+    Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
+}
+
+fn of(config: NgpConfig, data: &Dataset, moment: Moment) -> Ngp {
+    let deform = DeformConfig {
+        moment,
+        warp: None,
+        ambient: None,
+        planes: None,
+        sees: Sees::Moment,
+        elastic: 0.0,
+        elastic_scale: 0.03,
+        elastic_at: ElasticAt::Middle,
+        background: 0.0,
+        background_points: 0,
+        curriculum: 0,
+        rate: 1.0,
+        code_rate: 1.0,
+    };
+    let deform = Deform::new(deform, data, 1).unwrap();
+    let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
+    Ngp::moving(config, space, Background::White, 1, ("ngp", None, Some(deform))).unwrap()
+}
+
+/// A field that is full everywhere at one moment of [`MOMENTS`], and empty at all others: the density is that of the moment's
+/// code.
+fn flash(moves: bool) -> Ngp {
+    let config = NgpConfig { moves, occupancy: 8, occupancy_every: 1, occupancy_settle: 1, ..small(SpaceKind::Box) };
+    let mut ngp = of(NgpConfig { density_bias: -8.0, ..config }, &filmed(4), Moment::Codes { dims: 1 });
+    let mut state: TensorMap = ngp.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
+    let mut write = |name: &str, values: &[(usize, f32)]| match &mut state.get_mut(name).unwrap().data {
+        TensorData::F32(data) => {
+            data.to_mut().fill(0.0);
+            values.iter().for_each(|&(i, value)| data.to_mut()[i] = value);
+        }
+        TensorData::U64(_) => panic!("{name} holds counters"),
+    };
+    write("deform.moments", &[(7, 1.0)]);
+    // The first hidden unit takes the last input, which is the code; the first output is the log-density.
+    let layers = ngp.field.density.layers();
+    let code = layers[0].weights.start + ngp.field.density.inputs() - 1;
+    write("field.density", &[(code, 1.0), (layers[1].weights.start, 10.0)]);
+    ngp.load_state(&state).unwrap();
+    ngp
+}
+
+/// Share of the occupancy grid's cells that count as empty, the worst of many updates after the grid has settled.
+fn lost(mut ngp: Ngp) -> f64 {
+    let mut worst = 0.0_f64;
+    for step in 0..400 {
+        ngp.occupy.update(&ngp.config, &ngp.field, &ngp.space, ngp.seed, step);
+        if step >= 100 {
+            let grid = &ngp.occupy.grid;
+            let full: u32 = grid.bits().iter().map(|word| word.count_ones()).sum();
+            worst = worst.max(1.0 - f64::from(full) / grid.cells() as f64);
+        }
+    }
+    worst
+}
+
+#[test]
+fn a_cell_that_is_full_at_one_moment_in_twenty_stays_in_sight() {
+    let ngp = flash(true);
+    let at = |k: usize| {
+        let mut out = [0.0];
+        ngp.density(&[[0.1, 0.2, 0.3]], k as f64 / (MOMENTS - 1) as f64, &mut out);
+        out[0]
+    };
+    assert!(at(7) > 5.0 && at(3) < 1e-2 && at(19) < 1e-2, "{} {} {}", at(7), at(3), at(19));
+    assert_eq!(Occupy::settings(&ngp.config, 0).decay, 0.95);
+    let [kept, forgotten] = [lost(ngp), lost(flash(false))];
+    println!("lost: {kept:.4}, with the decay of a static scene {forgotten:.4}");
+    assert!(kept < 0.005, "{kept} of the cells are lost");
+    assert!(forgotten > 0.05, "with the decay of a scene that stands still many are: {forgotten}");
+}
+
+/// What an orbiting camera sees of a field at a time.
+fn shown(ngp: &Ngp, data: &Dataset, time: f64) -> Vec<f32> {
+    let query = Query { time, ..crate::render::plain_query([1.0; 3], 0.0) };
+    let rays: Vec<Ray> = data.view(3).rays(0..24).flatten().collect();
+    ngp.render(&rays, &query).rgb.into_flattened()
+}
+
+fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    (sum / a.len() as f64).sqrt()
+}
+
+#[test]
+fn finer_voxels_show_the_same_scene() {
+    let data = filmed(24);
+    let config = NgpConfig {
+        voxels: 24,
+        voxels_every: 1000,
+        lr: 1e-2,
+        batch_rays: 512,
+        batch_samples: 1 << 13,
+        ..small(SpaceKind::Box)
+    };
+    let mut ngp = of(config, &data, Moment::Time { octaves: 2 });
+    let nothing_yet = shown(&ngp, &data, 0.5);
+    for step in 0..60 {
+        ngp.step(&data, step).unwrap();
+    }
+    let before = shown(&ngp, &data, 0.5);
+    let learnt = distance(&nothing_yet, &before);
+    for doublings in 1..=3 {
+        let params = ngp.field.grid_params.len();
+        ngp.guard = NonFiniteGuard::default().resumed(doublings * 1000, 0, 0);
+        ngp.refine();
+        let more = ngp.field.grid_params.len() as f64 / params as f64;
+        assert!((1.5..2.6).contains(&more), "doubling {doublings}: {more} times as many");
+        let off = distance(&before, &shown(&ngp, &data, 0.5));
+        println!("doubling {doublings}: {off:.4} of {learnt:.4}");
+        assert!(off < 0.2 * learnt, "doubling {doublings}: the picture changes by {off}, and {learnt} was learnt");
+    }
+    let params = ngp.field.grid_params.len();
+    ngp.guard = NonFiniteGuard::default().resumed(9000, 0, 0);
+    ngp.refine();
+    assert_eq!(ngp.field.grid_params.len(), params, "three times and no more");
+    // It learns on.
+    for step in 60..64 {
+        assert!(ngp.step(&data, step).unwrap().nonfinite == 0);
+    }
+}

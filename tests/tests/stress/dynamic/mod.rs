@@ -1,0 +1,93 @@
+//! Systems for scenes that move at the edge of their settings, of what a video can be, and of learning rates.
+
+mod learning_rates;
+mod scenes;
+mod settings;
+
+pub(crate) use learning_rates::cases as learning_rates;
+pub(crate) use scenes::cases as scenes;
+pub(crate) use settings::cases as settings;
+
+use crate::common::{QUERY, TINY_NGP, state_is_finite};
+use scene_io::Scene;
+use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
+use stress::{Verdict, ensure, finite};
+use systems::data::Dataset;
+use systems::options::{Background, Plan, RunOptions, parse_set};
+use systems::render::render;
+use systems::system::{Query, System, SystemError};
+
+/// Settings with which a step takes milliseconds.
+const SMALL: [&str; 9] = [
+    "warp_width=8",
+    "warp_depth=1",
+    "ambient_width=8",
+    "ambient_depth=1",
+    "background_points=16",
+    "cue_samples=8",
+    "plane_features=2",
+    "plane_times=3",
+    "refine_every=3",
+];
+
+const STEPS: u64 = 5;
+
+/// A stage of a few pixels.
+fn stage(options: OrbitOptions) -> Scene {
+    orbit(&OrbitOptions { width: 16, height: 16, test: 0, rays: 1, ..options })
+}
+
+fn usual_stage() -> Scene {
+    stage(OrbitOptions { train: 6, ..OrbitOptions::default() })
+}
+
+/// Tissue of a few pixels; its held-out frames are left out.
+fn operation(options: TissueOptions) -> Scene {
+    let mut scene = tissue(&TissueOptions { width: 16, height: 12, rays: 1, ..options });
+    scene.frames.retain(|frame| frame.split == scene_io::Split::Train);
+    scene
+}
+
+fn usual_operation() -> Scene {
+    operation(TissueOptions { frames: 4, ..TissueOptions::default() })
+}
+
+/// Build a system with settings written as on the command line; later ones win.
+fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let voxels: &[&str] = if name == "tineuvox" { &["voxels=12", "voxels_every=2"] } else { &[] };
+    let set = TINY_NGP.iter().chain(&SMALL).chain(voxels).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    systems::dynamic::build(name, scene, data, &options)
+}
+
+/// It learns for a few steps: every loss and every gradient is finite, and so is all that it says afterwards.
+fn trains(system: &mut dyn System, data: &Dataset, steps: u64) -> Verdict {
+    for step in 0..steps {
+        let stats = system.step(data, step).map_err(|e| format!("step {step}: {e}"))?;
+        ensure(stats.loss.is_finite() && stats.mse.is_finite() && stats.nonfinite == 0, || {
+            format!("step {step}: loss {}, {} gradients are not finite", stats.loss, stats.nonfinite)
+        })?;
+    }
+    is_sound(system, data)
+}
+
+/// What a checkpoint holds, and what it renders at some times, are numbers.
+fn is_sound(system: &dyn System, data: &Dataset) -> Verdict {
+    state_is_finite(system)?;
+    let Some(view) = data.views().first() else { return Ok(()) };
+    for time in [0.0, 0.3, 1.0] {
+        let layers = render(system, &view.camera, &Query { time, ..QUERY }).layers;
+        finite("rgb", layers.rgb.as_flattened())?;
+        finite("opacity", &layers.opacity)?;
+        finite("normal", layers.normal.as_flattened())?;
+        ensure(layers.depth.iter().all(|d| *d >= 0.0), || format!("a depth at {time} is negative or NaN"))?;
+    }
+    Ok(())
+}
+
+/// One line with all of these words.
+fn says(e: &SystemError, words: &[&str]) -> Verdict {
+    let said = e.to_string();
+    let missing = words.iter().find(|w| !said.to_lowercase().contains(&w.to_lowercase()));
+    ensure(missing.is_none() && !said.contains('\n'), || format!("does not say {missing:?}: {said}"))
+}

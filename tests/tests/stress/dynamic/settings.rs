@@ -1,0 +1,118 @@
+//! Settings of systems for scenes that move: the last values that are accepted train, the first that are not are named.
+
+use super::{STEPS, build, says, trains, usual_operation, usual_stage};
+use crate::common::dataset;
+use glam::DVec3;
+use scene_io::Point;
+use stress::Tally;
+
+/// Accepted at either end, by system.
+const ACCEPTED: [(&str, &str); 7] = [
+    ("ngp", "moves=true warp_lr=0.0 guided=true depth=1000.0 curriculum=1"),
+    (
+        "t-nerf",
+        "time_octaves=0 time_octaves=1 time_octaves=16 moment=codes moment=network moment_dims=1 moment_dims=1024
+        sees=place sees=point sees=point+sees_octaves=0 sees=point+sees_octaves=16
+        moment=codes+moment_dims=1 moment=codes+moment_dims=1024 moment=network+moment_dims=1+warp_width=1
+        moment=network+moment_dims=1024 moment_lr=0.0 moment_lr=100.0 warp_lr=0.0 warp_lr=100.0",
+    ),
+    (
+        "d-nerf",
+        "warp_octaves=0 warp_octaves=1 warp_octaves=16 warp_width=1 warp_width=1024 warp_depth=1 warp_depth=16
+        warp=none warp=rigid origin=free curriculum=0 curriculum=1 curriculum=9223372036854775807
+        warp_anneal=0 warp_anneal=1 warp_anneal=9223372036854775807
+        planes=[] planes=[1] planes=[1,1,1,1,1,1,1,1] planes=[512]+plane_features=1+plane_times=1
+        planes=[4]+plane_times=1024 planes=[4]+plane_features=1 planes=[4]+plane_features=32
+        planes=[4]+plane_lr=0.0 planes=[4]+plane_lr=100.0 warp_levels=0 warp_levels=1 warp_levels=1000
+        levels_anneal=1 levels_anneal=9223372036854775807 levels_anneal=9+levels_first=0
+        levels_anneal=9+levels_first=1000 elastic=1000.0+elastic_at=all background=1000.0",
+    ),
+    (
+        "nerfies",
+        "elastic=0.0 elastic=1000.0 elastic=1000.0+elastic_at=all elastic_scale=1e-6 elastic_scale=1000.0
+        elastic=1000.0+elastic_scale=1e-6+elastic_at=all elastic=1e-38+elastic_at=all background=0.0 background=1000.0
+        background=1e-38 background_points=0 background_points=1 background_points=1048576 moment=time moment=network
+        moment_dims=1 moment_dims=1024 moment_lr=0.0 moment_lr=100.0 warp_lr=0.0 warp_lr=100.0
+        origin=canonical+moment=time warp=translation warp=none",
+    ),
+    (
+        "hypernerf",
+        "ambient=0 ambient=1 ambient=16 ambient_octaves=1 ambient_octaves=16 ambient_width=1 ambient_width=1024
+        ambient_depth=1 ambient_depth=16 ambient_from=0 ambient_from=9223372036854775807 ambient_anneal=0
+        ambient_anneal=9223372036854775807 ambient_from=0+ambient_anneal=0 ambient_from=0+ambient_anneal=1+warp=none
+        ambient_from=0+ambient_anneal=1+sees=point",
+    ),
+    (
+        "tineuvox",
+        "voxels=8 voxels=32+voxels_every=1 voxels_every=0 voxels_every=9223372036854775807 voxels=0 features=1 features=8
+        moment_dims=1 moment_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place",
+    ),
+    (
+        "endo-nerf",
+        "depth=0.0 depth=1e-38 depth=1000.0 depth_delta=1e-4 depth_delta=1000.0 cue_samples=0 cue_samples=1
+        cue_samples=1024 cue_spread=0.0 cue_spread=1e-38 cue_spread=10.0 cue_anywhere=0.0 cue_anywhere=1.0
+        cue_spread=0.0+cue_anywhere=0.0 refine_every=0 refine_every=1 refine_every=9223372036854775807 refine_rounds=0
+        refine_rounds=9223372036854775807+refine_every=1 refine_share=0.0 refine_share=1.0+refine_every=1
+        depth=0.0+cue_samples=0 guided=false guided=false+cue_samples=0 curriculum=3 sky=true",
+    ),
+];
+
+/// Refused, whatever the system.
+const REFUSED: &str = "
+    time_octaves=17 warp_octaves=17 ambient_octaves=0 ambient_octaves=17 sees_octaves=17
+    moment_dims=0 moment_dims=1025 warp_width=0 warp_width=1025 warp_depth=0 warp_depth=17 ambient=17
+    ambient_width=0 ambient_width=1025 ambient_depth=0 ambient_depth=17 ambient=9223372036854775807
+    ambient_width=9223372036854775807 warp_depth=9223372036854775807
+    plane_features=0 plane_features=33 plane_times=0 plane_times=1025 planes=[0] planes=[513]
+    planes=[1,1,1,1,1,1,1,1,1] planes=[9223372036854775807] plane_lr=-1.0 plane_lr=101.0 plane_lr=nan
+    background_points=1048577 background_points=9223372036854775807
+    elastic=-1.0 elastic=1001.0 elastic=nan elastic=inf elastic_scale=0.0 elastic_scale=-1.0 elastic_scale=9e-7
+    elastic_scale=1001.0 elastic_scale=nan background=-1.0 background=1001.0 background=nan background=inf
+    warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf moment_lr=-1.0 moment_lr=101.0 moment_lr=nan
+    depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
+    cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
+    cue_anywhere=-0.1 cue_anywhere=1.1 cue_anywhere=nan refine_share=-0.1 refine_share=1.1 refine_share=nan
+    refine_every=-1 refine_rounds=-1 curriculum=-1 voxels=7 voxels=513 moment_dims=1.5 moment_dims=-1
+    moment=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
+    sampler=proposal";
+
+pub(crate) fn cases(tally: &mut Tally) {
+    let (mut stage, operation) = (usual_stage(), usual_operation());
+    let at = |k: u32| DVec3::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0, 0.0) * 0.3;
+    stage.points = (0..9).map(|k| Point { xyz: at(k), rgb: [100; 3] }).collect();
+    let data = [dataset(&stage), dataset(&operation)];
+    for (name, list) in ACCEPTED {
+        let (scene, data) = if name == "endo-nerf" { (&operation, &data[1]) } else { (&stage, &data[0]) };
+        for written in list.split_whitespace() {
+            let set: Vec<&str> = written.split('+').collect();
+            tally.case(format!("{name} --set {set:?}"), "trains, everything finite", || {
+                let (mut system, _) = build(name, scene, data, &set).map_err(|e| e.to_string())?;
+                trains(system.as_mut(), data, STEPS)
+            });
+        }
+    }
+    for setting in REFUSED.split_whitespace() {
+        tally.case(format!("--set {setting}"), "one line that names the setting and the value", || {
+            let (key, value) = setting.split_once('=').unwrap_or_default();
+            // As it was written, or as numbers and lists are.
+            let number = value.parse::<f32>().map(|v| v.to_string()).unwrap_or(value.replace(',', ", "));
+            let name = if key.starts_with("voxels") { "tineuvox" } else { "hypernerf" };
+            match build(name, &stage, &data[0], &[setting]) {
+                Err(e) => says(&e, &[key]).and(says(&e, &[value]).or(says(&e, &[&number]))),
+                Ok(_) => Err("taken".into()),
+            }
+        });
+    }
+    tally.case("--set nonsense=1", "one line that names it", || {
+        match build("d-nerf", &stage, &data[0], &["nonsense=1"]) {
+            Err(e) => says(&e, &["`set` = nonsense"]),
+            Ok(_) => Err("taken".into()),
+        }
+    });
+    tally.case("a system that is none", "one line that names those there are", || {
+        match build("c-nerf", &stage, &data[0], &[]) {
+            Err(e) => says(&e, &["c-nerf", "d-nerf", "endo-nerf"]),
+            Ok(_) => Err("taken".into()),
+        }
+    });
+}
