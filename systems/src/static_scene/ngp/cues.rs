@@ -297,7 +297,7 @@ mod tests {
     }
 
     fn cues(config: CueConfig, z: impl Fn(usize) -> f32) -> Cues {
-        Cues::read(config, &Space::boxed(DVec3::ZERO, 2.5, 0.01), &measured(z)).unwrap().unwrap()
+        Cues::read(config, &Space::boxed(DVec3::ZERO, 4.0, 0.01), &measured(z)).unwrap().unwrap()
     }
 
     const LED: CueConfig = CueConfig { depth: 0.7, cue_samples: 24, ..CueConfig::NONE };
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn a_depth_map_is_distances_along_the_rays_and_holes_stay_holes() {
         let z = |k: usize| if k % 5 == 0 { [0.0, f32::NAN, -1.0, f32::INFINITY][k % 4] } else { 2.0 + 0.02 * k as f32 };
-        let (space, data, cues) = (Space::boxed(DVec3::ZERO, 2.5, 0.01), measured(z), cues(LED, z));
+        let (space, data, cues) = (Space::boxed(DVec3::ZERO, 4.0, 0.01), measured(z), cues(LED, z));
         let view = data.view(0);
         for k in 0..63_usize {
             let at = [(k % 9) as u16, (k / 9) as u16];
@@ -326,7 +326,7 @@ mod tests {
     fn depths_that_are_all_the_same_have_a_range_all_the_same_and_none_are_no_cues() {
         let flat = cues(LED, |_| 3.0);
         assert!(flat.range > 0.0 && flat.range.is_finite());
-        let space = Space::boxed(DVec3::ZERO, 2.5, 0.01);
+        let space = Space::boxed(DVec3::ZERO, 4.0, 0.01);
         assert!(Cues::read(LED, &space, &measured(|_| 0.0)).unwrap().is_none());
     }
 
