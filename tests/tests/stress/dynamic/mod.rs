@@ -18,13 +18,12 @@ use systems::render::render;
 use systems::system::{Query, System, SystemError};
 
 /// Settings with which a step takes milliseconds.
-const SMALL: [&str; 9] = [
+const SMALL: [&str; 8] = [
     "warp_width=8",
     "warp_depth=1",
     "ambient_width=8",
     "ambient_depth=1",
     "background_points=16",
-    "cue_samples=8",
     "plane_features=2",
     "plane_times=3",
     "refine_every=3",
@@ -54,8 +53,13 @@ fn usual_operation() -> Scene {
 
 /// Build a system with settings written as on the command line; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let voxels: &[&str] = if name == "tineuvox" { &["voxels=12", "voxels_every=2"] } else { &[] };
-    let set = TINY_NGP.iter().chain(&SMALL).chain(voxels).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let own: &[&str] = match name {
+        "tineuvox" => &["voxels=12", "voxels_every=2"],
+        // The others look at no depth.
+        "endo-nerf" => &["cue_samples=8"],
+        _ => &[],
+    };
+    let set = TINY_NGP.iter().chain(&SMALL).chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::dynamic::build(name, scene, data, &options)
 }

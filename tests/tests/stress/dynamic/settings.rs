@@ -53,7 +53,7 @@ const ACCEPTED: [(&str, &str); 7] = [
         cue_samples=1024 cue_spread=0.0 cue_spread=1e-38 cue_spread=10.0 cue_anywhere=0.0 cue_anywhere=1.0
         cue_spread=0.0+cue_anywhere=0.0 refine_every=0 refine_every=1 refine_every=9223372036854775807 refine_rounds=0
         refine_rounds=9223372036854775807+refine_every=1 refine_share=0.0 refine_share=1.0+refine_every=1
-        depth=0.0+cue_samples=0 guided=false guided=false+cue_samples=0 curriculum=3 sky=true",
+        depth=0.0+cue_samples=0+accept_no_parallax=true guided=false guided=false+cue_samples=0 curriculum=3 sky=true",
     ),
 ];
 
