@@ -304,7 +304,9 @@ mod tests {
 
     #[test]
     fn a_depth_map_is_distances_along_the_rays_and_holes_stay_holes() {
-        let z = |k: usize| if k % 5 == 0 { [0.0, f32::NAN, -1.0, f32::INFINITY][k % 4] } else { 2.0 + 0.02 * k as f32 };
+        let z = |k: usize| {
+            if k.is_multiple_of(5) { [0.0, f32::NAN, -1.0, f32::INFINITY][k % 4] } else { 2.0 + 0.02 * k as f32 }
+        };
         let (space, data, cues) = (Space::boxed(DVec3::ZERO, 4.0, 0.01), measured(z), cues(LED, z));
         let view = data.view(0);
         for k in 0..63_usize {
