@@ -189,12 +189,15 @@ pub fn build(
             let system = MipNerf360::new(config.clone(), space, background, run.seed)?;
             Ok((Box::new(system), plan(lines, table(&config))))
         }
-        other => Err(SystemError::Config {
-            field: "system",
-            value: other.into(),
-            problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
-        }),
+        other => Err(no_such_system(other, SYSTEMS)),
     }
+}
+
+/// There is no system of this name, but of these.
+pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'static str>) -> SystemError {
+    let names: Vec<&str> = systems.into_iter().collect();
+    let problem = format!("there is no such system; use one of {}", names.join(", "));
+    SystemError::Config { field: "system", value: name.into(), problem }
 }
 
 /// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
@@ -343,6 +346,7 @@ pub(crate) fn ngp_settings(layout: &Layout, data: &Dataset, transparent: bool, l
         step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
         rays_per_side,
         train_stop: 1e-4,
+        train_faint: 0.0,
         samples_per_ray: 64.0,
         batch_samples: 1 << 15,
         batch_rays: 1 << 13,

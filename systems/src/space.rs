@@ -218,6 +218,15 @@ impl Space {
         }
     }
 
+    /// Internal distance along `ray` of the world distance `t`: the inverse of [`Space::world_distance`]; 0 where the space
+    /// does not reach.
+    #[must_use]
+    pub fn internal_distance(&self, ray: &Ray, t: f64) -> f32 {
+        let Some(p) = self.internal_point(ray.o + ray.d * t) else { return 0.0 };
+        let inner = self.internal_ray(ray);
+        (0..3).map(|a| (p[a] - inner.o[a]) * inner.d[a]).sum::<f32>().max(0.0)
+    }
+
     /// Internal coordinates of a point of the scene's frame; `None` where the space does not reach.
     #[must_use]
     pub fn internal_point(&self, x: DVec3) -> Option<[f32; 3]> {
@@ -369,6 +378,7 @@ mod tests {
                 for k in 1..10 {
                     let t = internal.start + (internal.end - internal.start) * k as f32 / 12.0;
                     let world = space.world_distance(&ray, t);
+                    assert!((space.internal_distance(&ray, world) - t).abs() < 1e-4 * t.max(1.0), "{:?}", space.kind());
                     let x = ray.o + world * ray.d;
                     let p = space.internal_point(x).unwrap();
                     let on_ray = internal.at(t);

@@ -1,14 +1,22 @@
 //! `check`: what a dataset holds and what is wrong with it.
 
 use super::{Done, Failure, data_options, scene_spec};
+use crate::app::App;
 use crate::cli::Check;
 use crate::show::line;
 use scene_io::{Depth, Frame, Scene, Split};
 
-pub(crate) fn run(args: &Check) -> Result<Done, Failure> {
+pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     let depth = if args.quick { Depth::Headers } else { Depth::Pixels };
-    let report = systems::source::check(&scene_spec(&args.scene), &data_options(&args.data), depth)?;
+    let mut report = systems::source::check(&scene_spec(&args.scene), &data_options(&args.data), depth)?;
     line(report.to_string().trim_end());
+    // As this app reads it.
+    if let Some(scene) = report.scene.as_mut().filter(|_| app.is_dynamic)
+        && scene.time_by_order()
+        && let Some(note) = scene.notes.last()
+    {
+        line(note);
+    }
     if let Some(found) = report.scene.as_ref().and_then(beside_the_photos) {
         line(found);
     }

@@ -81,6 +81,8 @@ pub struct PlanesOfTime {
     pub times: usize,
     /// Learning rate, a factor of that of the networks.
     pub rate: f64,
+    /// Factors of the variation of their features, along axes of space and along that of time; 0: none.
+    pub variation: [f32; 2],
     /// Who sees them.
     pub seen_by: SeenBy,
 }

@@ -52,8 +52,9 @@ impl DeformScratch {
 pub(crate) struct Counts {
     pub(crate) all: AtomicU64,
     pub(crate) warped: AtomicU64,
-    /// Points at which an elastic loss saw space folded over itself.
-    pub(crate) flipped: AtomicU64,
+    /// Points that an elastic loss looked at, and those of them where it saw space folded over itself.
+    pub(crate) looked: AtomicU64,
+    pub(crate) folded: AtomicU64,
 }
 
 /// The tape is built of shapes that fit: an error is a mistake in this module.

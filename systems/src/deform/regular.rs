@@ -1,15 +1,20 @@
 //! What a deformation costs besides the pictures (Nerfies, sections 3.3 and 3.4): it should be nearly rigid where matter is,
 //! and leave the background where it is.
 
-use super::Deform;
 use super::pass::{DeformGrad, DeformScratch, Points, recorded};
 use super::record::Moved;
+use super::{Deform, PlanesOfTime};
 use field_core::rng::Rng;
 use field_core::tape::Tape;
-use losses::{background, elastic};
+use losses::kernel::Kernel;
+use losses::{background, elastic, variation};
+use std::sync::atomic::Ordering;
 
 /// Points of a tile: the tangents of a network need several times the memory of the network.
 const TILE: usize = 128;
+
+/// The axis of time of planes.
+const TIME: usize = 3;
 
 /// Work space of the background loss.
 #[derive(Default)]
@@ -52,7 +57,8 @@ impl Deform {
             let fits = "nine rows, as many weights";
             sum += elastic::elastic_backward(j, &w, c, factor, j_bar).expect(fits);
             let flips = elastic::orientation_flips(j).expect(fits) as u64;
-            self.counts.flipped.fetch_add(flips, std::sync::atomic::Ordering::Relaxed);
+            self.counts.looked.fetch_add(m as u64, Ordering::Relaxed);
+            self.counts.folded.fetch_add(flips, Ordering::Relaxed);
             recorded(tape.backward(&[(jacobian, &j_bar[..])], &mut grad.params));
             let bars = recorded(tape.gradient(when));
             for (k, &i) in columns.iter().enumerate() {
@@ -86,6 +92,29 @@ impl Deform {
         seen.fill(0.0);
         self.learn(points, &mut bar, &seen, grad, scratch);
         sum
+    }
+
+    /// Add the gradient of what neighbours on the planes cost each other, in space and in time (K-Planes, section 3.3).
+    pub(super) fn smooth_planes(&mut self) {
+        let Some(&PlanesOfTime { variation: factors, .. }) = self.config.planes.as_ref() else { return };
+        let mut at = self.plane_start;
+        for planes in &self.planes {
+            for (k, pair) in planes.pairs().enumerate() {
+                let range = planes.plane_range(k);
+                let range = at + range.start..at + range.end;
+                let [wide, high] = pair.map(|axis| planes.resolution()[axis] as usize);
+                let (params, bar) = (&self.params[range.clone()], &mut self.grad[range]);
+                for (axis, along) in [(1, pair[0]), (0, pair[1])] {
+                    let factor = factors[usize::from(along == TIME)];
+                    if factor > 0.0 {
+                        let shape = [high, wide, planes.features()];
+                        variation::lattice_backward(params, &shape, &[axis], Kernel::Squared, factor.into(), bar)
+                            .expect("a plane has this shape");
+                    }
+                }
+            }
+            at += planes.params_len();
+        }
     }
 
     /// Points of the background, `[3][n]` in the unit cube, for [`Deform::holds_background`].

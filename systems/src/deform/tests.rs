@@ -1,4 +1,5 @@
 use super::*;
+use field_core::rng::Rng;
 
 fn warp(motion: Motion, origin: Origin) -> Warp {
     Warp { octaves: 3, anneal: 0, width: 16, depth: 2, motion, origin }
@@ -9,7 +10,14 @@ fn config(moment: Moment, motion: Motion) -> DeformConfig {
         moment,
         warp: Some(warp(motion, Origin::Free)),
         ambient: Some(Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [0, 0] }),
-        planes: Some(PlanesOfTime { cells: vec![3, 5], features: 2, times: 4, rate: 1.0, seen_by: SeenBy::Both }),
+        planes: Some(PlanesOfTime {
+            cells: vec![3, 5],
+            features: 2,
+            times: 4,
+            rate: 1.0,
+            variation: [0.0; 2],
+            seen_by: SeenBy::Both,
+        }),
         sees: Sees::MomentAndPoint { octaves: 2 },
         elastic: 0.0,
         elastic_scale: 0.03,
@@ -152,5 +160,70 @@ fn points_begin_where_they_are() {
         deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
         let furthest = there.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(furthest > 0.0 && furthest < 5e-3, "{furthest}");
+    }
+}
+
+#[test]
+fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names() {
+    for (variation, along_time) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
+        let planes = PlanesOfTime { variation, ..config(Moment::Time { octaves: 1 }, Motion::Rigid).planes.unwrap() };
+        let planes = Some(planes);
+        let mut deform = busy(DeformConfig { planes, ..config(Moment::Time { octaves: 1 }, Motion::Rigid) });
+        deform.grad.fill(0.0);
+        deform.smooth_planes();
+        let before = deform.params.clone();
+        let moved: Vec<usize> = (0..before.len()).filter(|&i| deform.grad[i] != 0.0).collect();
+        assert!(moved.iter().all(|&i| i >= deform.plane_start), "networks are left alone");
+        let mut at = deform.plane_start;
+        for planes in &deform.planes {
+            for (k, pair) in planes.pairs().enumerate() {
+                let range = planes.plane_range(k);
+                let touched = moved.iter().any(|i| (at + range.start..at + range.end).contains(i));
+                assert_eq!(touched, !along_time || pair.contains(&3), "{pair:?}");
+            }
+            at += planes.params_len();
+        }
+        // The gradient against differences of the value, whose sum over planes is what is lowered.
+        let value = |params: &[f32]| {
+            let (mut sum, mut at) = (0.0, deform.plane_start);
+            for planes in &deform.planes {
+                for (k, pair) in planes.pairs().enumerate() {
+                    let range = planes.plane_range(k);
+                    let [wide, high] = pair.map(|axis| planes.resolution()[axis] as usize);
+                    let c = planes.features();
+                    let of =
+                        |i: usize, j: usize, f: usize| f64::from(params[at + range.start + (j * wide + i) * c + f]);
+                    for (axis, pairs) in [(0, (wide - 1) * high * c), (1, wide * (high - 1) * c)] {
+                        if (pair[axis] == 3) != along_time {
+                            continue;
+                        }
+                        for (i, j, f) in
+                            (0..wide).flat_map(|i| (0..high).flat_map(move |j| (0..c).map(move |f| (i, j, f))))
+                        {
+                            let [i2, j2] = [i + 1 - axis, j + axis];
+                            if i2 < wide && j2 < high {
+                                sum += (of(i2, j2, f) - of(i, j, f)).powi(2) / pairs as f64;
+                            }
+                        }
+                    }
+                }
+                at += planes.params_len();
+            }
+            sum
+        };
+        for &i in moved.iter().step_by(7) {
+            let h = 1e-2;
+            let at = |step: f32| {
+                let mut params = before.clone();
+                params[i] += step;
+                value(&params)
+            };
+            let want = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            assert!(
+                (f64::from(deform.grad[i]) - want).abs() < 1e-3 * want.abs().max(0.1),
+                "{i}: {} {want}",
+                deform.grad[i]
+            );
+        }
     }
 }

@@ -82,6 +82,10 @@ pub struct DynamicConfig {
     pub plane_times: usize,
     /// Learning rate of the planes, a factor of that of the networks.
     pub plane_lr: f64,
+    /// Factor of the variation of their features in space; 0: none.
+    pub plane_tv: f32,
+    /// Factor of that in time.
+    pub plane_slow: f32,
     /// Width and number of its hidden layers.
     pub warp_width: usize,
     /// See `warp_width`.
@@ -148,6 +152,8 @@ impl DynamicConfig {
             plane_features: 8,
             plane_times: 24,
             plane_lr: 10.0,
+            plane_tv: 0.0,
+            plane_slow: 0.0,
             warp_width: 64,
             warp_depth: 3,
             ambient: 0,
@@ -215,6 +221,7 @@ impl DynamicConfig {
                 features: self.plane_features,
                 times: self.plane_times,
                 rate: self.plane_lr,
+                variation: [self.plane_tv, self.plane_slow],
                 seen_by: self.planes_seen_by,
             }),
             sees: match self.sees {
@@ -269,6 +276,8 @@ impl DynamicConfig {
             ("elastic", self.elastic, 0.0),
             ("elastic_scale", self.elastic_scale, 1e-6),
             ("background", self.background, 0.0),
+            ("plane_tv", self.plane_tv, 0.0),
+            ("plane_slow", self.plane_slow, 0.0),
         ] {
             if !(least..=1e3).contains(&value) {
                 return bad(field, value.to_string(), &format!("must be in {least}..=1000"));

@@ -2,14 +2,18 @@
 //! "D-NeRF: Neural Radiance Fields for Dynamic Scenes", 2021).
 //!
 //! ```text
-//! dx = Psi_t(gamma(x), gamma(t))  for t != 0,   0 for t = 0        (equation 3)
-//! (c, sigma) = Psi_x(gamma(x + dx), gamma(d))                      (equation 2)
+//! dx = Psi_t(gamma(x), gamma(t), p)  for t != 0,   0 for t = 0     (equation 3)
+//! (c, sigma) = Psi_x(gamma(x + dx), p, gamma(d))                    (equation 2)
 //! ```
 //!
-//! The canonical scene is that of `t = 0`, where the deformation is not evaluated. Besides the octaves of place and time its network
-//! sees planes of features of both, as the field sees a grid of features of place: minutes instead of days.
+//! The canonical scene is that of `t = 0`, where the deformation is not evaluated. Besides the octaves of place and time both
+//! networks see `p`, planes of features of both, as the field sees a grid of features of place: minutes instead of days, and
+//! what no displacement explains in so short a time is there all the same. `planes_seen_by=warp` is the published density,
+//! `planes=[]` the published networks.
 
-use super::config::{DynamicConfig, OriginKind, WarpKind};
+use super::config::{DynamicConfig, OriginKind, SeesKind, WarpKind};
+use super::t_nerf;
+use crate::deform::SeenBy;
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {
@@ -17,7 +21,9 @@ pub(super) fn settings() -> DynamicConfig {
         warp: WarpKind::Translation,
         origin: OriginKind::Canonical,
         warp_octaves: 4,
-        planes: vec![16, 32],
-        ..DynamicConfig::still()
+        time_octaves: 6,
+        sees: SeesKind::Place,
+        planes_seen_by: SeenBy::Both,
+        ..t_nerf::settings()
     }
 }

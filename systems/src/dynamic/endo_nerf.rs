@@ -14,7 +14,7 @@
 
 use super::config::DynamicConfig;
 use super::d_nerf;
-use crate::static_scene::ngp::{CueConfig, NgpConfig};
+use crate::static_scene::ngp::CueConfig;
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {
@@ -33,9 +33,4 @@ pub(super) fn settings() -> DynamicConfig {
         },
         ..d_nerf::settings()
     }
-}
-
-/// Its field: what is behind tissue is never seen.
-pub(super) fn field(config: &mut NgpConfig) {
-    config.sky = false;
 }

@@ -7,13 +7,39 @@ use crate::deform::Deform;
 use crate::error::RunError;
 use crate::layout::stands_still;
 use crate::options::{DataOptions, Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, ngp_settings, refuse_unknown, settings, split, table};
+use crate::plan::{Ground, NO_PARALLAX, ngp_settings, no_such_system, refuse_unknown, settings, split, table};
+use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
 use render_core::pose::Pose;
 use scene_io::Scene;
 
+/// A system: its name, its settings, and those of its field.
+struct Known {
+    name: &'static str,
+    settings: fn() -> DynamicConfig,
+    field: fn(&mut NgpConfig),
+}
+
+const KNOWN: [Known; 7] = [
+    Known { name: "ngp", settings: DynamicConfig::still, field: |_| {} },
+    Known { name: "t-nerf", settings: t_nerf::settings, field: |_| {} },
+    Known { name: "d-nerf", settings: d_nerf::settings, field: |_| {} },
+    Known { name: "nerfies", settings: nerfies::settings, field: |_| {} },
+    Known { name: "hypernerf", settings: hyper_nerf::settings, field: |_| {} },
+    Known { name: "tineuvox", settings: tineuvox::settings, field: tineuvox::field },
+    Known { name: "endo-nerf", settings: endo_nerf::settings, field: |_| {} },
+];
+
 /// Systems by name.
-pub const SYSTEMS: [&str; 7] = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox", "endo-nerf"];
+pub const SYSTEMS: [&str; KNOWN.len()] = {
+    let mut names = [""; KNOWN.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = KNOWN[i].name;
+        i += 1;
+    }
+    names
+};
 
 /// The scene a word or path names; images that say nothing of time are in the order of time.
 ///
@@ -25,25 +51,8 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
     Ok(scene)
 }
 
-/// Settings of a named system.
-fn named(name: &str) -> Result<DynamicConfig, SystemError> {
-    Ok(match name {
-        "ngp" => DynamicConfig::still(),
-        "t-nerf" => t_nerf::settings(),
-        "d-nerf" => d_nerf::settings(),
-        "nerfies" => nerfies::settings(),
-        "hypernerf" => hyper_nerf::settings(),
-        "tineuvox" => tineuvox::settings(),
-        "endo-nerf" => endo_nerf::settings(),
-        other => {
-            return Err(SystemError::Config {
-                field: "system",
-                value: other.into(),
-                problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
-            });
-        }
-    })
-}
+/// Part of a ray's light that its faintest samples are left out with in training: half a step of 8 bits.
+const FAINT: f32 = 0.002;
 
 /// Build the system `name` for a scene.
 ///
@@ -55,23 +64,15 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let planned = named(name)?;
+    let known = KNOWN.iter().find(|known| known.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
+    let planned = (known.settings)();
     let (ours, fields) = split(run, &table(&planned));
     let config: DynamicConfig = settings(&planned, &ours)?;
     config.check()?;
-    let measured = config.cues.asks() && data.views().iter().any(|view| view.source.depth.is_some());
-    let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
-    let accepted = run.set.get(NO_PARALLAX) == Some(&toml::Value::Boolean(true));
-    if stands_still(&poses) && has_depth && !measured && !accepted {
-        return Err(SystemError::Config {
-            field: "system",
-            value: name.into(),
-            problem:
-                "the camera stands still, so there is no parallax, and this system makes nothing of the depth that was \
-                      measured; use `endo-nerf`, set `depth=1`, or set `accept_no_parallax=true`"
-                    .into(),
-        });
+    let measured = has_depth && config.cues.asks();
+    if has_depth && !measured {
+        check_depth_is_used(name, data, run)?;
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
@@ -81,20 +82,24 @@ pub fn build(
         ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
     }
     field.moves = config.deform().is_some();
+    if field.moves {
+        // Cells that are full at some moment are empty at most others.
+        field.train_faint = FAINT;
+    }
     // Slopes of the finest levels say little about where to go.
     field.warp_levels = field.levels.div_ceil(2);
-    match name {
-        "tineuvox" => tineuvox::field(&mut field),
-        "endo-nerf" => endo_nerf::field(&mut field),
-        _ => {}
-    }
-    let mut known = table(&config);
-    known.extend(table(&field));
-    refuse_unknown(run, &known)?;
+    (known.field)(&mut field);
+    let mut names = table(&config);
+    names.extend(table(&field));
+    refuse_unknown(run, &names)?;
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, (name_of(name), deform))?;
-    if config.by_error && config.curriculum == 0 && !config.guided {
+    let mut system = ground.moving(data, &field, run.seed, scene, (known.name, deform))?;
+    if config.by_error && (config.curriculum > 0 || config.guided) {
+        let problem = "rays are drawn in one way: set `by_error=false`, or `curriculum=0` and `guided=false`";
+        return Err(SystemError::Config { field: "by_error", value: "true".into(), problem: problem.into() });
+    }
+    if config.by_error {
         system.follow_errors(data);
         ground.lines.push("rays: half of them where the errors are".into());
     }
@@ -124,6 +129,16 @@ pub fn build(
     Ok((Box::new(system), Plan { lines, background, error_budget, config: all }))
 }
 
-fn name_of(name: &str) -> &'static str {
-    SYSTEMS.into_iter().find(|n| *n == name).unwrap_or("ngp")
+/// A camera that stands still sees depth by what was measured, or not at all.
+fn check_depth_is_used(name: &str, data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
+    let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
+    if !stands_still(&poses) || run.set.get(NO_PARALLAX) == Some(&toml::Value::Boolean(true)) {
+        return Ok(());
+    }
+    let problem = format!(
+        "all {} training cameras have the same pose: no parallax, and `{name}` makes nothing of the depth that was \
+         measured; use `endo-nerf`, set `depth=1`, or set it to true to train all the same",
+        data.len()
+    );
+    Err(SystemError::Config { field: NO_PARALLAX, value: "false".into(), problem })
 }

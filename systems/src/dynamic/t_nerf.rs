@@ -5,11 +5,21 @@
 //! (c, sigma) = F(gamma(x), gamma(t), gamma(d))
 //! ```
 //!
-//! Nothing ties one moment to the next but the smoothness of the network.
+//! Nothing ties one moment to the next but the smoothness of the network, and that of planes of features of place and time
+//! (Fridovich-Keil et al., "K-Planes", 2023), which it sees as the field sees a grid of features of place: minutes instead of
+//! days. `planes=[]` leaves the network alone.
 
 use super::config::{DynamicConfig, SeesKind};
+use crate::deform::SeenBy;
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {
-    DynamicConfig { sees: SeesKind::Moment, ..DynamicConfig::still() }
+    DynamicConfig {
+        sees: SeesKind::Moment,
+        planes: vec![32, 64],
+        planes_seen_by: SeenBy::Density,
+        plane_tv: 1e-3,
+        plane_slow: 1e-2,
+        ..DynamicConfig::still()
+    }
 }

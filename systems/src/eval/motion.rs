@@ -117,7 +117,7 @@ impl MotionScore {
     }
 }
 
-/// Mean absolute and relative error of z depth; the truth is looked up at the nearest pixel.
+/// Mean absolute and relative error of z depth; the truth is brought to the view's size.
 fn depth_errors(
     view: &View,
     rendered: &Rendered,
@@ -125,25 +125,17 @@ fn depth_errors(
     counts: impl Fn(usize) -> bool,
 ) -> [Option<f64>; 2] {
     let (width, height) = (view.camera.width, view.camera.height);
-    if truth.width == 0 || truth.height == 0 {
-        return [None; 2];
-    }
-    let axis = view.camera.optical_axis();
-    let at = |i: u32, to: u32, from: u32| (2 * u64::from(i) + 1) * u64::from(from) / (2 * u64::from(to));
+    let (truth, axis) = (truth.resized(width, height), view.camera.optical_axis());
     let (mut sum, mut relative, mut n) = (0.0, 0.0, 0_u64);
-    for y in 0..height {
-        for x in 0..width {
-            let k = (y * width + x) as usize;
-            let z =
-                truth.z[(at(y, height, truth.height) * u64::from(truth.width) + at(x, width, truth.width)) as usize];
-            let Some(ray) = view.ray(x, y).filter(|_| z > 0.0 && counts(k)) else { continue };
-            let t = f64::from(rendered.layers.depth[k]);
-            let found = if t.is_finite() { t * ray.d.dot(axis) } else { 0.0 };
-            let error = (found - f64::from(z)).abs();
-            sum += error;
-            relative += error / f64::from(z);
-            n += 1;
-        }
+    for (k, &z) in truth.z.iter().enumerate() {
+        let [x, y] = [k as u32 % width, k as u32 / width];
+        let Some(ray) = view.ray(x, y).filter(|_| z > 0.0 && counts(k)) else { continue };
+        let t = f64::from(rendered.layers.depth[k]);
+        let found = if t.is_finite() { t * ray.d.dot(axis) } else { 0.0 };
+        let error = (found - f64::from(z)).abs();
+        sum += error;
+        relative += error / f64::from(z);
+        n += 1;
     }
     let mean = |sum: f64| (n > 0).then(|| sum / n as f64);
     [mean(sum), mean(relative)]

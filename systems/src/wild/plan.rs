@@ -13,7 +13,7 @@ use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, refuse_unknown, settings, split, table};
+use crate::plan::{Ground, NO_PARALLAX, no_such_system, refuse_unknown, settings, split, table};
 use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -50,13 +50,7 @@ fn parts(name: &str) -> Result<Option<(AppearanceKind, OccluderKind)>, SystemErr
         "ha-nerf" => (A::Encoder, O::Visibility),
         "sf-nerf" => (A::Codes, O::Filter),
         "hugs" => (A::None, O::Masks),
-        other => {
-            return Err(SystemError::Config {
-                field: "system",
-                value: other.into(),
-                problem: format!("there is no such system; use one of {}", SYSTEMS.join(", ")),
-            });
-        }
+        other => return Err(no_such_system(other, SYSTEMS)),
     }))
 }
 

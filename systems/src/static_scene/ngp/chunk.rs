@@ -124,6 +124,8 @@ pub(super) struct StepContext<'a> {
     pub(super) sparsity: f32,
     /// Optical depth behind which nothing is looked at.
     pub(super) depth_limit: f64,
+    /// Part of a ray's light that faint samples are left out with.
+    pub(super) faint: f32,
     /// One over the pixels of the batch that count.
     pub(super) share: f32,
 }
@@ -377,7 +379,7 @@ impl Chunk {
     fn move_back(&mut self, ctx: &StepContext<'_>) {
         let (field, n) = (ctx.field, self.n);
         let bars = &mut self.features_bar[..field.rows() * n];
-        let (raw_bar, seen_bar) = field.pull(&self.x[..3 * n], bars, &mut self.raw_bar);
+        let (raw_bar, seen_bar) = field.pull(&self.features[..field.rows() * n], n, bars, &mut self.raw_bar);
         let Some(deform) = &field.deform else { return };
         self.deform_grad.begin(deform);
         let x_bar = sized(&mut self.x_bar, 3 * n);

@@ -121,6 +121,9 @@ pub struct NgpConfig {
     pub rays_per_side: u32,
     /// A training ray ends where its transmittance falls below this; 0: it never does.
     pub train_stop: f32,
+    /// Part of a ray's light that its faintest samples are left out with in training; 0: none of them is. Not where
+    /// proposals learn from weights, or something else than the scene is looked for along a ray.
+    pub train_faint: f32,
     /// Samples a ray may have on average in training: where there are more, steps grow until empty space is known.
     pub samples_per_ray: f32,
     /// Samples a batch aims at; the number of rays adapts.
@@ -350,6 +353,9 @@ impl NgpConfig {
         }
         if !(0.0..1.0).contains(&self.train_stop) {
             return Err(bad("train_stop", self.train_stop, "must be at least 0 and below 1"));
+        }
+        if !(0.0..1.0).contains(&self.train_faint) {
+            return Err(bad("train_faint", self.train_faint, "must be at least 0 and below 1"));
         }
         if !(-20.0..=10.0).contains(&self.head_bias) {
             return Err(bad("head_bias", self.head_bias, "must be in -20..=10"));

@@ -2,12 +2,14 @@
 //! the field disagrees most it is the measurement that gives way.
 
 use super::Ngp;
+use super::field::sized;
 use crate::data::Dataset;
 use crate::space::Space;
 use crate::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::kernel::Kernel;
 use rayon::prelude::*;
 use render_core::bounds::percentile;
+use render_core::ray::Ray;
 use render_core::sample::{DepthCue, depth_cued};
 use scene_io::SceneError;
 use serde::{Deserialize, Serialize};
@@ -113,12 +115,13 @@ impl Cues {
         self.t[view as usize].get(usize::from(y) * width + usize::from(x)).copied().unwrap_or(0.0)
     }
 
-    /// Place samples around a measured distance, where that is asked for. How many.
+    /// Place samples around a measured distance, where that is asked for. How many. `[u, t]` is room for them.
     pub(super) fn place(
         &self,
         (start, end): (f32, f32),
         depth: f32,
         jitter: f32,
+        [u, t]: &mut [Vec<f32>; 2],
         mut visit: impl FnMut(f32, f32),
     ) -> u32 {
         let n = self.config.cue_samples;
@@ -126,8 +129,10 @@ impl Cues {
             return 0;
         }
         let cue = DepthCue { sigma: self.config.cue_spread * self.range, uniform_share: self.config.cue_anywhere };
-        let (u, mut t) = (vec![jitter; n], vec![0.0; n]);
-        depth_cued(start, end, depth, cue, &u, &mut t);
+        u.clear();
+        u.resize(n, jitter);
+        let t = sized(t, n);
+        depth_cued(start, end, depth, cue, u, t);
         for i in 0..n {
             let next = t.get(i + 1).copied().unwrap_or(end);
             visit(t[i], next - t[i]);
@@ -194,9 +199,7 @@ fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneE
     let (map, axis) = (map.resized(width, height), view.camera.optical_axis());
     for (k, (out, &z)) in out.iter_mut().zip(&map.z).enumerate() {
         let Some(ray) = view.ray(k as u32 % width, k as u32 / width).filter(|_| z > 0.0) else { continue };
-        let at = space.internal_point(ray.o + ray.d * (f64::from(z) / ray.d.dot(axis)));
-        let inner = space.internal_ray(&ray);
-        *out = at.map_or(0.0, |p| (0..3).map(|a| (p[a] - inner.o[a]) * inner.d[a]).sum::<f32>().max(0.0));
+        *out = space.internal_distance(&ray, f64::from(z) / ray.d.dot(axis));
     }
     Ok(out)
 }
@@ -224,7 +227,7 @@ impl Ngp {
             let asked = (0..cues.t[view].len()).filter(|&k| turn(k) && cues.t[view][k] > 0.0 && used(k));
             let known: Vec<usize> = asked.collect();
             let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
-            let rays: Vec<_> = known.iter().filter_map(|&k| place(k)).collect();
+            let rays: Vec<Ray> = known.iter().filter_map(|&k| place(k)).collect();
             let query = Query {
                 background: self.background.colour(),
                 layers: LayerRequest::default(),
@@ -233,15 +236,10 @@ impl Ngp {
                 time: seen.time,
             };
             let depth = self.render(&rays, &query).depth;
-            let found: Vec<f32> = rays
-                .iter()
-                .zip(depth)
-                .map(
-                    |(ray, t)| {
-                        if t.is_finite() { (f64::from(t) / self.space.world_distance(ray, 1.0)) as f32 } else { 0.0 }
-                    },
-                )
-                .collect();
+            let internal = |(ray, t): (&Ray, f32)| {
+                if t.is_finite() { self.space.internal_distance(ray, t.into()) } else { 0.0 }
+            };
+            let found: Vec<f32> = rays.iter().zip(depth).map(internal).collect();
             give_way(&mut cues.t[view], &known, &found, cues.config.refine_share);
         }
         Ok(())
@@ -334,6 +332,7 @@ mod tests {
 
     #[test]
     fn samples_lie_around_the_measurement_in_order_and_cover_the_ray_to_its_end() {
+        let mut room = [Vec::new(), Vec::new()];
         for (config, jitter) in [
             (LED, 0.0),
             (LED, 0.999),
@@ -345,7 +344,7 @@ mod tests {
             let cues = cues(config, |k| 2.0 + 0.02 * k as f32);
             for depth in [0.2, 0.9, 1.3, 4.0, 1e6] {
                 let mut seen = Vec::new();
-                let n = cues.place((0.5, 1.5), depth, jitter, |t, dt| seen.push((t, dt)));
+                let n = cues.place((0.5, 1.5), depth, jitter, &mut room, |t, dt| seen.push((t, dt)));
                 assert!(n as usize == seen.len() && n as usize == config.cue_samples);
                 assert!(seen.iter().all(|(t, dt)| (0.5..=1.5).contains(t) && *dt >= 0.0), "{config:?}: {seen:?}");
                 assert!(seen.windows(2).all(|w| w[0].0 <= w[1].0), "{config:?}, {depth}: {seen:?}");
@@ -357,8 +356,8 @@ mod tests {
                 }
             }
             let nothing = |t: f32, _: f32| assert!(t.is_nan(), "nothing is known, or nothing is left");
-            assert_eq!(cues.place((0.5, 1.5), 0.0, jitter, nothing), 0);
-            assert_eq!(cues.place((1.5, 1.5), 1.0, jitter, nothing), 0);
+            assert_eq!(cues.place((0.5, 1.5), 0.0, jitter, &mut room, nothing), 0);
+            assert_eq!(cues.place((1.5, 1.5), 1.0, jitter, &mut room, nothing), 0);
         }
     }
 

@@ -54,12 +54,14 @@ pub(super) struct Placing {
     deform: DeformScratch,
     /// `[3][n]`, where points are, before they are canonical.
     x: Vec<f32>,
+    /// Interpolated features, where these are not what the network sees.
+    raw: Vec<f32>,
 }
 
 impl Placing {
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        self.deform.bytes() + 4 * self.x.capacity()
+        self.deform.bytes() + 4 * (self.x.capacity() + self.raw.capacity())
     }
 }
 
@@ -183,15 +185,21 @@ impl Field {
     }
 
     /// Features: `x` `[3][n]`, `out` `[table rows][n]`.
-    pub(super) fn encode(&self, x: &[f32], out: &mut [f32]) {
-        self.grid.encode(self.simd, &self.grid_params, x, out);
+    pub(super) fn encode(&self, x: &[f32], out: &mut [f32], raw: &mut Vec<f32>) {
+        self.grid.encode(self.simd, (&self.grid_params, x), out, raw);
     }
 
-    /// Bring gradients of what the density network sees, `bars` `[rows][n]`, to the table and to positions: those of the
-    /// interpolated features, those of what a deformation adds.
-    pub(super) fn pull<'b>(&self, x: &[f32], bars: &'b mut [f32], raw: &'b mut Vec<f32>) -> (&'b [f32], &'b [f32]) {
-        let (bars, seen) = bars.split_at_mut(self.grid.out_rows() * (x.len() / 3));
-        (self.grid.pull(self.simd, (&self.grid_params, x), bars, raw), seen)
+    /// Bring gradients of what the density network sees, `bars` `[rows][n]` of `features`, to the table and to positions: those
+    /// of the interpolated features, those of what a deformation adds.
+    pub(super) fn pull<'b>(
+        &self,
+        features: &[f32],
+        n: usize,
+        bars: &'b mut [f32],
+        raw: &'b mut Vec<f32>,
+    ) -> (&'b [f32], &'b [f32]) {
+        let (bars, seen) = bars.split_at_mut(self.grid.out_rows() * n);
+        (self.grid.pull(self.simd, features, n, bars, raw), seen)
     }
 
     /// What the colour network sees of rays: `[sh + more][rays]`, the basis of the view directions and room for `more` rows,
@@ -238,7 +246,7 @@ impl Field {
             let points = Points { x: was, which: when.which, moments: when.moments };
             deform.place(points, x, seen, &mut placing.deform);
         }
-        self.encode(x, features);
+        self.encode(x, features, &mut placing.raw);
     }
 
     /// Densities, per internal unit, at `x` `[3][n]`, which become canonical.

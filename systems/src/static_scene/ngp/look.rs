@@ -3,9 +3,11 @@
 //!
 //! A round encodes the next samples of all rays that still let light through and asks the density network alone. A ray
 //! ends behind the sample at which its transmittance falls below [`super::NgpConfig::train_stop`]; what is left out
-//! changes a pixel by that much at most ([`render_core::budget`]).
+//! changes a pixel by that much at most ([`render_core::budget`]). Samples that hardly weigh anything are left out too, where
+//! that is asked for: together at most [`super::NgpConfig::train_faint`] of a ray's light.
 
 use super::chunk::StepContext;
+use super::cues::Cues;
 use super::field::{Placing, When, sized};
 use super::proposed::Proposed;
 use crate::space::InternalRay;
@@ -13,8 +15,10 @@ use std::ops::Range;
 
 /// Samples of each ray in one round.
 const ROUND: usize = 16;
+/// A sample is faint below this part of what a ray may lose: the first of them do not use up what is there for all.
+const FAINT_SAMPLES: f32 = 32.0;
 
-/// The samples of a chunk's rays, and how many of each the ray keeps.
+/// The samples of a chunk's rays, and which of them the rays keep.
 #[derive(Default)]
 pub(super) struct Look {
     /// `[rays + 1]`, all samples of the march.
@@ -25,13 +29,18 @@ pub(super) struct Look {
     alive: Vec<u32>,
     /// `[rays]`, optical depth so far.
     depth: Vec<f64>,
-    /// `[rays]`, samples to keep.
+    /// `[rays]`, samples looked at.
+    looked: Vec<u32>,
+    /// `[rays]`, samples to keep among them, and the light that is lost with the others.
     kept: Vec<u32>,
+    lost: Vec<f32>,
     rounds: Vec<Round>,
     p: Vec<f32>,
     raw: Vec<f32>,
     mlp: Vec<f32>,
     placing: Placing,
+    /// Random numbers and distances of a ray's samples around its measured depth.
+    cued: [Vec<f32>; 2],
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
 }
@@ -42,6 +51,8 @@ struct Round {
     /// Columns.
     n: usize,
     runs: Vec<Run>,
+    /// Columns that are kept, in order.
+    columns: Vec<u32>,
     /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
     x: Vec<f32>,
     was: Vec<f32>,
@@ -55,8 +66,30 @@ struct Round {
 #[derive(Clone, Copy)]
 struct Run {
     ray: u32,
+    /// The first column and their number.
     first: u32,
     len: u32,
+    /// The first of its samples among all that were placed.
+    from: u32,
+    /// Those kept: the first in [`Round::columns`], their number, and where they go among the ray's.
+    kept: u32,
+    count: u32,
+    place: u32,
+}
+
+impl Run {
+    /// Where what is kept of it goes; `offsets` are those of the rays.
+    fn target(&self, offsets: &[u32]) -> Range<usize> {
+        let to = (offsets[self.ray as usize] + self.place) as usize;
+        to..to + self.count as usize
+    }
+}
+
+impl Round {
+    /// Columns of a run that are kept.
+    fn kept(&self, run: &Run) -> &[u32] {
+        &self.columns[run.kept as usize..][..run.count as usize]
+    }
 }
 
 /// Where the kept samples go, ray after ray.
@@ -108,7 +141,9 @@ impl Look {
                     all_dt.push(dt);
                 };
                 let measured = ctx.measured(i / ctx.per_pixel);
-                let cued = ctx.cues.map(|cues| cues.place((ray.start, ray.end), measured, ctx.jitter[i], &mut visit));
+                let place =
+                    |cues: &Cues| cues.place((ray.start, ray.end), measured, ctx.jitter[i], &mut self.cued, &mut visit);
+                let cued = ctx.cues.map(place);
                 if let Some(count) = cued.filter(|&count| count > 0) {
                     self.dense += u64::from(count);
                 } else {
@@ -136,15 +171,19 @@ impl Look {
     ) -> usize {
         self.depth.clear();
         self.depth.resize(rays.len(), 0.0);
-        self.kept.clear();
-        self.kept.resize(rays.len(), 0);
+        for counts in [&mut self.looked, &mut self.kept] {
+            counts.clear();
+            counts.resize(rays.len(), 0);
+        }
+        self.lost.clear();
+        self.lost.resize(rays.len(), 0.0);
         self.alive.clear();
         self.alive.extend(0..rays.len() as u32);
         let mut count = 0;
         loop {
-            let (offsets, kept) = (&self.offsets, &self.kept);
+            let (offsets, looked) = (&self.offsets, &self.looked);
             // Rays that are opaque have been taken out; this takes out those at their end.
-            self.alive.retain(|&r| offsets[r as usize] + kept[r as usize] < offsets[r as usize + 1]);
+            self.alive.retain(|&r| offsets[r as usize] + looked[r as usize] < offsets[r as usize + 1]);
             if self.alive.is_empty() {
                 break;
             }
@@ -161,19 +200,19 @@ impl Look {
         let (field, round) = (ctx.field, &mut self.rounds[index]);
         round.runs.clear();
         let mut n = 0;
-        for &r in &self.alive {
-            let left = self.offsets[r as usize + 1] - self.offsets[r as usize] - self.kept[r as usize];
-            let len = left.min(ROUND as u32);
-            round.runs.push(Run { ray: r, first: n, len });
+        for &ray in &self.alive {
+            let from = self.offsets[ray as usize] + self.looked[ray as usize];
+            let len = (self.offsets[ray as usize + 1] - from).min(ROUND as u32);
+            round.runs.push(Run { ray, first: n, len, from, kept: 0, count: 0, place: 0 });
             n += len;
         }
         let n = n as usize;
         round.n = n;
         let p = sized(&mut self.p, 3 * n);
         for run in &round.runs {
-            let (ray, from) = (&rays[run.ray as usize], self.offsets[run.ray as usize] + self.kept[run.ray as usize]);
+            let ray = &rays[run.ray as usize];
             for k in 0..run.len {
-                let (i, at) = ((run.first + k) as usize, ray.at(self.t[(from + k) as usize]));
+                let (i, at) = ((run.first + k) as usize, ray.at(self.t[(run.from + k) as usize]));
                 (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
             }
         }
@@ -194,14 +233,29 @@ impl Look {
         field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);
 
         let mut still = 0;
+        round.columns.clear();
         for run in &mut round.runs {
-            let r = run.ray as usize;
-            let from = (self.offsets[r] + self.kept[r]) as usize;
+            let (r, from) = (run.ray as usize, run.from as usize);
             let mut opaque = false;
+            (run.kept, run.place) = (round.columns.len() as u32, self.kept[r]);
             // Nothing static is where the veil is.
-            let veil = usize::from(ctx.field.head.is_some() && self.kept[r] == 0);
+            let veil = usize::from(ctx.field.head.is_some() && self.looked[r] == 0);
+            round.columns.extend(run.first..run.first + veil as u32);
+            let mut light = (-self.depth[r]).exp() as f32;
             for k in veil..run.len as usize {
-                self.depth[r] += f64::from(field.density_of(raw[run.first as usize + k]) * self.dt[from + k]);
+                let column = run.first + k as u32;
+                self.depth[r] += f64::from(field.density_of(raw[column as usize]) * self.dt[from + k]);
+                let w = if ctx.faint > 0.0 {
+                    let before = std::mem::replace(&mut light, (-self.depth[r]).exp() as f32);
+                    before - light
+                } else {
+                    1.0
+                };
+                if w * FAINT_SAMPLES < ctx.faint && self.lost[r] + w <= ctx.faint {
+                    self.lost[r] += w;
+                } else {
+                    round.columns.push(column);
+                }
                 if self.depth[r] > ctx.depth_limit {
                     // This sample still counts, those behind it do not.
                     run.len = k as u32 + 1;
@@ -209,7 +263,9 @@ impl Look {
                     break;
                 }
             }
-            self.kept[r] += run.len;
+            run.count = round.columns.len() as u32 - run.kept;
+            self.looked[r] += run.len;
+            self.kept[r] += run.count;
             if !opaque {
                 self.alive[still] = run.ray;
                 still += 1;
@@ -230,20 +286,21 @@ impl Look {
         }
         let n = n as usize;
         let (t, dt) = (sized(out.t, n), sized(out.dt, n));
-        for (r, &kept) in self.kept.iter().enumerate() {
-            let (from, to, kept) = (self.offsets[r] as usize, out.offsets[r] as usize, kept as usize);
-            t[to..][..kept].copy_from_slice(&self.t[from..][..kept]);
-            dt[to..][..kept].copy_from_slice(&self.dt[from..][..kept]);
-        }
         let (x, features) = (sized(out.x, 3 * n), sized(out.features, rows * n));
         let moves = ctx.field.deform.is_some();
         let was = sized(out.was, if moves { 3 * n } else { 0 });
         out.which.clear();
         out.which.resize(if moves { n } else { 0 }, 0);
-        for (k, round) in self.rounds[..rounds].iter().enumerate() {
-            for run in round.runs.iter().filter(|_| moves) {
-                let at = out.offsets[run.ray as usize] as usize + k * ROUND;
-                out.which[at..][..run.len as usize].fill(round.which[run.first as usize]);
+        for round in &self.rounds[..rounds] {
+            for run in &round.runs {
+                let to = run.target(out.offsets);
+                for (to, &column) in to.clone().zip(round.kept(run)) {
+                    let from = (run.from + column - run.first) as usize;
+                    (t[to], dt[to]) = (self.t[from], self.dt[from]);
+                }
+                if moves {
+                    out.which[to].fill(round.which[run.first as usize]);
+                }
             }
             let parts = [
                 (3, &round.x[..], &mut *x),
@@ -254,9 +311,12 @@ impl Look {
                 for row in 0..rows {
                     let (from, to) = (&from[row * round.n..][..round.n], &mut to[row * n..][..n]);
                     for run in &round.runs {
-                        let at = out.offsets[run.ray as usize] as usize + k * ROUND;
-                        let len = run.len as usize;
-                        to[at..at + len].copy_from_slice(&from[run.first as usize..][..len]);
+                        let to = &mut to[run.target(out.offsets)];
+                        if run.count == run.len {
+                            to.copy_from_slice(&from[run.first as usize..][..to.len()]);
+                        } else {
+                            to.iter_mut().zip(round.kept(run)).for_each(|(to, &column)| *to = from[column as usize]);
+                        }
                     }
                 }
             }

@@ -285,6 +285,12 @@ impl Ngp {
         self.occupy.carve(&self.config, &self.space, data, scene)
     }
 
+    /// Part of a ray's light that faint samples are left out with; nothing where something else than the scene learns from
+    /// them.
+    fn faint(&self) -> f32 {
+        if self.proposals.is_none() && self.field.head.is_none() { self.config.train_faint } else { 0.0 }
+    }
+
     /// Let errors lead the rays.
     pub(crate) fn follow_errors(&mut self, data: &Dataset) {
         self.errors = Some(ErrorMap::new(data));
@@ -399,6 +405,7 @@ impl System for Ngp {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
+        let faint = self.faint();
         let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
         let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
         let space = if self.proposals.is_some() {
@@ -423,10 +430,18 @@ impl System for Ngp {
         let mut rows = vec![
             space,
             SkipRow::counted(
-                "training: behind what is opaque",
+                if faint > 0.0 {
+                    "training: faint, or behind what is opaque"
+                } else {
+                    "training: behind what is opaque"
+                },
                 (placed.saturating_sub(read(&self.skipped.kept)), placed),
                 "samples",
-                format!("transmittance < {}", self.config.train_stop),
+                if faint > 0.0 {
+                    format!("at most {faint} of a ray's light, and transmittance < {}", self.config.train_stop)
+                } else {
+                    format!("transmittance < {}", self.config.train_stop)
+                },
             ),
         ];
         rows.extend(self.field.deform.iter().flat_map(Deform::skips));

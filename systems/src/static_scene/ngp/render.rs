@@ -381,8 +381,8 @@ fn add_normals(
     field.density.backward(simd, packed, acts, bar, n, n, Some((features_bar, n)), grad, scratch);
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
-    let x = &s.x[..3 * n];
-    let (raw_bar, seen_bar) = field.pull(x, features_bar, &mut s.raw_bar);
+    let (x, features) = (&s.x[..3 * n], &s.features[..field.rows() * n]);
+    let (raw_bar, seen_bar) = field.pull(features, n, features_bar, &mut s.raw_bar);
     field.grid.pull_positions(field.simd, (&field.grid_params, x), raw_bar, usize::MAX, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.

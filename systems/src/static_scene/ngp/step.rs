@@ -179,6 +179,7 @@ impl Ngp {
             distance: self.distance,
             sparsity: self.config.sparsity,
             depth_limit: depth_limit(self.config.train_stop),
+            faint: self.faint(),
             share: plan.share,
         }
     }

@@ -2,7 +2,7 @@
 //! training goes on (TiNeuVox).
 
 use super::NgpConfig;
-use super::field::shapes_hold;
+use super::field::{shapes_hold, sized};
 use super::grid_trainer::{GridTrainer, Part};
 use super::voxel_trainer::VoxelTrainer;
 use crate::system::SystemError;
@@ -60,8 +60,8 @@ impl Table {
         }
     }
 
-    /// What the network sees of points: `x` `[3][n]` in the unit cube, `out` `[out_rows][n]`.
-    pub(super) fn encode(&self, simd: Simd, params: &[f32], x: &[f32], out: &mut [f32]) {
+    /// What the network sees of points: `x` `[3][n]` in the unit cube, `out` `[out_rows][n]`; `raw` is room for features.
+    pub(super) fn encode(&self, simd: Simd, (params, x): (&[f32], &[f32]), out: &mut [f32], raw: &mut Vec<f32>) {
         match self {
             Self::Hash(grid, weights) => {
                 let rows = grid.config().features * (x.len() / 3);
@@ -77,24 +77,23 @@ impl Table {
                 }
             }
             Self::Voxels(grid, lift) => {
-                // The first rows of an encoding are what is encoded.
-                let mut features = vec![0.0; grid.out_rows() * (x.len() / 3)];
-                shapes_hold(grid.encode(simd, params, x, &mut features));
-                shapes_hold(lift.encode(simd, &features, None, out));
+                let features = sized(raw, grid.out_rows() * (x.len() / 3));
+                shapes_hold(grid.encode(simd, params, x, features));
+                shapes_hold(lift.encode(simd, features, None, out));
             }
         }
     }
 
-    /// Bring gradients of [`Table::encode`]'s output, `bars` `[out_rows][n]`, to interpolated features: those gradients, in
-    /// `bars` itself or in `raw`.
+    /// Bring gradients of [`Table::encode`]'s output `features`, `bars` `[out_rows][n]`, to interpolated features: those
+    /// gradients, in `bars` itself or in `raw`.
     pub(super) fn pull<'b>(
         &self,
         simd: Simd,
-        (params, x): (&[f32], &[f32]),
+        features: &[f32],
+        n: usize,
         bars: &'b mut [f32],
         raw: &'b mut Vec<f32>,
     ) -> &'b [f32] {
-        let n = x.len() / 3;
         match self {
             Self::Hash(grid, weights) => {
                 let rows = grid.config().features * n;
@@ -106,11 +105,11 @@ impl Table {
                 bars
             }
             Self::Voxels(grid, lift) => {
-                let mut features = vec![0.0; grid.out_rows() * n];
-                shapes_hold(grid.encode(simd, params, x, &mut features));
+                // The first rows of an encoding are what is encoded.
+                let features = &features[..grid.out_rows() * n];
                 raw.clear();
                 raw.resize(features.len(), 0.0);
-                shapes_hold(lift.encode_backward(simd, &features, None, bars, raw));
+                shapes_hold(lift.encode_backward(simd, features, None, bars, raw));
                 raw
             }
         }
@@ -200,7 +199,7 @@ mod tests {
     /// Sum of the outputs times fixed factors.
     fn value(table: &Table, params: &[f32], x: &[f32], bars: &[f32]) -> f64 {
         let mut out = vec![0.0; bars.len()];
-        table.encode(Simd::best(), params, x, &mut out);
+        table.encode(Simd::best(), (params, x), &mut out, &mut Vec::new());
         out.iter().zip(bars).map(|(out, bar)| f64::from(*out) * f64::from(*bar)).sum()
     }
 
@@ -211,7 +210,9 @@ mod tests {
         let x = uniform(3 * N, 2);
         let bars = uniform(table.out_rows() * N, 3);
         let (mut pulled, mut raw) = (bars.clone(), Vec::new());
-        let raw_bar = table.pull(simd, (&params, &x), &mut pulled, &mut raw);
+        let mut features = vec![0.0; bars.len()];
+        table.encode(simd, (&params, &x), &mut features, &mut Vec::new());
+        let raw_bar = table.pull(simd, &features, N, &mut pulled, &mut raw);
         let mut x_bar = vec![0.25; 3 * N];
         table.pull_positions(simd, (&params, &x), raw_bar, 0, &mut x_bar);
         let Table::Voxels(grid, _) = &table else { panic!("voxels were asked for") };
@@ -257,7 +258,7 @@ mod tests {
         let table = voxels(12, 30);
         let params = vec![0.3; table.params_len()];
         let mut out = vec![0.0; table.out_rows() * N];
-        table.encode(Simd::best(), &params, &uniform(3 * N, 2), &mut out);
+        table.encode(Simd::best(), (&params, &uniform(3 * N, 2)), &mut out, &mut Vec::new());
         // Three distances of two features; each with itself, and sine and cosine of two octaves.
         assert_eq!(table.out_rows(), 6 * 5);
         let seen = [0.3, 0.3_f32.sin(), 0.3_f32.cos(), 0.6_f32.sin(), 0.6_f32.cos()];

@@ -167,7 +167,7 @@ pub(crate) fn cases(tally: &mut Tally) {
                         ensure(said, || format!("does not say `{told}`: {:?}", plan.lines))?;
                         trains(system.as_mut(), &data, STEPS)
                     }
-                    (Err(e), true) => says(&e, &["accept_no_parallax", "same pose", "no depth"]),
+                    (Err(e), true) => says(&e, &["accept_no_parallax", "same pose", "no parallax"]),
                     (Ok(_), true) => Err("taken".into()),
                     (Err(e), false) => Err(e.to_string()),
                 },
