@@ -327,6 +327,13 @@ pub(crate) struct Export {
     /// Cameras: a `.json` file (transforms.json), or a folder (COLMAP text)
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,
+    /// Folder of one PLY for each photo, in the order of time: the surface its camera sees at its moment, depth smoothed
+    /// without its edges
+    #[arg(long, value_name = "DIR", group = "what")]
+    pub(crate) frames: Option<PathBuf>,
+    /// Leave the depth of `--frames` as it was rendered
+    #[arg(long, requires = "frames")]
+    pub(crate) rough: bool,
     /// Time of a scene that moves, 0 the first moment and 1 the last
     #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = moment, allow_hyphen_values = true)]
     pub(crate) time: f64,

@@ -10,6 +10,7 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("render-core needs a float backend: enable `std` or `libm`");
 
+pub mod bilateral;
 pub mod bounds;
 pub mod budget;
 pub mod camera;

@@ -21,6 +21,7 @@ pub mod eval;
 pub mod eval_scales;
 #[cfg(feature = "flip")]
 pub mod flip;
+pub mod frame_points;
 pub mod identity;
 pub mod layout;
 pub mod log;

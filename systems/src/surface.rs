@@ -53,14 +53,17 @@ fn add_hits(system: &dyn System, query: &Query, crop: &CropBox, rays: &mut Vec<R
         let x = (ray.o + ray.d * t).to_array();
         if opacity >= POINT_OPACITY && t.is_finite() && inside(&x, crop) {
             cloud.positions.push(x);
-            // Undo the compositing on the background: the point's own colour.
-            let own = |c: usize| (layers.rgb[i][c] - (1.0 - opacity) * query.background[c]) / opacity;
-            cloud.colours.push([0, 1, 2].map(|c| quantise_value(own(c))));
+            cloud.colours.push(own_colour(layers.rgb[i], opacity, query.background));
             cloud.normals.push(layers.normal[i]);
             cloud.confidence.push(opacity.min(1.0));
         }
     }
     rays.clear();
+}
+
+/// What is seen without the background it is composited on.
+pub(crate) fn own_colour(rgb: [f32; 3], opacity: f32, background: [f32; 3]) -> [u8; 3] {
+    [0, 1, 2].map(|c| quantise_value((rgb[c] - (1.0 - opacity) * background[c]) / opacity))
 }
 
 fn inside(x: &[f64; 3], [min, max]: &CropBox) -> bool {

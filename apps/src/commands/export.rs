@@ -2,9 +2,16 @@
 
 use super::{Done, Failure, Session};
 use crate::cli::Export;
-use crate::show::line;
+use crate::interrupt;
+use crate::show::{Show, line};
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
+use std::path::Path;
+use std::sync::atomic::Ordering;
 use systems::RunError;
+use systems::data::View;
+use systems::frame_points::frame_points;
+use systems::output::make_folder;
+use systems::progress::{Event, Observer};
 use systems::run::Run;
 use systems::surface::{CropBox, default_level, mesh, points};
 use systems::system::Query;
@@ -33,6 +40,9 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
             line("the mesh is empty: give a lower `--level`");
         }
     }
+    if let Some(folder) = &args.frames {
+        return frames(&run, folder, !args.rough, &mut show);
+    }
     if let Some(path) = &args.cameras {
         match path.extension().is_some_and(|e| e == "json") {
             true => write_transforms(path, &run.scene.frames)?,
@@ -40,6 +50,28 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
         }
         line(format_args!("{} cameras in {}", run.scene.frames.len(), path.display()));
     }
+    Ok(Done::Finished)
+}
+
+/// A file for each photo, in the order of time.
+fn frames(run: &Run<'_>, folder: &Path, smooth: bool, show: &mut Show) -> Result<Done, Failure> {
+    let interrupt = interrupt::flag()?;
+    let mut views: Vec<&View> = run.train.views().iter().chain(run.held_out.views()).filter(|v| v.level == 0).collect();
+    views.sort_by(|a, b| a.time.total_cmp(&b.time));
+    make_folder(folder)?;
+    let mut points = 0;
+    for (i, view) in views.iter().enumerate() {
+        if interrupt.load(Ordering::Relaxed) {
+            line(format_args!("stopped after {i} of {} photos", views.len()));
+            return Ok(Done::Interrupted);
+        }
+        let cloud = frame_points(run.system.as_ref(), view, &run.query(), smooth);
+        points += cloud.positions.len();
+        write_points(&folder.join(format!("frame_{i:06}.ply")), &cloud)?;
+        show.event(Event::View { done: i + 1, of: views.len() });
+    }
+    show.finish();
+    line(format_args!("{points} points of {} photos in {}, in the order of time", views.len(), folder.display()));
     Ok(Done::Finished)
 }
 

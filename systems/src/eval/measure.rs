@@ -84,6 +84,13 @@ pub(super) fn inside(picture: &RgbImage, truth: &RgbImage, mask: &[u8]) -> Optio
     db.is_finite().then_some(db)
 }
 
+/// SSIM inside a mask as DyCheck measures it; `None` for pictures smaller than a window.
+pub(super) fn ssim_inside(picture: &RgbImage, truth: &RgbImage, mask: &[u8]) -> Option<f64> {
+    let image = |p| Image::from_u8(truth.width() as usize, truth.height() as usize, 3, p).ok();
+    let mask: Vec<f32> = mask.iter().map(|&m| if m >= 128 { 1.0 } else { 0.0 }).collect();
+    masked_ssim(&image(picture.as_raw())?, &image(truth.as_raw())?, &mask, MaskedSsim::DyCheck).ok()
+}
+
 #[cfg(feature = "flip")]
 fn flip(picture: &RgbImage, truth: &RgbImage, note: &mut dyn FnMut(&str)) -> Option<f64> {
     match crate::flip::mean_flip(truth.width(), truth.height(), truth.as_raw(), picture.as_raw()) {

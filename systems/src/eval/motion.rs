@@ -1,7 +1,7 @@
 //! What is scored of a scene that moves, where the dataset holds the truth: what things that move look like, and how far
 //! everything is.
 
-use super::measure::inside;
+use super::measure::{inside, ssim_inside};
 use crate::data::View;
 use crate::error::RunError;
 use crate::render::Rendered;
@@ -33,6 +33,14 @@ pub struct MotionScore {
     /// The same, relative to the depth.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_relative: Option<f64>,
+    /// PSNR of the pixels that training views show, too, dB (DyCheck's mPSNR: the sum of squares over the number of kept
+    /// pixels, and nobody else's, which divides by all of them and flatters by `-10 log10(kept share)`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub psnr_covisible: Option<f64>,
+    /// SSIM there, as DyCheck measures it (mSSIM: windows without a kept pixel count as 1). Pictures of less than 11 pixels
+    /// have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ssim_covisible: Option<f64>,
 }
 
 impl MotionScore {
@@ -56,6 +64,12 @@ impl MotionScore {
             };
             score.psnr_moving = inside(picture, truth, &mask(true));
             score.psnr_still = inside(picture, truth, &mask(false));
+        }
+        if let Some(seen) = view.source.read_covisible()?.filter(|_| view.source.split == Split::Test) {
+            let seen = seen.resized(width, height);
+            let mask: Vec<u8> = seen.iter().enumerate().map(|(k, m)| if m && counts(k) { 255 } else { 0 }).collect();
+            score.psnr_covisible = inside(picture, truth, &mask);
+            score.ssim_covisible = ssim_inside(picture, truth, &mask);
         }
         let hidden = view.source.read_transient()?.filter(|_| view.source.split == Split::Test);
         let hidden: Option<Vec<bool>> = hidden.map(|hidden| hidden.resized(width, height).iter().collect());
@@ -85,6 +99,8 @@ impl MotionScore {
             depth_hidden: mean(|s| s.depth_hidden),
             depth_error: mean(|s| s.depth_error),
             depth_relative: mean(|s| s.depth_relative),
+            psnr_covisible: mean(|s| s.psnr_covisible),
+            ssim_covisible: mean(|s| s.ssim_covisible),
         }
     }
 
@@ -103,6 +119,10 @@ impl MotionScore {
         }
         if let Some(db) = self.psnr_still {
             out.push(format!("everything else: {db:.3} dB"));
+        }
+        if let Some(db) = self.psnr_covisible {
+            let ssim = self.ssim_covisible.map_or(String::new(), |x| format!(", SSIM {x:.4}"));
+            out.push(format!("what training views show, too: {db:.3} dB{ssim}"));
         }
         if let Some(db) = self.psnr_hidden {
             out.push(format!("what was hidden: {db:.3} dB"));
@@ -220,6 +240,18 @@ mod tests {
         let words = score.words();
         assert_eq!(words.len(), 5, "{words:?}");
         assert!(words[0].starts_with("things that move: 22.1") && words[4].ends_with("10.00 %"), "{words:?}");
+    }
+
+    #[test]
+    fn what_training_views_show_too_is_scored_of_test_views_alone() {
+        let mask = TruthMask::Memory(Arc::new(BitMask::from_fn(W, H, |x, _| (1..3).contains(&x))));
+        let seen = Frame { covisible: Some(mask), ..frame() };
+        let score = scored(seen.clone(), |_, z| z, None);
+        is(score.psnr_covisible, db(((400.0 + 25.0) / 2.0_f64).sqrt()));
+        assert_eq!(score.ssim_covisible, None, "six pixels are less than a window");
+        assert!(score.words()[2].starts_with("what training views show, too: 24.8"), "{:?}", score.words());
+        let training = Frame { split: Split::Train, ..seen };
+        assert_eq!(scored(training, |_, z| z, None).psnr_covisible, None);
     }
 
     #[test]
