@@ -25,7 +25,7 @@ pub const ENDO_DELTA: f32 = 0.2;
 ///
 /// # Source
 /// Wang et al., "Neural rendering for stereo 3D reconstruction of deformable tissues in robotic surgery" (EndoNeRF),
-/// 2022, section 2.4 (Huber); Gao et al., "Monocular dynamic view synthesis: a reality check", 2022 (squared).
+/// 2022 (Huber); Gao et al., "Monocular dynamic view synthesis: a reality check", 2022 (squared).
 pub fn supervised(kernel: Kernel, prediction: &[f32], target: &[f32], w: &[f32]) -> Result<f64, LossError> {
     check(kernel, prediction, target, w)?;
     let measured = prediction.iter().zip(target).zip(w).filter(|(_, w)| **w != 0.0);

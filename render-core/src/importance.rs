@@ -13,7 +13,7 @@
 //! Memory: one number a pixel for the whole sequence, and one for every [`BLOCK`] pixels of each frame.
 //!
 //! Source: Wang et al., "Neural rendering for stereo 3D reconstruction of deformable tissues in robotic surgery"
-//! (EndoNeRF), 2022, section 2.3.
+//! (EndoNeRF), 2022, mask-guided ray casting.
 
 use crate::error::{RenderError, check_len};
 use alloc::vec;

@@ -123,6 +123,19 @@ fn a_video_is_trained_measured_rendered_and_exported() {
     let points = folder.path().join("points.ply");
     let answer = nerf_dynamic(&["export", text(&run), "--points", text(&points), "--count", "50", "--time", "1"]);
     assert!(answer.code == 0 && points.exists(), "{}", answer.err);
+
+    let clouds = |words: &[&str]| {
+        let folder = folder.path().join("clouds");
+        let answer = nerf_dynamic(&[&["export", text(&run), "--frames", text(&folder)], words].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|f| f.unwrap().path()).collect();
+        files.sort();
+        files.iter().map(|file| fs::read(file).unwrap()).collect::<Vec<_>>()
+    };
+    let (smooth, rough) = (clouds(&[]), clouds(&["--rough"]));
+    let views = eval["views"].as_array().unwrap().len();
+    assert!(smooth.len() > views && smooth.len() == rough.len(), "a file for each photo, also those trained on");
+    assert!(smooth.iter().all(|file| file.starts_with(b"ply\n")), "each of them is one");
 }
 
 #[test]

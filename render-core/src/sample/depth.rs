@@ -34,7 +34,7 @@ impl DepthCue {
 ///
 /// # Source
 /// Wang et al., "Neural rendering for stereo 3D reconstruction of deformable tissues in robotic surgery" (EndoNeRF),
-/// 2022, section 2.3; there without a uniform part and not cut off, which puts samples behind the camera.
+/// 2022, depth-cueing ray marching; there without a uniform part and not cut off, which puts samples behind the camera.
 pub fn depth_cued(near: f32, far: f32, depth: f32, cue: DepthCue, u: &[f32], t: &mut [f32]) {
     assert_eq!(u.len(), t.len(), "one random number a sample");
     let (low, high) = (f64::from(near), f64::from(far));

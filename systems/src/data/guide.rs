@@ -1,4 +1,4 @@
-//! Mask-guided rays (EndoNeRF, section 2.2): pixels under a tool are never drawn, and what tools often hide is drawn more often
+//! Mask-guided rays (EndoNeRF): pixels under a tool are never drawn, and what tools often hide is drawn more often
 //! where it is seen.
 
 use super::batch::Drawn;

@@ -4,9 +4,9 @@
 //! The field is D-NeRF's. What is added:
 //!
 //! ```text
-//! V = M (1 + P)                    rays: none through the tool, more where it often is (section 2.2; `data::Guide`)
-//! t ~ N(D, s^2)                    samples around stereo depth (section 2.3)
-//! L = |C - C'|^2 + l Huber(D - D') depth, too (section 2.4)
+//! V = M (1 + P)                    rays: none through the tool, more where it often is (`data::Guide`)
+//! t ~ N(D, s^2)                    cuts of the march around stereo depth
+//! L = |C - C'|^2 + l Huber(D - D') depth, too
 //! ```
 //!
 //! and now and then the stereo depths that disagree most with rendered ones give way to these. Distances are along rays in world
@@ -23,10 +23,10 @@ pub(super) fn settings() -> DynamicConfig {
         cues: CueConfig {
             depth: 1.0,
             depth_delta: 0.2,
-            // Where a fifth of the depths are wrong, half of the samples have to look elsewhere.
-            cue_samples: 48,
+            // Besides those of the march: where a fifth of the depths are wrong, somebody has to look elsewhere.
+            cue_samples: 16,
             cue_spread: 0.05,
-            cue_anywhere: 0.5,
+            cue_anywhere: 0.0,
             refine_every: 400,
             refine_rounds: 4,
             refine_share: 0.1,

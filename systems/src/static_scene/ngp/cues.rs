@@ -21,7 +21,7 @@ pub struct CueConfig {
     pub depth: f32,
     /// Width of its Huber kernel, a share of the range of depths.
     pub depth_delta: f32,
-    /// Samples of a ray around its measured depth; 0: rays are marched as others.
+    /// Samples of a ray around its measured depth, besides those of the march; 0: none.
     pub cue_samples: usize,
     /// Their spread, a share of the range of depths, and the share of them that lies anywhere.
     pub cue_spread: f32,
@@ -75,6 +75,14 @@ impl CueConfig {
     }
 }
 
+/// Room for [`Cues::cut`]: random numbers, places of cuts, the intervals before.
+#[derive(Default)]
+pub(super) struct CutRoom {
+    u: Vec<f32>,
+    places: Vec<f32>,
+    marched: Vec<(f32, f32)>,
+}
+
 /// Measured depth of the training views.
 pub(super) struct Cues {
     config: CueConfig,
@@ -115,29 +123,48 @@ impl Cues {
         self.t[view as usize].get(usize::from(y) * width + usize::from(x)).copied().unwrap_or(0.0)
     }
 
-    /// Place samples around a measured distance, where that is asked for. How many. `[u, t]` is room for them.
-    pub(super) fn place(
+    /// Cut a ray's intervals at places around its measured distance, where that is asked for: a march that steps over space alone
+    /// does not look closer where a surface was measured. What is known to be empty stays so. How many cuts.
+    pub(super) fn cut(
         &self,
         (start, end): (f32, f32),
         depth: f32,
         jitter: f32,
-        [u, t]: &mut [Vec<f32>; 2],
-        mut visit: impl FnMut(f32, f32),
+        intervals: (&mut Vec<f32>, &mut Vec<f32>, usize),
+        room: &mut CutRoom,
     ) -> u32 {
         let n = self.config.cue_samples;
         if n == 0 || depth <= 0.0 || end <= start {
             return 0;
         }
+        let (t, dt, first) = intervals;
+        let CutRoom { u, places, marched } = room;
         let cue = DepthCue { sigma: self.config.cue_spread * self.range, uniform_share: self.config.cue_anywhere };
         u.clear();
         u.resize(n, jitter);
-        let t = sized(t, n);
-        depth_cued(start, end, depth, cue, u, t);
-        for i in 0..n {
-            let next = t.get(i + 1).copied().unwrap_or(end);
-            visit(t[i], next - t[i]);
+        let places = sized(places, n);
+        depth_cued(start, end, depth, cue, u, places);
+        marched.clear();
+        marched.extend(t[first..].iter().copied().zip(dt[first..].iter().copied()));
+        t.truncate(first);
+        dt.truncate(first);
+        let mut next = 0;
+        for &(mut from, length) in &*marched {
+            let to = from + length;
+            next += places[next..].iter().take_while(|&&p| p <= from).count();
+            while let Some(&p) = places.get(next).filter(|&&p| p < to) {
+                next += 1;
+                // Places may fall on each other.
+                if p > from {
+                    t.push(from);
+                    dt.push(p - from);
+                    from = p;
+                }
+            }
+            t.push(from);
+            dt.push(to - from);
         }
-        n as u32
+        (t.len() - first - marched.len()) as u32
     }
 
     /// What the expected distance of a ray, `sum w t / sum w`, costs; `factor` times its derivative is added to `w_bar`. Each
@@ -205,7 +232,7 @@ fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneE
 }
 
 impl Ngp {
-    /// Let the measured depths that disagree most with the rendered ones give way to these (EndoNeRF, section 2.4). A depth
+    /// Let the measured depths that disagree most with the rendered ones give way to these (EndoNeRF, depth refinement). A depth
     /// under a mask or without a rendered counterpart stays.
     pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
@@ -331,8 +358,15 @@ mod tests {
     }
 
     #[test]
-    fn samples_lie_around_the_measurement_in_order_and_cover_the_ray_to_its_end() {
-        let mut room = [Vec::new(), Vec::new()];
+    fn intervals_are_cut_around_the_measurement_and_cover_what_they_covered() {
+        let mut room = CutRoom::default();
+        // Two runs of steps with an empty stretch between them, behind those of another ray.
+        let marched = || {
+            let at: Vec<f32> = [9.0, 0.5, 0.6, 0.7, 0.8, 1.1, 1.2, 1.3, 1.4].into();
+            let step = vec![0.1; at.len()];
+            (at, step)
+        };
+        let covered = |t: &[f32], dt: &[f32]| -> f32 { t.iter().zip(dt).skip(1).map(|(_, dt)| dt).sum() };
         for (config, jitter) in [
             (LED, 0.0),
             (LED, 0.999),
@@ -342,23 +376,33 @@ mod tests {
             (CueConfig { cue_samples: 1, ..LED }, 0.3),
         ] {
             let cues = cues(config, |k| 2.0 + 0.02 * k as f32);
-            for depth in [0.2, 0.9, 1.3, 4.0, 1e6] {
-                let mut seen = Vec::new();
-                let n = cues.place((0.5, 1.5), depth, jitter, &mut room, |t, dt| seen.push((t, dt)));
-                assert!(n as usize == seen.len() && n as usize == config.cue_samples);
-                assert!(seen.iter().all(|(t, dt)| (0.5..=1.5).contains(t) && *dt >= 0.0), "{config:?}: {seen:?}");
-                assert!(seen.windows(2).all(|w| w[0].0 <= w[1].0), "{config:?}, {depth}: {seen:?}");
-                let (last, dt) = seen[seen.len() - 1];
-                assert!((last + dt - 1.5).abs() < 1e-6, "the last one reaches the end");
-                let near = seen.iter().filter(|(t, _)| (t - depth).abs() < 3.0 * config.cue_spread * cues.range + 1e-6);
-                if config.cue_anywhere == 0.0 && depth < 1.5 && depth > 0.5 {
-                    assert!(near.count() as u32 == n, "{depth}: {seen:?}");
+            for depth in [0.2, 0.95, 1.25, 4.0, 1e6] {
+                let (mut t, mut dt) = marched();
+                let n = cues.cut((0.5, 1.5), depth, jitter, (&mut t, &mut dt, 1), &mut room);
+                assert_eq!((t.len(), dt.len()), (9 + n as usize, 9 + n as usize));
+                assert!(n as usize <= config.cue_samples && t[0] == 9.0 && dt[0] == 0.1, "the other ray stays");
+                assert!(t[1..].windows(2).all(|w| w[0] < w[1]), "{config:?}, {depth}: {t:?}");
+                assert!(dt.iter().all(|dt| *dt > 0.0), "{dt:?}");
+                assert!((covered(&t, &dt) - 0.8).abs() < 1e-5, "{}", covered(&t, &dt));
+                let inside = |t: f32| (0.5..=0.9 + 1e-6).contains(&t) || (1.1 - 1e-6..=1.5).contains(&t);
+                assert!(t[1..].iter().all(|t| inside(*t)), "nothing where it is known to be empty: {t:?}");
+                if config.cue_spread == 0.0 && config.cue_anywhere == 0.0 && depth == 1.25 {
+                    assert_eq!(n, 1, "places that fall on each other are one");
                 }
             }
-            let nothing = |t: f32, _: f32| assert!(t.is_nan(), "nothing is known, or nothing is left");
-            assert_eq!(cues.place((0.5, 1.5), 0.0, jitter, &mut room, nothing), 0);
-            assert_eq!(cues.place((1.5, 1.5), 1.0, jitter, &mut room, nothing), 0);
+            let mut nothing = |ends, depth| {
+                let (mut t, mut dt) = marched();
+                assert_eq!(cues.cut(ends, depth, jitter, (&mut t, &mut dt, 1), &mut room), 0);
+                assert_eq!((t, dt), marched(), "nothing is known, or nothing is left");
+            };
+            nothing((0.5, 1.5), 0.0);
+            nothing((1.5, 1.5), 1.0);
         }
+        // A surface that was measured inside a run gets its samples.
+        let cues = cues(CueConfig { cue_anywhere: 0.0, cue_spread: 0.01, ..LED }, |k| 2.0 + 0.02 * k as f32);
+        let (mut t, mut dt) = marched();
+        let n = cues.cut((0.5, 1.5), 1.25, 0.5, (&mut t, &mut dt, 1), &mut room);
+        assert!(n >= 20, "{n}");
     }
 
     #[test]

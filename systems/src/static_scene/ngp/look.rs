@@ -7,7 +7,7 @@
 //! that is asked for: together at most [`super::NgpConfig::train_faint`] of a ray's light.
 
 use super::chunk::StepContext;
-use super::cues::Cues;
+use super::cues::CutRoom;
 use super::field::{Placing, When, sized};
 use super::proposed::Proposed;
 use crate::space::InternalRay;
@@ -39,8 +39,7 @@ pub(super) struct Look {
     raw: Vec<f32>,
     mlp: Vec<f32>,
     placing: Placing,
-    /// Random numbers and distances of a ray's samples around its measured depth.
-    cued: [Vec<f32>; 2],
+    cut: CutRoom,
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
 }
@@ -135,19 +134,17 @@ impl Look {
                     self.t.push(ray.start);
                     self.dt.push(ctx.marcher.shortest());
                 }
+                let first = self.t.len();
                 let (all_t, all_dt) = (&mut self.t, &mut self.dt);
-                let mut visit = |t, dt| {
+                let visit = |t, dt| {
                     all_t.push(t);
                     all_dt.push(dt);
                 };
-                let measured = ctx.measured(i / ctx.per_pixel);
-                let place =
-                    |cues: &Cues| cues.place((ray.start, ray.end), measured, ctx.jitter[i], &mut self.cued, &mut visit);
-                let cued = ctx.cues.map(place);
-                if let Some(count) = cued.filter(|&count| count > 0) {
-                    self.dense += u64::from(count);
-                } else {
-                    self.dense += u64::from(ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], visit).lattice);
+                self.dense += u64::from(ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], visit).lattice);
+                if let Some(cues) = ctx.cues {
+                    let (ends, measured) = ((ray.start, ray.end), ctx.measured(i / ctx.per_pixel));
+                    let intervals = (&mut self.t, &mut self.dt, first);
+                    self.dense += u64::from(cues.cut(ends, measured, ctx.jitter[i], intervals, &mut self.cut));
                 }
             }
             self.offsets.push(self.t.len() as u32);
