@@ -1,13 +1,11 @@
 //! The words of `nerf-dynamic`: time in renders and exports, scores of what moves, a video in a folder.
 
-use crate::tools::{Answer, SMALL, error_line, nerf, nerf_dynamic, nerf_wild, prepared, text};
+use crate::tools::{Answer, SMALL, arrays, error_line, killed, nerf, nerf_dynamic, nerf_wild, newest, text};
 use scene_io::export::Ply;
 use scene_io::synthetic::{OrbitOptions, write_orbit};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// 8 training and 2 test views of 24 x 24 pixels in D-NeRF's form, in `DIR/scene`.
@@ -165,43 +163,20 @@ fn a_killed_run_resumes_to_the_same_bits() {
             _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30"],
         };
         let place = |name: &str| folder.path().join(format!("{system}-{name}"));
-        let (whole, killed) = (place("whole"), place("killed"));
+        let (whole, stopped) = (place("whole"), place("killed"));
         let extra = [&["--system", system], own].concat();
         let answer = train(&scene, &whole, &[&["--steps", "40"], &extra[..]].concat());
         assert_eq!(answer.code, 0, "{}", answer.err);
 
-        // A checkpoint after every step, and no mercy once there are some.
-        let mut child = Command::new(prepared("nerf-dynamic").get_program())
-            .args(["train", text(&scene), "--out", text(&killed), "--progress", "off", "--steps", "100000"])
-            .args([&SMALL[..], &NARROW, &extra].concat())
-            .args(["--checkpoint-minutes", "1e-9", "--threads", "1"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let since = Instant::now();
-        while newest(&killed) < 12 && since.elapsed() < Duration::from_secs(60) {
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        child.kill().unwrap();
-        child.wait().unwrap();
-        let step = newest(&killed);
+        let words = ["train", text(&scene), "--out", text(&stopped), "--steps", "100000", "--progress", "off"];
+        killed("nerf-dynamic", &[&words, &SMALL[..], &NARROW, &extra].concat(), || newest(&stopped) >= 12);
+        let step = newest(&stopped);
         assert!((12..40).contains(&step), "{system}: killed at step {step}");
 
-        let resume = ["train", "--resume", "--out", text(&killed), "--steps", "40", "--progress", "off"];
+        let resume = ["train", "--resume", "--out", text(&stopped), "--steps", "40", "--progress", "off"];
         let answer = nerf_dynamic(&resume);
         assert_eq!(answer.code, 0, "{}", answer.err);
         assert!(answer.out.contains("resumed at step"), "{}", answer.out);
-        let arrays = |run: &Path| fs::read(run.join("checkpoint/step-00000040.safetensors")).unwrap();
-        assert!(arrays(&whole) == arrays(&killed), "{system}: the same bits as an uninterrupted run");
+        assert!(arrays(&whole, 40) == arrays(&stopped, 40), "{system}: the same bits as an uninterrupted run");
     }
-}
-
-/// Step of the newest checkpoint; 0 where there is none.
-fn newest(run: &Path) -> u64 {
-    let steps = fs::read_dir(run.join("checkpoint")).into_iter().flatten().flatten().filter_map(|e| {
-        let name = e.file_name().into_string().ok()?;
-        name.strip_prefix("step-")?.strip_suffix(".json")?.parse().ok()
-    });
-    steps.max().unwrap_or(0)
 }

@@ -2,7 +2,10 @@
 
 use assert_cmd::Command;
 use scene_io::synthetic::{TabletopOptions, tabletop, write_blender};
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A Blender-style dataset of 6 training and 2 test views, 24 x 24 pixels, in `DIR/scene`.
@@ -67,4 +70,41 @@ pub(crate) fn error_line(answer: &Answer) -> &str {
 
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// Start `program` on a training of many steps, and kill it when `is_due`: no mercy.
+pub(crate) fn killed(program: &str, words: &[&str], is_due: impl Fn() -> bool) {
+    // A checkpoint after every step.
+    let mut child = std::process::Command::new(prepared(program).get_program())
+        .args(words)
+        .args(["--checkpoint-minutes", "1e-9", "--threads", "1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let since = Instant::now();
+    while !is_due() && since.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+/// Checkpoints of a run.
+pub(crate) fn checkpoints(run: &Path) -> Vec<u64> {
+    let steps = fs::read_dir(run.join("checkpoint")).into_iter().flatten().flatten().filter_map(|e| {
+        let name = e.file_name().into_string().ok()?;
+        name.strip_prefix("step-")?.strip_suffix(".json")?.parse().ok()
+    });
+    steps.collect()
+}
+
+/// Step of the newest checkpoint; 0 where there is none.
+pub(crate) fn newest(run: &Path) -> u64 {
+    checkpoints(run).into_iter().max().unwrap_or(0)
+}
+
+/// What was learnt, as of a step.
+pub(crate) fn arrays(run: &Path, step: u64) -> Vec<u8> {
+    fs::read(run.join(format!("checkpoint/step-{step:08}.safetensors"))).unwrap()
 }

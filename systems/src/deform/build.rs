@@ -62,7 +62,7 @@ fn network(inputs: usize, (depth, width): (usize, usize), outputs: usize) -> Res
 }
 
 impl Deform {
-    /// The same for training views of these times.
+    /// A deformation that moves nothing yet, for training views of these times.
     pub(super) fn of_times(config: DeformConfig, times: Times, seed: u64) -> Result<Self, SystemError> {
         let simd = Simd::best();
         let dims = Self::moment_dims(config.moment);

@@ -283,6 +283,10 @@ impl DynamicConfig {
                 return bad(field, value.to_string(), &format!("must be in {least}..=1000"));
             }
         }
+        if self.by_error && (self.curriculum > 0 || self.guided) {
+            let problem = "rays are drawn in one way: set `by_error=false`, or `curriculum=0` and `guided=false`";
+            return bad("by_error", "true".into(), problem);
+        }
         self.cues.check()?;
         for (field, value) in [("warp_lr", self.warp_lr), ("moment_lr", self.moment_lr), ("plane_lr", self.plane_lr)] {
             if !(0.0..=100.0).contains(&value) {

@@ -7,7 +7,7 @@ use crate::deform::Deform;
 use crate::error::RunError;
 use crate::layout::stands_still;
 use crate::options::{DataOptions, Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, ngp_settings, no_such_system, refuse_unknown, settings, split, table};
+use crate::plan::{Ground, NO_PARALLAX, Shown, ngp_settings, no_such_system, refuse_unknown, settings, split, table};
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
 use render_core::pose::Pose;
@@ -54,10 +54,6 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
 /// Part of a ray's light that its faintest samples are left out with in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
-/// Factor of the distortion loss where space has no end, a tenth of that of scenes that stand still: with all of it a dark
-/// video (`nr_nerf/example_sequence`) lost 4 dB, and everything near the camera.
-const DISTORTION: f32 = 0.002;
-
 /// Build the system `name` for a scene.
 ///
 /// # Errors
@@ -79,19 +75,7 @@ pub fn build(
         check_depth_is_used(name, data, run)?;
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
-    let mut field = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
-    // Each pixel shows a moment of its own: more of them are worth more than each of them done better.
-    if field.rays_per_side > 1 {
-        field.rays_per_side = 1;
-        ground.lines.push("rays: one a pixel (each photo shows a moment of its own)".into());
-    }
-    if field.distortion > 0.0 {
-        field.distortion = DISTORTION;
-        ground.lines.retain(|line| !line.starts_with("distortion loss"));
-        ground.lines.push(format!(
-            "distortion loss: {DISTORTION} (space has no end; little of it, so that what moves stays visible)"
-        ));
-    }
+    let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
     field.moves = config.deform().is_some();
     if field.moves {
         // Cells that are full at some moment are empty at most others.
@@ -106,10 +90,6 @@ pub fn build(
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
     let mut system = ground.moving(data, &field, run.seed, scene, (known.name, deform))?;
-    if config.by_error && (config.curriculum > 0 || config.guided) {
-        let problem = "rays are drawn in one way: set `by_error=false`, or `curriculum=0` and `guided=false`";
-        return Err(SystemError::Config { field: "by_error", value: "true".into(), problem: problem.into() });
-    }
     if config.by_error {
         system.follow_errors(data);
         ground.lines.push("rays: half of them where the errors are".into());

@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 use crate::layout::{NEAR_SHARE, nearest_depth};
-use crate::plan::{Ground, ngp_settings};
+use crate::plan::{Ground, Shown, ngp_settings};
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
 use glam::DVec3;
@@ -11,7 +11,7 @@ use scene_io::Scene;
 
 /// Settings of `ngp` for photos from the wild: what one photo alone shows must not find a place right before its camera.
 pub(super) fn field_settings(ground: &mut Ground, scene: &Scene, data: &Dataset) -> NgpConfig {
-    let mut config = ngp_settings(&ground.layout, data, ground.transparent, &mut ground.lines);
+    let mut config = ngp_settings(&ground.layout, data, (Shown::Scene, ground.transparent), &mut ground.lines);
     if ground.layout.kind == SpaceKind::Contracted {
         config.sky = true;
         ground.lines.push("sky: every ray ends at infinity, in a colour of its direction".into());

@@ -1,5 +1,6 @@
 //! The stress list of trainings and files: what people do to programs. The list of the math crates is the package `stress`.
 
+mod common;
 mod dynamic;
 mod files;
 mod settings;
@@ -26,105 +27,4 @@ fn every_case_keeps_its_promise() {
             Once("moving rates", dynamic::learning_rates),
         ],
     );
-}
-
-mod common {
-    use scene_io::synthetic::{TabletopOptions, tabletop};
-    use scene_io::{ImageStore, Scene, Split, StoreOptions};
-    use std::sync::Arc;
-    use systems::data::Dataset;
-    use systems::options::{Background, RunOptions};
-    use systems::system::{Query, System, SystemError, TensorData};
-
-    /// Settings of a system that learns a few pixels in milliseconds.
-    pub(crate) const TINY_NGP: [&str; 9] = [
-        "levels=4",
-        "log2_table=8",
-        "n_max=64",
-        "width=16",
-        "geometry=4",
-        "colour_layers=1",
-        "occupancy=16",
-        "batch_samples=512",
-        "batch_rays=64",
-    ];
-    pub(crate) const TINY_NERF: [&str; 5] = ["width=16", "depth=2", "coarse=8", "fine=8", "batch_rays=16"];
-
-    pub(crate) fn tiny_scene(views: usize, angle: f64) -> Scene {
-        tabletop(&TabletopOptions {
-            width: 16,
-            height: 16,
-            train: views,
-            test: 0,
-            rays: 1,
-            angle,
-            ..Default::default()
-        })
-    }
-
-    pub(crate) fn dataset(scene: &Scene) -> Dataset {
-        let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
-        Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
-    }
-
-    /// Build a system with settings written as on the command line; later ones win.
-    pub(crate) fn build(
-        name: &str,
-        scene: &Scene,
-        data: &Dataset,
-        set: &[&str],
-    ) -> Result<Box<dyn System>, SystemError> {
-        let tiny: &[&str] = if name == "ngp" { &TINY_NGP } else { &TINY_NERF };
-        let set = tiny.iter().chain(set).map(|s| systems::options::parse_set(s).unwrap()).collect();
-        let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
-        Ok(systems::plan::build(name, scene, data, &options)?.0)
-    }
-
-    pub(crate) const QUERY: Query = Query {
-        background: [1.0; 3],
-        layers: systems::system::LayerRequest { normals: systems::system::Normals::Compute },
-        error_budget: 0.0,
-        appearance: systems::system::Appearance::Mean,
-        time: 0.0,
-    };
-
-    /// Every number that the next step depends on is finite.
-    pub(crate) fn state_is_finite(system: &dyn System) -> Result<(), String> {
-        for tensor in system.state() {
-            if let TensorData::F32(data) = &tensor.data {
-                stress::finite(&tensor.name, data)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Mean PSNR of the training views, and that no rendered number is NaN.
-    pub(crate) fn train_psnr(system: &dyn System, data: &Dataset) -> Result<f64, String> {
-        let (mut sum, mut n) = (0.0, 0);
-        for i in 0..data.len() {
-            let camera = data.view(i).camera;
-            let rays: Vec<_> =
-                data.view(i).rays(0..camera.height).map(|r| r.ok_or("no ray")).collect::<Result<_, _>>()?;
-            let layers = system.render(&rays, &QUERY);
-            stress::finite("rgb", layers.rgb.as_flattened())?;
-            stress::finite("opacity", &layers.opacity)?;
-            stress::finite("normal", layers.normal.as_flattened())?;
-            for (what, depth) in [("depth", &layers.depth), ("median depth", &layers.median_depth)] {
-                // Infinite where nothing was hit, by contract.
-                stress::ensure(depth.iter().all(|d| *d >= 0.0), || format!("a {what} is negative or NaN"))?;
-            }
-            let image = data.image(i).map_err(|e| e.to_string())?;
-            for (k, rgb) in layers.rgb.iter().enumerate() {
-                let (x, y) = (k as u32 % camera.width, k as u32 / camera.width);
-                let pixel = image.pixel(x, y);
-                let alpha = if pixel.len() == 4 { f64::from(pixel[3]) / 255.0 } else { 1.0 };
-                for c in 0..3 {
-                    let want = f64::from(pixel[c]) / 255.0 * alpha + 1.0 - alpha;
-                    sum += (f64::from(rgb[c].clamp(0.0, 1.0)) - want).powi(2);
-                    n += 1;
-                }
-            }
-        }
-        Ok(-10.0 * (sum / f64::from(n)).log10())
-    }
 }

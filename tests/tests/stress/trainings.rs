@@ -1,41 +1,11 @@
 //! Learning rates 1000 times too high, 10^5 steps, pictures without contrast, scenes at the end of the map.
 
-use crate::common::{build, dataset, state_is_finite, tiny_scene, train_psnr};
+use crate::common::{End, build, dataset, guarded, state_is_finite, tiny_scene, train_psnr};
 use glam::DVec3;
 use scene_io::{Image, ImageSource, LayoutHint, Scene};
 use std::sync::Arc;
 use stress::{Tally, close, ensure};
-use systems::data::Dataset;
-use systems::system::{System, SystemError};
-
-/// How a training ended.
-#[derive(PartialEq)]
-enum End {
-    Trained,
-    /// The guard stopped it with its one error: nothing is drawn from what is left.
-    Guarded,
-}
-
-/// `steps` of training; the guard's error is as good an end.
-fn train(system: &mut dyn System, data: &Dataset, steps: u64) -> Result<End, String> {
-    let mut end = End::Trained;
-    for step in 0..steps {
-        match system.step(data, step) {
-            Ok(stats) => ensure(stats.nonfinite > 0 || stats.loss.is_finite(), || {
-                format!("step {step}: loss {} without a non-finite gradient", stats.loss)
-            })?,
-            Err(e @ SystemError::NonFinite { .. }) => {
-                let said = e.to_string();
-                ensure(said.contains("learning rate") && !said.contains('\n'), || format!("said: {said}"))?;
-                end = End::Guarded;
-                break;
-            }
-            Err(e) => return Err(format!("step {step}: {e}")),
-        }
-    }
-    state_is_finite(system)?;
-    Ok(end)
-}
+use systems::system::SystemError;
 
 pub(crate) fn learning_rates(tally: &mut Tally) {
     let scene = tiny_scene(6, 0.82);
@@ -50,7 +20,7 @@ pub(crate) fn learning_rates(tally: &mut Tally) {
                 || {
                     let mut system = build(system, &scene, &data, &[rate]).map_err(|e| e.to_string())?;
                     // Whatever it learnt, it draws no NaN.
-                    match train(system.as_mut(), &data, 300)? {
+                    match guarded(system.as_mut(), &data, 300, state_is_finite)? {
                         End::Trained => train_psnr(system.as_ref(), &data).map(drop),
                         End::Guarded => Ok(()),
                     }
@@ -136,7 +106,7 @@ pub(crate) fn scenes(tally: &mut Tally) {
             let scene = constant(6, colour);
             let data = dataset(&scene);
             let mut system = build("ngp", &scene, &data, &[]).map_err(|e| e.to_string())?;
-            train(system.as_mut(), &data, 300)?;
+            guarded(system.as_mut(), &data, 300, state_is_finite)?;
             let psnr = train_psnr(system.as_ref(), &data)?;
             ensure(psnr > 40.0, || format!("{psnr:.2} dB"))
         });
@@ -144,7 +114,7 @@ pub(crate) fn scenes(tally: &mut Tally) {
     let reference = |scene: &Scene| -> Result<f64, String> {
         let data = dataset(scene);
         let mut system = build("ngp", scene, &data, &[]).map_err(|e| e.to_string())?;
-        train(system.as_mut(), &data, 100)?;
+        guarded(system.as_mut(), &data, 100, state_is_finite)?;
         train_psnr(system.as_ref(), &data)
     };
     let at_home = reference(&tiny_scene(6, 0.82));
@@ -162,7 +132,7 @@ pub(crate) fn scenes(tally: &mut Tally) {
                 let scene = tiny_scene(4, degrees.to_radians());
                 let data = dataset(&scene);
                 let mut system = build(system, &scene, &data, &[]).map_err(|e| e.to_string())?;
-                train(system.as_mut(), &data, 40)?;
+                guarded(system.as_mut(), &data, 40, state_is_finite)?;
                 train_psnr(system.as_ref(), &data).map(drop)
             });
         }
@@ -172,14 +142,14 @@ pub(crate) fn scenes(tally: &mut Tally) {
             let scene = tiny_scene(1, 0.82);
             let data = dataset(&scene);
             let mut system = build(system, &scene, &data, &[]).map_err(|e| e.to_string())?;
-            train(system.as_mut(), &data, 40)?;
+            guarded(system.as_mut(), &data, 40, state_is_finite)?;
             train_psnr(system.as_ref(), &data).map(drop)
         });
         tally.case(format!("{system}, no picture at all"), "no panic, everything finite, or one error", || {
             let scene = tiny_scene(0, 0.82);
             let data = dataset(&scene);
             match build(system, &scene, &data, &[]) {
-                Ok(mut system) => train(system.as_mut(), &data, 5).map(drop),
+                Ok(mut system) => guarded(system.as_mut(), &data, 5, state_is_finite).map(drop),
                 Err(e) => ensure(!e.to_string().contains('\n'), || format!("said: {e}")),
             }
         });
@@ -197,7 +167,7 @@ pub(crate) fn scenes(tally: &mut Tally) {
                 }
                 let mut system =
                     build(system, &scene, &data, &["accept_no_parallax=true"]).map_err(|e| e.to_string())?;
-                train(system.as_mut(), &data, 20).map(drop)
+                guarded(system.as_mut(), &data, 20, state_is_finite).map(drop)
             },
         );
     }

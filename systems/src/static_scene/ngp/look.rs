@@ -85,6 +85,11 @@ impl Run {
 }
 
 impl Round {
+    fn bytes(&self) -> usize {
+        let numbers = self.columns.capacity() + self.which.capacity();
+        4 * (numbers + self.x.capacity() + self.was.capacity() + self.features.capacity())
+    }
+
     /// Columns of a run that are kept.
     fn kept(&self, run: &Run) -> &[u32] {
         &self.columns[run.kept as usize..][..run.count as usize]
@@ -110,9 +115,10 @@ pub(super) struct Kept<'a> {
 impl Look {
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        let rounds: usize = self.rounds.iter().map(|r| r.x.capacity() + r.was.capacity() + r.features.capacity()).sum();
-        4 * (rounds + self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity())
-            + self.placing.bytes()
+        let rounds: usize = self.rounds.iter().map(Round::bytes).sum();
+        let counts = self.offsets.capacity() + self.alive.capacity() + self.looked.capacity() + self.kept.capacity();
+        let floats = self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity();
+        rounds + 4 * (counts + floats + self.lost.capacity()) + self.placing.bytes()
     }
 
     /// Samples the march placed.

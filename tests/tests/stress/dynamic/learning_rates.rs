@@ -1,10 +1,9 @@
 //! Learning rates nobody should write: a training with finite numbers, or the one error of the guard.
 
-use super::{build, is_sound, says, usual_operation, usual_stage};
-use crate::common::{dataset, state_is_finite};
-use stress::{Tally, ensure};
+use super::{build, is_sound, usual_operation, usual_stage};
+use crate::common::{End, dataset, guarded, says, state_is_finite};
+use stress::Tally;
 use systems::dynamic::SYSTEMS;
-use systems::system::SystemError;
 
 const STEPS: u64 = 30;
 
@@ -22,21 +21,10 @@ pub(crate) fn cases(tally: &mut Tally) {
                     Err(e) if rate == "lr=0.0" => return says(&e, &["`lr`", "0"]),
                     Err(e) => return Err(e.to_string()),
                 };
-                for step in 0..STEPS {
-                    match system.step(data, step) {
-                        Ok(stats) => ensure(stats.nonfinite > 0 || stats.loss.is_finite(), || {
-                            format!("step {step}: loss {} without a non-finite gradient", stats.loss)
-                        })?,
-                        Err(e @ SystemError::NonFinite { .. }) => {
-                            says(&e, &["learning rate"])?;
-                            return state_is_finite(system.as_ref());
-                        }
-                        Err(e) => return Err(format!("step {step}: {e}")),
-                    }
-                    // Never, not even for one step.
-                    state_is_finite(system.as_ref()).map_err(|e| format!("step {step}: {e}"))?;
+                match guarded(system.as_mut(), data, STEPS, state_is_finite)? {
+                    End::Trained => is_sound(system.as_ref(), data),
+                    End::Guarded => Ok(()),
                 }
-                is_sound(system.as_ref(), data)
             });
         }
     }

@@ -1,7 +1,7 @@
 //! Videos that say little: of one moment, of one place, of nothing that moves, of nothing that stays, of nothing but the tool.
 
-use super::{STEPS, build, operation, says, stage, trains, usual_operation, usual_stage};
-use crate::common::dataset;
+use super::{STEPS, build, operation, stage, trains, usual_operation, usual_stage};
+use crate::common::{dataset, pictures, says};
 use scene_io::synthetic::{OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions, TissueTool};
 use scene_io::{DepthMap, DepthPlace, DepthSource, Image, ImageSource, Scene};
 use std::sync::Arc;
@@ -36,15 +36,6 @@ fn depths(mut scene: Scene, z: impl Fn(usize, usize, f32) -> f32) -> Scene {
 
 fn times(mut scene: Scene, time: impl Fn(usize) -> f64) -> Scene {
     scene.frames.iter_mut().enumerate().for_each(|(i, frame)| frame.time = Some(time(i)));
-    scene
-}
-
-fn pictures(mut scene: Scene, make: impl Fn(usize, &Image) -> Image) -> Scene {
-    for (k, frame) in scene.frames.iter_mut().enumerate() {
-        if let ImageSource::Memory(image) = &frame.image {
-            frame.image = ImageSource::Memory(Arc::new(make(k, image)));
-        }
-    }
     scene
 }
 

@@ -1,7 +1,7 @@
 //! Settings of systems for scenes that move: the last values that are accepted train, the first that are not are named.
 
-use super::{STEPS, build, says, trains, usual_operation, usual_stage};
-use crate::common::dataset;
+use super::{STEPS, build, trains, usual_operation, usual_stage};
+use crate::common::{dataset, says};
 use glam::DVec3;
 use scene_io::Point;
 use stress::Tally;

@@ -1,10 +1,9 @@
 //! Learning rates nobody should write: a training with finite numbers, or the one error of the guard.
 
-use super::{METHODS, build, is_sound, says, state_is_sound};
-use crate::common::{dataset, tiny_scene};
+use super::{METHODS, build, is_sound, state_is_sound};
+use crate::common::{End, dataset, guarded, says, tiny_scene};
 use scene_io::{Disturbance, perturb};
-use stress::{Tally, ensure};
-use systems::system::SystemError;
+use stress::Tally;
 
 const STEPS: u64 = 40;
 
@@ -24,21 +23,10 @@ pub(crate) fn cases(tally: &mut Tally) {
                         Err(e) => return Err(e.to_string()),
                     };
                     let steps = if field.is_empty() { STEPS } else { STEPS / 4 };
-                    for step in 0..steps {
-                        match system.step(&data, step) {
-                            Ok(stats) => ensure(stats.nonfinite > 0 || stats.loss.is_finite(), || {
-                                format!("step {step}: loss {} without a non-finite gradient", stats.loss)
-                            })?,
-                            Err(e @ SystemError::NonFinite { .. }) => {
-                                says(&e, &["learning rate"])?;
-                                return state_is_sound(system.as_ref());
-                            }
-                            Err(e) => return Err(format!("step {step}: {e}")),
-                        }
-                        // Never, not even for one step.
-                        state_is_sound(system.as_ref()).map_err(|e| format!("step {step}: {e}"))?;
+                    match guarded(system.as_mut(), &data, steps, state_is_sound)? {
+                        End::Trained => is_sound(system.as_ref(), &data),
+                        End::Guarded => Ok(()),
                     }
-                    is_sound(system.as_ref(), &data)
                 });
             }
         }

@@ -8,7 +8,7 @@ pub(crate) use learning_rates::cases as learning_rates;
 pub(crate) use scenes::cases as scenes;
 pub(crate) use settings::cases as settings;
 
-use crate::common::{QUERY, TINY_NERF, TINY_NGP};
+use crate::common::{QUERY, TINY_NERF, TINY_NGP, learns};
 use scene_io::Scene;
 use stress::{Verdict, ensure, finite};
 use systems::data::Dataset;
@@ -51,12 +51,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<
 
 /// It learns for a few steps: every loss and every gradient is finite, and so is all that it says afterwards.
 fn trains(system: &mut dyn System, data: &Dataset, steps: u64) -> Verdict {
-    for step in 0..steps {
-        let stats = system.step(data, step).map_err(|e| format!("step {step}: {e}"))?;
-        ensure(stats.loss.is_finite() && stats.mse.is_finite() && stats.nonfinite == 0, || {
-            format!("step {step}: loss {}, {} gradients are not finite", stats.loss, stats.nonfinite)
-        })?;
-    }
+    learns(system, data, steps)?;
     is_sound(system, data)
 }
 
@@ -92,11 +87,4 @@ fn state_is_sound(system: &dyn System) -> Verdict {
         }
     }
     Ok(())
-}
-
-/// One line with all of these words.
-fn says(e: &SystemError, words: &[&str]) -> Verdict {
-    let said = e.to_string();
-    let missing = words.iter().find(|w| !said.to_lowercase().contains(&w.to_lowercase()));
-    ensure(missing.is_none() && !said.contains('\n'), || format!("does not say {missing:?}: {said}"))
 }

@@ -1,7 +1,7 @@
 //! Photos that say little, or nothing, or of which some lack what others have.
 
-use super::{METHODS, STEPS, build, says, trains};
-use crate::common::{dataset, tiny_scene};
+use super::{METHODS, STEPS, build, trains};
+use crate::common::{dataset, pictures, says, tiny_scene};
 use glam::DVec3;
 use scene_io::{Disturbance, Image, ImageSource, LayoutHint, Point, Scene, TrackPoint, perturb};
 use std::sync::Arc;
@@ -24,16 +24,6 @@ const LOOKED_AT: [&str; 4] = ["one photo", "photos of 1x1 pixel", "transparent p
 /// Encoders need a photo they can halve.
 const ENCODERS: fn(&str) -> Option<&'static [&'static str]> =
     |name| matches!(name, "ha-nerf" | "ha-nerf-a").then_some(&["photo `", "the encoder needs", "`codes`"]);
-
-/// Put `make(photo, its picture)` in place of each picture.
-fn pictures(mut scene: Scene, make: impl Fn(usize, &Image) -> Image) -> Scene {
-    for (k, frame) in scene.frames.iter_mut().enumerate() {
-        if let ImageSource::Memory(image) = &frame.image {
-            frame.image = ImageSource::Memory(Arc::new(make(k, image)));
-        }
-    }
-    scene
-}
 
 /// Pictures without alpha, so that all of them shows something.
 fn opaque(views: usize, value: impl Fn(usize, usize) -> u8) -> Scene {

@@ -1,7 +1,7 @@
 //! Settings of methods: the last values that are accepted train, the first that are not are named.
 
-use super::{METHODS, STEPS, build, says, trains};
-use crate::common::{dataset, tiny_scene};
+use super::{METHODS, STEPS, build, trains};
+use crate::common::{dataset, says, tiny_scene};
 use scene_io::{Disturbance, perturb};
 use stress::Tally;
 
