@@ -7,10 +7,10 @@
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{Terms, evaluate};
+use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::write_png;
 use crate::progress::{Event, Observer};
-use crate::run::stem;
 use crate::system::System;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

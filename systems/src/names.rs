@@ -1,4 +1,5 @@
-//! Frames by what people call them: the whole name, the name without its extension, or the end of the path.
+//! Frames by what people call them: the whole name, the name without its extension, or the end of the path; and what files
+//! about them are called.
 
 use crate::error::RunError;
 use std::path::Path;
@@ -22,6 +23,13 @@ pub fn find<'a>(names: &[&'a str], wanted: &str, option: &str) -> Result<usize, 
         }
         several => Err(RunError::Option(format!("{option}: may mean {}; write more of the path", of(several)))),
     }
+}
+
+/// A frame's name as part of a file name: letters, digits, `-`, `_`, `.`; no extension.
+pub(crate) fn stem(name: &str) -> String {
+    let name = Path::new(name).with_extension("");
+    let clean = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.to_string_lossy().chars().map(clean).collect::<String>().trim_start_matches('.').to_string()
 }
 
 fn is_meant(name: &str, wanted: &str) -> bool {

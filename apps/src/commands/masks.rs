@@ -3,13 +3,13 @@
 use super::{Done, Failure, Session};
 use crate::cli::Masks;
 use crate::show::line;
+use systems::eval::masks;
 use systems::eval::masks::{FILE, MaskOptions, SIDE_BY_SIDE};
-use systems::run::MASKS;
 
 pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
     let mut show = session.show();
     let run = session.open(&args.run, &mut show)?;
-    let folder = args.out.clone().unwrap_or_else(|| run.folder.join(MASKS));
+    let folder = args.out.clone().unwrap_or_else(|| run.folder.join(masks::FOLDER));
     let options = MaskOptions { every: args.every, empty: args.empty_class.into() };
     let table = run.write_masks(&folder, options, &mut show)?;
     show.finish();

@@ -187,7 +187,7 @@ impl Bench {
 
 /// Run what was asked for; each section is on the disk before the next begins, long ones a row at a time.
 pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
-    training::check_protocols(&cli.protocol)?;
+    check_protocols(&cli.protocol)?;
     let bench = Bench::new(cli)?;
     let machine = Machine::here(bench.pools.most());
     let clock = Instant::now();
@@ -209,10 +209,33 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     Ok(())
 }
 
+/// Refuse names that mean nothing before an hour has passed.
+fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
+    let known = || training::names().chain(wild::names()).chain(dynamic::names());
+    match wanted.iter().find(|w| known().all(|k| k != w.as_str())) {
+        Some(name) => {
+            let known: Vec<&str> = known().collect();
+            Err(BenchError::Part(format!("`--protocol {name}`: write one of {}", known.join(", "))))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Below tables of quick runs.
 const QUICK: &str = "A quick run: of the embedded scene only, small, and too few steps to compare anything.";
 
 /// A line of progress.
 pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_are_known_by_name() {
+        assert!(check_protocols(&["fern".into(), "yard".into(), "nr".into()]).is_ok());
+        assert!(check_protocols(&["moon".into()]).unwrap_err().to_string().contains("lego400"));
+    }
 }

@@ -6,10 +6,10 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::names::stem;
 use crate::output::{Storage, make_folder, read_json, write_file};
 use crate::picture::{grey_png_bytes, over_background, side_by_side, write_png};
 use crate::progress::{Event, Observer};
-use crate::run::stem;
 use crate::system::System;
 use image::{GrayImage, RgbImage};
 use losses::metrics::{Average, Confusion, EmptyClass, SegmentationScores, segmentation};
@@ -20,6 +20,9 @@ use std::path::Path;
 
 /// Visibility from which on a pixel counts as static.
 pub const THRESHOLD: f32 = 0.5;
+
+/// Folder of the masks in a run.
+pub const FOLDER: &str = "masks";
 
 /// Name of the table in its folder.
 pub const FILE: &str = "masks.json";

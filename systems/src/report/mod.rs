@@ -6,13 +6,14 @@ mod wild;
 
 use crate::error::RunError;
 use crate::eval::Evaluation;
-use crate::eval::masks::MaskTable;
+use crate::eval::masks::{self, MaskTable};
 use crate::log;
 use crate::output::{Storage, write_file};
-use crate::run::{AppearanceRow, MASKS};
 use crate::summary::Summary;
 use std::fs;
 use std::path::Path;
+
+pub use wild::AppearanceRow;
 
 /// Name in the run folder.
 pub const FILE: &str = "report.html";
@@ -48,7 +49,7 @@ pub fn write(storage: &dyn Storage, folder: &Path) -> Result<(), RunError> {
         },
         config: fs::read_to_string(folder.join("config.toml")).unwrap_or_default(),
         appearance: AppearanceRow::read(folder)?,
-        masks: MaskTable::read(&folder.join(MASKS))?,
+        masks: MaskTable::read(&folder.join(masks::FOLDER))?,
     };
     write_file(storage, &folder.join(FILE), page(&sources, folder).as_bytes())
 }

@@ -2,13 +2,39 @@
 
 use super::escape;
 use super::sections::{figure, number};
-use crate::eval::masks::{MaskTable, PhotoMask, SIDE_BY_SIDE, Scores};
-use crate::run::{AppearanceRow, MASKS};
+use crate::error::RunError;
+use crate::eval::masks::{self, MaskTable, PhotoMask, SIDE_BY_SIDE, Scores};
+use crate::output::read_json;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::Path;
 
 /// Photos whose masks are in the page; all are in `masks/`.
 const SHOWN: usize = 6;
+
+/// One view in several lights: the content of `appearance/appearance.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AppearanceRow {
+    /// Name of the view that is shown.
+    pub view: String,
+    /// Whose light, and the picture's file beside this one.
+    pub pictures: Vec<(String, String)>,
+}
+
+impl AppearanceRow {
+    /// Folder in the run.
+    pub const FOLDER: &'static str = "appearance";
+    /// Name in that folder.
+    pub const FILE: &'static str = "appearance.json";
+
+    /// The row of the run in `folder`, if it has one.
+    ///
+    /// # Errors
+    /// [`RunError::Content`].
+    pub fn read(folder: &Path) -> Result<Option<Self>, RunError> {
+        read_json(&folder.join(Self::FOLDER).join(Self::FILE))
+    }
+}
 
 /// One view in the light of several photos.
 pub(super) fn appearance(row: &AppearanceRow, folder: &Path) -> String {
@@ -30,7 +56,7 @@ pub(super) fn appearance(row: &AppearanceRow, folder: &Path) -> String {
 
 /// What was taken for static.
 pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
-    let folder = folder.join(MASKS).join(SIDE_BY_SIDE);
+    let folder = folder.join(masks::FOLDER).join(SIDE_BY_SIDE);
     let every = table.views.len().div_ceil(SHOWN).max(1);
     let figures: String = table
         .views

@@ -1,10 +1,11 @@
 //! The held-out views of a run, measured and written down.
 
-use super::{Run, stem};
+use super::Run;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{EvalAppearance, Evaluation, Measures, Protocol, Terms, evaluate, need_halves};
 use crate::eval_scales::{ScaleTable, evaluate_scales};
+use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::{depth, depth_range, error_map, write_png};
 use crate::progress::{Event, Observer};

@@ -39,8 +39,6 @@ use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-pub use showcase::{AppearanceRow, MASKS};
-
 /// Reads the scene a word or path names.
 pub type Load<'a> = dyn Fn(&str, &DataOptions) -> Result<Scene, RunError> + 'a;
 /// Makes a system for a scene and says what it decided.
@@ -326,13 +324,6 @@ fn mostly_masked(scene: &Scene, left: f64) -> Option<String> {
 
 fn short(hash: &str) -> String {
     hash.chars().take(19).collect() // `sha256:` and twelve digits
-}
-
-/// A frame's name as part of a file name: letters, digits, `-`, `_`, `.`; no extension.
-pub(crate) fn stem(name: &str) -> String {
-    let name = Path::new(name).with_extension("");
-    let clean = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    name.to_string_lossy().chars().map(clean).collect::<String>().trim_start_matches('.').to_string()
 }
 
 /// Parts that read files and write to the disk; the system is up to `build`.

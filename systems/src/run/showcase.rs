@@ -2,51 +2,24 @@
 //!
 //! Systems with one light and no masks write nothing here.
 
-use super::{Run, stem};
+use super::Run;
 use crate::error::RunError;
-use crate::eval::masks::{MaskOptions, MaskTable, write_masks};
-use crate::output::{make_folder, read_json, write_file};
+use crate::eval::masks::{self, MaskOptions, MaskTable, write_masks};
+use crate::names::stem;
+use crate::output::{make_folder, write_file};
 use crate::picture::{colour, limited, write_png};
 use crate::progress::{Observer, Silent};
 use crate::render::render;
-use crate::report;
+use crate::report::{self, AppearanceRow};
 use crate::summary::Summary;
 use crate::system::{Appearance, Query};
 use losses::metrics::EmptyClass;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Photos shown.
 const SHOWN: usize = 6;
 /// Longest side of a picture of the row, pixels.
 const SIDE: u32 = 320;
-
-/// One view in several lights: the content of `appearance/appearance.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AppearanceRow {
-    /// Name of the view that is shown.
-    pub view: String,
-    /// Whose light, and the picture's file beside this one.
-    pub pictures: Vec<(String, String)>,
-}
-
-impl AppearanceRow {
-    /// Folder in the run.
-    pub const FOLDER: &'static str = "appearance";
-    /// Name in that folder.
-    pub const FILE: &'static str = "appearance.json";
-
-    /// The row of the run in `folder`, if it has one.
-    ///
-    /// # Errors
-    /// [`RunError::Content`].
-    pub fn read(folder: &Path) -> Result<Option<Self>, RunError> {
-        read_json(&folder.join(Self::FOLDER).join(Self::FILE))
-    }
-}
-
-/// Folder of the masks in the run.
-pub const MASKS: &str = "masks";
 
 impl Run<'_> {
     /// Static masks of training photos as the system sees them now; see [`write_masks`].
@@ -68,7 +41,7 @@ impl Run<'_> {
                 self.system.name()
             ))
         })?;
-        if folder == self.folder.join(MASKS) && self.folder.join(Summary::FILE).exists() {
+        if folder == self.folder.join(masks::FOLDER) && self.folder.join(Summary::FILE).exists() {
             report::write(self.parts.storage, &self.folder)?;
         }
         Ok(table)
@@ -78,12 +51,12 @@ impl Run<'_> {
     pub(super) fn write_showcase(&self) -> Result<(), RunError> {
         self.write_appearance_row()?;
         // Masks that somebody asked for at this step are at least as many.
-        if MaskTable::read(&self.folder.join(MASKS))?.is_some_and(|table| table.steps == self.step) {
+        if MaskTable::read(&self.folder.join(masks::FOLDER))?.is_some_and(|table| table.steps == self.step) {
             return Ok(());
         }
         let photos = self.train.views().iter().filter(|v| v.level == 0).count();
         let options = MaskOptions { every: photos.div_ceil(SHOWN).max(1), empty: EmptyClass::default() };
-        let place = self.folder.join(MASKS);
+        let place = self.folder.join(masks::FOLDER);
         let at = (self.parts.storage, place.as_path());
         write_masks(at, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, &mut Silent)?;
         Ok(())
