@@ -311,6 +311,8 @@ pub(crate) enum Layer {
     Opacity,
     /// Normals of the world's frame
     Normals,
+    /// Which point of the scene at rest is seen, as colour: x, y, z within the scene's box
+    Canonical,
 }
 
 #[derive(Debug, Args)]
@@ -465,7 +467,7 @@ mod tests {
         "eval d --lpips-weights w",
         "train s --out d --system mip-nerf --scales 4 --set width=64",
         "eval d --scales 4",
-        "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals --longest-side 50",
+        "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
         "render d --path hold:train/r_0 --out e",
         "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
     ];

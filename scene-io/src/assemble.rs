@@ -8,7 +8,7 @@ use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{read_header, same_shape};
 use crate::pose::Mended;
-use crate::priors::{Priors, TrackPoint, TruthMask};
+use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
 use crate::{AlphaMeaning, Bounds, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Problem, Split};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
@@ -115,6 +115,8 @@ pub(crate) struct RawFrame {
     pub(crate) moving: Option<PathBuf>,
     /// Truth mask, white = seen in training, too: for scoring.
     pub(crate) covisible: Option<PathBuf>,
+    /// Truth about where another frame shows what this one does: for scoring.
+    pub(crate) flow: Option<FlowTruth>,
     pub(crate) ids: Option<FrameIds>,
     /// At the size of [`RawFrame::size`].
     pub(crate) tracks: Vec<TrackPoint>,
@@ -260,6 +262,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         transient: raw.transient.clone().map(TruthMask::File),
         moving: raw.moving.clone().map(TruthMask::File),
         covisible: raw.covisible.clone().map(TruthMask::File),
+        flow: raw.flow.clone(),
         ids: raw.ids,
         alpha: reading.alpha,
         tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
@@ -363,6 +366,7 @@ fn note_priors(out: &mut Assembled) {
         ("truth masks of what does not belong there (for scoring only)", count(&|f| f.transient.is_some())),
         ("truth masks of what moves (for scoring only)", count(&|f| f.moving.is_some())),
         ("truth masks of what training frames show, too (for scoring only)", count(&|f| f.covisible.is_some())),
+        ("exact flow to another frame (for scoring only)", count(&|f| f.flow.is_some())),
     ];
     for (what, n) in kinds.into_iter().filter(|(_, n)| *n > 0) {
         out.notes.push(format!("{n} of {} frames have {what}", out.frames.len()));

@@ -229,6 +229,7 @@ fn priors(scene: &Scene) -> Vec<Problem> {
             frame.read_transient().err(),
             frame.read_moving().err(),
             frame.read_covisible().err(),
+            frame.read_flow().err(),
         ]
     };
     let errors: Vec<_> = scene.frames.par_iter().flat_map_iter(read).flatten().collect();

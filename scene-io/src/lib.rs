@@ -49,7 +49,8 @@ pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions};
 pub use priors::{
-    BitMask, Features, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask, refuse_blank_masks,
+    BitMask, Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
+    refuse_blank_masks,
 };
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split,

@@ -133,6 +133,7 @@ fn frame(&Row { file, image, ref whole, field, values: row, axes }: &Row<'_>, na
         transient: None,
         moving: None,
         covisible: None,
+        flow: None,
         ids: None,
         tracks: Vec::new(),
         // Bounds that say nothing (some writers fill in 0) are left out.

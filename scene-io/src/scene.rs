@@ -3,7 +3,7 @@
 use crate::depth::DepthSource;
 use crate::perturb::Perturbation;
 use crate::picture::Image;
-use crate::priors::{Priors, TrackPoint, TruthMask};
+use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
 use glam::DVec3;
 use render_core::camera::Camera;
 use std::fmt;
@@ -187,6 +187,8 @@ pub struct Frame {
     pub alpha: AlphaMeaning,
     /// Truth about which pixels show what training frames saw, too (DyCheck's covisibility): for scoring only.
     pub covisible: Option<TruthMask>,
+    /// Truth about where another frame shows what this one does: for scoring only.
+    pub flow: Option<FlowTruth>,
     /// Numbers the dataset gives the frame's moment, look and camera.
     pub ids: Option<FrameIds>,
     /// Camera at the image's native size.
@@ -218,6 +220,7 @@ impl Frame {
             perturbation: None,
             alpha: AlphaMeaning::Opacity,
             covisible: None,
+            flow: None,
             ids: None,
             camera,
             split: Split::Train,

@@ -4,6 +4,7 @@ use crate::assemble::{Intrinsics, RawFrame};
 use crate::depth::DepthSource;
 use crate::json::Object;
 use crate::pose::{Axes, pose_from};
+use crate::priors::{FlowPlace, FlowTruth};
 use crate::{Problem, Split, files};
 use glam::{DMat3, DVec3};
 use render_core::camera::Lens;
@@ -49,12 +50,29 @@ pub(crate) fn raw_frame(root: &Path, top: &Object<'_>, frame: &Object<'_>, split
         transient: optional_path("transient_mask_path").map_err(in_frame)?,
         moving: optional_path("moving_path").map_err(in_frame)?,
         covisible: None,
+        flow: flow(root, frame).map_err(in_frame)?,
         ids: None,
         tracks: Vec::new(),
         z_bounds: None,
         sharpness: frame.number("sharpness").map_err(in_frame)?,
         name,
     })
+}
+
+/// Truth about flow: three fields, or none.
+fn flow(root: &Path, frame: &Object<'_>) -> Result<Option<FlowTruth>, Problem> {
+    let [flow, valid] = ["flow_path", "flow_valid_path"].map(|key| match frame.string(key)? {
+        Some(written) => path_inside(root, frame, key, written).map(Some),
+        None => Ok(None),
+    });
+    match (flow?, valid?, frame.string("flow_to")?.map(plain_name)) {
+        (None, None, None) => Ok(None),
+        (Some(flow), Some(valid), Some(to)) => Ok(Some(FlowTruth { to, place: FlowPlace::Files { flow, valid } })),
+        _ => {
+            let what = "is one of three fields that belong together";
+            Err(frame.problem("flow_path", what, "give `flow_path`, `flow_valid_path` and `flow_to`, or none of them"))
+        }
+    }
 }
 
 /// Millimetres in PNG files, as nerfstudio writes them; world units elsewhere.

@@ -7,11 +7,13 @@
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
 //! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
+//! * [`canonical`]: which point of the scene at rest a pixel shows.
 //! * [`appearance`]: in which photo's light pictures are rendered.
 //! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
 pub mod appearance;
 pub mod camera_path;
+pub mod canonical;
 pub mod checkpoint;
 pub mod data;
 pub mod deform;

@@ -31,6 +31,18 @@ pub fn normals(view: &Rendered) -> RgbImage {
     })
 }
 
+/// Canonical points as colour: their place in the box `[min, max]`, x red, y green, z blue, beyond it as on its faces; black
+/// where nothing was hit.
+pub fn canonical(view: &Rendered, bounds: [[f64; 3]; 2]) -> RgbImage {
+    let [min, max] = bounds;
+    picture(view, |i| match view.layers.canonical.get(i) {
+        Some(p) if p.iter().all(|x| x.is_finite()) => {
+            [0, 1, 2].map(|a| quantise_value(((p[a] - min[a]) / (max[a] - min[a]).max(1e-12)) as f32))
+        }
+        _ => [0; 3],
+    })
+}
+
 /// Distances `range[0]` (bright) to `range[1]` (dark), linear in inverse distance; black where nothing was hit.
 pub fn depth(view: &Rendered, range: [f32; 2]) -> RgbImage {
     let [near, far] = range.map(|t| 1.0 / t.max(1e-6));
@@ -218,6 +230,16 @@ mod tests {
         let out = depth(&view, depth_range(&[&view])).into_raw();
         assert_eq!(out[..3], [0; 3]);
         assert!(out[3..].iter().any(|&c| c > 50));
+    }
+
+    #[test]
+    fn canonical_points_are_drawn_by_their_place_in_the_box() {
+        let canonical = vec![[0.0, 1.0, 3.0], [1.0, -9.0, 9.0], crate::canonical::NOWHERE];
+        let view = Rendered { width: 3, height: 1, layers: Layers { canonical, ..Layers::default() } };
+        let out = super::canonical(&view, [[-1.0, 0.0, 1.0], [1.0, 1.0, 3.0]]);
+        assert_eq!(out.into_raw(), [128, 255, 255, 255, 0, 255, 0, 0, 0]);
+        let nobody_asked = Rendered { width: 1, height: 1, layers: Layers::default() };
+        assert_eq!(super::canonical(&nobody_asked, [[0.0; 3], [1.0; 3]]).into_raw(), [0; 3]);
     }
 
     #[test]

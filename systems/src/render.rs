@@ -72,6 +72,9 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
         if let (Some(to), Some(from)) = (layers.normal.get_mut(pixel), strip.normal.get(ray)) {
             *to = *from;
         }
+        if let (Some(to), Some(from)) = (layers.canonical.get_mut(pixel), strip.canonical.get(ray)) {
+            *to = *from;
+        }
         return;
     }
     let share = 1.0 / k as f32;
@@ -83,9 +86,14 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
     let weight: f32 = hits().map(|(_, a)| a).sum();
     layers.depth[pixel] = if weight > 0.0 { hits().map(|(d, a)| d * a).sum::<f32>() / weight } else { f32::INFINITY };
     // One of them, not a mean over an edge.
-    let mut medians: Vec<f32> = strip.median_depth[rays.clone()].to_vec();
-    medians.sort_unstable_by(f32::total_cmp);
-    layers.median_depth[pixel] = medians[(k - 1) / 2];
+    let mut by_depth: Vec<usize> = rays.clone().collect();
+    by_depth.sort_by(|&a, &b| strip.median_depth[a].total_cmp(&strip.median_depth[b]));
+    let middle = by_depth[(k - 1) / 2];
+    layers.median_depth[pixel] = strip.median_depth[middle];
+    if let (Some(to), Some(from)) = (layers.canonical.get_mut(pixel), strip.canonical.get(middle)) {
+        // What that ray sees: a mean over an edge would be on neither side of it.
+        *to = *from;
+    }
     if let (Some(to), Some(from)) = (layers.normal.get_mut(pixel), strip.normal.get(rays)) {
         let sum = from.iter().fold(Vec3::ZERO, |sum, &n| sum + Vec3::from(n));
         *to = sum.normalize_or_zero().to_array();
@@ -95,4 +103,30 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
 /// A query for colour, opacity and depth.
 pub fn plain_query(background: [f32; 3], error_budget: f32) -> Query {
     Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean, time: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::canonical::NOWHERE;
+
+    #[test]
+    fn the_canonical_point_of_a_pixel_is_that_of_the_ray_whose_depth_it_has() {
+        let query = plain_query([0.0; 3], 0.0);
+        let mut strip = Layers::nothing(8, &query);
+        strip.median_depth = vec![5.0, 1.0, 3.0, 2.0, f32::INFINITY, f32::INFINITY, f32::INFINITY, 4.0];
+        strip.canonical =
+            (0..8).map(|i| if strip.median_depth[i].is_finite() { [i as f64; 3] } else { NOWHERE }).collect();
+        let mut layers = Layers { canonical: vec![NOWHERE; 2], ..Layers::nothing(2, &query) };
+        average(&strip, 0..4, &mut layers, 0);
+        average(&strip, 4..8, &mut layers, 1);
+        assert_eq!(layers.median_depth, [2.0, f32::INFINITY]);
+        assert_eq!(layers.canonical, [[3.0; 3], NOWHERE]);
+        average(&strip, 7..8, &mut layers, 1);
+        assert_eq!(layers.canonical[1], [7.0; 3]);
+        // Nobody asked.
+        let mut plain = Layers::nothing(2, &query);
+        average(&Layers { canonical: Vec::new(), ..strip }, 0..4, &mut plain, 0);
+        assert!(plain.canonical.is_empty() && plain.median_depth[0] == 2.0);
+    }
 }

@@ -22,7 +22,8 @@ pub const POINT_OPACITY: f32 = 0.5;
 /// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
 /// of the training views lose half their light, inside `crop`.
 pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox, count: usize) -> PointCloud {
-    let query = Query { layers: LayerRequest { normals: Normals::Compute }, ..query.clone() };
+    let query =
+        Query { layers: LayerRequest { normals: Normals::Compute, ..LayerRequest::default() }, ..query.clone() };
     // Every `stride`-th pixel, counted through all views: an odd stride does not fall into columns.
     let stride = (data.pixel_count() / count.max(1) as u64).max(1) | 1;
     let mut cloud = PointCloud::default();

@@ -3,6 +3,7 @@
 //! One training loop ([`crate::train`]) drives every [`System`]; it knows nothing of fields or samplers. Rays go in and
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
+use crate::canonical::NOWHERE;
 use crate::data::Dataset;
 use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
@@ -33,11 +34,23 @@ pub struct StepStats {
 pub struct LayerRequest {
     /// Surface normals, `-grad sigma` weighted along the ray and normalised. Costs about one more field evaluation.
     pub normals: Normals,
+    /// Which point of the canonical scene is seen. Costs one evaluation of the deformation a ray.
+    pub canonical: Canonical,
 }
 
 /// Whether normals are wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Normals {
+    /// Not computed.
+    #[default]
+    Skip,
+    /// Computed.
+    Compute,
+}
+
+/// Whether canonical points are wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Canonical {
     /// Not computed.
     #[default]
     Skip,
@@ -58,6 +71,9 @@ pub struct Layers {
     pub median_depth: Vec<f32>,
     /// Unit normals, empty unless asked for; zero where nothing was hit.
     pub normal: Vec<[f32; 3]>,
+    /// Canonical point of what is seen at `median_depth`, the scene's frame, world units (see
+    /// [`canonical`](crate::canonical)). Empty unless asked for; infinite where nothing was hit.
+    pub canonical: Vec<[f64; 3]>,
 }
 
 impl Layers {
@@ -70,6 +86,7 @@ impl Layers {
             depth: vec![f32::INFINITY; n],
             median_depth: vec![f32::INFINITY; n],
             normal: if query.layers.normals == Normals::Compute { vec![[0.0; 3]; n] } else { Vec::new() },
+            canonical: if query.layers.canonical == Canonical::Compute { vec![NOWHERE; n] } else { Vec::new() },
         }
     }
 
@@ -80,6 +97,7 @@ impl Layers {
         self.depth.extend(more.depth);
         self.median_depth.extend(more.median_depth);
         self.normal.extend(more.normal);
+        self.canonical.extend(more.canonical);
     }
 }
 
@@ -321,6 +339,13 @@ pub trait System: Send + Sync {
 
     /// Colour at points of the scene's frame seen along unit directions `d`, at a time.
     fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]);
+
+    /// Where points of the scene's frame at a time are in the canonical scene, the same frame and units. `out` has one entry a
+    /// point. A system that warps nothing has them stay where they are; what else a density sees of a moment (ambient
+    /// coordinates, codes) moves no point.
+    fn canonical(&self, points: &[[f64; 3]], _time: f64, out: &mut [[f64; 3]]) {
+        out.copy_from_slice(points);
+    }
 
     /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.
     fn bounds(&self) -> [[f64; 3]; 2];

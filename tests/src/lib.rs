@@ -62,7 +62,7 @@ pub fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> (Box<
 /// PSNR over the pixels of all views on white, pixels as cones; the other layers are checked on the way.
 #[must_use]
 pub fn psnr(system: &dyn System, views: &Dataset) -> f64 {
-    let layers = LayerRequest { normals: Normals::Compute };
+    let layers = LayerRequest { normals: Normals::Compute, ..LayerRequest::default() };
     let query = Query { layers, ..plain_query([1.0; 3], 0.0) };
     let (mut sum, mut n) = (0.0, 0);
     for v in 0..views.len() {

@@ -55,7 +55,10 @@ fn a_small_one_learns_the_table_at_two_scales() {
 
     // The footprint is seen: without it the same rays give another picture, and not a better one at half size.
     let camera = &half.view(0).camera;
-    let query = Query { layers: LayerRequest { normals: Normals::Compute }, ..plain_query([1.0; 3], 0.0) };
+    let query = Query {
+        layers: LayerRequest { normals: Normals::Compute, ..LayerRequest::default() },
+        ..plain_query([1.0; 3], 0.0)
+    };
     let cones = render(system.as_ref(), camera, &query).layers;
     let prepared = camera.prepare();
     let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));

@@ -271,7 +271,7 @@ fn rays(data: &Dataset, view: usize) -> Vec<Ray> {
 }
 
 fn shown_in(system: &dyn System, rays: &[Ray], appearance: Appearance) -> Layers {
-    let layers = LayerRequest { normals: Normals::Compute };
+    let layers = LayerRequest { normals: Normals::Compute, ..LayerRequest::default() };
     system.render(rays, &Query { layers, appearance, ..plain_query([1.0; 3], 0.0) })
 }
 

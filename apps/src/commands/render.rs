@@ -15,7 +15,7 @@ use systems::picture::{self, gif_bytes, limited, write_png};
 use systems::progress::{Event, Observer};
 use systems::render::{Rendered, render};
 use systems::run::Run;
-use systems::system::{LayerRequest, Normals, Query};
+use systems::system::{Canonical, LayerRequest, Normals, Query};
 use systems::time_path::TimePath;
 
 /// Error of a pixel from skipped work where nothing is said: one step of an 8-bit picture.
@@ -62,8 +62,10 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
     make_folder(&args.out)?;
     let wants = |layer| args.layers.contains(&layer);
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
+    let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
+    let bounds = run.system.bounds();
     let query = Query {
-        layers: LayerRequest { normals },
+        layers: LayerRequest { normals, canonical },
         error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET),
         ..run.query()
     };
@@ -98,7 +100,10 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
         if wants(Layer::Normals) {
             write("normals", &picture::normals(&view))?;
         }
-        preview.push(small(first_layer(args, &view, &colour, range)));
+        if wants(Layer::Canonical) {
+            write("canonical", &picture::canonical(&view, bounds))?;
+        }
+        preview.push(small(first_layer(args, &view, &colour, (range, bounds))));
         show.event(Event::View { done: i + 1, of: cameras.len() });
     }
     let path = args.out.join("preview.gif");
@@ -108,15 +113,28 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
     if let (true, Some([near, far])) = (wants(Layer::Depth), depth_range) {
         line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
     }
+    if wants(Layer::Canonical) {
+        let [min, max] = bounds;
+        line(format_args!(
+            "canonical points are drawn from {:.4} {:.4} {:.4} (black) to {:.4} {:.4} {:.4}, world units: x red, y green, z blue",
+            min[0], min[1], min[2], max[0], max[1], max[2]
+        ));
+    }
     Ok(Done::Finished)
 }
 
 /// The layer the preview shows: the first one asked for.
-fn first_layer(args: &Render, view: &Rendered, colour: &RgbImage, range: [f32; 2]) -> RgbImage {
+fn first_layer(
+    args: &Render,
+    view: &Rendered,
+    colour: &RgbImage,
+    (range, bounds): ([f32; 2], [[f64; 3]; 2]),
+) -> RgbImage {
     match args.layers.first() {
         Some(Layer::Depth) => picture::depth(view, range),
         Some(Layer::Opacity) => picture::opacity(view),
         Some(Layer::Normals) => picture::normals(view),
+        Some(Layer::Canonical) => picture::canonical(view, bounds),
         Some(Layer::Colour) | None => colour.clone(),
     }
 }

@@ -108,16 +108,19 @@ fn a_run_is_trained_measured_rendered_and_exported() {
         "--out",
         text(&frames),
         "--layers",
-        "colour,depth,opacity,normals",
+        "colour,depth,opacity,normals,canonical",
         "--longest-side",
         "12",
     ]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    for layer in ["colour", "depth", "opacity", "normals"] {
+    for layer in ["colour", "depth", "opacity", "normals", "canonical"] {
         let picture = image::open(frames.join(format!("{layer}_0002.png"))).unwrap();
         assert_eq!((picture.width(), picture.height()), (12, 12));
     }
     assert_eq!(&fs::read(frames.join("preview.gif")).unwrap()[..6], b"GIF89a");
+    assert!(answer.out.contains("canonical points are drawn from "), "{}", answer.out);
+    let answer = nerf(&["render", text(&run), "--path", "orbit", "--out", text(&frames), "--layers", "canonicle"]);
+    assert!(answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", canonical]"));
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--frames", "2", "--out", text(&path("orbit"))]);
     assert_eq!(answer.code, 0, "{}", answer.err);
     let answer = nerf(&["render", text(&run), "--path", "/nowhere.json", "--out", text(&frames)]);

@@ -77,11 +77,11 @@ fn a_video_is_trained_measured_rendered_and_exported() {
 
     let answer = nerf_dynamic(&["eval", text(&run)]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    for line in ["things that move: ", "everything else: ", "depth: "] {
+    for line in ["things that move: ", "everything else: ", "depth: ", "found again in another view"] {
         assert_eq!(answer.out.lines().filter(|l| l.starts_with(line)).count(), 1, "{line}\n{}", answer.out);
     }
     let eval = json(&run.join("eval.json"));
-    for score in ["psnr_moving", "psnr_still", "depth_error", "depth_relative"] {
+    for score in ["psnr_moving", "psnr_still", "depth_error", "depth_relative", "flow_error", "flow_found"] {
         assert!(eval["motion"][score].as_f64().is_some_and(f64::is_finite), "{score}: {}", eval["motion"]);
         assert!(eval["views"][1]["motion"][score].is_f64(), "{score} of a view: {}", eval["views"][1]);
     }

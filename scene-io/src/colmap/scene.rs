@@ -165,6 +165,7 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
             transient: None,
             moving: None,
             covisible: None,
+            flow: None,
             ids: None,
             tracks: tracks.seen_in(image),
             z_bounds: z_bounds(&model, image.pose, &image.point_ids),

@@ -107,6 +107,7 @@ fn frame(
         transient: None,
         moving: None,
         covisible: None,
+        flow: None,
         ids: Some(*known),
         tracks: Vec::new(),
         z_bounds: None,

@@ -12,12 +12,13 @@
 //! | `STEM.features.npy` | dense features, `C x H' x W'`, `f32` or `f16` | none |
 //!
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
-//! [`TruthMask`]): they are for scoring and never reach training.
+//! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training.
 //!
 //! Paths only are kept in a [`Frame`]; `Frame::read_*` decodes at the file's own size and checks it.
 
 mod bits;
 mod features;
+mod flow;
 mod segments;
 mod truth;
 
@@ -26,6 +27,7 @@ use std::path::{Path, PathBuf};
 
 pub use bits::BitMask;
 pub use features::Features;
+pub use flow::{Flow, FlowPlace, FlowTruth};
 pub use segments::{LabelMap, PromptedSegment, Segments};
 pub use truth::{TruthMask, refuse_blank_masks};
 

@@ -2,7 +2,7 @@
 
 use super::files::{write_mask, write_npy, write_picture};
 use crate::export::write_atomically;
-use crate::priors::TruthMask;
+use crate::priors::{FlowPlace, FlowTruth, TruthMask};
 use crate::{DepthPlace, DepthSource, ErrorKind, Frame, ImageSource, LayoutHint, Problem, Scene, SceneError, Split};
 use render_core::pose::Axes;
 use serde_json::{Value, json};
@@ -11,7 +11,8 @@ use std::path::Path;
 /// Write a scene of pictures in memory as `transforms_{train,val,test}.json` and PNG files, to be read again by
 /// [`crate::load`]. Splits without frames get no file; unused frames are left out. `time` is written where it is known
 /// (D-NeRF's form), depth in memory as `depth/NAME.npy` (`depth_path`; float32 along the optical axis, 0 = nothing), the
-/// truth about what moves as `moving/NAME.png` (`moving_path`; 255 = moves).
+/// truth about what moves as `moving/NAME.png` (`moving_path`; 255 = moves), exact flow as `flow/NAME.npy` and
+/// `flow/NAME.png` (`flow_path`, `flow_valid_path`, `flow_to`).
 ///
 /// # Errors
 /// A frame that is no picture in memory, or whose camera has another lens, focal length or principal point than the
@@ -48,6 +49,14 @@ pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
                 let name = format!("moving/{}.png", frame.name);
                 write_mask(&folder.join(&name), mask)?;
                 entry["moving_path"] = format!("./{name}").into();
+            }
+            if let Some(FlowTruth { to, place: FlowPlace::Memory(flow) }) = &frame.flow {
+                let [name, valid] = ["npy", "png"].map(|extension| format!("flow/{}.{extension}", frame.name));
+                write_npy(&folder.join(&name), &[flow.height, flow.width, 2], flow.way.as_flattened())?;
+                write_mask(&folder.join(&valid), &flow.seen)?;
+                entry["flow_path"] = format!("./{name}").into();
+                entry["flow_valid_path"] = format!("./{valid}").into();
+                entry["flow_to"] = to.as_str().into();
             }
             list.push(entry);
         }

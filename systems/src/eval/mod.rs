@@ -6,8 +6,10 @@
 //!
 //! Photos from the wild have a light of their own each: see [`protocol`](Protocol) for which one a view is rendered in, and
 //! why right halves alone are scored then. Views are measured one after the other and none depends on another: a view's
-//! scores are the same bits in whatever company and with however many threads.
+//! scores are the same bits in whatever company and with however many threads. One kind compares two views, where the truth
+//! is known ([`correspondence`]): a view has it only beside the other one.
 
+pub mod correspondence;
 mod half;
 pub mod masks;
 mod measure;
@@ -25,7 +27,8 @@ use crate::error::RunError;
 use crate::picture::{colour, over_background};
 use crate::render::{Rendered, render};
 use crate::skips::MeasuredSkips;
-use crate::system::{Query, System};
+use crate::system::{Canonical, LayerRequest, Query, System};
+use correspondence::Correspondence;
 use image::RgbImage;
 use losses::metrics::Lpips;
 use measure::{inside, measure, object_mask};
@@ -133,7 +136,7 @@ pub struct Seen<'a> {
     pub truth: &'a RgbImage,
 }
 
-/// Render and measure every view of `data`; `each` sees them as they come, whole.
+/// Render and measure every view of `data`; `each` sees them as they come, whole, before views are compared with each other.
 ///
 /// # Errors
 /// [`RunError::Scene`] when an image cannot be read, [`RunError::Option`] for views that are too narrow to have halves where
@@ -149,6 +152,10 @@ pub fn evaluate(
     need_halves(data, protocol)?;
     let mut views = Vec::with_capacity(data.len());
     let mut notes = Vec::new();
+    let mut points = match (measures, protocol.scored) {
+        (Measures::All(_), Scored::Whole) => Correspondence::of(data)?,
+        _ => Correspondence::default(),
+    };
     for index in 0..data.len() {
         let view = data.view(index);
         let image = data.image(index)?;
@@ -158,9 +165,11 @@ pub fn evaluate(
             notes.push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
         }
         let appearance = own.unwrap_or_else(|| query.appearance.clone());
-        let query = Query { appearance, time: view.time, ..query.clone() };
+        let canonical = if points.wants(index) { Canonical::Compute } else { query.layers.canonical };
+        let layers = LayerRequest { canonical, ..query.layers };
+        let query = Query { appearance, time: view.time, layers, ..query.clone() };
         let clock = std::time::Instant::now();
-        let rendered = render(system, &view.camera, &query);
+        let mut rendered = render(system, &view.camera, &query);
         let render_seconds = clock.elapsed().as_secs_f64();
         let picture = colour(&rendered);
         let mut note = |note: &str| notes.push(format!("{}: {note}", view.name));
@@ -183,7 +192,11 @@ pub fn evaluate(
             score.motion = MotionScore::of(view, &rendered, (&picture, &truth), mask)?;
         }
         each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
+        points.keep(index, std::mem::take(&mut rendered.layers.canonical));
         views.push(score);
+    }
+    for (index, found) in points.scores(data) {
+        (views[index].motion.flow_error, views[index].motion.flow_found) = (Some(found.error), Some(found.found));
     }
     let mean = |value: fn(&ViewScore) -> Option<f64>| {
         let values: Vec<f64> = views.iter().filter_map(value).collect();

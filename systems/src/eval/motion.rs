@@ -1,5 +1,5 @@
-//! What is scored of a scene that moves, where the dataset holds the truth: what things that move look like, and how far
-//! everything is.
+//! What is scored of a scene that moves, where the dataset holds the truth: what things that move look like, how far
+//! everything is, and whether points are found again.
 
 use super::measure::{inside, ssim_inside};
 use crate::data::View;
@@ -41,6 +41,14 @@ pub struct MotionScore {
     /// have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ssim_covisible: Option<f64>,
+    /// Mean distance, pixels, from where things that move are shown in the held-out view nearby, to where the system's
+    /// canonical points say so: see [`correspondence`](super::correspondence). Systems that warp nothing are scored too: they
+    /// say that nothing moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flow_error: Option<f64>,
+    /// Share of them that are found within 5 % of the picture's longer side (DyCheck's PCK-T), `0..=1`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flow_found: Option<f64>,
 }
 
 impl MotionScore {
@@ -101,6 +109,8 @@ impl MotionScore {
             depth_relative: mean(|s| s.depth_relative),
             psnr_covisible: mean(|s| s.psnr_covisible),
             ssim_covisible: mean(|s| s.ssim_covisible),
+            flow_error: mean(|s| s.flow_error),
+            flow_found: mean(|s| s.flow_found),
         }
     }
 
@@ -132,6 +142,12 @@ impl MotionScore {
         }
         if let (Some(error), Some(relative)) = (self.depth_error, self.depth_relative) {
             out.push(format!("depth: {error:.4} world units off, {:.2} %", 100.0 * relative));
+        }
+        if let (Some(error), Some(found)) = (self.flow_error, self.flow_found) {
+            out.push(format!(
+                "found again in another view, of what moves: {:.1} %, {error:.2} pixels off",
+                100.0 * found
+            ));
         }
         out
     }

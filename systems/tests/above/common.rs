@@ -139,6 +139,7 @@ impl System for Sky {
                 Normals::Compute => rays.iter().map(|r| (-r.d).as_vec3().to_array()).collect(),
                 Normals::Skip => Vec::new(),
             },
+            canonical: Vec::new(),
         }
     }
 

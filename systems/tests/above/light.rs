@@ -77,6 +77,7 @@ impl System for Lit {
             depth: vec![10.0; n],
             median_depth: vec![10.0; n],
             normal: Vec::new(),
+            canonical: Vec::new(),
         }
     }
 

@@ -41,7 +41,10 @@ pub(crate) fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> 
 
 pub(crate) const QUERY: Query = Query {
     background: [1.0; 3],
-    layers: systems::system::LayerRequest { normals: systems::system::Normals::Compute },
+    layers: systems::system::LayerRequest {
+        normals: systems::system::Normals::Compute,
+        canonical: systems::system::Canonical::Compute,
+    },
     error_budget: 0.0,
     appearance: systems::system::Appearance::Mean,
     time: 0.0,
@@ -132,6 +135,8 @@ pub(crate) fn train_psnr(system: &dyn System, data: &Dataset) -> Result<f64, Str
             // Infinite where nothing was hit, by contract.
             stress::ensure(depth.iter().all(|d| *d >= 0.0), || format!("a {what} is negative or NaN"))?;
         }
+        let no_nan = layers.canonical.as_flattened().iter().all(|x| !x.is_nan());
+        stress::ensure(no_nan && layers.canonical.len() == rays.len(), || "a canonical point is NaN".into())?;
         let image = data.image(i).map_err(|e| e.to_string())?;
         for (k, rgb) in layers.rgb.iter().enumerate() {
             let (x, y) = (k as u32 % camera.width, k as u32 / camera.width);

@@ -24,7 +24,9 @@ const QUICK_STEPS: u64 = 10;
 
 const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show things that move at some time; still: the others. \
                      Hidden: what something stood in front of when the photo of the moment was taken. Depth: mean absolute error \
-                     of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. Rows \
+                     of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. \
+                     Found again: points of things that move, brought to another held-out view by the canonical point nearest to \
+                     theirs, that come within 5 % of its longer side of where they are; flow: how far off they are on average. Rows \
                      that take a part out of a system do as many steps as it did. The time is that of the training alone, with \
                      whatever else the machine does: compare it within a table.";
 
@@ -123,6 +125,8 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             "depth",
             "depth, %",
             "depth of hidden",
+            "found again, %",
+            "flow, px",
             "rays/s",
         ],
     );
@@ -141,6 +145,8 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             m.motion.depth_error.into(),
             m.motion.depth_relative.map(|x| 100.0 * x).into(),
             m.motion.depth_hidden.into(),
+            m.motion.flow_found.map(|x| 100.0 * x).into(),
+            m.motion.flow_error.into(),
             m.rays_per_s.into(),
         ])?;
     }

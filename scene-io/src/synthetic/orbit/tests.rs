@@ -232,3 +232,32 @@ fn one_frame_is_at_time_0_and_none_are_none() {
     assert_eq!((one.frames.len(), one.frames[0].time), (1, Some(0.0)));
     assert!(orbit(&OrbitOptions { train: 0, val: 0, test: 0, ..small() }).frames.is_empty());
 }
+
+#[test]
+fn test_frames_know_where_the_one_nearby_shows_their_points() {
+    for camera in [OrbitCamera::Jumping, OrbitCamera::Frozen] {
+        let options = OrbitOptions { camera, test: 4, ..small() };
+        let scene = orbit(&options);
+        let tests: Vec<&crate::Frame> = scene.frames.iter().filter(|f| f.split == Split::Test).collect();
+        assert!(scene.frames.iter().all(|f| f.flow.is_some() == (f.split == Split::Test)));
+        let stage = Orbit::new(options.seed, options.motion);
+        for (i, frame) in tests.iter().enumerate() {
+            let (flow, to) = frame.read_flow().unwrap().unwrap();
+            let other = tests.iter().find(|f| f.name == to).unwrap();
+            assert_ne!(other.name, frame.name);
+            if camera == OrbitCamera::Frozen {
+                assert_eq!(other.name, tests[(i + 1) % 4].name, "all stand in one place: the next one");
+            }
+            let away = |f: &crate::Frame| (f.camera.pose.c - frame.camera.pose.c).length();
+            assert!(tests.iter().all(|f| f.name == frame.name || away(f) >= away(other)));
+            let moments = [frame.time, other.time].map(|t| stage.at(t.unwrap()));
+            let exact = moments[0].flow_to(&frame.camera, &moments[1], &other.camera);
+            assert!(flow.seen.count() > 0);
+            for (k, (way, exact)) in flow.way.iter().zip(&exact.flow).enumerate() {
+                assert!((way[0] - exact.x as f32).abs() + (way[1] - exact.y as f32).abs() < 1e-4, "pixel {k}");
+            }
+        }
+    }
+    // One alone has no other.
+    assert!(orbit(&OrbitOptions { test: 1, ..small() }).frames.iter().all(|f| f.flow.is_none()));
+}

@@ -1,7 +1,7 @@
 //! One camera's pictures of the stage: poses, times, and the scene they make.
 
-use super::{Orbit, OrbitMotion};
-use crate::priors::TruthMask;
+use super::{Orbit, OrbitMotion, Sight};
+use crate::priors::{BitMask, Flow, FlowPlace, FlowTruth, TruthMask};
 use crate::random::random;
 use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Scene, Split};
 use glam::DVec3;
@@ -149,8 +149,26 @@ fn radical_inverse(i: usize) -> f64 {
     (i as u64).reverse_bits() as f64 / 2_f64.powi(64)
 }
 
+/// The test picture taken nearest to a test picture, the next one of those that are: what both of them see is most then.
+fn partner<'v>(view: &OrbitView, views: &'v [OrbitView]) -> Option<&'v OrbitView> {
+    let tests: Vec<&OrbitView> = views.iter().filter(|v| v.split == Split::Test).collect();
+    let at = tests.iter().position(|v| *v == view)?;
+    let others = (1..tests.len()).map(|k| tests[(at + k) % tests.len()]);
+    let distance = |v: &OrbitView| (v.camera.pose.c - view.camera.pose.c).length();
+    others.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}
+
+fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
+    let map = stage.at(view.time).flow_to(&view.camera, &stage.at(other.time), &other.camera);
+    let (width, height) = (map.width, map.height);
+    let seen = |x: u32, y: u32| map.sight[y as usize * width as usize + x as usize] == Sight::Seen;
+    let way = map.flow.iter().map(|f| f.as_vec2().to_array()).collect();
+    let flow = Flow { width, height, way, seen: BitMask::from_fn(width, height, seen) };
+    FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
+}
+
 /// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each. All frames carry the truth about what
-/// moves; validation and test frames carry exact depth (for training frames, which have none to train on, see
+/// moves; test frames carry exact flow to the test frame nearby; validation and test frames carry exact depth (for training frames, which have none to train on, see
 /// [`super::Moment::truth`]). The same options give the same bytes.
 ///
 /// # Panics
@@ -158,6 +176,7 @@ fn radical_inverse(i: usize) -> f64 {
 #[must_use]
 pub fn orbit(options: &OrbitOptions) -> Scene {
     let stage = Orbit::new(options.seed, options.motion);
+    let views = orbit_views(options);
     let frame = |view: OrbitView| {
         let moment = stage.at(view.time);
         let (image, moving) = moment.render(&view.camera, options.rays);
@@ -167,6 +186,7 @@ pub fn orbit(options: &OrbitOptions) -> Scene {
             time: Some(view.time),
             depth,
             moving: Some(TruthMask::Memory(Arc::new(moving))),
+            flow: partner(&view, &views).map(|other| flow(&stage, &view, other)),
             ..Frame::new(view.name, ImageSource::Memory(Arc::new(image)), view.camera)
         }
     };
@@ -174,7 +194,7 @@ pub fn orbit(options: &OrbitOptions) -> Scene {
         name: "orbit".to_owned(),
         root: PathBuf::new(),
         dialect: Dialect::Synthetic,
-        frames: orbit_views(options).into_iter().map(frame).collect(),
+        frames: views.iter().cloned().map(frame).collect(),
         points: Vec::new(),
         layout: LayoutHint::Object { near: DISTANCE - RADIUS, far: DISTANCE + RADIUS },
         bounds: Some(stage.bounds()),

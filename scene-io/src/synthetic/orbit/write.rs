@@ -57,7 +57,8 @@ A drawn scene with closed-form truth. The pictures one folder up are in D-NeRF's
 `time` in 0..1, RGBA PNG with straight alpha, camera-to-world matrices with OpenGL axes, `f = w / (2 tan(camera_angle_x / 2))`,
 axis in the middle. World: z up, right-handed. Colour belongs to the material: no shadows, no gloss, light painted on.
 Validation and test frames name their exact depth (`depth_path`), all frames the pixels of things that move at some time
-(`moving_path`, 255 = moves; a pixel counts if any of its rays met one).
+(`moving_path`, 255 = moves; a pixel counts if any of its rays met one), test frames where the test frame nearby (`flow_to`)
+shows their points: `flow_path`, `flow_valid_path`, in the form of `flow` and `flow_valid` below.
 
 Here, for training picture NNN (its place in `transforms_train.json`), at pixel centres `(column + 0.5, row + 0.5)`, float32:
 

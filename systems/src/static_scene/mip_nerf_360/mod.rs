@@ -23,6 +23,7 @@ pub use config::{LastSample, MipNerf360Config};
 
 use super::cones::{self, Footprint, TILE, Which, crossing};
 use super::trained::Trained;
+use crate::canonical::add_canonical;
 use crate::data::{Batch, Dataset};
 use crate::options::Background;
 use crate::space::{InternalRay, Space};
@@ -335,7 +336,12 @@ impl System for MipNerf360 {
 
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let ops = self.ops();
-        cones::render_tiles(rays, radii, |cones, tile, out| fits(self.render_into(&ops, cones, query, tile, out)))
+        let into = |cones: (&[Ray], &[f32]), tile: &mut _, out: &mut Layers| {
+            fits(self.render_into(&ops, cones, query, tile, out));
+        };
+        let mut layers = cones::render_tiles(rays, radii, into);
+        add_canonical(self, rays, query, &mut layers);
+        layers
     }
 
     fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {

@@ -231,7 +231,7 @@ fn what_the_field_holds_in_empty_cells_is_within_its_thickness_of_the_model() {
 fn renders_have_the_same_bits_with_1_2_and_4_threads() {
     let ngp = random_field(7, SpaceKind::Contracted, 0.0);
     let rays: Vec<Ray> = (0..20).flat_map(random_rays).collect();
-    let layers = LayerRequest { normals: Normals::Compute };
+    let layers = LayerRequest { normals: Normals::Compute, ..LayerRequest::default() };
     for eps in [0.0, 1.0 / 255.0] {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -16,6 +16,8 @@
 
 #[cfg(test)]
 mod budget_tests;
+#[cfg(test)]
+mod canonical_tests;
 mod chunk;
 mod config;
 mod cues;
@@ -369,6 +371,10 @@ impl System for Ngp {
 
     fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
         points::colour(self, points, d, time, out);
+    }
+
+    fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+        points::canonical(self, points, time, out);
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {

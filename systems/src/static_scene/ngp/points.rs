@@ -1,7 +1,8 @@
-//! Density and colour at points of the scene's frame, for surfaces, slices and tests.
+//! Density and colour at points of the scene's frame, for surfaces, slices and tests; and where points are canonical.
 
 use super::Ngp;
 use super::field::{Placing, When, shapes_hold};
+use crate::deform::{DeformScratch, Points};
 use crate::system::{Appearance, System};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -65,6 +66,36 @@ pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, 
         field.colour.infer(field.simd, &field.colour_packed, &input, n, n, &mut rgb, n, &mut scratch);
         for (i, out) in out.iter_mut().enumerate() {
             *out = [rgb[i], rgb[n + i], rgb[2 * n + i]];
+        }
+    });
+}
+
+/// Canonical points of points of the scene's frame at a time. Those that are not moved keep their bits, and so do those that
+/// the space does not reach. Where space is contracted or projective a canonical point may lie beyond all space; the nearest
+/// that does not is given.
+pub(super) fn canonical(ngp: &Ngp, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+    out.copy_from_slice(points);
+    let Some(deform) = ngp.field.deform.as_ref().filter(|deform| deform.warps()) else { return };
+    let moments = ngp.field.moments_at(time);
+    let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK));
+    tasks.for_each_init(DeformScratch::default, |scratch, (out, points)| {
+        let n = points.len();
+        let internal: Vec<_> = points.iter().map(|&point| ngp.space.internal_point(DVec3::from(point))).collect();
+        let mut p = vec![0.0; 3 * n];
+        for (i, at) in internal.iter().enumerate() {
+            let at = at.unwrap_or([0.0; 3]);
+            (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
+        }
+        let mut was = vec![0.0; 3 * n];
+        ngp.space.grid_positions(ngp.field.simd, &p, &mut was);
+        // The rows that the density network sees are of no interest here.
+        let (mut x, mut seen) = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
+        deform.place(Points { x: &was, which: &vec![0; n], moments: &moments }, &mut x, &mut seen, scratch);
+        for (i, out) in out.iter_mut().enumerate() {
+            let [from, to] = [&was, &x].map(|x| [x[i], x[n + i], x[2 * n + i]]);
+            if internal[i].is_some() && from != to {
+                *out = ngp.space.world_point(ngp.space.internal_of_grid(to)).to_array();
+            }
         }
     });
 }

@@ -10,6 +10,7 @@
 use super::Ngp;
 use super::field::{Field, Placing, When, sized};
 use super::proposed::{Draw, Proposed};
+use crate::canonical::add_canonical;
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
 use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
@@ -140,6 +141,7 @@ pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial
         Layers::extend(&mut out, layers);
         Ledger::merge(&mut ledger, &part);
     }
+    add_canonical(ngp, rays, query, &mut out);
     (out, ledger)
 }
 

@@ -25,6 +25,7 @@ use super::cones;
 pub use super::cones::Footprint;
 use super::parts::Part;
 use super::trained::Trained;
+use crate::canonical::add_canonical;
 use crate::data::Dataset;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
@@ -199,7 +200,12 @@ impl<R: Recipe> System for TwoLevel<R> {
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let ops = self.ops();
         let code = self.code_of(&query.appearance);
-        cones::render_tiles(rays, radii, |cones, tile, out| self.render_into(&ops, cones, query, &code, tile, out))
+        let into = |cones: (&[Ray], &[f32]), tile: &mut _, out: &mut Layers| {
+            self.render_into(&ops, cones, query, &code, tile, out);
+        };
+        let mut layers = cones::render_tiles(rays, radii, into);
+        add_canonical(self, rays, query, &mut layers);
+        layers
     }
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {

@@ -1,0 +1,146 @@
+//! Canonical points of rays: where a known warp sends them, nowhere for rays that hit nothing, the same bits always.
+
+use super::Ngp;
+use super::budget_tests::{query, random_rays, randomised, small};
+use crate::canonical::NOWHERE;
+use crate::deform::{Deform, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
+use crate::space::SpaceKind;
+use crate::system::{Canonical, LayerRequest, Layers, Query, System, TensorData, TensorMap};
+use glam::DVec3;
+use render_core::ray::Ray;
+
+/// Way of every point of the cube `[-1, 1]^3`.
+const WAY: [f32; 3] = [0.1, -0.2, 0.05];
+
+/// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
+fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
+    let config = DeformConfig {
+        moment: Moment::Time { octaves: 2 },
+        warp: Some(Warp {
+            octaves: 2,
+            anneal: 0,
+            width: 8,
+            depth: 2,
+            motion: Motion::Translation,
+            origin: Origin::Canonical,
+        }),
+        ambient: None,
+        planes: None,
+        sees: Sees::Place,
+        elastic: 0.0,
+        elastic_scale: 0.03,
+        elastic_at: ElasticAt::Middle,
+        background: 0.0,
+        background_points: 0,
+        curriculum: 0,
+        rate: 1.0,
+        code_rate: 1.0,
+    };
+    let mut deform = Deform::new(config, &super::budget_tests::table().1, seed).unwrap();
+    let mut state: TensorMap = deform.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
+    let TensorData::F32(networks) = &mut state.get_mut("deform.networks").unwrap().data else { panic!("floats") };
+    let networks = networks.to_mut();
+    networks.fill(0.0);
+    // The biases of the last layer come last.
+    let last = networks.len() - 3;
+    networks[last..].copy_from_slice(&WAY);
+    deform.load_state(&state).unwrap();
+    let mut ngp = still(kind, seed);
+    ngp.field.deform = Some(deform);
+    ngp
+}
+
+fn still(kind: SpaceKind, seed: u64) -> Ngp {
+    let mut config = small(kind);
+    config.density_bias = 0.5;
+    randomised(config, seed)
+}
+
+fn rays() -> Vec<Ray> {
+    (0..40).flat_map(random_rays).collect()
+}
+
+fn asked(time: f64) -> Query {
+    let layers = LayerRequest { canonical: Canonical::Compute, ..LayerRequest::default() };
+    Query { time, layers, ..query([1.0; 3], 0.0) }
+}
+
+/// Each ray's point and its canonical one; the others must be nowhere. Most of them hit something, some do not.
+fn pairs(rays: &[Ray], layers: &Layers) -> Vec<(DVec3, DVec3)> {
+    assert_eq!(layers.canonical.len(), rays.len());
+    let (mut hit, mut missed) = (Vec::new(), 0);
+    for ((ray, &t), &there) in rays.iter().zip(&layers.median_depth).zip(&layers.canonical) {
+        if t.is_finite() {
+            hit.push((ray.at(f64::from(t)), DVec3::from(there)));
+        } else {
+            assert_eq!(there, NOWHERE);
+            missed += 1;
+        }
+    }
+    assert!(hit.len() > 100 && missed > 10, "{} {missed}", hit.len());
+    hit
+}
+
+#[test]
+fn what_nothing_warps_is_canonical_where_it_is_and_only_when_asked_for() {
+    let rays = rays();
+    for kind in [SpaceKind::Box, SpaceKind::Contracted] {
+        let ngp = still(kind, 3);
+        let layers = ngp.render(&rays, &asked(0.5));
+        assert!(pairs(&rays, &layers).iter().all(|(x, there)| x == there), "{kind:?}");
+        let plain = ngp.render(&rays, &Query { time: 0.5, ..query([1.0; 3], 0.0) });
+        assert!(plain.canonical.is_empty());
+        assert!(Layers { canonical: Vec::new(), ..layers } == plain, "the other layers do not change");
+    }
+}
+
+#[test]
+fn canonical_points_are_where_the_warp_sends_them() {
+    let rays = rays();
+    let ngp = shifted(SpaceKind::Box, 3);
+    // The radius of the box is 1.
+    let way = DVec3::from(WAY.map(f64::from));
+    for (x, there) in pairs(&rays, &ngp.render(&rays, &asked(0.5))) {
+        assert!((there - x - way).length() < 1e-5, "{x} to {there}");
+    }
+    // Nothing is warped at the canonical moment: not a bit.
+    assert!(pairs(&rays, &ngp.render(&rays, &asked(0.0))).iter().all(|(x, there)| x == there));
+    let asked_directly = |point: DVec3| {
+        let mut out = [[0.0; 3]];
+        ngp.canonical(&[point.to_array()], 0.5, &mut out);
+        DVec3::from(out[0])
+    };
+    // A canonical point may lie beyond the box; what the space does not reach stays.
+    assert!((asked_directly(DVec3::new(0.99, 0.0, 0.0)).x - 1.09).abs() < 1e-5);
+    assert_eq!(asked_directly(DVec3::new(3.0, 0.0, 0.0)), DVec3::new(3.0, 0.0, 0.0));
+    ngp.canonical(&[], 0.5, &mut []);
+}
+
+#[test]
+fn a_warp_of_contracted_space_is_brought_back_to_the_world() {
+    let rays = rays();
+    let ngp = shifted(SpaceKind::Contracted, 3);
+    let layers = ngp.render(&rays, &asked(0.5));
+    let pairs = pairs(&rays, &layers);
+    // In the contracted cube [-2, 2]^3 the way is twice as long; inside the inner cube contraction does nothing.
+    let way = 2.0 * DVec3::from(WAY.map(f64::from));
+    let inner = |x: &DVec3| x.abs().max_element() < 0.6;
+    let close = pairs.iter().filter(|(x, _)| inner(x));
+    assert!(close.clone().count() > 10);
+    for (x, there) in close {
+        assert!((*there - *x - way).length() < 1e-5, "{x} to {there}");
+    }
+    assert!(pairs.iter().all(|(_, there)| there.is_finite()));
+}
+
+#[test]
+fn canonical_points_have_the_same_bits_with_1_2_and_4_threads() {
+    let rays = rays();
+    let ngp = shifted(SpaceKind::Box, 5);
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| ngp.render(&rays, &asked(0.7)))
+    };
+    let one = on(1);
+    assert!(on(2) == one && on(4) == one);
+}
