@@ -1,6 +1,6 @@
 //! Truth about where the points of a photo are in another one, for scoring.
 
-use super::bits::{BitMask, nearest};
+use super::bits::BitMask;
 use crate::picture::decode_mask;
 use crate::{ErrorKind, Frame, Problem, SceneError, npy};
 use std::path::PathBuf;
@@ -45,29 +45,44 @@ pub struct Flow {
     pub seen: BitMask,
 }
 
+/// Ways of the pixels that make one of a smaller picture may be so far from their mean, its pixels: more is an edge.
+const EDGE: f64 = 2.0;
+
 impl Flow {
-    /// The same for pictures of another size, both of them: a pixel has the way of the one that its centre falls into, and
-    /// ends where that one does.
+    /// The same for pictures of another size, both of them: a pixel has the mean way of those that it covers. It is seen where
+    /// they all are and go the same way; at an edge nobody knows which side it shows.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if (width, height) == (self.width, self.height) {
             return self.clone();
         }
-        let scale = [f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height)];
-        let way = |x: u32, y: u32| {
-            let from = [nearest(x, width, self.width), nearest(y, height, self.height)];
-            let way = self.way[from[1] as usize * self.width as usize + from[0] as usize];
-            let axis = |a: usize, to: u32| {
-                ((f64::from(from[a]) + 0.5 + f64::from(way[a])) * scale[a] - (f64::from(to) + 0.5)) as f32
-            };
-            [axis(0, x), axis(1, y)]
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let (way, seen): (Vec<_>, Vec<_>) = places.map(|(x, y)| self.mean_way([x, y], [width, height])).unzip();
+        let seen = BitMask::from_fn(width, height, |x, y| seen[y as usize * width as usize + x as usize]);
+        Self { width, height, way, seen }
+    }
+
+    /// The way of pixel `at` of a picture of size `to`, and whether it is seen.
+    fn mean_way(&self, at: [u32; 2], to: [u32; 2]) -> ([f32; 2], bool) {
+        let size = [self.width, self.height];
+        let span = |a: usize| {
+            let edge = |i: u32| u64::from(i) * u64::from(size[a]);
+            (edge(at[a]) / u64::from(to[a])) as u32..edge(at[a] + 1).div_ceil(u64::from(to[a])) as u32
         };
-        Self {
-            width,
-            height,
-            way: (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| way(x, y)).collect(),
-            seen: self.seen.resized(width, height),
-        }
+        let covered = span(1).flat_map(|y| span(0).map(move |x| (x, y)));
+        let scale = [0, 1].map(|a| f64::from(to[a]) / f64::from(size[a]));
+        let way = |(x, y): (u32, u32)| {
+            let way = self.way[y as usize * self.width as usize + x as usize];
+            [0, 1].map(|a| f64::from(way[a]) * scale[a])
+        };
+        let n = covered.clone().count().max(1) as f64;
+        let mean = [0, 1].map(|a| covered.clone().map(|pixel| way(pixel)[a]).sum::<f64>() / n);
+        let together = |pixel| {
+            let [x, y] = way(pixel);
+            (x - mean[0]).hypot(y - mean[1]) <= EDGE
+        };
+        let seen = covered.clone().all(|(x, y)| self.seen.get(x, y) && together((x, y)));
+        (mean.map(|x| x as f32), seen)
     }
 }
 
@@ -118,16 +133,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flow_of_another_size_ends_at_the_same_places() {
-        let way = (0..8).map(|k| [k as f32, 1.0 - k as f32]).collect();
-        let flow = Flow { width: 4, height: 2, way, seen: BitMask::from_fn(4, 2, |x, _| x > 1) };
+    fn a_smaller_flow_is_seen_where_all_of_a_pixel_goes_one_way() {
+        let way = (0..8).map(|k| if k % 4 < 2 { [2.0, -1.0] } else { [f32::from(k as u8) * 9.0, 0.0] }).collect();
+        let flow = Flow { width: 4, height: 2, way, seen: BitMask::from_fn(4, 2, |_, _| true) };
         assert_eq!(flow.resized(4, 2), flow);
         let half = flow.resized(2, 1);
-        // Pixel (0, 0) takes (1, 1), whose way is (5, -4): it ends at (6.5, -2.5), here (3.25, -1.25).
-        assert_eq!(half.way[0], [2.75, -1.75]);
-        assert!(!half.seen.get(0, 0) && half.seen.get(1, 0));
+        assert_eq!(half.way[0], [1.0, -0.5]);
+        assert!(half.seen.get(0, 0) && !half.seen.get(1, 0), "the right half is an edge");
+        let hidden = Flow { seen: BitMask::from_fn(4, 2, |x, y| (x, y) != (0, 1)), ..flow.clone() };
+        assert!(!hidden.resized(2, 1).seen.get(0, 0));
         let double = flow.resized(8, 4);
-        assert_eq!(double.way[0], [0.5, 2.5]);
-        assert_eq!(double.way[1], [-0.5, 2.5]);
+        assert_eq!((double.way[0], double.way[3]), ([4.0, -2.0], [4.0, -2.0]));
+        assert!(double.seen.get(7, 3));
     }
 }

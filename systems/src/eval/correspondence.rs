@@ -7,7 +7,7 @@
 //!
 //! Distances of canonical points are not the score: a warp that sends everything to one place would have them all 0. The
 //! nearest of all pixels is asked for, and where everything is in one place none is nearer than the others: the first one is
-//! taken, and that is wrong. Exact canonical points score about 0.4 pixels, as the other picture is looked at in pixel centres.
+//! taken, and that is wrong. Exact canonical points score about half a pixel, as the other picture is looked at in pixel centres.
 
 use crate::data::Dataset;
 use crate::error::RunError;
