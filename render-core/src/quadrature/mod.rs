@@ -19,6 +19,7 @@
 //! | [`depth_expected`], [`depth_median`], [`depth_median_exact`] | weights or optical depths, distances | depths |
 //! | [`opacity`] | weights | accumulated opacity |
 //! | [`two::composite_two`], [`two::composite_two_backward`] | optical depths and values of a static and a transient part | pixels |
+//! | [`blend::composite_blend`], [`blend::composite_blend_backward`] | optical depths and values of a static and a dynamic part, the share of the latter | pixels |
 //!
 //! # Numerics
 //! The optical depth is summed in `f64` and rounded once for each sample, so the transmittance of optical depth `c` is
@@ -34,9 +35,11 @@
 //! Max, "Optical models for direct volume rendering", 1995; Mildenhall et al., "NeRF", 2020, eq. 3.
 
 mod backward;
+pub mod blend;
 mod check;
 mod depth;
 mod forward;
+mod lanes;
 pub mod reference;
 pub mod rule;
 pub mod two;

@@ -11,8 +11,9 @@
 //!
 //! where `tau = tau_s + tau_t` and `q_s`, `q_t` are the shares of the two in it. Nothing there cancels as `tau` vanishes.
 
+use super::super::lanes::{load_part, load_some, store_part};
 use super::super::{Transmittance, Values, block, check_strided, map1};
-use super::{Mixture, TwoSamples, TwoValues, check, load_part, shares, store_part};
+use super::{Mixture, TwoSamples, TwoValues, check, shares};
 use float_core::{Simd, Task, Vector, vecmath};
 
 /// What [`composite_two`](super::composite_two) left for the way back.
@@ -266,14 +267,5 @@ impl BackwardTask<'_> {
             store_part(both + h * t, &mut self.grads.tau_s[at.clone()]);
             store_part(both - h * s, &mut self.grads.tau_t[at]);
         }
-    }
-}
-
-/// As [`load_part`] of `x[i..end]`, zeros where there is nothing.
-#[inline(always)]
-fn load_some<V: Vector>(x: Option<&[f32]>, i: usize, end: usize) -> V {
-    match x {
-        Some(x) => load_part(&x[i..end]),
-        None => V::splat(0.0),
     }
 }

@@ -1,8 +1,9 @@
 //! Weights of both parts and composited values, forward.
 
 use super::super::forward::dot;
+use super::super::lanes::{load_part, store_part};
 use super::super::{Transmittance, block, map1};
-use super::{Mixture, TwoSamples, TwoValues, check, load_part, shares, store_part};
+use super::{Mixture, TwoSamples, TwoValues, check, shares};
 use core::ops::Range;
 use float_core::{Simd, Task, Vector, vecmath};
 

@@ -54,7 +54,7 @@ pub mod reference;
 pub use backward::{CompositeTwoBar, CompositeTwoGrads, WeightsTwo, composite_two_backward};
 pub use forward::{CompositeTwo, composite_two};
 
-use super::{MAX_LANES, Values, check_offsets};
+use super::{Values, check_offsets};
 use core::ops::Range;
 use float_core::Vector;
 
@@ -143,26 +143,4 @@ fn shares<V: Vector>(tau_s: V, tau_t: V) -> (V, V, V) {
     let (s, t) = (tau_s.min(V::splat(DEEP)), tau_t.min(V::splat(DEEP)));
     let tau = s + t;
     (tau, tau.select_positive(s / tau, V::splat(1.0)), tau.select_positive(t / tau, V::splat(0.0)))
-}
-
-/// The first values of `x`, with zeros where it is shorter than a vector: the last vector of a ray.
-#[inline(always)]
-fn load_part<V: Vector>(x: &[f32]) -> V {
-    if x.len() >= V::LANES {
-        return V::load(x);
-    }
-    let mut padded = [0.0; MAX_LANES];
-    padded[..x.len()].copy_from_slice(x);
-    V::load(&padded)
-}
-
-/// As much of `v` as `out` has room for.
-#[inline(always)]
-fn store_part<V: Vector>(v: V, out: &mut [f32]) {
-    if out.len() >= V::LANES {
-        return v.store(out);
-    }
-    let mut padded = [0.0; MAX_LANES];
-    v.store(&mut padded);
-    out.copy_from_slice(&padded[..out.len()]);
 }
