@@ -78,6 +78,64 @@ impl FrequencyTwin {
     }
 }
 
+/// The rows of an encoding with a window, from those without one: what is computed and multiplied by the weights.
+fn weighted(encoding: &Frequency, n: usize, w: &[f32], mut rows: Vec<f32>) -> Vec<f32> {
+    let identity = encoding.out_rows() - 2 * encoding.dims() * encoding.octaves();
+    for (i, value) in rows.iter_mut().enumerate() {
+        let k = (i / n).checked_sub(identity).map(|row| row / (2 * encoding.dims()));
+        *value *= k.map_or(1.0, |k| w[k]);
+    }
+    rows
+}
+
+#[test]
+fn closed_octaves_are_what_multiplying_by_0_makes_of_them() {
+    let n = 37;
+    for (identity, w) in [
+        (Identity::Include, [1.0, 0.0, 0.5, 0.0]),
+        (Identity::Omit, [0.0, 1.0, 1.0, 0.0]),
+        (Identity::Include, [0.0; 4]),
+        (Identity::Omit, [-0.0, 0.0, 0.0, 0.25]),
+    ] {
+        let encoding = Frequency::new(3, 4, Base::One, identity).unwrap();
+        let rows = encoding.out_rows();
+        let (x, x_dot) = (uniform(1, 3 * n, -2.0, 2.0), uniform(2, 3 * n, -1.0, 1.0));
+        let bar = uniform(3, rows * n, -1.0, 1.0);
+        let bar_of_open = weighted(&encoding, n, &w, bar.clone());
+        for simd in Simd::available() {
+            // Outputs hold NaN before: what is not computed must still be written.
+            let (mut got, mut all) = (vec![f32::NAN; rows * n], vec![0.0; rows * n]);
+            encoding.encode(simd, &x, Some(&w), &mut got).unwrap();
+            encoding.encode(simd, &x, None, &mut all).unwrap();
+            assert_eq!(got, weighted(&encoding, n, &w, all.clone()), "{w:?}");
+            encoding.tangent(simd, &x, Some(&w), &x_dot, &mut got).unwrap();
+            encoding.tangent(simd, &x, None, &x_dot, &mut all).unwrap();
+            // A weight of 0.5 is exact wherever it is multiplied.
+            assert_eq!(got, weighted(&encoding, n, &w, all), "{w:?}");
+            let (mut got, mut all) = (vec![0.5; 3 * n], vec![0.5; 3 * n]);
+            encoding.encode_backward(simd, &x, Some(&w), &bar, &mut got).unwrap();
+            encoding.encode_backward(simd, &x, None, &bar_of_open, &mut all).unwrap();
+            assert_eq!(got, all, "{w:?}");
+            encoding.tangent_backward_x(simd, &x, Some(&w), &x_dot, &bar, &mut got).unwrap();
+            encoding.tangent_backward_x(simd, &x, None, &x_dot, &bar_of_open, &mut all).unwrap();
+            assert_eq!(got, all, "{w:?}");
+        }
+    }
+}
+
+#[test]
+fn a_closed_octave_says_0_where_the_input_is_no_number_and_an_open_one_nan() {
+    let encoding = Frequency::new(1, 2, Base::One, Identity::Include).unwrap();
+    for x in [f32::NAN, f32::INFINITY] {
+        let (mut out, mut x_bar) = ([0.0; 5], [0.0]);
+        encoding.encode(Simd::best(), &[x], Some(&[1.0, 0.0]), &mut out).unwrap();
+        assert!(!out[0].is_finite() && out[1].is_nan() && out[2].is_nan(), "{out:?}");
+        assert_eq!(out[3..], [0.0, 0.0]);
+        encoding.encode_backward(Simd::best(), &[x], Some(&[0.0, 0.0]), &[1.0; 5], &mut x_bar).unwrap();
+        assert_eq!(x_bar, [1.0]);
+    }
+}
+
 #[test]
 fn frequency_matches_its_twin_and_differences() {
     for (dims, octaves, base, identity) in [

@@ -39,6 +39,11 @@ pub enum Identity {
 /// ([`vecmath::sin_cos`], [`vecmath::sin_cos_pi`]): sines and cosines are within 2 units in the last place for all octaves,
 /// at every SIMD level with the same bits. NaN, infinity and products past `f32::MAX` give NaN.
 ///
+/// Octaves of weight 0 are not computed: their rows are `+0`, they add nothing to gradients. That is what computing them and
+/// multiplying by 0 gives, but for two things: where the product would be `-0` there is `+0` (numerically equal, and no sum
+/// but one of `-0` alone can tell), and where `x` is NaN or infinite a closed octave says 0, not NaN. The open octaves and `x`
+/// itself still pass NaN on.
+///
 /// # Source
 /// Mildenhall et al., "NeRF", 2020, eq. 4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +103,7 @@ impl Frequency {
         let n = self.check(x, window, out.len(), "out")?;
         let identity = self.identity_rows() * n;
         out[..identity].copy_from_slice(&x[..identity]);
+        self.close(window, n, out);
         self.octaves_of(simd, x, window, |o, sin, cos| {
             let w = o.window;
             put(&mut out[o.sin_row * n + o.at..][..o.len], sin, |_, s| w * s);
@@ -154,6 +160,7 @@ impl Frequency {
         check_len("x_dot", x_dot.len(), x.len())?;
         let identity = self.identity_rows() * n;
         out_dot[..identity].copy_from_slice(&x_dot[..identity]);
+        self.close(window, n, out_dot);
         self.octaves_of(simd, x, window, |o, sin, cos| {
             let slope = o.window * o.frequency;
             let dot = &x_dot[o.dim * n + o.at..][..o.len];
@@ -200,7 +207,15 @@ impl Frequency {
         Ok(n)
     }
 
-    /// Call `body` for each dimension, block of samples and octave.
+    /// Zeros for the rows of octaves that [`octaves_of`](Self::octaves_of) passes over.
+    fn close(&self, window: Option<&[f32]>, n: usize, out: &mut [f32]) {
+        let octaves = out[self.identity_rows() * n..].chunks_exact_mut((2 * self.dims * n).max(1));
+        for (out, _) in octaves.zip(window.unwrap_or_default()).filter(|(_, w)| **w == 0.0) {
+            out.fill(0.0);
+        }
+    }
+
+    /// Call `body` for each dimension, block of samples and octave whose weight is not 0.
     fn octaves_of(&self, simd: Simd, x: &[f32], window: Option<&[f32]>, body: impl FnMut(Octave, &Lanes, &Lanes)) {
         simd.run(Octaves { encoding: *self, x, window, body });
     }
@@ -243,6 +258,10 @@ impl<F: FnMut(Octave, &Lanes, &Lanes)> Task for Octaves<'_, F> {
                 let mut x = [0.0; BLOCK];
                 x[..row.len()].copy_from_slice(row);
                 for k in 0..octaves {
+                    let window = self.window.map_or(1.0, |w| w[k]);
+                    if window == 0.0 {
+                        continue;
+                    }
                     let octave = (1_u64 << k) as f32;
                     let frequency = (kappa * f64::from(octave)) as f32;
                     let (sin, cos) = sin_cos::<V>(&x, octave, base);
@@ -254,7 +273,7 @@ impl<F: FnMut(Octave, &Lanes, &Lanes)> Task for Octaves<'_, F> {
                         sin_row,
                         cos_row: sin_row + dims,
                         frequency,
-                        window: self.window.map_or(1.0, |w| w[k]),
+                        window,
                     };
                     (self.body)(part, &sin, &cos);
                 }
