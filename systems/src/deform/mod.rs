@@ -136,6 +136,11 @@ impl Deform {
                 bound,
             ));
         }
+        let closed = read(&self.counts.closed);
+        if closed > 0 {
+            let (bound, all) = ("exact: they are multiplied by 0".to_string(), read(&self.counts.octaves));
+            rows.push(SkipRow::counted("octaves of closed windows", (closed, all), "octaves of points", bound));
+        }
         let looked = read(&self.counts.looked);
         if looked > 0 {
             // Nothing is skipped here: the loss does not see the sign of a determinant, so somebody has to say it.

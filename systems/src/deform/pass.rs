@@ -1,6 +1,6 @@
 //! A deformation of many points: there, and back. In tiles whose activations stay in the cache.
 
-use super::record::Moved;
+use super::record::{Moved, Warps};
 use super::{Deform, Moments};
 use field_core::tape::{Arena, Tape, TapeError};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,6 +17,14 @@ pub(crate) struct Points<'a> {
     pub(crate) which: &'a [u32],
     /// The moments.
     pub(crate) moments: &'a Moments,
+}
+
+impl Points<'_> {
+    /// Whether a point is not moved: nothing is at its moment.
+    #[inline(always)]
+    fn rests(&self, i: u32) -> bool {
+        self.moments.still[self.which[i as usize] as usize]
+    }
 }
 
 /// Where gradients of a deformation go.
@@ -55,6 +63,9 @@ pub(crate) struct Counts {
     /// Points that an elastic loss looked at, and those of them where it saw space folded over itself.
     pub(crate) looked: AtomicU64,
     pub(crate) folded: AtomicU64,
+    /// Octaves of windows, once for each point that was asked for, and those of them that were closed.
+    pub(crate) octaves: AtomicU64,
+    pub(crate) closed: AtomicU64,
 }
 
 /// The tape is built of shapes that fit: an error is a mistake in this module.
@@ -95,12 +106,25 @@ fn scatter(from: &[f32], n: usize, columns: &[u32], out: &mut [f32]) {
 }
 
 impl Deform {
-    /// Whether each point has to be asked for, or only those of moments that are not still.
+    /// Whether each point has to be asked for, or only those that are moved.
     fn columns(&self, points: &Points<'_>, columns: &mut Vec<u32>) {
         columns.clear();
         let everywhere = self.seen_rows() > 0;
-        let moves = |&i: &u32| everywhere || !points.moments.still[points.which[i as usize] as usize];
-        columns.extend((0..points.which.len() as u32).filter(moves));
+        columns.extend((0..points.which.len() as u32).filter(|&i| everywhere || !points.rests(i)));
+    }
+
+    /// Some points had the octaves of windows before them.
+    pub(super) fn count_octaves(&self, points: usize, warps: Warps) {
+        let warp = if warps == Warps::Yes { &self.warp_window[..] } else { &[] };
+        let windows = warp.iter().chain(&self.ambient_window);
+        let closed = windows.clone().filter(|w| **w == 0.0).count();
+        self.counts.octaves.fetch_add((points * windows.count()) as u64, Ordering::Relaxed);
+        self.counts.closed.fetch_add((points * closed) as u64, Ordering::Relaxed);
+    }
+
+    /// Whether nothing of the ambient coordinates has come in yet.
+    pub(super) fn ambient_is_closed(&self) -> bool {
+        self.ambient_window.iter().all(|&w| w == 0.0)
     }
 
     /// Points, rows and times of some columns.
@@ -127,33 +151,33 @@ impl Deform {
         let n = points.which.len();
         x.copy_from_slice(points.x);
         let DeformScratch { arena, columns, x: tile_x, moment, t, .. } = scratch;
-        self.columns(&points, columns);
-        self.counts.all.fetch_add(n as u64, Ordering::Relaxed);
-        self.counts.warped.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let ops = self.ops();
-        for columns in columns.chunks(TILE) {
-            let m = columns.len();
-            Self::fill_tile(&points, columns, tile_x, moment, t);
-            let mut tape = Tape::new(arena, &self.params);
-            let at = recorded(tape.constant(3, m, tile_x));
-            let when = recorded(tape.constant(points.moments.dims, m, moment));
-            let Moved { x: there, seen: more } = recorded(self.record(&ops, &mut tape, at, (when, t)));
-            if self.warp.is_some() {
-                scatter(recorded(tape.value(there)).data, n, columns, x);
-                self.stand_still(&points, columns, x);
+        self.counts.all.fetch_add(n as u64, Ordering::Relaxed);
+        for warps in [Warps::Yes, Warps::No] {
+            // What rests is asked only for what else is seen of it.
+            let moves = warps == Warps::Yes;
+            columns.clear();
+            if moves || self.seen_rows() > 0 {
+                columns.extend((0..n as u32).filter(|&i| points.rests(i) != moves));
             }
-            if let Some(more) = more {
-                scatter(recorded(tape.value(more)).data, n, columns, seen);
+            if moves {
+                self.counts.warped.fetch_add(columns.len() as u64, Ordering::Relaxed);
             }
-        }
-    }
-
-    /// Where nothing is warped although the network was asked, for what else it says.
-    fn stand_still(&self, points: &Points<'_>, columns: &[u32], x: &mut [f32]) {
-        let n = points.which.len();
-        for &i in columns.iter().filter(|&&i| points.moments.still[points.which[i as usize] as usize]) {
-            for a in 0..3 {
-                x[a * n + i as usize] = points.x[a * n + i as usize];
+            self.count_octaves(columns.len(), warps);
+            for columns in columns.chunks(TILE) {
+                let m = columns.len();
+                Self::fill_tile(&points, columns, tile_x, moment, t);
+                let mut tape = Tape::new(arena, &self.params);
+                let at = recorded(tape.constant(3, m, tile_x));
+                let when = recorded(tape.constant(points.moments.dims, m, moment));
+                let record = self.record(&ops, &mut tape, at, (when, t), warps);
+                let Moved { x: there, seen: more } = recorded(record);
+                if self.warp.is_some() && moves {
+                    scatter(recorded(tape.value(there)).data, n, columns, x);
+                }
+                if let Some(more) = more {
+                    scatter(recorded(tape.value(more)).data, n, columns, seen);
+                }
             }
         }
     }
@@ -171,6 +195,7 @@ impl Deform {
         let n = points.which.len();
         let DeformScratch { arena, columns, x: tile_x, moment, t, x_bar: tile_bar, seen_bar: tile_seen } = scratch;
         self.columns(&points, columns);
+        self.count_octaves(columns.len(), Warps::Yes);
         let ops = self.ops();
         let dims = points.moments.dims;
         for columns in columns.chunks(TILE) {
@@ -179,14 +204,14 @@ impl Deform {
             gather(x_bar, n, columns, tile_bar);
             gather(seen_bar, n, columns, tile_seen);
             for (k, &i) in columns.iter().enumerate() {
-                if points.moments.still[points.which[i as usize] as usize] {
+                if points.rests(i) {
                     (0..3).for_each(|a| tile_bar[a * m + k] = 0.0);
                 }
             }
             let mut tape = Tape::new(arena, &self.params);
             let at = recorded(tape.input(3, m, tile_x));
             let when = recorded(tape.input(dims, m, moment));
-            let Moved { x, seen } = recorded(self.record(&ops, &mut tape, at, (when, t)));
+            let Moved { x, seen } = recorded(self.record(&ops, &mut tape, at, (when, t), Warps::Yes));
             let mut seeds = Vec::with_capacity(2);
             if self.warp.is_some() {
                 seeds.push((x, &tile_bar[..]));
@@ -201,7 +226,7 @@ impl Deform {
             let bars = recorded(tape.gradient(at));
             for (k, &i) in columns.iter().enumerate() {
                 // A point that was not moved keeps its gradient, besides that of what else was seen of it.
-                let moved = self.warp.is_some() && !points.moments.still[points.which[i as usize] as usize];
+                let moved = self.warp.is_some() && !points.rests(i);
                 for a in 0..3 {
                     let out = &mut x_bar[a * n + i as usize];
                     *out = bars[a * m + k] + if moved { 0.0 } else { *out };

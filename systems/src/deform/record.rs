@@ -17,6 +17,15 @@ pub(super) struct Ops<'a> {
     seen_point: Option<EncodingOp<Frequency>>,
 }
 
+/// Whether points are asked where they come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Warps {
+    /// They are.
+    Yes,
+    /// They stay where they are; only what the density network sees besides is asked for.
+    No,
+}
+
 /// Points that have been moved.
 pub(super) struct Moved {
     /// Canonical points, `[3 x n]` in the unit cube.
@@ -55,12 +64,13 @@ impl Deform {
         tape: &mut Tape<'a>,
         x: Node,
         (moment, times): (Node, &[f32]),
+        warps: Warps,
     ) -> Result<Moved, TapeError> {
         // Encodings and rotations are about the middle of the scene: the cube [-1, 1]^3.
         let q = tape.affine(x, 2.0, -1.0)?;
         let mut moved = Moved { x, seen: None };
         let mut planes = Vec::with_capacity(ops.planes.len());
-        if !ops.planes.is_empty() {
+        if !ops.planes.is_empty() && (warps == Warps::Yes || self.planes_for(SeenBy::Density)) {
             let t = tape.constant(1, times.len(), times)?;
             let place_and_time = tape.concat(&[q, t])?;
             for (op, from, len) in &ops.planes {
@@ -68,7 +78,7 @@ impl Deform {
                 planes.push(tape.custom(op, &[place_and_time, table])?);
             }
         }
-        if let Some((encoding, network)) = &ops.warp {
+        if let Some((encoding, network)) = ops.warp.as_ref().filter(|_| warps == Warps::Yes) {
             let point = tape.custom(encoding, &[q])?;
             let mut sees = vec![point, moment];
             sees.extend(planes.iter().filter(|_| self.planes_for(SeenBy::Warp)));
@@ -85,10 +95,16 @@ impl Deform {
         }
         let mut seen = Vec::with_capacity(3);
         if let Some((point, network, windowed)) = &ops.ambient {
-            let point = tape.custom(point, &[q])?;
-            let input = tape.concat(&[point, moment])?;
-            let w = network.apply(tape, input)?;
-            seen.push(tape.custom(windowed, &[w])?);
+            seen.push(if self.ambient_is_closed() {
+                // All of it would be multiplied by 0, and so would its gradients.
+                let columns = tape.shape(x)?.cols;
+                tape.fill(self.seen_ambient.as_ref().map_or(0, Frequency::out_rows), columns, 0.0)
+            } else {
+                let point = tape.custom(point, &[q])?;
+                let input = tape.concat(&[point, moment])?;
+                let w = network.apply(tape, input)?;
+                tape.custom(windowed, &[w])?
+            });
         }
         if self.config.sees != Sees::Place {
             seen.push(moment);

@@ -2,7 +2,7 @@
 //! and leave the background where it is.
 
 use super::pass::{DeformGrad, DeformScratch, Points, recorded};
-use super::record::Moved;
+use super::record::{Moved, Warps};
 use super::{Deform, PlanesOfTime};
 use field_core::rng::Rng;
 use field_core::tape::Tape;
@@ -45,11 +45,12 @@ impl Deform {
         for columns in columns.chunks(TILE) {
             let m = columns.len();
             Self::fill_tile(&points, columns, x, moment, t);
+            self.count_octaves(m, Warps::Yes);
             let w: Vec<f32> = columns.iter().map(|&i| w[i as usize]).collect();
             let mut tape = Tape::new(arena, &self.params);
             let at = recorded(tape.input(3, m, x));
             let when = recorded(tape.input(dims, m, moment));
-            let Moved { x: there, .. } = recorded(self.record(&ops, &mut tape, at, (when, t)));
+            let Moved { x: there, .. } = recorded(self.record(&ops, &mut tape, at, (when, t), Warps::Yes));
             let jacobian = recorded(tape.jacobian(there, at));
             let j = recorded(tape.value(jacobian)).data;
             j_bar.clear();

@@ -227,3 +227,63 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
         }
     }
 }
+
+#[test]
+fn closed_windows_are_not_computed_and_change_nothing() {
+    let sheet = Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [100, 100] };
+    let config = DeformConfig {
+        ambient: Some(sheet),
+        planes: None,
+        warp: Some(Warp { anneal: 300, ..warp(Motion::Rigid, Origin::Free) }),
+        ..config(Moment::Time { octaves: 2 }, Motion::Rigid)
+    };
+    let mut deform = busy(config);
+    assert!(deform.ambient_is_closed() && deform.warp_window[1..] == [0.0, 0.0]);
+    let n = 7;
+    let (x, which) = points(n);
+    let (mut there, mut seen) = (vec![f32::NAN; 3 * n], vec![f32::NAN; deform.seen_rows() * n]);
+    let mut grad = DeformGrad::default();
+    grad.begin(&deform);
+    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
+    assert!(seen[..4 * n].iter().all(|&s| s == 0.0) && seen.iter().all(|s| s.is_finite()));
+    let (mut x_bar, seen_bar) = (vec![1.0; 3 * n], vec![1.0; seen.len()]);
+    deform.learn(at, &mut x_bar, &seen_bar, &mut grad, &mut DeformScratch::default());
+    let warps = deform.warp.as_ref().unwrap().param_count();
+    assert!(grad.params[warps..].iter().all(|&g| g == 0.0) && grad.params[..warps].iter().any(|&g| g != 0.0));
+    let rows = deform.skips();
+    let row = rows.iter().find(|row| row.what == "octaves of closed windows").unwrap();
+    // Two of the warp's three, and the sheet's one; there and back.
+    assert_eq!((row.skipped, row.total), (2 * 7 * 3, 2 * 7 * 4));
+    // A sheet that is hardly open says hardly anything else.
+    deform.ambient_window[0] = 1e-7;
+    let (mut there_open, mut seen_open) = (there.clone(), seen.clone());
+    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    deform.place(at, &mut there_open, &mut seen_open, &mut DeformScratch::default());
+    assert_eq!(there, there_open);
+    assert!(seen.iter().zip(&seen_open).all(|(a, b)| (a - b).abs() <= 1e-7) && seen != seen_open);
+}
+
+#[test]
+fn what_is_seen_at_the_canonical_moment_is_said_without_the_warp() {
+    let deform = busy(DeformConfig {
+        warp: Some(warp(Motion::Rigid, Origin::Canonical)),
+        ..config(Moment::Time { octaves: 2 }, Motion::Rigid)
+    });
+    let (x, which) = points(9);
+    let at_all = |moments: &Moments| {
+        let (mut there, mut seen) = (vec![f32::NAN; 27], vec![f32::NAN; 9 * deform.seen_rows()]);
+        let at = Points { x: &x, which: &which, moments };
+        deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
+        (there, seen)
+    };
+    let (there, seen) = at_all(deform.moments());
+    let warped = deform.counts.warped.load(std::sync::atomic::Ordering::Relaxed);
+    assert_eq!(warped, which.iter().filter(|&&w| w != 0).count() as u64);
+    // The same where the warp is asked everywhere.
+    let (there_free, seen_free) = at_all(&Moments { still: vec![false; 3], ..deform.moments().clone() });
+    assert_eq!(seen, seen_free);
+    for i in 0..27 {
+        assert_eq!(there[i], if which[i % 9] == 0 { x[i] } else { there_free[i] });
+    }
+}
