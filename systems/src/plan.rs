@@ -203,22 +203,40 @@ pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'sta
 /// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
 pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
 
-/// Two or more training cameras that all stand and look the same way tell nothing about depth.
-fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
-    let refuse = |value: String, problem: String| Err(SystemError::Config { field: NO_PARALLAX, value, problem });
+/// Whether they were accepted.
+pub(crate) fn accepts_no_parallax(run: &RunOptions) -> Result<bool, SystemError> {
     match run.set.get(NO_PARALLAX) {
-        Some(toml::Value::Boolean(true)) => return Ok(()),
-        None | Some(toml::Value::Boolean(false)) => {}
-        Some(other) => return refuse(other.to_string(), "must be true or false".into()),
+        None => Ok(false),
+        Some(toml::Value::Boolean(accepted)) => Ok(*accepted),
+        Some(other) => {
+            let problem = "must be true or false".into();
+            Err(SystemError::Config { field: NO_PARALLAX, value: other.to_string(), problem })
+        }
     }
-    let [first, rest @ ..] = data.views() else { return Ok(()) };
+}
+
+/// Whether two or more training cameras all stand and look the same way, which tells nothing about depth.
+pub(crate) fn has_no_parallax(data: &Dataset) -> bool {
+    let [first, rest @ ..] = data.views() else { return false };
     let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
     // The same view at several scales is one view.
-    if rest.iter().all(|view| view.frame == first.frame) || !stands_still(&poses) {
+    rest.iter().any(|view| view.frame != first.frame) && stands_still(&poses)
+}
+
+/// The error of training cameras that are all the same: `and` what that means, and what is to be done.
+pub(crate) fn no_parallax(data: &Dataset, and: &str) -> SystemError {
+    let problem = format!(
+        "all {} training cameras have the same pose: {and}, or set it to true to train all the same",
+        data.len()
+    );
+    SystemError::Config { field: NO_PARALLAX, value: "false".into(), problem }
+}
+
+fn check_parallax(data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
+    if accepts_no_parallax(run)? || !has_no_parallax(data) {
         return Ok(());
     }
-    let what = format!("all {} training cameras have the same pose: no parallax, so no depth", data.len());
-    refuse("false".into(), format!("{what}; check the poses, or set it to true to train all the same"))
+    Err(no_parallax(data, "no parallax, so no depth; check the poses"))
 }
 
 pub(crate) fn percent(share: f64) -> String {

@@ -5,12 +5,13 @@ use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::error::RunError;
-use crate::layout::stands_still;
 use crate::options::{DataOptions, Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, Shown, ngp_settings, no_such_system, refuse_unknown, settings, split, table};
+use crate::plan::{
+    Ground, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
+    refuse_unknown, settings, split, table,
+};
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
-use render_core::pose::Pose;
 use scene_io::Scene;
 
 /// A system: its name, its settings, and those of its field.
@@ -71,8 +72,9 @@ pub fn build(
     config.check()?;
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
     let measured = has_depth && config.cues.asks();
-    if has_depth && !measured {
-        check_depth_is_used(name, data, run)?;
+    let frozen = !accepts_no_parallax(run)? && has_no_parallax(data);
+    if frozen && has_depth {
+        check_depth(name, data, measured)?;
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
@@ -107,6 +109,9 @@ pub fn build(
     }
     if config.cues.asks() {
         let known = system.follow_depth(config.cues, data)?;
+        if frozen && !known {
+            return Err(no_depth(data));
+        }
         ground.lines.push(if known {
             "depth: measured depths lead samples and are held to".into()
         } else {
@@ -121,15 +126,29 @@ pub fn build(
 }
 
 /// A camera that stands still sees depth by what was measured, or not at all.
-fn check_depth_is_used(name: &str, data: &Dataset, run: &RunOptions) -> Result<(), SystemError> {
-    let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();
-    if !stands_still(&poses) || run.set.get(NO_PARALLAX) == Some(&toml::Value::Boolean(true)) {
+fn check_depth(name: &str, data: &Dataset, measured: bool) -> Result<(), SystemError> {
+    if !has_known_depth(data)? {
+        return Err(no_depth(data));
+    }
+    if measured {
         return Ok(());
     }
-    let problem = format!(
-        "all {} training cameras have the same pose: no parallax, and `{name}` makes nothing of the depth that was \
-         measured; use `endo-nerf`, set `depth=1`, or set it to true to train all the same",
-        data.len()
-    );
-    Err(SystemError::Config { field: NO_PARALLAX, value: "false".into(), problem })
+    let what = format!("no parallax, and `{name}` makes nothing of the depth that was measured");
+    Err(no_parallax(data, &format!("{what}; use `endo-nerf`, set `depth=1`")))
+}
+
+/// Whether any pixel of any depth map is known: usually the first map answers.
+fn has_known_depth(data: &Dataset) -> Result<bool, SystemError> {
+    for view in data.views() {
+        if view.source.read_depth()?.is_some_and(|map| map.z.iter().any(|&z| z > 0.0)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn no_depth(data: &Dataset) -> SystemError {
+    let and =
+        "no parallax, and their depth maps are nothing but holes (0, or no number), so no depth; check the depth maps";
+    no_parallax(data, and)
 }

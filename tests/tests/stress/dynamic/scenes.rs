@@ -3,7 +3,7 @@
 use super::{STEPS, build, operation, stage, trains, usual_operation, usual_stage};
 use crate::common::{dataset, pictures, says};
 use scene_io::synthetic::{OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions, TissueTool};
-use scene_io::{DepthMap, DepthPlace, DepthSource, Image, ImageSource, Scene};
+use scene_io::{DepthMap, DepthPlace, DepthSource, Frame, Image, ImageSource, Scene};
 use std::sync::Arc;
 use stress::{Tally, ensure};
 use systems::dynamic::SYSTEMS;
@@ -23,6 +23,12 @@ const LED: &str = "rays: none under the masks, more where they often are";
 const ANYWHERE: &str = "rays: anywhere";
 const NO_DEPTH: &str = "depth: none is measured, so nothing is held to it";
 const DEPTH: &str = "depth: measured depths lead samples and are held to";
+
+/// Whether any pixel has a depth; without it a map is as good as none.
+fn knows_depth(scene: &Scene) -> bool {
+    let map = |frame: &Frame| frame.read_depth().expect("depth maps in memory can be read");
+    scene.frames.iter().filter_map(map).any(|map| map.z.iter().any(|z| *z > 0.0))
+}
 
 /// Other numbers in the place of each depth map.
 fn depths(mut scene: Scene, z: impl Fn(usize, usize, f32) -> f32) -> Scene {
@@ -124,8 +130,9 @@ fn operations() -> Vec<Case> {
             depths(usual_operation(), |_, i, z| [z, f32::NAN, -z, f32::INFINITY, z][i % 5]),
             DEPTH,
         ),
+        case("depth of one photo all holes", depths(usual_operation(), |k, _, z| if k == 1 { 0.0 } else { z }), DEPTH),
         case("one depth alone", depths(usual_operation(), |k, i, z| if k == 1 && i == 77 { z } else { 0.0 }), DEPTH),
-        case("depth of one photo alone", some, DEPTH),
+        case("depth of one photo alone", some.clone(), DEPTH),
         case("depth all equal", depths(usual_operation(), |_, _, _| 40.0), DEPTH),
         case("depth at the end of numbers", depths(usual_operation(), |_, i, z| if i == 5 { 1e30 } else { z }), DEPTH),
         case("depth next to nothing", depths(usual_operation(), |_, i, z| if i == 5 { 1e-30 } else { z }), DEPTH),
@@ -134,8 +141,11 @@ fn operations() -> Vec<Case> {
         Case {
             set: accepted,
             needs_depth: false,
-            ..case("nothing but holes", depths(usual_operation(), |_, _, _| 0.0), NO_DEPTH)
+            ..case("nothing but holes, and that is accepted", depths(usual_operation(), |_, _, _| 0.0), NO_DEPTH)
         },
+        case("nothing but holes", depths(usual_operation(), |_, _, _| 0.0), NO_DEPTH),
+        case("depth that is never a number", depths(usual_operation(), |_, i, _| [f32::NAN, -1.0][i % 2]), NO_DEPTH),
+        case("holes alone for the photo that has a depth map", depths(some.clone(), |_, _, _| 0.0), NO_DEPTH),
         case("duplicate times of tissue", times(usual_operation(), |i| (i / 2) as f64), LED),
         case("tissue at one time", times(usual_operation(), |_| 0.0), LED),
     ]
@@ -144,7 +154,7 @@ fn operations() -> Vec<Case> {
 pub(crate) fn cases(tally: &mut Tally) {
     for Case { what, scene, set, needs_depth, told } in orbits().into_iter().chain(operations()) {
         let data = dataset(&scene);
-        let has_depth = scene.frames.iter().any(|frame| frame.depth.is_some());
+        let (has_maps, has_depth) = (scene.frames.iter().any(|frame| frame.depth.is_some()), knows_depth(&scene));
         for name in SYSTEMS {
             // Parallax, depth that somebody looks at, or nothing.
             let refused = needs_depth && !(name == "endo-nerf" && has_depth);
@@ -158,7 +168,10 @@ pub(crate) fn cases(tally: &mut Tally) {
                         ensure(said, || format!("does not say `{told}`: {:?}", plan.lines))?;
                         trains(system.as_mut(), &data, STEPS)
                     }
-                    (Err(e), true) => says(&e, &["accept_no_parallax", "same pose", "no parallax"]),
+                    (Err(e), true) => {
+                        let holes = if has_maps && !has_depth { "nothing but holes" } else { "" };
+                        says(&e, &["accept_no_parallax", "same pose", "no parallax", holes])
+                    }
                     (Ok(_), true) => Err("taken".into()),
                     (Err(e), false) => Err(e.to_string()),
                 },
