@@ -11,6 +11,7 @@
 //! * [`concrete`], [`smoothness`], [`sparsity`]: opacities that decide, without flicker and without excess (SF-NeRF).
 //! * [`elastic`], [`background`]: how far a deformation is from rigid, and from leaving alone what stands still (Nerfies).
 //! * [`variation`]: neighbours in time and on a lattice should not differ.
+//! * [`entropy`], [`point_colour`]: rays that end on something or nothing, samples of their pixel's colour (TiNeuVox).
 //! * [`depth`]: measured depth, with its unit or up to a line.
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
 //! * [`interlevel`]: a proposal's weights have to bound those of the final network.
@@ -45,6 +46,7 @@ pub mod concrete;
 pub mod depth;
 pub mod distortion;
 pub mod elastic;
+pub mod entropy;
 mod error;
 pub mod heuristics;
 pub mod interlevel;
@@ -53,6 +55,7 @@ pub mod kernel;
 pub mod metrics;
 mod order;
 pub mod photometric;
+pub mod point_colour;
 mod ray_intervals;
 pub mod smoothness;
 pub mod sparsity;
