@@ -397,6 +397,8 @@ pub(crate) fn ngp_settings(
         sky: false,
         distortion,
         sparsity: 0.0,
+        background_entropy: 0.0,
+        point_colour: 0.0,
         huber: 0.0,
         head_width: 64,
         head_bias: -5.0,

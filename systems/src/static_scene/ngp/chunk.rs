@@ -11,6 +11,7 @@ use super::look::{Kept, Look};
 use super::occupy::Marcher;
 use super::proposal::Proposals;
 use super::proposed::{Draw, Proposed};
+use super::settling::Settling;
 use super::table::Table;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::data::Batch;
@@ -122,6 +123,8 @@ pub(super) struct StepContext<'a> {
     pub(super) distance: RayDistance,
     /// Factor of the prior on densities.
     pub(super) sparsity: f32,
+    /// Factors of what draws the field to a decision.
+    pub(super) settling: Settling,
     /// Optical depth behind which nothing is looked at.
     pub(super) depth_limit: f64,
     /// Part of a ray's light that faint samples are left out with.

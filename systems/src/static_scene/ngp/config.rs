@@ -148,6 +148,10 @@ pub struct NgpConfig {
     pub distortion: f32,
     /// Factor of the prior `ln(1 + 2 sigma^2)` on static densities, mean over the samples of a ray; 0: none.
     pub sparsity: f32,
+    /// Factor of the entropy of what reaches the background, mean over rays: each ends on something or nothing; 0: none.
+    pub background_entropy: f32,
+    /// Factor of the squared errors of the colours of single samples, by weight; mean over rays; 0: none.
+    pub point_colour: f32,
     /// Huber threshold of the colour loss; 0 is the squared error.
     pub huber: f32,
 
@@ -363,8 +367,14 @@ impl NgpConfig {
         if !(0.0..=10.0).contains(&self.sparsity) {
             return Err(bad("sparsity", self.sparsity, "must be in 0..=10"));
         }
-        if !(0.0..=10.0).contains(&self.distortion) {
-            return Err(bad("distortion", self.distortion, "must be in 0..=10"));
+        for (field, value) in [
+            ("distortion", self.distortion),
+            ("background_entropy", self.background_entropy),
+            ("point_colour", self.point_colour),
+        ] {
+            if !(0.0..=10.0).contains(&value) {
+                return Err(bad(field, value, "must be in 0..=10"));
+            }
         }
         if !self.density_bias.is_finite() {
             return Err(bad("density_bias", self.density_bias, "must be finite"));

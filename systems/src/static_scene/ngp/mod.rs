@@ -39,6 +39,7 @@ mod relight;
 #[cfg(test)]
 mod relight_tests;
 mod render;
+mod settling;
 mod state;
 mod step;
 mod survey;

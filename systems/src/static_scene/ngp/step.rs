@@ -4,6 +4,7 @@ use super::chunk::StepContext;
 use super::field::fold_gradients;
 use super::grid_trainer::Part;
 use super::proposal::Proposals;
+use super::settling::Settling;
 use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::data::{Batch, Dataset};
@@ -178,6 +179,7 @@ impl Ngp {
             distortion: self.config.distortion,
             distance: self.distance,
             sparsity: self.config.sparsity,
+            settling: Settling::new(&self.config),
             depth_limit: depth_limit(self.config.train_stop),
             faint: self.faint(),
             share: plan.share,

@@ -3,6 +3,7 @@
 use super::chunk::StepContext;
 use super::field::{Field, sized};
 use super::head::{HeadBars, HeadTile};
+use super::settling;
 use crate::method::{Pixel, PixelBar};
 use field_core::mlp::{Mlp, Packed};
 use losses::sparsity;
@@ -90,6 +91,8 @@ pub(super) struct Tile {
     pixel_bar: Vec<f32>,
     opacity: Vec<f32>,
     trans_end: Vec<f32>,
+    /// Gradient of what reaches the background, where anything but colours looks at it.
+    end_bar: Vec<f32>,
     pub(super) scratch: Vec<f32>,
     /// Ends of the intervals in normalised distance, and the gradient of their weights.
     ends: [Vec<f32>; 2],
@@ -284,6 +287,15 @@ impl Tile {
             }
         };
 
+        let weight = |r: usize| ctx.batch.weight[first_pixel + r / k];
+        let end_bar = if ctx.settling.entropy > 0.0 {
+            let end_bar = sized(&mut self.end_bar, count);
+            loss += settling::ends(trans_end, weight, ctx.settling.entropy * per_ray, ctx.share, end_bar);
+            Some(&*end_bar)
+        } else {
+            None
+        };
+
         let tau_bar = sized(&mut self.tau_bar, n);
         let rgb_bar = sized(&mut self.rgb_bar, 3 * n);
         let quadrature = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
@@ -295,7 +307,7 @@ impl Tile {
                 values,
                 background,
                 Weights { w, trans_end },
-                CompositeBar { colour: pixel_bar, w: w_bar, trans_end: None },
+                CompositeBar { colour: pixel_bar, w: w_bar, trans_end: end_bar },
                 CompositeGrads { tau: tau_bar, values: rgb_bar, background: None },
             );
         };
@@ -307,7 +319,7 @@ impl Tile {
             None => plain(&self.pixel_bar, tau_bar, rgb_bar),
             Some(head) => {
                 // The static part alone is spread along the ray, as it alone is rendered elsewhere.
-                if w_bar.is_some() {
+                if w_bar.is_some() || end_bar.is_some() {
                     let nothing = sized(&mut self.pixel, 3 * count);
                     nothing.fill(0.0);
                     plain(nothing, tau_bar, rgb_bar);
@@ -325,6 +337,12 @@ impl Tile {
                     }
                 }
             }
+        }
+        if ctx.settling.point_colour > 0.0 {
+            let truth = |r: usize| ctx.truth[first_pixel + r / k];
+            let factor = ctx.settling.point_colour * per_ray;
+            let rays = (&self.offsets[..], w, &self.rgb[..3 * n]);
+            loss += settling::colours(rays, (weight, truth), factor, ctx.share, rgb_bar);
         }
         if ctx.sparsity > 0.0 {
             let factor = f64::from(ctx.sparsity * per_ray);
