@@ -8,8 +8,8 @@
 //! (c, sigma) = MLP(f, t', gamma(x); d)      x where it is, not where it was
 //! ```
 //!
-//! Voxels double in number three times. `t = 0` is a time like any other. The released code's losses beside the error of pixels
-//! are settings of the field, `background_entropy=1e-3` and `point_colour=0.01`; they are off, as what they bring was not measured.
+//! Voxels double in number three times. `t = 0` is a time like any other. Beside the error of pixels it has the released
+//! code's losses on the ends of rays (`background_entropy`) and on the colours of samples (`point_colour`), with its factors.
 
 use super::config::{DynamicConfig, MomentKind, OriginKind, SeesKind, WarpKind};
 use crate::static_scene::ngp::NgpConfig;
@@ -17,6 +17,10 @@ use crate::static_scene::ngp::NgpConfig;
 /// Features of a voxel, and voxels along an axis, of the small model (table 1, "S").
 const FEATURES: usize = 4;
 const VOXELS: usize = 100;
+
+/// Factors of its losses beside the error of pixels, as released.
+const BACKGROUND_ENTROPY: f32 = 1e-3;
+const POINT_COLOUR: f32 = 0.01;
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {
@@ -38,4 +42,5 @@ pub(super) fn settings() -> DynamicConfig {
 /// Its field.
 pub(super) fn field(config: &mut NgpConfig) {
     (config.voxels, config.features, config.width) = (VOXELS, FEATURES, 64);
+    (config.background_entropy, config.point_colour) = (BACKGROUND_ENTROPY, POINT_COLOUR);
 }
