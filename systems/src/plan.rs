@@ -358,7 +358,6 @@ pub(crate) fn ngp_settings(
         levels_anneal: 0,
         levels_first: 4,
         warp_levels: 8,
-        moves: false,
         network_lr: 1.0,
         density_layers: 1,
         voxels: 0,

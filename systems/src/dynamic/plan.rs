@@ -78,8 +78,7 @@ pub fn build(
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
-    field.moves = config.deform().is_some();
-    if field.moves {
+    if config.deform().is_some() {
         // Cells that are full at some moment are empty at most others.
         field.train_faint = FAINT;
     }

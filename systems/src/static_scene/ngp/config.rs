@@ -62,8 +62,6 @@ pub struct NgpConfig {
     pub levels_first: usize,
     /// Levels whose slopes lead what moves, the coarsest first: those of the finest say little about where to go.
     pub warp_levels: usize,
-    /// Whether something moves: what is empty has to be so at all times.
-    pub moves: bool,
     /// Learning rate of the networks, a factor of that of the table.
     pub network_lr: f32,
     /// Hidden layers of the density network.

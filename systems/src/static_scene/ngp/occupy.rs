@@ -25,10 +25,10 @@ const EAGER_SHARE: u32 = 2;
 /// Factor on a cell's running maximum each time it is looked at. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
-/// The same where things move: a cell that is full now and then is not looked at then each time.
-const DECAY_OF_MOTION: f32 = 0.95;
-/// Moments in which such a cell is looked at.
-const MOMENTS_OF_A_LOOK: u64 = 4;
+/// Moments in which a cell is looked at where things move: it is full now and then.
+const MOMENTS_OF_A_LOOK: u32 = 4;
+/// From one moment to the next that a cell is looked at in, as a share of all: the golden ratio leaves no gap for long.
+const NEXT_MOMENT: f64 = 0.618_033_988_749_894_9;
 /// Cells looked at together.
 const TASK: usize = 4096;
 /// One in so many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
@@ -61,6 +61,25 @@ struct Looker {
     /// Views whose moments are looked at, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
     now: Vec<f32>,
+}
+
+/// Where in its cell, and in which moments, an update looks.
+struct Draws {
+    points: Rng,
+    moments: Rng,
+    /// Number of the update.
+    phase: u32,
+}
+
+impl Draws {
+    /// Which of so many moments a cell is looked at in: what is empty has to be so at all times. Moments of successive looks are
+    /// far from each other and leave no gap for long, so that what is there for a twentieth of the time is seen every few looks.
+    fn moment(&self, id: u32, round: u32, moments: usize) -> u32 {
+        let look = u64::from(id.wrapping_add(self.phase) / OCCUPIED_SHARE);
+        let steps = (look * u64::from(MOMENTS_OF_A_LOOK) + u64::from(round)) as f64;
+        let at = (f64::from(self.moments.uniform_at(id.into())) + steps * NEXT_MOMENT).fract();
+        ((at * moments as f64) as u32).min(moments as u32 - 1)
+    }
 }
 
 /// Step rule of a march.
@@ -119,7 +138,7 @@ impl Occupy {
         Settings {
             resolution: config.occupancy as u32,
             cascades: config.cascades as u32,
-            decay: if config.moves { DECAY_OF_MOTION } else { DECAY },
+            decay: DECAY,
             threshold: first * (last / first).powf(settled.min(1.0)),
         }
     }
@@ -151,7 +170,7 @@ impl Occupy {
             let share = if occupied { share.min(OCCUPIED_SHARE) } else { share };
             thickness[id as usize] >= 0.0 && turn.is_multiple_of(share)
         }));
-        let rng = Rng::new(seed, POINTS).substream(step);
+        let draws = Draws { points: Rng::new(seed, POINTS).substream(step), moments: Rng::new(seed, MOMENTS), phase };
         self.thickness.resize(self.cells.len(), 0.0);
         let (grid, step_min) = (&self.grid, self.step_min);
         // Whole blocks of `TASK` to each task.
@@ -159,7 +178,7 @@ impl Occupy {
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
         tasks.zip(&mut self.lookers).for_each(|((out, cells), looker)| {
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
-                looker.look(grid, field, space, &rng, cells, out);
+                looker.look(grid, field, space, &draws, cells, out);
                 for (out, &id) in out.iter_mut().zip(cells) {
                     *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
                 }
@@ -225,14 +244,22 @@ impl Looker {
     ///
     /// Where something moves, a cell is looked at in several moments, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
-    fn look(&mut self, grid: &OccupancyGrid, field: &Field, space: &Space, rng: &Rng, cells: &[u32], out: &mut [f32]) {
+    fn look(
+        &mut self,
+        grid: &OccupancyGrid,
+        field: &Field,
+        space: &Space,
+        draws: &Draws,
+        cells: &[u32],
+        out: &mut [f32],
+    ) {
         if !field.moments().differ() {
-            return self.look_once(grid, field, space, rng, cells, out);
+            return self.look_once((grid, field, space), (draws, 0), cells, out);
         }
         out.fill(0.0);
         for round in 0..MOMENTS_OF_A_LOOK {
             let mut now = std::mem::take(&mut self.now);
-            self.look_once(grid, field, space, &rng.substream(1 + round), cells, sized(&mut now, cells.len()));
+            self.look_once((grid, field, space), (draws, round), cells, sized(&mut now, cells.len()));
             out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
             self.now = now;
         }
@@ -240,28 +267,25 @@ impl Looker {
 
     fn look_once(
         &mut self,
-        grid: &OccupancyGrid,
-        field: &Field,
-        space: &Space,
-        rng: &Rng,
+        (grid, field, space): (&OccupancyGrid, &Field, &Space),
+        (draws, round): (&Draws, u32),
         cells: &[u32],
         out: &mut [f32],
     ) {
         let n = cells.len();
+        let moments = field.moments();
+        let points = if moments.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
         let p = sized(&mut self.p, 3 * n);
         for (i, &id) in cells.iter().enumerate() {
-            let u = [0, 1, 2].map(|a| rng.uniform_at(3 * u64::from(id) + a));
+            let u = [0, 1, 2].map(|a| points.uniform_at(3 * u64::from(id) + a));
             let point = grid.cell_point(id, u);
             (p[i], p[n + i], p[2 * n + i]) = (point[0], point[1], point[2]);
         }
         let x = sized(&mut self.x, 3 * n);
         space.grid_positions(field.simd, p, x);
-        // What is empty has to be so at all times: a cell is looked at in another moment each time.
-        let moments = field.moments();
         self.which.clear();
         if let 1.. = moments.len() {
-            let when = rng.substream(MOMENTS);
-            self.which.extend(cells.iter().map(|&id| (when.u64_at(id.into()) % moments.len() as u64) as u32));
+            self.which.extend(cells.iter().map(|&id| draws.moment(id, round, moments.len())));
         }
         field.densities(x, When { moments, which: &self.which }, out, &mut self.densities);
     }
