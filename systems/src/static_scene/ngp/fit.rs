@@ -4,7 +4,8 @@
 //! asks the colour network alone (NeRF in the Wild, section 5: the left half of a test photo).
 
 use super::Ngp;
-use super::chunk::{Chunk, StepContext};
+use super::chunk::Chunk;
+use super::context::StepContext;
 use super::field::sized;
 use super::step::Plan;
 use crate::data::Batch;

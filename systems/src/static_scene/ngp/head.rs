@@ -4,7 +4,7 @@
 //! Every ray has one sample more, where it enters the scene: the **veil**. Nothing static is there, and the occupancy grid
 //! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
 
-use super::chunk::StepContext;
+use super::context::StepContext;
 use super::field::{sized, xavier};
 use super::tile::{Gradients, Marched, backward};
 use super::{ADAM, config};

@@ -6,7 +6,7 @@
 //! changes a pixel by that much at most ([`render_core::budget`]). Samples that hardly weigh anything are left out too, where
 //! that is asked for: together at most [`super::NgpConfig::train_faint`] of a ray's light.
 
-use super::chunk::StepContext;
+use super::context::StepContext;
 use super::cues::CutRoom;
 use super::field::{Placing, When, sized};
 use super::proposed::Proposed;

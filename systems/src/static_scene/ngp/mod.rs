@@ -14,12 +14,14 @@
 //!
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
+mod account;
 #[cfg(test)]
 mod budget_tests;
 #[cfg(test)]
 mod canonical_tests;
 mod chunk;
 mod config;
+mod context;
 mod cues;
 mod field;
 mod fit;
@@ -55,11 +57,11 @@ use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
-use crate::static_scene::left_out::LeftOut;
 use crate::static_scene::survey::Surveys;
 use crate::system::{
     Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
 };
+use account::{Seconds, Skipped};
 use chunk::Chunk;
 use cues::Cues;
 use field::Field;
@@ -70,8 +72,6 @@ use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use table::TableTrainer;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
@@ -151,34 +151,6 @@ struct Work {
     still: StillWork,
     /// What is rendered in another light; empty until a method asks.
     relighting: Relighting,
-}
-
-/// Seconds of work in each part: of all threads together where a part runs on several.
-#[derive(Clone, Copy, Debug, Default)]
-struct Seconds {
-    draw: f64,
-    march: f64,
-    encode: f64,
-    networks: f64,
-    proposals: f64,
-    scatter: f64,
-    optimise: f64,
-    occupancy: f64,
-}
-
-/// Counts for the table of skips.
-#[derive(Debug, Default)]
-struct Skipped {
-    /// Training samples kept, placed, and those a march without the occupancy grid would have placed.
-    kept: AtomicU64,
-    placed: AtomicU64,
-    dense: AtomicU64,
-    /// Intervals that proposals weighed.
-    proposed: AtomicU64,
-    /// Training pixels that were not rendered.
-    left_out: LeftOut,
-    /// What renders skipped.
-    renders: Mutex<Ledger>,
 }
 
 /// Normalised distance of a ray: even across a box, half linear and half inverse where space has no end.
@@ -412,66 +384,10 @@ impl System for Ngp {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        let faint = self.faint();
-        let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
-        let (placed, dense) = (read(&self.skipped.placed), read(&self.skipped.dense));
-        let space = if self.proposals.is_some() {
-            let proposed = read(&self.skipped.proposed);
-            SkipRow::counted(
-                "training: weighed by proposals alone",
-                (proposed, proposed + placed),
-                "samples",
-                "weights that the proposals bound (interlevel loss)".into(),
-            )
-        } else {
-            SkipRow::counted(
-                "training: empty space",
-                (dense.saturating_sub(placed), dense),
-                "samples",
-                format!(
-                    "optical thickness < {} per cell at the smallest step, as last seen",
-                    self.config.occupancy_threshold
-                ),
-            )
-        };
-        let mut rows = vec![
-            space,
-            SkipRow::counted(
-                if faint > 0.0 {
-                    "training: faint, or behind what is opaque"
-                } else {
-                    "training: behind what is opaque"
-                },
-                (placed.saturating_sub(read(&self.skipped.kept)), placed),
-                "samples",
-                if faint > 0.0 {
-                    format!("at most {faint} of a ray's light, and transmittance < {}", self.config.train_stop)
-                } else {
-                    format!("transmittance < {}", self.config.train_stop)
-                },
-            ),
-        ];
-        rows.extend(self.field.deform.iter().flat_map(Deform::skips));
-        rows.extend(self.skipped.left_out.ignored_row());
-        rows.extend(self.skipped.left_out.strangers_row());
-        rows.extend(render::skip_rows(&self.skipped.renders));
-        rows
+        account::skips(self)
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {
-        let s = &self.seconds;
-        vec![
-            ("draw rays", s.draw),
-            (if self.proposals.is_some() { "proposals (all threads)" } else { "march (all threads)" }, s.march),
-            ("encode (all threads)", s.encode),
-            ("networks and compositing (all threads)", s.networks),
-            ("grid gradient and Adam", s.scatter),
-            ("network Adam", s.optimise),
-            if self.proposals.is_some() {
-                ("proposals backwards (all threads)", s.proposals)
-            } else {
-                ("occupancy", s.occupancy)
-            },
-        ]
+        account::timings(self)
     }
 }

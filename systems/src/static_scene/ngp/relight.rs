@@ -1,6 +1,7 @@
 //! Patches in the light of another photo, for a method that wants to see them: only the colour network learns from that.
 
-use super::chunk::{Chunk, StepContext};
+use super::chunk::Chunk;
+use super::context::StepContext;
 use super::field::sized;
 use super::step::Plan;
 use super::tile::{Gradients, Tile};

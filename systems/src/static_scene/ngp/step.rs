@@ -1,6 +1,6 @@
 //! One training step, from random pixels to Adam.
 
-use super::chunk::StepContext;
+use super::context::StepContext;
 use super::field::fold_gradients;
 use super::grid_trainer::Part;
 use super::proposal::Proposals;

@@ -1,6 +1,6 @@
 //! A tile: whole rays of a chunk, few enough that their activations stay in the L2 cache. Forward to pixels, and back.
 
-use super::chunk::StepContext;
+use super::context::StepContext;
 use super::field::{Field, sized};
 use super::head::{HeadBars, HeadTile};
 use super::settling;

@@ -1,0 +1,99 @@
+//! What a training did and did not do: seconds by part, samples skipped.
+
+use super::{Ngp, render};
+use crate::deform::Deform;
+use crate::static_scene::left_out::LeftOut;
+use crate::system::SkipRow;
+use render_core::budget::Ledger;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Seconds of work in each part: of all threads together where a part runs on several.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seconds {
+    pub(super) draw: f64,
+    pub(super) march: f64,
+    pub(super) encode: f64,
+    pub(super) networks: f64,
+    pub(super) proposals: f64,
+    pub(super) scatter: f64,
+    pub(super) optimise: f64,
+    pub(super) occupancy: f64,
+}
+
+/// Counts for the table of skips.
+#[derive(Debug, Default)]
+pub(super) struct Skipped {
+    /// Training samples kept, placed, and those a march without the occupancy grid would have placed.
+    pub(super) kept: AtomicU64,
+    pub(super) placed: AtomicU64,
+    pub(super) dense: AtomicU64,
+    /// Intervals that proposals weighed.
+    pub(super) proposed: AtomicU64,
+    /// Training pixels that were not rendered.
+    pub(super) left_out: LeftOut,
+    /// What renders skipped.
+    pub(super) renders: Mutex<Ledger>,
+}
+
+/// Rows of the table of skips.
+pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
+    let faint = ngp.faint();
+    let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
+    let (placed, dense) = (read(&ngp.skipped.placed), read(&ngp.skipped.dense));
+    let space = if ngp.proposals.is_some() {
+        let proposed = read(&ngp.skipped.proposed);
+        SkipRow::counted(
+            "training: weighed by proposals alone",
+            (proposed, proposed + placed),
+            "samples",
+            "weights that the proposals bound (interlevel loss)".into(),
+        )
+    } else {
+        SkipRow::counted(
+            "training: empty space",
+            (dense.saturating_sub(placed), dense),
+            "samples",
+            format!(
+                "optical thickness < {} per cell at the smallest step, as last seen",
+                ngp.config.occupancy_threshold
+            ),
+        )
+    };
+    let mut rows = vec![
+        space,
+        SkipRow::counted(
+            if faint > 0.0 { "training: faint, or behind what is opaque" } else { "training: behind what is opaque" },
+            (placed.saturating_sub(read(&ngp.skipped.kept)), placed),
+            "samples",
+            if faint > 0.0 {
+                format!("at most {faint} of a ray's light, and transmittance < {}", ngp.config.train_stop)
+            } else {
+                format!("transmittance < {}", ngp.config.train_stop)
+            },
+        ),
+    ];
+    rows.extend(ngp.field.deform.iter().flat_map(Deform::skips));
+    rows.extend(ngp.skipped.left_out.ignored_row());
+    rows.extend(ngp.skipped.left_out.strangers_row());
+    rows.extend(render::skip_rows(&ngp.skipped.renders));
+    rows
+}
+
+/// Seconds by part.
+pub(super) fn timings(ngp: &Ngp) -> Vec<(&'static str, f64)> {
+    let s = &ngp.seconds;
+    vec![
+        ("draw rays", s.draw),
+        (if ngp.proposals.is_some() { "proposals (all threads)" } else { "march (all threads)" }, s.march),
+        ("encode (all threads)", s.encode),
+        ("networks and compositing (all threads)", s.networks),
+        ("grid gradient and Adam", s.scatter),
+        ("network Adam", s.optimise),
+        if ngp.proposals.is_some() {
+            ("proposals backwards (all threads)", s.proposals)
+        } else {
+            ("occupancy", s.occupancy)
+        },
+    ]
+}

@@ -1,0 +1,88 @@
+//! What all chunks of a training step share: the field, where samples go, the batch, and what errors cost.
+
+use super::cues::Cues;
+use super::field::Field;
+use super::occupy::Marcher;
+use super::proposal::Proposals;
+use super::settling::Settling;
+use crate::data::Batch;
+use crate::method::{Codes, Method, Pixel, PixelBar};
+use crate::space::Space;
+use losses::kernel::Kernel;
+use render_core::occupancy::OccupancyGrid;
+use render_core::ray::Ray;
+use render_core::ray_distance::RayDistance;
+
+/// What all chunks of a step share.
+pub(super) struct StepContext<'a> {
+    pub(super) field: &'a Field,
+    pub(super) space: &'a Space,
+    pub(super) occupancy: &'a OccupancyGrid,
+    pub(super) marcher: Marcher,
+    /// Where samples are placed by proposals instead, and the exponent of their weights.
+    pub(super) proposals: Option<&'a Proposals>,
+    pub(super) exponent: f32,
+    /// Part of a sample's interval that lies in front of it.
+    pub(super) lead: f32,
+    pub(super) batch: &'a Batch,
+    /// What else the loss depends on.
+    pub(super) method: Option<&'a dyn Method>,
+    /// Codes of the training views.
+    pub(super) appearance: Option<Codes<'a>>,
+    pub(super) transient: Option<Codes<'a>>,
+    /// Rays of a pixel: its colour is the mean of theirs.
+    pub(super) per_pixel: usize,
+    /// `[pixels * per_pixel]`
+    pub(super) rays: &'a [Ray],
+    /// Background and true colour of each pixel of the batch, the one on the other.
+    pub(super) background: &'a [[f32; 3]],
+    pub(super) truth: &'a [[f32; 3]],
+    /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
+    pub(super) jitter: &'a [f32],
+    /// Measured depth.
+    pub(super) cues: Option<&'a Cues>,
+    pub(super) kernel: Kernel,
+    /// Levels of the grid whose slopes lead what moves.
+    pub(super) warp_levels: usize,
+    /// Factor of the distortion loss, and the distance it is measured in.
+    pub(super) distortion: f32,
+    pub(super) distance: RayDistance,
+    /// Factor of the prior on densities.
+    pub(super) sparsity: f32,
+    /// Factors of what draws the field to a decision.
+    pub(super) settling: Settling,
+    /// Optical depth behind which nothing is looked at.
+    pub(super) depth_limit: f64,
+    /// Part of a ray's light that faint samples are left out with.
+    pub(super) faint: f32,
+    /// One over the pixels of the batch that count.
+    pub(super) share: f32,
+}
+
+impl StepContext<'_> {
+    /// Measured distance along the ray of pixel `i`, internal units; 0 where nothing is known.
+    pub(super) fn measured(&self, i: usize) -> f32 {
+        let Some(cues) = self.cues else { return 0.0 };
+        // A share of the width is not enough: a pixel is asked for, not a place.
+        let [x, y] = self.batch.pixel[i];
+        cues.at(self.batch.view[i], [x, y])
+    }
+
+    /// Factor of the elastic loss.
+    pub(super) fn elastic(&self) -> f32 {
+        self.field.deform.as_ref().map_or(0.0, |deform| deform.config().elastic)
+    }
+
+    /// What the error of pixel `i` costs and the derivative of that.
+    pub(super) fn loss(&self, i: usize, pixel: &Pixel) -> (f32, PixelBar) {
+        let truth = self.truth[i];
+        match self.method {
+            Some(method) => method.loss(i, pixel, truth),
+            None => {
+                let value = |c: usize| self.kernel.value(pixel.rgb[c], truth[c]);
+                let slope = |c: usize| self.kernel.derivative(pixel.rgb[c], truth[c]) / 3.0;
+                ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(slope)))
+            }
+        }
+    }
+}
