@@ -28,7 +28,14 @@ pub(super) fn goal((aim, scene, entry): (Aim, &str, &Entry), measured: &Measured
             let best = in_time.max_by(|a, b| a.psnr.total_cmp(&b.psnr))?;
             (format!("within {seconds} s, after {:.0} s", best.seconds), "dB", best.psnr, psnr)
         }
-        Aim::Costs(least) => ("cost of the part".into(), "dB", whole()?.psnr? - measured.psnr?, least),
+        Aim::Costs(least) => {
+            let figure = whole()?.psnr? - measured.psnr?;
+            if figure == 0.0 {
+                // The same picture to the last bit: the part has nothing to do here, say no points to hold in place.
+                return None;
+            }
+            ("cost of the part".into(), "dB", figure, least)
+        }
         Aim::HiddenCosts(least) => {
             let figure = whole()?.motion.psnr_hidden? - measured.motion.psnr_hidden?;
             ("cost of the part, what was hidden".into(), "dB", figure, least)
@@ -100,6 +107,8 @@ mod tests {
             "what came later does not count"
         );
         assert_eq!(of(Aim::Costs(0.0)), Some((-0.5, 0.0)));
+        let idle = goal((Aim::Costs(0.0), "g", &entry), &row("own", 28.0, 25.0, &[]), &before);
+        assert!(idle.is_none(), "a part that does nothing here costs nothing, and that is no merit");
         assert_eq!(of(Aim::HiddenCosts(0.0)), Some((-5.0, 0.0)));
         assert_eq!(of(Aim::DepthCosts(1.0)).map(|(x, _)| (x * 100.0).round()), Some(80.0));
         assert_eq!(of(Aim::Over("nobody", 0.0)), None, "nothing to compare with");
