@@ -8,7 +8,7 @@ use stress::Tally;
 
 /// Accepted at either end, by system.
 const ACCEPTED: [(&str, &str); 7] = [
-    ("ngp", "moves=true warp_lr=0.0 guided=true depth=1000.0 curriculum=1"),
+    ("ngp", "warp_lr=0.0 guided=true depth=1000.0 curriculum=1"),
     (
         "t-nerf",
         "time_octaves=0 time_octaves=1 time_octaves=16 moment=codes moment=network moment_dims=1 moment_dims=1024
