@@ -18,11 +18,21 @@ pub const CLAMP: f64 = 1e-6;
 /// times 1e-3).
 #[must_use]
 pub fn binary(p: &[f32]) -> f64 {
-    let one = |&p: &f32| {
-        let p = f64::from(p).clamp(CLAMP, 1.0 - CLAMP);
-        -(p * m64::ln(p) + (1.0 - p) * m64::ln_1p(-p))
-    };
-    p.iter().map(one).sum()
+    p.iter().map(|&p| value(p)).sum()
+}
+
+/// [`binary`] of one ray.
+#[must_use]
+pub fn value(p: f32) -> f64 {
+    let p = f64::from(p).clamp(CLAMP, 1.0 - CLAMP);
+    -(p * m64::ln(p) + (1.0 - p) * m64::ln_1p(-p))
+}
+
+/// `ln((1 - p) / p)`, the derivative of [`value`]; 0 where `p` was held.
+#[must_use]
+pub fn derivative(p: f32) -> f64 {
+    let p = f64::from(p);
+    if (CLAMP..=1.0 - CLAMP).contains(&p) { m64::ln_1p(-p) - m64::ln(p) } else { 0.0 }
 }
 
 /// Backward twin of [`binary`]: adds `loss_bar ln((1 - p) / p)` into `p_bar` `[n]`, nothing where `p` was held.
@@ -32,10 +42,7 @@ pub fn binary(p: &[f32]) -> f64 {
 pub fn binary_backward(p: &[f32], loss_bar: f64, p_bar: &mut [f32]) -> Result<(), LossError> {
     same("p_bar", p.len(), p_bar.len())?;
     for (p_bar, &p) in p_bar.iter_mut().zip(p) {
-        let p = f64::from(p);
-        if (CLAMP..=1.0 - CLAMP).contains(&p) {
-            *p_bar += (loss_bar * (m64::ln_1p(-p) - m64::ln(p))) as f32;
-        }
+        *p_bar += (loss_bar * derivative(p)) as f32;
     }
     Ok(())
 }

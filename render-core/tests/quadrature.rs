@@ -1,7 +1,10 @@
 //! The quadrature against its `f64` reference, its gradient against differences, and the properties it must have.
 
+mod rays;
+
 use float_core::Simd;
 use proptest::prelude::*;
+use rays::{any_tau, close, pattern};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, DepthBar, LastInterval, Samples, Values, Weights, WeightsBar, composite,
     composite_backward, depth_expected, depth_expected_backward, reference, weights, weights_backward,
@@ -32,15 +35,12 @@ struct Picture {
 impl Batch {
     /// Rays of the given lengths; `f(i)` is the optical depth of sample `i`, the colours are a fixed pattern.
     fn new(lengths: &[usize], mut tau: impl FnMut(usize) -> f32) -> Self {
-        let mut offsets = vec![0];
-        for n in lengths {
-            offsets.push(offsets[offsets.len() - 1] + *n as u32);
-        }
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = n + 3;
         Self {
             tau: (0..n).map(&mut tau).collect(),
-            rgb: (0..3 * stride).map(|i| ((i * 37 + 11) % 101) as f32 / 100.0).collect(),
+            rgb: pattern(3 * stride, 37, 11),
             background: (0..3 * lengths.len()).map(|i| ((i * 29 + 5) % 97) as f32 / 96.0).collect(),
             offsets,
             stride,
@@ -106,17 +106,6 @@ fn backward(simd: Simd, b: &Batch, p: &Picture, bar: CompositeBar<'_>) -> Grads 
     let forward = Weights { w: &p.w, trans_end: &p.trans_end };
     composite_backward(simd, b.samples(), b.values(), &b.background, forward, bar, grads);
     g
-}
-
-#[track_caller]
-fn close(got: f32, want: f64, abs: f64, rel: f64, what: impl std::fmt::Display) {
-    let bound = abs + rel * want.abs();
-    assert!((f64::from(got) - want).abs() <= bound, "{what}: got {got}, want {want}, bound {bound:e}");
-}
-
-/// Optical depths: ordinary, tiny, zero, opaque.
-fn any_tau() -> impl Strategy<Value = f32> {
-    prop_oneof![4 => 0.0_f32..0.5, 2 => 0.0_f32..5.0, 1 => Just(0.0), 1 => 1e-30_f32..1e-6, 1 => 5.0_f32..100.0]
 }
 
 fn any_last() -> impl Strategy<Value = LastInterval> {

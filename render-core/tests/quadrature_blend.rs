@@ -1,7 +1,10 @@
 //! The blend of a static and a dynamic part against its `f64` reference, its gradients against differences, and its properties.
 
+mod rays;
+
 use float_core::Simd;
 use proptest::prelude::*;
+use rays::{any_tau, close, pattern};
 use render_core::quadrature::blend::{
     BlendSamples, BlendTrans, BlendValues, CompositeBlend, CompositeBlendBar, CompositeBlendGrads, composite_blend,
     composite_blend_backward, reference,
@@ -97,14 +100,10 @@ fn colour_only(colour: &[f32]) -> CompositeBlendBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `sample(i)` is `tau_s, tau_d, m` of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut sample: impl FnMut(usize) -> [f32; 3]) -> Self {
-        let mut offsets = vec![0];
-        for n in lengths {
-            offsets.push(offsets[offsets.len() - 1] + *n as u32);
-        }
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let samples: Vec<[f32; 3]> = (0..n).map(&mut sample).collect();
-        let pattern = |n: usize, a: usize, b: usize| (0..n).map(|i| ((i * a + b) % 101) as f32 / 100.0).collect();
         Self {
             tau: [0, 1].map(|k| samples.iter().map(|s| s[k]).collect()),
             m: samples.iter().map(|s| s[2]).collect(),
@@ -120,7 +119,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        self.offsets[r] as usize..self.offsets[r + 1] as usize
+        rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> BlendSamples<'_> {
@@ -198,17 +197,6 @@ impl Batch {
 
 fn wide(x: &[f32]) -> Vec<f64> {
     x.iter().map(|&x| x.into()).collect()
-}
-
-#[track_caller]
-fn close(got: f32, want: f64, abs: f64, rel: f64, what: impl std::fmt::Display) {
-    let bound = abs + rel * want.abs();
-    assert!((f64::from(got) - want).abs() <= bound, "{what}: got {got}, want {want}, bound {bound:e}");
-}
-
-/// Optical depths: ordinary, tiny, zero, opaque.
-fn any_tau() -> impl Strategy<Value = f32> {
-    prop_oneof![4 => 0.0_f32..0.5, 2 => 0.0_f32..5.0, 2 => Just(0.0), 1 => 1e-30_f32..1e-6, 1 => 5.0_f32..100.0]
 }
 
 /// Shares: anything, and often the ends.

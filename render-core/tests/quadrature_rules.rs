@@ -1,8 +1,11 @@
 //! The rules between samples: against the `f64` reference, the reference against closed forms and differences, and what
 //! linear density must do.
 
+mod rays;
+
 use float_core::Simd;
 use proptest::prelude::*;
+use rays::pattern;
 use render_core::quadrature::{
     IntervalsBar, LastInterval, Points, PointsBar, Rule, Samples, Values, intervals, intervals_backward, reference,
     weights,
@@ -23,17 +26,14 @@ struct Batch {
 
 impl Batch {
     fn new(lengths: &[usize], samples: &[(f32, f32)]) -> Self {
-        let mut offsets = vec![0];
-        for n in lengths {
-            offsets.push(offsets[offsets.len() - 1] + *n as u32);
-        }
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = n + 3;
         Self {
             offsets,
             dt: (0..n).map(|i| samples[i % samples.len()].0).collect(),
             sigma: (0..n).map(|i| samples[i % samples.len()].1).collect(),
-            rgb: (0..3 * stride).map(|i| ((i * 37 + 11) % 101) as f32 / 100.0).collect(),
+            rgb: pattern(3 * stride, 37, 11),
             stride,
         }
     }

@@ -1,7 +1,10 @@
 //! Joint compositing of two parts against its `f64` reference, its gradients against differences, and its properties.
 
+mod rays;
+
 use float_core::Simd;
 use proptest::prelude::*;
+use rays::{any_tau, close, pattern};
 use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
     composite_two_backward, reference,
@@ -84,14 +87,10 @@ fn colour_only(colour: &[f32]) -> CompositeTwoBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `tau(i)` are the optical depths of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut tau: impl FnMut(usize) -> [f32; 2]) -> Self {
-        let mut offsets = vec![0];
-        for n in lengths {
-            offsets.push(offsets[offsets.len() - 1] + *n as u32);
-        }
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let depths: Vec<[f32; 2]> = (0..n).map(&mut tau).collect();
-        let pattern = |n: usize, a: usize, b: usize| (0..n).map(|i| ((i * a + b) % 101) as f32 / 100.0).collect();
         Self {
             tau: [0, 1].map(|k| depths.iter().map(|tau| tau[k]).collect()),
             rgb: [pattern(3 * stride[0], 37, 11), pattern(3 * stride[1], 53, 7)],
@@ -107,7 +106,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        self.offsets[r] as usize..self.offsets[r + 1] as usize
+        rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> TwoSamples<'_> {
@@ -185,17 +184,6 @@ impl Batch {
         let pixel = reference::pixel(&ray, &self.colours(r, 0), &self.colours(r, 1), &beta, background);
         (ray, pixel)
     }
-}
-
-#[track_caller]
-fn close(got: f32, want: f64, abs: f64, rel: f64, what: impl std::fmt::Display) {
-    let bound = abs + rel * want.abs();
-    assert!((f64::from(got) - want).abs() <= bound, "{what}: got {got}, want {want}, bound {bound:e}");
-}
-
-/// Optical depths: ordinary, tiny, zero, opaque.
-fn any_tau() -> impl Strategy<Value = f32> {
-    prop_oneof![4 => 0.0_f32..0.5, 2 => 0.0_f32..5.0, 2 => Just(0.0), 1 => 1e-30_f32..1e-6, 1 => 5.0_f32..100.0]
 }
 
 /// Rays of 0 to 70 samples, and a longer one now and then.

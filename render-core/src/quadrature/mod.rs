@@ -69,6 +69,17 @@ pub enum LastInterval {
     Opaque,
 }
 
+/// Number of rays of offsets.
+fn rays(offsets: &[u32]) -> usize {
+    offsets.len().saturating_sub(1)
+}
+
+/// The samples of ray `r`.
+#[inline(always)]
+fn range(offsets: &[u32], r: usize) -> Range<usize> {
+    offsets[r] as usize..offsets[r + 1] as usize
+}
+
 /// Optical depths of a batch of rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Samples<'a> {
@@ -84,13 +95,13 @@ impl Samples<'_> {
     /// Number of rays.
     #[must_use]
     pub fn rays(&self) -> usize {
-        self.offsets.len().saturating_sub(1)
+        rays(self.offsets)
     }
 
     /// The samples of ray `r`.
     #[inline(always)]
     pub(crate) fn range(&self, r: usize) -> Range<usize> {
-        self.offsets[r] as usize..self.offsets[r + 1] as usize
+        range(self.offsets, r)
     }
 
     fn check(&self) {
@@ -114,6 +125,14 @@ impl Values<'_> {
         assert!(self.stride >= n, "values: stride {} is less than {n} samples", self.stride);
         check_strided(self.data.len(), self.stride, self.channels, n, "values");
     }
+}
+
+/// Colours of two parts on the same rays, and what is behind them: as many channels everywhere.
+fn check_parts([a, b]: [Values<'_>; 2], background: &[f32], (n, rays): (usize, usize)) {
+    a.check(n);
+    b.check(n);
+    assert_eq!(a.channels, b.channels, "the values of the two parts differ in channels");
+    assert_eq!(background.len(), rays * a.channels, "background holds one value a ray and channel");
 }
 
 /// What [`weights`] or [`composite`] left for the way back.

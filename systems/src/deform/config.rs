@@ -165,3 +165,25 @@ pub enum Sees {
         octaves: usize,
     },
 }
+
+#[cfg(test)]
+impl DeformConfig {
+    /// Nothing but moments: no part sees them yet.
+    pub(crate) fn of_moments(moment: Moment) -> Self {
+        Self {
+            moment,
+            warp: None,
+            ambient: None,
+            planes: None,
+            sees: Sees::Place,
+            elastic: 0.0,
+            elastic_scale: 0.03,
+            elastic_at: ElasticAt::Middle,
+            background: 0.0,
+            background_points: 0,
+            curriculum: 0,
+            rate: 1.0,
+            code_rate: 1.0,
+        }
+    }
+}

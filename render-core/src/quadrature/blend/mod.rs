@@ -80,7 +80,7 @@ pub use backward::{BlendTrans, CompositeBlendBar, CompositeBlendGrads, composite
 pub use forward::{CompositeBlend, composite_blend};
 
 use super::lanes::{load_part, store_part};
-use super::{Values, check_offsets};
+use super::{Values, check_offsets, check_parts, range, rays};
 use core::ops::Range;
 use float_core::{Vector, vecmath};
 
@@ -101,12 +101,12 @@ impl BlendSamples<'_> {
     /// Number of rays.
     #[must_use]
     pub fn rays(&self) -> usize {
-        self.offsets.len().saturating_sub(1)
+        rays(self.offsets)
     }
 
     #[inline(always)]
     fn range(&self, r: usize) -> Range<usize> {
-        self.offsets[r] as usize..self.offsets[r + 1] as usize
+        range(self.offsets, r)
     }
 }
 
@@ -134,10 +134,7 @@ fn check(samples: BlendSamples<'_>, values: BlendValues<'_>) {
     check_offsets(samples.offsets, n);
     assert_eq!(samples.tau_d.len(), n, "tau_d and tau_s differ in length");
     assert_eq!(samples.m.len(), n, "m and tau_s differ in length");
-    values.values_s.check(n);
-    values.values_d.check(n);
-    assert_eq!(values.values_d.channels, values.channels(), "static and dynamic values differ in channels");
-    assert_eq!(values.background.len(), rays * values.channels(), "background holds one value a ray and channel");
+    check_parts([values.values_s, values.values_d], values.background, (n, rays));
 }
 
 /// Samples of one ray are worked on in pieces of this many, held on the stack.

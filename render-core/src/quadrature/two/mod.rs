@@ -54,7 +54,7 @@ pub mod reference;
 pub use backward::{CompositeTwoBar, CompositeTwoGrads, WeightsTwo, composite_two_backward};
 pub use forward::{CompositeTwo, composite_two};
 
-use super::{Values, check_offsets};
+use super::{Values, check_offsets, check_parts, range, rays};
 use core::ops::Range;
 use float_core::Vector;
 
@@ -92,12 +92,12 @@ impl TwoSamples<'_> {
     /// Number of rays.
     #[must_use]
     pub fn rays(&self) -> usize {
-        self.offsets.len().saturating_sub(1)
+        rays(self.offsets)
     }
 
     #[inline(always)]
     fn range(&self, r: usize) -> Range<usize> {
-        self.offsets[r] as usize..self.offsets[r + 1] as usize
+        range(self.offsets, r)
     }
 }
 
@@ -126,11 +126,8 @@ fn check(samples: TwoSamples<'_>, values: TwoValues<'_>) {
     let (n, rays) = (samples.tau_s.len(), samples.rays());
     check_offsets(samples.offsets, n);
     assert_eq!(samples.tau_t.len(), n, "tau_t and tau_s differ in length");
-    values.values_s.check(n);
-    values.values_t.check(n);
-    assert_eq!(values.values_t.channels, values.channels(), "static and transient values differ in channels");
+    check_parts([values.values_s, values.values_t], values.background, (n, rays));
     assert_eq!(values.beta.len(), n, "beta and tau_s differ in length");
-    assert_eq!(values.background.len(), rays * values.channels(), "background holds one value a ray and channel");
 }
 
 /// Optical depths beyond this count as this where the opacity is divided: their sum must not overflow.

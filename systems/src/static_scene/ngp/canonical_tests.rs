@@ -3,7 +3,7 @@
 use super::Ngp;
 use super::budget_tests::{query, random_rays, randomised, small};
 use crate::canonical::NOWHERE;
-use crate::deform::{Deform, DeformConfig, ElasticAt, Moment, Motion, Origin, Sees, Warp};
+use crate::deform::{Deform, DeformConfig, Moment, Motion, Origin, Warp};
 use crate::space::SpaceKind;
 use crate::system::{Canonical, LayerRequest, Layers, Query, System, TensorData, TensorMap};
 use glam::DVec3;
@@ -15,7 +15,6 @@ const WAY: [f32; 3] = [0.1, -0.2, 0.05];
 /// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
 fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
     let config = DeformConfig {
-        moment: Moment::Time { octaves: 2 },
         warp: Some(Warp {
             octaves: 2,
             anneal: 0,
@@ -24,17 +23,7 @@ fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
             motion: Motion::Translation,
             origin: Origin::Canonical,
         }),
-        ambient: None,
-        planes: None,
-        sees: Sees::Place,
-        elastic: 0.0,
-        elastic_scale: 0.03,
-        elastic_at: ElasticAt::Middle,
-        background: 0.0,
-        background_points: 0,
-        curriculum: 0,
-        rate: 1.0,
-        code_rate: 1.0,
+        ..DeformConfig::of_moments(Moment::Time { octaves: 2 })
     };
     let mut deform = Deform::new(config, &super::budget_tests::table().1, seed).unwrap();
     let mut state: TensorMap = deform.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();

@@ -3,7 +3,7 @@
 use super::budget_tests::small;
 use super::{Ngp, NgpConfig};
 use crate::data::Dataset;
-use crate::deform::{Deform, DeformConfig, ElasticAt, Moment, Sees};
+use crate::deform::{Deform, DeformConfig, Moment, Sees};
 use crate::options::Background;
 use crate::space::{Space, SpaceKind};
 use crate::system::{Query, System, TensorData, TensorMap};
@@ -26,21 +26,7 @@ fn filmed(side: u32) -> Dataset {
 }
 
 fn of(config: NgpConfig, data: &Dataset, moment: Moment) -> Ngp {
-    let deform = DeformConfig {
-        moment,
-        warp: None,
-        ambient: None,
-        planes: None,
-        sees: Sees::Moment,
-        elastic: 0.0,
-        elastic_scale: 0.03,
-        elastic_at: ElasticAt::Middle,
-        background: 0.0,
-        background_points: 0,
-        curriculum: 0,
-        rate: 1.0,
-        code_rate: 1.0,
-    };
+    let deform = DeformConfig { sees: Sees::Moment, ..DeformConfig::of_moments(moment) };
     let deform = Deform::new(deform, data, 1).unwrap();
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
     Ngp::moving(config, space, Background::White, 1, ("ngp", None, Some(deform))).unwrap()

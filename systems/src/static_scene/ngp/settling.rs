@@ -27,12 +27,11 @@ pub(super) fn ends(
     share: f32,
     end_bar: &mut [f32],
 ) -> f64 {
-    end_bar.fill(0.0);
     let mut loss = 0.0;
-    for (r, (p, bar)) in trans_end.chunks(1).zip(end_bar.chunks_mut(1)).enumerate() {
+    for (r, (&p, bar)) in trans_end.iter().zip(end_bar).enumerate() {
         let factor = f64::from(weight(r) * factor);
-        loss += factor * entropy::binary(p);
-        entropy::binary_backward(p, factor * f64::from(share), bar).expect("one each");
+        loss += factor * entropy::value(p);
+        *bar = (factor * f64::from(share) * entropy::derivative(p)) as f32;
     }
     loss
 }
