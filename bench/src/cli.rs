@@ -1,6 +1,6 @@
 //! The command line.
 
-use crate::sections::Name;
+use crate::name::Name;
 use clap::Parser;
 use std::path::PathBuf;
 

@@ -9,6 +9,7 @@ mod error;
 mod goals;
 mod machine;
 mod measure;
+mod name;
 mod page;
 mod plot;
 mod sections;

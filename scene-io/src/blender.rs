@@ -6,9 +6,9 @@
 //! [`crate::time`]; HDR-HexPlane's `exposures` are told, not used; `mask_path` has no agreed meaning in this dialect and is not, except in
 //! `transforms_train_clutter.json`: there it is the truth about the clutter (white), which is for scoring only.
 
-use crate::assemble::{DialectSplits, MaskFolder, Reading};
 use crate::json::Document;
 use crate::options::{LoadOptions, Masks, TrainPhotos};
+use crate::reading::{DialectSplits, MaskFolder, Reading};
 use crate::transforms::raw_frame;
 use crate::{ErrorKind, LayoutHint, Problem, SceneError, Split};
 use std::path::{Path, PathBuf};

@@ -1,8 +1,9 @@
 //! Everything there is to say about a dataset, before training on it.
 
-use crate::assemble::{Need, listing};
+use crate::assemble::listing;
 use crate::load::load_all;
 use crate::priors::refuse_blank_masks;
+use crate::reading::Need;
 use crate::splits::numbers;
 use crate::{
     Dialect, ErrorKind, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions, time,

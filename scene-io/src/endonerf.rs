@@ -13,13 +13,14 @@
 //! EndoNeRF does, unless the caller holds some out. A frame that its mask covers whole is left out with a warning. The README
 //! of EndoNeRF calls the pose file `pose_bounds.npy`; that is read, too.
 
-use crate::assemble::{DialectSplits, Need, RawFrame, Reading, listing};
+use crate::assemble::listing;
 use crate::depth::DepthSource;
 use crate::files::is_image;
 use crate::llff::{Row, images_of, rows};
 use crate::options::{LoadOptions, Masks};
 use crate::picture::{decode_mask, read_header, same_shape};
 use crate::pose::Axes;
+use crate::reading::{DialectSplits, Need, RawFrame, Reading};
 use crate::{ErrorKind, MaskPolarity, Problem, SceneError, time};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};

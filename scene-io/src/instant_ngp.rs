@@ -4,9 +4,9 @@
 //! there are skipped, as instant-ngp does. `scale` (0.33), `offset` (0.5) and `aabb_scale` (1) describe the box the scene
 //! lies in, which becomes [`crate::Scene::bounds`] in the file's own frame; poses are left as they are.
 
-use crate::assemble::{DialectSplits, Reading};
 use crate::json::{Document, Object};
 use crate::options::MissingImages;
+use crate::reading::{DialectSplits, Reading};
 use crate::transforms::raw_frame;
 use crate::{Bounds, ErrorKind, LayoutHint, Problem, SceneError, Split};
 use glam::DVec3;

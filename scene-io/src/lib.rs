@@ -35,6 +35,7 @@ mod ply;
 mod pose;
 mod priors;
 mod random;
+mod reading;
 mod scene;
 mod splits;
 pub mod synthetic;

@@ -4,10 +4,10 @@
 //! the full-size image) and the near and far z depth of what is seen. The images may be any `images_N` folder. A
 //! `sparse/0/points3D` file beside it lies in the same world frame and gives start points.
 
-use crate::assemble::{DialectSplits, Intrinsics, Need, RawFrame, Reading};
 use crate::files::images_in;
 use crate::options::LoadOptions;
 use crate::pose::{Axes, pose_from};
+use crate::reading::{DialectSplits, Intrinsics, Need, RawFrame, Reading};
 use crate::{ErrorKind, LayoutHint, Point, Problem, SceneError, Split, colmap, images_folder, npy};
 use glam::{DMat3, DVec3};
 use render_core::camera::Lens;

@@ -1,7 +1,8 @@
 //! From a path to a [`Scene`].
 
-use crate::assemble::{Assembled, Need, Reading, assemble};
+use crate::assemble::{Assembled, assemble};
 use crate::detect::{Found, detect};
+use crate::reading::{Need, Reading};
 use crate::{
     Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, endonerf,
     instant_ngp, llff, naming, nerfies, nerfstudio, nr_nerf, splits, time,

@@ -1,9 +1,9 @@
 //! Where the ignore mask of an image is.
 
 use crate::Problem;
-use crate::assemble::{MaskFolder, RawFrame, Reading};
 use crate::files::IMAGE_EXTENSIONS;
 use crate::options::{LoadOptions, Masks};
+use crate::reading::{MaskFolder, RawFrame, Reading};
 use std::path::{Path, PathBuf};
 
 /// The ignore mask of a frame whose image was found: the one the dataset names, the one beside the image, the one in a

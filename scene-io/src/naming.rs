@@ -10,9 +10,10 @@
 //! trained on. Frames that no list holds are unused. The Blender form's `transforms_train_clutter.json` and
 //! `transforms_train_clean.json` are chosen between while the dialect is detected.
 
-use crate::assemble::{DialectSplits, Reading, listing};
+use crate::assemble::listing;
 use crate::json::Document;
 use crate::options::{LoadOptions, TrainPhotos};
+use crate::reading::{DialectSplits, Reading};
 use crate::{Dialect, ErrorKind, Place, Problem, SceneError, Split, files};
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};

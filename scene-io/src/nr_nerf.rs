@@ -5,11 +5,11 @@
 //! scatter widely, so all get the 5th percentile of the near and the 95th of the far ones. Images are in time order.
 //! `i_test` (an index or a list of them) is held out. `render_poses` is the authors' camera path and is not used.
 
-use crate::assemble::{DialectSplits, Need, Reading};
 use crate::json::Document;
 use crate::llff::{Row, images_of, layout};
 use crate::options::LoadOptions;
 use crate::pose::Axes;
+use crate::reading::{DialectSplits, Need, Reading};
 use crate::{ErrorKind, Problem, SceneError, Split, time};
 use std::path::Path;
 

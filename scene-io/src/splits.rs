@@ -1,6 +1,7 @@
 //! Which frames are trained on and which are held out.
 
-use crate::assemble::{DialectSplits, listing};
+use crate::assemble::listing;
+use crate::reading::DialectSplits;
 use crate::{ErrorKind, Frame, Holdout, Problem, SceneError, Split};
 use std::path::Path;
 

@@ -1,10 +1,10 @@
 //! What the `transforms*.json` family has in common: intrinsics, lens and pose of a frame.
 
-use crate::assemble::{Intrinsics, RawFrame};
 use crate::depth::DepthSource;
 use crate::json::Object;
 use crate::pose::{Axes, pose_from};
 use crate::priors::{FlowPlace, FlowTruth};
+use crate::reading::{Intrinsics, RawFrame};
 use crate::{Problem, Split, files};
 use glam::{DMat3, DVec3};
 use render_core::camera::Lens;

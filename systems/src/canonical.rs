@@ -4,11 +4,8 @@
 //! point of the canonical scene that is. Pixels of two pictures that show the same canonical point show the same point of a
 //! thing, wherever it has moved in between.
 
-use crate::system::{Canonical, Layers, Query, System};
+use crate::system::{Canonical, Layers, NOWHERE, Query, System};
 use render_core::ray::Ray;
-
-/// Canonical point of a ray that hit nothing; infinite, as its depth is.
-pub const NOWHERE: [f64; 3] = [f64::INFINITY; 3];
 
 /// Fill [`Layers::canonical`] of rays whose depths are known, if the query asks for it.
 ///

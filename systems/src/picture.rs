@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn canonical_points_are_drawn_by_their_place_in_the_box() {
-        let canonical = vec![[0.0, 1.0, 3.0], [1.0, -9.0, 9.0], crate::canonical::NOWHERE];
+        let canonical = vec![[0.0, 1.0, 3.0], [1.0, -9.0, 9.0], crate::system::NOWHERE];
         let view = Rendered { width: 3, height: 1, layers: Layers { canonical, ..Layers::default() } };
         let out = super::canonical(&view, [[-1.0, 0.0, 1.0], [1.0, 1.0, 3.0]]);
         assert_eq!(out.into_raw(), [128, 255, 255, 255, 0, 255, 0, 0, 0]);

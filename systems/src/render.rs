@@ -108,7 +108,7 @@ pub fn plain_query(background: [f32; 3], error_budget: f32) -> Query {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canonical::NOWHERE;
+    use crate::system::NOWHERE;
 
     #[test]
     fn the_canonical_point_of_a_pixel_is_that_of_the_ray_whose_depth_it_has() {

@@ -3,7 +3,6 @@
 //! One training loop ([`crate::train`]) drives every [`System`]; it knows nothing of fields or samplers. Rays go in and
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
-use crate::canonical::NOWHERE;
 use crate::data::Dataset;
 use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
@@ -57,6 +56,9 @@ pub enum Canonical {
     /// Computed.
     Compute,
 }
+
+/// Canonical point of a ray that hit nothing; infinite, as its depth is.
+pub const NOWHERE: [f64; 3] = [f64::INFINITY; 3];
 
 /// Rendered layers of a batch of rays, one entry a ray. Colours are not clamped.
 #[derive(Clone, Debug, Default, PartialEq)]

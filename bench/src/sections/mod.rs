@@ -17,6 +17,7 @@ use crate::cli::Cli;
 use crate::error::BenchError;
 use crate::machine::Machine;
 use crate::measure::{Effort, Pools};
+use crate::name::Name;
 use crate::page::{self, Item, Section};
 use clap::ValueEnum;
 use float_core::Simd;
@@ -24,96 +25,28 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// A section, in the order of the page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Name {
-    /// What the machine can do: FMA, memory, random reads
-    Ceilings,
-    /// Networks, grids, compositing, optimiser: time, error, share of the ceiling
-    Kernels,
-    /// Quadrature rules and samplers: time against error
-    Quadrature,
-    /// Vector functions against the standard library
-    Maths,
-    /// f32 against bf16 in networks
-    Precision,
-    /// Layouts of hash grids: time against the error of a fit
-    Tables,
-    /// Skipped work: time, bound and true error
-    Budgets,
-    /// Cost against samples, pixels, table size, width, threads
-    Growth,
-    /// PSNR over time
-    Training,
-    /// Disturbed photos of lego, small: what systems for the wild win back
-    WildLego100,
-    /// The same, larger
-    WildLego400,
-    /// Things in the way: the same, and masks against the truth
-    WildYard,
-    /// Light and strangers at once
-    WildPlaza,
-    /// Real photographs of many people
-    WildReal,
-    /// What a step of each system for the wild costs
-    WildCost,
-    /// A moving scene, path-traced: systems for moving scenes
-    DynamicWorkbench,
-    /// A moving scene, embedded: the same
-    DynamicOrbit,
-    /// A real video
-    DynamicNr,
-    /// Tissue behind a tool: what masks and measured depth are worth
-    DynamicTissue,
-}
-
-impl Name {
-    fn file(self) -> &'static str {
-        match self {
-            Self::Ceilings => "ceilings",
-            Self::Kernels => "kernels",
-            Self::Quadrature => "quadrature",
-            Self::Maths => "maths",
-            Self::Precision => "precision",
-            Self::Tables => "tables",
-            Self::Budgets => "budgets",
-            Self::Growth => "growth",
-            Self::Training => "training",
-            Self::WildLego100 => "wild-lego100",
-            Self::WildLego400 => "wild-lego400",
-            Self::WildYard => "wild-yard",
-            Self::WildPlaza => "wild-plaza",
-            Self::WildReal => "wild-real",
-            Self::WildCost => "wild-cost",
-            Self::DynamicWorkbench => "dynamic-workbench",
-            Self::DynamicOrbit => "dynamic-orbit",
-            Self::DynamicNr => "dynamic-nr",
-            Self::DynamicTissue => "dynamic-tissue",
-        }
-    }
-
-    fn run(self, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-        match self {
-            Self::Ceilings => ceilings::run(bench),
-            Self::Kernels => kernels::run(bench),
-            Self::Quadrature => quadrature::run(bench),
-            Self::Maths => maths::run(bench),
-            Self::Precision => precision::run(bench),
-            Self::Tables => tables::run(bench),
-            Self::Budgets => budgets::run(bench),
-            Self::Growth => growth::run(bench),
-            Self::Training => training::run(bench, keep),
-            Self::WildLego100 => wild::lego100(bench, keep),
-            Self::WildLego400 => wild::lego400(bench, keep),
-            Self::WildYard => wild::yard(bench, keep),
-            Self::WildPlaza => wild::plaza(bench, keep),
-            Self::WildReal => wild::real(bench, keep),
-            Self::WildCost => wild::cost(bench, keep),
-            Self::DynamicWorkbench => dynamic::workbench(bench, keep),
-            Self::DynamicOrbit => dynamic::orbit(bench, keep),
-            Self::DynamicNr => dynamic::nr(bench, keep),
-            Self::DynamicTissue => dynamic::tissue(bench, keep),
-        }
+/// Measure a section.
+fn measure(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    match name {
+        Name::Ceilings => ceilings::run(bench),
+        Name::Kernels => kernels::run(bench),
+        Name::Quadrature => quadrature::run(bench),
+        Name::Maths => maths::run(bench),
+        Name::Precision => precision::run(bench),
+        Name::Tables => tables::run(bench),
+        Name::Budgets => budgets::run(bench),
+        Name::Growth => growth::run(bench),
+        Name::Training => training::run(bench, keep),
+        Name::WildLego100 => wild::lego100(bench, keep),
+        Name::WildLego400 => wild::lego400(bench, keep),
+        Name::WildYard => wild::yard(bench, keep),
+        Name::WildPlaza => wild::plaza(bench, keep),
+        Name::WildReal => wild::real(bench, keep),
+        Name::WildCost => wild::cost(bench, keep),
+        Name::DynamicWorkbench => dynamic::workbench(bench, keep),
+        Name::DynamicOrbit => dynamic::orbit(bench, keep),
+        Name::DynamicNr => dynamic::nr(bench, keep),
+        Name::DynamicTissue => dynamic::tissue(bench, keep),
     }
 }
 
@@ -198,7 +131,7 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
             so_far.items.push(Item::Text("**Unfinished**: more was to come.".into()));
             page::write(&cli.out, name.file(), &machine, &so_far)
         };
-        let section = name.run(&bench, &keep)?;
+        let section = measure(name, &bench, &keep)?;
         page::write(&cli.out, name.file(), &machine, &section)?;
     }
     let names: Vec<&str> = Name::value_variants().iter().map(|n| n.file()).collect();

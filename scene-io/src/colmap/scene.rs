@@ -1,10 +1,11 @@
 //! A COLMAP model with its images as a scene.
 
 use super::{Model, ModelFiles, ModelImage};
-use crate::assemble::{DialectSplits, Intrinsics, RawFrame, Reading, listing};
+use crate::assemble::listing;
 use crate::options::LoadOptions;
 use crate::pose::Mended;
 use crate::priors::TrackPoint;
+use crate::reading::{DialectSplits, Intrinsics, RawFrame, Reading};
 use crate::{ErrorKind, Place, Point, Problem, SceneError, Split, images_folder};
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::Pose;

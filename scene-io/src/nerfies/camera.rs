@@ -1,9 +1,9 @@
 //! `camera/<id>.json`.
 
 use crate::Problem;
-use crate::assemble::Intrinsics;
 use crate::json::Object;
 use crate::pose::{Axes, Mended, pose_from};
+use crate::reading::Intrinsics;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Lens, Pose};
 

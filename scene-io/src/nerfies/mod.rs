@@ -23,10 +23,10 @@
 mod camera;
 mod ids;
 
-use crate::assemble::{DialectSplits, MaskFolder, Need, RawFrame, Reading};
 use crate::depth::{DepthPlace, DepthSource};
 use crate::json::Document;
 use crate::options::LoadOptions;
+use crate::reading::{DialectSplits, MaskFolder, Need, RawFrame, Reading};
 use crate::{AlphaMeaning, Bounds, ErrorKind, FrameIds, Point, Problem, SceneError, Split, files, npy};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;

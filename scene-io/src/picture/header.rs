@@ -1,6 +1,6 @@
 //! Image headers: size and channels without decoding.
 
-use super::decode::{decoding_failed, limits, zero_bytes};
+use super::refusal::{decoding_failed, limits, zero_bytes};
 use crate::SceneError;
 use image::{ImageDecoder, ImageReader};
 use std::fs::File;

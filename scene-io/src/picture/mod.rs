@@ -2,6 +2,7 @@
 
 mod decode;
 mod header;
+mod refusal;
 mod resize;
 mod store;
 

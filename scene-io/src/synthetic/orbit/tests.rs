@@ -89,6 +89,26 @@ fn everything_stays_in_its_box_at_all_times() {
 }
 
 #[test]
+fn points_lie_on_what_stands_still() {
+    let scene = orbit(&small());
+    assert!(scene.points.len() > 20, "{} points", scene.points.len());
+    for time in [0.0, 0.3, 1.0] {
+        let moment = Orbit::new(small().seed, OrbitMotion::Some).at(time);
+        for point in &scene.points {
+            // A short ray from just outside meets a thing that stands still there, at all times.
+            let on = |away: DVec3| {
+                let ray = Ray { o: point.xyz + away * 1e-3, d: -away };
+                moment.trace(&ray).is_some_and(|hit| !hit.moves && (hit.x - point.xyz).length() < 1e-6)
+            };
+            let around =
+                (0..26).map(|k| DVec3::new(f64::from(k % 3) - 1.0, f64::from(k / 3 % 3) - 1.0, f64::from(k / 9) - 1.0));
+            assert!(around.filter(|d| *d != DVec3::ZERO).any(|d| on(d.normalize())), "{}", point.xyz);
+        }
+    }
+    assert!(orbit(&OrbitOptions { motion: OrbitMotion::Everything, ..small() }).points.is_empty());
+}
+
+#[test]
 fn nothing_runs_into_anything_else() {
     // The arm's parts hold together; everything else keeps apart, and above the ground.
     let arm = |thing: usize| thing == 4 || thing >= 8;

@@ -3,8 +3,8 @@
 use super::{Orbit, OrbitMotion, Sight};
 use crate::priors::{BitMask, Flow, FlowPlace, FlowTruth, TruthMask};
 use crate::random::random;
-use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Scene, Split};
-use glam::DVec3;
+use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split};
+use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Pose};
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
@@ -16,6 +16,8 @@ const DISTANCE: f64 = 4.0;
 const CENTRE: DVec3 = DVec3::new(0.0, 0.0, 0.3);
 /// Radius of a ball around [`CENTRE`] that holds everything: the rim of the stage lies at 1.12.
 const RADIUS: f64 = 1.2;
+/// Rays along each side of a training picture that look for points.
+const POINT_RAYS: u32 = 6;
 
 /// How the camera moves from picture to picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,7 +169,24 @@ fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
     FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
 }
 
-/// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each. All frames carry the truth about what
+/// Points of what never moves, as structure from motion would find them: where a lattice of rays of each training picture meets it.
+fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
+    let mut found = Vec::new();
+    for view in views.iter().filter(|v| v.split == Split::Train) {
+        let (moment, camera) = (stage.at(view.time), view.camera.prepare());
+        let size = DVec2::new(f64::from(view.camera.width), f64::from(view.camera.height)) / f64::from(POINT_RAYS);
+        let lattice =
+            (0..POINT_RAYS).flat_map(|j| (0..POINT_RAYS).map(move |i| DVec2::new(f64::from(i), f64::from(j))));
+        let hits = lattice.filter_map(|p| moment.trace(&camera.ray((p + 0.5) * size)?));
+        found.extend(
+            hits.filter(|hit| !hit.moves)
+                .map(|hit| Point { xyz: hit.x, rgb: hit.rgb.to_array().map(|x| (x * 255.0 + 0.5) as u8) }),
+        );
+    }
+    found
+}
+
+/// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames carry the truth about what
 /// moves; test frames carry exact flow to the test frame nearby; validation and test frames carry exact depth (for training frames, which have none to train on, see
 /// [`super::Moment::truth`]). The same options give the same bytes.
 ///
@@ -195,7 +214,7 @@ pub fn orbit(options: &OrbitOptions) -> Scene {
         root: PathBuf::new(),
         dialect: Dialect::Synthetic,
         frames: views.iter().cloned().map(frame).collect(),
-        points: Vec::new(),
+        points: points(&stage, &views),
         layout: LayoutHint::Object { near: DISTANCE - RADIUS, far: DISTANCE + RADIUS },
         bounds: Some(stage.bounds()),
         notes: Vec::new(),

@@ -1,5 +1,5 @@
 use super::*;
-use crate::canonical::NOWHERE;
+use crate::system::NOWHERE;
 use glam::DVec2;
 use scene_io::synthetic::{Moment, MomentHit, Orbit, OrbitOptions, orbit};
 use scene_io::{ImageStore, StoreOptions};

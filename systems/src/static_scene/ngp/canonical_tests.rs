@@ -2,9 +2,9 @@
 
 use super::Ngp;
 use super::budget_tests::{query, random_rays, randomised, small};
-use crate::canonical::NOWHERE;
 use crate::deform::{Deform, DeformConfig, Moment, Motion, Origin, Warp};
 use crate::space::SpaceKind;
+use crate::system::NOWHERE;
 use crate::system::{Canonical, LayerRequest, Layers, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
