@@ -14,6 +14,10 @@
 
 use super::config::{DynamicConfig, MomentKind, WarpKind};
 
+/// Factor of the background loss. The released 1 holds everything that is near a point of the background for the minutes a
+/// training takes here: 23.7 dB on `orbit` after 650 steps, 30.5 without the loss, 30.7 with this.
+const BACKGROUND: f32 = 3e-5;
+
 /// Settings: those of the validation-rig scenes, with schedules of minutes instead of days.
 pub(super) fn settings() -> DynamicConfig {
     DynamicConfig {
@@ -24,7 +28,7 @@ pub(super) fn settings() -> DynamicConfig {
         planes: vec![16, 32],
         warp_anneal: 1000,
         elastic: 1e-3,
-        background: 1.0,
+        background: BACKGROUND,
         ..DynamicConfig::still()
     }
 }
