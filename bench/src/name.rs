@@ -46,28 +46,24 @@ pub(crate) enum Name {
 }
 
 impl Name {
-    /// Of its page, without extension.
-    pub(crate) fn file(self) -> &'static str {
-        match self {
-            Self::Ceilings => "ceilings",
-            Self::Kernels => "kernels",
-            Self::Quadrature => "quadrature",
-            Self::Maths => "maths",
-            Self::Precision => "precision",
-            Self::Tables => "tables",
-            Self::Budgets => "budgets",
-            Self::Growth => "growth",
-            Self::Training => "training",
-            Self::WildLego100 => "wild-lego100",
-            Self::WildLego400 => "wild-lego400",
-            Self::WildYard => "wild-yard",
-            Self::WildPlaza => "wild-plaza",
-            Self::WildReal => "wild-real",
-            Self::WildCost => "wild-cost",
-            Self::DynamicWorkbench => "dynamic-workbench",
-            Self::DynamicOrbit => "dynamic-orbit",
-            Self::DynamicNr => "dynamic-nr",
-            Self::DynamicTissue => "dynamic-tissue",
-        }
+    /// Of its page, without extension: as on the command line.
+    pub(crate) fn file(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |name| name.get_name().to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_section_has_a_page_of_its_own() {
+        let mut files: Vec<String> = Name::value_variants().iter().map(|name| name.file()).collect();
+        assert!(files.iter().all(|file| !file.is_empty()));
+        assert!(["wild-lego100", "dynamic-nr", "ceilings"].iter().all(|page| files.iter().any(|file| file == page)));
+        let all = files.len();
+        files.sort();
+        files.dedup();
+        assert_eq!(files.len(), all);
     }
 }

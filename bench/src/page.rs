@@ -59,7 +59,7 @@ pub(crate) fn write(out: &Path, name: &str, machine: &Machine, section: &Section
 }
 
 /// Write `README.md`: every section that lies in `out`, in the order of `names`, with its targets.
-pub(crate) fn write_index(out: &Path, names: &[&str]) -> Result<(), BenchError> {
+pub(crate) fn write_index(out: &Path, names: &[String]) -> Result<(), BenchError> {
     let mut text = String::from(
         "# nerf-bench\n\nTime against error, and kernels against the ceilings of the machine they ran on. Each section is \
          one run on one machine; figures of different sections are compared with care. Times are medians of repetitions that \
@@ -118,7 +118,7 @@ mod tests {
         };
         let section = Section { title: "Kernels", intro: "How.", items: vec![Item::Table(table)], goals: vec![goal] };
         write(folder.path(), "kernels", &machine, &section).unwrap();
-        write_index(folder.path(), &["ceilings", "kernels"]).unwrap();
+        write_index(folder.path(), &["ceilings", "kernels"].map(String::from)).unwrap();
         let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
         assert!(read("kernels.md").starts_with("# Kernels\n\n`nerf-bench`, commit c, d; M.\n"));
         assert_eq!(read("kernels-t.csv"), "x\n1\n");

@@ -26,7 +26,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Measure a section.
-fn measure(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+fn section(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     match name {
         Name::Ceilings => ceilings::run(bench),
         Name::Kernels => kernels::run(bench),
@@ -129,12 +129,12 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
         let keep = |so_far: &Section| {
             let mut so_far = so_far.clone();
             so_far.items.push(Item::Text("**Unfinished**: more was to come.".into()));
-            page::write(&cli.out, name.file(), &machine, &so_far)
+            page::write(&cli.out, &name.file(), &machine, &so_far)
         };
-        let section = measure(name, &bench, &keep)?;
-        page::write(&cli.out, name.file(), &machine, &section)?;
+        let whole = section(name, &bench, &keep)?;
+        page::write(&cli.out, &name.file(), &machine, &whole)?;
     }
-    let names: Vec<&str> = Name::value_variants().iter().map(|n| n.file()).collect();
+    let names: Vec<String> = Name::value_variants().iter().map(|n| n.file()).collect();
     page::write_index(&cli.out, &names)?;
     say(&format!("{:4.0} s  done", clock.elapsed().as_secs_f64()));
     // A closed pipe is no failure of ours.

@@ -77,6 +77,11 @@ pub(super) fn to_srgb(linear: DVec3) -> DVec3 {
     DVec3::new(encode(linear.x), encode(linear.y), encode(linear.z))
 }
 
+/// A value of `[0, 1]` as a byte, to the nearest; what lies outside ends at 0 and 255.
+pub(super) fn to_byte(x: f64) -> u8 {
+    (x * 255.0 + 0.5) as u8
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! A table with a few things on it, and cameras around it.
 
 use super::shape::{Placed, Shape};
-use super::surface::{Paint, Surface, TO_SUN, to_srgb};
+use super::surface::{Paint, Surface, TO_SUN, to_byte, to_srgb};
 use crate::random::random;
 use crate::{Bounds, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split};
 use glam::{DMat3, DVec2, DVec3};
@@ -199,9 +199,8 @@ impl Tabletop {
                     covered += 1;
                 }
             }
-            let byte = |x: f64| (x * 255.0 + 0.5) as u8;
             let rgb = if covered > 0 { sum / f64::from(covered) } else { DVec3::ZERO };
-            [byte(rgb.x), byte(rgb.y), byte(rgb.z), byte(f64::from(covered) * step * step)]
+            [rgb.x, rgb.y, rgb.z, f64::from(covered) * step * step].map(to_byte)
         };
         data.par_chunks_mut((width * 4).max(1)).enumerate().for_each(|(row, line)| {
             for (column, out) in line.chunks_exact_mut(4).enumerate() {

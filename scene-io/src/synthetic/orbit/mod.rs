@@ -23,6 +23,7 @@ pub use views::{OrbitCamera, OrbitOptions, OrbitView, orbit, orbit_views};
 pub use write::write_orbit;
 
 use crate::priors::BitMask;
+use crate::synthetic::surface::to_byte;
 use crate::{Bounds, Image};
 use body::Posed;
 use glam::{DVec2, DVec3};
@@ -150,9 +151,8 @@ impl Moment {
                     moves |= hit.moves;
                 }
             }
-            let byte = |x: f64| (x * 255.0 + 0.5) as u8;
             let rgb = if covered > 0 { sum / f64::from(covered) } else { DVec3::ZERO };
-            ([byte(rgb.x), byte(rgb.y), byte(rgb.z), byte(f64::from(covered) * step * step)], moves)
+            ([rgb.x, rgb.y, rgb.z, f64::from(covered) * step * step].map(to_byte), moves)
         };
         let (width, height) = (camera.width, camera.height);
         let rows: Vec<Vec<([u8; 4], bool)>> =

@@ -3,6 +3,7 @@
 use super::{Orbit, OrbitMotion, Sight};
 use crate::priors::{BitMask, Flow, FlowPlace, FlowTruth, TruthMask};
 use crate::random::random;
+use crate::synthetic::surface::to_byte;
 use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split};
 use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Pose};
@@ -169,7 +170,8 @@ fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
     FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
 }
 
-/// Points of what never moves, as structure from motion would find them: where a lattice of rays of each training picture meets it.
+/// Points of what never moves, as structure from motion would find them: where a lattice of rays of each training picture
+/// meets it.
 fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
     let mut found = Vec::new();
     for view in views.iter().filter(|v| v.split == Split::Train) {
@@ -179,16 +181,16 @@ fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
             (0..POINT_RAYS).flat_map(|j| (0..POINT_RAYS).map(move |i| DVec2::new(f64::from(i), f64::from(j))));
         let hits = lattice.filter_map(|p| moment.trace(&camera.ray((p + 0.5) * size)?));
         found.extend(
-            hits.filter(|hit| !hit.moves)
-                .map(|hit| Point { xyz: hit.x, rgb: hit.rgb.to_array().map(|x| (x * 255.0 + 0.5) as u8) }),
+            hits.filter(|hit| !hit.moves).map(|hit| Point { xyz: hit.x, rgb: hit.rgb.to_array().map(to_byte) }),
         );
     }
     found
 }
 
-/// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames carry the truth about what
-/// moves; test frames carry exact flow to the test frame nearby; validation and test frames carry exact depth (for training frames, which have none to train on, see
-/// [`super::Moment::truth`]). The same options give the same bytes.
+/// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames
+/// carry the truth about what moves; test frames carry exact flow to the test frame nearby; validation and test frames carry
+/// exact depth (for training frames, which have none to train on, see [`super::Moment::truth`]). The same options give the
+/// same bytes.
 ///
 /// # Panics
 /// If `rays` is 0, a side is 0, or the angle is not in `(0, pi)`.

@@ -17,7 +17,7 @@ pub use light::Light;
 pub use photo::{PasserBy, Photo, PhotoTruth};
 
 use super::shape::{Placed, Shape};
-use super::surface::Paint;
+use super::surface::{Paint, to_byte, to_srgb};
 use crate::options::TrainPhotos;
 use crate::priors::{TrackPoint, TruthMask};
 use crate::random::random;
@@ -220,9 +220,8 @@ impl Plaza {
             if seen.len() < 2 {
                 continue;
             }
-            let rgb = super::surface::to_srgb(hit.albedo) * 255.0;
             let (point, length) = (points.len() as u32, seen.len() as u32);
-            points.push(Point { xyz: x, rgb: [rgb.x, rgb.y, rgb.z].map(|v| (v + 0.5) as u8) });
+            points.push(Point { xyz: x, rgb: to_srgb(hit.albedo).to_array().map(to_byte) });
             for (k, pixel) in seen {
                 tracks[k].push(TrackPoint { pixel: [pixel.x as f32, pixel.y as f32], length, point });
             }

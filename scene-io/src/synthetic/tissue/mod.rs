@@ -15,6 +15,7 @@ pub use scene::{TissueOptions, TissueTool, TissueTruth, tissue, tissue_camera, t
 pub use stereo::{Stereo, StereoOcclusion};
 pub use write::{TissueDepth, write_tissue};
 
+use super::surface::to_byte;
 use crate::Image;
 use crate::priors::BitMask;
 use glam::{DVec2, DVec3};
@@ -158,7 +159,7 @@ impl TissueMoment {
                 seen += first.rgb;
                 tool |= first.material.is_none();
             }
-            let bytes = |sum: DVec3| (sum * (step * step) * 255.0).to_array().map(|v| (v + 0.5) as u8);
+            let bytes = |sum: DVec3| (sum * (step * step)).to_array().map(to_byte);
             (bytes(seen), bytes(without), tool)
         };
         let rows: Vec<Vec<_>> =
