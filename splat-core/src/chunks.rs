@@ -1,0 +1,14 @@
+//! Loops over independent pieces: on threads with the feature `rayon`, in order without; the same bits either way.
+
+/// `work(k, &mut pieces[k])` for all pieces.
+#[cfg(feature = "rayon")]
+pub(crate) fn for_each<T: Send>(pieces: &mut [T], work: impl Fn(usize, &mut T) + Send + Sync) {
+    use rayon::prelude::*;
+    pieces.par_iter_mut().enumerate().for_each(|(k, piece)| work(k, piece));
+}
+
+/// `work(k, &mut pieces[k])` for all pieces.
+#[cfg(not(feature = "rayon"))]
+pub(crate) fn for_each<T>(pieces: &mut [T], work: impl Fn(usize, &mut T)) {
+    pieces.iter_mut().enumerate().for_each(|(k, piece)| work(k, piece));
+}

@@ -1,0 +1,50 @@
+//! Front to back: Gaussians by depth, ties by index.
+
+use alloc::{vec, vec::Vec};
+
+/// Bits of a digit: three passes sort the 31 bits of a positive number.
+const DIGIT: u32 = 11;
+const BUCKETS: usize = 1 << DIGIT;
+
+/// Buffers of a sort.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sorter {
+    keys: Vec<(u32, u32)>,
+    spare: Vec<(u32, u32)>,
+}
+
+impl Sorter {
+    /// Indices of positive depths, ascending, equal ones in their order. Their IEEE bits compare as integers do.
+    ///
+    /// A stable radix sort: all three histograms in one pass, digits that are the same everywhere skipped.
+    pub(crate) fn sort(
+        &mut self,
+        depths: impl ExactSizeIterator<Item = f32>,
+    ) -> impl ExactSizeIterator<Item = u32> + '_ {
+        self.keys.clear();
+        self.keys.extend(depths.enumerate().map(|(i, z)| (z.to_bits(), i as u32)));
+        let mut counts = vec![[0_u32; BUCKETS]; 3];
+        for &(key, _) in &self.keys {
+            for (pass, counts) in counts.iter_mut().enumerate() {
+                counts[(key >> (DIGIT * pass as u32)) as usize % BUCKETS] += 1;
+            }
+        }
+        self.spare.resize(self.keys.len(), (0, 0));
+        for (pass, counts) in counts.iter_mut().enumerate() {
+            if counts.iter().any(|&n| n as usize == self.keys.len()) {
+                continue;
+            }
+            let mut start = 0;
+            for count in counts.iter_mut() {
+                start += core::mem::replace(count, start);
+            }
+            for &pair in &self.keys {
+                let at = &mut counts[(pair.0 >> (DIGIT * pass as u32)) as usize % BUCKETS];
+                self.spare[*at as usize] = pair;
+                *at += 1;
+            }
+            core::mem::swap(&mut self.keys, &mut self.spare);
+        }
+        self.keys.iter().map(|&(_, i)| i)
+    }
+}

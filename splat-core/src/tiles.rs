@@ -1,0 +1,118 @@
+//! Which tiles of the picture an ellipse touches, and the list of each tile, front to back.
+//!
+//! Ellipses are sorted by depth once; walking them in that order and adding each to the lists of its tiles leaves every list
+//! sorted. No pair of tile and ellipse is ever compared with another.
+
+use alloc::vec::Vec;
+
+use float_core::m32;
+
+use crate::project::Footprint;
+
+/// Side of a tile, pixels: a row is one vector of 16 lanes.
+pub const TILE: usize = 16;
+/// Ellipses are taken for larger by so many pixels when tiles are chosen: more than rounding, less than shows.
+const SLACK: f32 = 1e-3;
+
+/// Tiles of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Grid {
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
+}
+
+impl Grid {
+    pub(crate) fn new([width, height]: [usize; 2]) -> Self {
+        Self { columns: width.div_ceil(TILE), rows: height.div_ceil(TILE) }
+    }
+
+    pub(crate) fn len(self) -> usize {
+        self.columns * self.rows
+    }
+}
+
+/// Numbers of the tiles that hold the centre of a pixel inside the ellipse, or nearly: row by row, each once.
+pub(crate) fn touched(f: &Footprint, grid: Grid, mut visit: impl FnMut(u32)) {
+    let [a, b, c] = f.conic;
+    let [hx, hy] = f.half;
+    let tile = TILE as f32;
+    let span = |low: f32, high: f32, n: usize| {
+        // Saturating casts: what lies far outside ends at the border.
+        let first = m32::floor(low / tile).max(0.0) as usize;
+        let last = m32::floor(high / tile);
+        first..if last < 0.0 { 0 } else { (last as usize + 1).min(n) }
+    };
+    // Where the ellipse is widest: dx = hx at dy = -b hx / c, and the mirror image.
+    let widest = -b * hx / c;
+    // 1 / det of the covariance.
+    let det = a * c - b * b;
+    for row in span(f.uv[1] - hy - SLACK, f.uv[1] + hy + SLACK, grid.rows) {
+        let low = (row as f32 * tile + 0.5 - f.uv[1]).max(-hy);
+        let high = ((row as f32 + 1.0) * tile - 0.5 - f.uv[1]).min(hy);
+        // Both ends of the chord at a height.
+        let chord = |dy: f32| {
+            let half = m32::sqrt((a * f.q_max - det * dy * dy).max(0.0));
+            [(-b * dy - half) / a, (-b * dy + half) / a]
+        };
+        let ([l0, r0], [l1, r1]) = (chord(low), chord(high));
+        let within = |dy: f32| low <= dy && dy <= high;
+        let right = if within(widest) { hx } else { r0.max(r1) };
+        let left = if within(-widest) { -hx } else { l0.min(l1) };
+        for column in span(f.uv[0] + left - SLACK, f.uv[0] + right + SLACK, grid.columns) {
+            visit((row * grid.columns + column) as u32);
+        }
+    }
+}
+
+/// The lists of all tiles.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Lists {
+    /// `[tiles + 1]` where the list of each tile begins.
+    pub(crate) starts: Vec<u32>,
+    /// Ellipses, tile by tile, front to back.
+    pub(crate) entries: Vec<u32>,
+    /// `[ellipses + 1]` where the pairs of each ellipse begin.
+    pub(crate) firsts: Vec<u32>,
+    /// Where in `entries` each pair is, ellipse by ellipse.
+    pub(crate) places: Vec<u32>,
+    cursors: Vec<u32>,
+}
+
+impl Lists {
+    /// Lists of some ellipses in the order of their depths. `false`: there are more pairs than an index can count.
+    pub(crate) fn fill(&mut self, footprints: &[Footprint], grid: Grid, order: impl Iterator<Item = u32>) -> bool {
+        self.starts.clear();
+        self.starts.resize(grid.len() + 1, 0);
+        self.firsts.clear();
+        // Tiles of each ellipse for now; their places in the end.
+        self.places.clear();
+        for f in footprints {
+            self.firsts.push(self.places.len() as u32);
+            touched(f, grid, |tile| {
+                self.places.push(tile);
+                self.starts[tile as usize + 1] += 1;
+            });
+        }
+        if u32::try_from(self.places.len()).is_err() {
+            return false;
+        }
+        self.firsts.push(self.places.len() as u32);
+        for tile in 0..grid.len() {
+            self.starts[tile + 1] += self.starts[tile];
+        }
+        self.cursors.clear();
+        self.cursors.extend_from_slice(&self.starts[..grid.len()]);
+        self.entries.clear();
+        self.entries.resize(self.places.len(), 0);
+        for g in order {
+            let [from, to] = [self.firsts[g as usize], self.firsts[g as usize + 1]];
+            for place in &mut self.places[from as usize..to as usize] {
+                let cursor = &mut self.cursors[*place as usize];
+                self.entries[*cursor as usize] = g;
+                *place = *cursor;
+                *cursor += 1;
+            }
+        }
+        true
+    }
+}

@@ -1,0 +1,77 @@
+//! A camera as the rasteriser sees it.
+
+use crate::SplatError;
+
+/// A pinhole camera: world-to-camera pose, intrinsics in pixels, size of the picture.
+///
+/// Camera axes are CV: x right, y down, z forward. Pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// World-to-camera rotation, row by row.
+    pub r: [[f32; 3]; 3],
+    /// World-to-camera translation: `x_camera = r x + t`.
+    pub t: [f32; 3],
+    /// Focal lengths, pixels.
+    pub f: [f32; 2],
+    /// Principal point, pixels.
+    pub c: [f32; 2],
+    /// Columns and rows.
+    pub size: [usize; 2],
+}
+
+/// Longest side of a picture: positions in it keep a 256th of a pixel as `f32`.
+pub const MAX_SIDE: usize = 1 << 15;
+
+impl View {
+    /// From a camera-to-world pose, rounded to `f32` only after the inversion.
+    #[must_use]
+    pub fn from_c2w(r: [[f64; 3]; 3], o: [f64; 3], f: [f64; 2], c: [f64; 2], size: [usize; 2]) -> Self {
+        let w2c: [[f64; 3]; 3] = core::array::from_fn(|i| core::array::from_fn(|k| r[k][i]));
+        let t = w2c.map(|row| -(row[0] * o[0] + row[1] * o[1] + row[2] * o[2]));
+        Self {
+            r: w2c.map(|row| row.map(|x| x as f32)),
+            t: t.map(|x| x as f32),
+            f: f.map(|x| x as f32),
+            c: c.map(|x| x as f32),
+            size,
+        }
+    }
+
+    /// Whether this is a camera that can see.
+    ///
+    /// # Errors
+    /// [`SplatError::Value`] naming the first number that is wrong.
+    pub fn check(&self) -> Result<(), SplatError> {
+        let value = |what, got: f32, accepts| Err(SplatError::Value { what, got: f64::from(got), accepts });
+        for &side in &self.size {
+            if !(1..=MAX_SIDE).contains(&side) {
+                return value("view.size", side as f32, "1 to 32768 pixels");
+            }
+        }
+        for &f in &self.f {
+            if !(f.is_finite() && f > 0.0) {
+                return value("view.f", f, "a positive number of pixels");
+            }
+        }
+        let pose = self.r.iter().flatten().chain(&self.t);
+        match pose.chain(&self.c).find(|x| !x.is_finite()) {
+            Some(&x) => value("view", x, "finite numbers"),
+            None => Ok(()),
+        }
+    }
+
+    /// Centre of the camera in the world.
+    #[must_use]
+    pub fn centre(&self) -> [f32; 3] {
+        core::array::from_fn(|k| -(0..3).map(|i| self.r[i][k] * self.t[i]).sum::<f32>())
+    }
+
+    /// Bounds of `x / z` (or `y / z`) that the slope of a footprint is taken at: the picture and 15 % of its size on
+    /// each side.
+    #[must_use]
+    pub(crate) fn slopes(&self, axis: usize) -> [f32; 2] {
+        let (size, f, c) = (self.size[axis] as f32, self.f[axis], self.c[axis]);
+        let margin = 0.15 * size / f;
+        [-c / f - margin, (size - c) / f + margin]
+    }
+}
