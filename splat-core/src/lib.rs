@@ -8,6 +8,7 @@ extern crate std;
 compile_error!("splat-core needs a float backend: enable `std` or `libm`");
 
 mod chunks;
+pub mod density;
 mod error;
 mod gaussians;
 mod order;
