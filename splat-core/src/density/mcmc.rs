@@ -216,8 +216,9 @@ fn add_slopes(x: &[f32], bar: &mut [f32], f: impl Fn(f32) -> (f32, f32) + Sync) 
 /// ```
 ///
 /// # Numerics
-/// The sum alternates: of terms up to `(1 + o')^n` a number of order 1 is left, at `n = 50` and `o'` near 1 one digit of it. The integrand has one sign and no singularity
-/// anywhere: the trapezoidal rule gives the integral to 1e-14 with a hundred points. `o = 0` and `n <= 1` give `(o, 1)`.
+/// The sum alternates: of terms up to `(1 + o')^n` a number of order 1 is left, at `n = 50` and `o'` near 1 one digit of it.
+/// The integrand has one sign and no singularity anywhere: the trapezoidal rule gives the integral to 1e-14 with a hundred
+/// points. `o = 0` and `n <= 1` give `(o, 1)`.
 ///
 /// # Source
 /// Kheradmand et al., 2024, eq. 9; the integral is ours, from `1 / sqrt(j) = 2 / sqrt(pi) * integral of exp(-j x^2)`.

@@ -62,8 +62,8 @@ fn the_fate_of_ten_is_known() {
     for i in 0..10 {
         let (got, source) = (numbers(&cloud, i), numbers(&g, 3));
         assert!((opacity(&cloud, i) - each).abs() < 1e-7, "{i}");
-        for k in 3..6 {
-            assert!((f64::from(got[k]).exp() - 0.1 * factor).abs() < 1e-7, "{i}");
+        for log_scale in &got[3..6] {
+            assert!((f64::from(*log_scale).exp() - 0.1 * factor).abs() < 1e-7, "{i}");
         }
         assert_eq!((&got[..3], &got[6..10], &got[11..]), (&source[..3], &source[6..10], &source[11..]));
     }
