@@ -263,6 +263,9 @@ fn pictures_and_their_gradients_match() {
             raster.backward(simd, (&p.footprints, &features), &rules, &value_bar, &mut records).unwrap();
             let mut grad = g.clone();
             p.backward(simd, &g, &view, &rules, degree, (&records, Some(3)), &mut grad).unwrap();
+            if n == 0 {
+                continue;
+            }
             // Through the logarithm and the logit.
             let through = |name: &str, input: &str, slope: fn(f64) -> f64| -> Vec<f64> {
                 record.grad(name).data.iter().zip(&record.input(input).data).map(|(g, x)| g * slope(*x)).collect()
