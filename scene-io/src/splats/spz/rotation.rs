@@ -5,7 +5,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Largest magnitude of a component that is not the largest: `1 / sqrt(2)`.
+/// Steps from 0 to `1 / sqrt(2)`, beyond which only the largest component can be.
 const STEPS: f64 = 511.0;
 
 /// Version 3 of a unit quaternion.
@@ -15,7 +15,9 @@ pub(super) fn pack(wxyz: [f64; 4]) -> [u8; 4] {
     let largest = (1..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
     let mut word = largest as u32;
     for (_, c) in q.iter().enumerate().filter(|(i, _)| *i != largest) {
-        let negative = (*c < 0.0) != (q[largest] < 0.0);
+        // `-q` is the same rotation: the largest is taken as positive.
+        let c = c * q[largest].signum();
+        let negative = c < 0.0;
         let magnitude = (c.abs() / FRAC_1_SQRT_2 * STEPS).round().min(STEPS) as u32;
         word = word << 10 | u32::from(negative) << 9 | magnitude;
     }
