@@ -37,6 +37,7 @@ mod priors;
 mod random;
 mod reading;
 mod scene;
+mod splats;
 mod splits;
 pub mod synthetic;
 pub mod time;
@@ -56,3 +57,4 @@ pub use priors::{
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split,
 };
+pub use splats::{SplatFile, SplatFormat, SplatOptions, encode_splats, parse_splats, read_splats, write_splats};

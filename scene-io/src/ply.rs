@@ -1,4 +1,5 @@
-//! Coloured points from PLY files: ASCII and both binary forms, any vertex properties besides position and colour.
+//! Vertices of PLY files: ASCII and both binary forms, any properties. Coloured points are read here, splats in
+//! [`crate::splats`].
 
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;
@@ -73,11 +74,19 @@ impl Scalar {
     }
 }
 
+/// The vertices of a PLY file: what each holds, and where they lie.
 #[derive(Debug)]
-struct Header {
+pub(crate) struct Vertices<'a> {
+    path: &'a Path,
+    bytes: &'a [u8],
+    remedy: &'static str,
     encoding: Encoding,
-    count: usize,
-    properties: Vec<(String, Scalar)>,
+    /// How many are listed. Not trusted: see [`Vertices::check_length`].
+    pub(crate) count: usize,
+    /// In file order.
+    pub(crate) properties: Vec<(String, Scalar)>,
+    /// Names of the elements behind the vertices.
+    pub(crate) others: Vec<String>,
     /// Lines of the header, for line numbers of ASCII bodies.
     lines: usize,
     /// Where the body starts.
@@ -90,141 +99,175 @@ struct Header {
 /// Names the line or byte where the file is no such PLY, is cut off, or holds a coordinate that is not finite.
 pub(crate) fn read_points(path: &Path) -> Result<Vec<Point>, SceneError> {
     let bytes = files::read_bytes(path)?;
-    let header = header(path, &bytes)?;
-    let find = |names: &[&str]| header.properties.iter().position(|(n, _)| names.contains(&n.as_str()));
-    let position = [find(&["x"]), find(&["y"]), find(&["z"])];
+    let vertices = Vertices::read_header(path, &bytes, REMEDY)?;
+    let find = |names: [&str; 2]| names.iter().find_map(|name| vertices.column(name));
+    let position = [vertices.column("x"), vertices.column("y"), vertices.column("z")];
     let [Some(x), Some(y), Some(z)] = position else {
-        return Err(wrong(path, Place::File, "the vertices lack x, y or z"));
+        return Err(vertices.wrong(Place::File, "the vertices lack x, y or z"));
     };
-    let colour = [find(&["red", "r"]), find(&["green", "g"]), find(&["blue", "b"])];
-    let point = |values: &[f64], place: Place| {
+    let colour = [find(["red", "r"]), find(["green", "g"]), find(["blue", "b"])];
+    vertices.check_length()?;
+    let mut points = Vec::with_capacity(vertices.count);
+    vertices.rows(|values, place| {
         let xyz = DVec3::new(values[x], values[y], values[z]);
         if !xyz.is_finite() {
-            return Err(wrong(path, place, &format!("the point {xyz} is not finite")));
+            return Err(vertices.wrong(place, &format!("the point {xyz} is not finite")));
         }
         let rgb = match colour {
             [Some(r), Some(g), Some(b)] => [r, g, b].map(|i| {
                 // Floating-point colours are in [0, 1], whole ones in [0, 255].
-                let float = matches!(header.properties[i].1, Scalar::F32 | Scalar::F64);
+                let float = matches!(vertices.properties[i].1, Scalar::F32 | Scalar::F64);
                 (values[i] * if float { 255.0 } else { 1.0 } + 0.5) as u8
             }),
             _ => [128; 3],
         };
-        Ok(Point { xyz, rgb })
-    };
-    match header.encoding {
-        Encoding::Ascii => ascii(path, &bytes, &header, point),
-        _ => binary(path, &bytes, &header, point),
-    }
-}
-
-fn ascii(
-    path: &Path,
-    bytes: &[u8],
-    header: &Header,
-    point: impl Fn(&[f64], Place) -> Result<Point, SceneError>,
-) -> Result<Vec<Point>, SceneError> {
-    let text = String::from_utf8_lossy(&bytes[header.body..]);
-    let mut lines = text.lines().enumerate();
-    let mut points = Vec::new();
-    let mut values = Vec::new();
-    for _ in 0..header.count {
-        let Some((i, line)) = lines.next() else {
-            let what = format!("is cut off: {} of {} points", points.len(), header.count);
-            return Err(wrong(path, Place::File, &what));
-        };
-        let place = Place::Line(header.lines + i + 1);
-        values.clear();
-        for word in line.split_ascii_whitespace() {
-            match word.parse::<f64>() {
-                Ok(value) => values.push(value),
-                Err(_) => return Err(wrong(path, place, &format!("`{word}` is no number"))),
-            }
-        }
-        if values.len() < header.properties.len() {
-            let what = format!("{} values where {} are listed", values.len(), header.properties.len());
-            return Err(wrong(path, place, &what));
-        }
-        points.push(point(&values, place)?);
-    }
+        points.push(Point { xyz, rgb });
+        Ok(())
+    })?;
     Ok(points)
 }
 
-fn binary(
-    path: &Path,
-    bytes: &[u8],
-    header: &Header,
-    point: impl Fn(&[f64], Place) -> Result<Point, SceneError>,
-) -> Result<Vec<Point>, SceneError> {
-    let stride: usize = header.properties.iter().map(|(_, s)| s.size()).sum();
-    let body = &bytes[header.body..];
-    if stride == 0 || body.len() / stride < header.count {
-        let what = format!("is cut off: {} points listed, {} bytes of {stride} each", header.count, body.len());
-        return Err(wrong(path, Place::File, &what));
-    }
-    let mut values = vec![0.0; header.properties.len()];
-    let mut points = Vec::with_capacity(header.count);
-    for (i, record) in body.chunks_exact(stride).take(header.count).enumerate() {
-        let mut at = 0;
-        for (value, (_, scalar)) in values.iter_mut().zip(&header.properties) {
-            *value = scalar.decode(&record[at..], header.encoding);
-            at += scalar.size();
-        }
-        points.push(point(&values, Place::Byte((header.body + i * stride) as u64))?);
-    }
-    Ok(points)
-}
-
-fn header(path: &Path, bytes: &[u8]) -> Result<Header, SceneError> {
-    let mut header = Header { encoding: Encoding::Ascii, count: 0, properties: Vec::new(), lines: 0, body: 0 };
-    let (mut in_vertex, mut seen_vertex, mut known) = (false, false, false);
-    loop {
-        let rest = &bytes[header.body..];
-        let Some(end) = rest.iter().position(|b| *b == b'\n') else {
-            return Err(wrong(path, Place::File, "is no PLY file: its header does not end"));
+impl<'a> Vertices<'a> {
+    /// The header of a file; `remedy` is what its errors advise.
+    pub(crate) fn read_header(path: &'a Path, bytes: &'a [u8], remedy: &'static str) -> Result<Self, SceneError> {
+        let mut header = Self {
+            path,
+            bytes,
+            remedy,
+            encoding: Encoding::Ascii,
+            count: 0,
+            properties: Vec::new(),
+            others: Vec::new(),
+            lines: 0,
+            body: 0,
         };
-        header.body += end + 1;
-        header.lines += 1;
-        let line = String::from_utf8_lossy(&rest[..end]);
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        let place = Place::Line(header.lines);
-        match words.as_slice() {
-            ["ply"] if header.lines == 1 => {}
-            _ if header.lines == 1 => return Err(wrong(path, place, "is no PLY file")),
-            ["format", encoding, _] => {
-                known = true;
-                header.encoding = match *encoding {
-                    "ascii" => Encoding::Ascii,
-                    "binary_little_endian" => Encoding::Little,
-                    "binary_big_endian" => Encoding::Big,
-                    other => return Err(wrong(path, place, &format!("`{other}` is no PLY format"))),
-                };
-            }
-            ["element", "vertex", count] => {
-                (in_vertex, seen_vertex) = (true, true);
-                header.count = count.parse().map_err(|_| wrong(path, place, "the number of vertices is no number"))?;
-            }
-            ["element", name, _] => {
-                if !seen_vertex {
-                    let what = format!("element `{name}` stands before the vertices");
-                    return Err(wrong(path, place, &what));
+        let (mut in_vertex, mut seen_vertex, mut known) = (false, false, false);
+        loop {
+            let rest = &bytes[header.body..];
+            let Some(end) = rest.iter().position(|b| *b == b'\n') else {
+                return Err(header.wrong(Place::File, "is no PLY file: its header does not end"));
+            };
+            header.body += end + 1;
+            header.lines += 1;
+            let line = String::from_utf8_lossy(&rest[..end]);
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            let place = Place::Line(header.lines);
+            match words.as_slice() {
+                ["ply"] if header.lines == 1 => {}
+                _ if header.lines == 1 => return Err(header.wrong(place, "is no PLY file")),
+                ["format", encoding, _] => {
+                    known = true;
+                    header.encoding = match *encoding {
+                        "ascii" => Encoding::Ascii,
+                        "binary_little_endian" => Encoding::Little,
+                        "binary_big_endian" => Encoding::Big,
+                        other => return Err(header.wrong(place, &format!("`{other}` is no PLY format"))),
+                    };
                 }
-                in_vertex = false;
+                ["element", "vertex", count] => {
+                    (in_vertex, seen_vertex) = (true, true);
+                    let count = count.parse();
+                    header.count = count.map_err(|_| header.wrong(place, "the number of vertices is no number"))?;
+                }
+                ["element", name, _] => {
+                    if !seen_vertex {
+                        let what = format!("element `{name}` stands before the vertices");
+                        return Err(header.wrong(place, &what));
+                    }
+                    in_vertex = false;
+                    header.others.push((*name).to_owned());
+                }
+                ["property", "list", ..] if in_vertex => {
+                    return Err(header.wrong(place, "lists in vertices are not read"));
+                }
+                ["property", kind, name] if in_vertex => {
+                    let scalar = Scalar::parse(kind);
+                    let scalar = scalar.ok_or_else(|| header.wrong(place, &format!("`{kind}` is no type")))?;
+                    header.properties.push(((*name).to_owned(), scalar));
+                }
+                ["end_header"] if known && seen_vertex => return Ok(header),
+                ["end_header"] => return Err(header.wrong(place, "the header lacks the format or the vertices")),
+                _ => {} // comments, obj_info, properties of other elements
             }
-            ["property", "list", ..] if in_vertex => return Err(wrong(path, place, "lists in vertices are not read")),
-            ["property", kind, name] if in_vertex => {
-                let scalar = Scalar::parse(kind).ok_or_else(|| wrong(path, place, &format!("`{kind}` is no type")))?;
-                header.properties.push(((*name).to_owned(), scalar));
-            }
-            ["end_header"] if known && seen_vertex => return Ok(header),
-            ["end_header"] => return Err(wrong(path, place, "the header lacks the format or the vertices")),
-            _ => {} // comments, obj_info, properties of other elements
         }
     }
-}
 
-fn wrong(path: &Path, place: Place, what: &str) -> SceneError {
-    SceneError::new(ErrorKind::Format, Problem::new(path, what, REMEDY).at(place))
+    /// Where in a row the property of that name is.
+    pub(crate) fn column(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|(n, _)| n == name)
+    }
+
+    /// Can the body hold as many rows as the header lists? Ask before memory is taken for them.
+    pub(crate) fn check_length(&self) -> Result<(), SceneError> {
+        let body = self.bytes.len() - self.body;
+        let stride = self.stride();
+        // A value of text takes a digit and what parts it from the next; the last line may lack its end.
+        let least = if self.encoding == Encoding::Ascii { (2 * self.properties.len()).max(1) } else { stride };
+        let room = if self.encoding == Encoding::Ascii { body + 1 } else { body };
+        if least == 0 || room / least < self.count {
+            let what = format!("is cut off: {} points listed, {body} bytes of {least} each", self.count);
+            return Err(self.wrong(Place::File, &what));
+        }
+        Ok(())
+    }
+
+    /// Calls `each` with the values of every row and its place.
+    pub(crate) fn rows(&self, each: impl FnMut(&[f64], Place) -> Result<(), SceneError>) -> Result<(), SceneError> {
+        self.check_length()?;
+        match self.encoding {
+            Encoding::Ascii => self.ascii(each),
+            _ => self.binary(each),
+        }
+    }
+
+    fn ascii(&self, mut each: impl FnMut(&[f64], Place) -> Result<(), SceneError>) -> Result<(), SceneError> {
+        let text = String::from_utf8_lossy(&self.bytes[self.body..]);
+        let mut lines = text.lines().enumerate();
+        let mut values = Vec::new();
+        for row in 0..self.count {
+            let Some((i, line)) = lines.next() else {
+                return Err(self.wrong(Place::File, &format!("is cut off: {row} of {} points", self.count)));
+            };
+            let place = Place::Line(self.lines + i + 1);
+            values.clear();
+            for word in line.split_ascii_whitespace() {
+                match word.parse::<f64>() {
+                    Ok(value) => values.push(value),
+                    Err(_) => return Err(self.wrong(place, &format!("`{word}` is no number"))),
+                }
+            }
+            if values.len() < self.properties.len() {
+                let what = format!("{} values where {} are listed", values.len(), self.properties.len());
+                return Err(self.wrong(place, &what));
+            }
+            each(&values, place)?;
+        }
+        Ok(())
+    }
+
+    fn binary(&self, mut each: impl FnMut(&[f64], Place) -> Result<(), SceneError>) -> Result<(), SceneError> {
+        let stride = self.stride();
+        let mut values = vec![0.0; self.properties.len()];
+        for (i, record) in self.bytes[self.body..].chunks_exact(stride).take(self.count).enumerate() {
+            let mut at = 0;
+            for (value, (_, scalar)) in values.iter_mut().zip(&self.properties) {
+                *value = scalar.decode(&record[at..], self.encoding);
+                at += scalar.size();
+            }
+            each(&values, Place::Byte((self.body + i * stride) as u64))?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of a row, where they are not text.
+    fn stride(&self) -> usize {
+        self.properties.iter().map(|(_, s)| s.size()).sum()
+    }
+
+    /// An error about this file.
+    pub(crate) fn wrong(&self, place: Place, what: &str) -> SceneError {
+        SceneError::new(ErrorKind::Format, Problem::new(self.path, what, self.remedy).at(place))
+    }
 }
 
 #[cfg(test)]
