@@ -3,6 +3,7 @@
 //! * [`kernel`]: what one colour channel's error costs, its derivative and its weight: squared, L1, Charbonnier, Huber,
 //!   log-squared; the general robust kernel, Cauchy, Geman-McClure, Welsch, Tukey, trimmed.
 //! * [`photometric`]: kernels over a batch of rays, weighted, with the backward twin.
+//! * [`dssim`]: L1 and structural similarity of a picture, as splats are trained.
 //! * [`irls`]: robust fits by iteratively reweighted least squares.
 //! * [`trimmed`]: which rays of a batch of patches to learn from, by the size of their errors (RobustNeRF).
 //! * [`heuristics`]: masks of what stands still, from feature tracks, errors and segments (HuGS).
@@ -18,7 +19,7 @@
 //! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; how good a mask is: IoU and F1.
 //!
 //! Axes, colour space and letters are those of the workspace's `CONVENTIONS.md`. `no_std` with `alloc`; `libm` instead of
-//! `std` for the float functions; `rayon` spreads LPIPS over threads, with the same bits for any number of them.
+//! `std` for the float functions; `rayon` spreads LPIPS and D-SSIM over threads, with the same bits for any number of them.
 //!
 //! ```
 //! use losses::{kernel::Kernel, photometric};
@@ -45,6 +46,7 @@ pub mod codes;
 pub mod concrete;
 pub mod depth;
 pub mod distortion;
+pub mod dssim;
 pub mod elastic;
 pub mod entropy;
 mod error;

@@ -11,11 +11,16 @@ use core::fmt;
 use float_core::m64;
 
 /// `(K1 * peak)^2`, `K1 = 0.01`: keeps the luminance term finite on black.
-pub(super) const C1: f64 = 0.01 * 0.01;
+pub(crate) const C1: f64 = 0.01 * 0.01;
 /// `(K2 * peak)^2`, `K2 = 0.03`: keeps the structure term finite on flat areas.
-pub(super) const C2: f64 = 0.03 * 0.03;
+pub(crate) const C2: f64 = 0.03 * 0.03;
 /// Width of the Gaussian, pixels.
 const SIGMA: f64 = 1.5;
+
+/// The one-dimensional window of 11 pixels.
+pub(crate) fn window_taps() -> Vec<f64> {
+    Window::Eleven.taps()
+}
 
 /// Size of the Gaussian window; its width is 1.5 pixels in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
