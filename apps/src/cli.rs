@@ -57,6 +57,8 @@ pub(crate) enum Command {
     Eval(Eval),
     /// Render pictures along a camera path
     Render(Render),
+    /// Look around in a run on a web page, while it trains or afterwards
+    View(View),
     /// Write points, a mesh or cameras, in the input's frame and scale
     Export(Export),
     /// Write which pixels of the training photos show the place itself, and score that where the truth is known
@@ -316,6 +318,19 @@ pub(crate) enum Layer {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct View {
+    /// Run folder; one that still trains is followed
+    #[arg(value_name = "RUN|FILE")]
+    pub(crate) what: PathBuf,
+    /// Name or number of the network interface that the page is served at; `0.0.0.0` is all of them, for everybody
+    #[arg(long, default_value = "127.0.0.1", value_name = "HOST")]
+    pub(crate) host: String,
+    /// Port; 0 is any that is free
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) port: u16,
+}
+
+#[derive(Debug, Args)]
 #[command(group = clap::ArgGroup::new("what").required(true).multiple(true))]
 pub(crate) struct Export {
     /// Run folder
@@ -455,7 +470,7 @@ mod tests {
         }
     }
 
-    const SHARED: [&str; 13] = [
+    const SHARED: [&str; 15] = [
         "demo --out d",
         "demo",
         "check s --holdout every:8",
@@ -469,6 +484,8 @@ mod tests {
         "eval d --scales 4",
         "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
         "render d --path hold:train/r_0 --out e",
+        "view d",
+        "view d --host 0.0.0.0 --port 8080",
         "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
     ];
 
@@ -507,6 +524,8 @@ mod tests {
             "train s --out d --eval-appearance encode:right",
             "render d --path orbit --out e --appearance noon",
             "render d --path orbit --out e --fit-camera b",
+            "view",
+            "view d --port 70000",
             "masks d --every 0",
             "masks d --empty-class two",
         ] {

@@ -1,6 +1,6 @@
 //! The binaries: they parse, call `systems`, and show.
 //!
-//! Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (the checkpoint is written). Results go to standard
+//! Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (the checkpoint is written; `view` ends with 0, as there is no other end). Results go to standard
 //! output, progress and errors to standard error.
 
 mod app;
@@ -8,6 +8,7 @@ mod cli;
 mod commands;
 mod interrupt;
 mod show;
+mod view;
 
 use std::process::ExitCode;
 

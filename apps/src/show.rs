@@ -194,7 +194,8 @@ fn short(x: f64) -> String {
     }
 }
 
-fn note(text: &str) {
+/// Write a line to standard error.
+pub(crate) fn note(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 

@@ -46,7 +46,9 @@ impl Row {
         )
     }
 
-    fn parse(line: &str) -> Option<Self> {
+    /// A row as it is written; `None` for a line that is none.
+    #[must_use]
+    pub fn parse(line: &str) -> Option<Self> {
         let cells: Vec<&str> = line.split(',').collect();
         let cell = |i: usize| match cells.get(i).copied()? {
             "" => Some(None),

@@ -59,7 +59,7 @@ impl Session {
         Run::open(folder, &systems::options::Request::default(), self.parts(), show)
     }
 
-    fn show(&self) -> Show {
+    pub(crate) fn show(&self) -> Show {
         Show::new(self.progress)
     }
 }
@@ -76,6 +76,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
         Command::Train(args) => train::run(&session, args),
         Command::Eval(args) => eval::run(&session, &args),
         Command::Render(args) => render::run(&session, &args),
+        Command::View(args) => crate::view::run(&session, &args),
         Command::Export(args) => export::run(&session, &args),
         Command::Masks(args) => masks::run(&session, &args),
     }

@@ -3,6 +3,7 @@
 //! ```text
 //! config.toml        what determines the result, with every setting the plan decided
 //! heldout.txt        names of the held-out frames, one a line
+//! schedule.json      when the last training was to stop, for those who watch
 //! metrics.csv        a row an interval (see `log`)
 //! checkpoint/        see `checkpoint`
 //! eval.json eval.csv scores of the held-out views
@@ -16,6 +17,7 @@
 mod datasets;
 mod host;
 mod measured;
+mod planned;
 mod showcase;
 
 use crate::checkpoint::{self, Checkpoint};
@@ -35,6 +37,7 @@ use crate::train::{Ended, Reason, Schedule, train};
 use datasets::datasets;
 use host::RunHost;
 use losses::metrics::Lpips;
+pub use planned::planned_stop;
 use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -235,6 +238,7 @@ impl<'a> Run<'a> {
     ) -> Result<(Ended, Option<Evaluation>), RunError> {
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
+        planned::write(self.parts.storage, &self.folder, schedule.stop)?;
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));

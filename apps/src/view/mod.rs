@@ -1,0 +1,71 @@
+//! `view`: a page with live pictures of a run, drawn here on the CPU while the camera moves.
+//!
+//! ```text
+//! page  <- JSON, pictures -  session  <- desk ->  picture  ->  Scene3d (a run at a checkpoint)
+//!                               ^                                ^
+//! server, guard                 stage  <-  follow (newest checkpoint, tail of metrics.csv)
+//! ```
+
+mod desk;
+mod follow;
+mod guard;
+mod pace;
+mod page;
+mod picture;
+mod protocol;
+mod run_scene;
+mod scene;
+mod server;
+mod session;
+mod stage;
+mod tail;
+mod training;
+
+use crate::cli::View;
+use crate::commands::{Done, Failure, Session};
+use crate::interrupt;
+use crate::show::line;
+use follow::Follower;
+use scene::Scene3d;
+use server::Server;
+use stage::{Shown, Stage};
+use std::path::Path;
+use std::sync::Arc;
+use systems::RunError;
+
+/// Serve the page until a signal comes.
+pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
+    let interrupt = interrupt::flag()?;
+    let stage = if args.what.is_dir() {
+        if !follow::is_run(&args.what) {
+            return Err(refusal(&args.what, "is no run folder: there is neither a `config.toml` nor a checkpoint in it"));
+        }
+        let mut show = session.show();
+        let follower = Follower::open(session.app, &args.what, &mut show)?;
+        show.finish();
+        let stage = follower.stage();
+        follower.start()?;
+        stage
+    } else if args.what.exists() {
+        Arc::new(Stage::new(Shown::Scene(Arc::from(open_file(&args.what)?))))
+    } else {
+        return Err(refusal(&args.what, "is not there: name a run folder (`train SCENE --out DIR` makes one)"));
+    };
+    let server = Server::bind(&args.host, args.port)
+        .map_err(|e| RunError::Option(format!("cannot listen at `--host {}` `--port {}`: {e}", args.host, args.port)))?;
+    if !server.address.ip().is_loopback() {
+        crate::show::note("warning: everybody who reaches this machine can look at this; `--host 127.0.0.1` keeps it here");
+    }
+    line(format_args!("http://{}/ shows {}; Ctrl-C ends it", server.address, args.what.display()));
+    server.run(stage, &interrupt)?;
+    Ok(Done::Finished)
+}
+
+/// Open a file to look at. Formats of files go here, and nowhere else: whatever implements [`Scene3d`] can be shown.
+fn open_file(path: &Path) -> Result<Box<dyn Scene3d>, Failure> {
+    Err(refusal(path, "is a file; what can be looked at is a run folder"))
+}
+
+fn refusal(path: &Path, problem: &str) -> Failure {
+    Box::new(RunError::Option(format!("`{}` {problem}", path.display())))
+}

@@ -1,0 +1,100 @@
+//! What can be looked at: the seam between the viewer and what draws.
+
+use super::protocol::{Layer, Light};
+use glam::DQuat;
+use image::RgbImage;
+use render_core::camera::Camera;
+use serde::Serialize;
+use systems::render::Rendered;
+use systems::system::{Appearance, Query};
+
+/// Something that pictures can be drawn of, from any camera.
+pub(crate) trait Scene3d: Send + Sync {
+    /// All that the page needs to know.
+    fn describe(&self) -> Description;
+
+    /// Training steps behind what is drawn; 0 where there were none.
+    fn step(&self) -> u64;
+
+    /// What was behind the scene in training, `0..=1` each.
+    fn background(&self) -> [f32; 3];
+
+    /// The layers that `query` asks for as `camera` sees them; `None` as soon as `go_on` says no, which is asked now and
+    /// then.
+    fn draw(&self, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered>;
+
+    /// A light as the scene knows it; lights that it has not are the mean of all.
+    fn appearance(&self, light: &Light) -> Appearance;
+
+    /// A photo of [`Description::photos`] as it was taken (`Layer::Photo`), or which pixels of it show the place itself, as
+    /// grey (`Layer::Mask`).
+    ///
+    /// # Errors
+    /// A sentence for the person: no such photo, no such layer, a file that cannot be read.
+    fn photo(&self, photo: usize, layer: Layer) -> Result<RgbImage, String>;
+
+    /// The box `[min, max]` that canonical points are drawn in, world units.
+    fn bounds(&self) -> [[f64; 3]; 2];
+}
+
+/// What the page needs to know of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Description {
+    /// What it is called.
+    pub(crate) title: String,
+    /// How it was made, in a few words.
+    pub(crate) subtitle: String,
+    /// Training steps behind it; 0 where there were none.
+    pub(crate) step: u64,
+    /// Cameras of photos, those trained on first.
+    pub(crate) photos: Vec<Photo>,
+    /// A point to turn around, world units.
+    pub(crate) pivot: [f64; 3],
+    /// Whether the pivot is only a guess: the depth in the first picture says more.
+    pub(crate) pivot_is_guess: bool,
+    /// Up, a unit vector.
+    pub(crate) up: [f64; 3],
+    /// About how far the cameras stand from the pivot, world units.
+    pub(crate) radius: f64,
+    /// Whether the scene moves.
+    pub(crate) moves: bool,
+    /// Photos whose light can be chosen; empty where there is one light.
+    pub(crate) lights: Vec<String>,
+    /// Layers that there are, by their words.
+    pub(crate) layers: Vec<&'static str>,
+    /// What was behind the scene in training, `0..=1`.
+    pub(crate) background: [f32; 3],
+    /// Longest side of the photos, pixels.
+    pub(crate) longest_side: u32,
+}
+
+/// The camera of a photo.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Photo {
+    pub(crate) name: String,
+    pub(crate) held_out: bool,
+    /// World units.
+    pub(crate) position: [f64; 3],
+    /// Camera-to-world, CV axes.
+    pub(crate) wxyz: [f64; 4],
+    /// Tangents of half the angles across and down.
+    pub(crate) tangents: [f64; 2],
+    pub(crate) time: f64,
+}
+
+impl Photo {
+    pub(crate) fn new(name: &str, camera: &Camera, time: f64, held_out: bool) -> Self {
+        let q = DQuat::from_mat3(&camera.pose.r).normalize();
+        Self {
+            name: name.into(),
+            held_out,
+            position: camera.pose.c.to_array(),
+            wxyz: [q.w, q.x, q.y, q.z],
+            tangents: [
+                f64::from(camera.width) / 2.0 / camera.fx.max(1e-9),
+                f64::from(camera.height) / 2.0 / camera.fy.max(1e-9),
+            ],
+            time,
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! One connected page: its wishes in, pictures out. A thread of its own draws, so that words never wait for pictures.
+
+use super::desk::{Desk, Job};
+use super::pace::levels;
+use super::picture::{self, Painter};
+use super::protocol::{Draw, Message, Quality};
+use super::scene::Scene3d;
+use super::stage::{Shown, Stage};
+use axum::extract::ws::{Message as Frame, WebSocket};
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+
+/// Stillness after which better pictures are drawn.
+const REST: Duration = Duration::from_millis(120);
+
+/// Messages that may wait for a slow connection; then the drawing waits.
+const WAITING: usize = 2;
+
+/// Talk to a page until it leaves.
+pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
+    let (mut shown, mut training) = stage.watch();
+    let desk = Arc::new(Desk::default());
+    let (out, mut drawn) = mpsc::channel(WAITING);
+    let (its_desk, its_shown) = (desk.clone(), shown.clone());
+    let work = move || work(&its_desk, &its_shown, &out);
+    if let Err(e) = std::thread::Builder::new().name("draw".into()).spawn(work) {
+        let _ = socket.send(error(&format!("no thread to draw with: {e}"))).await;
+        return;
+    }
+    // Said at once, and again whenever it changes.
+    shown.mark_changed();
+    training.mark_changed();
+    loop {
+        let answer = tokio::select! {
+            message = socket.recv() => match message {
+                Some(Ok(Frame::Text(text))) => match Message::parse(&text) {
+                    Ok(Message::Draw(draw)) => { desk.draw(draw); None }
+                    Ok(Message::Pick(pick)) => { desk.pick(pick); None }
+                    Err(problem) => Some(error(&problem)),
+                },
+                Some(Ok(Frame::Binary(_))) => Some(error("the message is not understood: it is no text")),
+                Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => None,
+                // Too long or broken: nothing that comes after it can be trusted.
+                Some(Err(e)) => {
+                    let _ = socket.send(error(&format!("the message is refused: {e}"))).await;
+                    break;
+                }
+                Some(Ok(Frame::Close(_))) | None => break,
+            },
+            frame = drawn.recv() => match frame {
+                Some(frame) => Some(frame),
+                // Whoever draws is gone; the page may come again.
+                None => break,
+            },
+            Ok(()) = shown.changed() => {
+                desk.again();
+                Some(Frame::Text(shown.borrow_and_update().text().into()))
+            }
+            Ok(()) = training.changed() => {
+                let text = training.borrow_and_update().clone();
+                (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
+            }
+        };
+        if let Some(frame) = answer
+            && socket.send(frame).await.is_err()
+        {
+            break;
+        }
+    }
+    desk.close();
+}
+
+fn error(message: &str) -> Frame {
+    Frame::Text(json!({ "type": "error", "message": message }).to_string().into())
+}
+
+/// Do what the desk says until it closes or nobody takes the answers.
+fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &mpsc::Sender<Frame>) {
+    let mut painter = Painter::default();
+    while let Some(job) = desk.next() {
+        let scene = shown.borrow().scene().cloned();
+        let went = match (job, scene) {
+            (Job::Pick(pick), scene) => {
+                let point = scene.and_then(|scene| picture::seen_point(scene.as_ref(), &pick));
+                let text = json!({ "type": "picked", "id": pick.id, "point": point }).to_string();
+                out.blocking_send(Frame::Text(text.into())).is_ok()
+            }
+            (Job::Draw(number, _), None) => {
+                desk.met(number);
+                true
+            }
+            (Job::Draw(number, draw), Some(scene)) => {
+                let mut send = |bytes: Vec<u8>| out.blocking_send(Frame::Binary(bytes.into())).is_ok();
+                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), &mut send) {
+                    Ok(went) => went,
+                    Err(problem) => {
+                        desk.met(number);
+                        out.blocking_send(error(&problem)).is_ok()
+                    }
+                }
+            }
+        };
+        if !went {
+            break;
+        }
+    }
+}
+
+/// Pictures of a wish: one in time, and better ones while nothing else is wished for. False when nobody takes them.
+fn draw_all(
+    desk: &Desk,
+    (painter, scene): (&mut Painter, &dyn Scene3d),
+    (number, draw): (u64, &Draw),
+    send: &mut dyn FnMut(Vec<u8>) -> bool,
+) -> Result<bool, String> {
+    if draw.layer.is_of_photo() {
+        let file = picture::photo(scene, draw)?;
+        desk.met(number);
+        return Ok(send(file));
+    }
+    let full = draw.full_size();
+    let first = painter.quick_size(draw);
+    let quality = |size| match size {
+        _ if size == full => Quality::Full,
+        _ if size == first => Quality::Quick,
+        _ => Quality::Better,
+    };
+    // Never given up for a newer wish: while the camera moves there always is one.
+    let Some(file) = painter.paint(scene, draw, (first, Quality::Quick), &|| desk.is_open())? else {
+        return Ok(false);
+    };
+    if !send(file) {
+        return Ok(false);
+    }
+    if !desk.rests(number, REST) {
+        return Ok(true);
+    }
+    let mut sizes = levels(first, full);
+    if sizes.is_empty() {
+        // Large enough, but without what JPEG takes away.
+        sizes.push(full);
+    }
+    for size in sizes {
+        match painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? {
+            None => return Ok(true),
+            Some(file) => {
+                if !send(file) {
+                    return Ok(false);
+                }
+            }
+        }
+    }
+    desk.met(number);
+    Ok(true)
+}
