@@ -9,6 +9,7 @@
 //! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
 //! * [`canonical`]: which point of the scene at rest a pixel shows.
 //! * [`appearance`]: in which photo's light pictures are rendered.
+//! * [`splats`]: systems of Gaussian splats.
 //! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
 
 pub mod appearance;
@@ -42,6 +43,7 @@ pub mod run;
 pub mod skips;
 pub mod source;
 pub mod space;
+pub mod splats;
 pub mod static_scene;
 pub mod summary;
 pub mod surface;

@@ -1,0 +1,187 @@
+//! Where a cloud begins.
+//!
+//! | what | from points | at random |
+//! | --- | --- | --- |
+//! | position | the point | uniform in a box |
+//! | colour | the point's, the same from everywhere | uniform, or grey |
+//! | size | `sqrt(max(m, 1e-7))`, at most a tenth of the extent; `m` the mean of the squared distances to the three nearest others | the same |
+//! | opacity | 0.1 | 0.1 |
+//!
+//! All in the [`Frame`] of training, where the extent is 1. Points behind all cameras are kept: a photo that is added later may
+//! see them.
+
+use super::frame::Frame;
+use super::neighbours::mean_squared_distances;
+use crate::data::Dataset;
+use crate::layout::Layout;
+use crate::plan::space;
+use field_core::rng::Rng;
+use glam::DVec3;
+use rayon::prelude::*;
+use scene_io::{Bounds, Point};
+use splat_core::{Gaussians, SH_0, SplatError};
+
+/// Opacity of all.
+const OPACITY: f64 = 0.1;
+/// Smallest mean of squared distances, largest size, and size of a point alone: internal units.
+const LEAST_SQUARE: f64 = 1e-7;
+const LARGEST: f64 = 0.1;
+const ALONE: f64 = 0.01;
+/// Stream of random numbers.
+const STREAM: u64 = 0x5350_4C41_5453;
+
+/// Colours of a random start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Colours {
+    /// Any, each channel uniform in `[0, 1]`.
+    #[default]
+    Uniform,
+    /// The middle grey.
+    Grey,
+}
+
+/// What a start is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartOptions {
+    /// Degree of the spherical harmonics there is room for; all coefficients but the constant one are 0.
+    pub degree: usize,
+    /// No more Gaussians than this.
+    pub max: usize,
+    /// How many where there are no points.
+    pub random: usize,
+    /// Their colours.
+    pub colours: Colours,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// A cloud to begin with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// In the frame of training.
+    pub cloud: Gaussians,
+    /// What was taken, left out and assumed, for people.
+    pub notes: Vec<String>,
+}
+
+impl Start {
+    /// At the points there are, or at random in a box of the scene's frame ([`scene_box`]) where there are none.
+    ///
+    /// # Errors
+    /// [`SplatError::Degree`] for a degree that cannot be.
+    pub fn new(
+        points: &[Point],
+        within: impl FnOnce() -> Bounds,
+        frame: &Frame,
+        options: &StartOptions,
+    ) -> Result<Self, SplatError> {
+        if !points.iter().any(|p| fits(p, frame)) {
+            let mut start = Self::random(within(), frame, options)?;
+            start.notes.insert(0, "the dataset has no points to begin at".into());
+            return Ok(start);
+        }
+        Self::from_points(points, frame, options)
+    }
+
+    /// At reconstructed points. Where there are more than `max`, every so many-th is taken; points that no `f32` can hold are
+    /// left out.
+    ///
+    /// # Errors
+    /// As [`Start::new`].
+    ///
+    /// # Source
+    /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, section 5.1 and released code.
+    pub fn from_points(points: &[Point], frame: &Frame, options: &StartOptions) -> Result<Self, SplatError> {
+        let usable: Vec<&Point> = points.iter().filter(|p| fits(p, frame)).collect();
+        let mut notes = Vec::new();
+        if usable.len() < points.len() {
+            notes.push(format!(
+                "{} of {} points left out: their positions are no finite numbers",
+                points.len() - usable.len(),
+                points.len()
+            ));
+        }
+        let count = usable.len().min(options.max);
+        let taken = |k: usize| usable[(k as u128 * usable.len() as u128 / count as u128) as usize];
+        let inside: Vec<[f64; 3]> = (0..count).map(|k| frame.to_internal(taken(k).xyz).to_array()).collect();
+        let colour = |k: usize| taken(k).rgb.map(|v| f32::from(v) / 255.0);
+        notes.push(if count < usable.len() {
+            format!(
+                "{count} Gaussians at points of the dataset, spread evenly over its {}: no more are allowed",
+                usable.len()
+            )
+        } else {
+            format!("{count} Gaussians at the points of the dataset")
+        });
+        Self::at(&inside, colour, options.degree, notes)
+    }
+
+    /// At `random` places (no more than `max`), uniform in a box of the scene's frame.
+    ///
+    /// # Errors
+    /// As [`Start::new`].
+    pub fn random(within: Bounds, frame: &Frame, options: &StartOptions) -> Result<Self, SplatError> {
+        let (low, high) = (frame.to_internal(within.min), frame.to_internal(within.max));
+        let (place, paint) = (Rng::new(options.seed, STREAM).substream(0), Rng::new(options.seed, STREAM).substream(1));
+        let count = options.random.min(options.max);
+        let draw = |k: usize| {
+            let [x, y, z, _] = place.uniform4_at(k as u64).map(f64::from);
+            (low + DVec3::new(x, y, z) * (high - low)).to_array()
+        };
+        let inside: Vec<[f64; 3]> = (0..count).into_par_iter().map(draw).collect();
+        let colour = |k: usize| match options.colours {
+            Colours::Grey => [0.5; 3],
+            Colours::Uniform => {
+                let [r, g, b, _] = paint.uniform4_at(k as u64);
+                [r, g, b]
+            }
+        };
+        let size = within.max - within.min;
+        let note = format!("{count} Gaussians at random in a box of {:.3} x {:.3} x {:.3}", size.x, size.y, size.z);
+        Self::at(&inside, colour, options.degree, vec![note])
+    }
+
+    /// At internal positions.
+    fn at(
+        inside: &[[f64; 3]],
+        colour: impl Fn(usize) -> [f32; 3],
+        degree: usize,
+        notes: Vec<String>,
+    ) -> Result<Self, SplatError> {
+        let n = inside.len();
+        let mut cloud = Gaussians::new(n, degree)?;
+        cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+        let squares = mean_squared_distances(inside);
+        for (k, (x, square)) in inside.iter().zip(squares).enumerate() {
+            let size = if n == 1 { ALONE } else { square.max(LEAST_SQUARE).sqrt().min(LARGEST) };
+            let rgb = colour(k);
+            for axis in 0..3 {
+                cloud.mean[axis * n + k] = x[axis] as f32;
+                cloud.log_scale[axis * n + k] = size.ln() as f32;
+                cloud.dc[axis * n + k] = (rgb[axis] - 0.5) / SH_0;
+            }
+        }
+        Ok(Self { cloud, notes })
+    }
+}
+
+/// An `f32` can hold it.
+fn fits(point: &Point, frame: &Frame) -> bool {
+    frame.to_internal(point.xyz).as_vec3().is_finite()
+}
+
+/// The box a scene lies in, world units: the one of its space, or a cube around its centre where its cameras do not fit that.
+#[must_use]
+pub fn scene_box(layout: &Layout, data: &Dataset) -> Bounds {
+    let place = (layout.centre.to_array(), layout.radius, 1.0);
+    match space(layout, data, layout.kind, place, 0.0) {
+        Ok(space) => {
+            let [min, max] = space.world_bounds();
+            Bounds { min: min.into(), max: max.into() }
+        }
+        Err(_) => Bounds { min: layout.centre - layout.radius, max: layout.centre + layout.radius },
+    }
+}
+
+#[cfg(test)]
+mod tests;
