@@ -21,7 +21,7 @@ use serde::de::DeserializeOwned;
 const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 
 /// Systems by name.
-pub const SYSTEMS: [&str; 4] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360"];
+pub const SYSTEMS: [&str; 5] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360", "splat"];
 
 /// What is known of a scene before any system is chosen.
 pub(crate) struct Ground {
@@ -139,6 +139,9 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
+    if name == "splat" {
+        return crate::splats::build(scene, data, run);
+    }
     let Ground { layout, mut lines, background, transparent, error_budget } = Ground::of(scene, data, run)?;
     let plan = |lines, mut config: toml::Table| {
         // A resumed run must be told again.

@@ -23,6 +23,9 @@ pub struct Rendered {
 /// Render what `camera` sees.
 pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     let (width, height) = (camera.width, camera.height);
+    if let Some(layers) = system.render_view(camera, query) {
+        return Rendered { width, height, layers };
+    }
     let pixels = width as usize * height as usize;
     let mut layers = Layers::nothing(pixels, query);
     let prepared = camera.prepare();

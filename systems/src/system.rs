@@ -6,7 +6,9 @@
 use crate::data::Dataset;
 use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
+use render_core::camera::Camera;
 use render_core::ray::Ray;
+use splat_core::Gaussians;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -309,6 +311,16 @@ pub trait System: Send + Sync {
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
         let _ = radii;
         self.render(rays, query)
+    }
+
+    /// Render the whole picture of a camera of the scene's frame, row by row; `None` for a system that renders ray by ray.
+    fn render_view(&self, _camera: &Camera, _query: &Query) -> Option<Layers> {
+        None
+    }
+
+    /// The cloud of Gaussians that the scene is, in its frame and unit; `None` for a system that is none.
+    fn splats(&self) -> Option<Gaussians> {
+        None
     }
 
     /// The code of an appearance; `None` for a system that knows one light only.

@@ -3,11 +3,11 @@
 use glam::DVec3;
 use scene_io::{LoadOptions, load};
 use systems::splats::frame::Frame;
-use systems::splats::start::{Colours, Start, StartOptions};
+use systems::splats::start::{Start, StartOptions};
 
 #[test]
 fn clouds_begin_at_the_points_of_real_reconstructions() {
-    let options = StartOptions { degree: 3, max: 5000, random: 100, colours: Colours::Grey, seed: 0 };
+    let options = StartOptions { degree: 3, max: 5000, random: 100, seed: 0 };
     for name in ["nerf_llff_data/fern", "nerd_in_the_wild/statue_of_liberty_40", "phototourism/sacre_coeur_10"] {
         let Some(dir) = testkit::golden::data_or_skip(env!("CARGO_MANIFEST_DIR"), name, "splat_start") else {
             continue;

@@ -42,7 +42,11 @@ use float_core::m64;
 use crate::Gaussians;
 
 /// Opacity of Gaussian `i`.
-fn opacity(cloud: &Gaussians, i: usize) -> f64 {
+///
+/// # Panics
+/// When there is no such Gaussian.
+#[must_use]
+pub fn opacity(cloud: &Gaussians, i: usize) -> f64 {
     m64::logistic(f64::from(cloud.logit[i]))
 }
 

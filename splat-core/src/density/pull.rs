@@ -57,6 +57,25 @@ impl Pull {
         Ok(())
     }
 
+    /// What a checkpoint keeps: sums, views, radii.
+    #[must_use]
+    pub fn parts(&self) -> [&[f32]; 3] {
+        [&self.sum, &self.views, &self.radius]
+    }
+
+    /// Continue from [`parts`](Self::parts).
+    ///
+    /// # Errors
+    /// [`SplatError::Shape`] where their lengths differ.
+    pub fn restore([sum, views, radius]: [Vec<f32>; 3]) -> Result<Self, SplatError> {
+        for (what, part) in [("views", &views), ("radius", &radius)] {
+            if part.len() != sum.len() {
+                return Err(SplatError::Shape { what, want: sum.len(), got: part.len() });
+            }
+        }
+        Ok(Self { sum, views, radius })
+    }
+
     /// `[n]` average over the views that showed each; 0 where there was none.
     #[must_use]
     pub fn mean(&self) -> Vec<f32> {

@@ -2,8 +2,8 @@
 //!
 //! | what | from points | at random |
 //! | --- | --- | --- |
-//! | position | the point | uniform in a box |
-//! | colour | the point's, the same from everywhere | uniform, or grey |
+//! | position | the point | uniform in a box, but for what photos rule out |
+//! | colour | the point's, the same from everywhere | the mean of the photos' there |
 //! | size | `sqrt(max(m, 1e-7))`, at most a tenth of the extent; `m` the mean of the squared distances to the three nearest others | the same |
 //! | opacity | 0.1 | 0.1 |
 //!
@@ -27,18 +27,10 @@ const OPACITY: f64 = 0.1;
 const LEAST_SQUARE: f64 = 1e-7;
 const LARGEST: f64 = 0.1;
 const ALONE: f64 = 0.01;
+/// Places are drawn so often as many as are wanted, at most.
+const ROUNDS: u64 = 64;
 /// Stream of random numbers.
 const STREAM: u64 = 0x5350_4C41_5453;
-
-/// Colours of a random start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Colours {
-    /// Any, each channel uniform in `[0, 1]`.
-    #[default]
-    Uniform,
-    /// The middle grey.
-    Grey,
-}
 
 /// What a start is told.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,14 +41,12 @@ pub struct StartOptions {
     pub max: usize,
     /// How many where there are no points.
     pub random: usize,
-    /// Their colours.
-    pub colours: Colours,
     /// Seed of everything random.
     pub seed: u64,
 }
 
 /// A cloud to begin with.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Start {
     /// In the frame of training.
     pub cloud: Gaussians,
@@ -65,29 +55,11 @@ pub struct Start {
 }
 
 impl Start {
-    /// At the points there are, or at random in a box of the scene's frame ([`scene_box`]) where there are none.
-    ///
-    /// # Errors
-    /// [`SplatError::Degree`] for a degree that cannot be.
-    pub fn new(
-        points: &[Point],
-        within: impl FnOnce() -> Bounds,
-        frame: &Frame,
-        options: &StartOptions,
-    ) -> Result<Self, SplatError> {
-        if !points.iter().any(|p| fits(p, frame)) {
-            let mut start = Self::random(within(), frame, options)?;
-            start.notes.insert(0, "the dataset has no points to begin at".into());
-            return Ok(start);
-        }
-        Self::from_points(points, frame, options)
-    }
-
     /// At reconstructed points. Where there are more than `max`, every so many-th is taken; points that no `f32` can hold are
     /// left out.
     ///
     /// # Errors
-    /// As [`Start::new`].
+    /// [`SplatError::Degree`].
     ///
     /// # Source
     /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, section 5.1 and released code.
@@ -116,29 +88,55 @@ impl Start {
         Self::at(&inside, colour, options.degree, notes)
     }
 
-    /// At `random` places (no more than `max`), uniform in a box of the scene's frame.
+    /// At `random` places (no more than `max`), uniform in a box of the scene's frame, where photos do not show that nothing is:
+    /// what is transparent in one of them is empty, what hardly any has in the picture would not learn. Each begins with the mean of
+    /// the colours seen there: `sight` says which, or `None` of a place that is ruled out.
     ///
     /// # Errors
-    /// As [`Start::new`].
-    pub fn random(within: Bounds, frame: &Frame, options: &StartOptions) -> Result<Self, SplatError> {
-        let (low, high) = (frame.to_internal(within.min), frame.to_internal(within.max));
-        let (place, paint) = (Rng::new(options.seed, STREAM).substream(0), Rng::new(options.seed, STREAM).substream(1));
+    /// [`SplatError::Degree`].
+    pub fn random(
+        within: Bounds,
+        frame: &Frame,
+        options: &StartOptions,
+        sight: impl Fn(DVec3) -> Option<[f32; 3]> + Sync,
+    ) -> Result<Self, SplatError> {
         let count = options.random.min(options.max);
-        let draw = |k: usize| {
-            let [x, y, z, _] = place.uniform4_at(k as u64).map(f64::from);
-            (low + DVec3::new(x, y, z) * (high - low)).to_array()
+        let rng = Rng::new(options.seed, STREAM);
+        let draw = |k: u64| {
+            let [x, y, z, _] = rng.uniform4_at(k).map(f64::from);
+            within.min + DVec3::new(x, y, z) * (within.max - within.min)
         };
-        let inside: Vec<[f64; 3]> = (0..count).into_par_iter().map(draw).collect();
-        let colour = |k: usize| match options.colours {
-            Colours::Grey => [0.5; 3],
-            Colours::Uniform => {
-                let [r, g, b, _] = paint.uniform4_at(k as u64);
-                [r, g, b]
+        let (mut inside, mut colours) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let batch = count.max(1) as u64;
+        for round in 0..ROUNDS {
+            let range = round * batch..(round + 1) * batch;
+            let found: Vec<_> = range.into_par_iter().filter_map(|k| Some((draw(k), sight(draw(k))?))).collect();
+            for (x, rgb) in found {
+                if inside.len() < count {
+                    inside.push(frame.to_internal(x).to_array());
+                    colours.push(rgb);
+                }
             }
-        };
+            if inside.len() == count {
+                break;
+            }
+        }
+        let mut notes = Vec::new();
+        if inside.is_empty() {
+            // Nothing is certain of photos that agree on no place: anywhere, then.
+            notes.push("no place is seen by two photos that both show something there".to_string());
+            inside = (0..batch.min(count as u64)).map(|k| frame.to_internal(draw(k)).to_array()).collect();
+            colours = vec![[0.5; 3]; inside.len()];
+        }
         let size = within.max - within.min;
-        let note = format!("{count} Gaussians at random in a box of {:.3} x {:.3} x {:.3}", size.x, size.y, size.z);
-        Self::at(&inside, colour, options.degree, vec![note])
+        notes.push(format!(
+            "{} Gaussians at random in a box of {:.3} x {:.3} x {:.3}, where photos do not rule them out",
+            inside.len(),
+            size.x,
+            size.y,
+            size.z
+        ));
+        Self::at(&inside, |k| colours[k], options.degree, notes)
     }
 
     /// At internal positions.

@@ -3,8 +3,13 @@ use scene_io::synthetic::{OrbitOptions, TabletopOptions, orbit, tabletop};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::sync::Arc;
 
-const OPTIONS: StartOptions =
-    StartOptions { degree: 2, max: 1_000_000, random: 500, colours: Colours::Uniform, seed: 4 };
+const OPTIONS: StartOptions = StartOptions { degree: 2, max: 1_000_000, random: 500, seed: 4 };
+
+/// Photos that show red wherever they are asked.
+fn red(_: DVec3) -> Option<[f32; 3]> {
+    Some([1.0, 0.0, 0.0])
+}
+
 const UNIT: Bounds = Bounds { min: DVec3::NEG_ONE, max: DVec3::ONE };
 
 fn at(x: f64, y: f64, z: f64) -> Point {
@@ -136,7 +141,7 @@ fn no_more_than_max_are_taken_evenly() {
     let most = Start::from_points(&points, &Frame::WORLD, &StartOptions { max: 999, ..OPTIONS }).unwrap();
     let distinct: std::collections::BTreeSet<u32> = most.cloud.mean[..999].iter().map(|x| x.to_bits()).collect();
     assert_eq!(distinct.len(), 999, "no point twice");
-    let random = Start::random(UNIT, &Frame::WORLD, &StartOptions { max: 20, ..OPTIONS }).unwrap();
+    let random = Start::random(UNIT, &Frame::WORLD, &StartOptions { max: 20, ..OPTIONS }, red).unwrap();
     is_sound(&random, 20);
 }
 
@@ -148,10 +153,7 @@ fn points_that_are_no_numbers_are_left_out_and_counted() {
     let start = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
     is_sound(&start, 8);
     assert!(start.notes[0].starts_with("2 of 10 points left out"), "{:?}", start.notes);
-    // None is left: as without points.
-    let start = Start::new(&[at(f64::NAN, 0.0, 0.0)], || UNIT, &Frame::WORLD, &OPTIONS).unwrap();
-    is_sound(&start, 500);
-    assert!(start.notes[0].contains("no points to begin at"), "{:?}", start.notes);
+    assert!(Start::from_points(&[at(f64::NAN, 0.0, 0.0)], &Frame::WORLD, &OPTIONS).unwrap().cloud.is_empty());
 }
 
 #[test]
@@ -159,7 +161,7 @@ fn random_starts_fill_their_box_and_depend_on_the_seed_alone() {
     let within = Bounds { min: DVec3::new(10.0, -4.0, 0.0), max: DVec3::new(14.0, -2.0, 1.0) };
     let frame = Frame { centre: [12.0, -3.0, 0.0], scale: 8.0 };
     let options = StartOptions { random: 4000, ..OPTIONS };
-    let start = Start::new(&[], || within, &frame, &options).unwrap();
+    let start = Start::random(within, &frame, &options, red).unwrap();
     is_sound(&start, 4000);
     let mut world = start.cloud.clone();
     frame.cloud_to_world(&mut world);
@@ -170,20 +172,29 @@ fn random_starts_fill_their_box_and_depend_on_the_seed_alone() {
         let mean = x.iter().sum::<f32>() / 4000.0;
         // Deviation of the mean: a width over sqrt(12 n).
         assert!((mean - 0.5 * (low + high)).abs() < 5.0 * (high - low) / 219.0, "{mean}");
-        let colours = start.cloud.dc[4000 * axis..][..4000].iter().map(|dc| SH_0 * dc + 0.5);
-        assert!(colours.clone().all(|c| (-1e-6..=1.0 + 1e-6).contains(&c)));
-        assert!((colours.sum::<f32>() / 4000.0 - 0.5).abs() < 5.0 / 219.0);
+        let red = [1.0, 0.0, 0.0][axis];
+        assert!(start.cloud.dc[4000 * axis..][..4000].iter().all(|dc| (SH_0 * dc + 0.5 - red).abs() < 1e-6));
     }
-    assert_eq!(Start::random(within, &frame, &options).unwrap().cloud, start.cloud);
-    assert_ne!(Start::random(within, &frame, &StartOptions { seed: 5, ..options }).unwrap().cloud, start.cloud);
-    let grey = Start::random(within, &frame, &StartOptions { colours: Colours::Grey, ..options }).unwrap();
-    assert!(grey.cloud.dc.iter().all(|dc| *dc == 0.0) && grey.cloud.mean == start.cloud.mean);
+    assert_eq!(Start::random(within, &frame, &options, red).unwrap().cloud, start.cloud);
+    assert_ne!(Start::random(within, &frame, &StartOptions { seed: 5, ..options }, red).unwrap().cloud, start.cloud);
+}
+
+#[test]
+fn places_that_photos_rule_out_stay_empty() {
+    let right = |x: DVec3| (x.x > 0.5).then_some([0.5; 3]);
+    let start = Start::random(UNIT, &Frame::WORLD, &OPTIONS, right).unwrap();
+    is_sound(&start, 500);
+    assert!(start.cloud.mean[..500].iter().all(|x| *x > 0.5));
+    // Where nothing is left there has to be something all the same.
+    let start = Start::random(UNIT, &Frame::WORLD, &OPTIONS, |_| None).unwrap();
+    is_sound(&start, 500);
+    assert!(start.notes[0].contains("no place"), "{:?}", start.notes);
 }
 
 #[test]
 fn degrees_that_cannot_be_are_refused() {
     let options = StartOptions { degree: 4, ..OPTIONS };
-    assert_eq!(Start::random(UNIT, &Frame::WORLD, &options), Err(SplatError::Degree { got: 4 }));
+    assert_eq!(Start::random(UNIT, &Frame::WORLD, &options, red), Err(SplatError::Degree { got: 4 }));
 }
 
 fn data(scene: &Scene) -> Dataset {

@@ -1,0 +1,172 @@
+//! Gaussians from a file: something to look at, without photos and without training.
+
+use super::frame::Frame;
+use super::look::{Kept, Look};
+use crate::camera_path::{PathKind, read};
+use crate::error::RunError;
+use crate::render::Rendered;
+use crate::system::Query;
+use float_core::Simd;
+use glam::{DMat3, DVec3};
+use render_core::camera::{Camera, Pose};
+use render_core::path::{Ends, through};
+use scene_io::read_splats;
+use splat_core::density::opacity;
+use splat_core::{Gaussians, Rules};
+use std::path::Path;
+
+/// Gaussians fainter than this do not say where the scene is.
+const SHOWS: f64 = 0.1;
+/// Share of the Gaussians that the scene is, by their distance from its middle.
+const MOST: f64 = 0.75;
+/// Nothing nearer than this part of the scene's radius is drawn: what is that near is in the way.
+const NEAR: f64 = 0.01;
+/// Pictures where nothing else is said: size, and tangent of half the angle across.
+const SIZE: [u32; 2] = [960, 540];
+const TANGENT: f64 = 0.6;
+/// An orbit's distance in radii of the scene, and its height above the middle as a part of that.
+const DISTANCE: f64 = 2.0;
+const HEIGHT: f64 = 0.35;
+/// Frames of a path where nothing is said.
+const FRAMES: usize = 60;
+
+/// A cloud that is drawn as it is.
+pub struct Cloud {
+    /// In a frame around its middle, so that places far from the origin keep their digits.
+    cloud: Gaussians,
+    frame: Frame,
+    rules: Rules,
+    middle: DVec3,
+    radius: f64,
+    notes: Vec<String>,
+    kept: Kept,
+}
+
+impl Cloud {
+    /// Read a `.ply`, `.splat` or `.spz` file.
+    ///
+    /// # Errors
+    /// [`RunError::Scene`] naming the file and what is wrong with it.
+    pub fn open(path: &Path) -> Result<Self, RunError> {
+        let file = read_splats(path)?;
+        let widening = file.widening.unwrap_or_default();
+        Ok(Self { notes: file.notes, ..Self::new(file.cloud, Rules { widening, ..Rules::DEFAULT }) })
+    }
+
+    /// A cloud of the scene's frame.
+    #[must_use]
+    pub fn new(mut cloud: Gaussians, rules: Rules) -> Self {
+        let (middle, radius) = extent(&cloud);
+        let frame = Frame { centre: middle.to_array(), scale: 1.0 };
+        frame.cloud_to_internal(&mut cloud);
+        let rules = Rules { near: (NEAR * radius) as f32, ..rules };
+        Self { cloud, frame, rules, middle, radius, notes: Vec::new(), kept: Kept::default() }
+    }
+
+    /// What was dropped, clamped or ignored while reading, a line each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// How many Gaussians.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.cloud.len()
+    }
+
+    /// None at all?
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.cloud.is_empty()
+    }
+
+    /// The middle of what shows, and the distance from it that most of that is within, world units.
+    #[must_use]
+    pub fn extent(&self) -> (DVec3, f64) {
+        (self.middle, self.radius)
+    }
+
+    /// Up, as far as a file says: pictures of structure from motion have y down.
+    #[must_use]
+    pub fn up(&self) -> DVec3 {
+        DVec3::NEG_Y
+    }
+
+    /// What a camera sees.
+    ///
+    /// # Errors
+    /// [`RunError::Option`] for a camera that cannot see.
+    pub fn render(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
+        let look = Look {
+            cloud: &self.cloud,
+            frame: &self.frame,
+            rules: self.rules,
+            degree: self.cloud.degree(),
+            simd: Simd::best(),
+        };
+        let (layers, _) = look
+            .layers(camera, query, &self.kept)
+            .map_err(|e| RunError::Option(format!("the picture cannot be drawn: {e}")))?;
+        Ok(Rendered { width: camera.width, height: camera.height, layers })
+    }
+
+    /// A camera that stands off the middle: `turn` of a full turn around it.
+    #[must_use]
+    pub fn camera(&self, turn: f64) -> Camera {
+        let (up, angle) = (self.up(), turn * core::f64::consts::TAU);
+        let aside = up.any_orthonormal_vector();
+        let ahead = up.cross(aside);
+        let level = (1.0 - HEIGHT * HEIGHT).sqrt();
+        let way = (aside * angle.cos() + ahead * angle.sin()) * level + up * HEIGHT;
+        let z = -way.normalize();
+        let x = z.cross(up).normalize();
+        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: self.middle + way * DISTANCE * self.radius };
+        let [w, h] = SIZE.map(f64::from);
+        let f = 0.5 * w / TANGENT;
+        Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
+    }
+
+    /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.
+    ///
+    /// # Errors
+    /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.
+    pub fn cameras(&self, kind: &PathKind, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
+        let n = frames.unwrap_or(FRAMES);
+        match kind {
+            PathKind::Orbit => Ok((0..n).map(|i| self.camera(i as f64 / n as f64)).collect()),
+            PathKind::File(path) => {
+                let keys = read(path, &self.camera(0.0))?;
+                Ok(match (frames, keys.first()) {
+                    (Some(n), Some(first)) if n != keys.len() => {
+                        let poses: Vec<Pose> = keys.iter().map(|c| c.pose).collect();
+                        through(&poses, n, Ends::Open).into_iter().map(|pose| Camera { pose, ..*first }).collect()
+                    }
+                    _ => keys,
+                })
+            }
+            PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(
+                "a file of Gaussians has no photos: use `--path orbit` or a file of cameras (`--path FILE.json`)"
+                    .into(),
+            )),
+        }
+    }
+}
+
+/// Middle and radius of what shows: medians along the axes, and a percentile of distances from there.
+fn extent(cloud: &Gaussians) -> (DVec3, f64) {
+    let n = cloud.len();
+    let place = |i: usize| DVec3::from([0, 1, 2].map(|k| f64::from(cloud.mean[k * n + i])));
+    let mut shown: Vec<DVec3> = (0..n).filter(|&i| opacity(cloud, i) > SHOWS).map(place).collect();
+    if shown.is_empty() {
+        shown = (0..n).map(place).collect();
+    }
+    let at = |sorted: &mut Vec<f64>, share: f64| {
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(((sorted.len().max(1) - 1) as f64 * share) as usize).copied()
+    };
+    let middle = [0, 1, 2].map(|k| at(&mut shown.iter().map(|x| x[k]).collect(), 0.5).unwrap_or(0.0));
+    let mut distances = shown.iter().map(|x| x.distance(middle.into())).collect();
+    let radius = at(&mut distances, MOST).filter(|r| *r > 0.0).unwrap_or(1.0);
+    (middle.into(), radius)
+}

@@ -1,0 +1,191 @@
+//! When Gaussians come and go during a training, and what else has to follow.
+
+use super::config::{DensityKind, SplatConfig};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use field_core::rng::Rng;
+use splat_core::density::{Adc, Mcmc, Pull, Rows, keep_in_range, without_non_finite};
+use splat_core::{Footprint, Gaussians, Record, SplatError};
+
+/// Stream of random numbers, and those of its uses in a step.
+const STREAM: u64 = 0x6465_6e73;
+const GROW: u64 = 0;
+const ADD: u64 = 1;
+const STIR: u64 = 2;
+/// Steps between two looks at what is out of range.
+const TIDY_EVERY: u64 = 10;
+/// Extent of the scene, internal units.
+const EXTENT: f64 = 1.0;
+
+/// The rules of a training, and what they have seen.
+#[derive(Clone, Debug)]
+pub(super) enum Density {
+    /// Clone, split, prune, fade.
+    Adc {
+        /// Constants.
+        rules: Adc,
+        /// Gradients since the last change.
+        pull: Pull,
+    },
+    /// Relocate, add, stir.
+    Mcmc {
+        /// Constants.
+        rules: Mcmc,
+    },
+}
+
+/// What became of the rows of a cloud in a step.
+#[derive(Debug, Default)]
+pub(super) struct Changed {
+    /// Where each row comes from; `None`: nothing moved.
+    pub(super) rows: Option<Rows>,
+    /// Opacities were set anew.
+    pub(super) faded: bool,
+}
+
+impl Density {
+    /// Rules for a cloud of `n`.
+    pub(super) fn new(config: &SplatConfig, n: usize) -> Self {
+        let (after, until, every) = (config.densify_from, config.densify_until, config.densify_every);
+        match config.density {
+            DensityKind::Adc => {
+                let rules = Adc {
+                    after,
+                    until,
+                    every,
+                    fade_every: if config.reset_every == 0 { u64::MAX } else { config.reset_every },
+                    size_after: config.reset_every,
+                    hot: config.densify_gradient,
+                    ..Adc::DEFAULT
+                };
+                Self::Adc { rules, pull: Pull::new(n) }
+            }
+            DensityKind::Mcmc => {
+                let cost = f64::from(config.mcmc_cost);
+                let rules = Mcmc {
+                    after,
+                    until,
+                    every,
+                    noise: f64::from(config.mcmc_noise),
+                    opacity_weight: cost,
+                    scale_weight: cost,
+                    ..Mcmc::DEFAULT
+                };
+                Self::Mcmc { rules }
+            }
+        }
+    }
+
+    /// A photo of `size` was seen in step `step`, counted from 0.
+    pub(super) fn see<const K: usize>(
+        &mut self,
+        step: u64,
+        size: [usize; 2],
+        footprints: &[Footprint],
+        records: &[Record<K>],
+    ) -> Result<(), SplatError> {
+        match self {
+            Self::Adc { rules, pull } if step + 1 < rules.until => pull.add(footprints, size, |k| records[k].uv),
+            _ => Ok(()),
+        }
+    }
+
+    /// What opacity and size cost: added to the gradient. Returns the cost.
+    pub(super) fn price(&self, cloud: &Gaussians, grad: &mut Gaussians) -> Result<f64, SplatError> {
+        match self {
+            Self::Adc { .. } => Ok(0.0),
+            Self::Mcmc { rules } => rules.regularise(cloud, grad),
+        }
+    }
+
+    /// What happens after the optimiser's step number `step`, counted from 0; `lr` was the rate of the centres.
+    pub(super) fn change(
+        &mut self,
+        (seed, step): (u64, u64),
+        (max, lr): (usize, f64),
+        cloud: &mut Gaussians,
+        bad: usize,
+    ) -> Result<Changed, SplatError> {
+        // The published schedules count from 1.
+        let count = step + 1;
+        let rng = Rng::new(seed, STREAM).substream(step);
+        let mut changed = Changed::default();
+        if bad > 0 {
+            changed.drop_non_finite(cloud)?;
+        }
+        match self {
+            Self::Adc { rules, pull } => {
+                if let Some(rows) = &changed.rows {
+                    *pull = pull.follow(rows)?;
+                }
+                if rules.grows_at(count) {
+                    let grown = rules.grow(cloud, &pull.mean(), EXTENT, max, rng.substream(GROW))?;
+                    *cloud = grown.cloud;
+                    changed.then(grown.rows)?;
+                    let kept = rules.prune(cloud, EXTENT, count, |_| false)?;
+                    *cloud = kept.follow(cloud)?;
+                    changed.then(kept)?;
+                    *pull = Pull::new(cloud.len());
+                }
+                if rules.fades_at(count) {
+                    rules.fade(cloud, |_| true)?;
+                    changed.faded = true;
+                }
+            }
+            Self::Mcmc { rules } => {
+                rules.stir(cloud, lr, rng.substream(STIR))?;
+                if rules.moves_at(count) {
+                    let moved = rules.relocate(cloud, rng.substream(GROW))?;
+                    *cloud = moved.cloud;
+                    changed.then(moved.rows)?;
+                    let more = rules.add(cloud, max, rng.substream(ADD))?;
+                    *cloud = more.cloud;
+                    changed.then(more.rows)?;
+                }
+            }
+        }
+        if count.is_multiple_of(TIDY_EVERY) || changed.rows.is_some() {
+            keep_in_range(cloud, EXTENT)?;
+        }
+        Ok(changed)
+    }
+
+    pub(super) fn push<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        if let Self::Adc { pull, .. } = self {
+            for (name, numbers) in NAMES.into_iter().zip(pull.parts()) {
+                out.push(f32_tensor(name, numbers));
+            }
+        }
+    }
+
+    /// What [`push`](Self::push) wrote, for a cloud of `n`.
+    pub(super) fn take(state: &TensorMap, config: &SplatConfig, n: usize) -> Result<Self, SystemError> {
+        let mut new = Self::new(config, n);
+        if let Self::Adc { pull, .. } = &mut new {
+            let [sum, views, radius] = NAMES.map(|name| take_f32(state, name, n));
+            *pull = Pull::restore([sum?, views?, radius?])
+                .map_err(|e| SystemError::State { name: NAMES[0].into(), problem: e.to_string() })?;
+        }
+        Ok(new)
+    }
+}
+
+/// Names in checkpoints.
+const NAMES: [&str; 3] = ["pull.sum", "pull.views", "pull.radius"];
+
+impl Changed {
+    fn then(&mut self, rows: Rows) -> Result<(), SplatError> {
+        self.rows = Some(match self.rows.take() {
+            Some(before) => before.then(&rows)?,
+            None => rows,
+        });
+        Ok(())
+    }
+
+    fn drop_non_finite(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {
+        if let Some(rows) = without_non_finite(cloud)? {
+            *cloud = rows.follow(cloud)?;
+            self.then(rows)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,193 @@
+//! Lenses that bend light: Gaussians are drawn onto a plane, so photos are drawn onto it before training, and pictures
+//! from it after rendering.
+
+use glam::DVec2;
+use rayon::prelude::*;
+use render_core::camera::{Camera, Lens, Pose};
+use scene_io::Image;
+
+/// Directions farther from the axis than this slope are on no plane of a reasonable size.
+const STEEPEST: f64 = 4.0;
+/// A canvas has so many pixels to one of the picture along each side, so that drawing it again costs no sharpness,
+const FINER: f64 = 2.0;
+/// and no side longer than this.
+const LONGEST: f64 = 8192.0;
+
+/// A photo's lens and the plane that its photos are drawn onto.
+#[derive(Debug)]
+pub(super) struct Flat {
+    lens: Camera,
+    plane: Camera,
+    /// Where in the photo each pixel of the plane is, pixels; NaN where it is not.
+    sources: Vec<[f32; 2]>,
+}
+
+impl Flat {
+    /// The plane has the photo's size and focal lengths.
+    pub(super) fn new(camera: &Camera) -> Self {
+        let lens = Camera { pose: Pose::IDENTITY, ..*camera };
+        let plane = Camera { lens: Lens::PINHOLE, ..lens };
+        let (seen, w) = (lens.prepare(), plane.width as usize);
+        let sources = (0..w * plane.height as usize)
+            .into_par_iter()
+            .map(|i| {
+                let at = DVec2::new((i % w) as f64 + 0.5, (i / w) as f64 + 0.5);
+                let slope = (at - DVec2::new(plane.cx, plane.cy)) / DVec2::new(plane.fx, plane.fy);
+                let source = seen.project_from_camera(slope.extend(1.0));
+                source.map_or([f32::NAN; 2], |p| [p.x as f32, p.y as f32])
+            })
+            .collect();
+        Self { lens, plane, sources }
+    }
+
+    /// Whether this is the lens of a camera.
+    pub(super) fn is_of(&self, camera: &Camera) -> bool {
+        self.lens.same_optics(camera)
+    }
+
+    /// The plane, standing where the camera stands.
+    pub(super) fn camera(&self, camera: &Camera) -> Camera {
+        Camera { pose: camera.pose, ..self.plane }
+    }
+
+    /// A photo drawn onto the plane; what it does not show is masked.
+    pub(super) fn photo(&self, image: &Image) -> Image {
+        let channels = usize::from(image.channels);
+        let (w, h) = (image.width as usize, image.height as usize);
+        let mut data = vec![0; self.sources.len() * channels];
+        let mut mask = vec![0; self.sources.len()];
+        data.par_chunks_exact_mut(channels).zip(&mut mask).zip(&self.sources).for_each(|((out, used), &[x, y])| {
+            // Half a pixel beyond the outermost centres there is nothing to interpolate.
+            if !(x >= 0.5 && y >= 0.5 && x <= w as f32 - 0.5 && y <= h as f32 - 0.5) {
+                return;
+            }
+            let nearest = y as usize * w + x as usize;
+            if image.mask.as_ref().is_some_and(|m| m[nearest] < 128) {
+                return;
+            }
+            *used = 255;
+            cubic(image, [x, y], out);
+        });
+        Image { width: self.plane.width, height: self.plane.height, channels: image.channels, data, mask: Some(mask) }
+    }
+}
+
+/// Catmull and Rom's cubic through four pixels along each axis: sharper than a linear one, and exact at centres.
+fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
+    let channels = usize::from(image.channels);
+    let weights = |at: f32| {
+        let f = at - at.floor();
+        let (f2, f3) = (f * f, f * f * f);
+        [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, 0.5 * (f3 - f2)]
+    };
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (wx, wy) = (weights(x), weights(y));
+    let (left, top) = (x.floor() as i64 - 1, y.floor() as i64 - 1);
+    let inside = |at: i64, n: u32| at.clamp(0, i64::from(n) - 1) as usize;
+    let mut sums = [0.0_f32; 4];
+    for (j, wy) in (0..).zip(wy) {
+        let row = inside(top + j, image.height) * image.width as usize;
+        for (i, wx) in (0..).zip(wx) {
+            let p = &image.data[(row + inside(left + i, image.width)) * channels..][..channels];
+            for (sum, &c) in sums.iter_mut().zip(p) {
+                *sum += wx * wy * f32::from(c);
+            }
+        }
+    }
+    for (out, sum) in out.iter_mut().zip(sums) {
+        *out = (sum + 0.5).clamp(0.0, 255.0) as u8;
+    }
+}
+
+/// A plane large enough for all that a lens sees, and where each pixel of the picture is on it.
+#[derive(Debug)]
+pub(super) struct Canvas {
+    /// The plane, standing where the camera stands.
+    pub(super) camera: Camera,
+    /// Pixels of the plane; NaN where the lens has no ray, or a steep one.
+    pub(super) places: Vec<[f32; 2]>,
+}
+
+impl Canvas {
+    pub(super) fn new(camera: &Camera) -> Self {
+        let (prepared, w) = (Camera { pose: Pose::IDENTITY, ..*camera }.prepare(), camera.width as usize);
+        let slopes: Vec<Option<DVec2>> = (0..w * camera.height as usize)
+            .into_par_iter()
+            .map(|i| {
+                let d = prepared.direction(DVec2::new((i % w) as f64 + 0.5, (i / w) as f64 + 0.5))?.normalize();
+                let slope = (d / d.z).truncate();
+                (d.z > 0.0 && slope.abs().max_element() <= STEEPEST).then_some(slope)
+            })
+            .collect();
+        let far = slopes.iter().flatten().fold([DVec2::MAX, DVec2::MIN], |[low, high], s| [low.min(*s), high.max(*s)]);
+        let [low, high] = if far[0].x <= far[1].x { far } else { [DVec2::ZERO; 2] };
+        let f = DVec2::new(camera.fx, camera.fy);
+        let finer = FINER.min(LONGEST / ((high - low) * f).max_element().max(1.0));
+        let f = f * finer;
+        // A pixel more on each side, for interpolation.
+        let corner = low * f - 1.0;
+        let size = ((high - low) * f + 2.0).ceil();
+        let camera = Camera {
+            width: size.x as u32,
+            height: size.y as u32,
+            fx: f.x,
+            fy: f.y,
+            cx: -corner.x,
+            cy: -corner.y,
+            lens: Lens::PINHOLE,
+            ..*camera
+        };
+        let places = slopes.iter().map(|s| {
+            s.map_or([f32::NAN; 2], |s| {
+                let at = s * f - corner;
+                [at.x as f32, at.y as f32]
+            })
+        });
+        Self { camera, places: places.collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bent() -> Camera {
+        let lens = Lens::Perspective { k: [0.1, -0.05, 0.0, 0.0, 0.0, 0.0], p: [1e-3, -2e-3] };
+        Camera { lens, ..Camera::pinhole(60, 40, 50.0, 52.0, 30.5, 19.0, Pose::IDENTITY) }
+    }
+
+    #[test]
+    fn a_photo_of_a_ramp_is_a_ramp_on_the_plane() {
+        let camera = bent();
+        // Grey grows with the slope of the ray, so that on the plane it grows along the columns.
+        let prepared = camera.prepare();
+        let grey = |x: u32, y: u32| {
+            let d = prepared.direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+            (128.0 + 150.0 * d.x / d.z).round().clamp(0.0, 255.0) as u8
+        };
+        let data = (0..40).flat_map(|y| (0..60).flat_map(move |x| [(x, y); 3])).map(|(x, y)| grey(x, y)).collect();
+        let flat = Flat::new(&camera).photo(&Image::rgb(60, 40, data).unwrap());
+        let mask = flat.mask.as_ref().unwrap();
+        let mut seen = 0;
+        for (i, p) in flat.data.chunks_exact(3).enumerate().filter(|(i, _)| mask[*i] > 0) {
+            let want = 128.0 + 150.0 * ((i % 60) as f64 + 0.5 - 30.5) / 50.0;
+            assert!((f64::from(p[0]) - want).abs() < 1.6, "pixel {i}: {} for {want}", p[0]);
+            seen += 1;
+        }
+        assert!(seen > 2000, "{seen}");
+    }
+
+    #[test]
+    fn every_pixel_of_a_lens_is_on_its_canvas() {
+        let camera = bent();
+        let canvas = Canvas::new(&camera);
+        let prepared = camera.prepare();
+        let plane = Camera { pose: Pose::IDENTITY, ..canvas.camera };
+        for (i, &[x, y]) in canvas.places.iter().enumerate() {
+            assert!(x >= 0.5 && y >= 0.5 && x + 0.5 <= plane.width as f32 && y + 0.5 <= plane.height as f32);
+            let want = prepared.direction(DVec2::new((i % 60) as f64 + 0.5, (i / 60) as f64 + 0.5)).unwrap();
+            let got = plane.direction_in_camera(DVec2::new(f64::from(x), f64::from(y))).unwrap();
+            assert!((want.normalize() - got.normalize()).length() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Adam over a cloud: a rate for each kind of parameter, and rows that come and go.
+
+use super::config::Rates;
+use crate::system::{SystemError, Tensor, TensorMap, push_adam, take_adam};
+use float_core::Simd;
+use optim::{Adam, AdamConfig};
+use splat_core::density::{Fresh, Rows};
+use splat_core::{Gaussians, MAX_DEGREE, SplatError, rest_len};
+
+/// Kerbl et al., 2023: an epsilon this small makes steps that know no scale of the gradient.
+const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-15, ..AdamConfig::DEFAULT };
+/// Names of the groups in checkpoints: fields of the cloud, the last one band by band.
+const NAMES: [&str; 8] = ["mean", "log_scale", "wxyz", "logit", "dc", "band1", "band2", "band3"];
+const LOGIT: usize = 3;
+
+/// Moments of all parameters of a cloud. Bands of spherical harmonics that are not active yet have neither gradient nor
+/// moments, so that leaving them out is exact.
+#[derive(Clone, Debug)]
+pub(super) struct Optimiser {
+    groups: Vec<Adam>,
+}
+
+/// Rows of coefficients of band `degree` (from 1) among those above the constant one.
+fn band(degree: usize) -> [usize; 2] {
+    [3 * rest_len(degree - 1), 3 * rest_len(degree)]
+}
+
+/// Rows of each group.
+fn rows(degree: usize) -> impl Iterator<Item = usize> {
+    let bands = (1..=degree.min(MAX_DEGREE)).map(|d| band(d)[1] - band(d)[0]);
+    [3, 3, 4, 1, 3].into_iter().chain(bands)
+}
+
+/// The numbers of each group, in order.
+fn groups(cloud: &mut Gaussians) -> Vec<&mut [f32]> {
+    let (n, degree) = (cloud.len(), cloud.degree());
+    let mut out = Vec::with_capacity(NAMES.len());
+    let mut fields = cloud.fields_mut().map(|(_, numbers)| numbers).into_iter();
+    out.extend(fields.by_ref().take(5));
+    for mut rest in fields {
+        for d in 1..=degree {
+            let [from, to] = band(d);
+            let (this, more) = std::mem::take(&mut rest).split_at_mut((to - from) * n);
+            out.push(this);
+            rest = more;
+        }
+    }
+    out
+}
+
+impl Optimiser {
+    pub(super) fn new(cloud: &Gaussians) -> Self {
+        Self { groups: rows(cloud.degree()).map(|rows| Adam::new(rows * cloud.len(), ADAM)).collect() }
+    }
+
+    /// One step of all parameters but the bands above `degree`. Returns how many entries of the gradient were not finite.
+    pub(super) fn step(
+        &mut self,
+        simd: Simd,
+        rates: &Rates,
+        degree: usize,
+        cloud: &mut Gaussians,
+        grad: &mut Gaussians,
+    ) -> usize {
+        let rates = rates.groups();
+        let mut bad = 0;
+        for (k, ((params, grad), adam)) in
+            groups(cloud).into_iter().zip(groups(grad)).zip(&mut self.groups).enumerate().take(5 + degree)
+        {
+            if !params.is_empty() {
+                bad += adam.step(simd, rates[k], params, grad);
+            }
+        }
+        bad
+    }
+
+    /// The moments of the Gaussians that are left, and none for new ones.
+    pub(super) fn follow(&mut self, changed: &Rows, degree: usize) -> Result<(), SplatError> {
+        for (adam, rows) in self.groups.iter_mut().zip(rows(degree)) {
+            let m = changed.apply("moments", adam.first_moment(), rows, Fresh::Is(0.0))?;
+            let v = changed.apply("moments", adam.second_moment(), rows, Fresh::Is(0.0))?;
+            *adam = restored(adam, m, v);
+        }
+        Ok(())
+    }
+
+    /// Opacities were set: their moments say nothing any more.
+    pub(super) fn forget_opacity(&mut self) {
+        let adam = &mut self.groups[LOGIT];
+        let zeros = vec![0.0; adam.len()];
+        *adam = restored(adam, zeros.clone(), zeros);
+    }
+
+    pub(super) fn push<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        for (name, adam) in NAMES.iter().zip(&self.groups) {
+            push_adam(out, name, adam);
+        }
+    }
+
+    /// What [`push`](Self::push) wrote, for a cloud.
+    pub(super) fn take(state: &TensorMap, cloud: &Gaussians) -> Result<Self, SystemError> {
+        let mut new = Self::new(cloud);
+        for (name, adam) in NAMES.iter().zip(&mut new.groups) {
+            *adam = take_adam(state, name, adam)?;
+        }
+        Ok(new)
+    }
+}
+
+fn restored(like: &Adam, m: Vec<f32>, v: Vec<f32>) -> Adam {
+    Adam::restore(like.config(), m, v, like.steps()).expect("moments of an optimiser stay moments when rows move")
+}

@@ -1,0 +1,58 @@
+//! What does this scene need of a cloud of Gaussians?
+
+use super::config::{SplatConfig, StartKind};
+use super::frame::Frame;
+use super::sight::Sight;
+use super::splat::Splat;
+use super::start::{Start, StartOptions, scene_box};
+use crate::data::Dataset;
+use crate::options::{Plan, RunOptions};
+use crate::plan::{Ground, settings, table};
+use crate::system::{System, SystemError};
+use glam::DVec3;
+use scene_io::Scene;
+
+/// Steps that the schedules are for.
+const HORIZON: u64 = 10_000;
+
+/// A cloud at its start, and why it is as it is.
+pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let Ground { layout, lines, background, error_budget, .. } = Ground::of(scene, data, run)?;
+    // The layout's own line is about fields that fill space.
+    let mut lines: Vec<String> = lines.into_iter().filter(|line| !line.starts_with("space:")).collect();
+    let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
+    let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+    let (frame, note) = Frame::around(&cameras, &points);
+    lines.extend(note);
+    lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
+    let planned = SplatConfig {
+        start: if scene.points.is_empty() { StartKind::Random } else { StartKind::Points },
+        ..SplatConfig::published(frame.centre, frame.scale, HORIZON)
+    };
+    let config: SplatConfig = settings(&planned, run)?;
+    config.check()?;
+    let frame = Frame { centre: config.centre, scale: config.radius };
+    let options =
+        StartOptions { degree: config.sh_degree, max: config.max_splats, random: config.start_count, seed: run.seed };
+    let refused = |e: splat_core::SplatError| SystemError::Config {
+        field: "max_splats",
+        value: config.max_splats.to_string(),
+        problem: e.to_string(),
+    };
+    let mut start = match config.start {
+        StartKind::Points => Start::from_points(&scene.points, &frame, &options).map_err(refused)?,
+        StartKind::Random => Start::default(),
+    };
+    if start.cloud.is_empty() {
+        let sight = Sight::new(data)?;
+        start = Start::random(scene_box(&layout, data), &frame, &options, |x| sight.of(x)).map_err(refused)?;
+    }
+    lines.extend(start.notes.iter().map(|note| format!("start: {note}")));
+    lines.push(format!("at most {} Gaussians", config.max_splats));
+    let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
+    if bent > 0 {
+        lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
+    }
+    let splat = Splat::new(config.clone(), frame, start, background, run.seed, data)?;
+    Ok((Box::new(splat), Plan { lines, background, error_budget, config: table(&config) }))
+}

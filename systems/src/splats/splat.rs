@@ -1,0 +1,308 @@
+//! 3D Gaussian splatting: a cloud of Gaussians, drawn and compared photo by photo.
+//!
+//! Kerbl, Kopanas, Leimkühler, Drettakis, "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023.
+//!
+//! Each step: one photo, all of them before any comes again; the cloud projected, sorted, composited (sections 4 and 6);
+//! mean absolute difference and `1 - SSIM` (section 5.1); one step of Adam; now and then Gaussians are cloned, split, moved or
+//! removed (section 5.2, or the Markov chain of Kheradmand et al., 2024).
+
+use super::config::SplatConfig;
+use super::density::Density;
+use super::frame::Frame;
+use super::look::{Kept, LeftOut, Look};
+use super::memory;
+use super::optimiser::Optimiser;
+use super::photo::{Photo, Photos, view};
+use super::start::Start;
+use super::step::{Lens, PARTS, Pass};
+use crate::data::Dataset;
+use crate::options::Background;
+use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use float_core::Simd;
+use glam::{DMat3, DVec3};
+use optim::NonFiniteGuard;
+use render_core::bounds::{Aabb, robust_box};
+use render_core::camera::{Camera, Pose};
+use render_core::ray::Ray;
+use splat_core::Gaussians;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Streams of random numbers.
+const EPOCHS: u64 = 0x6570_6f63;
+const BACKGROUNDS: u64 = 0x6261_636b;
+/// Share of steps that may have gradients that are not finite, and how many steps are waited for before it is asked.
+const BAD_SHARE: f64 = 0.01;
+const BAD_AFTER: u64 = 100;
+/// Side of the picture that a single ray is drawn as, where nothing is known of its pixel.
+const RAY_RADIUS: f32 = 5e-4;
+
+/// The system.
+pub struct Splat {
+    config: SplatConfig,
+    seed: u64,
+    background: Background,
+    frame: Frame,
+    simd: Simd,
+    cloud: Gaussians,
+    grad: Gaussians,
+    optimiser: Optimiser,
+    density: Density,
+    guard: NonFiniteGuard,
+    /// Photos at the size that steps are at.
+    photos: Option<(u32, Photos)>,
+    /// Pixels of the largest photo, and bytes of all that are drawn again.
+    largest: [usize; 2],
+    photo: Photo,
+    pass: Pass,
+    kept: Kept,
+    left_out: Mutex<LeftOut>,
+    steps: u64,
+    seconds: [f64; PARTS.len() + 2],
+}
+
+/// Timed besides the parts of the pass.
+const OWN: [&str; 2] = ["optimiser", "density control"];
+
+impl Splat {
+    /// A cloud at its start.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for settings that cannot work.
+    pub fn new(
+        config: SplatConfig,
+        frame: Frame,
+        start: Start,
+        background: Background,
+        seed: u64,
+        data: &Dataset,
+    ) -> Result<Self, SystemError> {
+        config.check()?;
+        let cloud = start.cloud;
+        let pixels = data.views().iter().map(|v| v.camera.width as usize * v.camera.height as usize).max().unwrap_or(0);
+        let bent: u64 = data
+            .views()
+            .iter()
+            .filter(|v| !v.camera.lens.is_pinhole())
+            .map(|v| 5 * u64::from(v.camera.width) * u64::from(v.camera.height))
+            .sum();
+        Ok(Self {
+            density: Density::new(&config, cloud.len()),
+            grad: cloud.clone(),
+            optimiser: Optimiser::new(&cloud),
+            config,
+            seed,
+            background,
+            frame,
+            simd: Simd::best(),
+            cloud,
+            guard: NonFiniteGuard::new(BAD_SHARE, BAD_AFTER),
+            photos: None,
+            largest: [pixels, bent as usize],
+            photo: Photo::default(),
+            pass: Pass::new(Simd::best()),
+            kept: Kept::default(),
+            left_out: Mutex::default(),
+            steps: 0,
+            seconds: [0.0; PARTS.len() + 2],
+        })
+    }
+
+    /// The cloud in the scene's frame and unit: what is exported.
+    #[must_use]
+    pub fn cloud(&self) -> Gaussians {
+        let mut cloud = self.cloud.clone();
+        self.frame.cloud_to_world(&mut cloud);
+        cloud
+    }
+
+    /// Whether opacity falls where a Gaussian is widened to a pixel.
+    #[must_use]
+    pub fn rules(&self) -> splat_core::Rules {
+        self.config.rules()
+    }
+
+    /// The photo of a step: all of them, in an order of their own, before any comes again.
+    fn turn(&self, step: u64, photos: usize) -> usize {
+        let n = photos as u64;
+        let rng = Rng::new(self.seed, EPOCHS).substream(step / n);
+        let mut order: Vec<u32> = (0..photos as u32).collect();
+        for i in (1..photos).rev() {
+            order.swap(i, rng.below_at(i as u64, i as u32 + 1) as usize);
+        }
+        order[(step % n) as usize] as usize
+    }
+
+    /// Photos at the size of a step.
+    fn photos(&mut self, data: &Dataset, level: u32) -> Result<&Photos, SystemError> {
+        if self.photos.as_ref().is_none_or(|(at, _)| *at != level) {
+            self.photos = Some((level, Photos::new(data, level)?));
+        }
+        Ok(&self.photos.as_ref().expect("photos were just read").1)
+    }
+
+    fn look(&self) -> Look<'_> {
+        Look {
+            cloud: &self.cloud,
+            frame: &self.frame,
+            rules: self.config.rules(),
+            degree: self.config.degree(self.steps),
+            simd: self.simd,
+        }
+    }
+
+    fn note(&self, more: &LeftOut) {
+        if let Ok(mut sum) = self.left_out.lock() {
+            sum.add(more);
+        }
+    }
+
+    /// A picture of one ray: a camera of one pixel that looks along it.
+    fn ray(&self, ray: &Ray, radius: f32, query: &Query) -> Layers {
+        let z = ray.d.normalize();
+        let x = z.any_orthonormal_vector();
+        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: ray.o };
+        // The radius of a pixel's cone is its half width times 2 / sqrt(12).
+        let f = 1.0 / (f64::from(radius.max(1e-7)) * 3.0_f64.sqrt());
+        let camera = Camera::pinhole(1, 1, f, f, 0.5, 0.5, pose);
+        self.look().layers(&camera, query, &self.kept).map_or_else(|_| Layers::nothing(1, query), |(layers, _)| layers)
+    }
+}
+
+impl System for Splat {
+    fn name(&self) -> &'static str {
+        "splat"
+    }
+
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        if data.is_empty() {
+            return Ok(StepStats::default());
+        }
+        let clock = Instant::now();
+        let turn = self.turn(step, data.len());
+        let level = self.config.level(step);
+        let (image, camera) = self.photos(data, level)?.get(turn)?;
+        let rng = Rng::new(self.seed, BACKGROUNDS).substream(step);
+        let background = self.background.of_ray(&rng, 0);
+        self.photo.fill(&image, background);
+        self.seconds[0] += clock.elapsed().as_secs_f64();
+
+        let rates = self.config.rates(step);
+        let degree = self.config.degree(step);
+        let (view, rules) = (view(&camera, &self.frame), self.config.rules());
+        let lens = Lens { simd: self.simd, view: &view, rules: &rules, degree, background, dssim: self.config.dssim };
+        let mut seconds = [0.0; PARTS.len()];
+        let outcome = self.pass.run(&self.cloud, lens, &self.photo, &mut self.grad, &mut seconds).map_err(refused)?;
+        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
+            *sum += more;
+        }
+        let mut left_out = LeftOut::default();
+        left_out.count(self.cloud.len(), self.pass.seen().0.len(), &outcome.drawn);
+        self.note(&left_out);
+
+        let clock = Instant::now();
+        let (footprints, records) = self.pass.seen();
+        self.density.see(step, view.size, footprints, records).map_err(refused)?;
+        let cost = self.density.price(&self.cloud, &mut self.grad).map_err(refused)?;
+        let bad = self.optimiser.step(self.simd, &rates, degree, &mut self.cloud, &mut self.grad);
+        self.guard.record(bad)?;
+        self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();
+        let clock = Instant::now();
+        let changed = self
+            .density
+            .change((self.seed, step), (self.config.max_splats, rates.mean), &mut self.cloud, bad)
+            .map_err(refused)?;
+        if let Some(rows) = &changed.rows {
+            self.optimiser.follow(rows, self.cloud.degree()).map_err(refused)?;
+        }
+        if changed.faded {
+            self.optimiser.forget_opacity();
+        }
+        if self.grad.len() != self.cloud.len() {
+            self.grad = self.cloud.clone();
+        }
+        self.steps = step + 1;
+        self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
+        Ok(StepStats {
+            loss: outcome.loss + cost,
+            mse: outcome.mse,
+            rays: (view.size[0] * view.size[1]) as u64,
+            samples: outcome.drawn.pairs,
+            transient: 0.0,
+            nonfinite: bad as u64,
+        })
+    }
+
+    fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
+        let (layers, left_out) = self.look().layers(camera, query, &self.kept).ok()?;
+        self.note(&left_out);
+        Some(layers)
+    }
+
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers {
+        self.render_cones(rays, &vec![RAY_RADIUS; rays.len()], query)
+    }
+
+    fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
+        let mut out = Layers::default();
+        for (ray, &radius) in rays.iter().zip(radii) {
+            out.extend(self.ray(ray, radius, query));
+        }
+        out
+    }
+
+    fn splats(&self) -> Option<Gaussians> {
+        Some(self.cloud())
+    }
+
+    fn density(&self, _points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
+        // Gaussians are composited, not integrated: they have opacity on a picture and no density in space.
+        out.fill(0.0);
+    }
+
+    fn colour(&self, _points: &[[f64; 3]], _d: &[[f32; 3]], _time: f64, out: &mut [[f32; 3]]) {
+        out.fill([0.0; 3]);
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        let n = self.cloud.len();
+        let points: Vec<DVec3> = (0..n)
+            .map(|i| self.frame.to_world([0, 1, 2].map(|k| f64::from(self.cloud.mean[k * n + i])).into()))
+            .collect();
+        let around = robust_box(&points, 0.02).unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ONE });
+        [around.min.to_array(), around.max.to_array()]
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        super::state::push(&self.cloud, &self.optimiser, &self.density, self.steps)
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let restored = super::state::take(state, &self.config)?;
+        (self.cloud, self.optimiser, self.density, self.steps) = restored;
+        self.grad = self.cloud.clone();
+        Ok(())
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.cloud.len() * self.cloud.numbers()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        memory::most(self.config.max_splats, self.cloud.numbers(), self.largest)
+    }
+
+    fn skips(&self) -> Vec<SkipRow> {
+        self.left_out.lock().map_or_else(|_| Vec::new(), |left_out| left_out.rows(self.config.rules().stop))
+    }
+
+    fn timings(&self) -> Vec<(&'static str, f64)> {
+        PARTS.into_iter().chain(OWN).zip(self.seconds).collect()
+    }
+}
+
+/// A refusal of the rasteriser: more than can be counted.
+fn refused(e: impl std::fmt::Display) -> SystemError {
+    SystemError::Config { field: "max_splats", value: e.to_string(), problem: "allow fewer Gaussians".into() }
+}
