@@ -9,6 +9,7 @@ extern crate alloc;
 mod field;
 mod host;
 mod image;
+mod splat;
 mod step;
 
 use host::say;
@@ -26,7 +27,7 @@ struct Wrong {
     want: f64,
 }
 
-const PROOFS: [Proof; 11] = [
+const PROOFS: [Proof; 14] = [
     Proof { name: "float-core: float functions", run: step::float_functions },
     Proof { name: "float-core: vector kernels", run: step::vector_kernels },
     Proof { name: "field-core: frequency encoding", run: field::frequency },
@@ -35,6 +36,9 @@ const PROOFS: [Proof; 11] = [
     Proof { name: "field-core: tape", run: field::tape },
     Proof { name: "render-core: camera both ways", run: image::camera },
     Proof { name: "render-core: quadrature", run: image::quadrature },
+    Proof { name: "splat-core: picture", run: splat::picture },
+    Proof { name: "splat-core: gradients", run: splat::gradients },
+    Proof { name: "splat-core: density control", run: splat::density },
     Proof { name: "losses: mean squared error", run: step::loss },
     Proof { name: "losses: PSNR", run: step::metric },
     Proof { name: "optim: Adam", run: step::adam },

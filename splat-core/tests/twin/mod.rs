@@ -1,7 +1,7 @@
 //! The specification: every pixel looks at every Gaussian, in f64, written from the definitions.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
-use splat_core::{Gaussians, Rules, View, Widening, rest_len};
+use splat_core::{Footprint, Gaussians, Projection, Rules, View, Widening, rest_len};
 
 /// One Gaussian on the picture.
 #[derive(Clone, Debug)]
@@ -136,38 +136,109 @@ pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, rules: &R
     out
 }
 
-/// `[5][rows][columns]`: colour, depth, what is left of the light. And how far the nearest decision was from flipping.
-pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], rules: &Rules) -> (Vec<f64>, f64) {
+/// What the rasteriser was given, in f64: no difference is left but that of compositing.
+pub(crate) fn of_footprints(p: &Projection) -> Vec<Ellipse> {
+    let ellipse = |f: &Footprint, rgb: &[f32; 3]| {
+        let conic = f.conic.map(f64::from);
+        let det = conic[0] * conic[2] - conic[1] * conic[1];
+        Ellipse {
+            index: f.index as usize,
+            uv: f.uv.map(f64::from),
+            cov: [conic[2] / det, -conic[1] / det, conic[0] / det],
+            conic,
+            opacity: f64::from(f.opacity),
+            q_max: f64::from(f.q_max),
+            z: f64::from(f.z),
+            rgb: rgb.map(f64::from),
+        }
+    };
+    let mut out: Vec<Ellipse> = p.footprints.iter().zip(&p.rgb).map(|(f, rgb)| ellipse(f, rgb)).collect();
+    out.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.index.cmp(&b.index)));
+    out
+}
+
+/// A picture.
+pub(crate) struct Picture {
+    /// `[5][rows][columns]`: colour, depth, what is left of the light.
+    pub(crate) planes: Vec<f64>,
+    /// `[rows][columns]` how far the nearest decision was from falling otherwise, in units of the numbers it was made of.
+    pub(crate) margins: Vec<f64>,
+    /// `[rows][columns]` what a relative error of 1 of all those numbers would do to the values.
+    pub(crate) slack: Vec<f64>,
+}
+
+impl Picture {
+    /// The nearest of all decisions.
+    pub(crate) fn margin(&self) -> f64 {
+        self.margins.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Largest difference of a pixel whose decisions are clear, in units of its bound; and the share of those that are not.
+    pub(crate) fn worst(&self, got: &[f32]) -> (f64, f64) {
+        let pixels = self.margins.len();
+        let (mut worst, mut unclear) = (0.0_f64, 0);
+        for i in 0..pixels {
+            if self.margins[i] < UNCLEAR {
+                unclear += 1;
+                continue;
+            }
+            for k in 0..5 {
+                let (got, want) = (f64::from(got[k * pixels + i]), self.planes[k * pixels + i]);
+                let error = (got - want).abs() / (2e-6 * (1.0 + want.abs()) + ROUNDING * self.slack[i]);
+                worst = if error <= worst { worst } else { error };
+            }
+        }
+        (worst, f64::from(unclear) / pixels as f64)
+    }
+}
+
+/// Margins of decisions that rounding may turn; what an `f32` of a few operations is off by.
+const UNCLEAR: f64 = 3e-6;
+const ROUNDING: f64 = 2e-7;
+
+/// Composite ellipses that are in order.
+pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], rules: &Rules) -> Picture {
     let [w, h] = size;
-    let mut out = vec![0.0; 5 * w * h];
-    let mut margin = f64::INFINITY;
+    let mut out =
+        Picture { planes: vec![0.0; 5 * w * h], margins: vec![f64::INFINITY; w * h], slack: vec![0.0; w * h] };
+    let (alpha_max, stop) = (f64::from(rules.alpha_max), f64::from(rules.stop));
     for y in 0..h {
         for x in 0..w {
             let (mut t, mut sums) = (1.0, [0.0; 4]);
+            // Of the light that is left, relative.
+            let mut loose = 1.0;
+            let i = y * w + x;
             for e in ellipses {
                 let d = [e.uv[0] - (x as f64 + 0.5), e.uv[1] - (y as f64 + 0.5)];
-                let q = e.conic[0] * d[0] * d[0] + 2.0 * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
-                margin = margin.min((q - e.q_max).abs());
+                let terms = [e.conic[0] * d[0] * d[0], 2.0 * e.conic[1] * d[0] * d[1], e.conic[2] * d[1] * d[1]];
+                let q = terms.iter().sum::<f64>().max(0.0);
+                let sure = 1.0 + terms.iter().map(|t| t.abs()).sum::<f64>();
+                let mut decide = |by: f64| out.margins[i] = out.margins[i].min(by.abs());
+                decide((q - e.q_max) / sure);
                 if q >= e.q_max {
                     continue;
                 }
                 let full = e.opacity * (-0.5 * q).exp();
-                margin = margin.min((full - f64::from(rules.alpha_max)).abs());
-                let alpha = full.min(f64::from(rules.alpha_max));
+                decide((full / alpha_max - 1.0) / sure);
+                let alpha = full.min(alpha_max);
                 let next = t * (1.0 - alpha);
-                margin = margin.min((next / f64::from(rules.stop) - 1.0).abs());
-                if next <= f64::from(rules.stop) {
+                loose += sure * alpha / (1.0 - alpha);
+                decide((next / stop - 1.0) / loose);
+                if next <= stop {
                     break;
                 }
-                for (sum, c) in sums.iter_mut().zip([e.rgb[0], e.rgb[1], e.rgb[2], e.z]) {
+                let values = [e.rgb[0], e.rgb[1], e.rgb[2], e.z];
+                for (sum, c) in sums.iter_mut().zip(values) {
                     *sum += alpha * t * c;
                 }
+                out.slack[i] += alpha * t * (sure + loose) * values.into_iter().fold(1.0, f64::max);
                 t = next;
             }
+            out.slack[i] += t * loose;
             for (k, v) in sums.into_iter().chain([t]).enumerate() {
-                out[(k * h + y) * w + x] = v;
+                out.planes[k * w * h + i] = v;
             }
         }
     }
-    (out, margin)
+    out
 }

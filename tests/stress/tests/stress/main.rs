@@ -13,6 +13,7 @@ mod occupancy;
 mod optimiser;
 mod rules;
 mod sampling;
+mod splats;
 
 use stress::Group::{EachLevel, Once};
 
@@ -36,6 +37,8 @@ fn every_case_keeps_its_promise() {
             Once("frusta", intervals::frusta),
             Once("losses", losses::cases),
             Once("losses of rays", intervals::losses),
+            EachLevel("splats", splats::cases),
+            Once("density", splats::density),
             EachLevel("optimiser", optimiser::cases),
         ],
     );

@@ -1,0 +1,63 @@
+//! Splats make the same bits with any number of threads: pictures, gradients, density control.
+
+use field_core::rng::Rng;
+use float_core::Simd;
+use splat_core::density::{Adc, Mcmc, keep_strongest, without_non_finite};
+use splat_core::{Gaussians, Projection, Raster, Rules, View};
+
+const SIZE: [usize; 2] = [150, 90];
+
+/// More than three chunks of a thousand.
+fn cloud() -> Gaussians {
+    let mut g = Gaussians::new(3500, 2).unwrap();
+    for (k, (_, rows)) in g.fields_mut().into_iter().enumerate() {
+        Rng::new(1, k as u64).fill_normal(0, rows);
+    }
+    g.log_scale.iter_mut().for_each(|x| *x = 0.5 * *x - 3.0);
+    g.logit.iter_mut().for_each(|x| *x = 3.0 * *x - 2.0);
+    g
+}
+
+/// Everything, as bits.
+fn all() -> Vec<u32> {
+    let (mut g, simd, rules, rng) = (cloud(), Simd::best(), Rules::DEFAULT, Rng::new(3, 4));
+    let one = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let view = View::from_c2w(one, [0.0, 0.0, -3.0], [120.0; 2], [75.0, 45.0], SIZE);
+    let mut p = Projection::default();
+    p.project(simd, &g, &view, &rules, 2).unwrap();
+    let mut raster = Raster::<3>::default();
+    raster.draw(simd, (&p.footprints, &p.rgb), SIZE, &rules).unwrap();
+    let mut planes = vec![0.0; 4 * SIZE[0] * SIZE[1]];
+    raster.planes(&mut planes).unwrap();
+    let mut bar = vec![0.0; planes.len()];
+    rng.fill_normal(0, &mut bar);
+    let (mut records, mut grad) = (Vec::new(), g.clone());
+    raster.backward(simd, (&p.footprints, &p.rgb), &rules, &bar, &mut records).unwrap();
+    p.backward(simd, &g, &view, &rules, 2, (&records, None), &mut grad).unwrap();
+    let mcmc = Mcmc::DEFAULT;
+    let loss = mcmc.regularise(&g, &mut grad).unwrap();
+    mcmc.stir(&mut g, 1e-3, rng).unwrap();
+    g.dc[5] = f32::NAN;
+    let clean = without_non_finite(&g).unwrap().expect("one was broken").follow(&g).unwrap();
+    let pull: Vec<f32> = (0..clean.len()).map(|i| 1e-3 * rng.uniform_at(i as u64)).collect();
+    let grown = Adc::DEFAULT.grow(&clean, &pull, 3.0, 5000, rng).unwrap().cloud;
+    let moved = mcmc.relocate(&grown, rng).unwrap().cloud;
+    let added = mcmc.add(&moved, 6000, rng).unwrap().cloud;
+    let last = keep_strongest(&added, 4000, rng).unwrap().follow(&added).unwrap();
+    let floats = [&grad, &last].into_iter().flat_map(|g| g.fields().into_iter().flat_map(|(_, x)| x.to_vec()));
+    let bits = planes.into_iter().chain(floats).map(f32::to_bits);
+    bits.chain([(loss.to_bits() >> 32) as u32, loss.to_bits() as u32]).collect()
+}
+
+#[test]
+fn splats_are_the_same_bits_on_any_number_of_threads() {
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a few threads");
+        pool.install(all)
+    };
+    let one = on(1);
+    assert!(one.iter().any(|&x| x != 0));
+    for threads in [2, 7] {
+        assert!(on(threads) == one, "{threads} threads");
+    }
+}
