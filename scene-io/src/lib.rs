@@ -3,7 +3,7 @@
 //! [`load`] finds out which dialect a folder is written in and reads it; everything above sees one type. Axes, units
 //! and the pixel centre are those of `CONVENTIONS.md`: cameras are converted to CV axes here, world axes and the world
 //! unit stay those of the file. Images are decoded on demand by an [`ImageStore`]. [`check`] lists everything that is
-//! wrong with a dataset at once.
+//! wrong with a dataset at once. Clouds of Gaussians are read and written by [`read_splats`] and [`write_splats`].
 #![expect(clippy::result_large_err, reason = "a problem is moved once for each bad frame: boxing would buy nothing")]
 
 mod assemble;

@@ -68,8 +68,7 @@ impl SplatFormat {
         }
     }
 
-    /// The format that a file begins as. `.splat` files begin with a coordinate: one that these beginnings would
-    /// stand for is below `1e-18` in size.
+    /// The format that a file begins as; `.splat` files begin with any number.
     fn of_content(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [b'p', b'l', b'y', b'\n' | b'\r', ..] => Some(Self::Ply),
@@ -103,11 +102,25 @@ pub fn read_splats(path: &Path) -> Result<SplatFile, SceneError> {
 /// As [`read_splats`], except that nothing is read.
 pub fn parse_splats(name: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
     let named = SplatFormat::of_name(name);
-    let Some(format) = SplatFormat::of_content(bytes).or(named) else {
+    let begun = SplatFormat::of_content(bytes);
+    let Some(format) = begun.or(named) else {
         let what = "is neither PLY nor SPZ, and its name does not end in .splat";
         let problem = Problem::new(name, what, "give a .ply, .splat or .spz file");
         return Err(SceneError::new(ErrorKind::Format, problem));
     };
+    match parse_as(format, named, name, bytes) {
+        // A coordinate may begin like another format, but then nothing else follows as it should.
+        Err(_) if named == Some(SplatFormat::Splat) && splat::may_be(bytes) => splat::read(name, bytes),
+        result => result,
+    }
+}
+
+fn parse_as(
+    format: SplatFormat,
+    named: Option<SplatFormat>,
+    name: &Path,
+    bytes: &[u8],
+) -> Result<SplatFile, SceneError> {
     let mut file = match format {
         SplatFormat::Ply => ply::read(name, bytes),
         SplatFormat::Splat => splat::read(name, bytes),
@@ -209,12 +222,14 @@ mod tests {
 
     #[test]
     fn coordinates_are_not_taken_for_other_formats() {
-        for x in [0.0_f32, -0.0, 1.0, -3.25, 1e-6, 1e-18, 12_345.678, f32::MAX] {
-            assert_eq!(SplatFormat::of_content(&x.to_le_bytes()), None, "{x}");
-        }
-        for head in [[b'p', b'l', b'y', b'\n'], [b'p', b'l', b'y', b'\r'], [0x1f, 0x8b, 8, 0x1f]] {
+        for head in [*b"ply\n", *b"ply\r", [0x1f, 0x8b, 8, 0], *spz::MAGIC] {
             assert!(SplatFormat::of_content(&head).is_some());
-            assert!(f32::from_le_bytes(head).abs() < 1e-18);
+            let mut cloud = Gaussians::new(2, 0).unwrap();
+            cloud.mean[0] = f32::from_le_bytes(head);
+            let (bytes, _) = encode_splats(Path::new("a.splat"), &cloud, &SplatOptions::default()).unwrap();
+            let file = parse_splats(Path::new("a.splat"), &bytes).unwrap();
+            assert_eq!((file.cloud.mean, file.notes), (cloud.mean, vec![]));
+            assert!(parse_splats(Path::new("a.splat"), &bytes[..40]).is_err());
         }
     }
 }

@@ -17,6 +17,11 @@ use std::path::Path;
 /// Bytes of a Gaussian.
 const RECORD: usize = 32;
 
+/// Is the length that of whole records?
+pub(super) fn may_be(bytes: &[u8]) -> bool {
+    bytes.len().is_multiple_of(RECORD)
+}
+
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
     let (records, left) = bytes.as_chunks::<RECORD>();
     if !left.is_empty() {

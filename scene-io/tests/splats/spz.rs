@@ -6,13 +6,13 @@ use flate2::bufread::GzDecoder;
 use flate2::write::GzEncoder;
 use std::io::{Read, Write};
 
-fn gzip(inside: &[u8]) -> Vec<u8> {
+pub(super) fn gzip(inside: &[u8]) -> Vec<u8> {
     let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
     gzip.write_all(inside).unwrap();
     gzip.finish().unwrap()
 }
 
-fn inside(bytes: &[u8]) -> Vec<u8> {
+pub(super) fn inside(bytes: &[u8]) -> Vec<u8> {
     let mut inside = Vec::new();
     GzDecoder::new(bytes).read_to_end(&mut inside).unwrap();
     inside

@@ -21,7 +21,7 @@ pub(super) fn small() -> Gaussians {
     cloud
 }
 
-fn file() -> Option<PathBuf> {
+pub(super) fn file() -> Option<PathBuf> {
     let path = "gaussian_ply/trained_iteration_7000/point_cloud/iteration_7000/point_cloud.ply";
     testkit::golden::data_or_skip(env!("CARGO_MANIFEST_DIR"), path, "splats")
 }
