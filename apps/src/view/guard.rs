@@ -104,7 +104,9 @@ mod tests {
         for host in ["127.0.0.1:8080", "localhost:8080", "LOCALHOST", "127.0.0.1", "[::1]:80"] {
             assert_eq!(local.check(Some(host), None), Ok(()), "{host}");
         }
-        for host in ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "10.0.0.1", "", ":80", "a:b", "[::1"] {
+        for host in
+            ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "10.0.0.1", "", ":80", "a:b", "[::1"]
+        {
             assert_eq!(local.check(Some(host), None), Err(Refusal::Host), "{host}");
         }
         assert_eq!(local.check(None, None), Err(Refusal::Host));
@@ -129,9 +131,14 @@ mod tests {
         let local = guard("127.0.0.1", "127.0.0.1");
         let host = Some("127.0.0.1:8080");
         assert_eq!(local.check(host, Some("http://127.0.0.1:8080")), Ok(()));
-        for origin in
-            ["http://evil.example", "http://127.0.0.1:8081", "https://127.0.0.1:8080", "http://localhost:8080", "null", ""]
-        {
+        for origin in [
+            "http://evil.example",
+            "http://127.0.0.1:8081",
+            "https://127.0.0.1:8080",
+            "http://localhost:8080",
+            "null",
+            "",
+        ] {
             assert_eq!(local.check(host, Some(origin)), Err(Refusal::Origin), "{origin}");
         }
     }

@@ -38,7 +38,10 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
     let interrupt = interrupt::flag()?;
     let stage = if args.what.is_dir() {
         if !follow::is_run(&args.what) {
-            return Err(refusal(&args.what, "is no run folder: there is neither a `config.toml` nor a checkpoint in it"));
+            return Err(refusal(
+                &args.what,
+                "is no run folder: there is neither a `config.toml` nor a checkpoint in it",
+            ));
         }
         let mut show = session.show();
         let follower = Follower::open(session.app, &args.what, &mut show)?;
@@ -51,10 +54,13 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
     } else {
         return Err(refusal(&args.what, "is not there: name a run folder (`train SCENE --out DIR` makes one)"));
     };
-    let server = Server::bind(&args.host, args.port)
-        .map_err(|e| RunError::Option(format!("cannot listen at `--host {}` `--port {}`: {e}", args.host, args.port)))?;
+    let server = Server::bind(&args.host, args.port).map_err(|e| {
+        RunError::Option(format!("cannot listen at `--host {}` `--port {}`: {e}", args.host, args.port))
+    })?;
     if !server.address.ip().is_loopback() {
-        crate::show::note("warning: everybody who reaches this machine can look at this; `--host 127.0.0.1` keeps it here");
+        crate::show::note(
+            "warning: everybody who reaches this machine can look at this; `--host 127.0.0.1` keeps it here",
+        );
     }
     line(format_args!("http://{}/ shows {}; Ctrl-C ends it", server.address, args.what.display()));
     server.run(stage, &interrupt)?;

@@ -330,8 +330,7 @@ mod tests {
 
     #[test]
     fn a_header_has_its_fields_at_known_places() {
-        let header =
-            Header { id: 1, step: 300, ms: 2.5, depths: [1.0, 4.0], size: (640, 480), quality: Quality::Full };
+        let header = Header { id: 1, step: 300, ms: 2.5, depths: [1.0, 4.0], size: (640, 480), quality: Quality::Full };
         let bytes = header.before(b"file");
         assert_eq!(bytes.len(), Header::BYTES + 4);
         assert_eq!(bytes[..8], [1, 0, 0, 0, 44, 1, 0, 0]);

@@ -69,7 +69,10 @@ fn eta(rows: &[Row], stop: Stop) -> Option<f64> {
 fn thinned(rows: &[Row], most: usize) -> impl Iterator<Item = &Row> {
     let every = rows.len().div_ceil(most).max(1);
     let n = rows.len();
-    rows.iter().enumerate().filter(move |(i, row)| i % every == 0 || i + 1 == n || row.psnr_test.is_some()).map(|(_, r)| r)
+    rows.iter()
+        .enumerate()
+        .filter(move |(i, row)| i % every == 0 || i + 1 == n || row.psnr_test.is_some())
+        .map(|(_, r)| r)
 }
 
 /// Four digits are enough for a curve.

@@ -7,4 +7,6 @@ mod dynamic;
 mod resume;
 mod scales;
 mod tools;
+mod view;
+mod viewing;
 mod wild;
