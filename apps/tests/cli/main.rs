@@ -2,6 +2,8 @@
 //! failure, files left behind.
 
 mod bad_datasets;
+mod browser;
+mod chromium;
 mod commands;
 mod dynamic;
 mod resume;

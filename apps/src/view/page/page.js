@@ -131,6 +131,7 @@ function wait(message) {
 function welcome(message) {
   const isFirst = scene === null;
   scene = message;
+  document.body.classList.remove("empty");
   document.title = `${scene.title} · wildfield`;
   $("title").textContent = scene.title;
   $("subtitle").textContent = scene.step ? `${scene.subtitle} · step ${scene.step}` : scene.subtitle;
@@ -155,7 +156,7 @@ function welcome(message) {
   }));
   const sizes = [200, 400, 800, 1200, 1600, 2400];
   $("limit").replaceChildren(...sizes.map((n) => option(n, `up to ${n} pixels`)));
-  $("limit").value = sizes.find((n) => n >= Math.min(Math.max(scene.longest_side, 400), 1200));
+  $("limit").value = sizes.find((n) => n >= Math.min(Math.max(scene.longest_side, 200), 1200));
   fit();
   reset();
   if (scene.pivot_is_guess) pick(0.5, 0.5);
@@ -221,6 +222,8 @@ function setTime(time) {
 function showTraining(message) {
   rows = message.rows;
   $("training").hidden = false;
+  $("training").classList.toggle("over", !message.runs);
+  document.body.classList.add("trains");
   const state = $("training-state");
   state.className = message.runs ? "runs" : "soft";
   state.textContent = message.runs ? "running" : "finished";
@@ -241,6 +244,7 @@ function notice(text, hint) {
   $("notice").hidden = false;
   $("notice-text").textContent = text;
   $("notice-hint").textContent = hint;
+  $("status").hidden = true;
 }
 
 let toastTimer = 0;
@@ -397,16 +401,16 @@ function fit() {
   const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
   if (!w || !h || (w === canvas.width && h === canvas.height)) return;
   // A new size empties a canvas: the old picture stays until there is another.
-  const old = canvas.width && scene ? context.getImageData(0, 0, canvas.width, canvas.height) : null;
-  const [oldW, oldH] = [canvas.width, canvas.height];
+  const old = document.createElement("canvas");
+  [old.width, old.height] = [canvas.width, canvas.height];
+  old.getContext("2d").drawImage(canvas, 0, 0);
   [canvas.width, canvas.height] = [w, h];
-  if (old) createImageBitmap(old).then((picture) => {
-    const share = Math.max(w / oldW, h / oldH);
-    context.drawImage(picture, (w - oldW * share) / 2, (h - oldH * share) / 2, oldW * share, oldH * share);
-  });
+  const share = Math.max(w / old.width, h / old.height);
+  context.drawImage(old, (w - old.width * share) / 2, (h - old.height * share) / 2, old.width * share, old.height * share);
   isDirty = true;
 }
 new ResizeObserver(fit).observe(canvas);
+new ResizeObserver(() => drawCurve($("curve"), rows, curveKind)).observe($("curve"));
 
 let before = performance.now();
 function tick(now) {
