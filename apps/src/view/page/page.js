@@ -116,7 +116,8 @@ function status(size, ms, quality) {
   const rate = ((arrivals.length - 1) * 1000) / Math.max(now - arrivals[0], 1);
   const word = moves ? `${rate.toFixed(rate < 10 ? 1 : 0)} fps` : quality === 2 ? "sharp" : "sharpening …";
   $("status").hidden = false;
-  $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
+  if (isOfPhoto()) $("status").textContent = `${size[0]} × ${size[1]}, ${layer}`;
+  else $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
 }
 
 // --- the scene ---
@@ -124,7 +125,7 @@ function status(size, ms, quality) {
 function wait(message) {
   $("title").textContent = message.title;
   $("subtitle").textContent = "";
-  const hint = "Train with --checkpoint-minutes 0.2 for pictures early and often.";
+  const hint = "Train with --checkpoint-minutes\u00a00.2 for pictures early and often.";
   notice(message.message, message.message.startsWith("There is no checkpoint") ? hint : "");
 }
 
@@ -156,7 +157,9 @@ function welcome(message) {
   }));
   const sizes = [200, 400, 800, 1200, 1600, 2400];
   $("limit").replaceChildren(...sizes.map((n) => option(n, `up to ${n} pixels`)));
-  $("limit").value = sizes.find((n) => n >= Math.min(Math.max(scene.longest_side, 200), 1200));
+  // Like the photos; pictures of a few hundred pixels look better a little larger.
+  const like = scene.longest_side < 100 ? 200 : Math.min(Math.max(scene.longest_side, 400), 1200);
+  $("limit").value = sizes.find((n) => n >= like);
   fit();
   reset();
   if (scene.pivot_is_guess) pick(0.5, 0.5);
@@ -226,12 +229,14 @@ function showTraining(message) {
   document.body.classList.add("trains");
   const state = $("training-state");
   state.className = message.runs ? "runs" : "soft";
-  state.textContent = message.runs ? "running" : "finished";
-  const clock = (s) => (s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`);
-  const of = message.of ? ` of ${message.of}` : "";
-  const facts = message.runs && message.eta !== null ? `${clock(message.eta)} to go` : clock(message.seconds);
-  $("training-facts").textContent = `step ${message.step}${of} · ${facts}`;
-  if (!message.runs && message.of && message.step < message.of) state.textContent = "stopped";
+  const clock = (s) => {
+    if (s < 60) return `${Math.round(s)} s`;
+    return s < 3600 ? `${Math.floor(s / 60)} min ${Math.round(s % 60)} s` : `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+  };
+  const isShort = message.of && message.step < message.of;
+  if (message.runs) state.textContent = message.eta === null ? "running" : `${clock(message.eta)} to go`;
+  else state.textContent = isShort ? "stopped" : "finished";
+  $("training-facts").textContent = `step ${message.step}${message.of ? ` of ${message.of}` : ""} · ${clock(message.seconds)}`;
   $("training-bar").hidden = !message.runs || (!message.of && message.eta === null);
   const done = message.of ? message.step / message.of : message.seconds / Math.max(message.seconds + (message.eta || 0), 1e-9);
   $("training-bar").firstElementChild.style.width = `${100 * Math.min(done, 1)}%`;
