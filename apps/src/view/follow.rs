@@ -30,10 +30,12 @@ pub(crate) struct Follower {
     tail: Tail,
 }
 
-/// Whether a folder is that of a run, with or without a checkpoint. An empty one is: a training reads its photos before it
-/// writes anything.
+/// Whether a folder is that of a run, with or without a checkpoint. One without any visible file is: a training reads its
+/// photos before it writes anything that stays.
 pub(crate) fn is_run(folder: &Path) -> bool {
-    let is_empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    let is_hidden = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with('.');
+    let is_empty =
+        || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.all(|entry| entry.is_ok_and(is_hidden)));
     folder.join("config.toml").is_file() || newest_step(folder).is_some() || is_empty()
 }
 

@@ -2,9 +2,13 @@
 //! failure, files left behind.
 
 mod bad_datasets;
+mod browser;
+mod chromium;
 mod commands;
 mod dynamic;
 mod resume;
 mod scales;
 mod tools;
+mod view;
+mod viewing;
 mod wild;

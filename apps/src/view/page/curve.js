@@ -15,7 +15,7 @@ function short(x) {
 }
 
 function drawCurve(place, rows, kind) {
-  const width = 260, height = 108, left = 34, bottom = 16, top = 6;
+  const width = Math.max(place.clientWidth, 160), height = 108, left = 34, bottom = 16, top = 6;
   const column = kind === "loss" ? 1 : 2;
   const of = (row) => (kind === "loss" ? Math.log10(Math.max(row[1], 1e-12)) : row[column]);
   const line = rows.filter((row) => row[column] !== null);
@@ -38,6 +38,8 @@ function drawCurve(place, rows, kind) {
     svg.append(part("text", { x: left - 5, y: y(value) + 3.5, "text-anchor": "end" }, shown));
   }
   const points = line.map((row) => `${x(row[0]).toFixed(1)} ${y(of(row)).toFixed(1)}`);
+  // One point alone would draw nothing.
+  if (points.length === 1) points.push(points[0]);
   if (points.length) svg.append(part("path", { d: `M${points.join("L")}` }));
   for (const row of held) svg.append(part("circle", { cx: x(row[0]), cy: y(row[3]), r: 2.6 }));
   svg.append(part("text", { x: left, y: height - 2 }, "0"));

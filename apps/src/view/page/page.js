@@ -116,7 +116,8 @@ function status(size, ms, quality) {
   const rate = ((arrivals.length - 1) * 1000) / Math.max(now - arrivals[0], 1);
   const word = moves ? `${rate.toFixed(rate < 10 ? 1 : 0)} fps` : quality === 2 ? "sharp" : "sharpening …";
   $("status").hidden = false;
-  $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
+  if (isOfPhoto()) $("status").textContent = `${size[0]} × ${size[1]}, ${layer}`;
+  else $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
 }
 
 // --- the scene ---
@@ -124,13 +125,14 @@ function status(size, ms, quality) {
 function wait(message) {
   $("title").textContent = message.title;
   $("subtitle").textContent = "";
-  const hint = "Train with --checkpoint-minutes 0.2 for pictures early and often.";
+  const hint = "Train with --checkpoint-minutes\u00a00.2 for pictures early and often.";
   notice(message.message, message.message.startsWith("There is no checkpoint") ? hint : "");
 }
 
 function welcome(message) {
   const isFirst = scene === null;
   scene = message;
+  document.body.classList.remove("empty");
   document.title = `${scene.title} · wildfield`;
   $("title").textContent = scene.title;
   $("subtitle").textContent = scene.step ? `${scene.subtitle} · step ${scene.step}` : scene.subtitle;
@@ -155,7 +157,9 @@ function welcome(message) {
   }));
   const sizes = [200, 400, 800, 1200, 1600, 2400];
   $("limit").replaceChildren(...sizes.map((n) => option(n, `up to ${n} pixels`)));
-  $("limit").value = sizes.find((n) => n >= Math.min(Math.max(scene.longest_side, 400), 1200));
+  // Like the photos; pictures of a few hundred pixels look better a little larger.
+  const like = scene.longest_side < 100 ? 200 : Math.min(Math.max(scene.longest_side, 400), 1200);
+  $("limit").value = sizes.find((n) => n >= like);
   fit();
   reset();
   if (scene.pivot_is_guess) pick(0.5, 0.5);
@@ -221,14 +225,18 @@ function setTime(time) {
 function showTraining(message) {
   rows = message.rows;
   $("training").hidden = false;
+  $("training").classList.toggle("over", !message.runs);
+  document.body.classList.add("trains");
   const state = $("training-state");
   state.className = message.runs ? "runs" : "soft";
-  state.textContent = message.runs ? "running" : "finished";
-  const clock = (s) => (s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`);
-  const of = message.of ? ` of ${message.of}` : "";
-  const facts = message.runs && message.eta !== null ? `${clock(message.eta)} to go` : clock(message.seconds);
-  $("training-facts").textContent = `step ${message.step}${of} · ${facts}`;
-  if (!message.runs && message.of && message.step < message.of) state.textContent = "stopped";
+  const clock = (s) => {
+    if (s < 60) return `${Math.round(s)} s`;
+    return s < 3600 ? `${Math.floor(s / 60)} min ${Math.round(s % 60)} s` : `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+  };
+  const isShort = message.of && message.step < message.of;
+  if (message.runs) state.textContent = message.eta === null ? "running" : `${clock(message.eta)} to go`;
+  else state.textContent = isShort ? "stopped" : "finished";
+  $("training-facts").textContent = `step ${message.step}${message.of ? ` of ${message.of}` : ""} · ${clock(message.seconds)}`;
   $("training-bar").hidden = !message.runs || (!message.of && message.eta === null);
   const done = message.of ? message.step / message.of : message.seconds / Math.max(message.seconds + (message.eta || 0), 1e-9);
   $("training-bar").firstElementChild.style.width = `${100 * Math.min(done, 1)}%`;
@@ -241,6 +249,7 @@ function notice(text, hint) {
   $("notice").hidden = false;
   $("notice-text").textContent = text;
   $("notice-hint").textContent = hint;
+  $("status").hidden = true;
 }
 
 let toastTimer = 0;
@@ -397,16 +406,16 @@ function fit() {
   const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
   if (!w || !h || (w === canvas.width && h === canvas.height)) return;
   // A new size empties a canvas: the old picture stays until there is another.
-  const old = canvas.width && scene ? context.getImageData(0, 0, canvas.width, canvas.height) : null;
-  const [oldW, oldH] = [canvas.width, canvas.height];
+  const old = document.createElement("canvas");
+  [old.width, old.height] = [canvas.width, canvas.height];
+  old.getContext("2d").drawImage(canvas, 0, 0);
   [canvas.width, canvas.height] = [w, h];
-  if (old) createImageBitmap(old).then((picture) => {
-    const share = Math.max(w / oldW, h / oldH);
-    context.drawImage(picture, (w - oldW * share) / 2, (h - oldH * share) / 2, oldW * share, oldH * share);
-  });
+  const share = Math.max(w / old.width, h / old.height);
+  context.drawImage(old, (w - old.width * share) / 2, (h - old.height * share) / 2, old.width * share, old.height * share);
   isDirty = true;
 }
 new ResizeObserver(fit).observe(canvas);
+new ResizeObserver(() => drawCurve($("curve"), rows, curveKind)).observe($("curve"));
 
 let before = performance.now();
 function tick(now) {
