@@ -59,7 +59,7 @@ pub(crate) enum Command {
     Render(Render),
     /// Look around in a run on a web page, while it trains or afterwards
     View(View),
-    /// Write points, a mesh or cameras, in the input's frame and scale
+    /// Write points, a mesh, Gaussians or cameras, in the input's frame and scale
     Export(Export),
     /// Write which pixels of the training photos show the place itself, and score that where the truth is known
     Masks(Masks),
@@ -205,6 +205,9 @@ pub(crate) struct Train {
     /// Train on images at full, half, quarter … size: so many scales, pixels weighted with their area
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
+    /// Gaussians at most, from the first step on (`--system splat`)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) max_splats: Option<u32>,
     /// Any setting of the system
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
@@ -266,7 +269,7 @@ pub(crate) struct Eval {
 
 #[derive(Debug, Args)]
 pub(crate) struct Render {
-    /// Run folder
+    /// Run folder, or a file of Gaussians (.ply, .splat, .spz)
     pub(crate) run: PathBuf,
     /// `orbit`, `spiral`, `hold:NAME` (the camera of that frame) or a JSON file of cameras
     #[arg(long, value_name = "PATH")]
@@ -341,6 +344,9 @@ pub(crate) struct Export {
     /// Marching-cubes mesh, PLY
     #[arg(long, value_name = "FILE.ply", group = "what")]
     pub(crate) mesh: Option<PathBuf>,
+    /// Gaussians of a run of `splat`: `.ply` (the layout of 3DGS), `.splat` or `.spz`
+    #[arg(long, value_name = "FILE", group = "what")]
+    pub(crate) splats: Option<PathBuf>,
     /// Cameras: a `.json` file (transforms.json), or a folder (COLMAP text)
     #[arg(long, value_name = "FILE|DIR", group = "what")]
     pub(crate) cameras: Option<PathBuf>,

@@ -5,10 +5,12 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::system::{LayerRequest, Normals, Query, System};
+use crate::system::{LayerRequest, Normals, Query, Splats, System};
 use losses::metrics::quantise_value;
 use render_core::ray::Ray;
 use scene_io::export::{Mesh, MeshGrid, PointCloud, marching_cubes};
+use splat_core::SH_0;
+use splat_core::density::opacity;
 
 /// A box of the scene's frame: smallest and largest corner.
 pub type CropBox = [[f64; 3]; 2];
@@ -20,8 +22,12 @@ const BATCH: usize = 1 << 14;
 pub const POINT_OPACITY: f32 = 0.5;
 
 /// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
-/// of the training views lose half their light, inside `crop`.
+/// of the training views lose half their light, inside `crop`. Of a cloud of Gaussians: the centres of at most `count`, without
+/// normals.
 pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox, count: usize) -> PointCloud {
+    if let Some(splats) = system.splats() {
+        return centres(&splats, crop, count);
+    }
     let query =
         Query { layers: LayerRequest { normals: Normals::Compute, ..LayerRequest::default() }, ..query.clone() };
     // Every `stride`-th pixel, counted through all views: an odd stride does not fall into columns.
@@ -45,6 +51,28 @@ pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox
     }
     add_hits(system, &query, crop, &mut rays, &mut cloud);
     cloud
+}
+
+/// Centres of Gaussians that are more opaque than not, the most opaque first, in their colour at degree 0.
+fn centres(splats: &Splats, crop: &CropBox, count: usize) -> PointCloud {
+    let cloud = &splats.gaussians;
+    let n = cloud.len();
+    let place = |i: usize| [0, 1, 2].map(|k| f64::from(cloud.mean[k * n + i]));
+    let mut shown: Vec<(f64, usize)> = (0..n)
+        .map(|i| (opacity(cloud, i), i))
+        .filter(|&(o, i)| o >= f64::from(POINT_OPACITY) && inside(&place(i), crop))
+        .collect();
+    shown.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    shown.truncate(count);
+    PointCloud {
+        positions: shown.iter().map(|&(_, i)| place(i)).collect(),
+        colours: shown
+            .iter()
+            .map(|&(_, i)| [0, 1, 2].map(|c| quantise_value(0.5 + SH_0 * cloud.dc[c * n + i])))
+            .collect(),
+        normals: Vec::new(),
+        confidence: shown.iter().map(|&(o, _)| o as f32).collect(),
+    }
 }
 
 fn add_hits(system: &dyn System, query: &Query, crop: &CropBox, rays: &mut Vec<Ray>, cloud: &mut PointCloud) {
@@ -82,8 +110,12 @@ pub fn default_level(crop: &CropBox) -> f32 {
 /// the colour they show along their normal.
 ///
 /// # Errors
-/// [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
+/// [`RunError::Option`] for a cloud of Gaussians; [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
 pub fn mesh(system: &dyn System, crop: &CropBox, level: f32, resolution: usize, time: f64) -> Result<Mesh, RunError> {
+    if system.splats().is_some() {
+        let problem = "`--mesh`: Gaussians have no density to cut at: use `--points` or `--splats`";
+        return Err(RunError::Option(problem.into()));
+    }
     let grid = MeshGrid::cubic(crop[0], crop[1], resolution);
     let mut mesh = marching_cubes(&grid, level, |points, out| {
         for (points, out) in points.chunks(BATCH).zip(out.chunks_mut(BATCH)) {

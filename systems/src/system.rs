@@ -8,7 +8,7 @@ use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
-use splat_core::Gaussians;
+use splat_core::{Gaussians, Rules};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -103,6 +103,15 @@ impl Layers {
         self.normal.extend(more.normal);
         self.canonical.extend(more.canonical);
     }
+}
+
+/// A cloud of Gaussians as it leaves a training.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Splats {
+    /// In the scene's frame and unit.
+    pub gaussians: Gaussians,
+    /// What it was trained with; `near` in world units.
+    pub rules: Rules,
 }
 
 /// In which photo's light a picture is rendered. Systems without appearance know one light only.
@@ -319,7 +328,7 @@ pub trait System: Send + Sync {
     }
 
     /// The cloud of Gaussians that the scene is, in its frame and unit; `None` for a system that is none.
-    fn splats(&self) -> Option<Gaussians> {
+    fn splats(&self) -> Option<Splats> {
         None
     }
 
@@ -348,7 +357,8 @@ pub trait System: Send + Sync {
         Ok(None)
     }
 
-    /// Density at points of the scene's frame at a time, 1 / world unit. `out` has one entry a point.
+    /// Density at points of the scene's frame at a time, 1 / world unit. `out` has one entry a point. A cloud of Gaussians
+    /// ([`System::splats`]) has opacity on a picture and no density: 0.
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]);
 
     /// Colour at points of the scene's frame seen along unit directions `d`, at a time.

@@ -15,7 +15,7 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     let request = Request {
         scene: Some(app.demo_scene.into()),
         system: args.system,
-        set: settings(args.set, args.field),
+        set: settings(args.set, args.field, None),
         ..Request::default()
     };
     let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(app.demo_steps)));

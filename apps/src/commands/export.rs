@@ -1,10 +1,11 @@
-//! `export`: points, meshes and cameras, in the input's frame and scale.
+//! `export`: points, meshes, Gaussians and cameras, in the input's frame and scale.
 
 use super::{Done, Failure, Session};
 use crate::cli::Export;
 use crate::interrupt;
 use crate::show::{Show, line};
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
+use scene_io::{SplatOptions, write_splats};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use systems::RunError;
@@ -29,6 +30,18 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
         let cloud = points(run.system.as_ref(), &run.train, &query, &crop, args.count);
         write_points(path, &cloud)?;
         line(format_args!("{} points in {}", cloud.positions.len(), path.display()));
+    }
+    if let Some(path) = &args.splats {
+        let Some(cloud) = run.system.splats() else {
+            let problem =
+                format!("`--splats`: `{}` is no cloud of Gaussians; train with `--system splat`", run.system.name());
+            return Err(Box::new(RunError::Option(problem)));
+        };
+        let options = SplatOptions { widening: cloud.rules.widening, ..SplatOptions::default() };
+        for note in write_splats(path, &cloud.gaussians, &options)? {
+            line(note);
+        }
+        line(format_args!("{} Gaussians in {}", cloud.gaussians.len(), path.display()));
     }
     if let Some(path) = &args.mesh {
         let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);

@@ -120,10 +120,11 @@ fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// The table behind `--set`, with `--field` as one of its words.
-fn settings(set: Vec<(String, toml::Value)>, field: Option<String>) -> toml::Table {
+/// The table behind `--set`, with `--field` and `--max-splats` as words of it.
+fn settings(set: Vec<(String, toml::Value)>, field: Option<String>, max_splats: Option<u32>) -> toml::Table {
     let mut table: toml::Table = set.into_iter().collect();
     table.extend(field.map(|kind| ("field".to_string(), toml::Value::String(kind))));
+    table.extend(max_splats.map(|n| ("max_splats".to_string(), toml::Value::Integer(n.into()))));
     table
 }
 
@@ -134,9 +135,10 @@ mod tests {
     #[test]
     fn the_field_is_a_setting_like_any_other() {
         let set = || vec![("lr".to_string(), toml::Value::Float(0.5))];
-        let table = settings(set(), Some("mlp".into()));
+        let table = settings(set(), Some("mlp".into()), Some(9));
         assert_eq!(table["field"].as_str(), Some("mlp"));
         assert_eq!(table["lr"].as_float(), Some(0.5));
-        assert!(!settings(set(), None).contains_key("field"));
+        assert_eq!(table["max_splats"].as_integer(), Some(9));
+        assert!(!settings(set(), None, None).contains_key("field"));
     }
 }

@@ -8,14 +8,16 @@ use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use systems::appearance::{Light, LightPath};
+use systems::RunError;
+use systems::appearance::{Light, LightPath, Lighting};
 use systems::camera_path::{PathKind, cameras};
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
 use systems::progress::{Event, Observer};
-use systems::render::{Rendered, render};
+use systems::render::{Rendered, plain_query, render};
 use systems::run::Run;
-use systems::system::{Canonical, LayerRequest, Normals, Query};
+use systems::splats::Cloud;
+use systems::system::{Appearance, Canonical, LayerRequest, Normals, Query};
 use systems::time_path::TimePath;
 
 /// Error of a pixel from skipped work where nothing is said: one step of an 8-bit picture.
@@ -24,10 +26,72 @@ const PREVIEW_BUDGET: f32 = 1.0 / 255.0;
 /// Longest side of the animated preview, pixels: GIF is a large format.
 const PREVIEW_SIDE: u32 = 480;
 
+/// What pictures are taken of.
+enum Subject<'a, 'b> {
+    Run(&'a Run<'b>),
+    Cloud(Cloud),
+}
+
 pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
     let mut show = session.show();
+    if args.run.is_file() {
+        let cloud = Cloud::open(&args.run)?;
+        line(format_args!("{}: {} Gaussians", args.run.display(), cloud.len()));
+        for note in cloud.notes() {
+            line(format_args!("  {note}"));
+        }
+        return along(&Subject::Cloud(cloud), args, &mut show);
+    }
     let run = session.open(&args.run, &mut show)?;
-    along(&run, args, &mut show)
+    along(&Subject::Run(&run), args, &mut show)
+}
+
+impl Subject<'_, '_> {
+    fn cameras(&self, path: &PathKind, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
+        match self {
+            Self::Run(run) => cameras(path, &run.scene, &run.train, frames),
+            Self::Cloud(cloud) => cloud.cameras(path, frames),
+        }
+    }
+
+    /// The light of each frame; `None` where there is one light.
+    fn lighting(&self, path: Option<&LightPath>, camera: Option<&str>) -> Result<Option<Lighting>, RunError> {
+        match (self, path) {
+            (Self::Run(run), path) => run.lighting(path.unwrap_or(&LightPath::Still(Light::Mean)), camera).map(Some),
+            (Self::Cloud(_), None) => Ok(None),
+            (Self::Cloud(_), Some(_)) => {
+                Err(RunError::Option("`--appearance`: a file of Gaussians has one light".into()))
+            }
+        }
+    }
+
+    fn moves(&self) -> bool {
+        matches!(self, Self::Run(run) if run.train.moments() > 1)
+    }
+
+    fn query(&self) -> Query {
+        match self {
+            Self::Run(run) => run.query(),
+            Self::Cloud(_) => plain_query([0.0; 3], PREVIEW_BUDGET),
+        }
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        match self {
+            Self::Run(run) => run.system.bounds(),
+            Self::Cloud(cloud) => {
+                let (middle, radius) = cloud.extent();
+                [(middle - radius).to_array(), (middle + radius).to_array()]
+            }
+        }
+    }
+
+    fn draw(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
+        match self {
+            Self::Run(run) => Ok(render(run.system.as_ref(), camera, query)),
+            Self::Cloud(cloud) => cloud.render(camera, query),
+        }
+    }
 }
 
 /// What a caller other than the command line wants: an orbit in colour and depth.
@@ -45,29 +109,29 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
         fps: 15.0,
         error_budget: None,
     };
-    along(run, &args, show)
+    along(&Subject::Run(run), &args, show)
 }
 
-fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
+fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
     let interrupt = interrupt::flag()?;
-    let light = args.appearance.clone().unwrap_or(LightPath::Still(Light::Mean));
-    let time = args.time.unwrap_or(if run.train.moments() > 1 { TimePath::WHOLE } else { TimePath::START });
-    let frames = match (&args.path, &light) {
+    let still_light = matches!(args.appearance, None | Some(LightPath::Still(_)));
+    let time = args.time.unwrap_or(if subject.moves() { TimePath::WHOLE } else { TimePath::START });
+    let frames = match &args.path {
         // The same picture again and again is one picture.
-        (PathKind::Hold(_), LightPath::Still(_)) if time.is_still() => args.frames.or(Some(1)),
+        PathKind::Hold(_) if still_light && time.is_still() => args.frames.or(Some(1)),
         _ => args.frames,
     };
-    let cameras = cameras(&args.path, &run.scene, &run.train, frames)?;
-    let lighting = run.lighting(&light, args.fit_camera.as_deref())?;
+    let cameras = subject.cameras(&args.path, frames)?;
+    let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
     make_folder(&args.out)?;
     let wants = |layer| args.layers.contains(&layer);
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
     let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
-    let bounds = run.system.bounds();
+    let bounds = subject.bounds();
     let query = Query {
         layers: LayerRequest { normals, canonical },
         error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET),
-        ..run.query()
+        ..subject.query()
     };
     let mut depth_range = None;
     let mut preview: Vec<RgbImage> = Vec::with_capacity(cameras.len());
@@ -77,9 +141,10 @@ fn along(run: &Run<'_>, args: &Render, show: &mut Show) -> Result<Done, Failure>
             return Ok(Done::Interrupted);
         }
         let camera: Camera = limited(camera, args.longest_side);
-        let (appearance, time) = (lighting.at(i, cameras.len()), time.at(i, cameras.len()));
+        let appearance = lighting.as_ref().map_or(Appearance::Mean, |light| light.at(i, cameras.len()));
+        let time = time.at(i, cameras.len());
         let query = Query { appearance, time, ..query.clone() };
-        let view = render(run.system.as_ref(), &camera, &query);
+        let view = subject.draw(&camera, &query)?;
         // One scale for all frames, from the first, with room on both sides.
         let range = *depth_range.get_or_insert_with(|| {
             let [near, far] = picture::depth_range(&[&view]);

@@ -23,7 +23,7 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         error_budget: args.error_budget,
         eval_appearance: args.eval_appearance,
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
-        set: settings(args.set, args.field),
+        set: settings(args.set, args.field, args.max_splats),
     };
     let stop = match (args.steps, args.seconds) {
         (Some(steps), _) => Stop::Steps(steps),

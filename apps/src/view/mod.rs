@@ -6,6 +6,7 @@
 //! server, guard                 stage  <-  follow (newest checkpoint, tail of metrics.csv)
 //! ```
 
+mod cloud_scene;
 mod desk;
 mod follow;
 mod guard;
@@ -25,6 +26,7 @@ use crate::cli::View;
 use crate::commands::{Done, Failure, Session};
 use crate::interrupt;
 use crate::show::line;
+use cloud_scene::CloudScene;
 use follow::Follower;
 use scene::Scene3d;
 use server::Server;
@@ -69,7 +71,11 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
 
 /// Open a file to look at. Formats of files go here, and nowhere else: whatever implements [`Scene3d`] can be shown.
 fn open_file(path: &Path) -> Result<Box<dyn Scene3d>, Failure> {
-    Err(refusal(path, "is a file; what can be looked at is a run folder"))
+    let cloud = CloudScene::open(path)?;
+    for note in cloud.notes() {
+        crate::show::note(note);
+    }
+    Ok(Box::new(cloud))
 }
 
 fn refusal(path: &Path, problem: &str) -> Failure {

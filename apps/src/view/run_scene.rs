@@ -133,7 +133,14 @@ impl Scene3d for RunScene {
     }
 
     fn draw(&self, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered> {
-        in_bands(self.system.as_ref(), camera, query, go_on)
+        if !go_on() {
+            return None;
+        }
+        // Gaussians are drawn all at once, and a part of a picture is not the same as that part of the whole.
+        match self.system.render_view(camera, query) {
+            Some(layers) => Some(Rendered { width: camera.width, height: camera.height, layers }),
+            None => in_bands(self.system.as_ref(), camera, query, go_on),
+        }
     }
 
     fn appearance(&self, light: &Light) -> Appearance {

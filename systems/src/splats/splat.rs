@@ -17,7 +17,7 @@ use super::start::Start;
 use super::step::{Lens, PARTS, Pass};
 use crate::data::Dataset;
 use crate::options::Background;
-use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use crate::system::{Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
 use glam::{DMat3, DVec3};
@@ -25,7 +25,7 @@ use optim::NonFiniteGuard;
 use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
-use splat_core::Gaussians;
+use splat_core::{Gaussians, Rules};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -107,20 +107,6 @@ impl Splat {
             steps: 0,
             seconds: [0.0; PARTS.len() + 2],
         })
-    }
-
-    /// The cloud in the scene's frame and unit: what is exported.
-    #[must_use]
-    pub fn cloud(&self) -> Gaussians {
-        let mut cloud = self.cloud.clone();
-        self.frame.cloud_to_world(&mut cloud);
-        cloud
-    }
-
-    /// Whether opacity falls where a Gaussian is widened to a pixel.
-    #[must_use]
-    pub fn rules(&self) -> splat_core::Rules {
-        self.config.rules()
     }
 
     /// The photo of a step: all of them, in an order of their own, before any comes again.
@@ -252,8 +238,11 @@ impl System for Splat {
         out
     }
 
-    fn splats(&self) -> Option<Gaussians> {
-        Some(self.cloud())
+    fn splats(&self) -> Option<Splats> {
+        let mut gaussians = self.cloud.clone();
+        self.frame.cloud_to_world(&mut gaussians);
+        let near = (f64::from(self.config.near) * self.frame.scale) as f32;
+        Some(Splats { gaussians, rules: Rules { near, ..self.config.rules() } })
     }
 
     fn density(&self, _points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
