@@ -11,12 +11,11 @@ use systems::render::Rendered;
 use systems::splats::Cloud;
 use systems::system::{Appearance, Query};
 
-/// Cameras around the middle that the page can step through: there are no photos.
-const CORNERS: usize = 8;
-
 /// A cloud and what it is called.
 pub(crate) struct CloudScene {
     cloud: Cloud,
+    /// That the page can step through: there are no photos.
+    views: Vec<Camera>,
     title: String,
 }
 
@@ -26,7 +25,8 @@ impl CloudScene {
     /// # Errors
     /// As [`Cloud::open`].
     pub(crate) fn open(path: &Path) -> Result<Self, RunError> {
-        Ok(Self { cloud: Cloud::open(path)?, title: title(path) })
+        let cloud = Cloud::open(path)?;
+        Ok(Self { views: cloud.views(), cloud, title: title(path) })
     }
 
     /// What was dropped, clamped or ignored while reading.
@@ -38,17 +38,15 @@ impl CloudScene {
 impl Scene3d for CloudScene {
     fn describe(&self) -> Description {
         let (middle, radius) = self.cloud.extent();
-        let photos = (0..CORNERS).map(|k| {
-            let camera = self.cloud.camera(k as f64 / CORNERS as f64);
-            Photo::new(&format!("view {} of {CORNERS}", k + 1), &camera, 0.0, false)
-        });
+        let named = |(k, camera): (usize, &Camera)| Photo::new(&format!("view {}", k + 1), camera, 0.0, false);
         Description {
             title: self.title.clone(),
             subtitle: format!("{} Gaussians", self.cloud.len()),
             step: 0,
-            photos: photos.collect(),
+            photos: self.views.iter().enumerate().map(named).collect(),
             pivot: middle.to_array(),
-            pivot_is_guess: false,
+            // The first view may be one from inside.
+            pivot_is_guess: true,
             up: self.cloud.up().to_array(),
             radius,
             moves: false,

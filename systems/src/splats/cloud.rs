@@ -4,7 +4,8 @@ use super::frame::Frame;
 use super::look::{Kept, Look};
 use crate::camera_path::{PathKind, read};
 use crate::error::RunError;
-use crate::render::Rendered;
+use crate::picture::limited;
+use crate::render::{Rendered, plain_query};
 use crate::system::Query;
 use float_core::Simd;
 use glam::{DMat3, DVec3};
@@ -27,6 +28,9 @@ const TANGENT: f64 = 0.6;
 /// An orbit's distance in radii of the scene, and its height above the middle as a part of that.
 const DISTANCE: f64 = 2.0;
 const HEIGHT: f64 = 0.35;
+/// Views around the middle that are offered, and the longest side of the pictures that they are compared by.
+const AROUND: usize = 8;
+const SMALL: u32 = 160;
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
@@ -125,6 +129,32 @@ impl Cloud {
         let [w, h] = SIZE.map(f64::from);
         let f = 0.5 * w / TANGENT;
         Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
+    }
+
+    /// Cameras to look from, the one that shows most first: around the middle, and where the frame of the file begins, as
+    /// structure from motion puts one of its cameras there, or near.
+    #[must_use]
+    pub fn views(&self) -> Vec<Camera> {
+        let around = self.camera(0.0);
+        let origin = Camera { pose: Pose::IDENTITY, ..around };
+        let mut views: Vec<Camera> = (0..AROUND).map(|k| self.camera(k as f64 / AROUND as f64)).collect();
+        views.push(origin);
+        let mut scored: Vec<(f64, Camera)> = views.into_iter().map(|camera| (self.detail(&camera), camera)).collect();
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+        scored.into_iter().map(|(_, camera)| camera).collect()
+    }
+
+    /// How much there is to see: mean difference of neighbouring pixels of a small picture.
+    fn detail(&self, camera: &Camera) -> f64 {
+        let small = limited(camera, Some(SMALL));
+        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 1.0 / 255.0)) else { return 0.0 };
+        let (rgb, w) = (&view.layers.rgb, view.width as usize);
+        let apart = |a: [f32; 3], b: [f32; 3]| (0..3).map(|c| f64::from((a[c] - b[c]).abs().min(1.0))).sum::<f64>();
+        // What is beside nothing is an edge of the cloud, not of a thing.
+        let solid = |i: usize| view.layers.opacity[i] > 0.5;
+        let pairs = (0..rgb.len()).flat_map(|i| [(i, i + 1, (i + 1) % w != 0), (i, i + w, i + w < rgb.len())]);
+        let inside = pairs.filter(|&(a, b, there)| there && solid(a) && solid(b));
+        inside.map(|(a, b, _)| apart(rgb[a], rgb[b])).sum::<f64>() / rgb.len().max(1) as f64
     }
 
     /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.
