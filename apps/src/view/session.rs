@@ -15,6 +15,9 @@ use tokio::sync::{mpsc, watch};
 /// Stillness after which better pictures are drawn.
 const REST: Duration = Duration::from_millis(120);
 
+/// Time between two signs of life: a phone that went away says nothing, and its place is wanted.
+const ALIVE: Duration = Duration::from_secs(20);
+
 /// Messages that may wait for a slow connection; then the drawing waits.
 const WAITING: usize = 2;
 
@@ -32,6 +35,7 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
     // Said at once, and again whenever it changes.
     shown.mark_changed();
     training.mark_changed();
+    let mut alive = tokio::time::interval(ALIVE);
     loop {
         let answer = tokio::select! {
             message = socket.recv() => match message {
@@ -54,6 +58,7 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
                 // Whoever draws is gone; the page may come again.
                 None => break,
             },
+            _ = alive.tick() => Some(Frame::Ping(Vec::new().into())),
             Ok(()) = shown.changed() => {
                 desk.again();
                 Some(Frame::Text(shown.borrow_and_update().text().into()))

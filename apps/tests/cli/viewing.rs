@@ -161,6 +161,7 @@ impl Live {
                         self.training = word;
                     }
                 }
+                Message::Ping(_) | Message::Pong(_) => {}
                 other => panic!("{other:?}"),
             }
         }

@@ -238,7 +238,7 @@ impl<'a> Run<'a> {
     ) -> Result<(Ended, Option<Evaluation>), RunError> {
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
-        planned::write(self.parts.storage, &self.folder, schedule.stop)?;
+        planned::write(self.parts.storage, &self.folder, schedule.stop);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));

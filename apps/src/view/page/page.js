@@ -114,7 +114,7 @@ function status(size, ms, quality) {
   const took = ms >= 1000 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms)} ms`;
   const moves = quality === 0 && arrivals.length > 2;
   const rate = ((arrivals.length - 1) * 1000) / Math.max(now - arrivals[0], 1);
-  const word = moves ? `${rate.toFixed(rate < 10 ? 1 : 0)} fps` : quality === 2 ? "sharp" : "sharpening …";
+  const word = moves ? `${rate.toFixed(rate < 10 ? 1 : 0)} fps` : quality === 2 ? "full" : "refining …";
   $("status").hidden = false;
   if (isOfPhoto()) $("status").textContent = `${size[0]} × ${size[1]}, ${layer}`;
   else $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
@@ -130,7 +130,8 @@ function wait(message) {
 }
 
 function welcome(message) {
-  const isFirst = scene === null;
+  // Another run may have taken the place of the one we knew.
+  const isFirst = scene === null || JSON.stringify(scene.photos) !== JSON.stringify(message.photos);
   scene = message;
   document.body.classList.remove("empty");
   document.title = `${scene.title} · wildfield`;
