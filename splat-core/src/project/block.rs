@@ -26,6 +26,8 @@ pub(crate) struct Lens<V> {
     c: [V; 2],
     slopes: [[V; 2]; 2],
     size: [V; 2],
+    /// Its longer side.
+    longest: V,
     near: V,
     pub(crate) blur: V,
     alpha_min: V,
@@ -36,8 +38,12 @@ pub(crate) struct Lens<V> {
 pub(super) const RHO2_MIN: f32 = 0.005 * 0.005;
 /// Smallest determinant of a covariance on the picture, px^4.
 const DET_MIN: f32 = 1e-12;
-/// Shortest quaternion that is a direction.
+/// Shortest quaternion that is a direction, squared.
 const NORM2_MIN: f32 = 1e-16;
+/// Quaternions longer than this, squared, are shortened first: their squares would overflow. The factor, a power of two, takes
+/// the longest and the shortest of them to where squares are ordinary numbers.
+const NORM2_LONG: f32 = 1e36;
+const SHORTEN: f32 = 1.0 / (1_u128 << 96) as f32;
 
 impl<V: Vector> Lens<V> {
     #[inline(always)]
@@ -50,6 +56,7 @@ impl<V: Vector> Lens<V> {
             c: view.c.map(s),
             slopes: [0, 1].map(|axis| view.slopes(axis).map(s)),
             size: view.size.map(|n| s(n as f32)),
+            longest: s(view.size[0].max(view.size[1]) as f32),
             near: s(rules.near),
             blur: s(rules.blur),
             alpha_min: s(rules.alpha_min),
@@ -73,8 +80,9 @@ pub(crate) struct Block<V> {
     pub(crate) inv_norm: V,
     pub(crate) rot: [[V; 3]; 3],
     pub(crate) s: [V; 3],
-    /// `J R M`.
+    /// `J R M`, and the cross product of its rows: entry `k` is that of the columns `k + 1` and `k + 2`.
     pub(crate) a: [[V; 3]; 2],
+    pub(crate) normal: [V; 3],
     /// `a, b, c` with blur; determinants without and with it.
     pub(crate) cov: [V; 3],
     pub(crate) det0: V,
@@ -98,7 +106,7 @@ pub(crate) fn dot<V: Vector>(a: [V; 3], b: [V; 3]) -> V {
 }
 
 #[inline(always)]
-fn cross<V: Vector>(a: [V; 3], b: [V; 3]) -> [V; 3] {
+pub(crate) fn cross<V: Vector>(a: [V; 3], b: [V; 3]) -> [V; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
@@ -132,12 +140,16 @@ impl<V: Vector> Block<V> {
             core::array::from_fn(|k| j * (lens.r[i][k] - slope[i] * lens.r[2][k]))
         });
 
-        let norm2 = dot([raw.wxyz[1], raw.wxyz[2], raw.wxyz[3]], [raw.wxyz[1], raw.wxyz[2], raw.wxyz[3]])
-            + raw.wxyz[0] * raw.wxyz[0];
+        let squared = |[w, x, y, z]: [V; 4]| dot([x, y, z], [x, y, z]) + w * w;
+        let shorten = (squared(raw.wxyz) - V::splat(NORM2_LONG)).select_positive(V::splat(SHORTEN), one);
+        let wxyz = raw.wxyz.map(|x| x * shorten);
+        let norm2 = squared(wxyz);
         let long = norm2 - V::splat(NORM2_MIN);
         let inv_norm = long.select_positive(one / long.select_positive(norm2, one).sqrt(), zero);
         let identity = [one, zero, zero, zero];
-        let q = core::array::from_fn(|k| long.select_positive(raw.wxyz[k] * inv_norm, identity[k]));
+        let q = core::array::from_fn(|k| long.select_positive(wxyz[k] * inv_norm, identity[k]));
+        // 1, or NaN where a number of the quaternion is not finite.
+        let turned = raw.wxyz.into_iter().fold(one, |sum, x| x.mul_add(zero, sum));
         let rot = rotation(q);
         let s = raw.log_scale.map(vecmath::exp);
         // Row i of T times column k of R(q), times s_k.
@@ -156,13 +168,15 @@ impl<V: Vector> Block<V> {
         let o_eff = o * rho;
         let seen = o_eff - lens.alpha_min;
         let q_max = V::splat(2.0) * vecmath::ln(seen.select_positive(o_eff / lens.alpha_min, one));
-        // No ellipse reaches farther than it has to.
-        let far = V::splat(2.0) * lens.size[0].max(lens.size[1]);
-        let half = [(q_max * cov[0]).sqrt().min(far), (q_max * cov[2]).sqrt().min(far)];
+        // No ellipse reaches farther than it has to: all over the picture, from wherever its centre is.
+        let half = core::array::from_fn(|i| {
+            let far = V::splat(2.0) * (lens.longest + uv[i].max(-uv[i]));
+            (q_max * cov[2 * i]).sqrt().min(far)
+        });
         let inside = |i: usize| (uv[i] + half[i]).min(lens.size[i] - (uv[i] - half[i]));
         let sound = (det - V::splat(DET_MIN)).min(V::splat(f32::MAX) - det);
         // `min` gives the second operand where either is NaN: put each suspect first and ask again.
-        let visible = [seen, inside(0), inside(1), sound]
+        let visible = [seen, inside(0), inside(1), sound, turned]
             .into_iter()
             .fold(before, |all, x| all.select_positive(x.select_positive(one, zero), zero));
         Self {
@@ -172,10 +186,11 @@ impl<V: Vector> Block<V> {
             free,
             t,
             q,
-            inv_norm,
+            inv_norm: inv_norm * shorten,
             rot,
             s,
             a,
+            normal,
             cov,
             det0,
             inv_det,

@@ -1,8 +1,12 @@
 //! The chain rule of one vector of Gaussians: from what the picture says of ellipses back to raw parameters.
+//!
+//! Letters as in `block`, with `Q` the conic and `a_k` the columns of `A`. Of a needle, `Q a_k` along its length is what two large
+//! products leave; as `(blur a_k + sum_j perp(a_j) (a_j x a_k)) / det` it is a sum of what is left, `perp(a) = (-a_y, a_x)`. Errors
+//! grow as the ratio of a footprint's axes, not as its square.
 
 use float_core::Vector;
 
-use super::block::{Block, Lens, RHO2_MIN, dot};
+use super::block::{Block, Lens, RHO2_MIN, cross, dot};
 
 /// Gradient of the loss with respect to what the rasteriser sees.
 pub(crate) struct FootprintBar<V> {
@@ -25,47 +29,46 @@ impl<V: Vector> Block<V> {
     #[inline(always)]
     pub(crate) fn backward(&self, lens: &Lens<V>, bar: &FootprintBar<V>) -> RawBar<V> {
         let (two, half) = (V::splat(2.0), V::splat(0.5));
-        let [aa, bb, cc] = self.conic;
-        // V = -Q G Q, Q the conic and G its gradient, both symmetric.
+        // G: gradient of the conic Q, both symmetric.
         let (g00, g01, g11) = (bar.conic[0], half * bar.conic[1], bar.conic[2]);
-        let (m00, m01) = (g00 * aa + g01 * bb, g00 * bb + g01 * cc);
-        let (m10, m11) = (g01 * aa + g11 * bb, g01 * bb + g11 * cc);
-        let mut v00 = -(aa * m00 + bb * m10);
-        let mut v01 = -(aa * m01 + bb * m11);
-        let mut v11 = -(bb * m01 + cc * m11);
+        // N / det and W = Q A = (blur A + N) / det, N the adjugate of A A^T times A.
+        let thin = self.normal.map(|x| x * self.inv_det);
+        let n = [cross(self.a[1], thin), cross(thin, self.a[0])];
+        let round = lens.blur * self.inv_det;
+        let w: [[V; 3]; 2] =
+            core::array::from_fn(|i| core::array::from_fn(|k| round.mul_add(self.a[i][k], n[i][k])));
+        // A_bar = Q U. Of the conic Q = 1 / (A A^T + blur): U = -2 G Q A.
+        let mut u: [[V; 3]; 2] = [
+            core::array::from_fn(|k| -two * g00.mul_add(w[0][k], g01 * w[1][k])),
+            core::array::from_fn(|k| -two * g01.mul_add(w[0][k], g11 * w[1][k])),
+        ];
         let mut o_bar = bar.o_eff;
         if lens.dims {
             o_bar = self.rho * bar.o_eff;
-            // rho^2 = det0 / det; 0 slope at its floor.
-            let rho2 = self.rho * self.rho;
-            let free = (self.det0 * self.inv_det - V::splat(RHO2_MIN)).select_positive(V::splat(1.0), V::splat(0.0));
-            let k = free * self.o * bar.o_eff * self.inv_det / (two * self.rho);
-            let (a0, c0) = (self.cov[0] - lens.blur, self.cov[2] - lens.blur);
-            v00 = v00 + k * (c0 - rho2 * self.cov[2]);
-            v11 = v11 + k * (a0 - rho2 * self.cov[0]);
-            v01 = v01 + k * self.cov[1] * (rho2 - V::splat(1.0));
+            // Of rho^2 = det0 / det: rho_bar rho (N / det0 - Q A), which is Q N blur rho_bar / (rho det). No slope at its floor.
+            let free = self.det0 * self.inv_det - V::splat(RHO2_MIN);
+            let k = free.select_positive(self.o * bar.o_eff * lens.blur / self.rho, V::splat(0.0));
+            u = core::array::from_fn(|i| core::array::from_fn(|j| k.mul_add(n[i][j], u[i][j])));
         }
         let logit = self.o * (V::splat(1.0) - self.o) * o_bar;
 
-        // A A^T: A_bar = 2 V A.
-        let a_bar: [[V; 3]; 2] = [
-            core::array::from_fn(|k| two * (v00 * self.a[0][k] + v01 * self.a[1][k])),
-            core::array::from_fn(|k| two * (v01 * self.a[0][k] + v11 * self.a[1][k])),
-        ];
-        // A = T R diag(s).
+        // A = T R diag(s): a column times its gradient is that of the logarithm of its scale.
+        let log_scale = core::array::from_fn(|k| w[0][k].mul_add(u[0][k], w[1][k] * u[1][k]));
+        // A_bar diag(s), through a Cholesky decomposition of the covariance.
+        let inv_a = V::splat(1.0) / self.cov[0];
+        let lower = self.cov[1] * inv_a;
+        let scaled: [[V; 3]; 2] = {
+            let second: [V; 3] = core::array::from_fn(|k| (u[1][k] - lower * u[0][k]) * self.conic[2]);
+            [
+                core::array::from_fn(|k| (u[0][k] * inv_a - lower * second[k]) * self.s[k]),
+                core::array::from_fn(|k| second[k] * self.s[k]),
+            ]
+        };
         let rot = &self.rot;
-        let t_bar: [[V; 3]; 2] = core::array::from_fn(|i| {
-            let scaled: [V; 3] = core::array::from_fn(|k| a_bar[i][k] * self.s[k]);
-            core::array::from_fn(|row| dot(rot[row], scaled))
+        let t_bar: [[V; 3]; 2] = core::array::from_fn(|i| core::array::from_fn(|row| dot(rot[row], scaled[i])));
+        let r: [[V; 3]; 3] = core::array::from_fn(|row| {
+            core::array::from_fn(|k| self.t[0][row].mul_add(scaled[0][k], self.t[1][row] * scaled[1][k]))
         });
-        // Before scales: (T^T A_bar)[row][k].
-        let m_bar: [[V; 3]; 3] = core::array::from_fn(|row| {
-            core::array::from_fn(|k| self.t[0][row].mul_add(a_bar[0][k], self.t[1][row] * a_bar[1][k]))
-        });
-        let log_scale = core::array::from_fn(|k| {
-            self.s[k] * dot([rot[0][k], rot[1][k], rot[2][k]], [m_bar[0][k], m_bar[1][k], m_bar[2][k]])
-        });
-        let r: [[V; 3]; 3] = core::array::from_fn(|row| core::array::from_fn(|k| m_bar[row][k] * self.s[k]));
         let wxyz = self.quaternion(&r);
 
         // T = J R: rows i of J are f_i / z (e_i - slope_i e_z).
