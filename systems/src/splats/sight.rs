@@ -13,16 +13,6 @@ const TRANSPARENT: u8 = 32;
 /// Nothing is known of a place that fewer photos see.
 const FEWEST: usize = 2;
 
-/// What photos show at a place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
-    /// Their mean colour.
-    pub rgb: [f32; 3],
-    /// How far they disagree, the variance over them summed over channels: a surface looks much the same to all, free space and the
-    /// inside of things do not.
-    pub spread: f32,
-}
-
 /// Photos to ask.
 pub(super) struct Sight {
     photos: Vec<(Prepared, Arc<Image>)>,
@@ -39,10 +29,10 @@ impl Sight {
         Ok(Self { photos: photos.collect::<Result<_, SceneError>>()? })
     }
 
-    /// What the photos that have a place of the scene's frame in the picture show there; `None` where one of them shows that nothing
-    /// is there, or hardly any has it.
-    pub(super) fn of(&self, x: DVec3) -> Option<Seen> {
-        let (mut sum, mut squares, mut count) = ([0.0_f32; 3], 0.0_f32, 0);
+    /// Mean colour of a place of the scene's frame over the photos that have it in the picture; `None` where one of them shows
+    /// that nothing is there, or hardly any has it.
+    pub(super) fn of(&self, x: DVec3) -> Option<[f32; 3]> {
+        let (mut sum, mut count) = ([0.0_f32; 3], 0);
         for (camera, image) in &self.photos {
             let Some(at) = camera.project(x) else { continue };
             if !(at.x >= 0.0 && at.y >= 0.0) {
@@ -57,16 +47,10 @@ impl Sight {
                 return None;
             }
             for (sum, &c) in sum.iter_mut().zip(p) {
-                let c = f32::from(c) / 255.0;
-                *sum += c;
-                squares += c * c;
+                *sum += f32::from(c) / 255.0;
             }
             count += 1;
         }
-        (count >= FEWEST.min(self.photos.len())).then(|| {
-            let n = count as f32;
-            let rgb = sum.map(|c| c / n);
-            Seen { rgb, spread: squares / n - rgb.iter().map(|c| c * c).sum::<f32>() }
-        })
+        (count >= FEWEST.min(self.photos.len())).then(|| sum.map(|c| c / count as f32))
     }
 }

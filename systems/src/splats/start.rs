@@ -12,7 +12,6 @@
 
 use super::frame::Frame;
 use super::neighbours::mean_squared_distances;
-pub use super::sight::Seen;
 use crate::data::Dataset;
 use crate::layout::Layout;
 use crate::plan::space;
@@ -28,9 +27,8 @@ const OPACITY: f64 = 0.1;
 const LEAST_SQUARE: f64 = 1e-7;
 const LARGEST: f64 = 0.1;
 const ALONE: f64 = 0.01;
-/// So many places are looked at for each that is taken, and drawn so often before it is enough.
-const CANDIDATES: usize = 8;
-const ROUNDS: u64 = 16;
+/// Places are drawn so often as many as are wanted, at most.
+const ROUNDS: u64 = 64;
 /// Stream of random numbers.
 const STREAM: u64 = 0x5350_4C41_5453;
 
@@ -91,9 +89,8 @@ impl Start {
     }
 
     /// At `random` places (no more than `max`), uniform in a box of the scene's frame, where photos do not show that nothing is:
-    /// what is transparent in one of them is empty, what hardly any has in the picture would not learn. Of eight such places the one
-    /// that photos agree on best is taken, on the whole, with the mean of their colours. `sight` says what is seen at a place,
-    /// `None` where it is ruled out.
+    /// what is transparent in one of them is empty, what hardly any has in the picture would not learn. Each begins with the mean of
+    /// the colours seen there: `sight` says which, or `None` of a place that is ruled out.
     ///
     /// # Errors
     /// [`SplatError::Degree`].
@@ -101,7 +98,7 @@ impl Start {
         within: Bounds,
         frame: &Frame,
         options: &StartOptions,
-        sight: impl Fn(DVec3) -> Option<Seen> + Sync,
+        sight: impl Fn(DVec3) -> Option<[f32; 3]> + Sync,
     ) -> Result<Self, SplatError> {
         let count = options.random.min(options.max);
         let rng = Rng::new(options.seed, STREAM);
@@ -109,37 +106,31 @@ impl Start {
             let [x, y, z, _] = rng.uniform4_at(k).map(f64::from);
             within.min + DVec3::new(x, y, z) * (within.max - within.min)
         };
-        let wanted = CANDIDATES * count;
-        let batch = wanted.max(1) as u64;
-        let mut found: Vec<(DVec3, Seen)> = Vec::with_capacity(wanted);
+        let (mut inside, mut colours) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let batch = count.max(1) as u64;
         for round in 0..ROUNDS {
             let range = round * batch..(round + 1) * batch;
-            let seen: Vec<_> = range.into_par_iter().filter_map(|k| Some((draw(k), sight(draw(k))?))).collect();
-            found.extend(seen.into_iter().take(wanted - found.len()));
-            if found.len() == wanted {
+            let found: Vec<_> = range.into_par_iter().filter_map(|k| Some((draw(k), sight(draw(k))?))).collect();
+            for (x, rgb) in found {
+                if inside.len() < count {
+                    inside.push(frame.to_internal(x).to_array());
+                    colours.push(rgb);
+                }
+            }
+            if inside.len() == count {
                 break;
             }
         }
-        // Those that the photos agree on best, in the order they were drawn.
-        if let Some(last) = found.len().min(count).checked_sub(1).filter(|_| found.len() > count) {
-            let mut spreads: Vec<f32> = found.iter().map(|(_, seen)| seen.spread).collect();
-            spreads.sort_by(f32::total_cmp);
-            let most = spreads[last];
-            found.retain(|(_, seen)| seen.spread.total_cmp(&most).is_le());
-            found.truncate(count);
-        }
-        let (mut inside, mut colours): (Vec<_>, Vec<_>) =
-            found.into_iter().map(|(x, seen)| (frame.to_internal(x).to_array(), seen.rgb)).unzip();
         let mut notes = Vec::new();
         if inside.is_empty() {
             // Nothing is certain of photos that agree on no place: anywhere, then.
             notes.push("no place is seen by two photos that both show something there".to_string());
-            inside = (0..count as u64).map(|k| frame.to_internal(draw(k)).to_array()).collect();
+            inside = (0..batch.min(count as u64)).map(|k| frame.to_internal(draw(k)).to_array()).collect();
             colours = vec![[0.5; 3]; inside.len()];
         }
         let size = within.max - within.min;
         notes.push(format!(
-            "{} Gaussians at random in a box of {:.3} x {:.3} x {:.3}, where photos agree best",
+            "{} Gaussians at random in a box of {:.3} x {:.3} x {:.3}, where photos do not rule them out",
             inside.len(),
             size.x,
             size.y,
