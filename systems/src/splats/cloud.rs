@@ -28,9 +28,14 @@ const TANGENT: f64 = 0.6;
 /// An orbit's distance in radii of the scene, and its height above the middle as a part of that.
 const DISTANCE: f64 = 2.0;
 const HEIGHT: f64 = 0.35;
-/// Views around the middle that are offered, and the longest side of the pictures that they are compared by.
+/// Views around the middle that are offered.
 const AROUND: usize = 8;
+/// A camera is inside where this share of a small picture is opaque, little of it nearer than the first of these parts of the
+/// scene's radius, and half of it farther than the second.
 const SMALL: u32 = 160;
+const ALL_AROUND: f64 = 0.95;
+const TOO_NEAR: f64 = 0.05;
+const FAR_ENOUGH: f64 = 0.3;
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
@@ -131,30 +136,29 @@ impl Cloud {
         Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
     }
 
-    /// Cameras to look from, the one that shows most first: around the middle, and where the frame of the file begins, as
-    /// structure from motion puts one of its cameras there, or near.
+    /// Cameras to look from: around the middle, and from where the frame of the file begins, first if that is inside of the scene:
+    /// structure from motion often puts one of its cameras there, and a room is nothing from outside.
     #[must_use]
     pub fn views(&self) -> Vec<Camera> {
-        let around = self.camera(0.0);
-        let origin = Camera { pose: Pose::IDENTITY, ..around };
-        let mut views: Vec<Camera> = (0..AROUND).map(|k| self.camera(k as f64 / AROUND as f64)).collect();
-        views.push(origin);
-        let mut scored: Vec<(f64, Camera)> = views.into_iter().map(|camera| (self.detail(&camera), camera)).collect();
-        scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-        scored.into_iter().map(|(_, camera)| camera).collect()
+        let around = (0..AROUND).map(|k| self.camera(k as f64 / AROUND as f64));
+        let origin = Camera { pose: Pose::IDENTITY, ..self.camera(0.0) };
+        match self.surrounds(&origin) {
+            true => core::iter::once(origin).chain(around).collect(),
+            false => around.chain([origin]).collect(),
+        }
     }
 
-    /// How much there is to see: mean difference of neighbouring pixels of a small picture.
-    fn detail(&self, camera: &Camera) -> f64 {
+    /// Whether a camera has the scene all around it and not before its nose.
+    fn surrounds(&self, camera: &Camera) -> bool {
         let small = limited(camera, Some(SMALL));
-        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 1.0 / 255.0)) else { return 0.0 };
-        let (rgb, w) = (&view.layers.rgb, view.width as usize);
-        let apart = |a: [f32; 3], b: [f32; 3]| (0..3).map(|c| f64::from((a[c] - b[c]).abs().min(1.0))).sum::<f64>();
-        // What is beside nothing is an edge of the cloud, not of a thing.
-        let solid = |i: usize| view.layers.opacity[i] > 0.5;
-        let pairs = (0..rgb.len()).flat_map(|i| [(i, i + 1, (i + 1) % w != 0), (i, i + w, i + w < rgb.len())]);
-        let inside = pairs.filter(|&(a, b, there)| there && solid(a) && solid(b));
-        inside.map(|(a, b, _)| apart(rgb[a], rgb[b])).sum::<f64>() / rgb.len().max(1) as f64
+        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 0.0)) else { return false };
+        let opaque = view.layers.opacity.iter().filter(|o| **o > 0.9).count();
+        let mut depths = view.layers.depth.clone();
+        depths.sort_by(f32::total_cmp);
+        let depth = |share: f64| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]);
+        opaque as f64 > ALL_AROUND * depths.len() as f64
+            && depth(0.05) > TOO_NEAR * self.radius
+            && depth(0.5) > FAR_ENOUGH * self.radius
     }
 
     /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.
