@@ -6,12 +6,12 @@
 //! | [`View`] | a pinhole camera: world-to-camera pose, focal lengths, size of the picture |
 //! | [`Rules`] | who contributes to a pixel, and how much: near plane, blur, [`Widening`], thresholds |
 //! | [`Projection`] | Gaussians to ellipses ([`Footprint`]) and colours; gradients of ellipses to those of raw parameters |
-//! | [`Raster`] | ellipses with any `K` features to pixels, front to back; gradients of pixels to those of ellipses ([`Record`]) |
+//! | [`Raster`] | ellipses with any `K` features to pixels, front to back; gradients back to ellipses ([`Record`]) |
 //! | [`density`] | where a cloud has too few Gaussians, too many, or ones of no use: clone, split, prune, relocate |
 //!
-//! Whatever composites is a feature: colour, depth, masks. Gradients are those of the picture as it is drawn, with thresholds held
-//! where they are; poses and intrinsics have none. A Gaussian with a number that is not finite is not seen. Results are the same
-//! bits for any number of threads; levels of SIMD agree to rounding.
+//! Whatever composites is a feature: colour, depth, masks. Gradients are those of the picture as it is drawn, with thresholds
+//! held where they are; poses and intrinsics have none. A Gaussian with a number that is not finite is not seen. Results are the
+//! same bits for any number of threads; levels of SIMD agree to rounding.
 //!
 //! ```
 //! use float_core::Simd;
