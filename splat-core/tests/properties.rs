@@ -316,6 +316,31 @@ fn a_gaussian_at_the_cameras_centre_is_behind_it_and_one_without_a_rotation_is_n
 }
 
 #[test]
+fn quaternions_of_any_length_turn_alike_and_their_gradients_are_less_the_longer_they_are() {
+    let (g, view) = (cloud(61, 60, 0), view([40, 30]));
+    // By powers of two: not a bit is lost.
+    let bar = bars(6, view.size);
+    for simd in Simd::available() {
+        let mut shot = shoot(simd, &g, &view, &RULES);
+        let grad = shot.gradients(simd, &g, &view, &RULES, &bar);
+        for power in [-20, 30, 62, 66, 100, 124] {
+            let factor = 2.0_f32.powi(power);
+            let mut long = g.clone();
+            long.wxyz.iter_mut().for_each(|x| *x *= factor);
+            let mut shot_long = shoot(simd, &long, &view, &RULES);
+            assert!(shot_long.planes == shot.planes, "{:?}, 2^{power}", simd.level());
+            let got = shot_long.gradients(simd, &long, &view, &RULES, &bar);
+            assert!((&got.mean, &got.log_scale) == (&grad.mean, &grad.log_scale), "{:?}, 2^{power}", simd.level());
+            // Longer still, the smallest gradients end among denormal numbers.
+            if power <= 66 {
+                let back: Vec<f32> = got.wxyz.iter().map(|x| x * factor).collect();
+                assert!(back == grad.wxyz, "{:?}, 2^{power}", simd.level());
+            }
+        }
+    }
+}
+
+#[test]
 fn degrees_above_those_asked_for_play_no_part() {
     let (g, view) = (cloud(60, 50, 3), view([30, 20]));
     let mut flat = g.clone();

@@ -43,7 +43,7 @@ const NORM2_MIN: f32 = 1e-16;
 /// Quaternions longer than this, squared, are shortened first: their squares would overflow. The factor, a power of two, takes
 /// the longest and the shortest of them to where squares are ordinary numbers.
 const NORM2_LONG: f32 = 1e36;
-const SHORTEN: f32 = 1.0 / (1_u128 << 96) as f32;
+const SHORTEN: f32 = 1.0 / (1_u128 << 80) as f32;
 
 impl<V: Vector> Lens<V> {
     #[inline(always)]

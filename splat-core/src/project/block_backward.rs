@@ -35,8 +35,7 @@ impl<V: Vector> Block<V> {
         let thin = self.normal.map(|x| x * self.inv_det);
         let n = [cross(self.a[1], thin), cross(thin, self.a[0])];
         let round = lens.blur * self.inv_det;
-        let w: [[V; 3]; 2] =
-            core::array::from_fn(|i| core::array::from_fn(|k| round.mul_add(self.a[i][k], n[i][k])));
+        let w: [[V; 3]; 2] = core::array::from_fn(|i| core::array::from_fn(|k| round.mul_add(self.a[i][k], n[i][k])));
         // A_bar = Q U. Of the conic Q = 1 / (A A^T + blur): U = -2 G Q A.
         let mut u: [[V; 3]; 2] = [
             core::array::from_fn(|k| -two * g00.mul_add(w[0][k], g01 * w[1][k])),

@@ -38,18 +38,22 @@ impl<V: Vector> Sight<V> {
     }
 }
 
-/// `max(0, 1/2 + sum_k basis_k h_k)` of each channel.
+/// `max(0, 1/2 + sum_k basis_k h_k)` of each channel; and 1, or NaN where one of them is not finite.
 #[inline(always)]
-pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to: &Direction<V>) -> [V; 3] {
+pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to: &Direction<V>) -> ([V; 3], V) {
     let n = cloud.len();
     let y = basis(degree, to.d);
-    core::array::from_fn(|c| {
+    let mut finite = V::splat(1.0);
+    let rgb = core::array::from_fn(|c| {
         let mut sum = V::splat(SH_0).mul_add(lanes(&cloud.dc, n, c, at), V::splat(0.5));
         for (k, &y) in y[..rest_len(degree)].iter().enumerate() {
             sum = y.mul_add(lanes(&cloud.rest, n, 3 * k + c, at), sum);
         }
+        finite = sum.mul_add(V::splat(0.0), finite);
+        // NaN ends as 0 here.
         sum.max(V::splat(0.0))
-    })
+    });
+    (rgb, finite)
 }
 
 /// Gradient of [`colour`]: that of the position, through the direction; `emit(k, channel, bar)` gets that of coefficient `k`, 0

@@ -111,12 +111,12 @@ impl Task for Project<'_> {
         for at in (from..to).step_by(V::LANES) {
             let raw = Raw::<V>::load(cloud, at);
             let b = Block::new(&lens, &raw);
-            let visible = numbers(b.visible);
             let count = V::LANES.min(to - at);
-            if !visible[..count].iter().any(|&v| v > 0.0) {
+            if !numbers(b.visible)[..count].iter().any(|&v| v > 0.0) {
                 continue;
             }
-            let rgb = colour(cloud, degree, at, &sight.direction(raw.mean)).map(numbers);
+            let (rgb, finite) = colour(cloud, degree, at, &sight.direction(raw.mean));
+            let (rgb, visible) = (rgb.map(numbers), numbers(finite.select_positive(b.visible, V::splat(0.0))));
             let [u, v] = b.uv.map(numbers);
             let [ca, cb, cc] = b.conic.map(numbers);
             let (o, q_max, [hx, hy], z) = (numbers(b.o_eff), numbers(b.q_max), b.half.map(numbers), numbers(b.p[2]));
