@@ -63,6 +63,8 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("splat-core needs a float backend: enable `std` or `libm`");
 
+#[macro_use]
+mod each;
 mod chunks;
 pub mod density;
 mod error;

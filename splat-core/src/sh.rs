@@ -57,7 +57,7 @@ pub(crate) fn slope<V: Vector>(degree: usize, [x, y, z]: [V; 3], w: &[V; 15]) ->
     if degree < 2 {
         return g;
     }
-    let [a, b, c, d, e] = core::array::from_fn(|k| s(SH_2[k]) * w[3 + k]);
+    let [a, b, c, d, e] = each!(5, |k| s(SH_2[k]) * w[3 + k]);
     let two = s(2.0);
     g[0] = g[0] + a * y - two * c * x + d * z + two * e * x;
     g[1] = g[1] + a * x + b * z - two * c * y - two * e * y;
@@ -65,7 +65,7 @@ pub(crate) fn slope<V: Vector>(degree: usize, [x, y, z]: [V; 3], w: &[V; 15]) ->
     if degree < 3 {
         return g;
     }
-    let [a, b, c, d, e, f, h] = core::array::from_fn(|k| s(SH_3[k]) * w[8 + k]);
+    let [a, b, c, d, e, f, h] = each!(7, |k| s(SH_3[k]) * w[8 + k]);
     let (xx, yy, zz, six) = (x * x, y * y, z * z, s(6.0));
     let around = s(4.0) * zz - xx - yy;
     let (three, eight) = (s(3.0), s(8.0));

@@ -7,6 +7,7 @@ use alloc::vec::Vec;
 
 use float_core::m32;
 
+use crate::chunks::for_each;
 use crate::project::Footprint;
 
 /// Side of a tile, pixels: a row is one vector of 16 lanes.
@@ -37,10 +38,9 @@ pub(crate) fn touched(f: &Footprint, grid: Grid, mut visit: impl FnMut(u32)) {
     let [hx, hy] = f.half;
     let tile = TILE as f32;
     let span = |low: f32, high: f32, n: usize| {
-        // Saturating casts: what lies far outside ends at the border.
-        let first = m32::floor(low / tile).max(0.0) as usize;
-        let last = m32::floor(high / tile);
-        first..if last < 0.0 { 0 } else { (last as usize + 1).min(n) }
+        // Saturating casts round down and end at the border.
+        let (first, last) = ((low / tile) as usize, (high / tile) as usize);
+        first..if high < 0.0 { 0 } else { last.saturating_add(1).min(n) }
     };
     // Where the ellipse is widest: dx = hx at dy = -b hx / c, and the mirror image.
     let widest = -b * hx / c;
@@ -76,27 +76,48 @@ pub(crate) struct Lists {
     /// Where in `entries` each pair is, ellipse by ellipse.
     pub(crate) places: Vec<u32>,
     cursors: Vec<u32>,
+    chunks: Vec<Chunk>,
+}
+
+/// Ellipses that one task finds the tiles of.
+const CHUNK: usize = 1024;
+
+/// Tiles of some ellipses, and where those of each begin.
+#[derive(Clone, Debug, Default)]
+struct Chunk {
+    tiles: Vec<u32>,
+    firsts: Vec<u32>,
 }
 
 impl Lists {
     /// Lists of some ellipses in the order of their depths. `false`: there are more pairs than an index can count.
     pub(crate) fn fill(&mut self, footprints: &[Footprint], grid: Grid, order: impl Iterator<Item = u32>) -> bool {
-        self.starts.clear();
-        self.starts.resize(grid.len() + 1, 0);
+        self.chunks.resize_with(footprints.len().div_ceil(CHUNK), Chunk::default);
+        for_each(&mut self.chunks, |k, chunk| {
+            chunk.tiles.clear();
+            chunk.firsts.clear();
+            for f in &footprints[k * CHUNK..((k + 1) * CHUNK).min(footprints.len())] {
+                chunk.firsts.push(chunk.tiles.len() as u32);
+                touched(f, grid, |tile| chunk.tiles.push(tile));
+            }
+        });
+        if u32::try_from(self.chunks.iter().map(|chunk| chunk.tiles.len()).sum::<usize>()).is_err() {
+            return false;
+        }
         self.firsts.clear();
         // Tiles of each ellipse for now; their places in the end.
         self.places.clear();
-        for f in footprints {
-            self.firsts.push(self.places.len() as u32);
-            touched(f, grid, |tile| {
-                self.places.push(tile);
-                self.starts[tile as usize + 1] += 1;
-            });
-        }
-        if u32::try_from(self.places.len()).is_err() {
-            return false;
+        for chunk in &self.chunks {
+            let before = self.places.len() as u32;
+            self.firsts.extend(chunk.firsts.iter().map(|first| before + first));
+            self.places.extend_from_slice(&chunk.tiles);
         }
         self.firsts.push(self.places.len() as u32);
+        self.starts.clear();
+        self.starts.resize(grid.len() + 1, 0);
+        for &tile in &self.places {
+            self.starts[tile as usize + 1] += 1;
+        }
         for tile in 0..grid.len() {
             self.starts[tile + 1] += self.starts[tile];
         }

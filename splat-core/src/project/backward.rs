@@ -102,11 +102,11 @@ impl<const K: usize> Task for Backward<'_, '_, K> {
             // The block of the next visible Gaussian, and all others in it.
             let at = from + (projection.footprints[next].index as usize - from) / V::LANES * V::LANES;
             let mut lanes = [[0.0_f32; LANES_MAX]; 10];
-            let mut visible = [false; LANES_MAX];
+            let mut visible = [0.0_f32; LANES_MAX];
             while next < seen.end && (projection.footprints[next].index as usize) < at + V::LANES {
                 let (footprint, record) = (&projection.footprints[next], &records[next]);
                 let lane = footprint.index as usize - at;
-                visible[lane] = true;
+                visible[lane] = 1.0;
                 let [u, v] = record.uv;
                 let [a, b, c] = record.conic;
                 // Nothing goes back through a colour that was clamped.
@@ -126,10 +126,14 @@ impl<const K: usize> Task for Backward<'_, '_, K> {
             let bar =
                 FootprintBar { uv: [load(0), load(1)], conic: [load(2), load(3), load(4)], o_eff: load(5), z: load(6) };
             let raw_bar = block.backward(&lens, &bar);
+            let visible = V::load(&visible);
             let mut put = |row: usize, x: V| {
-                let x = numbers(x);
-                for (lane, x) in x.iter().enumerate().filter(|&(lane, _)| visible[lane]) {
-                    rows[row][at - from + lane] = *x;
+                let x = visible.select_positive(x, V::splat(0.0));
+                let out = &mut rows[row][at - from..];
+                if out.len() >= V::LANES {
+                    x.store(out);
+                } else {
+                    out.copy_from_slice(&numbers(x)[..out.len()]);
                 }
             };
             let rgb_bar = [load(7), load(8), load(9)];

@@ -125,36 +125,35 @@ impl<V: Vector> Block<V> {
     #[inline(always)]
     pub(crate) fn new(lens: &Lens<V>, raw: &Raw<V>) -> Self {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let p: [V; 3] = core::array::from_fn(|i| dot(lens.r[i], raw.mean) + lens.t[i]);
+        let p: [V; 3] = each!(3, |i| dot(lens.r[i], raw.mean) + lens.t[i]);
         let before = p[2] - lens.near;
         let inv_z = one / before.select_positive(p[2], one);
         let at = [p[0] * inv_z, p[1] * inv_z];
         let uv = [lens.f[0].mul_add(at[0], lens.c[0]), lens.f[1].mul_add(at[1], lens.c[1])];
-        let slope: [V; 2] = core::array::from_fn(|i| lens.slopes[i][0].max(at[i]).min(lens.slopes[i][1]));
-        let free = core::array::from_fn(|i| {
+        let slope: [V; 2] = each!(2, |i| lens.slopes[i][0].max(at[i]).min(lens.slopes[i][1]));
+        let free = each!(2, |i| {
             let [low, high] = lens.slopes[i];
             (at[i] - low).select_positive((high - at[i]).select_positive(one, zero), zero)
         });
-        let t: [[V; 3]; 2] = core::array::from_fn(|i| {
+        let t: [[V; 3]; 2] = each!(2, |i| {
             let j = lens.f[i] * inv_z;
-            core::array::from_fn(|k| j * (lens.r[i][k] - slope[i] * lens.r[2][k]))
+            each!(3, |k| j * (lens.r[i][k] - slope[i] * lens.r[2][k]))
         });
 
         let squared = |[w, x, y, z]: [V; 4]| dot([x, y, z], [x, y, z]) + w * w;
         let shorten = (squared(raw.wxyz) - V::splat(NORM2_LONG)).select_positive(V::splat(SHORTEN), one);
-        let wxyz = raw.wxyz.map(|x| x * shorten);
+        let wxyz = each!(4, |k| raw.wxyz[k] * shorten);
         let norm2 = squared(wxyz);
         let long = norm2 - V::splat(NORM2_MIN);
         let inv_norm = long.select_positive(one / long.select_positive(norm2, one).sqrt(), zero);
         let identity = [one, zero, zero, zero];
-        let q = core::array::from_fn(|k| long.select_positive(wxyz[k] * inv_norm, identity[k]));
+        let q = each!(4, |k| long.select_positive(wxyz[k] * inv_norm, identity[k]));
         // 1, or NaN where a number of the quaternion is not finite.
         let turned = raw.wxyz.into_iter().fold(one, |sum, x| x.mul_add(zero, sum));
         let rot = rotation(q);
-        let s = raw.log_scale.map(vecmath::exp);
+        let s = each!(3, |k| vecmath::exp(raw.log_scale[k]));
         // Row i of T times column k of R(q), times s_k.
-        let a: [[V; 3]; 2] =
-            core::array::from_fn(|i| core::array::from_fn(|k| dot(t[i], [rot[0][k], rot[1][k], rot[2][k]]) * s[k]));
+        let a: [[V; 3]; 2] = each!(2, |i| each!(3, |k| dot(t[i], [rot[0][k], rot[1][k], rot[2][k]]) * s[k]));
         let (a0, b, c0) = (dot(a[0], a[0]), dot(a[0], a[1]), dot(a[1], a[1]));
         let normal = cross(a[0], a[1]);
         let det0 = dot(normal, normal);
@@ -169,7 +168,7 @@ impl<V: Vector> Block<V> {
         let seen = o_eff - lens.alpha_min;
         let q_max = V::splat(2.0) * vecmath::ln(seen.select_positive(o_eff / lens.alpha_min, one));
         // No ellipse reaches farther than it has to: all over the picture, from wherever its centre is.
-        let half = core::array::from_fn(|i| {
+        let half = each!(2, |i| {
             let far = V::splat(2.0) * (lens.longest + uv[i].max(-uv[i]));
             (q_max * cov[2 * i]).sqrt().min(far)
         });

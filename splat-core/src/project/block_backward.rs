@@ -32,14 +32,14 @@ impl<V: Vector> Block<V> {
         // G: gradient of the conic Q, both symmetric.
         let (g00, g01, g11) = (bar.conic[0], half * bar.conic[1], bar.conic[2]);
         // N / det and W = Q A = (blur A + N) / det, N the adjugate of A A^T times A.
-        let thin = self.normal.map(|x| x * self.inv_det);
+        let thin = each!(3, |k| self.normal[k] * self.inv_det);
         let n = [cross(self.a[1], thin), cross(thin, self.a[0])];
         let round = lens.blur * self.inv_det;
-        let w: [[V; 3]; 2] = core::array::from_fn(|i| core::array::from_fn(|k| round.mul_add(self.a[i][k], n[i][k])));
+        let w: [[V; 3]; 2] = each!(2, |i| each!(3, |k| round.mul_add(self.a[i][k], n[i][k])));
         // A_bar = Q U. Of the conic Q = 1 / (A A^T + blur): U = -2 G Q A.
         let mut u: [[V; 3]; 2] = [
-            core::array::from_fn(|k| -two * g00.mul_add(w[0][k], g01 * w[1][k])),
-            core::array::from_fn(|k| -two * g01.mul_add(w[0][k], g11 * w[1][k])),
+            each!(3, |k| -two * g00.mul_add(w[0][k], g01 * w[1][k])),
+            each!(3, |k| -two * g01.mul_add(w[0][k], g11 * w[1][k])),
         ];
         let mut o_bar = bar.o_eff;
         if lens.dims {
@@ -47,27 +47,23 @@ impl<V: Vector> Block<V> {
             // Of rho^2 = det0 / det: rho_bar rho (N / det0 - Q A), which is Q N blur rho_bar / (rho det). No slope at its floor.
             let free = self.det0 * self.inv_det - V::splat(RHO2_MIN);
             let k = free.select_positive(self.o * bar.o_eff * lens.blur / self.rho, V::splat(0.0));
-            u = core::array::from_fn(|i| core::array::from_fn(|j| k.mul_add(n[i][j], u[i][j])));
+            u = each!(2, |i| each!(3, |j| k.mul_add(n[i][j], u[i][j])));
         }
         let logit = self.o * (V::splat(1.0) - self.o) * o_bar;
 
         // A = T R diag(s): a column times its gradient is that of the logarithm of its scale.
-        let log_scale = core::array::from_fn(|k| w[0][k].mul_add(u[0][k], w[1][k] * u[1][k]));
+        let log_scale = each!(3, |k| w[0][k].mul_add(u[0][k], w[1][k] * u[1][k]));
         // A_bar diag(s), through a Cholesky decomposition of the covariance.
         let inv_a = V::splat(1.0) / self.cov[0];
         let lower = self.cov[1] * inv_a;
         let scaled: [[V; 3]; 2] = {
-            let second: [V; 3] = core::array::from_fn(|k| (u[1][k] - lower * u[0][k]) * self.conic[2]);
-            [
-                core::array::from_fn(|k| (u[0][k] * inv_a - lower * second[k]) * self.s[k]),
-                core::array::from_fn(|k| second[k] * self.s[k]),
-            ]
+            let second: [V; 3] = each!(3, |k| (u[1][k] - lower * u[0][k]) * self.conic[2]);
+            [each!(3, |k| (u[0][k] * inv_a - lower * second[k]) * self.s[k]), each!(3, |k| second[k] * self.s[k])]
         };
         let rot = &self.rot;
-        let t_bar: [[V; 3]; 2] = core::array::from_fn(|i| core::array::from_fn(|row| dot(rot[row], scaled[i])));
-        let r: [[V; 3]; 3] = core::array::from_fn(|row| {
-            core::array::from_fn(|k| self.t[0][row].mul_add(scaled[0][k], self.t[1][row] * scaled[1][k]))
-        });
+        let t_bar: [[V; 3]; 2] = each!(2, |i| each!(3, |row| dot(rot[row], scaled[i])));
+        let r: [[V; 3]; 3] =
+            each!(3, |row| each!(3, |k| self.t[0][row].mul_add(scaled[0][k], self.t[1][row] * scaled[1][k])));
         let wxyz = self.quaternion(&r);
 
         // T = J R: rows i of J are f_i / z (e_i - slope_i e_z).
@@ -86,7 +82,7 @@ impl<V: Vector> Block<V> {
             p_bar[2] = p_bar[2] - at_bar * at * self.inv_z;
         }
         p_bar[2] = p_bar[2] + bar.z;
-        let mean = core::array::from_fn(|k| dot([lens.r[0][k], lens.r[1][k], lens.r[2][k]], p_bar));
+        let mean = each!(3, |k| dot([lens.r[0][k], lens.r[1][k], lens.r[2][k]], p_bar));
         RawBar { mean, log_scale, wxyz, logit }
     }
 
@@ -104,6 +100,6 @@ impl<V: Vector> Block<V> {
             two * (w * vz + x * sxz + y * syz - two * z * (r[0][0] + r[1][1])),
         ];
         let along = self.q.iter().zip(&unit).fold(V::splat(0.0), |sum, (q, u)| q.mul_add(*u, sum));
-        core::array::from_fn(|k| (unit[k] - self.q[k] * along) * self.inv_norm)
+        each!(4, |k| (unit[k] - self.q[k] * along) * self.inv_norm)
     }
 }

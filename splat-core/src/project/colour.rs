@@ -28,12 +28,12 @@ impl<V: Vector> Sight<V> {
     #[inline(always)]
     pub(crate) fn direction(&self, mean: [V; 3]) -> Direction<V> {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let way: [V; 3] = core::array::from_fn(|k| mean[k] - self.o[k]);
+        let way: [V; 3] = each!(3, |k| mean[k] - self.o[k]);
         let squared = dot(way, way);
         let away = squared - V::splat(f32::MIN_POSITIVE);
         let inv_distance = away.select_positive(one / away.select_positive(squared, one).sqrt(), zero);
         let ahead = [zero, zero, one];
-        let d = core::array::from_fn(|k| away.select_positive(way[k] * inv_distance, ahead[k]));
+        let d = each!(3, |k| away.select_positive(way[k] * inv_distance, ahead[k]));
         Direction { d, inv_distance }
     }
 }
@@ -44,7 +44,7 @@ pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to:
     let n = cloud.len();
     let y = basis(degree, to.d);
     let mut finite = V::splat(1.0);
-    let rgb = core::array::from_fn(|c| {
+    let rgb = each!(3, |c| {
         let mut sum = V::splat(SH_0).mul_add(lanes(&cloud.dc, n, c, at), V::splat(0.5));
         for (k, &y) in y[..rest_len(degree)].iter().enumerate() {
             sum = y.mul_add(lanes(&cloud.rest, n, 3 * k + c, at), sum);
@@ -80,5 +80,5 @@ pub(crate) fn colour_backward<V: Vector>(
     let d_bar = slope(degree, to.d, &weights);
     // Across the direction only, and less the farther away.
     let along = dot(d_bar, to.d);
-    core::array::from_fn(|k| (d_bar[k] - along * to.d[k]) * to.inv_distance)
+    each!(3, |k| (d_bar[k] - along * to.d[k]) * to.inv_distance)
 }

@@ -81,11 +81,11 @@ impl<V: Vector> Raw<V> {
     #[inline(always)]
     pub(crate) fn load(cloud: &Gaussians, at: usize) -> Self {
         let n = cloud.len();
-        let three = |rows: &[f32]| core::array::from_fn(|k| lanes(rows, n, k, at));
+        let three = |rows: &[f32]| each!(3, |k| lanes(rows, n, k, at));
         Self {
             mean: three(&cloud.mean),
             log_scale: three(&cloud.log_scale),
-            wxyz: core::array::from_fn(|k| lanes(&cloud.wxyz, n, k, at)),
+            wxyz: each!(4, |k| lanes(&cloud.wxyz, n, k, at)),
             logit: lanes(&cloud.logit, n, 0, at),
         }
     }
@@ -116,10 +116,12 @@ impl Task for Project<'_> {
                 continue;
             }
             let (rgb, finite) = colour(cloud, degree, at, &sight.direction(raw.mean));
-            let (rgb, visible) = (rgb.map(numbers), numbers(finite.select_positive(b.visible, V::splat(0.0))));
-            let [u, v] = b.uv.map(numbers);
-            let [ca, cb, cc] = b.conic.map(numbers);
-            let (o, q_max, [hx, hy], z) = (numbers(b.o_eff), numbers(b.q_max), b.half.map(numbers), numbers(b.p[2]));
+            let (rgb, visible) =
+                (each!(3, |k| numbers(rgb[k])), numbers(finite.select_positive(b.visible, V::splat(0.0))));
+            let [u, v] = each!(2, |k| numbers(b.uv[k]));
+            let [ca, cb, cc] = each!(3, |k| numbers(b.conic[k]));
+            let (o, q_max, [hx, hy], z) =
+                (numbers(b.o_eff), numbers(b.q_max), each!(2, |k| numbers(b.half[k])), numbers(b.p[2]));
             for k in (0..count).filter(|&k| visible[k] > 0.0) {
                 chunk.footprints.push(Footprint {
                     uv: [u[k], v[k]],

@@ -46,7 +46,10 @@ impl<const K: usize> Task for Backward<'_, K> {
         let mut live = (1_u32 << tile.rows) - 1;
         for (&entry, record) in tile.entries[..looked as usize].iter().zip(records) {
             let f = &tile.footprints[entry as usize];
-            let feature = tile.features[entry as usize].map(V::splat);
+            let mut feature = [zero; K];
+            for (lanes, &x) in feature.iter_mut().zip(&tile.features[entry as usize]) {
+                *lanes = V::splat(x);
+            }
             let (u, v) = (f.uv[0] - tile.corner[0], f.uv[1] - tile.corner[1]);
             let [a, b, c] = f.conic;
             let (first, last) = tile.rows_of(v, f.half[1]);
