@@ -52,7 +52,7 @@ pub(crate) enum Command {
     /// Read a dataset; list frames, cameras, splits, priors, problems. Exit code not 0 if it cannot be trained
     Check(Check),
     /// Reconstruct a scene into a run folder
-    Train(Train),
+    Train(Box<Train>),
     /// Measure the held-out views of the newest checkpoint
     Eval(Eval),
     /// Render pictures along a camera path

@@ -73,7 +73,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Check(args) => check::run(app, &args),
-        Command::Train(args) => train::run(&session, args),
+        Command::Train(args) => train::run(&session, *args),
         Command::Eval(args) => eval::run(&session, &args),
         Command::Render(args) => render::run(&session, &args),
         Command::View(args) => crate::view::run(&session, &args),

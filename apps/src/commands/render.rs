@@ -29,7 +29,7 @@ const PREVIEW_SIDE: u32 = 480;
 /// What pictures are taken of.
 enum Subject<'a, 'b> {
     Run(&'a Run<'b>),
-    Cloud(Cloud),
+    Cloud(Box<Cloud>),
 }
 
 pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
@@ -40,7 +40,7 @@ pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
         for note in cloud.notes() {
             line(format_args!("  {note}"));
         }
-        return along(&Subject::Cloud(cloud), args, &mut show);
+        return along(&Subject::Cloud(Box::new(cloud)), args, &mut show);
     }
     let run = session.open(&args.run, &mut show)?;
     along(&Subject::Run(&run), args, &mut show)

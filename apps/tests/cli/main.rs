@@ -8,6 +8,8 @@ mod commands;
 mod dynamic;
 mod resume;
 mod scales;
+mod splat_memory;
+mod splats;
 mod tools;
 mod view;
 mod viewing;

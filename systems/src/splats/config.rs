@@ -199,7 +199,7 @@ impl SplatConfig {
             not_negative("lr_rotation", self.lr_rotation),
             not_negative("mcmc_cost", self.mcmc_cost.into()),
             not_negative("mcmc_noise", self.mcmc_noise.into()),
-            not_negative("densify_gradient", self.densify_gradient.into()),
+            positive("densify_gradient", self.densify_gradient.into()),
             positive("near", self.near.into()),
             (!self.centre.iter().all(|x| x.is_finite()))
                 .then(|| ("centre", format!("{:?}", self.centre), "must be three finite numbers")),

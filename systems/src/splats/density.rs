@@ -118,6 +118,8 @@ impl Density {
                     *pull = pull.follow(rows)?;
                 }
                 if rules.grows_at(count) {
+                    // Children are drawn from their parents: not from what has no end.
+                    keep_in_range(cloud, EXTENT)?;
                     let grown = rules.grow(cloud, &pull.mean(), EXTENT, max, rng.substream(GROW))?;
                     *cloud = grown.cloud;
                     changed.then(grown.rows)?;
@@ -132,6 +134,8 @@ impl Density {
                 }
             }
             Self::Mcmc { rules } => {
+                // The noise is as large as what it moves.
+                keep_in_range(cloud, EXTENT)?;
                 rules.stir(cloud, lr, rng.substream(STIR))?;
                 if rules.moves_at(count) {
                     let moved = rules.relocate(cloud, rng.substream(GROW))?;

@@ -72,7 +72,8 @@ impl Flat {
     }
 }
 
-/// Catmull and Rom's cubic through four pixels along each axis: sharper than a linear one, and exact at centres.
+/// Catmull and Rom's cubic through four pixels along each axis: sharper than a linear one, and exact at centres. Colours count as
+/// much as they are opaque: what is behind an edge's transparent side is nobody's colour.
 fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
     let channels = usize::from(image.channels);
     let weights = |at: f32| {
@@ -89,12 +90,16 @@ fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
         let row = inside(top + j, image.height) * image.width as usize;
         for (i, wx) in (0..).zip(wx) {
             let p = &image.data[(row + inside(left + i, image.width)) * channels..][..channels];
-            for (sum, &c) in sums.iter_mut().zip(p) {
-                *sum += wx * wy * f32::from(c);
+            let alpha = p.get(3).map_or(1.0, |&a| f32::from(a));
+            for (sum, &c) in sums.iter_mut().zip(&p[..3]) {
+                *sum += wx * wy * alpha * f32::from(c);
             }
+            sums[3] += wx * wy * alpha;
         }
     }
-    for (out, sum) in out.iter_mut().zip(sums) {
+    // The cubic overshoots: with hardly any alpha there is hardly any colour.
+    let opaque = if sums[3] > 0.5 { 1.0 / sums[3] } else { 0.0 };
+    for (out, sum) in out.iter_mut().zip(sums.map(|sum| sum * opaque).into_iter().take(3).chain([sums[3]])) {
         *out = (sum + 0.5).clamp(0.0, 255.0) as u8;
     }
 }
@@ -104,6 +109,8 @@ fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
 pub(super) struct Canvas {
     /// The plane, standing where the camera stands.
     pub(super) camera: Camera,
+    /// How many of its pixels there are to one of the picture, along each side.
+    pub(super) finer: f64,
     /// Pixels of the plane; NaN where the lens has no ray, or a steep one.
     pub(super) places: Vec<[f32; 2]>,
 }
@@ -143,7 +150,7 @@ impl Canvas {
                 [at.x as f32, at.y as f32]
             })
         });
-        Self { camera, places: places.collect() }
+        Self { camera, finer, places: places.collect() }
     }
 }
 
@@ -175,6 +182,22 @@ mod tests {
             seen += 1;
         }
         assert!(seen > 2000, "{seen}");
+    }
+
+    #[test]
+    fn a_photo_s_edge_to_nothing_keeps_its_colour_on_the_plane() {
+        let data = (0..60 * 40).flat_map(|i| if i % 60 < 31 { [200, 100, 50, 255] } else { [0; 4] }).collect();
+        let flat = Flat::new(&bent()).photo(&Image::rgba(60, 40, data).unwrap());
+        let (mut edge, mut clear) = (0, 0);
+        for p in flat.data.chunks_exact(4).zip(flat.mask.as_ref().unwrap()).filter(|(_, m)| **m > 0).map(|(p, _)| p) {
+            if p[3] > 0 {
+                edge += usize::from(p[3] < 250);
+                assert!((0..3).all(|c| p[c].abs_diff([200, 100, 50][c]) <= 1), "{p:?}");
+            } else {
+                clear += 1;
+            }
+        }
+        assert!(edge > 20 && clear > 800, "{edge} at the edge, {clear} clear");
     }
 
     #[test]

@@ -110,6 +110,9 @@ impl Look<'_> {
         } else {
             let canvas = Canvas::new(camera);
             let size = [canvas.camera.width as usize, canvas.camera.height as usize];
+            // What is widened is widened to a pixel of the picture, as in training.
+            let blur = look.rules.blur * (canvas.finer * canvas.finer) as f32;
+            let look = Look { rules: Rules { blur, ..look.rules }, ..look };
             look.plane(&canvas.camera, query, &mut buffers)
                 .map(|(layers, left_out)| (through(&canvas, size, &layers, query), left_out))
         };

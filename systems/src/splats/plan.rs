@@ -7,7 +7,7 @@ use super::splat::Splat;
 use super::start::{Start, StartOptions, scene_box};
 use crate::data::Dataset;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, settings, table};
+use crate::plan::{Ground, NO_PARALLAX, settings, table};
 use crate::system::{System, SystemError};
 use glam::DVec3;
 use scene_io::Scene;
@@ -54,5 +54,8 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
     }
     let splat = Splat::new(config.clone(), frame, start, background, run.seed, data)?;
-    Ok((Box::new(splat), Plan { lines, background, error_budget, config: table(&config) }))
+    let mut config = table(&config);
+    // A resumed run must be told again.
+    config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
+    Ok((Box::new(splat), Plan { lines, background, error_budget, config }))
 }

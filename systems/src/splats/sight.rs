@@ -30,7 +30,7 @@ impl Sight {
     }
 
     /// Mean colour of a place of the scene's frame over the photos that have it in the picture; `None` where one of them shows
-    /// that nothing is there, or hardly any has it.
+    /// that nothing is there, or hardly any has it. Grey where there are no photos.
     pub(super) fn of(&self, x: DVec3) -> Option<[f32; 3]> {
         let (mut sum, mut count) = ([0.0_f32; 3], 0);
         for (camera, image) in &self.photos {
@@ -50,6 +50,9 @@ impl Sight {
                 *sum += f32::from(c) / 255.0;
             }
             count += 1;
+        }
+        if self.photos.is_empty() {
+            return Some([0.5; 3]);
         }
         (count >= FEWEST.min(self.photos.len())).then(|| sum.map(|c| c / count as f32))
     }

@@ -10,7 +10,7 @@ use super::config::SplatConfig;
 use super::density::Density;
 use super::frame::Frame;
 use super::look::{Kept, LeftOut, Look};
-use super::memory;
+use super::memory::{self, Pictures};
 use super::optimiser::Optimiser;
 use super::photo::{Photo, Photos, view};
 use super::start::Start;
@@ -52,8 +52,7 @@ pub struct Splat {
     guard: NonFiniteGuard,
     /// Photos at the size that steps are at.
     photos: Option<(u32, Photos)>,
-    /// Pixels of the largest photo, and bytes of all that are drawn again.
-    largest: [usize; 2],
+    pictures: Pictures,
     photo: Photo,
     pass: Pass,
     kept: Kept,
@@ -80,13 +79,15 @@ impl Splat {
     ) -> Result<Self, SystemError> {
         config.check()?;
         let cloud = start.cloud;
-        let pixels = data.views().iter().map(|v| v.camera.width as usize * v.camera.height as usize).max().unwrap_or(0);
-        let bent: u64 = data
-            .views()
-            .iter()
-            .filter(|v| !v.camera.lens.is_pinhole())
-            .map(|v| 5 * u64::from(v.camera.width) * u64::from(v.camera.height))
-            .sum();
+        let mut pictures = Pictures::default();
+        for camera in data.views().iter().map(|v| &v.camera) {
+            let pixels = camera.width as usize * camera.height as usize;
+            pictures.pixels = pictures.pixels.max(pixels);
+            if !camera.lens.is_pinhole() {
+                pictures.bent = pictures.bent.max(pixels);
+                pictures.copied += pixels;
+            }
+        }
         Ok(Self {
             density: Density::new(&config, cloud.len()),
             grad: cloud.clone(),
@@ -99,7 +100,7 @@ impl Splat {
             cloud,
             guard: NonFiniteGuard::new(BAD_SHARE, BAD_AFTER),
             photos: None,
-            largest: [pixels, bent as usize],
+            pictures,
             photo: Photo::default(),
             pass: Pass::new(Simd::best()),
             kept: Kept::default(),
@@ -279,7 +280,7 @@ impl System for Splat {
     }
 
     fn memory_bytes(&self) -> usize {
-        memory::most(self.config.max_splats, self.cloud.numbers(), self.largest)
+        memory::most(self.config.max_splats, self.cloud.numbers(), self.pictures)
     }
 
     fn skips(&self) -> Vec<SkipRow> {

@@ -4,6 +4,7 @@ mod common;
 mod dynamic;
 mod files;
 mod settings;
+mod splats;
 mod trainings;
 mod wild;
 
@@ -27,4 +28,9 @@ fn every_case_keeps_its_promise() {
             Once("moving rates", dynamic::learning_rates),
         ],
     );
+}
+
+#[test]
+fn every_case_of_splats_keeps_its_promise() {
+    stress::run("splats", &[Once("settings", splats::settings), Once("scenes", splats::scenes)]);
 }
