@@ -103,14 +103,13 @@ pub(super) fn compare(
                 let want = want.values[c] + want.values[4] * f64::from(BACKGROUND);
                 (f64::from(stage.planes[c * all + i]) - want).abs()
             });
-            // NaN is no small difference.
-            colours.fold(0.0, |most: f64, d| if d <= most { most } else { d })
+            colours.fold(0.0, larger)
         };
         if clear_same(&p[0]) {
-            errors.drawing = errors.drawing.max(difference(&p[0]));
+            errors.drawing = larger(errors.drawing, difference(&p[0]));
         }
         if clear(p) {
-            errors.picture = errors.picture.max(difference(&p[1]));
+            errors.picture = larger(errors.picture, difference(&p[1]));
         }
     }
     if backwards == Backwards::Compare {
@@ -291,9 +290,9 @@ fn loss(stage: &Stage, shot: &Shot) -> Result<Option<f64>, BenchError> {
     Ok((!some.is_empty()).then(|| worst(&some, &want)))
 }
 
-/// The larger; NaN is.
+/// The larger; NaN is: it is no small difference.
 fn larger(a: f64, b: f64) -> f64 {
-    if b <= a { a } else { b }
+    if a.is_nan() || b <= a { a } else { b }
 }
 
 /// Pixels compared.
