@@ -23,6 +23,8 @@ pub(crate) enum Name {
     Growth,
     /// PSNR over time
     Training,
+    /// Gaussians: time and error of the kernels, PSNR over time, error budgets
+    Splats,
     /// Disturbed photos of lego, small: what systems for the wild win back
     WildLego100,
     /// The same, larger

@@ -125,6 +125,37 @@ fn missing_datasets_are_skipped_loudly() {
 }
 
 #[test]
+fn the_page_of_splats_has_times_with_errors_and_both_systems() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pages");
+    let answer = bench(&["--quick", "--only", "splats", "--threads", "2", "--out", out.to_str().unwrap()]);
+    let err = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert!(answer.status.success(), "{err}");
+    check_pages(&out);
+    let rows = |name: &str| {
+        let text = fs::read_to_string(out.join(format!("splats-{name}.csv"))).unwrap();
+        text.lines().skip(1).map(|l| l.split(',').map(String::from).collect()).collect::<Vec<Vec<String>>>()
+    };
+    // Six parts and a step, and a render of two clouds, at two sizes.
+    let kernels = rows("kernels");
+    assert_eq!(kernels.len(), 2 * (6 + 3));
+    for row in fs::read_to_string(out.join("splats-kernels.csv")).unwrap().lines().skip(1) {
+        let cells: Vec<&str> = row.rsplit(',').take(5).collect();
+        let [_, error, _, all, one] = cells[..] else { panic!("{row}") };
+        assert!(one.parse::<f64>().unwrap() > 0.0 && all.parse::<f64>().unwrap() > 0.0, "{row}");
+        if row.contains("optimiser") {
+            assert_eq!(error, "", "{row}");
+        } else {
+            let error = error.parse::<f64>().unwrap();
+            assert!(error > 0.0 && error < 1e-2, "{row}");
+        }
+    }
+    assert_eq!(rows("systems").iter().map(|r| r[1].as_str()).collect::<Vec<_>>(), ["splat", "ngp"]);
+    assert_eq!(rows("budgets").len(), 4);
+    assert_eq!(rows("skips").len(), 4 * 3);
+}
+
+#[test]
 fn pages_of_moving_scenes_have_a_row_a_system_and_end_finished() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("pages");

@@ -23,8 +23,9 @@ const BUDGETS: [(f32, &str); 7] = [
     (1.0 / 16.0, "1/16"),
 ];
 
-pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
-    let mut table = Table::new(
+/// What [`one`] adds to.
+pub(super) fn table() -> Table {
+    Table::new(
         "budgets",
         "Held-out views of a trained scene at each budget against the same views at budget 0: largest and mean distance of a \
          colour channel. The budget is the bound.",
@@ -38,7 +39,11 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
             "share of the budget",
             "inside",
         ],
-    );
+    )
+}
+
+pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
+    let mut table = table();
     let mut series = Vec::new();
     let data = |longest_side, holdout: Option<&str>| DataOptions {
         longest_side,
@@ -55,7 +60,7 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
     }
     for (subject, seconds) in &subjects {
         let trained = train_seconds(bench, subject, *seconds, &[])?;
-        series.push(Series::line(subject.name.as_str(), one(bench, &trained, &subject.name, &mut table)?));
+        series.push(Series::line(subject.name.as_str(), one(bench, &trained, &subject.name, &BUDGETS, &mut table)?));
     }
     let plot = Plot {
         name: "time",
@@ -73,8 +78,14 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
     })
 }
 
-/// One scene's rows; gives time as a share and largest error of each budget above 0.
-fn one(bench: &Bench, trained: &Trained<'_>, name: &str, table: &mut Table) -> Result<Vec<(f64, f64)>, BenchError> {
+/// One scene's rows, the first of `budgets` 0; gives time as a share and largest error of each budget above 0.
+pub(super) fn one(
+    bench: &Bench,
+    trained: &Trained<'_>,
+    name: &str,
+    budgets: &[(f32, &str)],
+    table: &mut Table,
+) -> Result<Vec<(f64, f64)>, BenchError> {
     let views = trained.run.held_out.views();
     let cameras: Vec<&Camera> = views.iter().take(bench.pick(2, 4)).map(|v| &v.camera).collect();
     let background = trained.run.query().background;
@@ -83,7 +94,7 @@ fn one(bench: &Bench, trained: &Trained<'_>, name: &str, table: &mut Table) -> R
         let query = plain_query(background, budget);
         cameras.iter().flat_map(|camera| render(system, camera, &query).layers.rgb).collect::<Vec<[f32; 3]>>()
     };
-    let mut cases: Vec<Case<'_>> = BUDGETS
+    let mut cases: Vec<Case<'_>> = budgets
         .iter()
         .map(|&(budget, _)| {
             Case::new(move || {
@@ -95,7 +106,7 @@ fn one(bench: &Bench, trained: &Trained<'_>, name: &str, table: &mut Table) -> R
     drop(cases);
     let full = pictures(0.0);
     let mut points = Vec::new();
-    for (&(budget, words), &time) in BUDGETS.iter().zip(&seconds) {
+    for (&(budget, words), &time) in budgets.iter().zip(&seconds) {
         let errors: Vec<f64> = pictures(budget)
             .iter()
             .zip(&full)

@@ -9,6 +9,7 @@ mod maths;
 mod precision;
 mod quadrature;
 mod scene;
+mod splats;
 mod tables;
 mod training;
 mod wild;
@@ -37,6 +38,7 @@ fn section(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchE
         Name::Budgets => budgets::run(bench),
         Name::Growth => growth::run(bench),
         Name::Training => training::run(bench, keep),
+        Name::Splats => splats::run(bench, keep),
         Name::WildLego100 => wild::lego100(bench, keep),
         Name::WildLego400 => wild::lego400(bench, keep),
         Name::WildYard => wild::yard(bench, keep),
@@ -144,7 +146,7 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
 
 /// Refuse names that mean nothing before an hour has passed.
 fn check_protocols(wanted: &[String]) -> Result<(), BenchError> {
-    let known = || training::names().chain(wild::names()).chain(dynamic::names());
+    let known = || training::names().chain(splats::names()).chain(wild::names()).chain(dynamic::names());
     match wanted.iter().find(|w| known().all(|k| k != w.as_str())) {
         Some(name) => {
             let known: Vec<&str> = known().collect();

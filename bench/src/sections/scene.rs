@@ -22,6 +22,14 @@ pub(crate) struct Subject {
     pub(crate) request: Request,
 }
 
+impl Subject {
+    /// The same with another system, under a name of its own; settings as `key = value` lines.
+    pub(crate) fn with_system(self, name: String, system: &str, settings: &str) -> Result<Self, BenchError> {
+        let set = settings.parse().map_err(BenchError::part)?;
+        Ok(Self { name, request: Request { system: Some(system.into()), set, ..self.request } })
+    }
+}
+
 /// The embedded scene.
 pub(crate) fn embedded() -> Subject {
     let scene = format!("{}tabletop", systems::source::SYNTHETIC);
@@ -64,13 +72,20 @@ impl Trained<'_> {
 
 /// Train; `prepare` sees the run before its first step.
 pub(crate) fn train<'a>(job: Job<'a>, prepare: impl FnOnce(&mut Run<'a>)) -> Result<Trained<'a>, BenchError> {
+    let (schedule, lpips) = (job.schedule.clone(), job.lpips);
+    let (mut run, mut watch, folder) = begin(job)?;
+    prepare(&mut run);
+    let (ended, evaluation) = run.train(&schedule, lpips, &mut watch, &AtomicBool::new(false))?;
+    Ok(Trained { run, ended, evaluation, watch, folder })
+}
+
+/// A run before its first step.
+pub(crate) fn begin<'a>(job: Job<'a>) -> Result<(Run<'a>, Watch<'a>, TempDir), BenchError> {
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let mut watch = Watch::new(job.name);
     let parts = disk_parts(job.load, job.build, "ngp");
-    let mut run = Run::create(&folder.path().join("run"), job.request, parts, &mut watch)?;
-    prepare(&mut run);
-    let (ended, evaluation) = run.train(&job.schedule, job.lpips, &mut watch, &AtomicBool::new(false))?;
-    Ok(Trained { run, ended, evaluation, watch, folder })
+    let run = Run::create(&folder.path().join("run"), job.request, parts, &mut watch)?;
+    Ok((run, watch, folder))
 }
 
 /// Train a subject of the static systems for so many seconds, the held-out views measured at `eval_at` and at the end.
@@ -81,12 +96,17 @@ pub(crate) fn train_seconds<'a>(
     eval_at: &[f64],
 ) -> Result<Trained<'a>, BenchError> {
     let schedule = Schedule { eval_at: eval_at.to_vec(), ..Schedule::new(Stop::Seconds(seconds)) };
+    train(job(bench, subject, schedule), |_| {})
+}
+
+/// How a subject of the static systems is trained.
+pub(crate) fn job<'a>(bench: &Bench, subject: &'a Subject, schedule: Schedule) -> Job<'a> {
     // In quick runs the embedded scene is small.
     let small = subject.request.scene.as_deref().is_some_and(|s| s.starts_with(systems::source::SYNTHETIC))
         && bench.extent == Extent::Quick;
     let load: &Load<'static> = if small { &|_, _| Ok(small_tabletop()) } else { &systems::source::load };
     let Subject { name, request } = subject;
-    train(Job { name, request, load, build: &systems::plan::build, schedule, lpips: None }, |_| {})
+    Job { name, request, load, build: &systems::plan::build, schedule, lpips: None }
 }
 
 /// The embedded scene, small.

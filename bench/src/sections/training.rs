@@ -7,19 +7,20 @@ use crate::goals::Goal;
 use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series, Style};
 use crate::table::Table;
+use std::path::Path;
 use systems::options::DataOptions;
 
 /// A scene, its settings, and what others and the plan expect of it.
-struct Protocol {
-    name: &'static str,
+pub(super) struct Protocol {
+    pub(super) name: &'static str,
     /// In the folder of datasets.
     path: &'static str,
     longest_side: Option<u32>,
     holdout: Held,
     /// Seconds and dB.
-    targets: &'static [(f64, f64)],
+    pub(super) targets: &'static [(f64, f64)],
     /// Other programs, seconds and dB, measured before on a machine of the class.
-    peers: &'static [(&'static str, &'static [(f64, f64)])],
+    pub(super) peers: &'static [(&'static str, &'static [(f64, f64)])],
     /// Name of its plot.
     plot: &'static str,
 }
@@ -39,7 +40,7 @@ pub(super) enum Held {
 
 impl Held {
     /// The word on the command line, if one is needed; names go to a file in `folder`.
-    pub(super) fn word(self, folder: &std::path::Path) -> Result<Option<String>, BenchError> {
+    pub(super) fn word(self, folder: &Path) -> Result<Option<String>, BenchError> {
         Ok(match self {
             Self::Own => None,
             Self::Every(n) => Some(format!("every:{n}")),
@@ -109,9 +110,39 @@ const PROTOCOLS: [Protocol; 5] = [
 ];
 
 /// Training seconds of a protocol where nothing is said.
-const SECONDS: f64 = 300.0;
+pub(super) const SECONDS: f64 = 300.0;
 /// Where curves of the protocols are measured, seconds.
-const EVAL_AT: [f64; 5] = [10.0, 30.0, 60.0, 120.0, 300.0];
+pub(super) const EVAL_AT: [f64; 5] = [10.0, 30.0, 60.0, 120.0, 300.0];
+
+impl Protocol {
+    /// The one of this name.
+    pub(super) fn named(name: &str) -> Option<&'static Self> {
+        PROTOCOLS.iter().find(|p| p.name == name)
+    }
+
+    /// What is trained, `None` where the dataset is not there; names of held-out views go to `folder`.
+    pub(super) fn subject(&self, bench: &Bench, folder: &Path) -> Result<Option<Subject>, BenchError> {
+        let holdout = self.holdout.word(folder)?;
+        let data = DataOptions { longest_side: self.longest_side, holdout, ..DataOptions::default() };
+        Ok(dataset(bench, self.name, self.path, data))
+    }
+
+    /// What was measured before and what is aimed at, for a plot.
+    fn known(&self) -> Vec<Series> {
+        let peer = |(name, points): &(&str, &[(f64, f64)])| Series {
+            name: format!("{name} (measured before, machine of the class)"),
+            style: Style::Cross,
+            points: points.to_vec(),
+        };
+        self.peers.iter().map(peer).chain(target(self.targets)).collect()
+    }
+}
+
+/// Targets for a plot, where there are any.
+pub(super) fn target(targets: &[(f64, f64)]) -> Option<Series> {
+    let points = targets.to_vec();
+    (!points.is_empty()).then(|| Series { name: "target".into(), style: Style::Dashed, points })
+}
 
 /// What `--protocol` may name.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
@@ -133,22 +164,14 @@ pub(crate) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError>
     }
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     for protocol in PROTOCOLS.iter().filter(|p| bench.wants(p.name)) {
-        let data = data_options(protocol, folder.path())?;
-        let Some(subject) = dataset(bench, protocol.name, protocol.path, data) else {
+        let Some(subject) = protocol.subject(bench, folder.path())? else {
             missing.push(protocol.name);
             continue;
         };
         let curve = one(bench, &subject, bench.seconds.unwrap_or(SECONDS), &EVAL_AT, &mut table)?;
-        goals.extend(protocol_goals(protocol, &curve));
+        goals.extend(protocol_goals(protocol.name, protocol.targets, protocol.peers, &curve));
         let mut series = vec![Series::line("ngp, this run", curve)];
-        for (name, points) in protocol.peers {
-            let name = format!("{name} (measured before, machine of the class)");
-            series.push(Series { name, style: Style::Cross, points: points.to_vec() });
-        }
-        if !protocol.targets.is_empty() {
-            let points = protocol.targets.to_vec();
-            series.push(Series { name: "target".into(), style: Style::Dashed, points });
-        }
+        series.extend(protocol.known());
         plots.push(plot(protocol.plot, protocol.name, series));
         keep(&section(&table, &plots, goals.clone(), &missing))?;
     }
@@ -195,32 +218,36 @@ fn one(
 }
 
 /// Each target that the run came to, with the first measurement from its time on.
-fn protocol_goals(protocol: &Protocol, curve: &[(f64, f64)]) -> Vec<Goal> {
-    let reached = |at: f64| curve.iter().find(|(s, _)| *s >= at).map(|p| p.1);
+pub(super) fn protocol_goals(
+    name: &str,
+    targets: &[(f64, f64)],
+    peers: &[(&str, &[(f64, f64)])],
+    curve: &[(f64, f64)],
+) -> Vec<Goal> {
     let best_peer = |at: f64| {
-        let of_all = protocol.peers.iter().flat_map(|(_, points)| points.iter());
+        let of_all = peers.iter().flat_map(|(_, points)| points.iter());
         of_all.filter(|p| p.0 == at).map(|p| p.1).reduce(f64::max)
     };
     let goal = |&(at, target): &(f64, f64)| {
         Some(Goal {
-            work: format!("{} after {at} s", protocol.name),
+            work: format!("{name} after {at} s"),
             unit: "dB",
-            figure: reached(at)?,
+            figure: reached(curve, at)?,
             target,
             ceiling: None,
             peer: best_peer(at),
             error: "the figure is one".into(),
         })
     };
-    protocol.targets.iter().filter_map(goal).collect()
+    targets.iter().filter_map(goal).collect()
 }
 
-fn data_options(protocol: &Protocol, folder: &std::path::Path) -> Result<DataOptions, BenchError> {
-    let holdout = protocol.holdout.word(folder)?;
-    Ok(DataOptions { longest_side: protocol.longest_side, holdout, ..DataOptions::default() })
+/// The first measurement from a time on.
+pub(super) fn reached(curve: &[(f64, f64)], at: f64) -> Option<f64> {
+    curve.iter().find(|(s, _)| *s >= at).map(|p| p.1)
 }
 
-fn plot(name: &'static str, title: &str, series: Vec<Series>) -> Plot {
+pub(super) fn plot(name: &'static str, title: &str, series: Vec<Series>) -> Plot {
     Plot {
         name,
         title: format!("{title}: held-out PSNR over training time"),
@@ -236,9 +263,13 @@ mod tests {
 
     #[test]
     fn targets_take_the_first_measurement_from_their_time_on() {
-        let goals = protocol_goals(&PROTOCOLS[0], &[(30.0, 29.0), (60.01, 31.5), (300.2, 33.0)]);
+        let lego = |curve: &[(f64, f64)]| {
+            let protocol = Protocol::named("lego100").unwrap();
+            protocol_goals(protocol.name, protocol.targets, protocol.peers, curve)
+        };
+        let goals = lego(&[(30.0, 29.0), (60.01, 31.5), (300.2, 33.0)]);
         assert_eq!(goals.iter().map(|g| (g.figure, g.target)).collect::<Vec<_>>(), [(31.5, 31.0), (33.0, 34.0)]);
         assert_eq!(goals[0].peer, Some(24.5));
-        assert_eq!(protocol_goals(&PROTOCOLS[0], &[(30.0, 29.0)]).len(), 0, "no measurement, no claim");
+        assert_eq!(lego(&[(30.0, 29.0)]).len(), 0, "no measurement, no claim");
     }
 }

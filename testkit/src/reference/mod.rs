@@ -3,8 +3,10 @@
 //!
 //! * [`network`]: a multilayer perceptron, forward and backward.
 //! * [`lattice`]: one level of a feature grid, blended trilinearly, forward and backward.
+//! * [`splats`]: Gaussians to ellipses to pixels, and back.
 //!
 //! The quadrature has its own, `render_core::quadrature::reference`.
 
 pub mod lattice;
 pub mod network;
+pub mod splats;

@@ -1,0 +1,72 @@
+//! 3D Gaussian splatting from its definitions: every pixel looks at every Gaussian.
+//!
+//! [`project`](fn@project): raw parameters to ellipses. [`pixel`]: ellipses to a pixel, with how far its decisions were from falling
+//! otherwise; [`pixel_backward`]: the chain rule back; [`parameters_bar`]: from ellipses to raw parameters, by differences.
+//!
+//! # Shapes
+//! Parameters are rows `[component][n]`: position 3, logarithm of size 3, rotation `wxyz` 4, logit of opacity 1, colour 3, and
+//! `3 ((degree + 1)^2 - 1)` coefficients above it, three channels each.
+//!
+//! # Source
+//! Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023; Zwicker et al., "EWA splatting", 2002.
+
+mod composite;
+mod project;
+#[cfg(test)]
+mod tests;
+
+pub use composite::{EllipseBar, Picture, Pixel, draw, pixel, pixel_backward};
+pub use project::{parameters_bar, project, project_one};
+
+/// A pinhole camera: world-to-camera rotation and translation, focal lengths and principal point in pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    /// Row by row.
+    pub r: [[f64; 3]; 3],
+    /// `x_camera = r x + t`.
+    pub t: [f64; 3],
+    /// Focal lengths.
+    pub f: [f64; 2],
+    /// Principal point.
+    pub c: [f64; 2],
+    /// Columns and rows.
+    pub size: [usize; 2],
+}
+
+/// Constants.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// Gaussians at this depth or nearer are left out.
+    pub near: f64,
+    /// Added to both variances, pixels squared.
+    pub blur: f64,
+    /// Whether opacity falls with the area that blur gains.
+    pub dims: bool,
+    /// Fainter contributions are none.
+    pub alpha_min: f64,
+    /// No contribution is denser.
+    pub alpha_max: f64,
+    /// A pixel ends before the contribution that would leave no more of its light.
+    pub stop: f64,
+}
+
+/// One Gaussian on the picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Ellipse {
+    /// Which Gaussian.
+    pub index: usize,
+    /// Centre, pixels.
+    pub uv: [f64; 2],
+    /// `[[a, b], [b, c]]` with blur as `a, b, c`,
+    pub cov: [f64; 3],
+    /// and its inverse.
+    pub conic: [f64; 3],
+    /// Opacity, less what blur takes.
+    pub opacity: f64,
+    /// Squared radius within which it contributes, standard deviations.
+    pub q_max: f64,
+    /// Depth.
+    pub z: f64,
+    /// Colour as this camera sees it.
+    pub rgb: [f64; 3],
+}
