@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_photo_s_edge_to_nothing_keeps_its_colour_on_the_plane() {
-        let data = (0..60 * 40).flat_map(|i| if i % 60 < 31 { [200, 100, 50, 255] } else { [0; 4] }).collect();
+        let data = (0..60 * 40).flat_map(|i| if i % 60 < 50 { [200, 100, 50, 255] } else { [0; 4] }).collect();
         let flat = Flat::new(&bent()).photo(&Image::rgba(60, 40, data).unwrap());
         let (mut edge, mut clear) = (0, 0);
         for p in flat.data.chunks_exact(4).zip(flat.mask.as_ref().unwrap()).filter(|(_, m)| **m > 0).map(|(p, _)| p) {
@@ -197,7 +197,7 @@ mod tests {
                 clear += 1;
             }
         }
-        assert!(edge > 20 && clear > 800, "{edge} at the edge, {clear} clear");
+        assert!(edge > 20 && clear > 200, "{edge} at the edge, {clear} clear");
     }
 
     #[test]
