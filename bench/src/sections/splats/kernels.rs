@@ -30,8 +30,8 @@ impl Kernels {
             "kernels",
             "Mean over the cameras, median over the repetitions, milliseconds. Errors of pictures are the largest difference of a \
              colour (projection: also of a centre, pixels); of gradients, the largest distance as a share of the largest of the \
-             same parameter. Parts: from the same input as the part; wholes: from the same Gaussians. The optimiser's error stands in \
-             the section on kernels.",
+             same parameter, Gaussians with a black colour left out. Parts: from the same input as the part; wholes: from the \
+             same Gaussians. The optimiser's error stands in the section on kernels.",
             &[
                 "picture",
                 "Gaussians",
