@@ -351,3 +351,50 @@ fn degrees_above_those_asked_for_play_no_part() {
     assert_eq!(a.footprints, b.footprints);
     assert!(a.rgb.iter().flatten().zip(b.rgb.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
 }
+
+#[test]
+fn what_is_left_out_behind_enough_is_worth_no_more() {
+    let view = view([70, 50]);
+    let (mut pixels_ended, mut hidden) = (0, [0, 0]);
+    for seed in 0..6 {
+        let mut g = cloud(20 + seed, 800, 1);
+        // Opaque ones in front of others.
+        g.logit.iter_mut().for_each(|x| *x += 3.0);
+        for simd in Simd::available() {
+            let whole = shoot(simd, &g, &view, &RULES);
+            let brightest = whole.p.rgb.iter().flatten().fold(0.0_f32, |most, &c| most.max(c));
+            for budget in [1.0 / 2048.0, 1.0 / 255.0, 1.0 / 16.0] {
+                let part = shoot(simd, &g, &view, &Rules { enough: budget / brightest, ..RULES });
+                let pixels = 70 * 50;
+                let error = largest_difference(&part.planes[..3 * pixels], &whole.planes[..3 * pixels]);
+                assert!(error <= budget * (1.0 + 1e-5), "{error} for {budget}");
+                let light = largest_difference(&part.planes[4 * pixels..], &whole.planes[4 * pixels..]);
+                assert!(light <= budget / brightest * (1.0 + 1e-5), "{light}");
+                pixels_ended += usize::from(error > 0.0);
+                hidden = [hidden[0] + whole.drawn.hidden, hidden[1] + part.drawn.hidden];
+            }
+        }
+    }
+    assert!(pixels_ended > 10 && hidden[1] > hidden[0], "{pixels_ended} {hidden:?}");
+}
+
+#[test]
+fn gradients_of_pictures_that_end_early_are_those_of_what_they_show() {
+    // The last that counts is the one that leaves little enough; what is behind has no gradient.
+    let view = view([16, 16]);
+    let mut g = cloud(7, 3, 0);
+    for i in 0..3 {
+        for a in 0..3 {
+            // One behind the other, all over the picture.
+            g.mean[a * 3 + i] = view.centre()[a] + view.r[2][a] * (2.0 + i as f32);
+            g.log_scale[a * 3 + i] = 3.0;
+        }
+        g.logit[i] = 2.0;
+    }
+    let rules = Rules { enough: 0.2, ..RULES };
+    for simd in Simd::available() {
+        let mut shot = shoot(simd, &g, &view, &rules);
+        let grad = shot.gradients(simd, &g, &view, &rules, &bars(3, view.size));
+        assert!(grad.logit[0] != 0.0 && grad.logit[1] == 0.0 && grad.logit[2] == 0.0, "{:?}", grad.logit);
+    }
+}

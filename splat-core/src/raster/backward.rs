@@ -33,7 +33,7 @@ impl<const K: usize> Task for Backward<'_, K> {
         let Self { tile, out, value_bar, looked, records } = self;
         let rules = tile.rules;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let (alpha_max, stop) = (V::splat(rules.alpha_max), V::splat(rules.stop));
+        let (alpha_max, stop, enough) = (V::splat(rules.alpha_max), V::splat(rules.stop), V::splat(rules.enough));
         let mut trans = [1.0_f32; PIXELS];
         let mut limit = [f32::INFINITY; PIXELS];
         let mut rest = [0.0_f32; PIXELS];
@@ -88,8 +88,9 @@ impl<const K: usize> Task for Backward<'_, K> {
                     let behind = V::load(&rest[at..]) - w * worth;
                     behind.store(&mut rest[at..]);
                     keep.select_positive(next, t).store(&mut trans[at..]);
-                    if !all_positive(keep) {
-                        keep.select_positive(V::load(&limit[at..]), V::splat(-1.0)).store(&mut limit[at..]);
+                    let open = keep.min(next - enough);
+                    if !all_positive(open) {
+                        open.select_positive(V::load(&limit[at..]), V::splat(-1.0)).store(&mut limit[at..]);
                         finished = true;
                     }
                     let alpha_bar = t * worth - behind / (one - alpha);

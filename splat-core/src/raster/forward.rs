@@ -4,6 +4,7 @@
 //! alpha = min(alpha_max, opacity exp(-q / 2)),   T' = T (1 - alpha)
 //! T' <= stop: the pixel is finished, and this contribution is not in it
 //! C += alpha T c,   T = T'
+//! T <= enough: the pixel is finished, what is behind is worth no more
 //! ```
 //!
 //! Source: Kerbl et al., "3D Gaussian splatting", 2023, section 6 and appendix C.
@@ -39,7 +40,8 @@ impl<const K: usize> Task for Forward<'_, K> {
     fn run<V: Vector>(self) -> u32 {
         let Self { tile, out } = self;
         let rules = tile.rules;
-        let (zero, alpha_max, stop) = (V::splat(0.0), V::splat(rules.alpha_max), V::splat(rules.stop));
+        let (zero, alpha_max) = (V::splat(0.0), V::splat(rules.alpha_max));
+        let (stop, enough) = (V::splat(rules.stop), V::splat(rules.enough));
         let (value, trans) = out.split_at_mut(K * PIXELS);
         let trans = &mut trans[..PIXELS];
         value.fill(0.0);
@@ -83,8 +85,9 @@ impl<const K: usize> Task for Forward<'_, K> {
                         w.mul_add(feature, V::load(sum)).store(sum);
                     }
                     keep.select_positive(next, t).store(&mut trans[at..]);
-                    if !all_positive(keep) {
-                        keep.select_positive(V::load(&limit[at..]), V::splat(-1.0)).store(&mut limit[at..]);
+                    let open = keep.min(next - enough);
+                    if !all_positive(open) {
+                        open.select_positive(V::load(&limit[at..]), V::splat(-1.0)).store(&mut limit[at..]);
                         finished = true;
                     }
                 }

@@ -135,7 +135,7 @@ impl SplatConfig {
             densify_until: scaled(15_000),
             densify_every: 100,
             densify_gradient: 2e-4,
-            reset_every: scaled(3000).max(1000),
+            reset_every: scaled(9000).max(1000),
             mcmc_cost: 0.01,
             mcmc_noise: 5e5,
             horizon,
@@ -149,7 +149,7 @@ impl SplatConfig {
             near: 0.01,
             widening: WideningKind::Keeps,
             coarse: 0,
-            coarse_steps: 500,
+            coarse_steps: 700,
         }
     }
 

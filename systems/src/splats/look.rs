@@ -78,8 +78,8 @@ impl LeftOut {
         }
     }
 
-    /// Rows of the table of skips; a finished pixel has at most `stop` of its light left.
-    pub(crate) fn rows(&self, stop: f32) -> Vec<SkipRow> {
+    /// Rows of the table of skips, of a training and its pictures.
+    pub(crate) fn rows(&self) -> Vec<SkipRow> {
         let row = |what, [skipped, total]: [u64; 2], unit, bound: String| {
             SkipRow::counted(what, (skipped, total), unit, bound)
         };
@@ -89,7 +89,7 @@ impl LeftOut {
                 "Gaussians behind finished tiles",
                 self.hidden,
                 "pairs",
-                format!("<= {stop:.1e} of the light, or the budget"),
+                "0 in training (part of the model), the budget in pictures".into(),
             ),
             row("tiles with nothing over them", self.empty, "tiles", "0".into()),
         ]
@@ -104,7 +104,7 @@ impl Look<'_> {
     /// [`SplatError`] for a camera that cannot see, or more pairs than can be counted.
     pub(crate) fn layers(&self, camera: &Camera, query: &Query, kept: &Kept) -> Result<(Layers, LeftOut), SplatError> {
         let mut buffers = kept.take();
-        let look = Look { rules: afford(self.rules, query.error_budget), ..*self };
+        let look = *self;
         let result = if camera.lens.is_pinhole() {
             look.plane(camera, query, &mut buffers)
         } else {
@@ -127,7 +127,8 @@ impl Look<'_> {
         projection.project(self.simd, self.cloud, &view, &self.rules, self.degree)?;
         features.clear();
         features.extend(projection.rgb.iter().zip(&projection.footprints).map(|(c, f)| [c[0], c[1], c[2], f.z]));
-        let drawn = raster.draw(self.simd, (&projection.footprints, features), view.size, &self.rules)?;
+        let rules = Rules { enough: enough(query, &projection.rgb), ..self.rules };
+        let drawn = raster.draw(self.simd, (&projection.footprints, features), view.size, &rules)?;
         let pixels = view.size[0] * view.size[1];
         planes.resize((LOOKS + 1) * pixels, 0.0);
         raster.planes(planes)?;
@@ -201,12 +202,13 @@ fn shortest_axis(cloud: &Gaussians, i: usize) -> [f32; 3] {
     (q * glam::Vec3::AXES[k]).to_array()
 }
 
-/// The rules under an error budget: a pixel may end where what is left of its light is worth no more.
+/// How much of a pixel's light may be left without a look at what is behind: as much as the error budget affords.
 ///
-/// Behind the end there is at most `stop` of the light, times a colour of at most about 1. With nothing to afford the rules are
-/// those of training.
-pub(crate) fn afford(rules: Rules, budget: f32) -> Rules {
-    Rules { stop: rules.stop.max(budget.clamp(0.0, 0.5)), ..rules }
+/// Behind there is at most that share of the light, times the brightest colour of the picture or of the background.
+fn enough(query: &Query, rgb: &[[f32; 3]]) -> f32 {
+    let brightest = rgb.iter().chain([&query.background]).flatten().fold(0.0_f32, |most, &c| most.max(c));
+    let share = query.error_budget / brightest.max(f32::MIN_POSITIVE);
+    if share.is_finite() { share.clamp(0.0, 0.5) } else { 0.5 }
 }
 
 /// A picture through a lens, from the canvas that it was drawn onto.

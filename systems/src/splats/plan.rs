@@ -12,6 +12,8 @@ use crate::system::{System, SystemError};
 use glam::DVec3;
 use scene_io::Scene;
 
+/// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
+const COARSE_PIXELS: u64 = 65_536;
 /// Steps that the schedules are for.
 const HORIZON: u64 = 10_000;
 
@@ -25,7 +27,13 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
     let (frame, note) = Frame::around(&cameras, &points);
     lines.extend(note);
     lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
+    let pixels = data.pixel_count() / data.len().max(1) as u64;
+    let coarse = (pixels.max(1) / COARSE_PIXELS).checked_ilog2().map_or(0, |octaves| octaves / 2 + 1).min(4);
+    if coarse > 0 {
+        lines.push(format!("pictures begin {} times smaller ({pixels} pixels each)", 1 << coarse));
+    }
     let planned = SplatConfig {
+        coarse,
         start: if scene.points.is_empty() { StartKind::Random } else { StartKind::Points },
         ..SplatConfig::published(frame.centre, frame.scale, HORIZON)
     };

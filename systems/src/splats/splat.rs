@@ -284,7 +284,7 @@ impl System for Splat {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        self.left_out.lock().map_or_else(|_| Vec::new(), |left_out| left_out.rows(self.config.rules().stop))
+        self.left_out.lock().map_or_else(|_| Vec::new(), |left_out| left_out.rows())
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

@@ -42,9 +42,8 @@ impl Budgets {
             y: Axis { label: "largest error, colour units", scale: Scale::Log },
             series: self.series.clone(),
         };
-        let words = "**Error budgets.** Early stop: a pixel is finished before the Gaussian that would leave no more than the \
-                     budget of its light (at budget 0: 1e-4, as in training). That Gaussian and those behind it are left out: \
-                     where it is at its densest, 0.99, they are worth up to 100 times as much.";
+        let words = "**Error budgets.** Early stop: a pixel is finished after the Gaussian that leaves no more of its light than the \
+                     budget over the brightest colour of the picture: what is behind is worth no more than the budget.";
         vec![
             Item::Text(words.into()),
             Item::Table(self.times.clone()),
