@@ -7,6 +7,7 @@
 //!
 //! * [`Adc`] of 3DGS: clone and split where the picture pulls hardest ([`Pull`]), prune what is faint or large.
 //! * [`Mcmc`]: a fixed budget; the dead move to where there is matter, and all are stirred.
+//! * [`by_place`]: neighbours in space as neighbours in memory.
 //! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: what any of them needs.
 //!
 //! ```
@@ -28,12 +29,14 @@ mod adc;
 mod guard;
 mod mcmc;
 mod noise;
+mod place;
 mod pull;
 mod rows;
 
 pub use adc::Adc;
 pub use guard::{LOG_SCALE_MIN, LOGIT_MAX, keep_in_range, keep_strongest, without_non_finite};
 pub use mcmc::{Mcmc, share};
+pub use place::by_place;
 pub use pull::Pull;
 pub use rows::{Change, Fresh, Rows};
 

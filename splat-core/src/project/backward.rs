@@ -10,6 +10,7 @@ use super::colour::{Sight, colour_backward};
 use super::forward::{CHUNK, Projection};
 use super::rows::{LANES_MAX, numbers};
 use crate::chunks::for_each;
+use crate::gaussians::rest_len;
 use crate::raster::Record;
 use crate::{Gaussians, Rules, SplatError, View};
 
@@ -127,30 +128,32 @@ impl<const K: usize> Task for Backward<'_, '_, K> {
                 FootprintBar { uv: [load(0), load(1)], conic: [load(2), load(3), load(4)], o_eff: load(5), z: load(6) };
             let raw_bar = block.backward(&lens, &bar);
             let visible = V::load(&visible);
-            let mut put = |row: usize, x: V| {
-                let x = visible.select_positive(x, V::splat(0.0));
-                let out = &mut rows[row][at - from..];
-                if out.len() >= V::LANES {
-                    x.store(out);
-                } else {
-                    out.copy_from_slice(&numbers(x)[..out.len()]);
-                }
-            };
-            let rgb_bar = [load(7), load(8), load(9)];
             let to = sight.direction(raw.mean);
-            let through = colour_backward(cloud, degree, at, &to, rgb_bar, |k, channel, x| {
-                put(if k == 0 { DC + channel } else { REST + 3 * (k - 1) + channel }, x);
-            });
-            for (k, (mean, through)) in raw_bar.mean.into_iter().zip(through).enumerate() {
-                put(k, mean + through);
+            let (through, h_bar) = colour_backward(cloud, degree, at, &to, [load(7), load(8), load(9)]);
+            for k in 0..3 {
+                put(rows, k, at - from, visible, raw_bar.mean[k] + through[k]);
+                put(rows, LOG_SCALE + k, at - from, visible, raw_bar.log_scale[k]);
+                put(rows, DC + k, at - from, visible, h_bar[0][k]);
             }
-            for (k, bar) in raw_bar.log_scale.into_iter().enumerate() {
-                put(LOG_SCALE + k, bar);
+            for k in 0..4 {
+                put(rows, WXYZ + k, at - from, visible, raw_bar.wxyz[k]);
             }
-            for (k, bar) in raw_bar.wxyz.into_iter().enumerate() {
-                put(WXYZ + k, bar);
+            put(rows, LOGIT, at - from, visible, raw_bar.logit);
+            for k in 0..3 * rest_len(degree) {
+                put(rows, REST + k, at - from, visible, h_bar[1 + k / 3][k % 3]);
             }
-            put(LOGIT, raw_bar.logit);
         }
+    }
+}
+
+/// Write the lanes that are visible to a row, 0 to the others: a block is written once.
+#[inline(always)]
+fn put<V: Vector>(rows: &mut [&mut [f32]], row: usize, at: usize, visible: V, x: V) {
+    let x = visible.select_positive(x, V::splat(0.0));
+    let out = &mut rows[row][at..];
+    if out.len() >= V::LANES {
+        x.store(out);
+    } else {
+        out.copy_from_slice(&numbers(x)[..out.len()]);
     }
 }

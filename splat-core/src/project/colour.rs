@@ -56,8 +56,8 @@ pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to:
     (rgb, finite)
 }
 
-/// Gradient of [`colour`]: that of the position, through the direction; `emit(k, channel, bar)` gets that of coefficient `k`, 0
-/// the constant one. `rgb_bar` is 0 where the colour was clamped.
+/// Gradient of [`colour`]: that of the position, through the direction, and those of the coefficients `[16][channel]`, the constant one
+/// first. `rgb_bar` is 0 where the colour was clamped.
 #[inline(always)]
 pub(crate) fn colour_backward<V: Vector>(
     cloud: &Gaussians,
@@ -65,20 +65,20 @@ pub(crate) fn colour_backward<V: Vector>(
     at: usize,
     to: &Direction<V>,
     rgb_bar: [V; 3],
-    mut emit: impl FnMut(usize, usize, V),
-) -> [V; 3] {
+) -> ([V; 3], [[V; 3]; 16]) {
     let n = cloud.len();
     let y = basis(degree, to.d);
     let mut weights = [V::splat(0.0); 15];
+    let mut h_bar = [[V::splat(0.0); 3]; 16];
     for (c, &bar) in rgb_bar.iter().enumerate() {
-        emit(0, c, V::splat(SH_0) * bar);
+        h_bar[0][c] = V::splat(SH_0) * bar;
         for k in 0..rest_len(degree) {
-            emit(k + 1, c, y[k] * bar);
+            h_bar[k + 1][c] = y[k] * bar;
             weights[k] = bar.mul_add(lanes(&cloud.rest, n, 3 * k + c, at), weights[k]);
         }
     }
     let d_bar = slope(degree, to.d, &weights);
     // Across the direction only, and less the farther away.
     let along = dot(d_bar, to.d);
-    each!(3, |k| (d_bar[k] - along * to.d[k]) * to.inv_distance)
+    (each!(3, |k| (d_bar[k] - along * to.d[k]) * to.inv_distance), h_bar)
 }

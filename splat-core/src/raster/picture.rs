@@ -99,16 +99,20 @@ impl<const K: usize> Raster<K> {
         let [width, height] = self.size;
         self.check_planes("out", out.len())?;
         let grid = Grid::new(self.size);
-        for (k, tile) in self.tiles.chunks_exact((K + 1) * PIXELS).enumerate() {
-            let (x, y) = (k % grid.columns * TILE, k / grid.columns * TILE);
-            let n = TILE.min(width - x);
-            for plane in 0..=K {
-                for row in 0..TILE.min(height - y) {
-                    let from = &tile[plane * PIXELS + row * TILE..][..n];
-                    out[(plane * height + y + row) * width + x..][..n].copy_from_slice(from);
+        let tile_rows = out.chunks_mut((width * height).max(1)).enumerate().flat_map(|(plane, rows)| {
+            rows.chunks_mut(width * TILE).enumerate().map(move |(row, out)| (plane, row, out))
+        });
+        let mut jobs: Vec<(usize, usize, &mut [f32])> = tile_rows.collect();
+        for_each(&mut jobs, |_, (plane, tile_row, out)| {
+            let tiles = self.tiles.chunks_exact((K + 1) * PIXELS).skip(*tile_row * grid.columns).take(grid.columns);
+            for (column, tile) in tiles.enumerate() {
+                let x = column * TILE;
+                let n = TILE.min(width - x);
+                for (row, out) in out.chunks_exact_mut(width).enumerate() {
+                    out[x..][..n].copy_from_slice(&tile[*plane * PIXELS + row * TILE..][..n]);
                 }
             }
-        }
+        });
         Ok(())
     }
 

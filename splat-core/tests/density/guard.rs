@@ -84,3 +84,29 @@ fn equal_opacities_are_thinned_everywhere_and_the_same_each_time() {
     assert_eq!(kept, keep_strongest(&g, 1000, STREAM).unwrap());
     assert_ne!(kept, keep_strongest(&g, 1000, Rng::new(5, 7)).unwrap());
 }
+
+#[test]
+fn rows_by_place_are_all_rows_and_neighbours_are_near() {
+    use splat_core::density::by_place;
+    let n = 4096;
+    let mut cloud = splat_core::Gaussians::new(n, 0).unwrap();
+    let rng = field_core::rng::Rng::new(5, 0);
+    rng.fill_uniform(0, &mut cloud.mean);
+    let rows = by_place(&cloud).unwrap();
+    let mut seen: Vec<u32> = rows.from().to_vec();
+    seen.sort_unstable();
+    assert!(seen.iter().enumerate().all(|(i, &from)| i == from as usize) && !rows.fresh().contains(&true));
+    let step = |cloud: &splat_core::Gaussians| {
+        let far = |i: usize| (0..3).map(|a| (cloud.mean[a * n + i] - cloud.mean[a * n + i - 1]).powi(2)).sum::<f32>();
+        (1..n).map(|i| far(i).sqrt()).sum::<f32>() / n as f32
+    };
+    let placed = rows.follow(&cloud).unwrap();
+    assert!(step(&placed) < 0.2 * step(&cloud), "{} {}", step(&placed), step(&cloud));
+    // Placed already: nothing moves. One place, none, and no place at all: their order.
+    assert!(by_place(&placed).unwrap().is_unchanged());
+    assert!(by_place(&splat_core::Gaussians::new(7, 0).unwrap()).unwrap().is_unchanged());
+    assert!(by_place(&splat_core::Gaussians::new(0, 0).unwrap()).unwrap().is_empty());
+    let mut odd = splat_core::Gaussians::new(3, 0).unwrap();
+    odd.mean = vec![f32::NAN, 3e38, -3e38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(by_place(&odd).unwrap().from(), [2, 1, 0]);
+}

@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
 use render_core::path::{Ends, through};
 use scene_io::read_splats;
-use splat_core::density::opacity;
+use splat_core::density::{by_place, opacity};
 use splat_core::{Gaussians, Rules};
 use std::path::Path;
 
@@ -65,6 +65,9 @@ impl Cloud {
     /// A cloud of the scene's frame.
     #[must_use]
     pub fn new(mut cloud: Gaussians, rules: Rules) -> Self {
+        if let Ok(placed) = by_place(&cloud).and_then(|rows| rows.follow(&cloud)) {
+            cloud = placed;
+        }
         let (middle, radius) = extent(&cloud);
         let frame = Frame { centre: middle.to_array(), scale: 1.0 };
         frame.cloud_to_internal(&mut cloud);

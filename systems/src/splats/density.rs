@@ -3,7 +3,7 @@
 use super::config::{DensityKind, SplatConfig};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
-use splat_core::density::{Adc, Mcmc, Pull, Rows, keep_in_range, without_non_finite};
+use splat_core::density::{Adc, Mcmc, Pull, Rows, by_place, keep_in_range, without_non_finite};
 use splat_core::{Footprint, Gaussians, Record, SplatError};
 
 /// Stream of random numbers, and those of its uses in a step.
@@ -126,6 +126,7 @@ impl Density {
                     let kept = rules.prune(cloud, EXTENT, count, |_| false)?;
                     *cloud = kept.follow(cloud)?;
                     changed.then(kept)?;
+                    changed.order(cloud)?;
                     *pull = Pull::new(cloud.len());
                 }
                 if rules.fades_at(count) {
@@ -144,6 +145,7 @@ impl Density {
                     let more = rules.add(cloud, max, rng.substream(ADD))?;
                     *cloud = more.cloud;
                     changed.then(more.rows)?;
+                    changed.order(cloud)?;
                 }
             }
         }
@@ -183,6 +185,13 @@ impl Changed {
             None => rows,
         });
         Ok(())
+    }
+
+    /// Neighbours in space become neighbours in memory.
+    fn order(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {
+        let rows = by_place(cloud)?;
+        *cloud = rows.follow(cloud)?;
+        self.then(rows)
     }
 
     fn drop_non_finite(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {

@@ -25,6 +25,7 @@ use optim::NonFiniteGuard;
 use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
+use splat_core::density::by_place;
 use splat_core::{Gaussians, Rules};
 use std::sync::Mutex;
 use std::time::Instant;
@@ -78,7 +79,7 @@ impl Splat {
         data: &Dataset,
     ) -> Result<Self, SystemError> {
         config.check()?;
-        let cloud = start.cloud;
+        let cloud = by_place(&start.cloud).and_then(|rows| rows.follow(&start.cloud)).map_err(refused)?;
         let mut pictures = Pictures::default();
         for camera in data.views().iter().map(|v| &v.camera) {
             let pixels = camera.width as usize * camera.height as usize;

@@ -3,9 +3,12 @@
 use super::photo::Photo;
 use float_core::Simd;
 use losses::dssim::{Dssim, Pair, Target};
+use rayon::prelude::*;
 use splat_core::{Drawn, Footprint, Gaussians, Projection, Raster, Record, Rules, SplatError, View};
 use std::time::Instant;
 
+/// Pixels that one task takes.
+const PIXELS: usize = 1 << 13;
 /// Features that training composites: colour.
 const COLOUR: usize = 3;
 
@@ -76,9 +79,11 @@ impl Pass {
         raster.planes(planes)?;
         let (colour, trans) = planes.split_at_mut(COLOUR * pixels);
         for (plane, back) in colour.chunks_exact_mut(pixels).zip(background) {
-            for (c, t) in plane.iter_mut().zip(&*trans) {
-                *c += t * back;
-            }
+            plane.par_chunks_mut(PIXELS).zip(trans.par_chunks(PIXELS)).for_each(|(plane, trans)| {
+                for (c, t) in plane.iter_mut().zip(trans) {
+                    *c += t * back;
+                }
+            });
         }
         clock.lap(2);
         bars.resize((COLOUR + 1) * pixels, 0.0);
@@ -93,12 +98,10 @@ impl Pass {
             weights: (!photo.weight.is_empty()).then_some(&photo.weight),
         };
         let value = loss.l1_dssim_backward(&pair, dssim, 1.0, colour_bar)?;
-        trans_bar.fill(0.0);
-        for (bar, back) in colour_bar.chunks_exact(pixels).zip(background) {
-            for (t, bar) in trans_bar.iter_mut().zip(bar) {
-                *t += bar * back;
-            }
-        }
+        let [r, g, b] = [0, 1, 2].map(|c| &colour_bar[c * pixels..][..pixels]);
+        trans_bar.par_iter_mut().with_min_len(PIXELS).enumerate().for_each(|(i, bar)| {
+            *bar = r[i] * background[0] + g[i] * background[1] + b[i] * background[2];
+        });
         clock.lap(3);
         raster.backward(simd, (&projection.footprints, &projection.rgb), rules, bars, records)?;
         clock.lap(4);
