@@ -172,3 +172,46 @@ fn splats_learn_the_fox_through_its_lens() {
     println!("fox: {before:.2} dB before, {after:.2} dB after 300 steps; {} photos", train.len());
     assert!(after > before + 2.5 && after > 14.0, "{before} to {after} dB");
 }
+
+#[test]
+fn photos_that_masks_leave_nothing_of_are_counted_and_teach_nothing() {
+    let (mut scene, ..) = table_data(20);
+    let masked: Vec<usize> = scene.split(Split::Train).step_by(2).collect();
+    for &frame in &masked {
+        let ImageSource::Memory(image) = &scene.frames[frame].image else { panic!("drawn in memory") };
+        let mask = Some(vec![0; (image.width * image.height) as usize]);
+        scene.frames[frame].image = ImageSource::Memory(Arc::new(Image { mask, ..Image::clone(image) }));
+    }
+    let (train, _) = views(&scene, 1);
+    let (mut splat, _) = system("splat", &scene, &train, &["start_count=200", "densify_from=1000000"]);
+    let mut still = 0;
+    for step in 0..train.len() as u64 {
+        let before = numbers_of(splat.as_ref());
+        splat.step(&train, step).expect("a step of training");
+        still += u64::from(before == numbers_of(splat.as_ref()));
+    }
+    let rows = splat.skips();
+    let row = rows.iter().find(|r| r.what.contains("leave nothing")).expect("a row of its own");
+    assert_eq!((row.skipped, row.total), (masked.len() as u64, train.len() as u64));
+    assert_eq!(still, masked.len() as u64, "the cloud stays as it is");
+}
+
+/// The numbers of the cloud alone.
+fn numbers_of(splat: &dyn systems::system::System) -> Vec<u32> {
+    let cloud = splat.splats().expect("a cloud").gaussians;
+    cloud.fields().iter().flat_map(|(_, x)| x.iter().map(|x| x.to_bits())).collect()
+}
+
+#[test]
+fn photos_at_several_scales_are_photos_of_their_own() {
+    let (scene, ..) = table_data(20);
+    let (train, test) = views(&scene, 2);
+    for set in [&["start_count=300"][..], &["start_count=300", "coarse=1", "coarse_steps=20"]] {
+        let (mut splat, _) = system("splat", &scene, &train, set);
+        let before = psnr(splat.as_ref(), &test);
+        for step in 0..80 {
+            splat.step(&train, step).expect("a step of training");
+        }
+        assert!(psnr(splat.as_ref(), &test) > before + 2.0);
+    }
+}

@@ -24,7 +24,7 @@ fn what_cannot_be_looked_at_is_refused_in_one_line() {
     let file = folder.path().join("notes.txt");
     fs::write(&file, "no run").unwrap();
     for (what, part) in
-        [(Path::new("/nowhere"), "is not there"), (folder.path(), "no run folder"), (&file, "is a file")]
+        [(Path::new("/nowhere"), "is not there"), (folder.path(), "no run folder"), (&file, "neither PLY nor SPZ")]
     {
         let answer = nerf(&["view", text(what)]);
         assert_eq!(answer.code, 1, "{}", answer.out);

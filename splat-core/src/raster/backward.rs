@@ -8,10 +8,9 @@
 //!
 //! so that nothing is divided out of the light that is left, and the walk ends where the forward one did.
 
-use float_core::{Task, Vector, vecmath};
+use float_core::{Task, Vector};
 
-use super::forward::CENTRES;
-use super::lanes::{all_positive, none_positive};
+use super::light::{Light, Over};
 use super::{PIXELS, Record, Tile};
 use crate::tiles::TILE;
 
@@ -31,11 +30,8 @@ impl<const K: usize> Task for Backward<'_, K> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { tile, out, value_bar, looked, records } = self;
-        let rules = tile.rules;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let (alpha_max, stop, enough) = (V::splat(rules.alpha_max), V::splat(rules.stop), V::splat(rules.enough));
-        let mut trans = [1.0_f32; PIXELS];
-        let mut limit = [f32::INFINITY; PIXELS];
+        let mut light = Light::<V>::new(&tile);
         let mut rest = [0.0_f32; PIXELS];
         for k in 0..=K {
             for (rest, (bar, out)) in rest.iter_mut().zip(value_bar[k * PIXELS..].iter().zip(&out[k * PIXELS..])) {
@@ -43,80 +39,47 @@ impl<const K: usize> Task for Backward<'_, K> {
             }
         }
         records.fill(Record::default());
-        let mut live = (1_u32 << tile.rows) - 1;
         for (&entry, record) in tile.entries[..looked as usize].iter().zip(records) {
-            let f = &tile.footprints[entry as usize];
-            let mut feature = [zero; K];
-            for (lanes, &x) in feature.iter_mut().zip(&tile.features[entry as usize]) {
-                *lanes = V::splat(x);
-            }
-            let (u, v) = (f.uv[0] - tile.corner[0], f.uv[1] - tile.corner[1]);
-            let [a, b, c] = f.conic;
-            let (first, last) = tile.rows_of(v, f.half[1]);
+            let over = Over::<V, K>::new(&tile, entry);
             // Sums of h = q_bar times 1, dx, dy and their products.
             let mut sums = [zero; 6];
             let mut features_bar = [zero; K];
-            for y in first..last {
-                if live >> y & 1 == 0 {
+            for y in over.rows.clone() {
+                if !light.is_live(y) {
                     continue;
                 }
-                let dy = v - CENTRES[y];
-                let (linear, constant) = (V::splat(2.0 * b * dy), V::splat(c * dy * dy));
-                let mut finished = false;
                 let mut row = [zero; 3];
                 for x in (0..TILE).step_by(V::LANES) {
+                    let Some(taken) = light.take(&over, y, x) else { continue };
                     let at = y * TILE + x;
-                    let dx = V::splat(u) - V::load(&CENTRES[x..]);
-                    let q = dx.mul_add(V::splat(a).mul_add(dx, linear), constant).max(zero);
-                    let inside = V::splat(f.q_max).min(V::load(&limit[at..])) - q;
-                    if none_positive(inside) {
-                        continue;
-                    }
-                    let full = V::splat(f.opacity) * vecmath::exp(V::splat(-0.5) * q);
-                    let alpha = inside.select_positive(full.min(alpha_max), zero);
-                    let t = V::load(&trans[at..]);
-                    let w = alpha * t;
-                    let next = t - w;
-                    let keep = next - stop;
-                    let w = keep.select_positive(w, zero);
                     let mut worth = zero;
                     for k in 0..K {
                         let bar = V::load(&value_bar[k * PIXELS + at..]);
-                        worth = bar.mul_add(feature[k], worth);
-                        features_bar[k] = w.mul_add(bar, features_bar[k]);
+                        worth = bar.mul_add(over.feature[k], worth);
+                        features_bar[k] = taken.w.mul_add(bar, features_bar[k]);
                     }
-                    let behind = V::load(&rest[at..]) - w * worth;
+                    let behind = V::load(&rest[at..]) - taken.w * worth;
                     behind.store(&mut rest[at..]);
-                    keep.select_positive(next, t).store(&mut trans[at..]);
-                    let open = keep.min(next - enough);
-                    if !all_positive(open) {
-                        open.select_positive(V::load(&limit[at..]), V::splat(-1.0)).store(&mut limit[at..]);
-                        finished = true;
-                    }
-                    let alpha_bar = t * worth - behind / (one - alpha);
-                    // q_bar; none where the pixel did not take it, nor where alpha was capped.
-                    let h = V::splat(-0.5) * full * alpha_bar;
-                    let h = inside.select_positive(keep.select_positive(h, zero), zero);
-                    let h = (alpha_max - full).select_positive(h, zero);
-                    let hx = h * dx;
-                    row = [row[0] + h, row[1] + hx, hx.mul_add(dx, row[2])];
+                    let alpha_bar = taken.t * worth - behind / (one - taken.alpha);
+                    let h = light.passes(&taken, V::splat(-0.5) * taken.full * alpha_bar);
+                    let hx = h * taken.dx;
+                    row = [row[0] + h, row[1] + hx, hx.mul_add(taken.dx, row[2])];
                 }
-                let dy = V::splat(dy);
+                light.end_row(y);
+                let dy = V::splat(over.dy(y));
                 sums[0] = sums[0] + row[0];
                 sums[1] = sums[1] + row[1];
                 sums[2] = dy.mul_add(row[0], sums[2]);
                 sums[3] = sums[3] + row[2];
                 sums[4] = dy.mul_add(row[1], sums[4]);
                 sums[5] = (dy * dy).mul_add(row[0], sums[5]);
-                if finished && limit[y * TILE..][..TILE].iter().all(|&l| l < 0.0) {
-                    live &= !(1 << y);
-                }
             }
             let [h, hx, hy, hxx, hxy, hyy] = sums.map(V::sum);
+            let [a, b, c] = over.conic;
             *record = Record {
                 uv: [2.0 * (a * hx + b * hy), 2.0 * (b * hx + c * hy)],
                 conic: [hxx, 2.0 * hxy, hyy],
-                opacity: if f.opacity > 0.0 { -2.0 * h / f.opacity } else { 0.0 },
+                opacity: if over.opacity > 0.0 { -2.0 * h / over.opacity } else { 0.0 },
                 features: features_bar.map(V::sum),
             };
         }

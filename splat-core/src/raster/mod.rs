@@ -2,7 +2,7 @@
 
 mod backward;
 mod forward;
-mod lanes;
+mod light;
 mod picture;
 
 pub use picture::{Drawn, Raster};
@@ -26,17 +26,6 @@ struct Tile<'a, const K: usize> {
     corner: [f32; 2],
     /// Rows of it that are in the picture.
     rows: usize,
-}
-
-impl<const K: usize> Tile<'_, K> {
-    /// Rows whose centres are within `half` of `v`, both from the tile's corner.
-    #[inline(always)]
-    fn rows_of(&self, v: f32, half: f32) -> (usize, usize) {
-        // Saturating casts; a row too many is found to be outside pixel by pixel.
-        let first = (v - half - 0.5).max(0.0) as usize;
-        let last = (v + half + 0.5).max(0.0) as usize;
-        (first.min(self.rows), last.min(self.rows))
-    }
 }
 
 /// Sums over the pixels of a tile: gradient with respect to the numbers of one ellipse.

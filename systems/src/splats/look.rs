@@ -58,6 +58,8 @@ pub(crate) struct LeftOut {
     pub(crate) hidden: [u64; 2],
     /// Tiles with nothing over them, of all.
     pub(crate) empty: [u64; 2],
+    /// Photos that masks leave nothing of, of all that were shown.
+    pub(crate) blank: [u64; 2],
 }
 
 impl LeftOut {
@@ -67,13 +69,17 @@ impl LeftOut {
             culled: [(cloud - seen) as u64, cloud as u64],
             hidden: [drawn.hidden, drawn.pairs],
             empty: [drawn.empty_tiles, drawn.tiles],
+            blank: [0; 2],
         });
     }
 
     pub(crate) fn add(&mut self, more: &Self) {
-        for (sum, more) in
-            [(&mut self.culled, more.culled), (&mut self.hidden, more.hidden), (&mut self.empty, more.empty)]
-        {
+        for (sum, more) in [
+            (&mut self.culled, more.culled),
+            (&mut self.hidden, more.hidden),
+            (&mut self.empty, more.empty),
+            (&mut self.blank, more.blank),
+        ] {
             *sum = [sum[0] + more[0], sum[1] + more[1]];
         }
     }
@@ -92,6 +98,7 @@ impl LeftOut {
                 "0 in training (part of the model), the budget in pictures".into(),
             ),
             row("tiles with nothing over them", self.empty, "tiles", "0".into()),
+            row("photos that masks leave nothing of", self.blank, "photos", "0".into()),
         ]
     }
 }

@@ -23,6 +23,13 @@ pub(super) struct Photo {
     pub(super) weight: Vec<f32>,
 }
 
+impl Photo {
+    /// Whether no pixel counts.
+    pub(super) fn is_blank(&self) -> bool {
+        !self.weight.is_empty() && self.weight.iter().all(|w| *w == 0.0)
+    }
+}
+
 /// A camera of the scene's frame as the rasteriser takes it.
 pub(super) fn view(camera: &Camera, frame: &Frame) -> View {
     let r = camera.pose.r.transpose().to_cols_array_2d();
@@ -72,14 +79,16 @@ fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
 
 /// Photos of one size, drawn onto the plane where their lenses bend light.
 pub(super) struct Photos {
-    data: Dataset,
+    /// Those that are smaller than the dataset's own.
+    smaller: Option<Dataset>,
     flat: Vec<Option<(Arc<Flat>, Arc<Image>)>>,
 }
 
 impl Photos {
-    /// Those of `data` at a level, all decoded where they fit.
-    pub(super) fn new(data: &Dataset, level: u32) -> Result<Self, SceneError> {
-        let data = data.at_level(level);
+    /// Those of `data`, halved so often, all decoded where they fit.
+    pub(super) fn new(data: &Dataset, halvings: u32) -> Result<Self, SceneError> {
+        let smaller = (halvings > 0).then(|| data.at_level(halvings));
+        let data = smaller.as_ref().unwrap_or(data);
         data.decode()?;
         let mut known: Vec<Arc<Flat>> = Vec::new();
         let mut flat = Vec::with_capacity(data.len());
@@ -97,15 +106,20 @@ impl Photos {
                 }
             });
         }
-        Ok(Self { data, flat })
+        Ok(Self { smaller, flat })
     }
 
-    /// A photo and its camera without lens.
-    pub(super) fn get(&self, i: usize) -> Result<(Arc<Image>, Camera), SceneError> {
-        let camera = &self.data.view(i).camera;
+    pub(super) fn len(&self) -> usize {
+        self.flat.len()
+    }
+
+    /// A photo and its camera without lens; `data` are those that [`new`](Self::new) was given.
+    pub(super) fn get(&self, data: &Dataset, i: usize) -> Result<(Arc<Image>, Camera), SceneError> {
+        let data = self.smaller.as_ref().unwrap_or(data);
+        let camera = &data.view(i).camera;
         match &self.flat[i] {
             Some((flat, image)) => Ok((image.clone(), flat.camera(camera))),
-            None => Ok((self.data.image(i)?, *camera)),
+            None => Ok((data.image(i)?, *camera)),
         }
     }
 }

@@ -26,7 +26,7 @@ use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
 use splat_core::density::by_place;
-use splat_core::{Gaussians, Rules};
+use splat_core::{Gaussians, Rules, View};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -122,12 +122,71 @@ impl Splat {
         order[(step % n) as usize] as usize
     }
 
-    /// Photos at the size of a step.
-    fn photos(&mut self, data: &Dataset, level: u32) -> Result<&Photos, SystemError> {
+    /// The photo of a step: its camera, and what is behind it.
+    fn show(&mut self, data: &Dataset, step: u64) -> Result<(Camera, [f32; 3]), SystemError> {
+        let clock = Instant::now();
+        let level = self.config.level(step);
         if self.photos.as_ref().is_none_or(|(at, _)| *at != level) {
-            self.photos = Some((level, Photos::new(data, level)?));
+            self.photos = None;
         }
-        Ok(&self.photos.as_ref().expect("photos were just read").1)
+        let photos = match self.photos.take() {
+            Some((_, photos)) => photos,
+            None => Photos::new(data, level)?,
+        };
+        let shown = photos.get(data, self.turn(step, photos.len()));
+        self.photos = Some((level, photos));
+        let (image, camera) = shown?;
+        let rng = Rng::new(self.seed, BACKGROUNDS).substream(step);
+        let background = self.background.of_ray(&rng, 0);
+        self.photo.fill(&image, background);
+        self.seconds[0] += clock.elapsed().as_secs_f64();
+        Ok((camera, background))
+    }
+
+    /// Learn from the photo that is shown.
+    fn learn(&mut self, step: u64, view: &View, background: [f32; 3]) -> Result<StepStats, SystemError> {
+        let (rates, degree, rules) = (self.config.rates(step), self.config.degree(step), self.config.rules());
+        let lens = Lens { simd: self.simd, view, rules: &rules, degree, background, dssim: self.config.dssim };
+        let mut seconds = [0.0; PARTS.len()];
+        let outcome = self.pass.run(&self.cloud, lens, &self.photo, &mut self.grad, &mut seconds).map_err(refused)?;
+        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
+            *sum += more;
+        }
+        let clock = Instant::now();
+        let (footprints, records) = self.pass.seen();
+        let mut left_out = LeftOut::default();
+        left_out.count(self.cloud.len(), footprints.len(), &outcome.drawn);
+        self.note(&left_out);
+        self.density.see(step, view.size, footprints, records).map_err(refused)?;
+        let cost = self.density.price(&self.cloud, &mut self.grad).map_err(refused)?;
+        let bad = self.optimiser.step(self.simd, &rates, degree, &mut self.cloud, &mut self.grad);
+        self.guard.record(bad)?;
+        self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();
+        Ok(StepStats {
+            loss: outcome.loss + cost,
+            mse: outcome.mse,
+            samples: outcome.drawn.pairs,
+            nonfinite: bad as u64,
+            ..StepStats::default()
+        })
+    }
+
+    /// Gaussians come and go, and what belongs to them with them.
+    fn change(&mut self, step: u64, bad: usize) -> Result<(), SystemError> {
+        let clock = Instant::now();
+        let (max, lr) = (self.config.max_splats, self.config.rates(step).mean);
+        let changed = self.density.change((self.seed, step), (max, lr), &mut self.cloud, bad).map_err(refused)?;
+        if let Some(rows) = &changed.rows {
+            self.optimiser.follow(rows, self.cloud.degree()).map_err(refused)?;
+        }
+        if changed.faded {
+            self.optimiser.forget_opacity();
+        }
+        if self.grad.len() != self.cloud.len() {
+            self.grad = self.cloud.clone();
+        }
+        self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
+        Ok(())
     }
 
     fn look(&self) -> Look<'_> {
@@ -167,59 +226,14 @@ impl System for Splat {
         if data.is_empty() {
             return Ok(StepStats::default());
         }
-        let clock = Instant::now();
-        let turn = self.turn(step, data.len());
-        let level = self.config.level(step);
-        let (image, camera) = self.photos(data, level)?.get(turn)?;
-        let rng = Rng::new(self.seed, BACKGROUNDS).substream(step);
-        let background = self.background.of_ray(&rng, 0);
-        self.photo.fill(&image, background);
-        self.seconds[0] += clock.elapsed().as_secs_f64();
-
-        let rates = self.config.rates(step);
-        let degree = self.config.degree(step);
-        let (view, rules) = (view(&camera, &self.frame), self.config.rules());
-        let lens = Lens { simd: self.simd, view: &view, rules: &rules, degree, background, dssim: self.config.dssim };
-        let mut seconds = [0.0; PARTS.len()];
-        let outcome = self.pass.run(&self.cloud, lens, &self.photo, &mut self.grad, &mut seconds).map_err(refused)?;
-        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
-            *sum += more;
-        }
-        let mut left_out = LeftOut::default();
-        left_out.count(self.cloud.len(), self.pass.seen().0.len(), &outcome.drawn);
-        self.note(&left_out);
-
-        let clock = Instant::now();
-        let (footprints, records) = self.pass.seen();
-        self.density.see(step, view.size, footprints, records).map_err(refused)?;
-        let cost = self.density.price(&self.cloud, &mut self.grad).map_err(refused)?;
-        let bad = self.optimiser.step(self.simd, &rates, degree, &mut self.cloud, &mut self.grad);
-        self.guard.record(bad)?;
-        self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();
-        let clock = Instant::now();
-        let changed = self
-            .density
-            .change((self.seed, step), (self.config.max_splats, rates.mean), &mut self.cloud, bad)
-            .map_err(refused)?;
-        if let Some(rows) = &changed.rows {
-            self.optimiser.follow(rows, self.cloud.degree()).map_err(refused)?;
-        }
-        if changed.faded {
-            self.optimiser.forget_opacity();
-        }
-        if self.grad.len() != self.cloud.len() {
-            self.grad = self.cloud.clone();
-        }
+        let (camera, background) = self.show(data, step)?;
+        let view = view(&camera, &self.frame);
+        let blank = self.photo.is_blank();
+        self.note(&LeftOut { blank: [u64::from(blank), 1], ..LeftOut::default() });
+        let stats = if blank { StepStats::default() } else { self.learn(step, &view, background)? };
+        self.change(step, stats.nonfinite as usize)?;
         self.steps = step + 1;
-        self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
-        Ok(StepStats {
-            loss: outcome.loss + cost,
-            mse: outcome.mse,
-            rays: (view.size[0] * view.size[1]) as u64,
-            samples: outcome.drawn.pairs,
-            transient: 0.0,
-            nonfinite: bad as u64,
-        })
+        Ok(StepStats { rays: (view.size[0] * view.size[1]) as u64, ..stats })
     }
 
     fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
