@@ -80,16 +80,7 @@ pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<us
             along(spiral.poses(n))
         }
         PathKind::Hold(name) => vec![held(name, scene, data)?; n],
-        PathKind::File(path) => {
-            let keys = read(path, &optics)?;
-            match (frames, keys.first()) {
-                (Some(n), Some(first)) if n != keys.len() => {
-                    let poses: Vec<Pose> = keys.iter().map(|c| c.pose).collect();
-                    through(&poses, n, Ends::Open).into_iter().map(|pose| Camera { pose, ..*first }).collect()
-                }
-                _ => keys,
-            }
-        }
+        PathKind::File(path) => from_file(path, &optics, frames)?,
     };
     if found.is_empty() && n > 0 {
         return Err(none("path with a direction to look into", "FILE.json"));
@@ -130,6 +121,18 @@ fn depths(scene: &Scene, poses: &[Pose]) -> Option<[f64; 2]> {
     let focus = focus_point(poses)?;
     let distance = poses.iter().map(|p| p.c.distance(focus)).sum::<f64>() / poses.len() as f64;
     Some([distance * 0.5, distance * 2.0])
+}
+
+/// Cameras of a path file; joined by a smooth curve where another number is asked for.
+pub(crate) fn from_file(path: &Path, optics: &Camera, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
+    let keys = read(path, optics)?;
+    Ok(match (frames, keys.first()) {
+        (Some(n), Some(first)) if n != keys.len() => {
+            let poses: Vec<Pose> = keys.iter().map(|c| c.pose).collect();
+            through(&poses, n, Ends::Open).into_iter().map(|pose| Camera { pose, ..*first }).collect()
+        }
+        _ => keys,
+    })
 }
 
 /// Cameras of a path file.

@@ -42,8 +42,20 @@ impl Ground {
 
     /// The same where depth is known otherwise than by parallax.
     pub(crate) fn with_depth(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        let mut ground = Self::without_space(scene, data, run)?;
+        ground.lines.insert(0, format!("space: {} ({})", ground.layout.kind.name(), ground.layout.why));
+        Ok(ground)
+    }
+
+    /// [`of`](Self::of) for systems that fill no space.
+    pub(crate) fn of_clouds(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        check_parallax(data, run)?;
+        Self::without_space(scene, data, run)
+    }
+
+    fn without_space(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
         let layout = layout(scene, data);
-        let mut lines = vec![format!("space: {} ({})", layout.kind.name(), layout.why)];
+        let mut lines = Vec::new();
         let transparent = has_alpha(data)?;
         let background = run.background.unwrap_or(Background::Random);
         lines.push(match (run.background, transparent) {

@@ -34,22 +34,11 @@ pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, rules: &R
 
 /// What the rasteriser was given, in f64: no difference is left but that of compositing.
 pub(crate) fn of_footprints(p: &Projection) -> Vec<Ellipse> {
-    let ellipse = |f: &Footprint, rgb: &[f32; 3]| {
-        let conic = f.conic.map(f64::from);
-        let det = conic[0] * conic[2] - conic[1] * conic[1];
-        Ellipse {
-            index: f.index as usize,
-            uv: f.uv.map(f64::from),
-            cov: [conic[2] / det, -conic[1] / det, conic[0] / det],
-            conic,
-            opacity: f64::from(f.opacity),
-            q_max: f64::from(f.q_max),
-            z: f64::from(f.z),
-            rgb: rgb.map(f64::from),
-        }
+    let ellipse = |(f, rgb): (&Footprint, &[f32; 3])| {
+        Ellipse::rounded(f.index as usize, f.uv, f.conic, [f.opacity, f.q_max, f.z], *rgb)
     };
-    let mut out: Vec<Ellipse> = p.footprints.iter().zip(&p.rgb).map(|(f, rgb)| ellipse(f, rgb)).collect();
-    out.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.index.cmp(&b.index)));
+    let mut out: Vec<Ellipse> = p.footprints.iter().zip(&p.rgb).map(ellipse).collect();
+    splats::front_to_back(&mut out);
     out
 }
 

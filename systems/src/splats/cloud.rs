@@ -2,7 +2,7 @@
 
 use super::frame::Frame;
 use super::look::{Kept, Look};
-use crate::camera_path::{PathKind, read};
+use crate::camera_path::{PathKind, from_file};
 use crate::error::RunError;
 use crate::picture::limited;
 use crate::render::{Rendered, plain_query};
@@ -10,7 +10,6 @@ use crate::system::Query;
 use float_core::Simd;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
-use render_core::path::{Ends, through};
 use scene_io::read_splats;
 use splat_core::density::{by_place, opacity};
 use splat_core::{Gaussians, Rules};
@@ -172,16 +171,7 @@ impl Cloud {
         let n = frames.unwrap_or(FRAMES);
         match kind {
             PathKind::Orbit => Ok((0..n).map(|i| self.camera(i as f64 / n as f64)).collect()),
-            PathKind::File(path) => {
-                let keys = read(path, &self.camera(0.0))?;
-                Ok(match (frames, keys.first()) {
-                    (Some(n), Some(first)) if n != keys.len() => {
-                        let poses: Vec<Pose> = keys.iter().map(|c| c.pose).collect();
-                        through(&poses, n, Ends::Open).into_iter().map(|pose| Camera { pose, ..*first }).collect()
-                    }
-                    _ => keys,
-                })
-            }
+            PathKind::File(path) => from_file(path, &self.camera(0.0), frames),
             PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(
                 "a file of Gaussians has no photos: use `--path orbit` or a file of cameras (`--path FILE.json`)"
                     .into(),

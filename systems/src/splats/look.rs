@@ -6,6 +6,7 @@ use super::photo::view;
 use crate::system::{Canonical, Layers, Normals, Query, SkipRow};
 use float_core::Simd;
 use glam::DVec2;
+use rayon::prelude::*;
 use render_core::camera::Camera;
 use splat_core::{Drawn, Gaussians, Projection, Raster, Rules, SplatError, View};
 use std::sync::Mutex;
@@ -146,17 +147,23 @@ impl Look<'_> {
         let (colour, rest) = planes.split_at(3 * pixels);
         let (depth, trans) = rest.split_at(pixels);
         let scale = self.frame.scale as f32;
-        for i in 0..pixels {
-            let t = trans[i];
-            layers.rgb[i] = [0, 1, 2].map(|c| colour[c * pixels + i] + t * query.background[c]);
-            layers.opacity[i] = 1.0 - t;
-            if t < 1.0 {
-                let (x, y) = ((i % view.size[0]) as f32 + 0.5, (i / view.size[0]) as f32 + 0.5);
-                let slope = [(x - view.c[0]) / view.f[0], (y - view.c[1]) / view.f[1]];
-                let along = (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
-                layers.depth[i] = depth[i] / (1.0 - t) * scale * along;
-            }
-        }
+        let width = view.size[0];
+        (layers.rgb.par_chunks_mut(width), layers.opacity.par_chunks_mut(width), layers.depth.par_chunks_mut(width))
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(y, (rgb, opacity, distance))| {
+                let down = (y as f32 + 0.5 - view.c[1]) / view.f[1];
+                for x in 0..width {
+                    let i = y * width + x;
+                    let t = trans[i];
+                    rgb[x] = [0, 1, 2].map(|c| colour[c * pixels + i] + t * query.background[c]);
+                    opacity[x] = 1.0 - t;
+                    if t < 1.0 {
+                        let aside = (x as f32 + 0.5 - view.c[0]) / view.f[0];
+                        distance[x] = depth[i] / (1.0 - t) * scale * (1.0 + aside * aside + down * down).sqrt();
+                    }
+                }
+            });
         layers.median_depth.copy_from_slice(&layers.depth);
         if query.layers.normals == Normals::Compute {
             self.normals(&view, projection, &mut layers)?;

@@ -15,19 +15,10 @@ const ROWS: usize = 16;
 /// The photo of a step.
 #[derive(Debug, Default)]
 pub(super) struct Photo {
-    /// Columns and rows.
-    pub(super) size: [usize; 2],
     /// `[3][rows][columns]`, on the step's background.
     pub(super) truth: Vec<f32>,
     /// `[rows][columns]`, 1 where a pixel counts and 0 where not; empty: all do.
     pub(super) weight: Vec<f32>,
-}
-
-impl Photo {
-    /// Whether no pixel counts.
-    pub(super) fn is_blank(&self) -> bool {
-        !self.weight.is_empty() && self.weight.iter().all(|w| *w == 0.0)
-    }
 }
 
 /// A camera of the scene's frame as the rasteriser takes it.
@@ -43,7 +34,6 @@ impl Photo {
     pub(super) fn fill(&mut self, image: &Image, background: [f32; 3]) {
         let (w, h) = (image.width as usize, image.height as usize);
         let channels = usize::from(image.channels);
-        self.size = [w, h];
         self.truth.resize(3 * w * h, 0.0);
         let (r, rest) = self.truth.split_at_mut(w * h);
         let (g, b) = rest.split_at_mut(w * h);
@@ -60,6 +50,11 @@ impl Photo {
         if let Some(mask) = &image.mask {
             self.weight.extend(mask.iter().map(|&m| if m >= 128 { 1.0 } else { 0.0 }));
         }
+    }
+
+    /// Whether no pixel counts.
+    pub(super) fn is_blank(&self) -> bool {
+        !self.weight.is_empty() && self.weight.iter().all(|w| *w == 0.0)
     }
 }
 

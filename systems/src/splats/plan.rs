@@ -19,9 +19,7 @@ const HORIZON: u64 = 10_000;
 
 /// A cloud at its start, and why it is as it is.
 pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let Ground { layout, lines, background, error_budget, .. } = Ground::of(scene, data, run)?;
-    // The layout's own line is about fields that fill space.
-    let mut lines: Vec<String> = lines.into_iter().filter(|line| !line.starts_with("space:")).collect();
+    let Ground { layout, mut lines, background, error_budget, .. } = Ground::of_clouds(scene, data, run)?;
     let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
     let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
     let (frame, note) = Frame::around(&cameras, &points);

@@ -33,9 +33,6 @@ use std::time::Instant;
 /// Streams of random numbers.
 const EPOCHS: u64 = 0x6570_6f63;
 const BACKGROUNDS: u64 = 0x6261_636b;
-/// Share of steps that may have gradients that are not finite, and how many steps are waited for before it is asked.
-const BAD_SHARE: f64 = 0.01;
-const BAD_AFTER: u64 = 100;
 /// Side of the picture that a single ray is drawn as, where nothing is known of its pixel.
 const RAY_RADIUS: f32 = 5e-4;
 
@@ -99,7 +96,7 @@ impl Splat {
             frame,
             simd: Simd::best(),
             cloud,
-            guard: NonFiniteGuard::new(BAD_SHARE, BAD_AFTER),
+            guard: NonFiniteGuard::default(),
             photos: None,
             pictures,
             photo: Photo::default(),
@@ -237,9 +234,16 @@ impl System for Splat {
     }
 
     fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
-        let (layers, left_out) = self.look().layers(camera, query, &self.kept).ok()?;
-        self.note(&left_out);
-        Some(layers)
+        // A camera that cannot see shows nothing; ray by ray it would show no more.
+        let nothing = || Layers::nothing(camera.width as usize * camera.height as usize, query);
+        let drawn = self.look().layers(camera, query, &self.kept);
+        Some(drawn.map_or_else(
+            |_| nothing(),
+            |(layers, left_out)| {
+                self.note(&left_out);
+                layers
+            },
+        ))
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
@@ -280,12 +284,12 @@ impl System for Splat {
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
-        super::state::push(&self.cloud, &self.optimiser, &self.density, self.steps)
+        super::state::push(&self.cloud, &self.optimiser, &self.density, (self.steps, &self.guard))
     }
 
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let restored = super::state::take(state, &self.config)?;
-        (self.cloud, self.optimiser, self.density, self.steps) = restored;
+        (self.cloud, self.optimiser, self.density, (self.steps, self.guard)) = restored;
         self.grad = self.cloud.clone();
         Ok(())
     }

@@ -4,6 +4,7 @@ use super::config::SplatConfig;
 use super::density::Density;
 use super::optimiser::Optimiser;
 use crate::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use optim::NonFiniteGuard;
 use splat_core::Gaussians;
 
 /// Everything the next step depends on.
@@ -11,9 +12,10 @@ pub(super) fn push<'a>(
     cloud: &'a Gaussians,
     optimiser: &'a Optimiser,
     density: &'a Density,
-    steps: u64,
+    (steps, guard): (u64, &NonFiniteGuard),
 ) -> Vec<Tensor<'a>> {
-    let mut out = vec![u64_tensor("splats.steps", vec![steps])];
+    let counters = vec![steps, guard.steps(), guard.bad_steps(), guard.entries()];
+    let mut out = vec![u64_tensor("splats.steps", counters)];
     for (field, numbers) in cloud.fields() {
         out.push(f32_tensor(name(field.name()), numbers));
     }
@@ -26,7 +28,7 @@ pub(super) fn push<'a>(
 pub(super) fn take(
     state: &TensorMap,
     config: &SplatConfig,
-) -> Result<(Gaussians, Optimiser, Density, u64), SystemError> {
+) -> Result<(Gaussians, Optimiser, Density, (u64, NonFiniteGuard)), SystemError> {
     let logits = name("logit");
     let n = match state.get(&logits).map(|t| &t.data) {
         Some(TensorData::F32(logit)) => logit.len(),
@@ -39,8 +41,9 @@ pub(super) fn take(
     }
     let optimiser = Optimiser::take(state, &cloud)?;
     let density = Density::take(state, config, n)?;
-    let steps = take_u64(state, "splats.steps", 1)?[0];
-    Ok((cloud, optimiser, density, steps))
+    let counters = take_u64(state, "splats.steps", 4)?;
+    let guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
+    Ok((cloud, optimiser, density, (counters[0], guard)))
 }
 
 fn name(field: &str) -> String {

@@ -12,7 +12,7 @@ use losses::metrics::{Image, SsimVariant, ssim};
 use rayon::prelude::*;
 use splat_core::{Field, Footprint, Gaussians, Rules, Widening};
 use testkit::reference::splats::{
-    Camera, Ellipse, EllipseBar, Pixel, Rules as Wide, parameters_bar, pixel, pixel_backward, project,
+    Camera, Ellipse, EllipseBar, Pixel, Rules as Wide, front_to_back, parameters_bar, pixel, pixel_backward, project,
 };
 
 /// Pixels compared, about: every n-th along both axes of larger pictures.
@@ -334,23 +334,12 @@ fn wide(rules: &Rules) -> Wide {
 /// The ellipses as the rasteriser had them, front to back.
 fn rounded(stage: &Stage) -> Vec<Ellipse> {
     let mut out: Vec<Ellipse> = stage.projection.footprints.iter().zip(&stage.projection.rgb).map(ellipse).collect();
-    out.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.index.cmp(&b.index)));
+    front_to_back(&mut out);
     out
 }
 
 fn ellipse((f, rgb): (&Footprint, &[f32; 3])) -> Ellipse {
-    let conic = f.conic.map(f64::from);
-    let det = conic[0] * conic[2] - conic[1] * conic[1];
-    Ellipse {
-        index: f.index as usize,
-        uv: f.uv.map(f64::from),
-        cov: [conic[2] / det, -conic[1] / det, conic[0] / det],
-        conic,
-        opacity: f.opacity.into(),
-        q_max: f.q_max.into(),
-        z: f.z.into(),
-        rgb: rgb.map(f64::from),
-    }
+    Ellipse::rounded(f.index as usize, f.uv, f.conic, [f.opacity, f.q_max, f.z], *rgb)
 }
 
 fn widened(r: &splat_core::Record<COLOUR>) -> EllipseBar {

@@ -70,3 +70,27 @@ pub struct Ellipse {
     /// Colour as this camera sees it.
     pub rgb: [f64; 3],
 }
+
+impl Ellipse {
+    /// What an `f32` rasteriser was given, exactly: no difference is left but that of compositing.
+    #[must_use]
+    pub fn rounded(index: usize, uv: [f32; 2], conic: [f32; 3], [opacity, q_max, z]: [f32; 3], rgb: [f32; 3]) -> Self {
+        let conic = conic.map(f64::from);
+        let det = conic[0] * conic[2] - conic[1] * conic[1];
+        Self {
+            index,
+            uv: uv.map(f64::from),
+            cov: [conic[2] / det, -conic[1] / det, conic[0] / det],
+            conic,
+            opacity: opacity.into(),
+            q_max: q_max.into(),
+            z: z.into(),
+            rgb: rgb.map(f64::from),
+        }
+    }
+}
+
+/// Nearest first, ties by index.
+pub fn front_to_back(ellipses: &mut [Ellipse]) {
+    ellipses.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.index.cmp(&b.index)));
+}

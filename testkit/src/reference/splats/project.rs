@@ -103,7 +103,7 @@ fn covariance(wxyz: [f64; 4], s: [f64; 3]) -> [[f64; 3]; 3] {
 pub fn project(p: &[f64], n: usize, degree: usize, camera: &Camera, rules: &Rules) -> Vec<Ellipse> {
     let own = |i: usize| (0..numbers(degree)).map(|k| p[k * n + i]).collect::<Vec<f64>>();
     let mut out: Vec<Ellipse> = (0..n).filter_map(|i| project_one(&own(i), i, degree, camera, rules)).collect();
-    out.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.index.cmp(&b.index)));
+    super::front_to_back(&mut out);
     out
 }
 
