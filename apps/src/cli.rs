@@ -57,7 +57,7 @@ pub(crate) enum Command {
     Eval(Eval),
     /// Render pictures along a camera path
     Render(Render),
-    /// Look around in a run on a web page, while it trains or afterwards
+    /// Look around in a run or a file of Gaussians on a web page; a run also while it trains
     View(View),
     /// Write points, a mesh, Gaussians or cameras, in the input's frame and scale
     Export(Export),
@@ -322,7 +322,7 @@ pub(crate) enum Layer {
 
 #[derive(Debug, Args)]
 pub(crate) struct View {
-    /// Run folder; one that still trains is followed
+    /// Run folder, also of a training that still goes on, or a file of Gaussians (.ply, .splat, .spz)
     #[arg(value_name = "RUN|FILE")]
     pub(crate) what: PathBuf,
     /// Name or number of the network interface that the page is served at; `0.0.0.0` is all of them, for everybody

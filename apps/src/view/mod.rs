@@ -1,4 +1,4 @@
-//! `view`: a page with live pictures of a run, drawn here on the CPU while the camera moves.
+//! `view`: a page with live pictures of a run or a file, drawn here on the CPU while the camera moves.
 //!
 //! ```text
 //! page  <- JSON, pictures -  session  <- desk ->  picture  ->  Scene3d (a run at a checkpoint)
