@@ -276,6 +276,12 @@ pub trait Method: Send + Sync {
         None
     }
 
+    /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the method gives no number.
+    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        let _ = seen;
+        None
+    }
+
     /// The appearance code of a photo that was not trained on, from its pixels; `None` where codes are fitted instead.
     fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
         let _ = photo;

@@ -357,6 +357,15 @@ pub trait System: Send + Sync {
         Ok(None)
     }
 
+    /// How far the pixels of a training view may be from what the scene says, row by row: standard deviations, colour units.
+    /// `None` for a system that gives no such number.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when the image cannot be read.
+    fn uncertainty(&self, _data: &Dataset, _view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        Ok(None)
+    }
+
     /// Density at points of the scene's frame at a time, 1 / world unit. `out` has one entry a point. A cloud of Gaussians
     /// ([`System::splats`]) has opacity on a picture and no density: 0.
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]);

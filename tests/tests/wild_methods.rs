@@ -129,6 +129,9 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
             if let Some(mask) = system.visibility(&train, 0).unwrap() {
                 assert!(mask.iter().all(|&v| v == 0.0 || v == 1.0), "{what}, {name}");
             }
+            let uncertainty = system.uncertainty(&train, 0).unwrap();
+            assert_eq!(uncertainty.is_some(), name == "nerf-w", "{what}, {name}");
+            assert!(uncertainty.iter().flatten().all(|&x| x > 0.0 && x.is_finite()), "{what}, {name}");
         }
     }
 }

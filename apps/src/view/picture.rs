@@ -68,12 +68,12 @@ impl Painter {
             Layer::Opacity => picture::opacity(view),
             Layer::Normals => picture::normals(view),
             Layer::Canonical => picture::canonical(view, scene.bounds()),
-            Layer::Colour | Layer::Photo | Layer::Mask => picture::colour(view),
+            Layer::Colour | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
         }
     }
 }
 
-/// The message that holds a photo or its mask.
+/// The message that holds a photo or what is made of it.
 ///
 /// # Errors
 /// A sentence for the person.

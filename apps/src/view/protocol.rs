@@ -43,7 +43,7 @@ pub(crate) struct Draw {
     /// What is behind the scene, `0..=1` each; without, as it was trained.
     #[serde(default)]
     pub(crate) background: Option<[f32; 3]>,
-    /// The photo meant by the layers `photo` and `mask`: an index into the scene's photos.
+    /// The photo meant by the layers `photo`, `mask` and `uncertainty`: an index into the scene's photos.
     #[serde(default)]
     pub(crate) photo: Option<usize>,
 }
@@ -90,10 +90,12 @@ pub(crate) enum Layer {
     Photo,
     /// What of a photo shows the place itself, as the system sees it.
     Mask,
+    /// How far a photo may be from the place, as the system sees it.
+    Uncertainty,
 }
 
 impl Layer {
-    pub(crate) const COUNT: usize = 7;
+    pub(crate) const COUNT: usize = 8;
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -104,12 +106,13 @@ impl Layer {
             Self::Canonical => "canonical",
             Self::Photo => "photo",
             Self::Mask => "mask",
+            Self::Uncertainty => "uncertainty",
         }
     }
 
     /// Whether it is of a photo, not of the scene from anywhere.
     pub(crate) fn is_of_photo(self) -> bool {
-        matches!(self, Self::Photo | Self::Mask)
+        matches!(self, Self::Photo | Self::Mask | Self::Uncertainty)
     }
 }
 

@@ -36,16 +36,19 @@ struct Common {
     scene: scene_io::Scene,
     train: Dataset,
     held_out: Dataset,
-    has_masks: bool,
+    /// Layers of photos that the system has an opinion on.
+    judgements: Vec<Layer>,
 }
 
 impl RunScene {
     pub(crate) fn new(app: &'static App, run: Run<'_>) -> Self {
         let Run { folder, config, scene, train, held_out, system, step, .. } = run;
         // Asked once: the answer is the method's, whatever the photo.
-        let has_masks = app.is_wild && !train.is_empty() && matches!(system.visibility(&train, 0), Ok(Some(_)));
+        let judges = |layer: &Layer| matches!(judgement(system.as_ref(), &train, 0, *layer), Ok(Some(_)));
+        let there = app.is_wild && !train.is_empty();
+        let judgements = [Layer::Mask, Layer::Uncertainty].into_iter().filter(|layer| there && judges(layer)).collect();
         let title = title(&folder);
-        Self { common: Arc::new(Common { app, title, config, scene, train, held_out, has_masks }), system, step }
+        Self { common: Arc::new(Common { app, title, config, scene, train, held_out, judgements }), system, step }
     }
 
     /// Whether `checkpoint` is of this run, not of another that has taken its folder.
@@ -77,6 +80,16 @@ impl RunScene {
     }
 }
 
+/// What the system makes of a photo that it was trained on: 0 black to 1 white. `None` where it has no opinion.
+fn judgement(system: &dyn System, data: &Dataset, view: usize, layer: Layer) -> Result<Option<Vec<f32>>, SystemError> {
+    match layer {
+        Layer::Mask => system.visibility(data, view),
+        // From a whole colour unit on, white.
+        Layer::Uncertainty => system.uncertainty(data, view),
+        _ => Ok(None),
+    }
+}
+
 /// The last two folders of a path say which run it is.
 pub(crate) fn title(folder: &Path) -> String {
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
@@ -85,7 +98,7 @@ pub(crate) fn title(folder: &Path) -> String {
 
 impl Scene3d for RunScene {
     fn describe(&self) -> Description {
-        let Common { app, title, config, scene, train, held_out, has_masks } = self.common.as_ref();
+        let Common { app, title, config, scene, train, held_out, judgements } = self.common.as_ref();
         let photos = |data: &Dataset, held_out| -> Vec<Photo> {
             let full = data.views().iter().filter(|v| v.level == 0);
             full.map(|v| Photo::new(&v.name, &v.camera, v.time, held_out)).collect()
@@ -103,7 +116,6 @@ impl Scene3d for RunScene {
             (Layer::Opacity, true),
             (Layer::Canonical, moves),
             (Layer::Photo, true),
-            (Layer::Mask, *has_masks),
         ];
         let poses: Vec<Pose> = train.views().iter().map(|v| v.camera.pose).collect();
         let around = around(&poses, self.system.bounds());
@@ -118,7 +130,12 @@ impl Scene3d for RunScene {
             radius: around.radius,
             moves,
             lights,
-            layers: layers.into_iter().filter(|(_, there)| *there).map(|(layer, _)| layer.name()).collect(),
+            layers: layers
+                .into_iter()
+                .filter_map(|(layer, there)| there.then_some(layer))
+                .chain(judgements.iter().copied())
+                .map(Layer::name)
+                .collect(),
             background: self.background(),
             longest_side: train.longest_side().unwrap_or(800),
         }
@@ -170,14 +187,15 @@ impl Scene3d for RunScene {
             return Ok(over_background(&*data.image(view).map_err(|e| image(&e))?, config.background.colour()));
         }
         if view >= train.len() || photo >= trained.len() {
-            return Err("masks are of photos that were trained on; this one is held out".into());
+            let name = layer.name();
+            return Err(format!("layer `{name}` is of photos that were trained on; this one is held out"));
         }
-        let mask = self.system.visibility(train, view).map_err(|e| image(&e))?;
-        let mask = mask.ok_or_else(|| format!("`{}` finds no masks", self.system.name()))?;
+        let judged = judgement(self.system.as_ref(), train, view, layer).map_err(|e| image(&e))?;
+        let judged = judged.ok_or_else(|| format!("`{}` has no layer `{}`", self.system.name(), layer.name()))?;
         let camera = &train.view(view).camera;
-        let bytes = mask.iter().flat_map(|&x| [losses::metrics::quantise_value(x); 3]).collect();
+        let bytes = judged.iter().flat_map(|&x| [losses::metrics::quantise_value(x); 3]).collect();
         RgbImage::from_raw(camera.width, camera.height, bytes)
-            .ok_or_else(|| format!("the mask of `{}` has another size than the photo", data.view(view).name))
+            .ok_or_else(|| image(&format_args!("its {} has another size", layer.name())))
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {

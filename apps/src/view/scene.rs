@@ -26,8 +26,8 @@ pub(crate) trait Scene3d: Send + Sync {
     /// A light as the scene knows it; lights that it has not are the mean of all.
     fn appearance(&self, light: &Light) -> Appearance;
 
-    /// A photo of [`Description::photos`] as it was taken (`Layer::Photo`), or which pixels of it show the place itself, as
-    /// grey (`Layer::Mask`).
+    /// A photo of [`Description::photos`] as it was taken (`Layer::Photo`), or what the system makes of it, as grey: which
+    /// pixels show the place itself (`Layer::Mask`), how far they may be from it (`Layer::Uncertainty`).
     ///
     /// # Errors
     /// A sentence for the person: no such photo, no such layer, a file that cannot be read.

@@ -139,7 +139,8 @@ fn nonsense_gets_an_answer_and_the_server_lives() {
         (json!({ "wxyz": [0, 0, 0, 0] }), "wxyz"),
         (json!({ "layer": "photo" }), "`photo` is missing"),
         (json!({ "layer": "photo", "photo": 99 }), "`photo` = 99: there are 8"),
-        (json!({ "layer": "mask", "photo": 0 }), "finds no masks"),
+        (json!({ "layer": "mask", "photo": 0 }), "has no layer `mask`"),
+        (json!({ "layer": "uncertainty", "photo": 0 }), "has no layer `uncertainty`"),
         (json!({ "layer": "mask", "photo": 7 }), "held out"),
     ] {
         live.ask(camera, wrong);
@@ -264,5 +265,16 @@ fn photos_of_many_lights_are_blended_and_masks_shown() {
     assert!(scene["layers"].as_array().unwrap().contains(&json!("mask")), "{}", scene["layers"]);
     let id = live.ask(&scene["photos"][1], json!({ "layer": "mask", "photo": 1 }));
     let mask = live.best(id).pixels;
-    assert!(mask.dimensions() == (24, 24) && mask.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]));
+    let is_grey = |picture: &image::RgbImage| picture.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
+    assert!(mask.dimensions() == (24, 24) && is_grey(&mask));
+    assert!(!scene["layers"].as_array().unwrap().contains(&json!("uncertainty")));
+
+    let viewer = Viewer::start("nerf-wild", &run("nerf-w", &[]));
+    let mut live = viewer.connect();
+    let scene = live.hear("scene");
+    assert!(scene["layers"].as_array().unwrap().contains(&json!("uncertainty")), "{}", scene["layers"]);
+    let id = live.ask(&scene["photos"][1], json!({ "layer": "uncertainty", "photo": 1 }));
+    let uncertainty = live.best(id).pixels;
+    assert!(uncertainty.dimensions() == (24, 24) && is_grey(&uncertainty));
+    assert!(uncertainty.pixels().all(|p| p.0[0] > 0), "no pixel is certain");
 }

@@ -95,6 +95,12 @@ pub(crate) trait Surveys {
         let Some(method) = self.method() else { return Ok(None) };
         Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
     }
+
+    /// See [`crate::system::System::uncertainty`].
+    fn uncertainty_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        let Some(method) = self.method() else { return Ok(None) };
+        Ok(method.uncertainty(&self.show(data, view, 1)?.seen(view)))
+    }
 }
 
 #[cfg(test)]

@@ -113,6 +113,11 @@ impl Method for NerfW {
         Some(seen.pixels.iter().map(|pixel| if pixel.transient < 0.5 { 1.0 } else { 0.0 }).collect())
     }
 
+    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        let beta_min = self.strangers.as_ref()?.likelihood.beta_min;
+        Some(seen.pixels.iter().map(|pixel| beta_min + pixel.beta).collect())
+    }
+
     fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
         self.light.as_ref()?.encode(photo)
     }

@@ -105,7 +105,9 @@ function place(picture) {
   context.drawImage(picture, (canvas.width - w) / 2, (canvas.height - h) / 2, w, h);
 }
 
-const isOfPhoto = () => layer === "photo" || layer === "mask";
+// What the system makes of a photo that it was trained on.
+const isJudgement = (name) => name === "mask" || name === "uncertainty";
+const isOfPhoto = () => layer === "photo" || isJudgement(layer);
 const noteOfPhoto = () => (isOfPhoto() && photo !== null ? scene.photos[photo].name : "");
 
 function status(size, ms, quality) {
@@ -181,7 +183,7 @@ function stand(which) {
   eye.stand(to, scene.pivot);
   frame = to.tangents.slice();
   if (scene.moves) setTime(to.time);
-  if (layer === "mask" && to.held_out) layer = "colour";
+  if (isJudgement(layer) && to.held_out) layer = "colour";
   changed();
 }
 
@@ -205,8 +207,8 @@ function changed() {
   $("its-light").disabled = photo === null || (scene && photo >= scene.lights.length);
   for (const button of $("layer").children) {
     button.setAttribute("aria-pressed", button.value === layer);
-    const isMask = button.value === "mask";
-    button.disabled = (isMask || button.value === "photo") && (photo === null || (isMask && scene.photos[photo].held_out));
+    const judges = isJudgement(button.value);
+    button.disabled = (judges || button.value === "photo") && (photo === null || (judges && scene.photos[photo].held_out));
     button.title = button.disabled ? "At the camera of a photo only" : "";
   }
   const degrees = Math.round((360 / Math.PI) * Math.atan(frame[1]));

@@ -338,6 +338,10 @@ impl System for Ngp {
         self.visibility_of(data, view)
     }
 
+    fn uncertainty(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        self.uncertainty_of(data, view)
+    }
+
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
         points::density(self, points, time, out);
     }

@@ -224,6 +224,10 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.visibility_of(data, view)
     }
 
+    fn uncertainty(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        self.uncertainty_of(data, view)
+    }
+
     fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
         let d = vec![[0.0, 0.0, 1.0]; points.len()];
         self.evaluate(points, &d, |i, sigma, _| out[i] = sigma);
