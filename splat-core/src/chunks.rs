@@ -12,3 +12,15 @@ pub(crate) fn for_each<T: Send>(pieces: &mut [T], work: impl Fn(usize, &mut T) +
 pub(crate) fn for_each<T>(pieces: &mut [T], work: impl Fn(usize, &mut T)) {
     pieces.iter_mut().enumerate().for_each(|(k, piece)| work(k, piece));
 }
+
+/// Two independent pieces of work.
+#[cfg(feature = "rayon")]
+pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+    rayon::join(a, b)
+}
+
+/// Two independent pieces of work.
+#[cfg(not(feature = "rayon"))]
+pub(crate) fn both<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
+    (a(), b())
+}

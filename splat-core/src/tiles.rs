@@ -90,8 +90,8 @@ struct Chunk {
 }
 
 impl Lists {
-    /// Lists of some ellipses in the order of their depths. `false`: there are more pairs than an index can count.
-    pub(crate) fn fill(&mut self, footprints: &[Footprint], grid: Grid, order: impl Iterator<Item = u32>) -> bool {
+    /// First half: the tiles of each ellipse.
+    pub(crate) fn find(&mut self, footprints: &[Footprint], grid: Grid) {
         self.chunks.resize_with(footprints.len().div_ceil(CHUNK), Chunk::default);
         for_each(&mut self.chunks, |k, chunk| {
             chunk.tiles.clear();
@@ -101,6 +101,11 @@ impl Lists {
                 touched(f, grid, |tile| chunk.tiles.push(tile));
             }
         });
+    }
+
+    /// Second half, of the same ellipses: the lists, in the order of depths. `false`: there are more pairs than an index can
+    /// count.
+    pub(crate) fn fill(&mut self, grid: Grid, order: impl Iterator<Item = u32>) -> bool {
         if u32::try_from(self.chunks.iter().map(|chunk| chunk.tiles.len()).sum::<usize>()).is_err() {
             return false;
         }

@@ -7,7 +7,7 @@ use float_core::Simd;
 use super::backward::Backward;
 use super::forward::Forward;
 use super::{PIXELS, Record, Tile};
-use crate::chunks::for_each;
+use crate::chunks::{both, for_each};
 use crate::order::Sorter;
 use crate::project::Footprint;
 use crate::tiles::{Grid, Lists, TILE};
@@ -68,8 +68,9 @@ impl<const K: usize> Raster<K> {
         }
         let grid = Grid::new(size);
         self.size = size;
-        let order = self.sorter.sort(footprints.iter().map(|f| f.z));
-        if !self.lists.fill(footprints, grid, order) {
+        let (sorter, lists) = (&mut self.sorter, &mut self.lists);
+        let (order, ()) = both(|| sorter.sort(footprints.iter().map(|f| f.z)), || lists.find(footprints, grid));
+        if !self.lists.fill(grid, order) {
             return Err(SplatError::TooMany { what: "pairs of Gaussians and tiles", got: self.lists.places.len() });
         }
         self.tiles.resize(grid.len() * (K + 1) * PIXELS, 0.0);
