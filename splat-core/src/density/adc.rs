@@ -33,7 +33,7 @@ pub struct Adc {
     pub shrink: f64,
     /// Fainter ones are pruned.
     pub opacity_min: f64,
-    /// Those larger than this share of the extent are pruned.
+    /// Those larger than this share of the extent are pruned; infinite: none.
     pub size_max: f64,
     /// Fading leaves no more than this opacity.
     pub fade_to: f64,
@@ -67,7 +67,7 @@ impl Adc {
             ("split_above", self.split_above, positive(self.split_above), "a positive number"),
             ("shrink", self.shrink, positive(self.shrink), "a positive number"),
             ("opacity_min", self.opacity_min, share(self.opacity_min), "a number between 0 and 1"),
-            ("size_max", self.size_max, positive(self.size_max), "a positive number"),
+            ("size_max", self.size_max, self.size_max > 0.0, "a positive number or infinity"),
             ("fade_to", self.fade_to, share(self.fade_to), "a number between 0 and 1"),
         ];
         match checks.into_iter().find(|(_, _, fine, _)| !fine) {

@@ -56,6 +56,9 @@ pub struct SplatConfig {
     pub densify_gradient: f32,
     /// `adc`: steps between two resets of opacity; 0: none.
     pub reset_every: u64,
+    /// `adc`: Gaussians larger than so many extents of the cameras are removed after the first reset; 0: none. Far things are
+    /// made of large ones.
+    pub prune_size: f32,
     /// `mcmc`: what opacity and size cost, each a factor of its mean.
     pub mcmc_cost: f32,
     /// `mcmc`: strength of the noise, a factor of the learning rate of the centres.
@@ -136,6 +139,7 @@ impl SplatConfig {
             densify_every: 100,
             densify_gradient: 2e-4,
             reset_every: scaled(9000).max(1000),
+            prune_size: 0.0,
             mcmc_cost: 0.01,
             mcmc_noise: 5e5,
             horizon,
@@ -201,6 +205,7 @@ impl SplatConfig {
             not_negative("mcmc_noise", self.mcmc_noise.into()),
             positive("densify_gradient", self.densify_gradient.into()),
             positive("near", self.near.into()),
+            not_negative("prune_size", self.prune_size.into()),
             (!self.centre.iter().all(|x| x.is_finite()))
                 .then(|| ("centre", format!("{:?}", self.centre), "must be three finite numbers")),
             (self.sh_degree > MAX_DEGREE).then(|| ("sh_degree", self.sh_degree.to_string(), "must be 0 to 3")),

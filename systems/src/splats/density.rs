@@ -54,6 +54,7 @@ impl Density {
                     every,
                     fade_every: if config.reset_every == 0 { u64::MAX } else { config.reset_every },
                     size_after: config.reset_every,
+                    size_max: if config.prune_size > 0.0 { config.prune_size.into() } else { f64::INFINITY },
                     hot: config.densify_gradient,
                     ..Adc::DEFAULT
                 };
