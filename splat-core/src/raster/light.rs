@@ -136,7 +136,8 @@ impl<V: Vector> Light<V> {
         let keep = next - self.stop;
         let w = keep.select_positive(w, zero);
         keep.select_positive(next, t).store(&mut self.trans[at..]);
-        let open = keep.min(next - self.enough);
+        // Pixels that were finished before take nothing, and are not finished again.
+        let open = inside.select_positive(keep.min(next - self.enough), V::splat(1.0));
         if !all_positive(open) {
             open.select_positive(V::load(&self.limit[at..]), V::splat(-1.0)).store(&mut self.limit[at..]);
             self.finished = true;
