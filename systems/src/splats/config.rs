@@ -54,10 +54,10 @@ pub struct SplatConfig {
     pub densify_every: u64,
     /// `adc`: clone or split where the mean gradient of the centre is at least this, picture sizes a unit.
     pub densify_gradient: f32,
-    /// `adc`: steps between two resets of opacity; 0: none.
+    /// `adc`: steps between two resets of opacity, each of which takes some hundred steps to recover from; 0: none.
     pub reset_every: u64,
-    /// `adc`: Gaussians larger than so many extents of the cameras are removed after the first reset; 0: none. Far things are
-    /// made of large ones.
+    /// `adc`: Gaussians larger than so many extents of the cameras are removed after the first reset, without
+    /// resets from the start; 0: none. Far things are made of large ones.
     pub prune_size: f32,
     /// `mcmc`: what opacity and size cost, each a factor of its mean.
     pub mcmc_cost: f32,
@@ -138,7 +138,7 @@ impl SplatConfig {
             densify_until: scaled(15_000),
             densify_every: 100,
             densify_gradient: 2e-4,
-            reset_every: scaled(9000).max(1000),
+            reset_every: 0,
             prune_size: 0.0,
             mcmc_cost: 0.01,
             mcmc_noise: 5e5,
