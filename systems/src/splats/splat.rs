@@ -123,10 +123,8 @@ impl Splat {
     fn show(&mut self, data: &Dataset, step: u64) -> Result<(Camera, [f32; 3]), SystemError> {
         let clock = Instant::now();
         let level = self.config.level(step);
-        if self.photos.as_ref().is_none_or(|(at, _)| *at != level) {
-            self.photos = None;
-        }
-        let photos = match self.photos.take() {
+        // Those of another level go before new ones come.
+        let photos = match self.photos.take().filter(|(at, _)| *at == level) {
             Some((_, photos)) => photos,
             None => Photos::new(data, level)?,
         };
