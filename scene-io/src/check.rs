@@ -1,6 +1,7 @@
 //! Everything there is to say about a dataset, before training on it.
 
 use crate::assemble::listing;
+use crate::capture::{self, Thumb};
 use crate::load::load_all;
 use crate::priors::refuse_blank_masks;
 use crate::reading::Need;
@@ -107,11 +108,19 @@ impl Report {
             Ok(store) => {
                 image_bytes = store.estimate_bytes();
                 if depth == Depth::Pixels {
-                    let decoded: Vec<Option<Problem>> = (0..store.len())
-                        .into_par_iter()
-                        .map(|i| store.get(i).err().map(|e| e.into_problem()))
-                        .collect();
-                    problems.extend(decoded.into_iter().flatten());
+                    let mut thumbs = Vec::with_capacity(store.len());
+                    let decoded: Vec<Result<Thumb, _>> =
+                        (0..store.len()).into_par_iter().map(|i| store.get(i).map(|image| Thumb::of(&image))).collect();
+                    for photo in decoded {
+                        match photo {
+                            Ok(thumb) => thumbs.push(Some(thumb)),
+                            Err(error) => {
+                                problems.push(error.into_problem());
+                                thumbs.push(None);
+                            }
+                        }
+                    }
+                    problems.extend(capture::look(&scene, &thumbs));
                     problems.extend(priors(&scene));
                     match refuse_blank_masks(&scene.frames) {
                         Ok(share) => masks_leave = share,
@@ -123,6 +132,9 @@ impl Report {
                 }
             }
             Err(error) => problems.push(error.into_problem()),
+        }
+        if depth == Depth::Headers {
+            problems.extend(capture::without_pictures(&scene));
         }
         // Stable: within a severity, problems stay in the order of the files.
         problems.sort_by_key(|p| std::cmp::Reverse(p.severity));

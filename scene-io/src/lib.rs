@@ -8,6 +8,7 @@
 
 mod assemble;
 mod blender;
+pub mod capture;
 mod check;
 pub mod colmap;
 mod depth;

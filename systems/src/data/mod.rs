@@ -140,6 +140,11 @@ impl Dataset {
         Ok(())
     }
 
+    /// Whether all views fit in the store's memory at one time.
+    pub fn fits(&self) -> bool {
+        self.fits
+    }
+
     /// Number of views.
     pub fn len(&self) -> usize {
         self.views.len()

@@ -18,6 +18,9 @@ pub use wild::AppearanceRow;
 /// Name in the run folder.
 pub const FILE: &str = "report.html";
 
+/// The animation that the page shows, in the run folder: a short way along the photos' cameras.
+pub const ANIMATION: &str = "animation.gif";
+
 /// What the page is made of.
 struct Sources {
     summary: Summary,
@@ -29,7 +32,7 @@ struct Sources {
 }
 
 /// Write the report of the run in `folder` from `summary.json`, `metrics.csv`, `eval.json`, `config.toml`, `renders/`,
-/// `appearance/` and `masks/`.
+/// `appearance/`, `masks/` and `animation.gif`.
 /// Files that are missing leave their section out; `summary.json` must be there.
 ///
 /// # Errors
@@ -60,16 +63,18 @@ fn page(sources: &Sources, folder: &Path) -> String {
     let body = [
         sections::heading(s),
         sections::cards(s, sources.evaluation.as_ref()),
+        sections::animation(folder),
         sections::curves(&sources.rows),
         sources.evaluation.as_ref().map(|e| sections::pictures(e, folder)).unwrap_or_default(),
         sources.evaluation.as_ref().map(sections::scores).unwrap_or_default(),
         sources.appearance.as_ref().map(|row| wild::appearance(row, folder)).unwrap_or_default(),
         sources.masks.as_ref().map(|table| wild::masks(table, folder)).unwrap_or_default(),
         sections::plan(s),
-        sections::costs(s),
-        sections::skips(s, sources.evaluation.as_ref()),
         sections::held_out(s),
-        sections::config(&sources.config),
+        sections::folded(
+            "For experts: time, memory, what was skipped, configuration",
+            &[sections::costs(s), sections::skips(s, sources.evaluation.as_ref()), sections::config(&sources.config)],
+        ),
     ];
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \

@@ -1,7 +1,7 @@
 //! The parts of the page, top to bottom.
 
-use super::escape;
 use super::plot::{Curve, Marks, Scale, plot};
+use super::{ANIMATION, escape};
 use crate::eval::{Evaluation, Protocol, ViewScore};
 use crate::log::Row;
 use crate::memory::human;
@@ -57,6 +57,26 @@ pub(super) fn cards(s: &Summary, evaluation: Option<&Evaluation>) -> String {
     let cards: String =
         cards.iter().map(|(b, l)| format!("<div class=\"card\"><b>{b}</b><span>{l}</span></div>\n")).collect();
     format!("<div class=\"cards\">\n{cards}</div>\n")
+}
+
+/// The animation as it is in the run folder; nothing where there is none.
+pub(super) fn animation(folder: &Path) -> String {
+    let Ok(bytes) = std::fs::read(folder.join(ANIMATION)) else { return String::new() };
+    format!(
+        "<figure class=\"animation\"><img alt=\"a way along the cameras of the photos\" src=\"data:image/gif;base64,{}\">\
+         <figcaption>Along the cameras of the photos. In full size: <code>render</code>; to look around: <code>view</code>.\
+         </figcaption></figure>\n",
+        STANDARD.encode(bytes)
+    )
+}
+
+/// Sections behind one line that opens them; nothing where all of them are empty.
+pub(super) fn folded(title: &str, parts: &[String]) -> String {
+    let body = parts.concat();
+    match body.is_empty() {
+        true => body,
+        false => format!("<details class=\"experts\"><summary>{}</summary>\n{body}</details>\n", escape(title)),
+    }
 }
 
 pub(super) fn curves(rows: &[Row]) -> String {
@@ -297,16 +317,17 @@ fn list(lines: &[String]) -> String {
 }
 
 pub(super) fn number(x: Option<f64>, digits: usize, unit: &str) -> String {
-    x.map_or_else(|| "n/a".into(), |x| format!("{x:.digits$}{unit}"))
+    // What is not measured and what is not a number are both said in words.
+    x.filter(|x| !x.is_nan()).map_or_else(|| "n/a".into(), |x| format!("{x:.digits$}{unit}"))
 }
 
-/// `1234567` as `1 234 567`, with thin spaces.
+/// `1234567` as `1 234 567`, with narrow spaces at which no line breaks.
 fn grouped(x: u64) -> String {
     let digits = x.to_string();
     let mut out = String::new();
     for (i, c) in digits.chars().enumerate() {
         if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push('\u{2009}');
+            out.push('\u{202f}');
         }
         out.push(c);
     }
@@ -344,8 +365,25 @@ mod tests {
     }
 
     #[test]
+    fn expert_tables_are_folded_and_numbers_are_whole() {
+        assert_eq!(folded("more", &[String::new(), String::new()]), "");
+        let page = folded("more", &["<p>a</p>".into()]);
+        assert!(page.starts_with("<details") && page.contains("<p>a</p>") && !page.contains("open"), "{page}");
+        assert_eq!(number(Some(f64::NAN), 2, " dB"), "n/a");
+        assert_eq!(number(Some(12.5), 2, " dB"), "12.50 dB");
+    }
+
+    #[test]
+    fn the_animation_is_in_the_page_where_there_is_one() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(animation(folder.path()), "");
+        std::fs::write(folder.path().join(ANIMATION), b"GIF89a").unwrap();
+        assert!(animation(folder.path()).contains("data:image/gif;base64,R0lGODlh"));
+    }
+
+    #[test]
     fn names_cannot_break_the_page() {
         assert_eq!(list(&["<b>&".into()]), "<ul>\n<li>&lt;b&gt;&amp;</li>\n</ul>\n");
-        assert_eq!(grouped(1_234_567), "1\u{2009}234\u{2009}567");
+        assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
     }
 }

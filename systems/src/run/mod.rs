@@ -38,7 +38,9 @@ use datasets::datasets;
 use host::RunHost;
 use losses::metrics::Lpips;
 pub use planned::planned_stop;
-use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
+use rayon::prelude::*;
+use scene_io::capture::{self, Thumb};
+use scene_io::{Frame, MaskPolarity, Problem, Scene, SceneError, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -130,6 +132,9 @@ impl<'a> Run<'a> {
         }
         let dataset = dataset_hash(&scene)?;
         let (train, held_out) = datasets(&scene, &data)?;
+        for problem in capture_problems(&scene, &train)? {
+            observer.event(Event::Warning(&problem.to_string()));
+        }
         let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
         let config = RunConfig {
             scene: spec.into(),
@@ -315,6 +320,22 @@ impl<'a> Run<'a> {
         );
         write_file(self.parts.storage, &self.folder.join(Summary::FILE), summary.json().as_bytes())
     }
+}
+
+/// What is wrong with the capture itself. Photos that do not fit in memory at one time are not looked at.
+fn capture_problems(scene: &Scene, train: &Dataset) -> Result<Vec<Problem>, RunError> {
+    if !train.fits() {
+        return Ok(capture::without_pictures(scene));
+    }
+    train.decode()?;
+    let mut thumbs = vec![None; scene.frames.len()];
+    let views: Vec<usize> = (0..train.len()).filter(|&i| train.view(i).level == 0).collect();
+    let found: Result<Vec<(usize, Thumb)>, SceneError> =
+        views.par_iter().map(|&i| Ok((train.view(i).frame, Thumb::of(&*train.image(i)?)))).collect();
+    for (frame, thumb) in found? {
+        thumbs[frame] = Some(thumb);
+    }
+    Ok(capture::look(scene, &thumbs))
 }
 
 /// Masks that ignore most of the photos are more likely those of an object.
