@@ -11,7 +11,7 @@ const SAME_PLACE: f64 = 0.03;
 const SAME_AXIS: f64 = 0.995;
 /// Poses are near each other, likewise.
 const NEAR_PLACE: f64 = 0.5;
-const NEAR_AXIS: f64 = 0.94;
+const NEAR_AXIS: f64 = 0.9;
 /// Nearest photos that each photo is compared with.
 const MOST: usize = 4;
 /// Shifts tried, pixels of a thumb: parallax of what is near, and poses that are not exact.

@@ -32,6 +32,8 @@ const USUAL: f64 = 0.5;
 const ALIKE: f32 = 0.6;
 /// A step between photos that follow each other is a jump when it is so many times the median step.
 const JUMP: f64 = 8.0;
+/// Correlation above which neighbours show enough of the same to compare their brightness.
+const RELATED: f32 = 0.3;
 /// Exposures differ visibly from this ratio on, stops; and this share of the photos may.
 const STOPS: f32 = 0.4;
 const EXPOSURE_SHARE: f64 = 0.1;
@@ -55,16 +57,7 @@ pub fn look(scene: &Scene, thumbs: &[Option<Thumb>]) -> Vec<Problem> {
     if time::summary(&scene.frames).is_some_and(|(_, distinct, _)| distinct > 1) {
         return problems;
     }
-    let photos: Vec<Photo<'_>> = thumbs
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| scene.frames[*i].split == Split::Train)
-        .filter_map(|(i, thumb)| {
-            let frame = &scene.frames[i];
-            let thumb = thumb.as_ref()?;
-            Some(Photo { name: &frame.name, camera: frame.camera.resized(thumb.width, thumb.height), thumb })
-        })
-        .collect();
+    let photos = photos(scene, thumbs);
     let near = neighbours(&photos);
     problems.extend(contradictions(scene, &photos, &near));
     problems.extend(jumps(scene, &photos));
@@ -114,6 +107,17 @@ struct Photo<'a> {
     /// At the size of the thumb.
     camera: Camera,
     thumb: &'a Thumb,
+}
+
+/// The training photos that were looked at.
+fn photos<'a>(scene: &'a Scene, thumbs: &'a [Option<Thumb>]) -> Vec<Photo<'a>> {
+    let trained = thumbs.iter().zip(&scene.frames).filter(|(_, frame)| frame.split == Split::Train);
+    trained
+        .filter_map(|(thumb, frame)| {
+            let thumb = thumb.as_ref()?;
+            Some(Photo { name: &frame.name, camera: frame.camera.resized(thumb.width, thumb.height), thumb })
+        })
+        .collect()
 }
 
 fn warning(scene: &Scene, what: String, remedy: &str) -> Problem {
@@ -186,7 +190,7 @@ fn jumps(scene: &Scene, photos: &[Photo<'_>]) -> Option<Problem> {
 
 /// Neighbours of different brightness.
 fn exposures(scene: &Scene, near: &[Neighbour]) -> Option<Problem> {
-    let alike: Vec<&Neighbour> = near.iter().filter(|n| n.agreement.correlation > ALIKE).collect();
+    let alike: Vec<&Neighbour> = near.iter().filter(|n| n.agreement.correlation > RELATED).collect();
     let jumps: Vec<f32> = alike.iter().map(|n| n.agreement.stops.abs()).filter(|s| *s > STOPS).collect();
     let share = jumps.len() as f64 / alike.len().max(1) as f64;
     (jumps.len() >= 2 && share > EXPOSURE_SHARE).then(|| {
