@@ -99,7 +99,11 @@ pub(super) fn train(
         if let Some(evaluation) = &evaluation {
             line(evaluation.table().trim_end());
         }
-        line(format_args!("stopped at step {}; continue with: {}", ended.step, resume_command(session, &run.folder, None)));
+        line(format_args!(
+            "stopped at step {}; continue with: {}",
+            ended.step,
+            resume_command(session, &run.folder, None)
+        ));
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));

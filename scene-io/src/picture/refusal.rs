@@ -35,7 +35,8 @@ pub(super) fn decoding_failed(path: &Path, error: ImageError) -> SceneError {
 pub(crate) fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> Problem {
     let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
     let turned = same_shape((is.1, is.0), said);
-    let text = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).display().to_string();
+    let text =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).display().to_string();
     let folder = shlex::try_quote(&text).map_or_else(|_| text.clone(), std::borrow::Cow::into_owned);
     let extension = path.extension().unwrap_or_default().to_string_lossy();
     let (cause, remedy) = match orientation(path) {
