@@ -59,12 +59,13 @@ pub(super) fn refuse_foreign(folder: &Path) -> Result<(), RunError> {
     }
 }
 
-/// Remove what a run wrote into its folder; whatever else lies there stays.
+/// Remove what a run wrote into its folder, but for its configuration: the folder stays that of a run, so that a new one may
+/// begin there. Whatever else lies in it stays, too.
 ///
 /// # Errors
 /// [`RunError::Write`] naming what cannot be removed.
 pub fn clear(folder: &Path) -> Result<(), RunError> {
-    for path in OWN.iter().filter(|name| **name != lock::FILE).map(|name| folder.join(name)) {
+    for path in OWN.iter().filter(|name| ![lock::FILE, CONFIG].contains(*name)).map(|name| folder.join(name)) {
         let removed = match fs::symlink_metadata(&path) {
             Ok(what) if what.is_dir() => fs::remove_dir_all(&path),
             Ok(_) => fs::remove_file(&path),
