@@ -174,10 +174,10 @@ pub(crate) struct Train {
     /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
-    /// Stop after so many steps, counted from the start of the run
+    /// Stop after so many steps, counted from the start of the run; with `--resume` the run's own stop unless said
     #[arg(long, value_name = "N", conflicts_with = "seconds")]
     pub(crate) steps: Option<u64>,
-    /// Stop after so much training time, evaluation not counted
+    /// Stop after so much training time, evaluation not counted (default: 300)
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) seconds: Option<f64>,
     /// Measure the held-out views at these training seconds
@@ -186,9 +186,9 @@ pub(crate) struct Train {
     /// Measure the held-out views every so many steps
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) eval_every: Option<u64>,
-    /// Minutes between checkpoints
-    #[arg(long, default_value_t = 5.0, value_name = "MIN", value_parser = seconds)]
-    pub(crate) checkpoint_minutes: f64,
+    /// Minutes between checkpoints (default: 5)
+    #[arg(long, value_name = "MIN", value_parser = seconds)]
+    pub(crate) checkpoint_minutes: Option<f64>,
     /// Light of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
     /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
     #[arg(long, value_name = "LIGHT")]
@@ -211,7 +211,7 @@ pub(crate) struct Train {
     /// Any setting of the system
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
-    /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration
+    /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop
     #[arg(long)]
     pub(crate) resume: bool,
     #[command(flatten)]

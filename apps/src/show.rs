@@ -1,11 +1,14 @@
 //! Progress and errors for people, and progress for programs.
 
 use crate::cli::ProgressKind;
+use crate::interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::error::Error;
 use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-use systems::progress::{Event, Observer};
+use systems::progress::{Event, Observer, Part};
 use systems::train::Progress;
 
 /// One line for the person, causes below.
@@ -51,6 +54,7 @@ pub(crate) struct Show {
     step: u64,
 }
 
+#[derive(Clone)]
 enum Style {
     Bar(ProgressBar),
     Lines,
@@ -75,8 +79,18 @@ impl Show {
         Self { style, last: None, step: 0 }
     }
 
-    /// Take the bar away, so that results start on a clean line.
+    /// From now on a first Ctrl-C asks to stop, and is answered at once; before, it ends the program.
+    ///
+    /// # Errors
+    /// Where signals cannot be listened to.
+    pub(crate) fn listen(&self) -> std::io::Result<Arc<AtomicBool>> {
+        let said = self.style.clone();
+        interrupt::listen(Box::new(move || said.say("interrupted", interrupt::HEARD)))
+    }
+
+    /// Take the bar away, so that results start on a clean line. The next part of some work brings it back.
     pub(crate) fn finish(&mut self) {
+        interrupt::answered();
         if let Style::Bar(bar) = &self.style {
             bar.finish_and_clear();
         }
@@ -122,13 +136,52 @@ impl Show {
         }
     }
 
-    fn say(&self, event: &str, text: &str) {
+    /// Part of a piece of work was done.
+    fn part(&mut self, part: &Part<'_>) {
+        let end = part.done == part.of;
         match &self.style {
-            Style::Bar(bar) => bar.suspend(|| note(text)),
-            Style::Lines => note(text),
-            Style::Json => json(serde_json::json!({ "event": event, "text": text })),
-            Style::Off if event == "warning" => note(text),
+            Style::Bar(_) => {
+                if self.due(REDRAW_EVERY, end) {
+                    let Style::Bar(bar) = &self.style else { return };
+                    if bar.is_finished() {
+                        bar.reset();
+                    }
+                    bar.set_position((part.done as f64 / part.of.max(1) as f64 * 1000.0) as u64);
+                    bar.set_message(part_summary(part));
+                }
+            }
+            // What comes of it is said in the next line.
+            Style::Lines => {
+                if !end && self.due(LINE_EVERY, false) {
+                    note(&part_summary(part));
+                }
+            }
+            Style::Json => {
+                if self.due(JSON_EVERY, end) {
+                    json(serde_json::json!({
+                        "event": "part", "what": part.what, "done": part.done, "of": part.of, "seconds": part.seconds,
+                        "eta_seconds": part.eta_seconds,
+                    }));
+                }
+            }
             Style::Off => {}
+        }
+    }
+
+    fn say(&self, event: &str, text: &str) {
+        self.style.say(event, text);
+    }
+}
+
+impl Style {
+    fn say(&self, event: &str, text: &str) {
+        match self {
+            Self::Bar(bar) => bar.suspend(|| note(text)),
+            Self::Lines => note(text),
+            Self::Json => json(serde_json::json!({ "event": event, "text": text })),
+            // What asks for an action, or answers one.
+            Self::Off if ["warning", "interrupted"].contains(&event) => note(text),
+            Self::Off => {}
         }
     }
 }
@@ -142,11 +195,7 @@ impl Observer for Show {
                 _ => self.say("warning", &format!("warning: {text}")),
             },
             Event::Step(progress) => self.step(progress),
-            Event::View { done, of } => {
-                if let Style::Bar(bar) = &self.style {
-                    bar.set_message(format!("held-out view {done} of {of}"));
-                }
-            }
+            Event::Part(part) => self.part(&part),
             Event::Evaluated { step, seconds, psnr } => {
                 if let Style::Json = self.style {
                     json(serde_json::json!({ "event": "evaluated", "step": step, "seconds": seconds, "psnr": psnr }));
@@ -163,6 +212,16 @@ impl Observer for Show {
             _ => {}
         }
     }
+
+    fn stop_asked(&self) -> bool {
+        interrupt::answered()
+    }
+}
+
+/// `frame 12 of 60 (01:10 to go)`.
+fn part_summary(part: &Part<'_>) -> String {
+    let to_go = part.eta_seconds.map_or_else(String::new, |s| format!(" ({} to go)", clock(s)));
+    format!("{} {} of {}{to_go}", part.what, part.done, part.of)
 }
 
 /// `step 1200, 00:34 (00:26 to go), train 27.31 dB, held out 26.90 dB, 310k rays/s, 4.1M samples/s, 512 MB`.
@@ -211,6 +270,13 @@ mod tests {
     fn times_and_rates_are_short() {
         assert_eq!([0.0, 59.6, 3599.0, 3661.0].map(clock), ["00:00", "01:00", "59:59", "1:01:01"]);
         assert_eq!([12.0, 3_400.0, 2_300_000.0].map(short), ["12", "3k", "2.3M"]);
+    }
+
+    #[test]
+    fn parts_are_counted_with_the_time_to_go() {
+        let part = Part { what: "frame", done: 12, of: 60, seconds: 17.5, eta_seconds: Some(70.0) };
+        assert_eq!(part_summary(&part), "frame 12 of 60 (01:10 to go)");
+        assert_eq!(part_summary(&Part { eta_seconds: None, done: 0, ..part }), "frame 0 of 60");
     }
 
     #[test]

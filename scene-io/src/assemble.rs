@@ -5,7 +5,7 @@
 use crate::files::with_image_extension;
 use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
-use crate::picture::{read_header, same_shape};
+use crate::picture::{foreign, read_header, same_shape, wrong_size};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TruthMask};
 use crate::reading::{Need, RawFrame, Reading};
@@ -103,9 +103,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
     };
     let said = raw.size.unwrap_or(is);
     if !same_shape(said, is) {
-        let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
-        let remedy = "use the image the cameras were computed for, or resize it uniformly";
-        return Looked::Bad(Box::new(Problem::new(&path, what, remedy).frame(&raw.name)));
+        return Looked::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
     }
     let camera = raw.intrinsics.camera(said, raw.lens, raw.pose).resized(is.0, is.1);
     let mask = match find_mask(raw, &path, reading, options) {
@@ -148,8 +146,12 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
     }
 }
 
-/// The listed file, the same with an extension appended, or the same with another extension (`true`).
+/// The listed file, the same with an extension appended, or the same with another extension (`true`); what was made of a
+/// photo that cannot be read before that photo.
 fn find_image(listed: &Path) -> Option<(PathBuf, bool)> {
+    if let Some(converted) = foreign::converted(listed) {
+        return Some((converted, true));
+    }
     if let Some(found) = with_image_extension(listed) {
         return Some((found, false));
     }
@@ -217,6 +219,12 @@ fn report_missing(missing: &[&RawFrame], total: usize, policy: MissingImages, ou
         MissingImages::Refuse => {
             for raw in missing {
                 let (file, field) = &raw.listed;
+                // A photo in a format that is not read, in place of its JPEG: how to make that.
+                let foreign = foreign::in_place_of(&raw.image).and_then(|found| foreign::refusal(&found));
+                if let Some(refusal) = foreign {
+                    out.problems.push(refusal.in_frame(&raw.name).into_problem());
+                    continue;
+                }
                 let problem = Problem::new(file, "the image is not there", "add the file or remove its frame");
                 out.problems.push(problem.frame(&raw.name).field(field).value(raw.image.display()));
             }

@@ -99,7 +99,7 @@ pub(crate) fn detect(path: &Path, options: &LoadOptions) -> Result<(Found, Vec<S
     let mut notes: Vec<String> = found
         .map(|other| {
             let (dialect, used) = (other.dialect(), first.dialect());
-            format!("holds {} too: `--dialect {dialect}` reads that instead of {used}", other.place().display())
+            format!("holds {} too: `--format {dialect}` reads that instead of {used}", other.place().display())
         })
         .collect();
     notes.sort();

@@ -175,7 +175,7 @@ fn leave_out_covered(root: &Path, reading: &mut Reading) -> Result<(), SceneErro
     if known.len() == reading.frames.len() && known.iter().all(|s| *s == 1.0) {
         let what =
             format!("the masks of all {} frames are white all over: tool everywhere, nothing to train on", known.len());
-        let remedy = "white is the tool here: turn the masks round, or load without masks";
+        let remedy = "white is the tool here: turn the masks round, or give `--masks off`";
         return Err(SceneError::new(ErrorKind::Image, Problem::new(root.join("masks"), what, remedy)));
     }
     reading.notes.push(format!(

@@ -2,7 +2,7 @@
 
 use crate::files::{images_in, is_image};
 use crate::options::LoadOptions;
-use crate::picture::read_header;
+use crate::picture::{foreign, read_header};
 use crate::{ErrorKind, Problem, SceneError};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +27,10 @@ pub(crate) fn find(root: &Path, options: &LoadOptions, names: &[&str]) -> Result
     }
     if names.first().is_some_and(|name| root.join(name).is_file()) {
         return Ok(root.to_path_buf());
+    }
+    let folders = candidates(root).into_iter().chain([root.to_path_buf()]);
+    if let Some(refusal) = folders.filter_map(|folder| foreign::first_in(&folder)).find_map(|p| foreign::refusal(&p)) {
+        return Err(refusal);
     }
     let what = "holds no folder of images: looked for `images`, `images_2`, `images_4`, `images_8`, …";
     let remedy = "put the images into `images`, or name their folder";

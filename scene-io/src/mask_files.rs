@@ -22,7 +22,7 @@ pub(crate) fn find_mask(
                     return Ok(Some(mask.clone()));
                 }
                 let (file, field) = &raw.listed;
-                return Err(Problem::new(file, "the mask is not there", "add it, or load without masks")
+                return Err(Problem::new(file, "the mask is not there", "add it, or give `--masks off`")
                     .frame(&raw.name)
                     .field(format!("{field}.mask_path"))
                     .value(mask.display()));

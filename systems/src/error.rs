@@ -56,6 +56,28 @@ pub enum RunError {
         /// Step of its newest checkpoint.
         step: u64,
     },
+    /// Another process writes into the run folder.
+    #[error(
+        "`{}` is in use: {holder} is training into it or measuring it; wait for its end, stop it, or choose another folder",
+        folder.display()
+    )]
+    Busy {
+        /// The run folder.
+        folder: PathBuf,
+        /// Who: `process 1234`.
+        holder: String,
+    },
+    /// The output folder holds files that are not a run's.
+    #[error(
+        "`{}` is no run folder and not empty: it holds `{}`; choose another `--out`, one that is empty or not there yet",
+        folder.display(), name.display()
+    )]
+    ForeignFiles {
+        /// The folder.
+        folder: PathBuf,
+        /// One of the files.
+        name: PathBuf,
+    },
     /// A resumed run was given an option that differs from the run's.
     #[error(
         "`{option} {given}` differs from the run's `{option} {run}`: a resumed run keeps its configuration; leave the \

@@ -10,9 +10,10 @@ use crate::eval::{Terms, evaluate};
 use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::write_png;
-use crate::progress::{Event, Observer};
+use crate::progress::{Meter, Observer};
 use crate::system::System;
 use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// Scores at one scale, means over the views.
@@ -52,7 +53,8 @@ impl ScaleTable {
     }
 }
 
-/// Render and measure all views of `data` at `scales` scales; the pictures go to `renders/scale_2` and so on.
+/// Render and measure all views of `data` at `scales` scales; the pictures go to `renders/scale_2` and so on. An observer that
+/// asks to stop gets the scales that are done; they are not written to `eval_scales.json`.
 pub(crate) fn evaluate_scales(
     (storage, folder): (&dyn Storage, &Path),
     system: &dyn System,
@@ -68,7 +70,7 @@ pub(crate) fn evaluate_scales(
         )));
     }
     let mut rows = Vec::new();
-    let of = data.len() * scales as usize;
+    let mut meter = Meter::new("held-out view", data.len() * scales as usize);
     for level in 0..scales {
         let (data, pixel) = (data.at_level(level), 1 << level);
         let renders = folder.join("renders").join(format!("scale_{pixel}"));
@@ -77,9 +79,13 @@ pub(crate) fn evaluate_scales(
             let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
             write_png(storage, &renders.join(format!("{name}.png")), seen.picture)?;
             write_png(storage, &renders.join(format!("{name}_truth.png")), seen.truth)?;
-            observer.event(Event::View { done: level as usize * data.len() + seen.index + 1, of });
-            Ok(())
+            meter.advance(observer);
+            Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
         })?;
+        // A scale that was begun and not finished has no mean.
+        if scores.left > 0 {
+            return Ok(ScaleTable { scales: rows });
+        }
         let seconds: f64 = scores.views.iter().map(|v| v.render_seconds).sum();
         let camera = &data.view(0).camera;
         rows.push(ScaleScore {

@@ -5,6 +5,7 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::progress::{Meter, Observer};
 use crate::system::{LayerRequest, Normals, Query, Splats, System};
 use losses::metrics::quantise_value;
 use render_core::ray::Ray;
@@ -23,8 +24,14 @@ pub const POINT_OPACITY: f32 = 0.5;
 
 /// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
 /// of the training views lose half their light, inside `crop`. Of a cloud of Gaussians: the centres of at most `count`, without
-/// normals.
-pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox, count: usize) -> PointCloud {
+/// normals. Where the observer asks to stop, the points of the views seen so far.
+pub fn points(
+    system: &dyn System,
+    data: &Dataset,
+    query: &Query,
+    (crop, count): (&CropBox, usize),
+    observer: &mut dyn Observer,
+) -> PointCloud {
     if let Some(splats) = system.splats() {
         return centres(&splats, crop, count);
     }
@@ -36,7 +43,11 @@ pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox
     let mut rays: Vec<Ray> = Vec::with_capacity(BATCH);
     let mut next = 0;
     let mut first = 0;
+    let mut meter = Meter::new("view for points", data.len());
     for view in data.views() {
+        if observer.stop_asked() {
+            return cloud;
+        }
         let (width, pixels) =
             (u64::from(view.camera.width), u64::from(view.camera.width) * u64::from(view.camera.height));
         while next < first + pixels {
@@ -48,6 +59,7 @@ pub fn points(system: &dyn System, data: &Dataset, query: &Query, crop: &CropBox
             next += stride;
         }
         first += pixels;
+        meter.advance(observer);
     }
     add_hits(system, &query, crop, &mut rays, &mut cloud);
     cloud
@@ -107,21 +119,35 @@ pub fn default_level(crop: &CropBox) -> f32 {
 }
 
 /// The mesh where the density at a time crosses `level` inside `crop`, with `resolution` cells along the longest side; vertices take
-/// the colour they show along their normal.
+/// the colour they show along their normal. Where the observer asks to stop, the rest is left empty: not to be used.
 ///
 /// # Errors
 /// [`RunError::Option`] for a cloud of Gaussians; [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
-pub fn mesh(system: &dyn System, crop: &CropBox, level: f32, resolution: usize, time: f64) -> Result<Mesh, RunError> {
+pub fn mesh(
+    system: &dyn System,
+    crop: &CropBox,
+    level: f32,
+    (resolution, time): (usize, f64),
+    observer: &mut dyn Observer,
+) -> Result<Mesh, RunError> {
     if system.splats().is_some() {
         let problem = "`--mesh`: Gaussians have no density to cut at: use `--points` or `--splats`";
         return Err(RunError::Option(problem.into()));
     }
     let grid = MeshGrid::cubic(crop[0], crop[1], resolution);
+    let mut meter = Meter::new("layer of the mesh", grid.cells[2] + 1);
     let mut mesh = marching_cubes(&grid, level, |points, out| {
+        if observer.stop_asked() {
+            return out.fill(0.0);
+        }
         for (points, out) in points.chunks(BATCH).zip(out.chunks_mut(BATCH)) {
             system.density(points, time, out);
         }
+        meter.advance(observer);
     })?;
+    if observer.stop_asked() {
+        return Ok(mesh);
+    }
     let mut colours = vec![[0.0; 3]; mesh.vertices.len()];
     let inward: Vec<[f32; 3]> = mesh.normals.iter().map(|n| n.map(|c| -c)).collect();
     let batches = mesh.vertices.chunks(BATCH).zip(inward.chunks(BATCH)).zip(colours.chunks_mut(BATCH));

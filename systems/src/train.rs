@@ -273,7 +273,8 @@ pub fn train(
             saved_at = Instant::now();
         }
     };
-    if step > start {
+    // A run that was interrupted before its first step can be resumed, too.
+    if step > start || (step == 0 && reason == Reason::Interrupted) {
         host.save(system, (step, seconds))?;
     }
     let mut psnr_test = None;

@@ -1,17 +1,26 @@
 //! `demo`: the whole job without a file.
 
-use super::{Done, Failure, Session, render, settings, train};
+use super::train::{next_steps, train};
+use super::{Done, Failure, Session, render, settings};
 use crate::cli::Demo;
 use crate::show::line;
 use std::fs;
 use std::path::Path;
 use systems::RunError;
-use systems::options::{Request, RunConfig};
+use systems::options::Request;
+use systems::output::{Disk, write_file};
+use systems::run::{self, FolderLock, Run};
 use systems::train::{Schedule, Stop};
+
+/// Marks a run folder as that of a demo, which the next demo may replace.
+const MARK: &str = ".demo";
+
+/// Pictures of the demo, in its run folder.
+const ORBIT: &str = "orbit";
 
 pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     let app = session.app;
-    remove_earlier_demo(&args.out, app.demo_scene)?;
+    remove_earlier_demo(&args.out)?;
     let request = Request {
         scene: Some(app.demo_scene.into()),
         system: args.system,
@@ -19,24 +28,31 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
         ..Request::default()
     };
     let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(app.demo_steps)));
-    let done = train::train(session, &args.out, &request, &schedule, false)?;
+    let mut show = session.show();
+    let mut run = Run::create(&args.out, &request, session.parts(), &mut show)?;
+    write_file(&Disk, &args.out.join(MARK), b"")?;
+    let done = train(session, &mut run, &schedule, &mut show)?;
     if done != Done::Finished {
         return Ok(done);
     }
-    let mut show = session.show();
-    let run = session.open(&args.out, &mut show)?;
-    render::orbit(&run, args.frames, &args.out.join("orbit"), &mut show)
+    let done = render::orbit(&run, args.frames, &args.out.join(ORBIT), &mut show)?;
+    next_steps(session, &args.out);
+    Ok(done)
 }
 
 /// A demo may be run again; any other run in the folder is left alone, and starting over it is refused later.
-fn remove_earlier_demo(folder: &Path, scene: &str) -> Result<(), RunError> {
-    let Ok(text) = fs::read_to_string(folder.join("config.toml")) else { return Ok(()) };
-    if toml::from_str::<RunConfig>(&text).is_ok_and(|config| config.scene == scene) {
-        line(format_args!("replacing the earlier demo in {}", folder.display()));
-        let checkpoints = systems::checkpoint::folder(folder);
-        if checkpoints.exists() {
-            fs::remove_dir_all(&checkpoints).map_err(RunError::write(&checkpoints))?;
-        }
+fn remove_earlier_demo(folder: &Path) -> Result<(), RunError> {
+    let mark = folder.join(MARK);
+    if !mark.exists() {
+        return Ok(());
     }
-    Ok(())
+    // Not while it is being made.
+    let _lock = FolderLock::take(folder)?;
+    line(format_args!("replacing the earlier demo in {}", folder.display()));
+    run::clear(folder)?;
+    let orbit = folder.join(ORBIT);
+    if orbit.exists() {
+        fs::remove_dir_all(&orbit).map_err(RunError::write(&orbit))?;
+    }
+    fs::remove_file(&mark).map_err(RunError::write(&mark))
 }

@@ -2,17 +2,15 @@
 
 use super::{Done, Failure, Session};
 use crate::cli::Export;
-use crate::interrupt;
 use crate::show::{Show, line};
 use scene_io::export::{write_colmap, write_mesh, write_points, write_transforms};
 use scene_io::{SplatOptions, write_splats};
 use std::path::Path;
-use std::sync::atomic::Ordering;
 use systems::RunError;
 use systems::data::View;
 use systems::frame_points::frame_points;
 use systems::output::make_folder;
-use systems::progress::{Event, Observer};
+use systems::progress::{Meter, Observer};
 use systems::run::Run;
 use systems::surface::{CropBox, default_level, mesh, points};
 use systems::system::Query;
@@ -21,13 +19,18 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     let mut show = session.show();
     let run = session.open(&args.run, &mut show)?;
     let crop = crop_box(args, &run)?;
+    show.listen()?;
     if args.points.is_some() || args.mesh.is_some() {
         let [[x0, y0, z0], [x1, y1, z1]] = crop;
         line(format_args!("box: ({x0:.4}, {y0:.4}, {z0:.4}) to ({x1:.4}, {y1:.4}, {z1:.4}), the input's frame"));
     }
     if let Some(path) = &args.points {
         let query = Query { time: args.time, ..run.query() };
-        let cloud = points(run.system.as_ref(), &run.train, &query, &crop, args.count);
+        let cloud = points(run.system.as_ref(), &run.train, &query, (&crop, args.count), &mut show);
+        if show.stop_asked() {
+            return Ok(stopped(&mut show, path));
+        }
+        show.finish();
         write_points(path, &cloud)?;
         line(format_args!("{} points in {}", cloud.positions.len(), path.display()));
     }
@@ -45,7 +48,11 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     }
     if let Some(path) = &args.mesh {
         let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);
-        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution), args.time)?;
+        let mesh = mesh(run.system.as_ref(), &crop, level, (usize::from(args.resolution), args.time), &mut show)?;
+        if show.stop_asked() {
+            return Ok(stopped(&mut show, path));
+        }
+        show.finish();
         write_mesh(path, &mesh)?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         line(format_args!("{triangles} triangles, {vertices} vertices at density {level} in {}", path.display()));
@@ -66,22 +73,30 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     Ok(Done::Finished)
 }
 
+/// A file that was not done when somebody asked to stop is not written; those before it are.
+fn stopped(show: &mut Show, path: &Path) -> Done {
+    show.finish();
+    line(format_args!("stopped: {} was not written", path.display()));
+    Done::Interrupted
+}
+
 /// A file for each photo, in the order of time.
 fn frames(run: &Run<'_>, folder: &Path, smooth: bool, show: &mut Show) -> Result<Done, Failure> {
-    let interrupt = interrupt::flag()?;
     let mut views: Vec<&View> = run.train.views().iter().chain(run.held_out.views()).filter(|v| v.level == 0).collect();
     views.sort_by(|a, b| a.time.total_cmp(&b.time));
     make_folder(folder)?;
     let mut points = 0;
+    let mut meter = Meter::new("photo", views.len());
     for (i, view) in views.iter().enumerate() {
-        if interrupt.load(Ordering::Relaxed) {
-            line(format_args!("stopped after {i} of {} photos", views.len()));
+        if show.stop_asked() {
+            show.finish();
+            line(format_args!("stopped after {i} of {} photos, which are in {}", views.len(), folder.display()));
             return Ok(Done::Interrupted);
         }
         let cloud = frame_points(run.system.as_ref(), view, &run.query(), smooth);
         points += cloud.positions.len();
         write_points(&folder.join(format!("frame_{i:06}.ply")), &cloud)?;
-        show.event(Event::View { done: i + 1, of: views.len() });
+        meter.advance(show);
     }
     show.finish();
     line(format_args!("{points} points of {} photos in {}, in the order of time", views.len(), folder.display()));

@@ -5,14 +5,21 @@ use crate::cli::Masks;
 use crate::show::line;
 use systems::eval::masks;
 use systems::eval::masks::{FILE, MaskOptions, SIDE_BY_SIDE};
+use systems::progress::Observer;
 
 pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
     let mut show = session.show();
-    let run = session.open(&args.run, &mut show)?;
+    // Masks beside the run only read it.
+    let run = match &args.out {
+        Some(_) => session.open(&args.run, &mut show)?,
+        None => session.open_to_write(&args.run, &mut show)?,
+    };
     let folder = args.out.clone().unwrap_or_else(|| run.folder.join(masks::FOLDER));
+    show.listen()?;
     let options = MaskOptions { every: args.every, empty: args.empty_class.into() };
     let table = run.write_masks(&folder, options, &mut show)?;
     show.finish();
+    let stopped = show.stop_asked();
     line(table.table().trim_end());
     line(format_args!(
         "masks in {} (white = static), beside their photos in {}, scores in {}",
@@ -20,5 +27,5 @@ pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
         folder.join(SIDE_BY_SIDE).display(),
         folder.join(FILE).display()
     ));
-    Ok(Done::Finished)
+    Ok(if stopped { Done::Interrupted } else { Done::Finished })
 }

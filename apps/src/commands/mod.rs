@@ -38,6 +38,7 @@ pub(crate) struct Session {
     pub(crate) app: &'static App,
     pub(crate) progress: ProgressKind,
     pub(crate) lpips: Option<PathBuf>,
+    pub(crate) threads: Option<u16>,
 }
 
 impl Session {
@@ -59,8 +60,28 @@ impl Session {
         Run::open(folder, &systems::options::Request::default(), self.parts(), show)
     }
 
+    /// The same, for work that writes into the folder: nothing else does so meanwhile.
+    fn open_to_write(&self, folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
+        Run::open_to_write(folder, &systems::options::Request::default(), self.parts(), show)
+    }
+
     pub(crate) fn show(&self) -> Show {
         Show::new(self.progress)
+    }
+
+    /// A line that can be typed as it is: this program as it was called, `words` quoted where a shell needs it, and
+    /// `with_options` of all commands as they were given.
+    pub(crate) fn command_line(&self, words: Vec<String>, with_options: bool) -> String {
+        // No panic over a name that is not UTF-8.
+        let program = std::env::args_os().next().map(|name| name.to_string_lossy().into_owned());
+        let program = program.filter(|name| !name.is_empty()).unwrap_or_else(|| self.app.name.into());
+        let mut line = vec![program];
+        line.extend(words);
+        if with_options {
+            line.extend(self.threads.into_iter().flat_map(|n| ["--threads".into(), n.to_string()]));
+            line.extend(self.lpips.iter().flat_map(|file| ["--lpips-weights".into(), file.display().to_string()]));
+        }
+        shlex::try_join(line.iter().map(String::as_str)).unwrap_or_else(|_| line.join(" "))
     }
 }
 
@@ -69,7 +90,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
-    let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights };
+    let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads };
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Check(args) => check::run(app, &args),

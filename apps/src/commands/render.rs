@@ -2,18 +2,16 @@
 
 use super::{Done, Failure, Session};
 use crate::cli::{Layer, Render};
-use crate::interrupt;
 use crate::show::{Show, line};
 use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::Path;
-use std::sync::atomic::Ordering;
 use systems::RunError;
 use systems::appearance::{Light, LightPath, Lighting};
 use systems::camera_path::{PathKind, cameras};
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
-use systems::progress::{Event, Observer};
+use systems::progress::{Meter, Observer};
 use systems::render::{Rendered, plain_query, render};
 use systems::run::Run;
 use systems::splats::Cloud;
@@ -113,7 +111,7 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
 }
 
 fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
-    let interrupt = interrupt::flag()?;
+    show.listen()?;
     let still_light = matches!(args.appearance, None | Some(LightPath::Still(_)));
     let time = args.time.unwrap_or(if subject.moves() { TimePath::WHOLE } else { TimePath::START });
     let frames = match &args.path {
@@ -135,10 +133,10 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     };
     let mut depth_range = None;
     let mut preview: Vec<RgbImage> = Vec::with_capacity(cameras.len());
+    let mut meter = Meter::new("frame", cameras.len());
     for (i, camera) in cameras.iter().enumerate() {
-        if interrupt.load(Ordering::Relaxed) {
-            line(format_args!("stopped after {i} of {} frames", cameras.len()));
-            return Ok(Done::Interrupted);
+        if show.stop_asked() {
+            break;
         }
         let camera: Camera = limited(camera, args.longest_side);
         let appearance = lighting.as_ref().map_or(Appearance::Mean, |light| light.at(i, cameras.len()));
@@ -169,12 +167,19 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
             write("canonical", &picture::canonical(&view, bounds))?;
         }
         preview.push(small(first_layer(args, &view, &colour, (range, bounds))));
-        show.event(Event::View { done: i + 1, of: cameras.len() });
+        meter.advance(show);
+    }
+    if preview.is_empty() {
+        show.finish();
+        line(format_args!("stopped before the first of {} frames", cameras.len()));
+        return Ok(Done::Interrupted);
     }
     let path = args.out.join("preview.gif");
     write_file(&Disk, &path, &gif_bytes(&preview, args.fps)?)?;
     show.finish();
-    line(format_args!("{} frames in {}, animated: {}", cameras.len(), args.out.display(), path.display()));
+    let stopped = preview.len() < cameras.len();
+    let of = if stopped { format!(" of {} (stopped)", cameras.len()) } else { String::new() };
+    line(format_args!("{} frames{of} in {}, animated: {}", preview.len(), args.out.display(), path.display()));
     if let (true, Some([near, far])) = (wants(Layer::Depth), depth_range) {
         line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
     }
@@ -185,7 +190,7 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
             min[0], min[1], min[2], max[0], max[1], max[2]
         ));
     }
-    Ok(Done::Finished)
+    Ok(if stopped { Done::Interrupted } else { Done::Finished })
 }
 
 /// The layer the preview shows: the first one asked for.

@@ -2,19 +2,25 @@
 
 use super::{Done, Failure, Session, data_options, scene_spec, settings};
 use crate::cli::Train;
-use crate::interrupt;
-use crate::show::line;
+use crate::show::{Show, line};
 use std::path::Path;
 use std::time::Duration;
 use systems::eval::Evaluation;
 use systems::options::{DataOptions, Request};
-use systems::run::Run;
+use systems::run::{Run, planned_schedule};
 use systems::train::{Reason, Schedule, Stop};
 
 /// Training time where neither steps nor seconds are given: most scenes have settled.
 const DEFAULT_SECONDS: f64 = 300.0;
 
 pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
+    let wished = Wished {
+        steps: args.steps,
+        seconds: args.seconds,
+        eval_at: args.eval_at,
+        eval_every: args.eval_every,
+        checkpoint_minutes: args.checkpoint_minutes,
+    };
     let request = Request {
         scene: args.scene.as_deref().map(scene_spec),
         system: args.system,
@@ -25,50 +31,83 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
         set: settings(args.set, args.field, args.max_splats),
     };
-    let stop = match (args.steps, args.seconds) {
-        (Some(steps), _) => Stop::Steps(steps),
-        (None, Some(seconds)) => Stop::Seconds(seconds),
-        (None, None) => Stop::Seconds(DEFAULT_SECONDS),
+    let mut show = session.show();
+    let (mut run, own) = if args.resume {
+        let run = Run::open_to_write(&args.out, &request, session.parts(), &mut show)?;
+        (run, planned_schedule(&args.out))
+    } else {
+        (Run::create(&args.out, &request, session.parts(), &mut show)?, None)
     };
-    let schedule = Schedule {
-        eval_at: args.eval_at,
-        eval_every: args.eval_every,
-        checkpoint_every: Duration::from_secs_f64(args.checkpoint_minutes * 60.0),
-        ..Schedule::new(stop)
-    };
-    train(session, &args.out, &request, &schedule, args.resume)
+    let schedule = wished.schedule(own);
+    if args.resume && run.is_finished(schedule.stop) {
+        show.finish();
+        already_finished(session, &run, schedule.stop);
+        next_steps(session, &run.folder);
+        return Ok(Done::Finished);
+    }
+    let done = train(session, &mut run, &schedule, &mut show)?;
+    if done == Done::Finished {
+        next_steps(session, &run.folder);
+    }
+    Ok(done)
 }
 
-/// Train into `folder`, new or resumed, and say what came out.
+/// What the command line says about when things happen.
+#[derive(Default)]
+struct Wished {
+    steps: Option<u64>,
+    seconds: Option<f64>,
+    eval_at: Vec<f64>,
+    eval_every: Option<u64>,
+    checkpoint_minutes: Option<f64>,
+}
+
+impl Wished {
+    /// With what is not said as in the run's own schedule, where it has one.
+    fn schedule(self, own: Option<Schedule>) -> Schedule {
+        let own = own.unwrap_or_else(|| Schedule::new(Stop::Seconds(DEFAULT_SECONDS)));
+        let stop = match (self.steps, self.seconds) {
+            (Some(steps), _) => Stop::Steps(steps),
+            (None, Some(seconds)) => Stop::Seconds(seconds),
+            (None, None) => own.stop,
+        };
+        // A time too long for a clock never comes.
+        let minutes = |m: f64| Duration::try_from_secs_f64(m * 60.0).unwrap_or(Duration::MAX);
+        Schedule {
+            stop,
+            eval_at: if self.eval_at.is_empty() { own.eval_at } else { self.eval_at },
+            eval_every: self.eval_every.or(own.eval_every),
+            checkpoint_every: self.checkpoint_minutes.map_or(own.checkpoint_every, minutes),
+            ..own
+        }
+    }
+}
+
+/// Train a run, new or resumed, and say what came out.
 pub(super) fn train(
     session: &Session,
-    folder: &Path,
-    request: &Request,
+    run: &mut Run<'_>,
     schedule: &Schedule,
-    resume: bool,
+    show: &mut Show,
 ) -> Result<Done, Failure> {
     let lpips = session.lpips()?;
-    let interrupt = interrupt::flag()?;
-    let mut show = session.show();
-    let mut run = match resume {
-        true => Run::open(folder, request, session.parts(), &mut show)?,
-        false => Run::create(folder, request, session.parts(), &mut show)?,
-    };
-    introduce(&run, schedule);
-    let (ended, evaluation) = run.train(schedule, lpips.as_ref(), &mut show, &interrupt)?;
+    introduce(run, schedule);
+    let interrupt = show.listen()?;
+    let (ended, evaluation) = run.train(schedule, lpips.as_ref(), show, &interrupt)?;
     show.finish();
-    let Run { folder, .. } = &run;
     if ended.reason == Reason::Interrupted {
+        if let Some(evaluation) = &evaluation {
+            line(evaluation.table().trim_end());
+        }
         line(format_args!(
-            "stopped at step {}; continue with: {} train --resume --out {}",
+            "stopped at step {}; continue with: {}",
             ended.step,
-            session.app.name,
-            folder.display()
+            resume_command(session, &run.folder, None)
         ));
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));
-    conclude(evaluation.as_ref(), folder);
+    conclude(evaluation.as_ref(), &run.folder);
     Ok(Done::Finished)
 }
 
@@ -113,10 +152,69 @@ pub(super) fn conclude(evaluation: Option<&Evaluation>, folder: &Path) {
     line(format_args!("report: {}", folder.join(systems::report::FILE).display()));
 }
 
+/// Why a finished run was left as it is, and how to go on with it.
+fn already_finished(session: &Session, run: &Run<'_>, stop: Stop) {
+    let (stopped, further) = match stop {
+        Stop::Steps(n) => (format!("{n} steps"), ["--steps".into(), (2 * n.max(run.step)).to_string()]),
+        Stop::Seconds(s) => {
+            (format!("{s} s of training"), ["--seconds".into(), format!("{:.0}", 2.0 * s.max(run.seconds).ceil())])
+        }
+    };
+    line(format_args!(
+        "{} is finished: it was to stop after {stopped} and has done {} steps in {:.1} s; nothing was changed",
+        run.folder.display(),
+        run.step,
+        run.seconds
+    ));
+    line(format_args!("to train it further: {}", resume_command(session, &run.folder, Some(further))));
+}
+
+/// What goes on with a run, to its own stop or to another one.
+fn resume_command(session: &Session, folder: &Path, stop: Option<[String; 2]>) -> String {
+    let mut words = vec!["train".into(), "--resume".into(), "--out".into(), folder.display().to_string()];
+    words.extend(stop.into_iter().flatten());
+    session.command_line(words, true)
+}
+
+/// The last line of a training: what can be done with it.
+pub(super) fn next_steps(session: &Session, folder: &Path) {
+    let run = folder.display().to_string();
+    let pictures = folder.join("pictures").display().to_string();
+    let view = session.command_line(vec!["view".into(), run.clone()], false);
+    let render = session.command_line(vec!["render".into(), run, "--out".into(), pictures], false);
+    line(format_args!("next: `{view}` to look at it in a browser, `{render}` for pictures along a path"));
+}
+
 /// The first few names.
 fn listing(names: &[&str]) -> String {
     const SHOWN: usize = 8;
     let more = names.len().saturating_sub(SHOWN);
     let shown = names[..names.len() - more].join(", ");
     if more > 0 { format!("{shown}, and {more} more") } else { shown }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resumed_run_keeps_its_schedule_but_for_what_is_said() {
+        let own = Schedule {
+            eval_at: vec![5.0],
+            eval_every: Some(7),
+            checkpoint_every: Duration::from_secs(30),
+            ..Schedule::new(Stop::Steps(900))
+        };
+        assert_eq!(Wished::default().schedule(Some(own.clone())), own);
+        let wished = Wished { seconds: Some(600.0), eval_at: vec![400.0], ..Wished::default() };
+        let want = Schedule { stop: Stop::Seconds(600.0), eval_at: vec![400.0], ..own };
+        assert_eq!(wished.schedule(Some(want.clone())), want);
+    }
+
+    #[test]
+    fn a_new_run_has_the_defaults_and_no_number_of_minutes_is_too_large() {
+        assert_eq!(Wished::default().schedule(None), Schedule::new(Stop::Seconds(DEFAULT_SECONDS)));
+        let wished = Wished { checkpoint_minutes: Some(1e300), ..Wished::default() };
+        assert_eq!(wished.schedule(None).checkpoint_every, Duration::MAX);
+    }
 }

@@ -4,7 +4,7 @@ use assert_cmd::Command;
 use scene_io::synthetic::{TabletopOptions, tabletop, write_blender};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -43,7 +43,10 @@ pub(crate) fn nerf_dynamic(words: &[&str]) -> Answer {
 }
 
 fn answer(mut program: Command, words: &[&str]) -> Answer {
-    let output = program.args(words).output().unwrap();
+    answer_of(program.args(words).output().unwrap(), words)
+}
+
+fn answer_of(output: std::process::Output, words: &[&str]) -> Answer {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let answer =
         Answer { code: output.status.code().unwrap_or(-1), out: text(&output.stdout), err: text(&output.stderr) };
@@ -107,4 +110,69 @@ pub(crate) fn newest(run: &Path) -> u64 {
 /// What was learnt, as of a step.
 pub(crate) fn arrays(run: &Path, step: u64) -> Vec<u8> {
     fs::read(run.join(format!("checkpoint/step-{step:08}.safetensors"))).unwrap()
+}
+
+/// A program that runs beside the test.
+pub(crate) struct Running {
+    child: Child,
+    words: Vec<String>,
+}
+
+impl Running {
+    /// Start `nerf-static` with `words`.
+    pub(crate) fn start(words: &[&str]) -> Self {
+        let program = program();
+        Self::of(program.get_program(), &[&["--threads", "2"], words].concat())
+    }
+
+    /// Type a line as it stands.
+    #[cfg(unix)]
+    pub(crate) fn typed(line: &str) -> Self {
+        Self::of("sh".as_ref(), &["-c", &format!("exec {line}")])
+    }
+
+    fn of(program: &std::ffi::OsStr, words: &[&str]) -> Self {
+        let mut command = std::process::Command::new(program);
+        command.env_remove("WILDFIELD_LPIPS").args(words).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().unwrap();
+        Self { child, words: words.iter().map(ToString::to_string).collect() }
+    }
+
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Wait until something has happened, for a minute at most, or the program has ended.
+    pub(crate) fn until(mut self, what: &str, is_due: impl Fn() -> bool) -> Self {
+        let since = Instant::now();
+        while !is_due() && self.child.try_wait().unwrap().is_none() {
+            assert!(since.elapsed() < Duration::from_secs(60), "waited too long until {what}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self
+    }
+
+    /// Ctrl-C, and what came of it.
+    #[cfg(unix)]
+    pub(crate) fn interrupted(self) -> Answer {
+        let id = self.id().to_string();
+        // Where it has ended by itself there is nothing to interrupt.
+        let _ = std::process::Command::new("kill").args(["-INT", &id]).stderr(Stdio::null()).status();
+        self.end()
+    }
+
+    pub(crate) fn end(self) -> Answer {
+        let output = self.child.wait_with_output().unwrap();
+        answer_of(output, &self.words.iter().map(String::as_str).collect::<Vec<_>>())
+    }
+}
+
+/// Files in a folder; 0 where there is no folder.
+pub(crate) fn files_in(folder: &Path) -> usize {
+    fs::read_dir(folder).map_or(0, Iterator::count)
+}
+
+/// Rows of the curve of a run.
+pub(crate) fn rows(run: &Path) -> usize {
+    fs::read_to_string(run.join("metrics.csv")).map_or(0, |text| text.lines().count().saturating_sub(1))
 }

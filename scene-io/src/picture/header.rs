@@ -40,6 +40,13 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, SceneError> {
     Ok(Header { width, height, channels })
 }
 
+/// The EXIF orientation of an image, 1 to 8; `None` for files that cannot be read. Nothing here turns images by it.
+pub(crate) fn orientation(path: &Path) -> Option<u8> {
+    let mut reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+    reader.limits(limits());
+    Some(reader.into_decoder().ok()?.orientation().ok()?.to_exif())
+}
+
 /// Size from the start-of-frame segment of a JPEG.
 fn jpeg_size(reader: &mut (impl BufRead + Seek)) -> Option<(u32, u32)> {
     let mut marker = [0; 2];

@@ -1,6 +1,7 @@
 //! Pixels in memory, and how they get there.
 
 mod decode;
+pub(crate) mod foreign;
 mod header;
 mod refusal;
 mod resize;
@@ -8,6 +9,7 @@ mod store;
 
 pub(crate) use decode::{decode_dynamic, decode_labels, decode_mask};
 pub(crate) use header::read_header;
+pub(crate) use refusal::wrong_size;
 pub(crate) use store::same_shape;
 pub use store::{ImageStore, StoreOptions};
 

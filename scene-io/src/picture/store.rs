@@ -3,6 +3,7 @@
 use super::Image;
 use super::decode::{decode, decode_mask};
 use super::header::read_header;
+use super::refusal::wrong_size;
 use super::resize::{fitted, resize, resize_mask};
 use crate::perturb::Perturbation;
 use crate::{AlphaMeaning, ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
@@ -161,7 +162,7 @@ impl Entry {
                 ImageSource::File(path) => path.clone(),
                 ImageSource::Memory(_) => PathBuf::from("image in memory"),
             };
-            return Err(wrong_size(&file, native, said).in_frame(&frame.name));
+            return Err(SceneError::new(ErrorKind::Image, wrong_size(&file, native, said)).in_frame(&frame.name));
         }
         let (width, height) = fitted(native.0, native.1, longest_side);
         Ok(Self {
@@ -202,7 +203,8 @@ impl Entry {
             ImageSource::File(path) => {
                 let image = decode(path, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?;
                 if (image.width, image.height) != self.native {
-                    return Err(wrong_size(path, (image.width, image.height), self.native));
+                    let problem = wrong_size(path, (image.width, image.height), self.native);
+                    return Err(SceneError::new(ErrorKind::Image, problem));
                 }
                 image
             }
@@ -265,7 +267,7 @@ fn read_mask(path: &Path, polarity: MaskPolarity, image: (u32, u32)) -> Result<(
     let (mut mask, size) = decode_mask(path)?;
     if !same_shape(size, image) {
         let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);
-        let remedy = "make the mask as large as the image, or load without masks";
+        let remedy = "make the mask as large as the image, or give `--masks off`";
         return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
     }
     if polarity == MaskPolarity::WhiteIsIgnored {
@@ -285,12 +287,6 @@ pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
     let (small, large) = if aw.max(ah) <= bw.max(bh) { ((aw, ah), (bw, bh)) } else { ((bw, bh), (aw, ah)) };
     let scale = small.0.max(small.1) / large.0.max(large.1);
     (large.0 * scale - small.0).abs() <= 1.0 && (large.1 * scale - small.1).abs() <= 1.0
-}
-
-fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> SceneError {
-    let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
-    let remedy = "use the image the cameras were computed for, or resize it uniformly";
-    SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy))
 }
 
 impl Cache {

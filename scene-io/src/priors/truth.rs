@@ -89,6 +89,6 @@ pub fn refuse_blank_masks(frames: &[Frame]) -> Result<Option<f64>, SceneError> {
     };
     let what =
         format!("ignores every pixel, and so do the masks of {} of {} training photos", blank.len(), training.len());
-    let remedy = "turn the polarity of the masks round, or load without masks";
+    let remedy = "say what white means (`--mask-white`), or give `--masks off`";
     Err(SceneError::new(ErrorKind::Image, Problem::new(*first, what, remedy)))
 }

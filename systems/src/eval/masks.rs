@@ -9,7 +9,7 @@ use crate::error::RunError;
 use crate::names::stem;
 use crate::output::{Storage, make_folder, read_json, write_file};
 use crate::picture::{grey_png_bytes, over_background, side_by_side, write_png};
-use crate::progress::{Event, Observer};
+use crate::progress::{Meter, Observer};
 use crate::system::System;
 use image::{GrayImage, RgbImage};
 use losses::metrics::{Average, Confusion, EmptyClass, SegmentationScores, segmentation};
@@ -106,7 +106,7 @@ pub fn empty_class_name(empty: EmptyClass) -> &'static str {
 }
 
 /// Make and score masks of the training views `data` of `scene`; they and [`FILE`] go to `folder`, `NAME.png` for a photo
-/// `NAME.jpg`. `None` where the system takes every pixel for static.
+/// `NAME.jpg`. `None` where the system takes every pixel for static. An observer that asks to stop gets the masks made so far.
 ///
 /// # Errors
 /// [`RunError::Scene`] for photos and truth masks that cannot be read, [`RunError::Write`].
@@ -121,7 +121,11 @@ pub fn write_masks(
     let photos: Vec<usize> = (0..data.len()).filter(|&i| data.view(i).level == 0).collect();
     let chosen: Vec<usize> = photos.iter().copied().step_by(options.every.max(1)).collect();
     let (mut views, mut counts, mut taken) = (Vec::new(), Vec::new(), HashSet::new());
+    let mut meter = Meter::new("mask", chosen.len());
     for (done, &i) in chosen.iter().enumerate() {
+        if done > 0 && observer.stop_asked() {
+            break;
+        }
         let Some(visibility) = system.visibility(data, i)? else { return Ok(None) };
         if done == 0 {
             make_folder(&folder.join(SIDE_BY_SIDE))?;
@@ -154,7 +158,7 @@ pub fn write_masks(
         write_png(storage, &folder.join(SIDE_BY_SIDE).join(&file), &side_by_side(&shown))?;
         let static_share = statics as f64 / mask.len().max(1) as f64;
         views.push(PhotoMask { name: view.name.clone(), file, static_share, scores });
-        observer.event(Event::View { done: done + 1, of: chosen.len() });
+        meter.advance(observer);
     }
     let table = MaskTable {
         system: system.name().into(),

@@ -33,6 +33,7 @@ use image::RgbImage;
 use losses::metrics::Lpips;
 use measure::{inside, measure, object_mask};
 use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
 
 /// Which metrics are wanted.
 #[derive(Clone, Copy)]
@@ -108,6 +109,9 @@ pub struct Evaluation {
     pub flip: Option<f64>,
     /// Every view, in the dataset's order.
     pub views: Vec<ViewScore>,
+    /// Views that were not measured because somebody asked to stop; such an evaluation is not written to `eval.json`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub left: usize,
     /// Steps trained.
     pub steps: u64,
     /// Training seconds, evaluation not counted.
@@ -120,6 +124,11 @@ pub struct Evaluation {
     /// What renders skip, measured; `None` where that was not asked for, or where they skip nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skips: Option<MeasuredSkips>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "what serde calls it with")]
+fn is_zero(n: &usize) -> bool {
+    *n == 0
 }
 
 /// A view with everything that was seen of it.
@@ -137,6 +146,7 @@ pub struct Seen<'a> {
 }
 
 /// Render and measure every view of `data`; `each` sees them as they come, whole, before views are compared with each other.
+/// Where it breaks, the views after are left out, and means are over those measured.
 ///
 /// # Errors
 /// [`RunError::Scene`] when an image cannot be read, [`RunError::Option`] for views that are too narrow to have halves where
@@ -146,7 +156,7 @@ pub fn evaluate(
     data: &Dataset,
     terms: &Terms<'_>,
     (steps, seconds): (u64, f64),
-    mut each: impl FnMut(Seen<'_>) -> Result<(), RunError>,
+    mut each: impl FnMut(Seen<'_>) -> Result<ControlFlow<()>, RunError>,
 ) -> Result<Evaluation, RunError> {
     let Terms { query, protocol, measures, seed } = *terms;
     need_halves(data, protocol)?;
@@ -191,11 +201,16 @@ pub fn evaluate(
         if protocol.scored == Scored::Whole {
             score.motion = MotionScore::of(view, &rendered, (&picture, &truth), mask)?;
         }
-        each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
+        let next = each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
         points.keep(index, std::mem::take(&mut rendered.layers.canonical));
         views.push(score);
+        if next.is_break() {
+            break;
+        }
     }
-    for (index, found) in points.scores(data) {
+    let left = data.len() - views.len();
+    // Views are compared with each other where all were rendered.
+    for (index, found) in if left == 0 { points.scores(data) } else { Vec::new() } {
         (views[index].motion.flow_error, views[index].motion.flow_found) = (Some(found.error), Some(found.found));
     }
     let mean = |value: fn(&ViewScore) -> Option<f64>| {
@@ -218,6 +233,7 @@ pub fn evaluate(
         protocol,
         notes,
         views,
+        left,
         skips: None,
     })
 }

@@ -50,6 +50,10 @@ impl Evaluation {
             out += &row(&name, [v.psnr, v.ssim, v.ms_ssim, v.lpips]);
         }
         out += &row("mean", [self.psnr, self.ssim, self.ms_ssim, self.lpips]);
+        if self.left > 0 {
+            let done = self.views.len();
+            out += &format!("stopped after {done} of {} views: the mean is over these alone\n", done + self.left);
+        }
         if let Some(db) = self.psnr_object {
             out += &format!("inside the masks of the object: {db:.3} dB\n");
         }

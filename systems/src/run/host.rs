@@ -7,9 +7,10 @@ use crate::error::RunError;
 use crate::eval::{Evaluation, Measures, Terms, evaluate};
 use crate::options::RunConfig;
 use crate::output::Storage;
-use crate::progress::{Event, Observer};
+use crate::progress::{Event, Meter, Observer};
 use crate::system::System;
 use crate::train::{Host, Occasion, Progress};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// Connects the training loop to the folder and the observer.
@@ -31,20 +32,27 @@ impl Host for RunHost<'_> {
         }
         let psnr = match occasion {
             Occasion::Midway => {
-                let of = self.held_out.len();
+                let mut meter = Meter::new("held-out view", self.held_out.len());
                 let observer = &mut *self.observer;
                 let terms = Terms { measures: Measures::Psnr, ..self.terms };
-                evaluate(system, self.held_out, &terms, at, |seen| {
-                    observer.event(Event::View { done: seen.index + 1, of });
-                    Ok(())
-                })?
-                .psnr
+                let evaluation = evaluate(system, self.held_out, &terms, at, |_| {
+                    meter.advance(observer);
+                    Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+                })?;
+                // The mean of some views is not comparable with that of all.
+                if evaluation.left > 0 {
+                    return Ok(None);
+                }
+                evaluation.psnr
             }
             Occasion::End => {
                 let place = (self.storage, self.folder);
                 let evaluation = measure_and_write(place, (system, self.held_out), &self.terms, at, self.observer)?;
-                let psnr = evaluation.psnr;
+                let (psnr, left) = (evaluation.psnr, evaluation.left);
                 self.evaluation = Some(evaluation);
+                if left > 0 {
+                    return Ok(None);
+                }
                 psnr
             }
         };

@@ -8,23 +8,26 @@ use crate::eval_scales::{ScaleTable, evaluate_scales};
 use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::{depth, depth_range, error_map, write_png};
-use crate::progress::{Event, Observer};
+use crate::progress::{Meter, Observer};
 use crate::render::plain_query;
 use crate::report;
 use crate::skips;
 use crate::summary::Summary;
 use crate::system::{Query, System};
 use losses::metrics::Lpips;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 impl Run<'_> {
-    /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report.
+    /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report. Where
+    /// the observer asks to stop, the views measured so far come back, and only their pictures are written.
     ///
     /// # Errors
-    /// [`RunError::Option`] without held-out views or for a light that the system has not, unreadable images, unwritable
-    /// files.
+    /// [`RunError::Option`] without held-out views or for a light that the system has not, [`RunError::Busy`], unreadable
+    /// images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
+        let _lock = self.write_lock(observer)?;
         let (protocol, query) = self.protocol()?;
         let evaluation = measure_and_write(
             (self.parts.storage, &self.folder),
@@ -33,10 +36,13 @@ impl Run<'_> {
             (self.step, self.seconds),
             observer,
         )?;
+        if evaluation.left > 0 {
+            return Ok(evaluation);
+        }
         if !self.folder.join(Summary::FILE).exists() {
             self.write_summary()?;
         }
-        self.write_showcase()?;
+        self.write_showcase(observer)?;
         report::write(self.parts.storage, &self.folder)?;
         Ok(evaluation)
     }
@@ -47,6 +53,7 @@ impl Run<'_> {
     /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
     pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
         self.need_held_out()?;
+        let _lock = self.write_lock(observer)?;
         let place = (self.parts.storage, self.folder.as_path());
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(None));
@@ -94,7 +101,7 @@ impl Run<'_> {
     }
 }
 
-/// All metrics of all held-out views, with their pictures, on disk.
+/// All metrics of all held-out views, with their pictures, on disk. Where the observer asks to stop, the pictures alone.
 pub(super) fn measure_and_write(
     (storage, folder): (&dyn Storage, &Path),
     (system, data): (&dyn System, &Dataset),
@@ -106,7 +113,7 @@ pub(super) fn measure_and_write(
     make_folder(&renders)?;
     let stems: Vec<String> =
         data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
-    let of = data.len();
+    let mut meter = Meter::new("held-out view", data.len());
     let mut evaluation = evaluate(system, data, terms, at, |seen| {
         let stem = &stems[seen.index];
         let write = |suffix: &str, picture: &image::RgbImage| {
@@ -116,11 +123,14 @@ pub(super) fn measure_and_write(
         write("_truth", seen.truth)?;
         write("_error", &error_map(seen.picture, seen.truth))?;
         write("_depth", &depth(seen.rendered, depth_range(&[seen.rendered])))?;
-        observer.event(Event::View { done: seen.index + 1, of });
-        Ok(())
+        meter.advance(observer);
+        Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
     for (score, stem) in evaluation.views.iter_mut().zip(stems) {
         score.files = Some(stem);
+    }
+    if evaluation.left > 0 {
+        return Ok(evaluation);
     }
     evaluation.skips = skips::measure(system, data, terms.query);
     write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;

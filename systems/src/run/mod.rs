@@ -3,7 +3,7 @@
 //! ```text
 //! config.toml        what determines the result, with every setting the plan decided
 //! heldout.txt        names of the held-out frames, one a line
-//! schedule.json      when the last training was to stop, for those who watch
+//! schedule.json      when the training stops and is measured: what `--resume` goes on with
 //! metrics.csv        a row an interval (see `log`)
 //! checkpoint/        see `checkpoint`
 //! eval.json eval.csv scores of the held-out views
@@ -12,11 +12,15 @@
 //! masks/             static masks of a few training photos, where the system finds them
 //! summary.json       plan, time per part, memory, skip table: what the report is made of
 //! report.html        all of it, self-contained
+//! .lock              held by the process that writes here (see `lock`)
 //! ```
 
+mod capture;
 mod datasets;
 mod host;
+mod lock;
 mod measured;
+mod place;
 mod planned;
 mod showcase;
 
@@ -28,19 +32,19 @@ use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
-use crate::output::{Disk, Storage, make_folder, write_file};
+use crate::output::{Disk, Storage, read_json, write_file};
 use crate::progress::{Event, Observer};
 use crate::report;
 use crate::summary::{SceneSummary, Summary};
 use crate::system::{System, SystemError};
-use crate::train::{Ended, Reason, Schedule, train};
+use crate::train::{Ended, Reason, Schedule, Stop, train};
 use datasets::datasets;
 use host::RunHost;
+pub use lock::FolderLock;
 use losses::metrics::Lpips;
-pub use planned::planned_stop;
-use rayon::prelude::*;
-use scene_io::capture::{self, Thumb};
-use scene_io::{Frame, MaskPolarity, Problem, Scene, SceneError, refuse_blank_masks};
+pub use place::{clear, config};
+pub use planned::{planned_schedule, planned_stop};
+use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -90,25 +94,29 @@ pub struct Run<'a> {
     /// Step the run was resumed at.
     resumed_at: Option<u64>,
     dataset: String,
+    /// The right to write into the folder, where this run has taken it.
+    lock: Option<FolderLock>,
 }
 
 impl<'a> Run<'a> {
     /// Start a run in `folder`.
     ///
     /// # Errors
-    /// [`RunError::RunExists`], unreadable scenes, scenes without training views, unwritable folders, settings that
-    /// cannot work, too little memory.
+    /// [`RunError::RunExists`], [`RunError::Busy`], [`RunError::ForeignFiles`], unreadable scenes, scenes without training
+    /// views, unwritable folders, settings that cannot work, too little memory.
     pub fn create(
         folder: &Path,
         request: &Request,
         parts: Parts<'a>,
         observer: &mut dyn Observer,
     ) -> Result<Self, RunError> {
+        let spec = request.scene.as_deref().ok_or_else(|| RunError::Option("no scene is given".into()))?;
+        // Before the lock's file is made.
+        place::refuse_foreign(folder)?;
+        let lock = take_lock(folder, observer)?;
         if let Some(step) = checkpoint::newest_step(folder) {
             return Err(RunError::RunExists { folder: folder.into(), step });
         }
-        let spec = request.scene.as_deref().ok_or_else(|| RunError::Option("no scene is given".into()))?;
-        make_folder(folder)?;
         // Found out now, not after an hour of training.
         let probe = folder.join(".writable");
         write_file(parts.storage, &probe, b"yes")?;
@@ -132,7 +140,7 @@ impl<'a> Run<'a> {
         }
         let dataset = dataset_hash(&scene)?;
         let (train, held_out) = datasets(&scene, &data)?;
-        for problem in capture_problems(&scene, &train)? {
+        for problem in capture::problems(&scene, &train)? {
             observer.event(Event::Warning(&problem.to_string()));
         }
         let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
@@ -161,20 +169,40 @@ impl<'a> Run<'a> {
             seconds: 0.0,
             resumed_at: None,
             dataset,
+            lock,
         };
         run.check_memory(observer)?;
         // A light that the system has not is found out now, too.
         run.protocol()?;
         let text = toml::to_string_pretty(&run.config)
             .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
-        write_file(parts.storage, &folder.join("config.toml"), text.as_bytes())?;
+        write_file(parts.storage, &folder.join(place::CONFIG), text.as_bytes())?;
         let names: String = run.held_out.views().iter().map(|v| format!("{}\n", v.name)).collect();
         write_file(parts.storage, &folder.join("heldout.txt"), names.as_bytes())?;
         MetricsLog::create(&folder.join("metrics.csv"))?;
         Ok(run)
     }
 
-    /// Open the run in `folder` at its newest usable checkpoint. What `request` says must agree with the run.
+    /// Open the run in `folder` as [`Run::open`] does, to go on with it: no other process writes into it until this run is
+    /// dropped.
+    ///
+    /// # Errors
+    /// [`RunError::Busy`], and as [`Run::open`].
+    pub fn open_to_write(
+        folder: &Path,
+        request: &Request,
+        parts: Parts<'a>,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RunError> {
+        // No lock is left where there is no run; a run before its first checkpoint is in use.
+        if checkpoint::newest_step(folder).is_none() && !folder.join(lock::FILE).exists() {
+            return Err(RunError::NoCheckpoint(folder.into()));
+        }
+        let lock = take_lock(folder, observer)?;
+        Ok(Self { lock, ..Self::open(folder, request, parts, observer)? })
+    }
+
+    /// Open the run in `folder` at its newest usable checkpoint, to read it. What `request` says must agree with the run.
     ///
     /// # Errors
     /// [`RunError::NoCheckpoint`], [`RunError::AllCheckpointsBroken`], [`RunError::ResumeDiffers`],
@@ -227,13 +255,31 @@ impl<'a> Run<'a> {
             seconds: meta.seconds,
             resumed_at: Some(meta.step),
             dataset,
+            lock: None,
         })
     }
 
-    /// Train until the schedule or `interrupt` stops it; at the end measure the held-out views and write the report.
+    /// The right to write into the folder for a while, where this run does not have it for good.
+    fn write_lock(&self, observer: &mut dyn Observer) -> Result<Option<FolderLock>, RunError> {
+        match self.lock {
+            Some(_) => Ok(None),
+            None => take_lock(&self.folder, observer),
+        }
+    }
+
+    /// Whether there is nothing left to do before `stop`: it is reached, and the held-out views are measured as of now.
+    pub fn is_finished(&self, stop: Stop) -> bool {
+        let measured = || read_json::<Evaluation>(&self.folder.join("eval.json")).ok().flatten();
+        stop.reached(self.step, self.seconds)
+            && (self.held_out.is_empty() || measured().is_some_and(|evaluation| evaluation.steps == self.step))
+    }
+
+    /// Train until the schedule or `interrupt` stops it; at the end measure the held-out views and write the report. Where
+    /// the observer asks to stop while they are measured, the run ends as [`Reason::Interrupted`] with the views measured so
+    /// far.
     ///
     /// # Errors
-    /// See [`train`]; the newest checkpoint stays usable.
+    /// [`RunError::Busy`], and see [`train`]; the newest checkpoint stays usable.
     pub fn train(
         &mut self,
         schedule: &Schedule,
@@ -241,9 +287,12 @@ impl<'a> Run<'a> {
         observer: &mut dyn Observer,
         interrupt: &AtomicBool,
     ) -> Result<(Ended, Option<Evaluation>), RunError> {
+        if self.lock.is_none() {
+            self.lock = take_lock(&self.folder, observer)?;
+        }
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
-        planned::write(self.parts.storage, &self.folder, schedule.stop);
+        planned::write(self.parts.storage, &self.folder, schedule, observer);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));
@@ -258,12 +307,15 @@ impl<'a> Run<'a> {
             evaluation: None,
         };
         let start = (self.step, self.seconds);
-        let ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
+        let mut ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
         let evaluation = host.evaluation.take();
+        if evaluation.as_ref().is_some_and(|evaluation| evaluation.left > 0) {
+            ended.reason = Reason::Interrupted;
+        }
         (self.step, self.seconds) = (ended.step, ended.seconds);
         self.write_summary()?;
         if ended.reason != Reason::Interrupted {
-            self.write_showcase()?;
+            self.write_showcase(observer)?;
         }
         report::write(self.parts.storage, &self.folder)?;
         Ok((ended, evaluation))
@@ -322,20 +374,17 @@ impl<'a> Run<'a> {
     }
 }
 
-/// What is wrong with the capture itself. Photos that do not fit in memory at one time are not looked at.
-fn capture_problems(scene: &Scene, train: &Dataset) -> Result<Vec<Problem>, RunError> {
-    if !train.fits() {
-        return Ok(capture::without_pictures(scene));
+/// The lock of a folder; where the file system knows none, that is said.
+fn take_lock(folder: &Path, observer: &mut dyn Observer) -> Result<Option<FolderLock>, RunError> {
+    let lock = FolderLock::take(folder)?;
+    if lock.is_none() {
+        let line = format!(
+            "the file system of `{}` knows no locks: see to it that nothing else is trained into this folder",
+            folder.display()
+        );
+        observer.event(Event::Warning(&line));
     }
-    train.decode()?;
-    let mut thumbs = vec![None; scene.frames.len()];
-    let views: Vec<usize> = (0..train.len()).filter(|&i| train.view(i).level == 0).collect();
-    let found: Result<Vec<(usize, Thumb)>, SceneError> =
-        views.par_iter().map(|&i| Ok((train.view(i).frame, Thumb::of(&*train.image(i)?)))).collect();
-    for (frame, thumb) in found? {
-        thumbs[frame] = Some(thumb);
-    }
-    Ok(capture::look(scene, &thumbs))
+    Ok(lock)
 }
 
 /// Masks that ignore most of the photos are more likely those of an object.

@@ -1,46 +1,123 @@
-//! When a training will stop, for whoever watches it from outside: `schedule.json`. No part of what determines the result.
+//! When a training stops and what it does on the way: `schedule.json`. No part of what determines the result, but what
+//! `--resume` goes on with, and what those who watch from outside read.
 
 use crate::output::{Storage, write_file};
-use crate::train::Stop;
-use serde_json::{Value, json};
+use crate::progress::{Event, Observer};
+use crate::train::{Schedule, Stop};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::time::Duration;
 
-const FILE: &str = "schedule.json";
+pub(super) const FILE: &str = "schedule.json";
 
-/// Write down when the training that starts now will stop. No training fails over it: where this cannot be written, what
-/// matters soon cannot either, and says so.
-pub(super) fn write(storage: &dyn Storage, folder: &Path, stop: Stop) {
-    let text = match stop {
-        Stop::Steps(n) => json!({ "steps": n }),
-        Stop::Seconds(s) => json!({ "seconds": s }),
+/// What the file says; what is absent was not asked for.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+struct Said {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steps: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    eval_at: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    eval_every: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    checkpoint_seconds: Option<f64>,
+}
+
+/// Write down the schedule of the training that starts now. No training fails over it, but a later `--resume` would not know
+/// it, so that is said.
+pub(super) fn write(storage: &dyn Storage, folder: &Path, schedule: &Schedule, observer: &mut dyn Observer) {
+    let (steps, seconds) = match schedule.stop {
+        Stop::Steps(n) => (Some(n), None),
+        Stop::Seconds(s) => (None, Some(s)),
     };
-    let _ = write_file(storage, &folder.join(FILE), text.to_string().as_bytes());
+    let said = Said {
+        steps,
+        seconds,
+        eval_at: schedule.eval_at.clone(),
+        eval_every: schedule.eval_every,
+        checkpoint_seconds: Some(schedule.checkpoint_every.as_secs_f64()),
+    };
+    let path = folder.join(FILE);
+    let text = serde_json::to_vec(&said).unwrap_or_default();
+    if let Err(e) = write_file(storage, &path, &text) {
+        let line = format!("{e}: if this run is interrupted, give `--resume` its `--steps` or `--seconds` again");
+        observer.event(Event::Warning(&line));
+    }
+}
+
+/// The schedule of the last training in a run folder; `None` where nothing says when it was to stop.
+#[must_use]
+pub fn planned_schedule(folder: &Path) -> Option<Schedule> {
+    let said: Said = serde_json::from_slice(&std::fs::read(folder.join(FILE)).ok()?).ok()?;
+    let positive = |x: &f64| x.is_finite() && *x > 0.0;
+    let stop = said.steps.map(Stop::Steps).or(said.seconds.filter(positive).map(Stop::Seconds))?;
+    let plain = Schedule::new(stop);
+    let every = said.checkpoint_seconds.filter(positive).and_then(|s| Duration::try_from_secs_f64(s).ok());
+    Some(Schedule {
+        eval_at: said.eval_at.into_iter().filter(positive).collect(),
+        eval_every: said.eval_every.filter(|n| *n > 0),
+        checkpoint_every: every.unwrap_or(plain.checkpoint_every),
+        ..plain
+    })
 }
 
 /// When the last training in a run folder was to stop; `None` where nothing says so.
 #[must_use]
 pub fn planned_stop(folder: &Path) -> Option<Stop> {
-    let said: Value = serde_json::from_slice(&std::fs::read(folder.join(FILE)).ok()?).ok()?;
-    let steps = said.get("steps").and_then(Value::as_u64).map(Stop::Steps);
-    steps.or_else(|| said.get("seconds").and_then(Value::as_f64).map(Stop::Seconds))
+    planned_schedule(folder).map(|schedule| schedule.stop)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::output::Disk;
+    use crate::progress::Silent;
 
     #[test]
-    fn a_stop_is_read_as_it_was_written_and_nonsense_is_none() {
+    fn a_schedule_is_read_as_it_was_written_and_nonsense_is_none() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(planned_stop(folder.path()), None);
         for stop in [Stop::Steps(2000), Stop::Seconds(90.5)] {
-            write(&Disk, folder.path(), stop);
+            let schedule = Schedule {
+                eval_at: vec![10.0, 30.25],
+                eval_every: Some(100),
+                checkpoint_every: Duration::from_secs_f64(33.3),
+                ..Schedule::new(stop)
+            };
+            write(&Disk, folder.path(), &schedule, &mut Silent);
+            assert_eq!(planned_schedule(folder.path()), Some(schedule));
+            write(&Disk, folder.path(), &Schedule::new(stop), &mut Silent);
+            assert_eq!(planned_schedule(folder.path()), Some(Schedule::new(stop)));
             assert_eq!(planned_stop(folder.path()), Some(stop));
         }
-        for nonsense in ["", "[]", r#"{"steps": "many"}"#] {
+        for nonsense in ["", "[]", "{}", r#"{"steps": "many"}"#, r#"{"seconds": -1}"#] {
             std::fs::write(folder.path().join(FILE), nonsense).unwrap();
             assert_eq!(planned_stop(folder.path()), None, "{nonsense}");
         }
+    }
+
+    #[test]
+    fn a_file_that_says_the_stop_alone_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(FILE), r#"{"seconds":300.0,"checkpoint_seconds":1e300}"#).unwrap();
+        assert_eq!(planned_schedule(folder.path()), Some(Schedule::new(Stop::Seconds(300.0))));
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_said() {
+        struct Heard(Vec<String>);
+        impl Observer for Heard {
+            fn event(&mut self, event: Event<'_>) {
+                if let Event::Warning(line) = event {
+                    self.0.push(line.into());
+                }
+            }
+        }
+        let mut heard = Heard(Vec::new());
+        write(&Disk, Path::new("/nowhere/at/all"), &Schedule::new(Stop::Steps(1)), &mut heard);
+        assert!(heard.0.len() == 1 && heard.0[0].contains("schedule.json"), "{:?}", heard.0);
     }
 }

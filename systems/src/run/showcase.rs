@@ -8,7 +8,7 @@ use crate::eval::masks::{self, MaskOptions, MaskTable, write_masks};
 use crate::names::stem;
 use crate::output::{make_folder, write_file};
 use crate::picture::{colour, limited, write_png};
-use crate::progress::{Observer, Silent};
+use crate::progress::{Meter, Observer};
 use crate::render::render;
 use crate::report::{self, AppearanceRow};
 use crate::summary::Summary;
@@ -33,6 +33,9 @@ impl Run<'_> {
         observer: &mut dyn Observer,
     ) -> Result<MaskTable, RunError> {
         let place = (self.parts.storage, folder);
+        // Another folder than the run's is the caller's own affair.
+        let is_own = folder.starts_with(&self.folder);
+        let _lock = if is_own { self.write_lock(observer)? } else { None };
         let table =
             write_masks(place, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, observer)?;
         let table = table.ok_or_else(|| {
@@ -48,8 +51,11 @@ impl Run<'_> {
     }
 
     /// Write the appearance row and the first masks, where there are such.
-    pub(super) fn write_showcase(&self) -> Result<(), RunError> {
-        self.write_appearance_row()?;
+    pub(super) fn write_showcase(&self, observer: &mut dyn Observer) -> Result<(), RunError> {
+        self.write_appearance_row(observer)?;
+        if observer.stop_asked() {
+            return Ok(());
+        }
         // Masks that somebody asked for at this step are at least as many.
         if MaskTable::read(&self.folder.join(masks::FOLDER))?.is_some_and(|table| table.steps == self.step) {
             return Ok(());
@@ -58,11 +64,11 @@ impl Run<'_> {
         let options = MaskOptions { every: photos.div_ceil(SHOWN).max(1), empty: EmptyClass::default() };
         let place = self.folder.join(masks::FOLDER);
         let at = (self.parts.storage, place.as_path());
-        write_masks(at, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, &mut Silent)?;
+        write_masks(at, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, observer)?;
         Ok(())
     }
 
-    fn write_appearance_row(&self) -> Result<(), RunError> {
+    fn write_appearance_row(&self, observer: &mut dyn Observer) -> Result<(), RunError> {
         let system = self.system.as_ref();
         if system.appearance_code(&Appearance::Mean).is_none() {
             return Ok(());
@@ -75,12 +81,18 @@ impl Run<'_> {
         let few = photos.iter().copied().step_by(photos.len().div_ceil(SHOWN).max(1));
         let lights = std::iter::once(("mean".to_string(), Appearance::Mean))
             .chain(few.map(|i| (self.train.view(i).name.clone(), Appearance::View(i))));
+        let lights: Vec<(String, Appearance)> = lights.collect();
+        let mut meter = Meter::new("picture of the appearance row", lights.len());
         let mut pictures = Vec::new();
-        for (k, (name, appearance)) in lights.enumerate() {
+        for (k, (name, appearance)) in lights.into_iter().enumerate() {
+            if observer.stop_asked() {
+                return Ok(());
+            }
             let picture = colour(&render(system, &camera, &Query { appearance, ..self.query() }));
             let file = format!("{k:02}_{}.png", stem(&name));
             write_png(self.parts.storage, &folder.join(&file), &picture)?;
             pictures.push((name, file));
+            meter.advance(observer);
         }
         let row = AppearanceRow { view: view.name.clone(), pictures };
         let mut text = serde_json::to_string_pretty(&row).expect("a plain struct serialises");

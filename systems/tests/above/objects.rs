@@ -113,7 +113,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
         opaque = opaque.min(seen.rendered.layers.opacity[(SIDE / 2 * SIDE + SIDE / 2) as usize]);
         let corner = seen.rendered.layers.opacity[0];
         assert!(corner < 1e-3, "the corner is empty: {corner}");
-        Ok(())
+        Ok(std::ops::ControlFlow::Continue(()))
     })
     .unwrap();
     let (whole, inside) = (scores.psnr.unwrap(), scores.psnr_object.unwrap());

@@ -3,13 +3,15 @@
 use crate::common::{Watch, arrays, request, resume, sky_scene, start, with_parts};
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use systems::RunError;
 use systems::checkpoint::{load_newest, newest_step};
 use systems::log;
 use systems::options::Request;
 use systems::output::Disk;
-use systems::run::Run;
-use systems::train::{Reason, Stop};
+use systems::run::{Run, planned_schedule};
+use systems::train::{Reason, Schedule, Stop};
 
 fn stopped_at(step: u64) -> Watch {
     Watch { stop_after: Some(step), ..Watch::default() }
@@ -27,6 +29,39 @@ fn resume_at_any_step_equals_uninterrupted() {
         assert_eq!((ended.step, ended.reason), (60, Reason::Finished));
         assert_eq!(arrays(parts.path(), 60), arrays(whole.path(), 60), "stopped at {first}");
     }
+}
+
+#[test]
+fn a_run_that_is_stopped_before_its_first_step_is_resumed_from_its_start() {
+    let (whole, parts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    start(whole.path(), &Disk, Stop::Steps(10), &mut Watch::default()).unwrap();
+    let mut stopped = Watch { interrupt: Arc::new(AtomicBool::new(true)), ..Watch::default() };
+    let ended = start(parts.path(), &Disk, Stop::Steps(10), &mut stopped).unwrap();
+    assert_eq!((ended.step, ended.reason), (0, Reason::Interrupted));
+    resume(parts.path(), Stop::Steps(10), &mut Watch::default()).unwrap();
+    assert_eq!(arrays(parts.path(), 10), arrays(whole.path(), 10));
+}
+
+#[test]
+fn a_folder_that_is_in_use_is_refused_to_writers_and_open_to_readers() {
+    let folder = tempfile::tempdir().unwrap();
+    start(folder.path(), &Disk, Stop::Steps(5), &mut Watch::default()).unwrap();
+    with_parts(&Disk, &sky_scene(8, 16, false), |parts| {
+        let watch = &mut Watch::default();
+        let run = Run::open_to_write(folder.path(), &request(), parts, watch).unwrap();
+        let schedule = Schedule::new(Stop::Steps(9));
+        let mut second = Run::open(folder.path(), &request(), parts, watch).unwrap();
+        let busy = |error: RunError| matches!(error, RunError::Busy { .. });
+        assert!(busy(second.train(&schedule, None, watch, &AtomicBool::new(false)).unwrap_err()));
+        assert!(busy(second.evaluate(None, watch).unwrap_err()));
+        assert!(busy(Run::open_to_write(folder.path(), &request(), parts, watch).map(|_| ()).unwrap_err()));
+        assert!(run.is_finished(Stop::Steps(5)) && !run.is_finished(Stop::Steps(9)));
+        drop(run);
+        second.train(&schedule, None, watch, &AtomicBool::new(false)).unwrap();
+        assert!(second.is_finished(Stop::Steps(9)));
+    });
+    let planned = planned_schedule(folder.path()).unwrap();
+    assert_eq!(planned, Schedule { row_every: planned.row_every, ..Schedule::new(Stop::Steps(9)) });
 }
 
 #[test]
