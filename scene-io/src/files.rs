@@ -62,7 +62,7 @@ fn lexical(path: &Path) -> Option<PathBuf> {
 }
 
 /// Extensions that can be decoded, lower case.
-pub(crate) const IMAGE_EXTENSIONS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "gif"];
+pub(crate) const IMAGE_EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "webp", "exr", "gif"];
 
 /// Whether a file name ends like an image.
 pub(crate) fn is_image(path: &Path) -> bool {

@@ -294,7 +294,7 @@ fn statue_reads_the_same_as_colmap_and_llff() {
     let colmap = load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(colmap.dialect, Dialect::Colmap);
     assert_eq!(counts(&colmap), [35, 0, 5, 0]);
-    has_note(&colmap, "`--dialect llff` reads that instead");
+    has_note(&colmap, "`--format llff` reads that instead");
     has_note(&colmap, "40 of 40 frames have an ignore mask");
     refuse_blank_masks(&colmap.frames).unwrap();
     let inverted = LoadOptions { mask_polarity: MaskPolarity::WhiteIsIgnored, ..LoadOptions::default() };
