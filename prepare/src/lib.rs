@@ -118,8 +118,7 @@ pub fn prepare(request: &Request, watch: &mut dyn Watch) -> Result<Summary, Prep
 
 /// Makes the folder of the scene; one that holds something else is left alone.
 fn claim(input: &Path, out: &Path, work: &Path) -> Result<(), PrepareError> {
-    let full = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-    let (from, to) = (full(input), full(out));
+    let (from, to) = (real(input), real(out));
     if from == to || (from.starts_with(&to) && from.is_dir()) {
         let remedy = "give another folder as --out: pictures are written, photos are never changed";
         return Err(PrepareError::input(out, "is where the photos lie", remedy));
@@ -134,4 +133,11 @@ fn claim(input: &Path, out: &Path, work: &Path) -> Result<(), PrepareError> {
         return Err(PrepareError::input(out, "holds files that were not made by `prepare`", remedy));
     }
     std::fs::create_dir_all(work).map_err(PrepareError::io(work, "make the folder"))
+}
+
+/// The path without links; what is not there yet follows what is.
+fn real(path: &Path) -> PathBuf {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let known = path.ancestors().find_map(|a| Some((std::fs::canonicalize(a).ok()?, path.strip_prefix(a).ok()?)));
+    known.map_or_else(|| path.clone(), |(known, rest)| known.join(rest))
 }

@@ -188,6 +188,12 @@ fn transforms_file(path: &Path, options: &LoadOptions) -> Result<Found, SceneErr
     Ok(Found::Transforms(dialect, document))
 }
 
+/// Whether a path holds photos or a video and nothing that says where they were taken.
+#[must_use]
+pub fn lacks_cameras(path: &Path, options: &LoadOptions) -> bool {
+    detect(path, options).is_err_and(|error| error.kind() == ErrorKind::NoCameras)
+}
+
 /// Photos are there, and nothing that says where they were taken.
 fn without_cameras(path: &Path, found: &Unposed) -> SceneError {
     let what = match found {

@@ -6,6 +6,7 @@ mod browser;
 mod chromium;
 mod commands;
 mod dynamic;
+mod prepare;
 mod resume;
 mod scales;
 mod splat_memory;
