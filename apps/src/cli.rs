@@ -49,6 +49,8 @@ pub(crate) enum ProgressKind {
 pub(crate) enum Command {
     /// The whole job on an embedded synthetic scene: train, evaluate, render, report
     Demo(Demo),
+    /// Photos or a video to a scene with cameras, which `train` reads
+    Prepare(Prepare),
     /// Read a dataset; list frames, cameras, splits, priors, problems. Exit code not 0 if it cannot be trained
     Check(Check),
     /// Reconstruct a scene into a run folder
@@ -146,6 +148,46 @@ pub(crate) struct Demo {
     /// Any setting of the system
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Prepare {
+    /// A video file, or a folder of photos (JPEG, PNG, WebP, HEIC)
+    #[arg(value_name = "VIDEO|FOLDER")]
+    pub(crate) input: PathBuf,
+    /// Folder of the scene; a second call goes on where an earlier one ended
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) out: PathBuf,
+    /// Frames taken out of a video, the sharpest of as many stretches of time
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = at_least_two)]
+    pub(crate) frames: usize,
+    /// Scale pictures down to this longest side
+    #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..))]
+    pub(crate) longest_side: u32,
+    /// What finds the cameras (default: the first that is there)
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub(crate) with: Option<PoserWord>,
+}
+
+/// `sfm | colmap | glomap`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PoserWord {
+    /// The crate openmvg-sfm, in programs built with the feature `sfm`
+    Sfm,
+    /// The program colmap, 3.8 or newer
+    Colmap,
+    /// The program glomap, after colmap's features and matches
+    Glomap,
+}
+
+impl From<PoserWord> for prepare::Poser {
+    fn from(word: PoserWord) -> Self {
+        match word {
+            PoserWord::Sfm => Self::Sfm,
+            PoserWord::Colmap => Self::Colmap,
+            PoserWord::Glomap => Self::Glomap,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -450,6 +492,14 @@ fn budget(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if (0.0..=1.0).contains(&x) => Ok(x),
         _ => Err("write a number from 0 to 1".into()),
+    }
+}
+
+/// Cameras need two pictures.
+fn at_least_two(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n @ 2..=100_000) => Ok(n),
+        _ => Err("write a whole number from 2 to 100000".into()),
     }
 }
 

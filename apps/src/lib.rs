@@ -35,6 +35,9 @@ fn run(app: &'static app::App) -> ExitCode {
         Ok(commands::Done::Refused) => ExitCode::FAILURE,
         Err(error) => {
             show::error(error.as_ref());
+            if let Some(advice) = commands::prepare::advice(app, error.as_ref()) {
+                show::note(&advice);
+            }
             ExitCode::FAILURE
         }
     }

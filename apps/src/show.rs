@@ -237,7 +237,7 @@ fn summary(p: &Progress) -> String {
     parts.join(", ")
 }
 
-fn clock(seconds: f64) -> String {
+pub(crate) fn clock(seconds: f64) -> String {
     let s = seconds.round().max(0.0) as u64;
     match s {
         0..3600 => format!("{:02}:{:02}", s / 60, s % 60),

@@ -3,6 +3,7 @@
 use crate::colmap::{self, ModelFiles};
 use crate::json::Document;
 use crate::options::{LoadOptions, TrainPhotos};
+use crate::unposed::{Unposed, unposed};
 use crate::{Dialect, ErrorKind, Problem, SceneError, blender, endonerf};
 use std::path::{Path, PathBuf};
 
@@ -136,6 +137,11 @@ fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
     {
         return Ok(Found::Colmap(colmap::dataset_root(folder), vec![model]));
     }
+    if options.dialect.is_none()
+        && let Some(found) = unposed(path)
+    {
+        return Err(without_cameras(path, &found));
+    }
     let what = "is no dataset file: expected transforms*.json, poses_bounds.npy or a file of a COLMAP model";
     Err(SceneError::new(ErrorKind::Layout, Problem::new(path, what, "give the dataset's folder")))
 }
@@ -182,6 +188,24 @@ fn transforms_file(path: &Path, options: &LoadOptions) -> Result<Found, SceneErr
     Ok(Found::Transforms(dialect, document))
 }
 
+/// Whether a path holds photos or a video and nothing that says where they were taken.
+#[must_use]
+pub fn lacks_cameras(path: &Path, options: &LoadOptions) -> bool {
+    detect(path, options).is_err_and(|error| error.kind() == ErrorKind::NoCameras)
+}
+
+/// Photos are there, and nothing that says where they were taken.
+fn without_cameras(path: &Path, found: &Unposed) -> SceneError {
+    let what = match found {
+        Unposed::Photos { folder, count } if folder == path => format!("holds {count} photos and no cameras"),
+        Unposed::Photos { folder, count } => format!("holds {count} photos (in {}) and no cameras", folder.display()),
+        Unposed::Video(video) if video == path => "is a video without cameras".into(),
+        Unposed::Video(video) => format!("holds a video without cameras: {}", video.display()),
+    };
+    let remedy = "find out first where they were taken, with the command `prepare`";
+    SceneError::new(ErrorKind::NoCameras, Problem::new(path, what, remedy))
+}
+
 fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
     let variants = blender::training_files(path);
     if let [first, ..] = variants.as_slice() {
@@ -198,7 +222,7 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
         let has = |name: &str| folder.join(name).is_file();
         has("cameras.bin") || has("cameras.txt") || has("images.bin") || has("images.txt")
     });
-    if let Some(folder) = incomplete {
+    if let Some(folder) = &incomplete {
         what.push_str(&format!("; the COLMAP model in {} lacks its cameras or images file", folder.display()));
     }
     let folders: Vec<String> = std::fs::read_dir(path)
@@ -212,6 +236,13 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
         })
         .map(|p| p.display().to_string())
         .collect();
+    if options.dialect.is_none()
+        && folders.is_empty()
+        && incomplete.is_none()
+        && let Some(found) = unposed(path)
+    {
+        return without_cameras(path, &found);
+    }
     let remedy = match folders.iter().min() {
         Some(folder) => format!("a folder in it holds one: {folder}"),
         None => "give the folder that holds one of these".into(),

@@ -149,6 +149,8 @@ pub enum ErrorKind {
     Image,
     /// No known dataset layout was found, or files that belong to it are missing.
     Layout,
+    /// Photos or a video without cameras: see [`crate::unposed`].
+    NoCameras,
     /// No frames are left to train on, or those to hold out do not exist.
     Split,
 }

@@ -43,14 +43,16 @@ mod splits;
 pub mod synthetic;
 pub mod time;
 mod transforms;
+mod unposed;
 
 pub use check::{Depth, DepthSummary, Report, check};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
+pub use detect::lacks_cameras;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
-pub use picture::{Image, ImageStore, StoreOptions};
+pub use picture::{Image, ImageStore, StoreOptions, decode_photo};
 pub use priors::{
     BitMask, Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
     refuse_blank_masks,
@@ -59,3 +61,4 @@ pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split,
 };
 pub use splats::{SplatFile, SplatFormat, SplatOptions, encode_splats, parse_splats, read_splats, write_splats};
+pub use unposed::{Unposed, is_photo, is_video, unposed};

@@ -1,10 +1,12 @@
 //! `check`: what a dataset holds and what is wrong with it.
 
+use super::prepare::advice_for;
 use super::{Done, Failure, data_options, scene_spec};
 use crate::app::App;
 use crate::cli::Check;
 use crate::show::line;
 use scene_io::{Depth, Frame, Scene, Split};
+use std::path::Path;
 
 pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     let depth = if args.quick { Depth::Headers } else { Depth::Pixels };
@@ -19,6 +21,12 @@ pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     }
     if let Some(found) = report.scene.as_ref().and_then(beside_the_photos) {
         line(found);
+    }
+    if report.scene.is_none()
+        && scene_io::lacks_cameras(Path::new(&args.scene), &data_options(&args.data).load_options()?)
+        && let Some(advice) = advice_for(app, Path::new(&args.scene))
+    {
+        line(advice);
     }
     Ok(if report.can_train() { Done::Finished } else { Done::Refused })
 }

@@ -5,6 +5,7 @@ mod demo;
 mod eval;
 mod export;
 mod masks;
+pub(crate) mod prepare;
 mod render;
 mod train;
 
@@ -93,6 +94,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads };
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
+        Command::Prepare(args) => prepare::run(&session, &args, cli.threads),
         Command::Check(args) => check::run(app, &args),
         Command::Train(args) => train::run(&session, *args),
         Command::Eval(args) => eval::run(&session, &args),

@@ -7,6 +7,7 @@ mod chromium;
 mod commands;
 mod dynamic;
 mod progress;
+mod prepare;
 mod resume;
 mod scales;
 mod splat_memory;

@@ -57,8 +57,11 @@ pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), Scene
     Ok((labels, size))
 }
 
-/// Decodes a file to whatever it holds, with the limits of [`limits`].
-pub(crate) fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
+/// Decodes an image file to whatever it holds, 2 GiB at most. The EXIF orientation is not applied.
+///
+/// # Errors
+/// [`ErrorKind::Image`] for files that are empty, cut off or no image; [`ErrorKind::Io`] for those that cannot be read.
+pub fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
     let bytes = crate::files::read_bytes(path)?;
     if bytes.is_empty() {
         return Err(zero_bytes(path));

@@ -12,6 +12,8 @@ pub(crate) use header::read_header;
 pub(crate) use refusal::wrong_size;
 pub(crate) use store::same_shape;
 pub use store::{ImageStore, StoreOptions};
+// The public name.
+pub use decode::decode_dynamic as decode_photo;
 
 /// An 8-bit image: display-referred sRGB as in the file, rows top to bottom, channels interleaved.
 #[derive(Clone, Debug, PartialEq, Eq)]
