@@ -15,6 +15,11 @@ use systems::train::{Reason, Schedule, Stop};
 const DEFAULT_SECONDS: f64 = 300.0;
 
 pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
+    let stop = match (args.steps, args.seconds) {
+        (Some(steps), _) => Stop::Steps(steps),
+        (None, Some(seconds)) => Stop::Seconds(seconds),
+        (None, None) => Stop::Seconds(DEFAULT_SECONDS),
+    };
     let request = Request {
         scene: args.scene.as_deref().map(scene_spec),
         system: args.system,
@@ -24,11 +29,8 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         eval_appearance: args.eval_appearance,
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
         set: settings(args.set, args.field, args.max_splats),
-    };
-    let stop = match (args.steps, args.seconds) {
-        (Some(steps), _) => Stop::Steps(steps),
-        (None, Some(seconds)) => Stop::Seconds(seconds),
-        (None, None) => Stop::Seconds(DEFAULT_SECONDS),
+        purpose: args.purpose.unwrap_or_default(),
+        stop: Some(stop),
     };
     let schedule = Schedule {
         eval_at: args.eval_at,
