@@ -18,7 +18,7 @@ pub(crate) struct App {
     pub(crate) name: &'static str,
     /// What it does, for `--help`.
     pub(crate) about: &'static str,
-    /// System taken when none is named.
+    /// System taken when none is named; [`systems::plan::CHOSEN`]: chosen from the scene.
     pub(crate) default_system: &'static str,
     /// Reads scenes.
     pub(crate) load: LoadFn,
@@ -26,6 +26,8 @@ pub(crate) struct App {
     pub(crate) build: BuildFn,
     /// Embedded scene of the demo.
     pub(crate) demo_scene: &'static str,
+    /// System of the demo, where it is not the default.
+    pub(crate) demo_system: Option<&'static str>,
     /// Where the demo goes.
     pub(crate) demo_folder: &'static str,
     /// Training steps of the demo: about a minute on two cores.
@@ -36,14 +38,22 @@ pub(crate) struct App {
     pub(crate) is_dynamic: bool,
 }
 
+impl App {
+    /// Whether the scene stands still and shows nothing else: a system is chosen by what the scene is for.
+    pub(crate) fn is_static(&self) -> bool {
+        !self.is_wild && !self.is_dynamic
+    }
+}
+
 /// `nerf-static`.
 pub(crate) static STATIC: App = App {
     name: "nerf-static",
     about: "Radiance fields of static scenes, reconstructed on the CPU",
-    default_system: "ngp",
+    default_system: systems::plan::CHOSEN,
     load: systems::source::load,
     build: systems::plan::build,
     demo_scene: "synthetic:tabletop",
+    demo_system: Some("ngp"),
     demo_folder: "runs/demo",
     demo_steps: 1000,
     is_wild: false,
@@ -58,6 +68,7 @@ pub(crate) static DYNAMIC: App = App {
     load: systems::dynamic::load,
     build: systems::dynamic::build,
     demo_scene: "synthetic:orbit",
+    demo_system: None,
     demo_folder: "runs/demo-dynamic",
     demo_steps: 1000,
     is_wild: false,
@@ -72,6 +83,7 @@ pub(crate) static WILD: App = App {
     load: systems::source::load,
     build: systems::wild::build,
     demo_scene: "synthetic:plaza",
+    demo_system: None,
     demo_folder: "runs/demo-wild",
     demo_steps: 1000,
     is_wild: true,

@@ -12,6 +12,7 @@ use systems::appearance::LightPath;
 use systems::camera_path::PathKind;
 use systems::eval::EvalAppearance;
 use systems::options::Background;
+use systems::plan::Purpose;
 use systems::time_path::TimePath;
 
 #[derive(Debug, Parser)]
@@ -81,13 +82,16 @@ const WILD: &[(&str, Option<&str>)] = &[
 /// Words of `nerf-dynamic` alone.
 const DYNAMIC: &[(&str, Option<&str>)] = &[("render", Some("time")), ("export", Some("time"))];
 
+/// Words of `nerf-static` alone.
+const STATIC: &[(&str, Option<&str>)] = &[("train", Some("for"))];
+
 impl Cli {
     /// The command line of an app. Words that it has not are not shown, and refused by [`Cli::read`].
     pub(crate) fn of(app: &App) -> clap::Command {
         let mut command = Self::command().name(app.name).about(app.about).mut_subcommand("demo", |demo| {
             demo.mut_arg("out", |out| out.required(false).default_value(app.demo_folder))
         });
-        for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic)] {
+        for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic), (STATIC, app.is_static())] {
             for (word, argument) in words.iter().filter(|_| !has) {
                 command = command.mut_subcommand(word, |sub| match argument {
                     Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
@@ -124,7 +128,9 @@ fn foreign(app: &App, matches: &ArgMatches) -> Option<String> {
     };
     let wild = || found(WILD).map(|word| (word, "nerf-wild", "knows one light and no passers-by"));
     let dynamic = || found(DYNAMIC).map(|word| (word, "nerf-dynamic", "knows one moment only"));
+    let fixed = || found(STATIC).map(|word| (word, "nerf-static", "takes the system that is named, or its own"));
     let given = (!app.is_wild).then(wild).flatten().or_else(|| (!app.is_dynamic).then(dynamic).flatten());
+    let given = given.or_else(|| (!app.is_static()).then(fixed).flatten());
     given.map(|(word, other, why)| format!("`{word}` is a word of {other}: {} {why}", app.name))
 }
 
@@ -213,6 +219,10 @@ pub(crate) struct Train {
     /// Method; the default is chosen from the scene
     #[arg(long, value_name = "NAME")]
     pub(crate) system: Option<String>,
+    /// What it is for, where no system is named: `viewing` (the default: whichever of `ngp` and `splat` will show new views
+    /// better) or `geometry` (points, meshes, densities: `ngp`)
+    #[arg(id = "for", long = "for", value_name = "WHAT", conflicts_with = "system")]
+    pub(crate) purpose: Option<Purpose>,
     /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,

@@ -2,6 +2,8 @@
 
 use crate::error::RunError;
 use crate::eval::EvalAppearance;
+use crate::plan::Purpose;
+use crate::train::Stop;
 use field_core::rng::Rng;
 use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos};
 use serde::{Deserialize, Serialize};
@@ -203,6 +205,10 @@ pub struct Request {
     pub data: DataOptions,
     /// `--set key=value`.
     pub set: toml::Table,
+    /// What the reconstruction is for, where no system is named. No part of a run that is resumed.
+    pub purpose: Purpose,
+    /// When the training is to stop, where that is known: a system is chosen by it. No part of a run that is resumed.
+    pub stop: Option<Stop>,
 }
 
 impl Request {

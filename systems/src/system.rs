@@ -370,6 +370,18 @@ pub trait System: Send + Sync {
     /// ([`System::splats`]) has opacity on a picture and no density: 0.
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]);
 
+    /// Distance along a ray of the scene's frame at which the system begins to sample, world units: what lies before is never
+    /// seen.
+    fn first_sample(&self, _ray: &Ray) -> f64 {
+        0.0
+    }
+
+    /// Opacity of each pixel of a picture, row by row, from what lies before `depth` along the camera's axis, world units. `None`
+    /// for a system that has densities, which tell as much.
+    fn render_before(&self, _camera: &Camera, _depth: f64, _query: &Query) -> Option<Vec<f32>> {
+        None
+    }
+
     /// Colour at points of the scene's frame seen along unit directions `d`, at a time.
     fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]);
 

@@ -23,7 +23,7 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     remove_earlier_demo(&args.out)?;
     let request = Request {
         scene: Some(app.demo_scene.into()),
-        system: args.system,
+        system: args.system.or_else(|| app.demo_system.map(str::to_string)),
         set: settings(args.set, args.field, None),
         ..Request::default()
     };

@@ -30,6 +30,8 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         eval_appearance: args.eval_appearance,
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
         set: settings(args.set, args.field, args.max_splats),
+        purpose: args.purpose.unwrap_or_default(),
+        stop: Some(wished.stop().unwrap_or(Stop::Seconds(DEFAULT_SECONDS))),
     };
     let mut show = session.show();
     let (mut run, own) = if args.resume {
@@ -63,14 +65,15 @@ struct Wished {
 }
 
 impl Wished {
+    /// When to stop, where that is said.
+    fn stop(&self) -> Option<Stop> {
+        self.steps.map(Stop::Steps).or(self.seconds.map(Stop::Seconds))
+    }
+
     /// With what is not said as in the run's own schedule, where it has one.
     fn schedule(self, own: Option<Schedule>) -> Schedule {
         let own = own.unwrap_or_else(|| Schedule::new(Stop::Seconds(DEFAULT_SECONDS)));
-        let stop = match (self.steps, self.seconds) {
-            (Some(steps), _) => Stop::Steps(steps),
-            (None, Some(seconds)) => Stop::Seconds(seconds),
-            (None, None) => own.stop,
-        };
+        let stop = self.stop().unwrap_or(own.stop);
         // A time too long for a clock never comes.
         let minutes = |m: f64| Duration::try_from_secs_f64(m * 60.0).unwrap_or(Duration::MAX);
         Schedule {

@@ -3,6 +3,7 @@
 
 mod bad_datasets;
 mod browser;
+mod choice;
 mod chromium;
 mod commands;
 mod dynamic;

@@ -16,6 +16,7 @@ pub use guide::Guide;
 pub use patches::{Patches, Shape};
 pub use view::View;
 
+use crate::plan::visible_points;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::camera::{Camera, Prepared, RayTable};
@@ -81,7 +82,11 @@ impl Dataset {
         frames: Vec<usize>,
         levels: Range<u32>,
     ) -> Result<Self, SceneError> {
-        let frames: Vec<Listed> = frames.into_iter().map(|f| Listed::new(scene, f)).collect();
+        let mut frames: Vec<Listed> = frames.into_iter().map(|f| Listed::new(scene, f)).collect();
+        if !scene.points.is_empty() && scene.frames.iter().all(|frame| frame.tracks.is_empty()) {
+            let points: Vec<DVec3> = scene.points.iter().map(|point| point.xyz).collect();
+            frames.par_iter_mut().for_each(|l| l.points = visible_points(&store.camera(l.frame), &points).into());
+        }
         Ok(Self::of_frames(store, &frames, levels))
     }
 

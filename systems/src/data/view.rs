@@ -19,7 +19,8 @@ pub struct View {
     pub time: f64,
     /// Camera at training resolution.
     pub camera: Camera,
-    /// Points that it shows, world units: its features that were found again in other photos.
+    /// Points that it shows, world units: its features that were found again in other photos; an estimate where the dataset has
+    /// points and does not say who saw them.
     pub points: Arc<[DVec3]>,
     /// How often the frame was halved: the view is `1 / 2^level` of the training resolution.
     pub level: u32,

@@ -76,7 +76,8 @@ pub fn build(
     if frozen && has_depth {
         check_depth(name, data, measured)?;
     }
-    let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of(scene, data, run) }?;
+    let mut ground =
+        if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
     if config.deform().is_some() {
         // Cells that are full at some moment are empty at most others.

@@ -19,6 +19,7 @@ pub(super) fn measure(
         psnr: None,
         psnr_object: None,
         motion: super::MotionScore::default(),
+        fog: None,
         ssim: None,
         ms_ssim: None,
         lpips: None,

@@ -10,6 +10,7 @@
 //! is known ([`correspondence`]): a view has it only beside the other one.
 
 pub mod correspondence;
+mod fog;
 mod half;
 pub mod masks;
 mod measure;
@@ -17,6 +18,7 @@ mod motion;
 mod protocol;
 mod table;
 
+pub use fog::opacity_before;
 pub(crate) use half::pixels;
 pub use motion::MotionScore;
 pub use protocol::{EvalAppearance, FIT_LR, FIT_STEPS, Part, Protocol, Scored};
@@ -70,6 +72,10 @@ pub struct ViewScore {
     /// Motion and depth, where their truth is known.
     #[serde(default, skip_serializing_if = "MotionScore::is_empty")]
     pub motion: MotionScore,
+    /// Fog before the camera: mean opacity nearer than 0.9 of the depth of the nearest point that the view shows, `0..=1`;
+    /// `None` without such points, and where the scene moves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fog: Option<f64>,
     /// Structural similarity; `None` for images under 11 pixels a side.
     pub ssim: Option<f64>,
     /// Multi-scale SSIM; `None` for images under its smallest side, and for masked ones.
@@ -98,6 +104,9 @@ pub struct Evaluation {
     /// Means over views.
     #[serde(default, skip_serializing_if = "MotionScore::is_empty")]
     pub motion: MotionScore,
+    /// Mean over views: see [`ViewScore::fog`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fog: Option<f64>,
     /// Mean over views.
     pub ssim: Option<f64>,
     /// Mean over views.
@@ -166,6 +175,7 @@ pub fn evaluate(
         (Measures::All(_), Scored::Whole) => Correspondence::of(data)?,
         _ => Correspondence::default(),
     };
+    let still = data.moments() <= 1;
     for index in 0..data.len() {
         let view = data.view(index);
         let image = data.image(index)?;
@@ -201,6 +211,9 @@ pub fn evaluate(
         if protocol.scored == Scored::Whole {
             score.motion = MotionScore::of(view, &rendered, (&picture, &truth), mask)?;
         }
+        if matches!(measures, Measures::All(_)) && still {
+            score.fog = fog::fog(system, view);
+        }
         let next = each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
         points.keep(index, std::mem::take(&mut rendered.layers.canonical));
         views.push(score);
@@ -224,6 +237,7 @@ pub fn evaluate(
         psnr,
         psnr_object,
         motion: MotionScore::mean(views.iter().map(|v| v.motion)),
+        fog: mean(|v| v.fog),
         ssim,
         ms_ssim,
         lpips,

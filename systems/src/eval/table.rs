@@ -26,6 +26,15 @@ impl Evaluation {
         out
     }
 
+    /// How much stands before the cameras, with the worst view; `None` where that is not measured.
+    #[must_use]
+    pub fn fog_line(&self) -> Option<String> {
+        let mean = self.fog?;
+        let worst = self.views.iter().filter_map(|v| Some((v.fog?, &v.name))).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (most, name) = (100.0 * worst.0, worst.1);
+        Some(format!("fog before the cameras: {:.1} % (most {most:.1} %, {name})", 100.0 * mean))
+    }
+
     /// The same as a table for a terminal, means last.
     pub fn table(&self) -> String {
         let widest = self.views.iter().map(|v| v.name.chars().count()).max().unwrap_or(0).clamp(4, 48);
@@ -56,6 +65,9 @@ impl Evaluation {
         }
         if let Some(db) = self.psnr_object {
             out += &format!("inside the masks of the object: {db:.3} dB\n");
+        }
+        if let Some(line) = self.fog_line() {
+            out += &format!("{line}\n");
         }
         for line in self.motion.words() {
             out += &format!("{line}\n");

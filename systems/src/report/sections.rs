@@ -185,6 +185,9 @@ pub(super) fn scores(e: &Evaluation) -> String {
     if let Some(db) = e.psnr_object {
         let _ = writeln!(out, "<p class=\"soft\">PSNR inside the masks of the object: {db:.3} dB.</p>");
     }
+    if let Some(line) = e.fog_line() {
+        let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(&line));
+    }
     for line in e.motion.words() {
         let _ = writeln!(out, "<p class=\"soft\">{}.</p>", escape(&line));
     }
@@ -345,6 +348,7 @@ mod tests {
             psnr: Some(psnr),
             psnr_object: None,
             motion: crate::eval::MotionScore::default(),
+            fog: None,
             ssim: None,
             ms_ssim: None,
             lpips: None,

@@ -33,6 +33,7 @@ use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
 use crate::output::{Disk, Storage, read_json, write_file};
+use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
 use crate::report;
 use crate::summary::{SceneSummary, Summary};
@@ -62,7 +63,7 @@ pub struct Parts<'a> {
     pub build: &'a Build<'a>,
     /// Where files go.
     pub storage: &'a dyn Storage,
-    /// System taken when none is named.
+    /// System taken when none is named; [`plan::CHOSEN`]: the plan chooses.
     pub default_system: &'a str,
 }
 
@@ -122,7 +123,6 @@ impl<'a> Run<'a> {
         write_file(parts.storage, &probe, b"yes")?;
         std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
-        let name = request.system.as_deref().unwrap_or(parts.default_system);
         let options = RunOptions {
             seed: request.seed.unwrap_or(0),
             background: request.background,
@@ -133,17 +133,25 @@ impl<'a> Run<'a> {
             image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
             ..request.data.clone()
         };
-        let scene = (parts.load)(spec, &data)?;
+        let mut scene = (parts.load)(spec, &data)?;
         // Whoever goes on with a run has been told.
         if let Some(line) = refuse_blank_masks(&scene.frames)?.and_then(|left| mostly_masked(&scene, left)) {
             observer.event(Event::Warning(&line));
         }
         let dataset = dataset_hash(&scene)?;
+        keep_training_points(&mut scene);
         let (train, held_out) = datasets(&scene, &data)?;
         for problem in capture::problems(&scene, &train)? {
             observer.event(Event::Warning(&problem.to_string()));
         }
-        let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
+        let mut name = request.system.as_deref().unwrap_or(parts.default_system);
+        let mut chosen = None;
+        if name == plan::CHOSEN {
+            let choice = plan::choose(&scene, &train, &options, (request.purpose, request.stop))?;
+            (name, chosen) = (choice.system, Some(choice.line));
+        }
+        let (system, mut plan) = (parts.build)(name, &scene, &train, &options)?;
+        plan.lines.splice(0..0, chosen);
         let config = RunConfig {
             scene: spec.into(),
             system: name.into(),
@@ -226,8 +234,9 @@ impl<'a> Run<'a> {
             // The names as they were, wherever the file has gone.
             data.holdout = Some(format!("names:{}", names.display()));
         }
-        let scene = (parts.load)(spec, &data)?;
+        let mut scene = (parts.load)(spec, &data)?;
         let dataset = dataset_hash(&scene)?;
+        keep_training_points(&mut scene);
         if dataset != meta.dataset {
             return Err(RunError::DatasetChanged { run: short(&meta.dataset), now: short(&dataset) });
         }

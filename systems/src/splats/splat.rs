@@ -244,6 +244,14 @@ impl System for Splat {
         ))
     }
 
+    fn render_before(&self, camera: &Camera, depth: f64, query: &Query) -> Option<Vec<f32>> {
+        let before = nearer(&self.cloud, &camera.pose, depth, &self.frame);
+        let look = Look { cloud: &before, ..self.look() };
+        let pixels = camera.width as usize * camera.height as usize;
+        // A camera that cannot see shows nothing.
+        Some(look.layers(camera, query, &self.kept).map_or_else(|_| vec![0.0; pixels], |(layers, _)| layers.opacity))
+    }
+
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
         self.render_cones(rays, &vec![RAY_RADIUS; rays.len()], query)
     }
@@ -308,6 +316,22 @@ impl System for Splat {
         PARTS.into_iter().chain(OWN).zip(self.seconds).collect()
     }
 }
+
+/// Gaussians whose centres lie before `depth` along a camera's axis, world units; the others become transparent.
+fn nearer(cloud: &Gaussians, pose: &Pose, depth: f64, frame: &Frame) -> Gaussians {
+    let n = cloud.len();
+    let mut before = cloud.clone();
+    for i in 0..n {
+        let x = frame.to_world([0, 1, 2].map(|k| f64::from(cloud.mean[k * n + i])).into());
+        if pose.to_camera(x).z >= depth {
+            before.logit[i] = TRANSPARENT;
+        }
+    }
+    before
+}
+
+/// Logit of an opacity that no picture shows.
+const TRANSPARENT: f32 = -30.0;
 
 /// A refusal of the rasteriser: more than can be counted.
 fn refused(e: impl std::fmt::Display) -> SystemError {

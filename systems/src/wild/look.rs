@@ -4,17 +4,15 @@
 //! * Strangers: squares of a photo whose mean is far from the field's after its light is taken out.
 
 use super::config::{AppearanceKind, OccluderKind};
-use super::field_settings::field_settings;
 use super::photo_judge::{NEIGHBOURHOOD, mean_residuals};
 use super::survey_stride;
 use crate::data::Dataset;
 use crate::method::{Pixel, ViewSeen};
 use crate::options::RunOptions;
-use crate::plan::Ground;
+use crate::plan::{Ground, field_settings};
 use crate::static_scene::ngp::NgpConfig;
 use crate::static_scene::survey::Surveys;
 use crate::system::{System, SystemError};
-use scene_io::Scene;
 
 /// Steps of the short training.
 const STEPS: u64 = 80;
@@ -30,7 +28,6 @@ const DARK: f32 = 0.1;
 /// Light and strangers of the photos, each with a line of reason.
 pub(super) fn needs(
     ground: &mut Ground,
-    scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(AppearanceKind, OccluderKind), SystemError> {
@@ -40,7 +37,7 @@ pub(super) fn needs(
     }
     let lines = ground.lines.len();
     // Colours that depend on the direction would explain the light of each photo.
-    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, scene, data) };
+    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, data) };
     let mut field = ground.ngp(data, &config, run.seed, None)?;
     // What this field was built with is said again for the one that stays.
     ground.lines.truncate(lines);

@@ -24,7 +24,6 @@ mod consistency;
 mod cover;
 mod encoder;
 mod expected;
-mod field_settings;
 mod filter;
 mod glance;
 mod ha_nerf;

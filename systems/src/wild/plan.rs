@@ -1,7 +1,6 @@
 //! What do these photos need? The system built from its name, its parts and its field.
 
 use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
-use super::field_settings::field_settings;
 use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
 use super::light::Light;
@@ -13,7 +12,7 @@ use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, no_such_system, refuse_unknown, settings, split, table};
+use crate::plan::{Ground, NO_PARALLAX, field_settings, no_such_system, refuse_unknown, settings, split, table};
 use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -70,7 +69,7 @@ pub fn build(
         Some(parts) => parts,
         // Nothing is left to be found out: a resumed run is told again.
         None if asked("appearance") && asked("occluders") => (AppearanceKind::None, OccluderKind::None),
-        None => look::needs(&mut ground, scene, data, run)?,
+        None => look::needs(&mut ground, data, run)?,
     };
     let (ours, fields) = split(run, &table(&WildConfig::new(FieldKind::Ngp, appearance, occluders)));
     let field = match run.set.get("field") {
@@ -96,7 +95,7 @@ pub fn build(
     let sparsity = if wild.occluders == OccluderKind::Filter { SPARSITY } else { 0.0 };
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
-            let mut planned = field_settings(&mut ground, scene, data);
+            let mut planned = field_settings(&mut ground, data);
             planned.sparsity = sparsity;
             if wild.occluders == OccluderKind::Transient {
                 planned.batch_samples += planned.batch_samples / 2;

@@ -353,6 +353,10 @@ impl System for MipNerf360 {
         self.evaluate(points, d, |i, _, rgb| out[i] = rgb);
     }
 
+    fn first_sample(&self, ray: &Ray) -> f64 {
+        self.space.world_distance(ray, self.space.internal_ray(ray).start)
+    }
+
     fn bounds(&self) -> [[f64; 3]; 2] {
         self.space.world_bounds()
     }

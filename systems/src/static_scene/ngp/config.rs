@@ -137,7 +137,7 @@ pub struct NgpConfig {
     pub lr_tenfold: f32,
     /// L2 penalty on the networks' weights (not on the grid).
     pub weight_decay: f32,
-    /// What lies before the points of photos (features found again in others) is empty from the start.
+    /// What lies before the points that photos show is empty from the start.
     pub free_space: bool,
     /// Every ray ends in one more sample, at infinity: the sky, which is a colour for each direction. Only where space is
     /// contracted, with samples placed by the occupancy grid.

@@ -1,21 +1,22 @@
-//! Space that the features of photos see through: whoever sees a point sees nothing before it.
+//! Space that points of photos are seen through: whoever sees a point sees nothing before it.
 //!
-//! Features that were found again in other photos belong to the place, not to a stranger, and the line from a camera to such
-//! a point is free. A cell that several of these lines cross, none of them near its end, and that no point lies in or
-//! beside, is empty; and so is what lies before all the points of a photo, in whatever direction. Without this, few photos
-//! are explained by a fog before each camera.
+//! Points that several photos show belong to the place, and the line from a camera to such a point is free. A cell that several of
+//! these lines cross, none of them near its end, and that no point lies in or beside, is empty; and so is what lies in a picture
+//! before all of its points: each camera has a near plane of its own. Without this, few photos are explained by a fog before each
+//! camera.
 
 use crate::data::Dataset;
 use crate::layout::nearest_depth;
 use crate::space::Space;
+use glam::DVec3;
+use rayon::prelude::*;
+use render_core::camera::Prepared;
 use render_core::occupancy::OccupancyGrid;
 
 /// Lines that make a cell free.
 const LINES: u16 = 3;
 /// Part of a line that counts: points are not that certain, and what they lie on has a thickness.
 const CERTAIN: f32 = 0.9;
-/// Lines along a side of the fan before a photo.
-const FAN: u32 = 24;
 /// Places looked at in a cell's side.
 const PER_CELL: f32 = 2.0;
 
@@ -24,20 +25,16 @@ pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) ->
     let mut lines = vec![0_u16; grid.cells()];
     let mut kept = vec![false; grid.cells()];
     let mut any = false;
+    let mut nears = Vec::new();
     for view in data.views().iter().filter(|view| view.level == 0) {
         let Some(o) = space.internal_point(view.camera.pose.c) else { continue };
-        if let Some(depth) = nearest_depth(&view.camera, &view.points) {
-            any = true;
-            for (x, y) in (0..FAN).flat_map(|y| (0..FAN).map(move |x| (x, y))) {
-                let [x, y] =
-                    [(x, view.camera.width), (y, view.camera.height)].map(|(i, size)| i * (size - 1) / (FAN - 1));
-                let Some(ray) = view.ray(x, y) else { continue };
-                let end = ray.o + ray.d * (depth / ray.d.dot(view.camera.optical_axis()));
-                if let Some(p) = space.internal_point(end) {
-                    cross(grid, o, p, &mut lines);
-                }
-            }
-        }
+        nears.extend(nearest_depth(&view.camera, &view.points).map(|depth| Near {
+            camera: view.camera.prepare(),
+            size: [view.camera.width, view.camera.height].map(f64::from),
+            centre: view.camera.pose.c,
+            axis: view.camera.optical_axis(),
+            depth: f64::from(CERTAIN) * depth,
+        }));
         for point in view.points.iter() {
             let Some(p) = space.internal_point(*point) else { continue };
             any = true;
@@ -48,7 +45,16 @@ pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) ->
     if !any {
         return kept;
     }
-    let mut free: Vec<bool> = lines.iter().zip(&kept).map(|(n, kept)| *n >= LINES && !kept).collect();
+    let before_all = |id: u32| {
+        let (corner, side) = grid.cell_box(id);
+        let centre = space.world_point(corner.map(|c| c + 0.5 * side));
+        let reach = (space.world_point(corner) - centre).length();
+        nears.iter().any(|near| near.holds(centre, reach))
+    };
+    let mut free: Vec<bool> = (0..grid.cells() as u32)
+        .into_par_iter()
+        .map(|id| !kept[id as usize] && (lines[id as usize] >= LINES || before_all(id)))
+        .collect();
     // A cell that is only met by long steps is free where the eight it consists of are.
     let resolution = grid.settings().resolution;
     for k in 1..grid.settings().cascades {
@@ -63,6 +69,29 @@ pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) ->
         }
     }
     free
+}
+
+/// A camera and the depth before which it shows nothing.
+struct Near {
+    camera: Prepared,
+    size: [f64; 2],
+    centre: DVec3,
+    axis: DVec3,
+    depth: f64,
+}
+
+impl Near {
+    /// Whether a ball of radius `reach` about `x` lies before all that the camera shows, its centre in the picture or all of it
+    /// at the camera.
+    fn holds(&self, x: DVec3, reach: f64) -> bool {
+        let way = x - self.centre;
+        let z = way.dot(self.axis);
+        if z + reach >= self.depth || z < -reach {
+            return false;
+        }
+        let in_picture = |p: glam::DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= self.size[0] && p.y <= self.size[1];
+        way.length() <= reach || (z > 0.0 && self.camera.project(x).is_some_and(in_picture))
+    }
 }
 
 /// The finest cell that holds `p`, inside the grid.
@@ -139,6 +168,27 @@ mod tests {
         assert_eq!([at([0.9, 0.03, 0.03]), at([0.0, 0.3, 0.0])], [0, 0]);
         // A point at the camera is no line.
         cross(&grid, [0.5; 3], [0.5; 3], &mut lines);
+    }
+
+    #[test]
+    fn each_camera_has_a_near_plane_of_its_own() {
+        use render_core::camera::Camera;
+        use render_core::pose::Pose;
+        let pose = Pose { r: glam::DMat3::IDENTITY, c: DVec3::new(0.0, 0.0, -1.0) };
+        let camera = Camera::pinhole(40, 40, 40.0, 40.0, 20.0, 20.0, pose);
+        let near =
+            Near { camera: camera.prepare(), size: [40.0; 2], centre: pose.c, axis: camera.optical_axis(), depth: 1.0 };
+        for (x, reach, holds) in [
+            (DVec3::new(0.0, 0.0, -0.5), 0.1, true),
+            (DVec3::new(0.0, 0.0, -0.5), 0.6, false),
+            (DVec3::new(0.0, 0.0, 0.1), 0.1, false),
+            (DVec3::new(0.4, 0.0, -0.5), 0.1, false),
+            (DVec3::new(0.05, 0.0, -1.0), 0.1, true),
+            (DVec3::new(0.5, 0.0, -1.0), 0.1, false),
+            (DVec3::new(0.0, 0.0, -1.5), 0.1, false),
+        ] {
+            assert_eq!(near.holds(x, reach), holds, "{x} {reach}");
+        }
     }
 
     #[test]

@@ -354,6 +354,10 @@ impl System for Ngp {
         points::canonical(self, points, time, out);
     }
 
+    fn first_sample(&self, ray: &Ray) -> f64 {
+        self.space.world_distance(ray, self.space.internal_ray(ray).start)
+    }
+
     fn bounds(&self) -> [[f64; 3]; 2] {
         self.space.world_bounds()
     }

@@ -237,6 +237,10 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.evaluate(points, d, |i, _, rgb| out[i] = rgb);
     }
 
+    fn first_sample(&self, ray: &Ray) -> f64 {
+        self.space.world_distance(ray, self.space.internal_ray(ray).start)
+    }
+
     fn bounds(&self) -> [[f64; 3]; 2] {
         self.space.world_bounds()
     }

@@ -1,0 +1,250 @@
+//! Field or cloud? Which system is taken where none is named, from what is known before training.
+//!
+//! The rule and the figures that it was chosen by: `docs/decisions/0028-field-or-cloud.md`.
+
+use super::backdrop::backdrop;
+use super::ground::{has_alpha, percent};
+use super::settings::table;
+use crate::data::{Dataset, View};
+use crate::options::RunOptions;
+use crate::splats::SplatConfig;
+use crate::system::SystemError;
+use crate::train::Stop;
+use scene_io::Scene;
+use std::str::FromStr;
+
+/// The system's name where the plan chooses: never that of a run.
+pub const CHOSEN: &str = "chosen";
+
+/// The two that are chosen between.
+const FIELD: &str = "ngp";
+const CLOUD: &str = "splat";
+
+/// What a reconstruction is for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Purpose {
+    /// Looking at it from new places.
+    #[default]
+    Viewing,
+    /// Points, meshes, densities.
+    Geometry,
+}
+
+impl FromStr for Purpose {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        match word {
+            "viewing" => Ok(Self::Viewing),
+            "geometry" => Ok(Self::Geometry),
+            other => Err(format!("`{other}`: write `viewing` or `geometry`")),
+        }
+    }
+}
+
+/// A system and why it was taken.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// Its name.
+    pub system: &'static str,
+    /// The reason, with figures.
+    pub line: String,
+}
+
+impl Choice {
+    fn new(system: &'static str, why: String) -> Self {
+        Self { system, line: format!("system: {system} ({why})") }
+    }
+}
+
+/// Points cover the pictures from this share of their parts on.
+const COVERED: f64 = 0.5;
+/// Parts along the longest side of a picture.
+const PARTS: u32 = 8;
+/// An object's photos are large enough for a cloud from this longest side on, pixels.
+const OBJECT_SIDE: u32 = 200;
+/// So often a cloud must be shown all photos to be the better one: an object, and a scene that begins at points.
+const OBJECT_PASSES: f64 = 10.0;
+const PASSES: f64 = 25.0;
+/// Seconds of a step of a cloud on two cores, roughly: in any case, and for each pixel of the photo.
+const STEP: f64 = 0.02;
+const STEP_PER_PIXEL: f64 = 2e-7;
+
+/// What is known of a capture before training.
+#[derive(Clone, Debug, PartialEq)]
+struct Facts {
+    /// Points of the dataset.
+    points: usize,
+    /// Share of the pictures' parts in which a point is seen.
+    covered: f64,
+    /// Photos show where nothing is: alpha, or one plain colour all around.
+    cut_out: bool,
+    longest_side: u32,
+    /// How often a cloud is shown each photo before the training stops, roughly.
+    passes: f64,
+}
+
+impl Facts {
+    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>) -> Result<Self, SystemError> {
+        Ok(Self {
+            points: scene.points.len(),
+            covered: coverage(data.views()),
+            cut_out: has_alpha(data)? || backdrop(data)?.is_some(),
+            longest_side: data.longest_side().unwrap_or(0),
+            passes: passes(data, stop),
+        })
+    }
+
+    /// Field or cloud, and why.
+    fn choose(&self, purpose: Purpose) -> Choice {
+        let size = self.longest_side;
+        if purpose == Purpose::Geometry {
+            return Choice::new(FIELD, "for geometry: a cloud of Gaussians has no density".into());
+        }
+        let passes = self.passes;
+        let few = |least: f64| {
+            let why =
+                format!("a cloud would be shown each photo {passes:.0} times before the stop, it takes {least:.0}");
+            Choice::new(FIELD, why)
+        };
+        if self.cut_out {
+            return match size {
+                ..OBJECT_SIDE => Choice::new(FIELD, format!("photos of {size} pixels, a cloud takes {OBJECT_SIDE}")),
+                _ if passes < OBJECT_PASSES => few(OBJECT_PASSES),
+                _ => Choice::new(CLOUD, format!("photos of {size} pixels show what is empty")),
+            };
+        }
+        let share = percent(self.covered);
+        let points = self.points;
+        if points == 0 {
+            return Choice::new(FIELD, "no points for a cloud to begin at".into());
+        }
+        if self.covered < COVERED {
+            let why =
+                format!("{points} points are in {share} of the pictures' parts, a cloud takes {}", percent(COVERED));
+            return Choice::new(FIELD, why);
+        }
+        if passes < PASSES {
+            return few(PASSES);
+        }
+        Choice::new(CLOUD, format!("{points} points are in {share} of the pictures' parts"))
+    }
+}
+
+/// How often a cloud is shown each photo until a stop; always where none is known.
+fn passes(data: &Dataset, stop: Option<Stop>) -> f64 {
+    let views = data.len().max(1) as f64;
+    let step = STEP + STEP_PER_PIXEL * data.pixel_count() as f64 / views;
+    match stop {
+        None => f64::INFINITY,
+        Some(Stop::Steps(n)) => n as f64 / views,
+        Some(Stop::Seconds(s)) => s / step / views,
+    }
+}
+
+/// Share of the parts of all pictures in which a point is seen, each picture divided into squares.
+fn coverage(views: &[View]) -> f64 {
+    let (mut held, mut all) = (0, 0);
+    for view in views.iter().filter(|v| v.level == 0) {
+        let (w, h) = (view.camera.width, view.camera.height);
+        let side = f64::from(w.max(h).div_ceil(PARTS).max(1));
+        let [columns, rows] = [w, h].map(|n| (f64::from(n) / side).ceil() as usize);
+        let mut parts = vec![false; columns * rows];
+        let camera = view.camera.prepare();
+        for p in view.points.iter().filter_map(|&x| camera.project(x)) {
+            if p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) && p.y < f64::from(h) {
+                parts[(p.y / side) as usize * columns + (p.x / side) as usize] = true;
+            }
+        }
+        held += parts.iter().filter(|held| **held).count();
+        all += parts.len();
+    }
+    held as f64 / f64::from(u32::try_from(all).unwrap_or(u32::MAX)).max(1.0)
+}
+
+/// The system for a capture where none is named. A setting that one system alone has decides; otherwise what the capture holds
+/// and what it is for.
+///
+/// # Errors
+/// [`SystemError::Config`] for settings of which one is the field's alone and one the cloud's; [`SystemError::Scene`] when an image
+/// cannot be read.
+pub fn choose(
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+    (purpose, stop): (Purpose, Option<Stop>),
+) -> Result<Choice, SystemError> {
+    if let Some((system, key)) = implied(&run.set)? {
+        return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
+    }
+    if data.views().iter().any(|view| view.level > 0) {
+        return Ok(Choice::new(FIELD, "photos at several scales".into()));
+    }
+    Ok(Facts::of(scene, data, stop)?.choose(purpose))
+}
+
+/// The system that a setting asks for, and the setting.
+fn implied(set: &toml::Table) -> Result<Option<(&'static str, &str)>, SystemError> {
+    let cloud = table(&SplatConfig::published([0.0; 3], 1.0, 1));
+    let field = super::ngp_settings::names();
+    let only = |mine: &toml::Table, other: &toml::Table| {
+        set.keys().find(|key| mine.contains_key(*key) && !other.contains_key(*key)).map(String::as_str)
+    };
+    match (only(&field, &cloud), only(&cloud, &field)) {
+        (Some(field), Some(cloud)) => Err(SystemError::Config {
+            field: "set",
+            value: format!("{field}, {cloud}"),
+            problem: format!(
+                "`{field}` is a setting of `{FIELD}` alone, `{cloud}` of `{CLOUD}`: leave one out, or name a `--system`"
+            ),
+        }),
+        (Some(field), None) => Ok(Some((FIELD, field))),
+        (None, Some(cloud)) => Ok(Some((CLOUD, cloud))),
+        (None, None) => Ok(None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: Facts = Facts { points: 9000, covered: 0.9, cut_out: false, longest_side: 480, passes: 100.0 };
+    const OBJECT: Facts = Facts { points: 0, covered: 0.0, cut_out: true, longest_side: 400, passes: 60.0 };
+
+    #[test]
+    fn a_cloud_takes_points_or_an_object_and_time() {
+        let chosen = |facts: Facts| facts.choose(Purpose::Viewing).system;
+        assert_eq!(chosen(POINTS), "splat");
+        assert_eq!(chosen(Facts { covered: 0.3, ..POINTS }), "ngp");
+        assert_eq!(chosen(Facts { points: 0, covered: 0.0, ..POINTS }), "ngp");
+        assert_eq!(chosen(Facts { passes: 11.0, ..POINTS }), "ngp", "bonsai after five minutes");
+        assert_eq!(chosen(OBJECT), "splat");
+        assert_eq!(chosen(Facts { passes: 5.8, ..OBJECT }), "ngp", "lego400 after half a minute");
+        assert_eq!(chosen(Facts { longest_side: 100, ..OBJECT }), "ngp");
+        for facts in [POINTS, OBJECT] {
+            assert_eq!(facts.choose(Purpose::Geometry).system, "ngp");
+        }
+    }
+
+    #[test]
+    fn the_reason_has_figures() {
+        let line = |facts: Facts| facts.choose(Purpose::Viewing).line;
+        for (line, figure) in [
+            (line(POINTS), "9000 points are in 90.0 %"),
+            (line(Facts { covered: 0.3, ..POINTS }), "30.0 %"),
+            (line(Facts { passes: 11.4, ..POINTS }), "11 times"),
+            (line(OBJECT), "400 pixels"),
+        ] {
+            assert!(line.starts_with("system: ") && line.contains(figure), "{line}");
+        }
+    }
+
+    #[test]
+    fn passes_are_steps_or_seconds_by_photos() {
+        let (_, data) = super::super::made::capture(super::super::made::Points::None);
+        assert_eq!(passes(&data, Some(Stop::Steps(240))), 20.0);
+        assert_eq!(passes(&data, None), f64::INFINITY);
+        let seconds = passes(&data, Some(Stop::Seconds(60.0)));
+        assert!((200.0..260.0).contains(&seconds), "{seconds}");
+    }
+}

@@ -1,0 +1,194 @@
+//! What is known of a scene before any system is chosen, and systems built on it.
+
+use super::backdrop::Backdrop;
+use super::parallax::check_parallax;
+use crate::data::Dataset;
+use crate::deform::Deform;
+use crate::layout::{Layout, layout};
+use crate::method::Method;
+use crate::options::{Background, RunOptions};
+use crate::space::{Space, SpaceKind};
+use crate::static_scene::nerf::{Nerf, NerfConfig};
+use crate::static_scene::ngp::{Ngp, NgpConfig};
+use crate::system::SystemError;
+use float_core::Simd;
+use scene_io::Scene;
+
+/// Error of a pixel from skipped work in evaluation renders, where nothing else is said.
+const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
+
+/// What is known of a scene before any system is chosen.
+pub(crate) struct Ground {
+    pub(crate) layout: Layout,
+    /// What was decided, and why.
+    pub(crate) lines: Vec<String>,
+    pub(crate) background: Background,
+    /// The photos have alpha.
+    pub(crate) transparent: bool,
+    pub(crate) error_budget: f32,
+}
+
+impl Ground {
+    /// Of a scene that stands still.
+    pub(crate) fn of(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        check_parallax(data, run)?;
+        Self::without_space(scene, data, run, backdrop(data, run)?).map(Self::say_space)
+    }
+
+    /// Of a scene that moves: no photo stands for the others.
+    pub(crate) fn of_moments(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        check_parallax(data, run)?;
+        Self::with_depth(scene, data, run)
+    }
+
+    /// The same where depth is known otherwise than by parallax.
+    pub(crate) fn with_depth(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        Self::without_space(scene, data, run, None).map(Self::say_space)
+    }
+
+    fn say_space(mut self) -> Self {
+        self.lines.insert(0, format!("space: {} ({})", self.layout.kind.name(), self.layout.why));
+        self
+    }
+
+    /// [`of`](Self::of) for systems that fill no space.
+    pub(crate) fn of_clouds(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+        check_parallax(data, run)?;
+        Self::without_space(scene, data, run, backdrop(data, run)?)
+    }
+
+    fn without_space(
+        scene: &Scene,
+        data: &Dataset,
+        run: &RunOptions,
+        backdrop: Option<Backdrop>,
+    ) -> Result<Self, SystemError> {
+        let layout = layout(scene, data);
+        let mut lines = Vec::new();
+        let transparent = has_alpha(data)?;
+        let background = run.background.or(backdrop.as_ref().map(|b| b.background)).unwrap_or(Background::Random);
+        lines.push(match (run.background, transparent, backdrop) {
+            (Some(b), ..) => format!("background: {} (asked for)", b.name()),
+            (None, true, _) => "background: random (the images have alpha: empty space cannot hide as a colour)".into(),
+            (None, false, Some(backdrop)) => backdrop.line,
+            (None, false, None) => {
+                "background: random (the images have no alpha: every ray must end on something)".into()
+            }
+        });
+        let error_budget = run.error_budget.unwrap_or(EVALUATION_BUDGET);
+        Ok(Self { layout, lines, background, transparent, error_budget })
+    }
+
+    /// Settings of `nerf` for the scene.
+    pub(crate) fn nerf_settings(&mut self) -> NerfConfig {
+        self.lines.push("networks, samples and learning rate as published; smaller batches".into());
+        NerfConfig {
+            centre: self.layout.centre.to_array(),
+            radius: self.layout.radius,
+            extent: f64::from(1_u32 << (self.layout.cascades - 1)),
+            ..NerfConfig::published(self.layout.kind)
+        }
+    }
+
+    /// A new `nerf` that learns what a method says.
+    pub(crate) fn nerf(
+        &self,
+        data: &Dataset,
+        config: &NerfConfig,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Nerf, SystemError> {
+        let place = (config.centre, config.radius, config.extent);
+        let space = space(&self.layout, data, config.space, place, config.near)?;
+        Nerf::with_method(config.clone(), space, self.background, seed, method)
+    }
+
+    /// A new `ngp` that learns what a method says.
+    pub(crate) fn ngp(
+        &mut self,
+        data: &Dataset,
+        config: &NgpConfig,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Ngp, SystemError> {
+        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
+        self.carve(&mut ngp, data, self.transparent)?;
+        Ok(ngp)
+    }
+
+    /// A new `ngp` of a scene that moves, under a system's name.
+    pub(crate) fn moving(
+        &mut self,
+        data: &Dataset,
+        config: &NgpConfig,
+        seed: u64,
+        scene: &Scene,
+        (name, mut deform): (&'static str, Option<Deform>),
+    ) -> Result<Ngp, SystemError> {
+        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
+        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        if let Some(deform) = &mut deform {
+            let inside: Vec<[f32; 3]> = scene.points.iter().filter_map(|p| space.internal_point(p.xyz)).collect();
+            let p: Vec<f32> = (0..3).flat_map(|a| inside.iter().map(move |p| p[a])).collect();
+            let mut x = vec![0.0; p.len()];
+            space.grid_positions(Simd::best(), &p, &mut x);
+            deform.set_background(x);
+        }
+        let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, (name, None, deform))?;
+        self.carve(&mut ngp, data, false)?;
+        Ok(ngp)
+    }
+
+    fn carve(&mut self, ngp: &mut Ngp, data: &Dataset, alpha: bool) -> Result<(), SystemError> {
+        ngp.carve(data)?;
+        self.lines.push(format!(
+            "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
+            percent(ngp.carved()),
+            if alpha { " and the images' alpha" } else { "" }
+        ));
+        Ok(())
+    }
+}
+
+pub(crate) fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// Whether a training image has transparent pixels to speak of.
+pub(super) fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
+    Ok(!data.is_empty() && data.image(0)?.channels == 4)
+}
+
+pub(crate) fn space(
+    layout: &Layout,
+    data: &Dataset,
+    kind: SpaceKind,
+    (centre, radius, extent): ([f64; 3], f64, f64),
+    near: f32,
+) -> Result<Space, SystemError> {
+    let (centre, near) = (centre.into(), f64::from(near));
+    match (kind, layout.reference) {
+        (SpaceKind::Box, _) => Ok(Space::boxed(centre, radius, near)),
+        (SpaceKind::Contracted, _) => Ok(Space::contracted(centre, radius, extent, near)),
+        (SpaceKind::Ndc, Some((pose, near))) => {
+            let cameras: Vec<_> = data.views().iter().map(|v| v.camera).collect();
+            Space::ndc(pose, near, &cameras).ok_or_else(not_forward)
+        }
+        (SpaceKind::Ndc, None) => Err(not_forward()),
+    }
+}
+
+/// The photos' backdrop, where nothing was said about the background.
+fn backdrop(data: &Dataset, run: &RunOptions) -> Result<Option<Backdrop>, SystemError> {
+    if run.background.is_some() { Ok(None) } else { super::backdrop::backdrop(data) }
+}
+
+fn not_forward() -> SystemError {
+    SystemError::Config {
+        field: "space",
+        value: "ndc".into(),
+        problem: "the cameras do not all look the same way; use `contracted` or `box`".into(),
+    }
+}

@@ -1,0 +1,106 @@
+//! What does this scene need? Settings from the scene, a line of reason for each, and the system built from them.
+//!
+//! * `ground`: the layout, the background and the alpha of a scene;
+//! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
+//! * `choice`: which system is taken where none is named;
+//! * `backdrop`: whether the photos stand before one plain colour;
+//! * `points`: which reconstructed points training may use.
+
+mod backdrop;
+mod choice;
+mod field_settings;
+mod ground;
+#[cfg(test)]
+pub(crate) mod made;
+mod ngp_settings;
+mod parallax;
+mod points;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+pub use choice::{CHOSEN, Purpose, choose};
+pub(crate) use field_settings::field_settings;
+pub(crate) use ground::{Ground, space};
+pub(crate) use ngp_settings::{Shown, ngp_settings};
+pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
+pub(crate) use points::{keep_training_points, visible_points};
+pub(crate) use settings::{no_such_system, refuse_unknown, settings, split, table};
+
+use crate::data::Dataset;
+use crate::options::{Plan, RunOptions};
+use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
+use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
+use crate::system::{System, SystemError};
+use scene_io::Scene;
+
+/// Systems by name.
+pub const SYSTEMS: [&str; 5] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360", "splat"];
+
+/// Build the system `name` for a scene.
+///
+/// # Errors
+/// [`SystemError::Config`] for an unknown name, an unknown setting or one that cannot work; [`SystemError::Scene`] when
+/// an image cannot be read.
+pub fn build(
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    if name == "splat" {
+        return crate::splats::build(scene, data, run);
+    }
+    let Ground { layout, mut lines, background, transparent, error_budget } = Ground::of(scene, data, run)?;
+    let plan = |lines, mut config: toml::Table| {
+        // A resumed run must be told again.
+        config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
+        Plan { lines, background, error_budget, config }
+    };
+    match name {
+        "ngp" => {
+            let mut ground = Ground { layout, lines, background, transparent, error_budget };
+            let config = settings(&field_settings(&mut ground, data), run)?;
+            let ngp = ground.ngp(data, &config, run.seed, None)?;
+            Ok((Box::new(ngp), plan(ground.lines, table(&config))))
+        }
+        "nerf" => {
+            let mut ground = Ground { layout, lines, background, transparent, error_budget };
+            let config = settings(&ground.nerf_settings(), run)?;
+            let nerf = ground.nerf(data, &config, run.seed, None)?;
+            Ok((Box::new(nerf), plan(ground.lines, table(&config))))
+        }
+        "mip-nerf" => {
+            lines.push("network, intervals and learning rate as published; smaller batches".into());
+            let planned = MipNerfConfig {
+                centre: layout.centre.to_array(),
+                radius: layout.radius,
+                extent: f64::from(1_u32 << (layout.cascades - 1)),
+                point_size: layout.footprint as f32,
+                ..MipNerfConfig::published(layout.kind)
+            };
+            let config = settings(&planned, run)?;
+            let place = (config.centre, config.radius, config.extent);
+            let space = space(&layout, data, config.space, place, config.near)?;
+            let system = MipNerf::new(config.clone(), space, background, run.seed)?;
+            Ok((Box::new(system), plan(lines, table(&config))))
+        }
+        "mip-nerf-360" => {
+            lines.push("networks, intervals and learning rate as published; smaller batches".into());
+            // Objects and open scenes have different settings: those of the space asked for.
+            let asked = run.set.get("space").and_then(|word| word.clone().try_into().ok());
+            let planned = MipNerf360Config {
+                centre: layout.centre.to_array(),
+                radius: layout.radius,
+                ..MipNerf360Config::published(asked.unwrap_or(layout.kind))
+            };
+            let config: MipNerf360Config = settings(&planned, run)?;
+            config.check()?;
+            let place = (config.centre, config.radius, f64::from(config.far));
+            let space = space(&layout, data, config.space, place, config.near)?;
+            let system = MipNerf360::new(config.clone(), space, background, run.seed)?;
+            Ok((Box::new(system), plan(lines, table(&config))))
+        }
+        other => Err(no_such_system(other, SYSTEMS)),
+    }
+}

@@ -1,0 +1,137 @@
+//! Settings of the fast field from the layout and the number of pixels.
+
+use crate::data::Dataset;
+use crate::layout::Layout;
+use crate::space::SpaceKind;
+use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
+
+/// Cells of the finest level to a pixel's footprint.
+const CELLS_PER_PIXEL: f64 = 2.0;
+/// Samples of a ray past an object whose surroundings are transparent, of one through a scene that fills the picture, and
+/// those that a minute or two are good for: all roughly.
+const SAMPLES_OF_AN_OBJECT: u64 = 8;
+const SAMPLES_OF_A_SCENE: u64 = 64;
+const SAMPLES_OF_A_RUN: u64 = 100_000_000;
+
+/// What training pictures show.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shown {
+    /// The same scene.
+    Scene,
+    /// Each a moment of its own.
+    Moments,
+}
+
+/// Settings of `ngp` for a scene.
+pub(crate) fn ngp_settings(
+    layout: &Layout,
+    data: &Dataset,
+    (shown, transparent): (Shown, bool),
+    lines: &mut Vec<String>,
+) -> NgpConfig {
+    let pixel = layout.footprint;
+    // The grid spans two internal units, four where space is contracted.
+    let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
+    let finest = (span / pixel * CELLS_PER_PIXEL).clamp(64.0, 4096.0);
+    let n_max = (finest / 16.0).round() as u32 * 16;
+    lines.push(format!(
+        "finest grid: {n_max} cells along an axis ({CELLS_PER_PIXEL} to a pixel of {pixel:.4} radii at the scene)"
+    ));
+    let pixels = data.pixel_count();
+    // Where pixels are few and their rays short, each comes often enough to be taken for the area it is. Where a run on a
+    // CPU sees a pixel but once or twice, more pixels are worth more than each of them done better; and where each photo shows
+    // a moment of its own.
+    let samples = if transparent { SAMPLES_OF_AN_OBJECT } else { SAMPLES_OF_A_SCENE };
+    let often = shown == Shown::Scene && 4 * samples * pixels < SAMPLES_OF_A_RUN;
+    let rays_per_side = if often { 2 } else { 1 };
+    let step_per_pixel = if transparent && rays_per_side == 1 { 1.5 } else { 0.5 };
+    lines.push(format!("pixels: the mean of {} ray(s) each ({pixels} training pixels)", rays_per_side * rays_per_side));
+    // Pixels of extreme lenses are as large as the scene, or nothing.
+    let step_min = (step_per_pixel * pixel).clamp(2e-4, 0.25) as f32;
+    lines.push(format!("steps: {step_min:.4} radii ({step_per_pixel} of a pixel), growing with the distance"));
+    let log2_table = if pixels > 4_000_000 { 18 } else { 17 };
+    lines.push(format!("hash table: 2^{log2_table} entries a level ({pixels} training pixels)"));
+    // Where a ray never ends, fog close to the cameras explains any picture but the next. Where something moves a tenth of the
+    // loss: with all of it a dark video (`nr_nerf/example_sequence`) lost 4 dB, and everything near the camera.
+    let distortion = match (layout.kind, shown) {
+        (SpaceKind::Contracted, Shown::Scene) => 0.02,
+        (SpaceKind::Contracted, Shown::Moments) => 0.002,
+        (SpaceKind::Box | SpaceKind::Ndc, _) => 0.0,
+    };
+    if distortion > 0.0 {
+        lines.push(format!("distortion loss: {distortion} (space has no end: weight spread along a ray costs)"));
+    }
+    NgpConfig { log2_table, n_max, step_min, rays_per_side, distortion, ..defaults(layout, step_min) }
+}
+
+/// Settings that depend on the place of the scene alone.
+fn defaults(layout: &Layout, step_min: f32) -> NgpConfig {
+    NgpConfig {
+        space: layout.kind,
+        centre: layout.centre.to_array(),
+        radius: layout.radius,
+        levels: 8,
+        features: 4,
+        levels_anneal: 0,
+        levels_first: 4,
+        warp_levels: 8,
+        network_lr: 1.0,
+        density_layers: 1,
+        voxels: 0,
+        voxels_every: 500,
+        log2_table: 17,
+        n_min: 16,
+        n_max: 2048,
+        precision: NetworkPrecision::F32,
+        width: 32,
+        colour_layers: 1,
+        geometry: 16,
+        sh_degree: 4,
+        density_bias: 0.0,
+        sampler: Sampler::Occupancy,
+        proposal_samples: vec![64, 48],
+        final_samples: 32,
+        occupancy: 64,
+        cascades: layout.cascades,
+        occupancy_threshold: 0.01,
+        occupancy_settle: 500,
+        occupancy_every: 8,
+        near: 0.05,
+        step_min,
+        step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
+        rays_per_side: 1,
+        train_stop: 1e-4,
+        train_faint: 0.0,
+        samples_per_ray: 64.0,
+        batch_samples: 1 << 15,
+        batch_rays: 1 << 13,
+        lr: 2e-2,
+        lr_hold: 500,
+        lr_tenfold: 0.1,
+        weight_decay: 1e-6,
+        free_space: false,
+        sky: false,
+        distortion: 0.0,
+        sparsity: 0.0,
+        background_entropy: 0.0,
+        point_colour: 0.0,
+        huber: 0.0,
+        head_width: 64,
+        head_bias: -5.0,
+        mixture: MixtureKind::Paper,
+    }
+}
+
+/// All settings of the field by name; values are of no scene.
+pub(super) fn names() -> toml::Table {
+    let nowhere = Layout {
+        kind: SpaceKind::Box,
+        centre: glam::DVec3::ZERO,
+        radius: 1.0,
+        cascades: 1,
+        footprint: 1.0,
+        reference: None,
+        why: String::new(),
+    };
+    super::settings::table(&defaults(&nowhere, 0.01))
+}

@@ -1,0 +1,147 @@
+use super::made::{Points, RING, SIDE, capture, frames, scene};
+use super::*;
+use crate::layout::NEAR_SHARE;
+use crate::options::Background;
+use crate::static_scene::ngp::NgpConfig;
+use crate::train::Stop;
+use glam::DVec3;
+use scene_io::{Scene, TrackPoint};
+
+fn run(set: toml::Table) -> RunOptions {
+    RunOptions { seed: 0, background: None, error_budget: None, set }
+}
+
+fn field(scene: &Scene, data: &Dataset) -> NgpConfig {
+    let mut ground = Ground::of(scene, data, &run(toml::Table::new())).unwrap();
+    field_settings(&mut ground, data)
+}
+
+#[test]
+fn near_and_free_space_are_from_points_where_there_are_any() {
+    let (with, data) = capture(Points::WithTracks);
+    let config = field(&with, &data);
+    assert!(config.free_space && config.sky, "{config:?}");
+    // The floor begins about 3.16 - 1.3 before each camera.
+    let near = f64::from(config.near) * config.radius;
+    assert!((NEAR_SHARE * 1.5..NEAR_SHARE * 2.7).contains(&near), "{near}");
+    // Who sees them is estimated where nothing says so, and makes little difference here.
+    let (without, data) = capture(Points::WithoutTracks);
+    assert!(data.views().iter().all(|view| !view.points.is_empty()));
+    let estimated = field(&without, &data);
+    assert!(estimated.free_space && (estimated.near / config.near - 1.0).abs() < 0.1, "{}", estimated.near);
+    let (none, data) = capture(Points::None);
+    let config = field(&none, &data);
+    assert!(!config.free_space);
+    let near = f64::from(config.near) * config.radius;
+    assert!(near < 0.4 * (10.0_f64 / 9.0).sqrt() * RING, "{near}");
+}
+
+#[test]
+fn two_stray_points_before_a_camera_change_nothing() {
+    let (mut scene, data) = capture(Points::WithTracks);
+    let near = field(&scene, &data).near;
+    let camera = scene.frames[0].camera;
+    for k in 0..2 {
+        scene.points.push(scene_io::Point {
+            xyz: camera.pose.c + (0.1 + 0.1 * f64::from(k)) * camera.optical_axis(),
+            rgb: [0; 3],
+        });
+        let point = scene.points.len() as u32 - 1;
+        scene.frames[0].tracks.push(TrackPoint { pixel: [12.0; 2], length: 2, point });
+    }
+    let (scene, data) = made::scene(scene.frames.clone(), scene.points.clone());
+    let strayed = field(&scene, &data).near;
+    assert!((strayed / near - 1.0).abs() < 0.05, "{strayed} {near}");
+}
+
+#[test]
+fn static_and_wild_agree_on_the_field() {
+    for points in [Points::None, Points::WithoutTracks, Points::WithTracks] {
+        let (scene, data) = capture(points);
+        let plain = toml::toml! { appearance = "none"
+        occluders = "none" };
+        let (_, a) = build("ngp", &scene, &data, &run(toml::Table::new())).unwrap();
+        let (_, b) = crate::wild::build("plain", &scene, &data, &run(plain)).unwrap();
+        for (key, value) in &a.config {
+            assert_eq!(Some(value), b.config.get(key), "{points:?} {key}");
+        }
+        assert_eq!(a.background, b.background);
+        let said = |lines: &[String], what: &str| lines.iter().find(|l| l.starts_with(what)).cloned();
+        for what in ["near", "free space", "sky", "empty space", "space"] {
+            assert_eq!(said(&a.lines, what), said(&b.lines, what), "{points:?}");
+        }
+    }
+}
+
+#[test]
+fn points_empty_cells_before_each_camera() {
+    let (scene, data) = capture(Points::None);
+    let carved = |scene: &Scene, data: &Dataset, free: bool| {
+        let mut ground = Ground::of(scene, data, &run(toml::Table::new())).unwrap();
+        let config = NgpConfig { free_space: free, cascades: 2, ..field_settings(&mut ground, data) };
+        ground.ngp(data, &config, 0, None).unwrap()
+    };
+    let before = carved(&scene, &data, false).carved();
+    let (scene, data) = capture(Points::WithTracks);
+    let ngp = carved(&scene, &data, true);
+    assert!(ngp.carved() > before, "{} {before}", ngp.carved());
+    // Half way from a camera to the floor nothing can be; at the floor something can.
+    let mut density = [1.0; 2];
+    let c = data.view(0).camera.pose.c;
+    ngp.density(&[(0.6 * c).to_array(), DVec3::new(0.1, 0.1, 0.0).to_array()], 0.0, &mut density);
+    assert_eq!(density[0], 0.0);
+    assert!(density[1] > 0.0);
+}
+
+#[test]
+fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
+    let edge = |x: u32, y: u32| x == 0 || y == 0 || x == SIDE - 1 || y == SIDE - 1;
+    let around = |colour: u8| frames(3, move |_, x, y| if edge(x, y) { [colour; 4] } else { [90, 30, 60, 255] });
+    let found = |frames| backdrop::backdrop(&scene(frames, Vec::new()).1).unwrap();
+    let white = found(around(250)).unwrap();
+    assert_eq!(white.background, Background::White);
+    assert!(white.line.contains("12 of 12"), "{}", white.line);
+    assert_eq!(found(around(3)).unwrap().background, Background::Black);
+    assert_eq!(found(around(128)), None, "grey is no background that there is");
+    assert_eq!(found(around(220)), None);
+    // One photo of twelve may differ, three may not.
+    let but = |few: usize| frames(3, move |k, x, y| if edge(x, y) && k >= few { [255; 4] } else { [90, 30, 60, 255] });
+    assert!(found(but(1)).is_some() && found(but(3)).is_none());
+    // White and black in turn are no backdrop, nor is a white edge with alpha.
+    assert_eq!(found(frames(3, |k, _, _| [255 * (k % 2) as u8; 4])), None);
+    assert_eq!(found(frames(4, |_, _, _| [255; 4])), None);
+    let (white, data) = scene(around(255), Vec::new());
+    let (_, plan) = build("ngp", &white, &data, &run(toml::Table::new())).unwrap();
+    assert_eq!(plan.background, Background::White);
+    assert_eq!(plan.config["sky"].as_bool(), Some(false));
+    let said = RunOptions { background: Some(Background::Random), ..run(toml::Table::new()) };
+    assert_eq!(build("ngp", &white, &data, &said).unwrap().1.background, Background::Random);
+}
+
+#[test]
+fn a_setting_of_one_system_alone_implies_it() {
+    let (scene, data) = capture(Points::None);
+    let chosen = |set| choose(&scene, &data, &run(set), (Purpose::Geometry, Some(Stop::Steps(9)))).map(|c| c.system);
+    assert_eq!(chosen(toml::Table::new()).unwrap(), "ngp");
+    assert_eq!(chosen(toml::toml! { max_splats = 100 }).unwrap(), "splat");
+    assert_eq!(chosen(toml::toml! { log2_table = 12 }).unwrap(), "ngp");
+    assert_eq!(chosen(toml::toml! { sh_degree = 1 }).unwrap(), "ngp", "both have it");
+    let error = chosen(toml::toml! { max_splats = 100
+    n_max = 64 })
+    .unwrap_err()
+    .to_string();
+    assert!(error.contains("max_splats") && error.contains("n_max") && error.contains("--system"), "{error}");
+}
+
+#[test]
+fn points_all_over_the_pictures_make_a_cloud() {
+    let set = || run(toml::Table::new());
+    let chosen = |points, purpose| {
+        let (scene, data) = capture(points);
+        choose(&scene, &data, &set(), (purpose, None)).unwrap()
+    };
+    assert_eq!(chosen(Points::None, Purpose::Viewing).system, "ngp");
+    assert_eq!(chosen(Points::WithTracks, Purpose::Geometry).system, "ngp");
+    let line = chosen(Points::WithTracks, Purpose::Viewing).line;
+    assert!(line.starts_with("system: ") && line.contains("600 points"), "{line}");
+}
