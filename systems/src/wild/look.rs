@@ -1,11 +1,15 @@
 //! What do these photos need? A short training of the plain field, then every photo beside what the field renders there.
 //!
 //! * Light: where photos are brighter, darker or of another tint than the field as a whole, by photo.
-//! * Strangers: squares of a photo whose mean is far from the field's after its light is taken out.
+//! * Occluders: squares of a photo whose mean is far from the field's after its light is taken out, but for those that are of
+//!   the scene for all that the field does not know of it yet ([`super::guard`]).
+//!
+//! Pixels of a backdrop of one colour say nothing of either.
 
 use super::config::{AppearanceKind, OccluderKind};
 use super::field_settings::field_settings;
-use super::photo_judge::{NEIGHBOURHOOD, mean_residuals};
+use super::guard::{LEAST_PHOTOS, Marked, Witness, scene as of_the_scene};
+use super::photo_judge::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use super::survey_stride;
 use crate::data::Dataset;
 use crate::method::{Pixel, ViewSeen};
@@ -14,20 +18,21 @@ use crate::plan::Ground;
 use crate::static_scene::ngp::NgpConfig;
 use crate::static_scene::survey::Surveys;
 use crate::system::{System, SystemError};
+use losses::heuristics::Extent;
 use scene_io::Scene;
 
 /// Steps of the short training.
 const STEPS: u64 = 80;
 /// Deviation of the photos' light, as a factor of colours, from which on each has a code.
 const LIGHT: f64 = 0.045;
-/// Difference of a square's mean from the field, colour units, that a stranger makes; and the share of such squares from which
+/// Difference of a square's mean from the field, colour units, that an occluder makes; and the share of such squares from which
 /// on the loss is robust.
 const STRANGE: f32 = 0.2;
 const SHARE: f64 = 0.05;
 /// Added to colours before they are divided: dark pixels say nothing about light.
 const DARK: f32 = 0.1;
 
-/// Light and strangers of the photos, each with a line of reason.
+/// Light and occluders of the photos, each with a line of reason.
 pub(super) fn needs(
     ground: &mut Ground,
     scene: &Scene,
@@ -35,7 +40,7 @@ pub(super) fn needs(
     run: &RunOptions,
 ) -> Result<(AppearanceKind, OccluderKind), SystemError> {
     if data.len() < 2 {
-        ground.lines.push("light and strangers: not looked for (one photo says nothing about others)".into());
+        ground.lines.push("light and occluders: not looked for (one photo says nothing about others)".into());
         return Ok((AppearanceKind::None, OccluderKind::None));
     }
     let lines = ground.lines.len();
@@ -47,19 +52,23 @@ pub(super) fn needs(
     for step in 0..STEPS {
         field.step(data, step)?;
     }
-    let stride = survey_stride(data);
+    let (stride, backdrop) = (survey_stride(data), Backdrop::new(ground.background));
     let mut gains = Vec::with_capacity(data.len());
-    let (mut strange, mut squares) = (0, 0);
+    let (mut marked, mut squares) = (Vec::with_capacity(data.len()), 0);
     for view in 0..data.len() {
         let shown = field.show(data, view, stride)?;
         let seen = shown.seen(view);
+        let alpha = evidence(&seen, backdrop);
+        let seen = ViewSeen { alpha: &alpha, ..seen };
         let gain = gain(&seen);
-        let (found, of) = strangers(&seen, gain);
-        (strange, squares) = (strange + found, squares + of);
+        let marks = strange(&seen, gain);
+        squares += seen.alpha.iter().filter(|a| **a > 0.5).count();
+        let [width, height] = seen.size;
+        let extent = Extent { width, height };
+        marked.push(Marked { witness: Witness::of(data, view), extent, stride: seen.stride, marks });
         gains.push(gain);
     }
     let light = deviation(&gains);
-    let share = strange as f64 / f64::from(squares.max(1));
     let (appearance, word) = match light > LIGHT {
         true => (AppearanceKind::Codes, "a code for each photo"),
         false => (AppearanceKind::None, "one for all"),
@@ -69,16 +78,33 @@ pub(super) fn needs(
         100.0 * light,
         100.0 * LIGHT
     ));
-    let (occluders, word) = match share > SHARE {
+    if data.len() < LEAST_PHOTOS {
+        ground.lines.push(format!("occluders: not looked for ({} photos are too few to tell)", data.len()));
+        return Ok((appearance, OccluderKind::None));
+    }
+    let share = |marks: &[Vec<bool>]| {
+        marks.iter().flatten().filter(|mark| **mark).count() as f64 / squares.max(1) as f64
+    };
+    let all: Vec<Vec<bool>> = marked.iter().map(|photo| photo.marks.clone()).collect();
+    let scene = of_the_scene(marked);
+    let (all, scene) = (share(&all), share(&scene));
+    let (occluders, word) = match all - scene > SHARE {
         true => (OccluderKind::Robust, "left out by a robust loss"),
         false => (OccluderKind::None, "none"),
     };
     ground.lines.push(format!(
-        "strangers: {word} ({:.1} % of the photos' squares are more than {STRANGE} away from the field, limit {:.1} %)",
-        100.0 * share,
-        100.0 * SHARE
+        "occluders: {word} ({:.1} % of the photos' squares are more than {STRANGE} away from the field and not where most photos \
+         are, limit {:.1} %; {:.1} % are: that is the scene)",
+        100.0 * (all - scene),
+        100.0 * SHARE,
+        100.0 * scene
     ));
     Ok((appearance, occluders))
+}
+
+/// How much each square says: its opacity, and nothing where the backdrop is seen.
+fn evidence(seen: &ViewSeen<'_>, backdrop: Backdrop) -> Vec<f32> {
+    seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if backdrop.is(*rgb) { 0.0 } else { *a }).collect()
 }
 
 /// Logarithm of the factor between photo and field, by channel: the median over its pixels.
@@ -104,15 +130,14 @@ fn deviation(gains: &[[f32; 3]]) -> f64 {
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
-/// Squares that show something else than the field, and those that show anything: by the means of their neighbourhoods, as
+/// Squares that show something else than the field, of those that show anything: by the means of their neighbourhoods, as
 /// texture that is not learnt yet errs both ways.
-fn strangers(seen: &ViewSeen<'_>, gain: [f32; 3]) -> (u32, u32) {
+fn strange(seen: &ViewSeen<'_>, gain: [f32; 3]) -> Vec<bool> {
     let gain = gain.map(f32::exp);
     let lit = |pixel: &Pixel| [0, 1, 2].map(|c| (pixel.rgb[c] + DARK) * gain[c] - DARK);
     let pixels: Vec<Pixel> = seen.pixels.iter().map(|pixel| Pixel { rgb: lit(pixel), ..*pixel }).collect();
     let residuals = mean_residuals(&ViewSeen { pixels: &pixels, ..*seen }, NEIGHBOURHOOD);
-    let shown = || residuals.iter().zip(seen.alpha).filter(|(_, a)| **a > 0.5);
-    (shown().filter(|(e, _)| **e > STRANGE).count() as u32, shown().count() as u32)
+    residuals.iter().zip(seen.alpha).map(|(e, a)| *a > 0.5 && *e > STRANGE).collect()
 }
 
 #[cfg(test)]
@@ -135,13 +160,23 @@ mod tests {
         for (gain, want) in gain.iter().zip([1.2_f32, 1.0, 0.9]) {
             assert!((gain.exp() - want).abs() < 1e-4, "{gain} {want}");
         }
-        assert!((3..=6).contains(&strangers(&seen, gain).0), "{:?}", strangers(&seen, gain));
+        let strange = strange(&seen, gain).into_iter().filter(|s| *s).count();
+        assert!((3..=6).contains(&strange), "{strange}");
         assert!(deviation(&[gain, gain]) < 1e-6 && deviation(&[gain, [0.0; 3]]) > 0.04);
+    }
+
+    #[test]
+    fn a_backdrop_says_nothing_about_the_light() {
+        let pixels = [Pixel { rgb: [0.5; 3], ..Pixel::default() }; 4];
+        let truth = [[1.0; 3], [0.99; 3], [0.4; 3], [1.0, 1.0, 0.9]];
+        let seen = seen(&pixels, &truth, &[1.0; 4]);
+        assert_eq!(evidence(&seen, Backdrop::new(crate::options::Background::White)), [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(evidence(&seen, Backdrop::default()), [1.0; 4]);
     }
 
     #[test]
     fn a_photo_of_nothing_needs_nothing() {
         let seen = seen(&[], &[], &[]);
-        assert_eq!((gain(&seen), strangers(&seen, [0.0; 3]), deviation(&[])), ([0.0; 3], (0, 0), 0.0));
+        assert_eq!((gain(&seen), strange(&seen, [0.0; 3]).len(), deviation(&[])), ([0.0; 3], 0, 0.0));
     }
 }

@@ -27,6 +27,7 @@ mod expected;
 mod field_settings;
 mod filter;
 mod glance;
+mod guard;
 mod ha_nerf;
 mod hugs;
 mod light;
