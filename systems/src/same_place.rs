@@ -3,7 +3,11 @@
 //! Each photo marks squares of its own. A ray through a marked square is followed from near to far: where at some depth most of
 //! the other photos that have this place in the picture mark it too, the marks are of one thing, and that thing is part of the
 //! scene. Marks of passers-by, each in one photo, meet nowhere. This is the visual hull of the marks (Laurentini, 1994), found by
-//! votes: it needs neither depth nor colours, so that a field which knows nothing of the thing can be asked.
+//! votes: it needs no depth, so that it works where a field knows nothing of the thing.
+//!
+//! Where everything that photos mark lies in the middle of them, hulls meet there whatever it is. So where colours are given,
+//! some of those photos must show the same colour at that place, as those do that see a surface from its side (photo-consistency
+//! of Kutulakos and Seitz, 2000); things of a photo's own have colours of their own.
 
 use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Pose, Prepared};
@@ -21,6 +25,11 @@ const PARALLEL: f64 = 10.0;
 const LEAST: u32 = 4;
 /// Photos that are asked at most.
 const ASKED: usize = 32;
+/// Colours of one surface differ by so much at most, in each channel.
+const SAME_COLOUR: f32 = 0.1;
+/// Photos that have to show the same colour, and their share of those that have the place in the picture.
+const LEAST_ALIKE: u32 = 3;
+const ALIKE: f64 = 0.15;
 
 /// The marks of one photo.
 pub(crate) struct Marks {
@@ -34,6 +43,8 @@ pub(crate) struct Marks {
     pub(crate) width: usize,
     /// Which squares are marked, row by row.
     pub(crate) marks: Vec<bool>,
+    /// The colour of each square in a light that all photos share; empty where places alone count.
+    pub(crate) colours: Vec<[f32; 3]>,
     /// Whether it is asked about the others' marks.
     pub(crate) votes: bool,
 }
@@ -43,19 +54,20 @@ impl Marks {
         self.marks.len().checked_div(self.width).unwrap_or(0)
     }
 
-    /// Whether the square at a pixel is marked, or one beside it, as depths and squares are coarse; `None` outside of the
-    /// picture.
-    fn at(&self, pixel: DVec2) -> Option<bool> {
+    /// The square at a pixel, and whether it is marked, or one beside it, as depths and squares are coarse; `None` outside of
+    /// the picture.
+    fn at(&self, pixel: DVec2) -> Option<(usize, bool)> {
         let (w, h) = (f64::from(self.camera.width), f64::from(self.camera.height));
         if !(pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < w && pixel.y < h) || self.marks.is_empty() {
             return None;
         }
-        let around = |x: f64, count: usize| {
-            let k = ((x / self.stride) as usize).min(count - 1);
-            k.saturating_sub(1)..(k + 2).min(count)
-        };
-        let (columns, mut rows) = (around(pixel.x, self.width), around(pixel.y, self.height()));
-        Some(rows.any(|y| self.marks[y * self.width..][..self.width][columns.clone()].contains(&true)))
+        let square = |x: f64, count: usize| ((x / self.stride) as usize).min(count - 1);
+        let (x, y) = (square(pixel.x, self.width), square(pixel.y, self.height()));
+        let around = |k: usize, count: usize| k.saturating_sub(1)..(k + 2).min(count);
+        let mut rows = around(y, self.height());
+        let columns = around(x, self.width);
+        let marked = rows.any(|y| self.marks[y * self.width..][..self.width][columns.clone()].contains(&true));
+        Some((y * self.width + x, marked))
     }
 }
 
@@ -68,23 +80,24 @@ pub(crate) struct SamePlace {
     distance: Vec<f64>,
 }
 
-/// Votes of the other photos about the place where they agree best.
+/// Votes of the other photos about a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Votes {
+struct Votes {
     /// Photos that have it in the picture.
-    pub(crate) seen: u32,
+    seen: u32,
     /// Those that mark it.
-    pub(crate) marked: u32,
+    marked: u32,
+    /// Those that mark it and show the same colour there.
+    alike: u32,
 }
 
 impl Votes {
-    /// More than half of the photos, and one more, mark the place.
-    pub(crate) fn is_scene(self) -> bool {
-        self.seen >= LEAST && 2 * self.marked >= self.seen + 2
-    }
-
-    fn share(self) -> f64 {
-        f64::from(self.marked) / f64::from(self.seen.max(1))
+    /// More than half of the photos, and one more, mark the place, and enough of them show the same.
+    fn is_scene(self) -> bool {
+        self.seen >= LEAST
+            && 2 * self.marked >= self.seen + 2
+            && self.alike >= LEAST_ALIKE
+            && f64::from(self.alike) >= ALIKE * f64::from(self.seen)
     }
 }
 
@@ -108,32 +121,29 @@ impl SamePlace {
         Self { photos, asked, distance }
     }
 
-    /// The votes about what a square of a photo shows: where along its ray the share of marks is largest. No votes where no
-    /// place is seen by enough photos.
-    pub(crate) fn votes(&self, photo: usize, x: usize, y: usize) -> Votes {
+    /// Whether most photos mark what a square of a photo shows: at some depth along its ray.
+    fn is_scene(&self, photo: usize, x: usize, y: usize) -> bool {
         let (own, prepared) = &self.photos[photo];
         let middle = |k: usize| (k as f64 + 0.5) * own.stride;
-        let Some(ray) = prepared.ray(DVec2::new(middle(x), middle(y))) else { return Votes::default() };
-        let mut best = Votes::default();
-        for t in depths(self.distance[photo]) {
-            let votes = self.at(own.frame, ray.o + ray.d * t);
-            if votes.seen >= LEAST && (best.seen < LEAST || votes.share() > best.share()) {
-                best = votes;
-            }
-        }
-        best
+        let Some(ray) = prepared.ray(DVec2::new(middle(x), middle(y))) else { return false };
+        let colour = own.colours.get(y * own.width + x);
+        depths(self.distance[photo]).any(|t| self.votes((own.frame, colour), ray.o + ray.d * t).is_scene())
     }
 
-    /// The votes about a place, of all photos but those of a frame.
-    fn at(&self, frame: usize, place: DVec3) -> Votes {
+    /// The votes about a place, of all photos but those of a frame, which shows this colour.
+    fn votes(&self, (frame, colour): (usize, Option<&[f32; 3]>), place: DVec3) -> Votes {
         let mut votes = Votes::default();
         for &i in &self.asked {
             let (photo, prepared) = &self.photos[i];
-            let mark = if photo.frame == frame { None } else { prepared.project(place).and_then(|p| photo.at(p)) };
-            if let Some(marked) = mark {
-                votes.seen += 1;
-                votes.marked += u32::from(marked);
-            }
+            let at = if photo.frame == frame { None } else { prepared.project(place).and_then(|p| photo.at(p)) };
+            let Some((square, marked)) = at else { continue };
+            let alike = match (colour, photo.colours.get(square)) {
+                (Some(a), Some(b)) => (0..3).all(|c| (a[c] - b[c]).abs() < SAME_COLOUR),
+                _ => true,
+            };
+            votes.seen += 1;
+            votes.marked += u32::from(marked);
+            votes.alike += u32::from(marked && alike);
         }
         votes
     }
@@ -147,7 +157,7 @@ impl SamePlace {
         let mut asked = vec![0_i8; own.marks.len()];
         for y in (0..height).step_by(2) {
             for x in (0..width).step_by(2).filter(|x| own.marks[y * width + x]) {
-                asked[y * width + x] = if self.votes(photo, x, y).is_scene() { 1 } else { -1 };
+                asked[y * width + x] = if self.is_scene(photo, x, y) { 1 } else { -1 };
             }
         }
         let window = |k: usize, count: usize| -> Range<usize> { k.saturating_sub(REACH)..(k + REACH + 1).min(count) };
@@ -195,7 +205,8 @@ mod tests {
                 marked(i, ball, x, y)
             };
             let marks = (0..(SIDE * SIDE) as usize).map(mark).collect();
-            Marks { frame: i, camera, stride: 1.0, width: SIDE as usize, marks, votes: true }
+            let colours = Vec::new();
+            Marks { frame: i, camera, stride: 1.0, width: SIDE as usize, marks, colours, votes: true }
         });
         SamePlace::new(photos.collect())
     }
@@ -231,13 +242,27 @@ mod tests {
     }
 
     #[test]
+    fn what_covers_the_middle_of_every_photo_has_a_colour_of_its_own_in_each() {
+        let with_colours = |colour: fn(usize) -> [f32; 3]| {
+            let mut all = photos(|_, ball, ..| ball);
+            for (i, (photo, _)) in all.photos.iter_mut().enumerate() {
+                photo.colours = vec![colour(i); photo.marks.len()];
+            }
+            (0..16).map(|i| share(&all, i)).sum::<f64>() / 16.0
+        };
+        assert!(with_colours(|i| [0.5 + 0.02 * (i % 3) as f32, 0.4, 0.3]) > 0.95, "one thing, nearly");
+        let own = with_colours(|i| [1, 3, 7].map(|k| (i * k * 37 % 16) as f32 / 16.0));
+        assert!(own < 0.05, "{own}: another thing in each");
+    }
+
+    #[test]
     fn few_photos_and_photos_without_marks_say_nothing() {
         let mut few = photos(|_, ball, ..| ball);
         few.asked.truncate(LEAST as usize);
         assert_eq!(share(&few, 0), 0.0, "three others are too few");
         assert_eq!(SamePlace::new(Vec::new()).photos.len(), 0);
         let none = photos(|_, _, _, _| false);
-        assert!(none.shared(0).iter().all(|s| !s) && none.votes(0, 5, 5).marked == 0);
+        assert!(none.shared(0).iter().all(|s| !s) && !none.is_scene(0, 5, 5));
     }
 
     #[test]

@@ -77,7 +77,8 @@ fn alike(frames: &[&Frame]) -> Result<usize, SceneError> {
         let camera = frame.camera.resized(small(w), small(h));
         let marks: Vec<bool> = mask.resized(camera.width, camera.height).iter().collect();
         let shape = Shape::of(Extent { width: camera.width as usize, height: camera.height as usize }, &marks);
-        Ok((Marks { frame: 0, camera, stride: 1.0, width: camera.width as usize, marks, votes: true }, shape))
+        let (width, colours) = (camera.width as usize, Vec::new());
+        Ok((Marks { frame: 0, camera, stride: 1.0, width, marks, colours, votes: true }, shape))
     };
     let mut read: Vec<(Marks, Shape)> = frames.par_iter().map(read).collect::<Result<_, _>>()?;
     read.iter_mut().enumerate().for_each(|(i, (marks, _))| marks.frame = i);

@@ -3,7 +3,7 @@
 //! A field that has not learnt a thing yet, or cannot (gloss, light that a code does not hold), errs there in all photos, and what
 //! errs is what methods take for an occluder: left out, it is never learnt. So marks are held against the other photos first:
 //!
-//! * marks that most photos make at one place in space are of one thing, and it belongs there ([`SamePlace`]);
+//! * marks that most photos make at one place in space, in one colour, are of one thing, and it belongs there ([`SamePlace`]);
 //! * features that were found again in other photos are not on an occluder: where the marked part of a photo has as many as
 //!   half of what the rest has, it is the scene.
 
@@ -59,17 +59,70 @@ pub(super) struct Marked {
     pub(super) stride: usize,
     /// Row by row.
     pub(super) marks: Vec<bool>,
+    /// What each square shows.
+    pub(super) colours: Vec<[f32; 3]>,
+    /// Squares that say something: what photos have in common is found in these.
+    pub(super) evidence: Vec<bool>,
+}
+
+/// Added to colours before they are divided: dark pixels say nothing about light.
+pub(super) const DARK: f32 = 0.1;
+
+/// Bring the photos' colours to a common light: each photo by one factor a channel, so that its median is that of all.
+pub(super) fn even_out(photos: &mut [Marked]) {
+    let medians: Vec<[f32; 3]> = photos.par_iter().map(Marked::median).collect();
+    let n = medians.len().max(1) as f32;
+    let common = [0, 1, 2].map(|c| medians.iter().map(|m| m[c]).sum::<f32>() / n);
+    for (photo, median) in photos.iter_mut().zip(medians) {
+        let factor = [0, 1, 2].map(|c| (common[c] + DARK) / (median[c] + DARK));
+        for colour in &mut photo.colours {
+            *colour = [0, 1, 2].map(|c| (colour[c] + DARK) * factor[c] - DARK);
+        }
+    }
+}
+
+impl Marked {
+    fn median(&self) -> [f32; 3] {
+        [0, 1, 2].map(|c| {
+            let says = self.colours.iter().zip(&self.evidence).filter(|(_, says)| **says);
+            let mut values: Vec<f32> = says.map(|(colour, _)| colour[c]).collect();
+            let middle = values.len() / 2;
+            match values.is_empty() {
+                true => 0.5,
+                false => *values.select_nth_unstable_by(middle, f32::total_cmp).1,
+            }
+        })
+    }
+
+    /// Colours as means over 3x3 squares: what lies a square beside is seen as well.
+    fn smooth(&self) -> Vec<[f32; 3]> {
+        let Extent { width, height } = self.extent;
+        let around = |k: usize, count: usize| k.saturating_sub(1)..(k + 2).min(count);
+        let mean = |i: usize| {
+            let (mut sum, mut of) = ([0.0; 3], 0.0);
+            for y in around(i / width, height) {
+                for colour in &self.colours[y * width..][..width][around(i % width, width)] {
+                    sum.iter_mut().zip(colour).for_each(|(sum, c)| *sum += c);
+                    of += 1.0;
+                }
+            }
+            sum.map(|sum| sum / of)
+        };
+        (0..self.colours.len()).map(mean).collect()
+    }
 }
 
 /// For each photo those of its marks that are of the scene.
 pub(super) fn scene(photos: Vec<Marked>) -> Vec<Vec<bool>> {
     let featured: Vec<Vec<bool>> = photos.par_iter().map(has_features).collect();
-    let marks = photos.into_iter().map(|photo| Marks {
+    let colours: Vec<Vec<[f32; 3]>> = photos.par_iter().map(Marked::smooth).collect();
+    let marks = photos.into_iter().zip(colours).map(|(photo, colours)| Marks {
         frame: photo.witness.frame,
         camera: photo.witness.camera,
         stride: photo.stride as f64,
         width: photo.extent.width,
         marks: photo.marks,
+        colours,
         votes: photo.witness.full,
     });
     let places = SamePlace::new(marks.collect());
@@ -116,6 +169,25 @@ mod tests {
     use render_core::camera::Pose;
 
     #[test]
+    fn photos_in_different_light_are_brought_to_one() {
+        let camera = Camera::pinhole(2, 2, 2.0, 2.0, 1.0, 1.0, Pose::IDENTITY);
+        let photo = |gain: f32| Marked {
+            witness: Witness { frame: 0, camera, full: true, features: Vec::new() },
+            extent: Extent { width: 3, height: 1 },
+            stride: 1,
+            marks: vec![false; 3],
+            colours: [0.1, 0.3, 0.9].map(|x| [(x + DARK) * gain - DARK; 3]).to_vec(),
+            evidence: vec![true; 3],
+        };
+        let mut photos = [photo(0.8), photo(1.2)];
+        even_out(&mut photos);
+        for (a, b) in photos[0].colours.iter().zip(&photos[1].colours) {
+            assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-6), "{a:?} {b:?}");
+        }
+        assert!((photos[0].colours[1][0] - 0.3).abs() < 1e-6 && (photos[0].smooth()[1][0] - 1.3 / 3.0).abs() < 1e-3);
+    }
+
+    #[test]
     fn marks_that_hold_features_are_of_the_scene_and_others_are_not() {
         let (width, height, stride) = (40, 20, 2);
         let camera = Camera::pinhole(80, 40, 80.0, 80.0, 40.0, 20.0, Pose::IDENTITY);
@@ -126,7 +198,8 @@ mod tests {
             .collect();
         let witness = Witness { frame: 0, camera, full: true, features };
         let marks = (0..width * height).map(|i| (5..12).contains(&(i % width)) || i % width > 31).collect();
-        let found = scene(vec![Marked { witness, extent: Extent { width, height }, stride, marks }]);
+        let (colours, evidence) = (vec![[0.5; 3]; width * height], vec![true; width * height]);
+        let found = scene(vec![Marked { witness, extent: Extent { width, height }, stride, marks, colours, evidence }]);
         for (i, found) in found[0].iter().enumerate() {
             assert_eq!(*found, (5..12).contains(&(i % width)), "{i}");
         }

@@ -12,7 +12,7 @@
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
-use super::photo_judge::{Backdrop, Judged, PhotoJudge};
+use super::photo_judge::{Backdrop, Judged, PhotoJudge, light_of};
 use super::static_maps::{StaticMap, StaticMaps};
 use super::{is_doubled, robust};
 use crate::data::{Batch, Dataset};
@@ -94,6 +94,7 @@ impl Hugs {
         backdrop: Backdrop,
     ) -> Result<Self, SystemError> {
         let min_track = min_track(config.track_share, data.len()).map_err(|e| refused(&e))?;
+        let judge = PhotoJudge::new(backdrop, light_of(light.as_ref()));
         Ok(Self {
             light,
             frames: scene.frames.clone(),
@@ -107,7 +108,7 @@ impl Hugs {
             segments: config.segments,
             superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
-            judge: PhotoJudge::new(backdrop),
+            judge,
             clues: Vec::new(),
             maps: StaticMaps::default(),
             unerring: StaticMaps::default(),

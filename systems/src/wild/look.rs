@@ -8,7 +8,7 @@
 
 use super::config::{AppearanceKind, OccluderKind};
 use super::field_settings::field_settings;
-use super::guard::{LEAST_PHOTOS, Marked, Witness, scene as of_the_scene};
+use super::guard::{DARK, LEAST_PHOTOS, Marked, Witness, scene as of_the_scene};
 use super::photo_judge::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use super::survey_stride;
 use crate::data::Dataset;
@@ -29,8 +29,6 @@ const LIGHT: f64 = 0.045;
 /// on the loss is robust.
 const STRANGE: f32 = 0.2;
 const SHARE: f64 = 0.05;
-/// Added to colours before they are divided: dark pixels say nothing about light.
-const DARK: f32 = 0.1;
 
 /// Light and occluders of the photos, each with a line of reason.
 pub(super) fn needs(
@@ -65,7 +63,10 @@ pub(super) fn needs(
         squares += seen.alpha.iter().filter(|a| **a > 0.5).count();
         let [width, height] = seen.size;
         let extent = Extent { width, height };
-        marked.push(Marked { witness: Witness::of(data, view), extent, stride: seen.stride, marks });
+        // In the light of the field.
+        let colours = seen.truth.iter().map(|rgb| [0, 1, 2].map(|c| (rgb[c] + DARK) / gain[c].exp() - DARK)).collect();
+        let evidence = seen.alpha.iter().map(|a| *a > 0.5).collect();
+        marked.push(Marked { witness: Witness::of(data, view), extent, stride: seen.stride, marks, colours, evidence });
         gains.push(gain);
     }
     let light = deviation(&gains);

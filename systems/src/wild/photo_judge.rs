@@ -7,7 +7,8 @@
 //! out at one place in space, and what holds features of other photos, is the scene: it stays ([`super::guard`]).
 
 use super::expected::Expected;
-use super::guard::{Marked, Witness, scene};
+use super::guard::{Marked, Witness, even_out, scene};
+use super::light::Light;
 use super::static_maps::StaticMap;
 use crate::data::Dataset;
 use crate::method::ViewSeen;
@@ -46,6 +47,22 @@ pub(super) struct PhotoJudge {
     expected: Expected,
     photos: Vec<Photo>,
     backdrop: Backdrop,
+    light: PhotosLight,
+}
+
+/// Whether photos have a light of their own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum PhotosLight {
+    /// One for all.
+    #[default]
+    Same,
+    /// Each its own.
+    Each,
+}
+
+/// Photos have a light of their own where a method gives them one.
+pub(super) fn light_of(light: Option<&Light>) -> PhotosLight {
+    light.map_or(PhotosLight::Same, |_| PhotosLight::Each)
 }
 
 /// What is static in a photo.
@@ -63,6 +80,9 @@ struct Photo {
     residuals: Vec<f32>,
     place: Vec<[f32; 3]>,
     witness: Witness,
+    colours: Vec<[f32; 3]>,
+    /// Which squares show anything but the backdrop.
+    evidence: Vec<bool>,
 }
 
 /// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
@@ -95,8 +115,8 @@ pub(super) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
 }
 
 impl PhotoJudge {
-    pub(super) fn new(backdrop: Backdrop) -> Self {
-        Self { backdrop, ..Self::default() }
+    pub(super) fn new(backdrop: Backdrop, light: PhotosLight) -> Self {
+        Self { backdrop, light, ..Self::default() }
     }
 
     /// Take a photo; they come in the order of the views.
@@ -107,7 +127,9 @@ impl PhotoJudge {
         self.expected.add(&ViewSeen { alpha: &alpha, ..*seen }, &residuals);
         let [width, height] = seen.size;
         let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
-        self.photos.push(Photo { extent, stride, residuals, place, witness: Witness::of(data, seen.view) });
+        let (witness, colours) = (Witness::of(data, seen.view), seen.truth.to_vec());
+        let evidence = alpha.iter().map(|a| *a > 0.5).collect();
+        self.photos.push(Photo { extent, stride, residuals, place, witness, colours, evidence });
     }
 
     /// Static squares of all photos of the survey, in the order they came; `threshold` in units of what is expected. Forgets
@@ -117,20 +139,23 @@ impl PhotoJudge {
         let expected = &self.expected;
         let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
             .into_par_iter()
-            .map(|Photo { extent, stride, mut residuals, place, witness }| {
+            .map(|Photo { extent, stride, mut residuals, place, witness, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
                 let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
-                (Marked { witness, extent, stride, marks }, residuals, seed)
+                (Marked { witness, extent, stride, marks, colours, evidence }, residuals, seed)
             })
             .collect();
-        let (marked, kept): (Vec<Marked>, Vec<_>) = photos
+        let (mut marked, kept): (Vec<Marked>, Vec<_>) = photos
             .into_iter()
             .map(|(marked, residuals, seed)| {
                 let place = (marked.extent, marked.stride);
                 (marked, (place, residuals, seed))
             })
             .unzip();
+        if self.light == PhotosLight::Each {
+            even_out(&mut marked);
+        }
         let scene = scene(marked);
         kept.into_par_iter()
             .zip(scene)

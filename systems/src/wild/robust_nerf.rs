@@ -16,7 +16,7 @@
 
 use super::config::{Judging, WildConfig};
 use super::light::Light;
-use super::photo_judge::{Backdrop, PhotoJudge, mask_of};
+use super::photo_judge::{Backdrop, PhotoJudge, light_of, mask_of};
 use super::static_maps::StaticMaps;
 use super::{is_doubled, residual, robust, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
@@ -67,6 +67,7 @@ impl RobustNerf {
             return Err(SystemError::Config { field: "patch", value: config.patch.to_string(), problem });
         }
         let [weights, residuals, voters, scratch] = [const { Vec::new() }; 4];
+        let judge = PhotoJudge::new(backdrop, light_of(light.as_ref()));
         Ok(Self {
             light,
             kernel,
@@ -77,7 +78,7 @@ impl RobustNerf {
             judge_first: config.judge_first,
             judge_scale: config.judge_scale,
             stride: survey_stride(data),
-            judge: PhotoJudge::new(backdrop),
+            judge,
             maps: StaticMaps::default(),
             weights,
             residuals,
