@@ -25,8 +25,6 @@ const PARALLEL: f64 = 10.0;
 const LEAST: u32 = 4;
 /// Photos that are asked at most.
 const ASKED: usize = 32;
-/// Colours of one surface differ by so much at most, in each channel.
-const SAME_COLOUR: f32 = 0.1;
 /// Photos that have to show the same colour, and their share of those that have the place in the picture.
 const LEAST_ALIKE: u32 = 3;
 const ALIKE: f64 = 0.15;
@@ -74,6 +72,8 @@ impl Marks {
 /// Marks of all photos.
 pub(crate) struct SamePlace {
     photos: Vec<(Marks, Prepared)>,
+    /// Colours of one surface differ by so much at most, in each channel.
+    same_colour: f32,
     /// Those that are asked.
     asked: Vec<usize>,
     /// Typical distance of what a photo shows, world units, for each.
@@ -105,7 +105,8 @@ impl SamePlace {
     /// Photos that have to be there before anything can be said.
     pub(crate) const LEAST_PHOTOS: usize = LEAST as usize + 1;
 
-    pub(crate) fn new(photos: Vec<Marks>) -> Self {
+    /// `same_colour`: colours of one surface differ by so much at most, in each channel.
+    pub(crate) fn new(photos: Vec<Marks>, same_colour: f32) -> Self {
         let poses: Vec<Pose> = photos.iter().map(|p| p.camera.pose).collect();
         let focus = focus_point(&poses).filter(|focus| {
             // What is behind most cameras is not what they look at.
@@ -117,8 +118,14 @@ impl SamePlace {
             poses.iter().map(|p| focus.map_or(apart, |focus| (focus - p.c).length()).max(f64::MIN_POSITIVE)).collect();
         let voters: Vec<usize> = (0..photos.len()).filter(|&i| photos[i].votes).collect();
         let asked = voters.iter().copied().step_by(voters.len().div_ceil(ASKED).max(1)).collect();
-        let photos = photos.into_iter().map(|p| { let prepared = p.camera.prepare(); (p, prepared) }).collect();
-        Self { photos, asked, distance }
+        let photos = photos
+            .into_iter()
+            .map(|p| {
+                let prepared = p.camera.prepare();
+                (p, prepared)
+            })
+            .collect();
+        Self { photos, same_colour, asked, distance }
     }
 
     /// Whether most photos mark what a square of a photo shows: at some depth along its ray.
@@ -138,7 +145,7 @@ impl SamePlace {
             let at = if photo.frame == frame { None } else { prepared.project(place).and_then(|p| photo.at(p)) };
             let Some((square, marked)) = at else { continue };
             let alike = match (colour, photo.colours.get(square)) {
-                (Some(a), Some(b)) => (0..3).all(|c| (a[c] - b[c]).abs() < SAME_COLOUR),
+                (Some(a), Some(b)) => (0..3).all(|c| (a[c] - b[c]).abs() < self.same_colour),
                 _ => true,
             };
             votes.seen += 1;
@@ -166,7 +173,9 @@ impl SamePlace {
                 let (x, y) = (i % width, i / width);
                 let sum = || -> i32 {
                     window(y, height)
-                        .map(|y| asked[y * width..][..width][window(x, width)].iter().map(|v| i32::from(*v)).sum::<i32>())
+                        .map(|y| {
+                            asked[y * width..][..width][window(x, width)].iter().map(|v| i32::from(*v)).sum::<i32>()
+                        })
                         .sum()
                 };
                 own.marks[i] && sum() > 0
@@ -208,7 +217,7 @@ mod tests {
             let colours = Vec::new();
             Marks { frame: i, camera, stride: 1.0, width: SIDE as usize, marks, colours, votes: true }
         });
-        SamePlace::new(photos.collect())
+        SamePlace::new(photos.collect(), 0.1)
     }
 
     fn share(photos: &SamePlace, photo: usize) -> f64 {
@@ -260,7 +269,7 @@ mod tests {
         let mut few = photos(|_, ball, ..| ball);
         few.asked.truncate(LEAST as usize);
         assert_eq!(share(&few, 0), 0.0, "three others are too few");
-        assert_eq!(SamePlace::new(Vec::new()).photos.len(), 0);
+        assert_eq!(SamePlace::new(Vec::new(), 0.1).photos.len(), 0);
         let none = photos(|_, _, _, _| false);
         assert!(none.shared(0).iter().all(|s| !s) && !none.is_scene(0, 5, 5));
     }

@@ -2,7 +2,9 @@
 //! both, on an object before a backdrop, and on a place with passers-by.
 
 use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
-use scene_io::{Disturbance, Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, Scene, Split, TrainPhotos, perturb};
+use scene_io::{
+    Disturbance, Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, Scene, Split, TrainPhotos, perturb,
+};
 use std::sync::Arc;
 use systems::data::Dataset;
 use systems::options::{Background, RunOptions};

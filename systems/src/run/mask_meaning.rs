@@ -43,11 +43,8 @@ pub enum MaskMeaning {
 /// [`RunError::Scene`] naming a mask that cannot be read.
 pub fn mask_meaning(scene: &Scene, left: f64) -> Result<MaskMeaning, RunError> {
     let training: Vec<&Frame> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
-    let masked: Vec<&Frame> = training
-        .iter()
-        .copied()
-        .filter(|f| f.mask.is_some() && f.mask_polarity == MaskPolarity::WhiteIsUsed)
-        .collect();
+    let masked: Vec<&Frame> =
+        training.iter().copied().filter(|f| f.mask.is_some() && f.mask_polarity == MaskPolarity::WhiteIsUsed).collect();
     if left >= LEFT || masked.is_empty() {
         return Ok(MaskMeaning::AsRead);
     }
@@ -87,7 +84,7 @@ fn alike(frames: &[&Frame]) -> Result<usize, SceneError> {
     if rim > RIM {
         return Ok(0);
     }
-    let places = SamePlace::new(marks);
+    let places = SamePlace::new(marks, 0.0);
     let is_alike = |(photo, shape): (usize, &Shape)| -> bool {
         let shared = places.shared(photo).into_iter().filter(|s| *s).count();
         shape.white > 0

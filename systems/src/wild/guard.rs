@@ -23,6 +23,11 @@ const SHARE: f64 = 0.5;
 /// Photos that have to be there before anything can be told.
 pub(super) const LEAST_PHOTOS: usize = SamePlace::LEAST_PHOTOS;
 
+/// How much colours of one surface differ at most: what is released in training must not be an occluder, and a decision about all
+/// photos must not be led astray by gloss and shadows.
+pub(super) const STRICT: f32 = 0.1;
+pub(super) const LOOSE: f32 = 0.2;
+
 /// What a photo knows besides its colours.
 pub(super) struct Witness {
     frame: usize,
@@ -112,8 +117,8 @@ impl Marked {
     }
 }
 
-/// For each photo those of its marks that are of the scene.
-pub(super) fn scene(photos: Vec<Marked>) -> Vec<Vec<bool>> {
+/// For each photo those of its marks that are of the scene. Colours of one surface differ by `same_colour` at most.
+pub(super) fn scene(photos: Vec<Marked>, same_colour: f32) -> Vec<Vec<bool>> {
     let featured: Vec<Vec<bool>> = photos.par_iter().map(has_features).collect();
     let colours: Vec<Vec<[f32; 3]>> = photos.par_iter().map(Marked::smooth).collect();
     let marks = photos.into_iter().zip(colours).map(|(photo, colours)| Marks {
@@ -125,7 +130,7 @@ pub(super) fn scene(photos: Vec<Marked>) -> Vec<Vec<bool>> {
         colours,
         votes: photo.witness.full,
     });
-    let places = SamePlace::new(marks.collect());
+    let places = SamePlace::new(marks.collect(), same_colour);
     let join = |(photo, featured): (usize, Vec<bool>)| -> Vec<bool> {
         places.shared(photo).into_iter().zip(featured).map(|(shared, featured)| shared || featured).collect()
     };
@@ -199,7 +204,8 @@ mod tests {
         let witness = Witness { frame: 0, camera, full: true, features };
         let marks = (0..width * height).map(|i| (5..12).contains(&(i % width)) || i % width > 31).collect();
         let (colours, evidence) = (vec![[0.5; 3]; width * height], vec![true; width * height]);
-        let found = scene(vec![Marked { witness, extent: Extent { width, height }, stride, marks, colours, evidence }]);
+        let found =
+            scene(vec![Marked { witness, extent: Extent { width, height }, stride, marks, colours, evidence }], STRICT);
         for (i, found) in found[0].iter().enumerate() {
             assert_eq!(*found, (5..12).contains(&(i % width)), "{i}");
         }

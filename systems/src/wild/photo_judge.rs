@@ -7,7 +7,7 @@
 //! out at one place in space, and what holds features of other photos, is the scene: it stays ([`super::guard`]).
 
 use super::expected::Expected;
-use super::guard::{Marked, Witness, even_out, scene};
+use super::guard::{Marked, STRICT, Witness, even_out, scene};
 use super::light::Light;
 use super::static_maps::StaticMap;
 use crate::data::Dataset;
@@ -156,7 +156,7 @@ impl PhotoJudge {
         if self.light == PhotosLight::Each {
             even_out(&mut marked);
         }
-        let scene = scene(marked);
+        let scene = scene(marked, STRICT);
         kept.into_par_iter()
             .zip(scene)
             .map(|(((extent, stride), mut residuals, mut seed), scene)| {

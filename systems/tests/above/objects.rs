@@ -235,7 +235,12 @@ fn what_masks_were_taken_for_is_written_down_and_said_once() {
         let mut run = Run::create(folder.path(), &asked(white), parts, &mut watch).unwrap();
         assert_eq!(run.config.data.mask_white.as_deref(), taken);
         assert_eq!(run.train.is_cut_out(), taken == Some("object"));
-        assert_eq!(watch.warnings.iter().filter(|line| line.contains("masks")).count(), warnings, "{:?}", watch.warnings);
+        assert_eq!(
+            watch.warnings.iter().filter(|line| line.contains("masks")).count(),
+            warnings,
+            "{:?}",
+            watch.warnings
+        );
         run.train(&Schedule::new(Stop::Steps(2)), None, &mut watch, &AtomicBool::new(false)).unwrap();
         // A resumed run reads the same photos and says nothing more.
         let mut watch = Watch::default();
@@ -247,7 +252,9 @@ fn what_masks_were_taken_for_is_written_down_and_said_once() {
 
 #[test]
 fn the_statues_masks_are_of_an_object() {
-    let Some(path) = data_or_skip(env!("CARGO_MANIFEST_DIR"), STATUE, "the_statues_masks_are_of_an_object") else { return };
+    let Some(path) = data_or_skip(env!("CARGO_MANIFEST_DIR"), STATUE, "the_statues_masks_are_of_an_object") else {
+        return;
+    };
     let scene = scene_io::load(&path, &LoadOptions::default()).unwrap();
     let left = refuse_blank_masks(&scene.frames).unwrap().unwrap();
     assert!(matches!(mask_meaning(&scene, left).unwrap(), MaskMeaning::Object(_)));
