@@ -291,8 +291,9 @@ pub(crate) struct Data {
     /// Folder of masks, or `off`
     #[arg(long, value_name = "DIR|off")]
     pub(crate) masks: Option<String>,
-    /// What white means in the masks: `used` (the default: black is left out of everything), `ignored`, or `object` (there is
-    /// nothing around it: the mask becomes the photo's alpha)
+    /// What white means in the masks: `used` (black is left out of everything), `ignored`, or `object` (there is nothing around
+    /// it: the mask becomes the photo's alpha). Where nothing is said it is `used`, but for masks that all show one thing at one
+    /// place: those are taken for `object`, with a warning
     #[arg(long, value_name = "MEANING", value_parser = ["used", "ignored", "object"])]
     pub(crate) mask_white: Option<String>,
     /// Images that are listed and missing: `refuse` or `skip`

@@ -40,6 +40,7 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod run;
+pub(crate) mod same_place;
 pub mod skips;
 pub mod source;
 pub mod space;

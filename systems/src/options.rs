@@ -98,7 +98,8 @@ pub struct DataOptions {
     /// `off`, or the folder of ignore masks; absent: the dataset's own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub masks: Option<String>,
-    /// What white means in the masks: `used` or `ignored`; absent: `used`.
+    /// What white means in the masks: `used`, `ignored` or `object`; absent: `used`, and a new run looks at masks that leave little
+    /// of the photos (`run::mask_meaning`) and writes down what it took them for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mask_white: Option<String>,
     /// What to do about images that are listed and missing: `refuse` or `skip`; absent: as the format's own tools do.

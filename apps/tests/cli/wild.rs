@@ -181,3 +181,31 @@ fn the_field_is_chosen_by_a_word_of_its_own() {
     let line = error_line(&answer);
     assert!(line.contains("field=\"ngp\"") && line.contains("field=\"mlp\""), "{line}");
 }
+
+#[test]
+fn masks_that_came_with_photos_are_shown_beside_those_that_were_found() {
+    let (folder, scene) = dataset();
+    // In every photo the left third is not to be looked at.
+    let photos: Vec<_> = fs::read_dir(scene.join("train")).unwrap().map(|photo| photo.unwrap().path()).collect();
+    for photo in photos {
+        let mask = image::GrayImage::from_fn(24, 24, |x, _| image::Luma([if x < 8 { 0 } else { 255 }]));
+        mask.save(photo.with_extension("mask.png")).unwrap();
+    }
+    let judged = [&SMALL[..], &["--set", "judge_first=2"]].concat();
+    for (system, extra) in [("robust-nerf", &judged[..]), ("plain", &SMALL[..])] {
+        let run = folder.path().join(system);
+        let answer = train_as(system, &scene, &run, extra);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        let table = json(&run.join("masks/masks.json"));
+        let view = &table["views"][0];
+        assert!((view["given_share"].as_f64().unwrap() - 2.0 / 3.0).abs() < 1e-6, "{view}");
+        let name = view["file"].as_str().unwrap();
+        let given = image::open(run.join("masks/given").join(name)).unwrap().into_luma8();
+        assert_eq!([given.get_pixel(3, 3).0, given.get_pixel(20, 3).0], [[0], [255]]);
+        let together = image::open(run.join("masks/side_by_side").join(name)).unwrap();
+        assert!(together.width() >= 3 * 24, "photo, mask as given, mask as found: {}", together.width());
+        if system == "plain" {
+            assert_eq!(view["static_share"], 1.0, "nothing is left out");
+        }
+    }
+}

@@ -47,6 +47,17 @@ impl Frame {
         self.covisible.as_ref().map(|truth| self.read_truth(truth)).transpose()
     }
 
+    /// The mask as it is written, at its own size: its white pixels, whatever [`Frame::mask_polarity`] takes white for. `None`
+    /// without one.
+    ///
+    /// # Errors
+    /// Names the mask that cannot be decoded.
+    pub fn read_mask(&self) -> Result<Option<BitMask>, SceneError> {
+        let Some(path) = &self.mask else { return Ok(None) };
+        let (grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
+        Ok(Some(BitMask::from_grey(width, height, &grey)))
+    }
+
     fn read_truth(&self, truth: &TruthMask) -> Result<BitMask, SceneError> {
         match truth {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),

@@ -13,7 +13,7 @@ use crate::progress::{Meter, Observer};
 use crate::system::System;
 use image::{GrayImage, RgbImage};
 use losses::metrics::{Average, Confusion, EmptyClass, SegmentationScores, segmentation};
-use scene_io::Scene;
+use scene_io::{Image, Scene};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::Path;
@@ -27,8 +27,12 @@ pub const FOLDER: &str = "masks";
 /// Name of the table in its folder.
 pub const FILE: &str = "masks.json";
 
-/// Folder of the pictures that show photo, mask and truth together, below that of the masks.
+/// Folder of the pictures that show photo, mask as given (where there is one), mask as found and truth (where it is known)
+/// together, below that of the masks.
 pub const SIDE_BY_SIDE: &str = "side_by_side";
+
+/// Folder of the masks that came with the photos, at training resolution, white = used or the object; below that of the masks.
+pub const GIVEN: &str = "given";
 
 /// Scores of one mask, or means of several; absent where there is no truth or nothing counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -58,6 +62,10 @@ pub struct PhotoMask {
     pub file: String,
     /// Share of pixels that are static.
     pub static_share: f64,
+    /// Share of pixels that are white in the mask that came with the photo, which lies below [`GIVEN`] under the same name; absent
+    /// where none came.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub given_share: Option<f64>,
     /// Against the truth.
     #[serde(flatten)]
     pub scores: Scores,
@@ -106,7 +114,8 @@ pub fn empty_class_name(empty: EmptyClass) -> &'static str {
 }
 
 /// Make and score masks of the training views `data` of `scene`; they and [`FILE`] go to `folder`, `NAME.png` for a photo
-/// `NAME.jpg`. `None` where the system takes every pixel for static. An observer that asks to stop gets the masks made so far.
+/// `NAME.jpg`, and masks that came with the photos to [`GIVEN`] in it. `None` where the system takes every pixel for static and no
+/// masks came. An observer that asks to stop gets the masks made so far.
 ///
 /// # Errors
 /// [`RunError::Scene`] for photos and truth masks that cannot be read, [`RunError::Write`].
@@ -126,13 +135,18 @@ pub fn write_masks(
         if done > 0 && observer.stop_asked() {
             break;
         }
-        let Some(visibility) = system.visibility(data, i)? else { return Ok(None) };
+        let (view, photo) = (data.view(i), data.image(i)?);
+        let (width, height) = (view.camera.width, view.camera.height);
+        let given = given_mask(data, &photo);
+        let mask: Vec<u8> = match system.visibility(data, i)? {
+            Some(visibility) => visibility.iter().map(|&v| if v >= THRESHOLD { 255 } else { 0 }).collect(),
+            // Nothing is left out: worth a picture beside what masks said.
+            None if given.is_some() => vec![255; width as usize * height as usize],
+            None => return Ok(None),
+        };
         if done == 0 {
             make_folder(&folder.join(SIDE_BY_SIDE))?;
         }
-        let (view, photo) = (data.view(i), data.image(i)?);
-        let (width, height) = (view.camera.width, view.camera.height);
-        let mask: Vec<u8> = visibility.iter().map(|&v| if v >= THRESHOLD { 255 } else { 0 }).collect();
         let statics = mask.iter().filter(|&&m| m != 0).count();
         let truth = scene.frames[view.frame].read_transient()?.map(|truth| {
             let transient = truth.resized(width, height);
@@ -151,13 +165,18 @@ pub fn write_masks(
         let file = file_name(&view.name, &mut taken);
         let grey = |mask: &[u8]| GrayImage::from_raw(width, height, mask.to_vec()).unwrap_or_default();
         write_file(storage, &folder.join(&file), &grey_png_bytes(&grey(&mask)))?;
+        if let Some(given) = &given {
+            make_folder(&folder.join(GIVEN))?;
+            write_file(storage, &folder.join(GIVEN).join(&file), &grey_png_bytes(&grey(given)))?;
+        }
         let shown: Vec<RgbImage> = std::iter::once(over_background(&photo, [1.0; 3]))
-            .chain([Some(&mask), truth.as_ref()].into_iter().flatten().map(|m| rgb(&grey(m))))
+            .chain([given.as_ref(), Some(&mask), truth.as_ref()].into_iter().flatten().map(|m| rgb(&grey(m))))
             .collect();
         let shown: Vec<&RgbImage> = shown.iter().collect();
         write_png(storage, &folder.join(SIDE_BY_SIDE).join(&file), &side_by_side(&shown))?;
-        let static_share = statics as f64 / mask.len().max(1) as f64;
-        views.push(PhotoMask { name: view.name.clone(), file, static_share, scores });
+        let share = |white: usize| white as f64 / mask.len().max(1) as f64;
+        let given_share = given.map(|given| share(given.iter().filter(|&&m| m != 0).count()));
+        views.push(PhotoMask { name: view.name.clone(), file, static_share: share(statics), given_share, scores });
         meter.advance(observer);
     }
     let table = MaskTable {
@@ -173,6 +192,16 @@ pub fn write_masks(
     };
     write_file(storage, &folder.join(FILE), table.json().as_bytes())?;
     Ok(Some(table))
+}
+
+/// The mask that came with a photo, white = used: its ignore mask, or the alpha that an object mask became.
+fn given_mask(data: &Dataset, photo: &Image) -> Option<Vec<u8>> {
+    let half = |v: u8| if v >= 128 { 255 } else { 0 };
+    if let Some(mask) = &photo.mask {
+        return Some(mask.iter().copied().map(half).collect());
+    }
+    let cut_out = data.is_cut_out() && photo.channels == 4;
+    cut_out.then(|| photo.data.chunks_exact(4).map(|pixel| half(pixel[3])).collect())
 }
 
 /// `NAME.png`, with a number where two names look the same as files.

@@ -19,6 +19,7 @@ mod capture;
 mod datasets;
 mod host;
 mod lock;
+mod mask_meaning;
 mod measured;
 mod place;
 mod planned;
@@ -43,9 +44,10 @@ use datasets::datasets;
 use host::RunHost;
 pub use lock::FolderLock;
 use losses::metrics::Lpips;
+pub use mask_meaning::{MaskMeaning, mask_meaning};
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
-use scene_io::{Frame, MaskPolarity, Scene, refuse_blank_masks};
+use scene_io::{Scene, refuse_blank_masks};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -129,14 +131,23 @@ impl<'a> Run<'a> {
             error_budget: request.error_budget,
             set: request.set.clone(),
         };
-        let data = DataOptions {
+        let mut data = DataOptions {
             image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
             ..request.data.clone()
         };
         let mut scene = (parts.load)(spec, &data)?;
-        // Whoever goes on with a run has been told.
-        if let Some(line) = refuse_blank_masks(&scene.frames)?.and_then(|left| mostly_masked(&scene, left)) {
-            observer.event(Event::Warning(&line));
+        // Whoever goes on with a run has been told, and whoever says what white means knows.
+        if let Some(left) = refuse_blank_masks(&scene.frames)?.filter(|_| data.mask_white.is_none()) {
+            match mask_meaning(&scene, left)? {
+                MaskMeaning::AsRead => {}
+                MaskMeaning::Sparse(line) => observer.event(Event::Warning(&line)),
+                MaskMeaning::Object(line) => {
+                    observer.event(Event::Warning(&line));
+                    // As if it had been said: the run's configuration has it, and a resumed run reads the same photos.
+                    data.mask_white = Some("object".into());
+                    scene = (parts.load)(spec, &data)?;
+                }
+            }
         }
         let dataset = dataset_hash(&scene)?;
         keep_training_points(&mut scene);
@@ -394,15 +405,6 @@ fn take_lock(folder: &Path, observer: &mut dyn Observer) -> Result<Option<Folder
         observer.event(Event::Warning(&line));
     }
     Ok(lock)
-}
-
-/// Masks that ignore most of the photos are more likely those of an object.
-fn mostly_masked(scene: &Scene, left: f64) -> Option<String> {
-    let ignoring = |f: &Frame| f.mask.is_some() && f.mask_polarity == MaskPolarity::WhiteIsUsed;
-    (left < 0.5 && scene.frames.iter().any(ignoring)).then(|| {
-        let ignored = 100.0 * (1.0 - left);
-        format!("masks ignore {ignored:.0} % of the photos: where white is an object and nothing is around it, say `--mask-white object`")
-    })
 }
 
 fn short(hash: &str) -> String {

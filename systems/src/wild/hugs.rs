@@ -12,7 +12,7 @@
 
 use super::config::{Restart, SegmentKind, WildConfig};
 use super::light::Light;
-use super::photo_judge::{Judged, PhotoJudge};
+use super::photo_judge::{Backdrop, Judged, PhotoJudge, light_of};
 use super::static_maps::{StaticMap, StaticMaps};
 use super::{is_doubled, robust};
 use crate::data::{Batch, Dataset};
@@ -91,8 +91,10 @@ impl Hugs {
         light: Option<Light>,
         scene: &Scene,
         data: &Dataset,
+        backdrop: Backdrop,
     ) -> Result<Self, SystemError> {
         let min_track = min_track(config.track_share, data.len()).map_err(|e| refused(&e))?;
+        let judge = PhotoJudge::new(backdrop, light_of(light.as_ref()));
         Ok(Self {
             light,
             frames: scene.frames.clone(),
@@ -106,7 +108,7 @@ impl Hugs {
             segments: config.segments,
             superpixels: Superpixels { count: config.superpixels, ..Superpixels::default() },
             min_track: min_track as u32,
-            judge: PhotoJudge::default(),
+            judge,
             clues: Vec::new(),
             maps: StaticMaps::default(),
             unerring: StaticMaps::default(),
@@ -246,7 +248,7 @@ impl Method for Hugs {
                 Pieces::Stack(masks.iter().map(|m| m.iter().map(u8::from).collect()).collect())
             }
         };
-        self.judge.look(seen);
+        self.judge.look(data, seen);
         self.clues.push(Clue { extent, stride, from_file, h_sfm, pieces });
         Ok(())
     }

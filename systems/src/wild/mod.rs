@@ -26,6 +26,7 @@ mod encoder;
 mod expected;
 mod filter;
 mod glance;
+mod guard;
 mod ha_nerf;
 mod hugs;
 mod light;

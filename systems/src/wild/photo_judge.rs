@@ -3,13 +3,19 @@
 //! The residual of a square is that of means over its neighbourhood: texture that is not learnt yet errs both ways and averages
 //! out, a stranger does not. It is measured by what is expected at the place its ray ends ([`Expected`]): gloss and thin things
 //! err in all photos that show them. What exceeds a threshold, after the diffusion and the vote of RobustNeRF, is a stranger
-//! for certain; what hangs together with him and errs by less is part of him, or of his shadow.
+//! for certain; what hangs together with him and errs by less is part of him, or of his shadow. What most photos would leave
+//! out at one place in space, and what holds features of other photos, is the scene: it stays ([`super::guard`]).
 
 use super::expected::Expected;
+use super::guard::{Marked, STRICT, Witness, even_out, scene};
+use super::light::Light;
 use super::static_maps::StaticMap;
+use crate::data::Dataset;
 use crate::method::ViewSeen;
+use crate::options::Background;
 use losses::heuristics::{Extent, close, grow};
 use losses::trimmed::TrimmedMask;
+use rayon::prelude::*;
 
 /// Squares along a side of the neighbourhood whose mean is judged.
 pub(super) const NEIGHBOURHOOD: usize = 3;
@@ -18,11 +24,45 @@ const WEAK: f32 = 0.4;
 /// Gaps in a stranger up to so many squares are part of him.
 const GAP: usize = 5;
 
+/// Colours this near to those of the backdrop are of it.
+const BACKDROP: f32 = 0.03;
+
+/// What is behind the scene in all photos, where that is one colour: pixels of it say nothing about anything else.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Backdrop(Option<[f32; 3]>);
+
+impl Backdrop {
+    pub(super) fn new(background: Background) -> Self {
+        Self((background != Background::Random).then(|| background.colour()))
+    }
+
+    pub(super) fn is(self, rgb: [f32; 3]) -> bool {
+        self.0.is_some_and(|colour| (0..3).all(|c| (rgb[c] - colour[c]).abs() < BACKDROP))
+    }
+}
+
 /// Residuals of the photos of a survey.
 #[derive(Default)]
 pub(super) struct PhotoJudge {
     expected: Expected,
     photos: Vec<Photo>,
+    backdrop: Backdrop,
+    light: PhotosLight,
+}
+
+/// Whether photos have a light of their own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum PhotosLight {
+    /// One for all.
+    #[default]
+    Same,
+    /// Each its own.
+    Each,
+}
+
+/// Photos have a light of their own where a method gives them one.
+pub(super) fn light_of(light: Option<&Light>) -> PhotosLight {
+    light.map_or(PhotosLight::Same, |_| PhotosLight::Each)
 }
 
 /// What is static in a photo.
@@ -39,6 +79,10 @@ struct Photo {
     stride: usize,
     residuals: Vec<f32>,
     place: Vec<[f32; 3]>,
+    witness: Witness,
+    colours: Vec<[f32; 3]>,
+    /// Which squares show anything but the backdrop.
+    evidence: Vec<bool>,
 }
 
 /// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
@@ -71,13 +115,21 @@ pub(super) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
 }
 
 impl PhotoJudge {
+    pub(super) fn new(backdrop: Backdrop, light: PhotosLight) -> Self {
+        Self { backdrop, light, ..Self::default() }
+    }
+
     /// Take a photo; they come in the order of the views.
-    pub(super) fn look(&mut self, seen: &ViewSeen<'_>) {
+    pub(super) fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) {
         let residuals = mean_residuals(seen, NEIGHBOURHOOD);
-        self.expected.add(seen, &residuals);
+        let alpha: Vec<f32> =
+            seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if self.backdrop.is(*rgb) { 0.0 } else { *a }).collect();
+        self.expected.add(&ViewSeen { alpha: &alpha, ..*seen }, &residuals);
         let [width, height] = seen.size;
         let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
-        self.photos.push(Photo { extent, stride, residuals, place });
+        let (witness, colours) = (Witness::of(data, seen.view), seen.truth.to_vec());
+        let evidence = alpha.iter().map(|a| *a > 0.5).collect();
+        self.photos.push(Photo { extent, stride, residuals, place, witness, colours, evidence });
     }
 
     /// Static squares of all photos of the survey, in the order they came; `threshold` in units of what is expected. Forgets
@@ -85,21 +137,47 @@ impl PhotoJudge {
     pub(super) fn judge(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<Judged> {
         self.expected.settle(rule.quantile);
         let expected = &self.expected;
-        self.photos
-            .drain(..)
-            .map(|Photo { extent, stride, mut residuals, place }| {
+        let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
+            .into_par_iter()
+            .map(|Photo { extent, stride, mut residuals, place, witness, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
-                let mut mask = mask_of(rule, threshold, extent, &residuals);
-                let mut bits = vec![0; mask.len()];
-                let fits = "one residual and one mask for each square, and an odd window";
-                let map = |bits: &[u8]| StaticMap { width: extent.width, stride, bits: bits.to_vec() };
-                let seed = map(&mask);
-                grow(extent, &residuals, WEAK * threshold, &mut mask).expect(fits);
-                close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
-                Judged { seed, whole: map(&bits) }
+                let seed = mask_of(rule, threshold, extent, &residuals);
+                let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
+                (Marked { witness, extent, stride, marks, colours, evidence }, residuals, seed)
+            })
+            .collect();
+        let (mut marked, kept): (Vec<Marked>, Vec<_>) = photos
+            .into_iter()
+            .map(|(marked, residuals, seed)| {
+                let place = (marked.extent, marked.stride);
+                (marked, (place, residuals, seed))
+            })
+            .unzip();
+        if self.light == PhotosLight::Each {
+            even_out(&mut marked);
+        }
+        let scene = scene(marked, STRICT);
+        kept.into_par_iter()
+            .zip(scene)
+            .map(|(((extent, stride), mut residuals, mut seed), scene)| {
+                for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
+                    (residuals[i], seed[i]) = (0.0, 1);
+                }
+                let bits = grown(extent, &residuals, threshold, &seed);
+                let map = |bits: Vec<u8>| StaticMap { width: extent.width, stride, bits };
+                Judged { whole: map(bits), seed: map(seed) }
             })
             .collect()
     }
+}
+
+/// What is static: all but what is a stranger for certain, what hangs together with him, and gaps in both.
+fn grown(extent: Extent, residuals: &[f32], threshold: f32, seed: &[u8]) -> Vec<u8> {
+    let fits = "one residual and one mask for each square, and an odd window";
+    let (mut mask, mut bits) = (seed.to_vec(), vec![0; seed.len()]);
+    grow(extent, residuals, WEAK * threshold, &mut mask).expect(fits);
+    close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
+    bits
 }
 
 /// The mask of a whole picture: whole patches; the last of a row or column reaches over what the one before it covers.

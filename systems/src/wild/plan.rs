@@ -6,6 +6,7 @@ use super::hugs::Hugs;
 use super::light::Light;
 use super::look;
 use super::nerf_w::NerfW;
+use super::photo_judge::Backdrop;
 use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
@@ -91,7 +92,8 @@ pub fn build(
     if wild.occluders == OccluderKind::Filter {
         ground.lines.push(start.line(wild.filter_freeze));
     }
-    let method = method(&wild, scene, data, (start, run.seed))?;
+    let backdrop = Backdrop::new(ground.background);
+    let method = method(&wild, scene, data, (start, run.seed), backdrop)?;
     let sparsity = if wild.occluders == OccluderKind::Filter { SPARSITY } else { 0.0 };
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
@@ -145,6 +147,7 @@ fn method(
     scene: &Scene,
     data: &Dataset,
     (start, seed): (FilterStart, u64),
+    backdrop: Backdrop,
 ) -> Result<Option<Box<dyn Method>>, SystemError> {
     let light = Light::new(config, data, seed)?;
     Ok(match config.occluders {
@@ -154,8 +157,8 @@ fn method(
         }
         OccluderKind::Visibility => Some(Box::new(HaNerf::new(config, light, data, seed)?)),
         OccluderKind::None | OccluderKind::Transient => Some(Box::new(NerfW::new(config, light, data, seed))),
-        OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data)?)),
-        OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data)?)),
+        OccluderKind::Robust => Some(Box::new(RobustNerf::new(config, light, data, backdrop)?)),
+        OccluderKind::Masks => Some(Box::new(Hugs::new(config, light, scene, data, backdrop)?)),
         OccluderKind::Filter => Some(Box::new(SfNerf::new(config, light, scene, data, (start, seed))?)),
     })
 }

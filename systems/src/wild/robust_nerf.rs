@@ -16,7 +16,7 @@
 
 use super::config::{Judging, WildConfig};
 use super::light::Light;
-use super::photo_judge::{PhotoJudge, mask_of};
+use super::photo_judge::{Backdrop, PhotoJudge, light_of, mask_of};
 use super::static_maps::StaticMaps;
 use super::{is_doubled, residual, robust, survey_stride};
 use crate::data::{Batch, Dataset, Patches, Shape};
@@ -53,7 +53,12 @@ pub(super) struct RobustNerf {
 }
 
 impl RobustNerf {
-    pub(super) fn new(config: &WildConfig, light: Option<Light>, data: &Dataset) -> Result<Self, SystemError> {
+    pub(super) fn new(
+        config: &WildConfig,
+        light: Option<Light>,
+        data: &Dataset,
+        backdrop: Backdrop,
+    ) -> Result<Self, SystemError> {
         let kernel = config.robust_kernel();
         let mask = config.trimming();
         let smallest = data.views().iter().map(|v| v.camera.width.min(v.camera.height)).min().unwrap_or(u32::MAX);
@@ -62,6 +67,7 @@ impl RobustNerf {
             return Err(SystemError::Config { field: "patch", value: config.patch.to_string(), problem });
         }
         let [weights, residuals, voters, scratch] = [const { Vec::new() }; 4];
+        let judge = PhotoJudge::new(backdrop, light_of(light.as_ref()));
         Ok(Self {
             light,
             kernel,
@@ -72,7 +78,7 @@ impl RobustNerf {
             judge_first: config.judge_first,
             judge_scale: config.judge_scale,
             stride: survey_stride(data),
-            judge: PhotoJudge::default(),
+            judge,
             maps: StaticMaps::default(),
             weights,
             residuals,
@@ -129,8 +135,8 @@ impl Method for RobustNerf {
         (self.judging == Judging::Photos && is_doubled(step, self.judge_first)).then_some(self.stride)
     }
 
-    fn look(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
-        self.judge.look(seen);
+    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+        self.judge.look(data, seen);
         Ok(())
     }
 

@@ -1,21 +1,27 @@
 //! Photos from which masks cut out an object: alpha, layout, empty space, scores; and what their points tell without masks.
 
+use crate::common::{Sky, Watch, request};
 use glam::{DVec2, DVec3};
 use image::{GrayImage, Luma};
 use render_core::camera::{Camera, Pose};
 use scene_io::{
-    Dialect, Frame, Image, ImageSource, ImageStore, LayoutHint, MaskPolarity, Point, Scene, Split, StoreOptions,
-    TrackPoint,
+    Dialect, Frame, Image, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Point, Scene, Split,
+    StoreOptions, TrackPoint, refuse_blank_masks,
 };
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use systems::data::Dataset;
 use systems::eval::{Measures, Protocol, Terms, evaluate};
 use systems::layout::layout;
-use systems::options::RunOptions;
+use systems::options::{DataOptions, Request, RunOptions};
+use systems::output::Disk;
 use systems::plan::build;
+use systems::run::{MaskMeaning, Parts, Run, mask_meaning};
 use systems::space::SpaceKind;
 use systems::system::{Appearance, LayerRequest, Query};
+use systems::train::{Schedule, Stop};
+use testkit::golden::data_or_skip;
 
 const CENTRE: DVec3 = DVec3::new(1.0, 2.0, 3.0);
 const RADIUS: f64 = 0.5;
@@ -177,3 +183,81 @@ fn what_lies_before_the_points_of_photos_is_empty() {
     assert!(fog.iter().all(|sigma| *sigma == 0.0), "{fog:?}");
     assert!(2 * ball > scene.points.len(), "the ball itself stays: {ball}");
 }
+
+/// The masks of `ball`, in which a square of noise per photo is white instead of the ball.
+fn scattered(folder: &Path) -> Scene {
+    let scene = ball(folder, false);
+    for (i, frame) in (0_u32..).zip(&scene.frames) {
+        let (left, top) = (i * 7 % 16, i * 11 % 16);
+        let white = |x: u32, y: u32| (left..left + 7).contains(&x) && (top..top + 7).contains(&y);
+        let mask = GrayImage::from_fn(SIDE, SIDE, |x, y| Luma([if white(x, y) { 255 } else { 0 }]));
+        mask.save(frame.mask.as_ref().unwrap()).unwrap();
+    }
+    scene
+}
+
+#[test]
+fn masks_that_show_one_thing_at_one_place_are_of_an_object() {
+    let folder = tempfile::tempdir().unwrap();
+    let meaning = |scene: &Scene| {
+        let left = refuse_blank_masks(&scene.frames).unwrap().unwrap();
+        mask_meaning(scene, left).unwrap()
+    };
+    let MaskMeaning::Object(line) = meaning(&ball(folder.path(), false)) else { panic!("a ball is an object") };
+    assert!(line.contains("OBJECT") && line.contains("--mask-white used"), "{line}");
+    assert_eq!(meaning(&ball(folder.path(), true)), MaskMeaning::AsRead, "it was said already");
+    let MaskMeaning::Sparse(line) = meaning(&scattered(folder.path())) else { panic!("squares anywhere are none") };
+    assert!(line.contains("--masks off") && line.contains("--mask-white object"), "{line}");
+    let mut few = ball(folder.path(), false);
+    few.frames.truncate(4);
+    assert!(matches!(meaning(&few), MaskMeaning::Sparse(_)), "three photos say too little");
+    let mut whole = ball(folder.path(), false);
+    whole.frames.iter_mut().for_each(|frame| frame.mask = None);
+    assert_eq!(mask_meaning(&whole, 1.0).unwrap(), MaskMeaning::AsRead);
+}
+
+#[test]
+fn what_masks_were_taken_for_is_written_down_and_said_once() {
+    let photos = tempfile::tempdir().unwrap();
+    let asked = |white: Option<&str>| Request {
+        data: DataOptions { mask_white: white.map(str::to_string), ..DataOptions::default() },
+        ..request()
+    };
+    let load = |_: &str, data: &DataOptions| Ok(ball(photos.path(), data.mask_white.as_deref() == Some("object")));
+    let build = |name: &str, scene: &Scene, data: &Dataset, options: &RunOptions| {
+        assert_eq!(data.is_cut_out(), scene.frames[0].mask_polarity == MaskPolarity::WhiteIsObject);
+        Sky::build(name, scene, data, options)
+    };
+    let parts = Parts { load: &load, build: &build, storage: &Disk, default_system: "sky" };
+    for (white, taken, warnings) in [(None, Some("object"), 1), (Some("used"), Some("used"), 0)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut watch = Watch::default();
+        let mut run = Run::create(folder.path(), &asked(white), parts, &mut watch).unwrap();
+        assert_eq!(run.config.data.mask_white.as_deref(), taken);
+        assert_eq!(run.train.is_cut_out(), taken == Some("object"));
+        assert_eq!(
+            watch.warnings.iter().filter(|line| line.contains("masks")).count(),
+            warnings,
+            "{:?}",
+            watch.warnings
+        );
+        run.train(&Schedule::new(Stop::Steps(2)), None, &mut watch, &AtomicBool::new(false)).unwrap();
+        // A resumed run reads the same photos and says nothing more.
+        let mut watch = Watch::default();
+        let again = Run::open(folder.path(), &asked(None), parts, &mut watch).unwrap();
+        assert_eq!(again.train.is_cut_out(), taken == Some("object"));
+        assert!(watch.warnings.is_empty(), "{:?}", watch.warnings);
+    }
+}
+
+#[test]
+fn the_statues_masks_are_of_an_object() {
+    let Some(path) = data_or_skip(env!("CARGO_MANIFEST_DIR"), STATUE, "the_statues_masks_are_of_an_object") else {
+        return;
+    };
+    let scene = scene_io::load(&path, &LoadOptions::default()).unwrap();
+    let left = refuse_blank_masks(&scene.frames).unwrap().unwrap();
+    assert!(matches!(mask_meaning(&scene, left).unwrap(), MaskMeaning::Object(_)));
+}
+
+const STATUE: &str = "nerd_in_the_wild/statue_of_liberty_40";

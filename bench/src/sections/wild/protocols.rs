@@ -222,7 +222,8 @@ pub(super) const PLAZA: &[Group] = &[
     Group {
         name: "plaza",
         path: "synthetic:plaza",
-        longest_side: None,
+        // The demo's photos at half their size.
+        longest_side: Some(96),
         holdout: Held::Own,
         mask_white: None,
         steps: 1000,
