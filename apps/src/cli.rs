@@ -389,13 +389,13 @@ pub(crate) struct View {
 #[derive(Debug, Args)]
 #[command(group = clap::ArgGroup::new("what").required(true).multiple(true))]
 pub(crate) struct Export {
-    /// Run folder
+    /// Run folder, or a file of Gaussians (.ply, .splat, .spz)
     pub(crate) run: PathBuf,
     /// Coloured points with normals and opacity, PLY
     #[arg(long, value_name = "FILE.ply", group = "what")]
     pub(crate) points: Option<PathBuf>,
-    /// Marching-cubes mesh, PLY
-    #[arg(long, value_name = "FILE.ply", group = "what")]
+    /// Coloured mesh of what the photos' cameras see: `.ply`, `.obj` or `.glb`
+    #[arg(long, value_name = "FILE", group = "what")]
     pub(crate) mesh: Option<PathBuf>,
     /// Gaussians of a run of `splat`: `.ply` (the layout of 3DGS), `.splat` or `.spz`
     #[arg(long, value_name = "FILE", group = "what")]
@@ -416,13 +416,25 @@ pub(crate) struct Export {
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]
     pub(crate) count: usize,
-    /// Cells of the mesh along its longest side
-    #[arg(long, default_value_t = 256, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=2048))]
-    pub(crate) resolution: u16,
-    /// Density the mesh is cut at, 1 / world unit (default: opaque within 2 % of the longest side)
+    /// How a mesh is made: `tsdf` (the default), from depth rendered at the photos' cameras, or `density`, where the density of
+    /// a field crosses `--level`
+    #[arg(long, value_enum, value_name = "HOW", requires = "mesh")]
+    pub(crate) method: Option<MeshMethod>,
+    /// Triangles of the mesh at most (default: 200000; of `--method density` all)
+    #[arg(long, value_name = "N", value_parser = triangle_count)]
+    pub(crate) triangles: Option<usize>,
+    /// Cells of the mesh along the longest side of the box (default: as fine as the photos' pixels are there; of `--method
+    /// density` 256)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=2048))]
+    pub(crate) resolution: Option<u16>,
+    /// Density the mesh is cut at, 1 / world unit (default: opaque within 2 % of the longest side); means `--method density`
     #[arg(long, value_name = "X", value_parser = seconds)]
     pub(crate) level: Option<f64>,
-    /// Box that is exported: x0,y0,z0,x1,y1,z1 in world units (default: the scene's)
+    /// JSON file of cameras to look from, instead of the photos' (of a file of Gaussians: instead of some all around it)
+    #[arg(long, value_name = "FILE.json")]
+    pub(crate) look_from: Option<PathBuf>,
+    /// Box that is exported: x0,y0,z0,x1,y1,z1 in world units (default: of a mesh what several photos show, else
+    /// the scene's)
     #[arg(long = "box", value_name = "NUMBERS", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
     pub(crate) crop: Vec<f64>,
 }
@@ -440,6 +452,15 @@ pub(crate) struct Masks {
     /// What a class scores in a photo where neither mask nor truth has a pixel of it
     #[arg(long, value_enum, default_value_t = EmptyWord::One, value_name = "SCORE")]
     pub(crate) empty_class: EmptyWord,
+}
+
+/// `tsdf | density`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MeshMethod {
+    /// Depth rendered at the photos' cameras, fused: fields and Gaussians
+    Tsdf,
+    /// Where the density of a field crosses a level, in the whole box
+    Density,
 }
 
 /// `one | zero | left-out`.
@@ -511,6 +532,13 @@ fn at_least_two(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(n @ 2..=100_000) => Ok(n),
         _ => Err("write a whole number from 2 to 100000".into()),
+    }
+}
+
+fn triangle_count(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n @ 4..=100_000_000) => Ok(n),
+        _ => Err("write a whole number from 4 to 100000000".into()),
     }
 }
 

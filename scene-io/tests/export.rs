@@ -172,7 +172,7 @@ fn a_mesh_of_the_tabletop_lies_on_its_surfaces_and_is_read_back() {
     mesh.colours = vec![[10, 20, 30]; mesh.vertices.len()];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mesh.ply");
-    write_mesh(&path, &mesh).unwrap();
+    write_mesh(&path, &mesh, [0.0; 3]).unwrap();
     let ply = Ply::read(&path).unwrap();
     assert_eq!(ply.element("vertex").unwrap().count, mesh.vertices.len());
     assert_eq!(ply.element("face").unwrap().count, mesh.triangles.len());

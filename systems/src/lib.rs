@@ -10,7 +10,8 @@
 //! * [`canonical`]: which point of the scene at rest a pixel shows.
 //! * [`appearance`]: in which photo's light pictures are rendered.
 //! * [`splats`]: systems of Gaussian splats.
-//! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
+//! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export;
+//!   [`mesh`]: the same out of rendered depth, for fields and clouds alike.
 
 pub mod appearance;
 pub mod camera_path;
@@ -30,6 +31,7 @@ pub mod layout;
 pub mod log;
 pub mod lpips_file;
 pub mod memory;
+pub mod mesh;
 pub mod method;
 pub mod names;
 pub mod options;

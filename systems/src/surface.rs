@@ -107,7 +107,7 @@ pub(crate) fn own_colour(rgb: [f32; 3], opacity: f32, background: [f32; 3]) -> [
     [0, 1, 2].map(|c| quantise_value((rgb[c] - (1.0 - opacity) * background[c]) / opacity))
 }
 
-fn inside(x: &[f64; 3], [min, max]: &CropBox) -> bool {
+pub(crate) fn inside(x: &[f64; 3], [min, max]: &CropBox) -> bool {
     (0..3).all(|i| (min[i]..=max[i]).contains(&x[i]))
 }
 
@@ -131,7 +131,7 @@ pub fn mesh(
     observer: &mut dyn Observer,
 ) -> Result<Mesh, RunError> {
     if system.splats().is_some() {
-        let problem = "`--mesh`: Gaussians have no density to cut at: use `--points` or `--splats`";
+        let problem = "`--method density`: Gaussians have no density to cut at: use `--method tsdf`";
         return Err(RunError::Option(problem.into()));
     }
     let grid = MeshGrid::cubic(crop[0], crop[1], resolution);

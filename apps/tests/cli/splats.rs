@@ -104,17 +104,86 @@ fn a_run_of_splats_is_rendered_and_exported() {
         all_finite(&other);
     }
     let points = path("points.ply");
-    let answer = nerf(&["export", text(&run), "--points", text(&points)]);
+    let answer = nerf(&["export", text(&run), "--points", text(&points), "--count", "100"]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    Ply::read(&points).unwrap();
+    let ply = Ply::read(&points).unwrap();
+    let vertex = ply.element("vertex").unwrap();
+    assert!(vertex.count <= 100 && vertex.column("nx").is_some() && vertex.column("red").is_some());
 
     let mesh = path("mesh.ply");
-    let answer = nerf(&["export", text(&run), "--mesh", text(&mesh)]);
-    assert!(answer.code == 1 && error_line(&answer).contains("`--mesh`: Gaussians have no density"), "{}", answer.err);
-    assert!(!mesh.exists());
+    let density = ["export", text(&run), "--mesh", text(&mesh), "--method", "density"];
+    let answer = nerf(&density);
+    assert!(answer.code == 1 && error_line(&answer).contains("Gaussians have no density"), "{}", answer.err);
+    assert!(error_line(&answer).contains("`--method tsdf`") && !mesh.exists(), "{}", answer.err);
     let unknown = path("x.obj");
     let answer = nerf(&["export", text(&run), "--splats", text(&unknown)]);
     assert!(answer.code == 1 && error_line(&answer).contains("x.obj") && !unknown.exists(), "{}", answer.err);
+}
+
+/// Gaussians on a ball of radius 1, small and opaque, as a `.splat` file.
+fn ball(path: &Path) {
+    let n = 2000;
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let mut bytes = Vec::new();
+    for i in 0..n {
+        let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / f64::from(n);
+        let (r, turn) = ((1.0 - z * z).sqrt(), golden * f64::from(i));
+        let x = [r * turn.cos(), r * turn.sin(), z];
+        x.iter().for_each(|x| bytes.extend((*x as f32).to_le_bytes()));
+        (0..3).for_each(|_| bytes.extend(0.04_f32.to_le_bytes()));
+        bytes.extend(x.map(|x| (127.0 + 120.0 * x) as u8));
+        bytes.extend([250, 255, 128, 128, 128]);
+    }
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_file_of_gaussians_becomes_a_mesh_and_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    ball(&path("ball.splat"));
+    for name in ["m.ply", "m.obj", "m.glb"] {
+        let words =
+            ["export", text(&path("ball.splat")), "--mesh", text(&path(name)), "--triangles", "900"].map(String::from);
+        let answer = nerf(&[&words.each_ref().map(String::as_str)[..], &["--resolution", "40"]].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        assert!(answer.out.contains("box: (-1.") && answer.out.contains("triangles"), "{}", answer.out);
+        assert_eq!(answer.out.contains("glTF has y up"), name == "m.glb", "{}", answer.out);
+    }
+    let mesh = Ply::read(&path("m.ply")).unwrap();
+    let faces = mesh.element("face").unwrap().count;
+    assert!((600..=900).contains(&faces), "{faces}");
+    let vertex = mesh.element("vertex").unwrap();
+    let [x, y, z] = ["x", "y", "z"].map(|axis| vertex.scalars(axis).unwrap());
+    for i in 0..vertex.count {
+        let r = (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
+        assert!((r - 1.0).abs() < 0.12, "{r}");
+    }
+    let obj = fs::read_to_string(path("m.obj")).unwrap();
+    assert_eq!(obj.lines().filter(|l| l.starts_with("f ")).count(), faces);
+    assert_eq!(&fs::read(path("m.glb")).unwrap()[..4], b"glTF");
+
+    let ply = path("ball.splat");
+    let half = ["export", text(&ply), "--points", text(&path("p.ply")), "--box", "0,-2,-2,2,2,2"].map(String::from);
+    let answer = nerf(&half.each_ref().map(String::as_str));
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("box: (0.0000, -2.0000"), "{}", answer.out);
+    let points = Ply::read(&path("p.ply")).unwrap();
+    let x = points.element("vertex").unwrap().scalars("x").unwrap();
+    assert!(x.len() > 100 && x.iter().all(|&x| x >= 0.0));
+
+    // Another format of the same, and what needs photos.
+    let answer = nerf(&["export", text(&ply), "--splats", text(&path("ball.spz"))]);
+    assert!(answer.code == 0 && read_splats(&path("ball.spz")).unwrap().cloud.len() == 2000, "{}", answer.err);
+    for words in [["--frames", "f"], ["--cameras", "c.json"]] {
+        let answer = nerf(&[&["export", text(&ply)][..], &words].concat());
+        assert!(answer.code == 1 && error_line(&answer).contains("has no photos"), "{}", answer.err);
+    }
+    let answer = nerf(&["export", text(&ply), "--mesh", text(&path("m.stl"))]);
+    assert!(answer.code == 1 && error_line(&answer).contains(".ply, .obj or .glb"), "{}", answer.err);
+    let empty = ["--box", "50,50,50,51,51,51"];
+    let answer = nerf(&[&["export", text(&ply), "--mesh", text(&path("e.ply"))][..], &empty].concat());
+    assert!(answer.code == 1 && error_line(&answer).contains("`--box`"), "{}", answer.err);
 }
 
 /// Largest and mean difference of two pictures, of 255.

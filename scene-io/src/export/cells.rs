@@ -11,15 +11,18 @@
 /// Corner `c` lies at `(c & 1, c >> 1 & 1, c >> 2)`.
 pub(super) const CORNERS: usize = 8;
 
-/// Edges as pairs of corners, the lower one first: four along x, four along y, four along z.
-pub(super) const EDGES: [[usize; 2]; 12] =
+/// Edges of a cell as pairs of corners, the lower one first: four along x, four along y, four along z. Corner `c` lies at
+/// `(c & 1, c >> 1 & 1, c >> 2)`.
+pub const EDGES: [[usize; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 /// The corners of each face, counter-clockwise seen from outside the cube.
 const FACES: [[usize; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-/// Triangles of each pattern, as indices into [`EDGES`]. Bit `c` of a pattern is set if corner `c` is inside.
-pub(super) fn patterns() -> Vec<Vec<[usize; 3]>> {
+/// Triangles of each of the 256 patterns, as indices into [`EDGES`], counter-clockwise seen from outside. Bit `c` of a pattern
+/// is set if corner `c` is inside. Cells that share a face agree on it.
+#[must_use]
+pub fn patterns() -> Vec<Vec<[usize; 3]>> {
     (0..256).map(triangles).collect()
 }
 

@@ -48,15 +48,9 @@ pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), SceneError> 
 ///
 /// # Errors
 /// As [`write_points`], and for a triangle that names a vertex which does not exist.
-pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), SceneError> {
-    let columns =
-        Columns { positions: &mesh.vertices, normals: &mesh.normals, colours: &mesh.colours, confidence: &[] };
-    columns.check(path)?;
-    let last = mesh.vertices.len().min(i32::MAX as usize);
-    if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|i| *i as usize >= last)) {
-        let what = format!("triangle {t} names vertices {:?} of {last}", mesh.triangles[t]);
-        return Err(refuse(path, what));
-    }
+pub(super) fn write_mesh_ply(path: &Path, mesh: &Mesh) -> Result<(), SceneError> {
+    check_mesh(path, mesh)?;
+    let columns = Columns::of(mesh);
     write_atomically(path, |out| {
         columns.header(out)?;
         write!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.triangles.len())?;
@@ -72,11 +66,42 @@ pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), SceneError> {
     })
 }
 
+/// Can the mesh be written, in any format?
+///
+/// # Errors
+/// Columns of different lengths, a position that is not finite, a triangle that names a vertex which does not exist.
+pub(super) fn check_mesh(path: &Path, mesh: &Mesh) -> Result<(), SceneError> {
+    Columns::of(mesh).check(path)?;
+    let last = mesh.vertices.len().min(i32::MAX as usize);
+    match mesh.triangles.iter().position(|t| t.iter().any(|i| *i as usize >= last)) {
+        Some(t) => Err(refuse(path, format!("triangle {t} names vertices {:?} of {last}", mesh.triangles[t]))),
+        None => Ok(()),
+    }
+}
+
+/// Is `float` too coarse for the positions?
+pub(super) fn needs_double(positions: &[[f64; 3]]) -> bool {
+    let (mut largest, mut extent) = (0.0_f64, 0.0_f64);
+    for axis in 0..3 {
+        let along = || positions.iter().map(|p| p[axis]);
+        let (low, high) = along().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        extent = extent.max(high - low);
+        largest = largest.max(high.abs()).max(low.abs());
+    }
+    // Half an ulp of `float`. A single point has no extent: its own size counts.
+    let extent = if extent > 0.0 { extent } else { largest };
+    !positions.is_empty() && (largest * 2_f64.powi(-25) > 1e-6 * extent || largest > f64::from(f32::MAX))
+}
+
 fn refuse(path: &Path, what: String) -> SceneError {
     SceneError::new(ErrorKind::Value, Problem::new(path, what, "this export cannot be written"))
 }
 
-impl Columns<'_> {
+impl<'a> Columns<'a> {
+    fn of(mesh: &'a Mesh) -> Self {
+        Self { positions: &mesh.vertices, normals: &mesh.normals, colours: &mesh.colours, confidence: &[] }
+    }
+
     fn check(&self, path: &Path) -> Result<(), SceneError> {
         let n = self.positions.len();
         let columns =
@@ -92,23 +117,9 @@ impl Columns<'_> {
         }
     }
 
-    /// Is `float` too coarse for the positions?
-    fn needs_double(&self) -> bool {
-        let (mut largest, mut extent) = (0.0_f64, 0.0_f64);
-        for axis in 0..3 {
-            let along = || self.positions.iter().map(|p| p[axis]);
-            let (low, high) = along().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-            extent = extent.max(high - low);
-            largest = largest.max(high.abs()).max(low.abs());
-        }
-        // Half an ulp of `float`. A single point has no extent: its own size counts.
-        let extent = if extent > 0.0 { extent } else { largest };
-        !self.positions.is_empty() && (largest * 2_f64.powi(-25) > 1e-6 * extent || largest > f64::from(f32::MAX))
-    }
-
     fn header(&self, out: &mut dyn Write) -> io::Result<()> {
         write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}\n", self.positions.len())?;
-        let real = if self.needs_double() { "double" } else { "float" };
+        let real = if needs_double(self.positions) { "double" } else { "float" };
         let mut list =
             |kind: &str, names: &[&str]| names.iter().try_for_each(|name| writeln!(out, "property {kind} {name}"));
         list(real, &["x", "y", "z"])?;
@@ -125,7 +136,7 @@ impl Columns<'_> {
     }
 
     fn rows(&self, out: &mut dyn Write) -> io::Result<()> {
-        let double = self.needs_double();
+        let double = needs_double(self.positions);
         let mut row = Vec::with_capacity(48);
         for (i, position) in self.positions.iter().enumerate() {
             row.clear();
@@ -209,7 +220,7 @@ mod tests {
             colours: vec![[1, 2, 3]; 4],
             triangles: vec![[0, 2, 1], [0, 1, 3]],
         };
-        let ply = written(|path| write_mesh(path, &mesh));
+        let ply = written(|path| write_mesh_ply(path, &mesh));
         let faces = ply.element("face").unwrap();
         let Some(Column::List(lists)) = faces.column("vertex_indices") else { panic!("no list of indices") };
         assert_eq!(lists, &[vec![0.0, 2.0, 1.0], vec![0.0, 1.0, 3.0]]);
@@ -239,7 +250,9 @@ mod tests {
         nan.positions[1][2] = f64::NAN;
         assert!(write_points(path, &nan).unwrap_err().to_string().contains("vertex 1 lies at"));
         let mesh = Mesh { vertices: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2], [0, 1, 3]], ..Mesh::default() };
-        assert!(write_mesh(path, &mesh).unwrap_err().to_string().contains("triangle 1 names vertices [0, 1, 3] of 3"));
+        assert!(
+            write_mesh_ply(path, &mesh).unwrap_err().to_string().contains("triangle 1 names vertices [0, 1, 3] of 3")
+        );
         assert!(!path.exists());
     }
 

@@ -15,7 +15,7 @@ fn points_and_meshes_are_named() {
     let points = PointCloud { positions: vec![[0.0; 3]; 3], colours: vec![[1, 2, 3]; 3], ..PointCloud::default() };
     refused(parse("a.ply", &exported(|p| write_points(p, &points))), &["holds points, not splats", "`f_dc_0`"]);
     let mesh = Mesh { vertices: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-    refused(parse("a.ply", &exported(|p| write_mesh(p, &mesh))), &["holds a mesh, not splats"]);
+    refused(parse("a.ply", &exported(|p| write_mesh(p, &mesh, [0.0; 3]))), &["holds a mesh, not splats"]);
     let chunks = b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 1\n\
                    property uint packed_position\nend_header\n0123456789";
     refused(parse("a.ply", chunks), &["a.ply:3", "`chunk`", "uncompressed"]);

@@ -5,6 +5,7 @@ mod common;
 mod data;
 mod full_disk;
 mod light;
+mod mesh;
 mod objects;
 mod results;
 mod resume;

@@ -1,0 +1,118 @@
+//! What is exported: a run, or a file of Gaussians.
+
+use super::super::{Failure, Session};
+use crate::cli::Export;
+use crate::show::{Show, line};
+use glam::DVec3;
+use render_core::camera::Camera;
+use render_core::rig::mean_up;
+use scene_io::SplatFile;
+use systems::RunError;
+use systems::camera_path::{PathKind, cameras};
+use systems::mesh::cameras::on_a_sphere;
+use systems::picture::limited;
+use systems::render::{Rendered, plain_query, render};
+use systems::run::Run;
+use systems::splats::Cloud;
+use systems::system::Query;
+
+/// Cameras around a file of Gaussians, their distance in radii of the scene, and their longest side, pixels.
+const AROUND: usize = 72;
+const DISTANCE: f64 = 2.2;
+const SIDE: u32 = 480;
+
+/// A run, or a file of Gaussians, which has no photos.
+pub(super) enum Subject {
+    Run(Box<Run<'static>>),
+    File { cloud: Box<Cloud>, read: Box<SplatFile> },
+}
+
+impl Subject {
+    pub(super) fn open(session: &Session, args: &Export, show: &mut Show) -> Result<Self, Failure> {
+        if !args.run.is_file() {
+            return Ok(Self::Run(Box::new(session.open(&args.run, show)?)));
+        }
+        let (cloud, read) = (Cloud::open(&args.run)?, scene_io::read_splats(&args.run)?);
+        line(format_args!("{}: {} Gaussians", args.run.display(), cloud.len()));
+        for note in cloud.notes() {
+            line(format_args!("  {note}"));
+        }
+        Ok(Self::File { cloud: Box::new(cloud), read: Box::new(read) })
+    }
+
+    /// The run; the word names what needs one.
+    pub(super) fn run(&self, word: &str) -> Result<&Run<'static>, RunError> {
+        match self {
+            Self::Run(run) => Ok(run),
+            Self::File { .. } => {
+                Err(RunError::Option(format!("`{word}`: a file of Gaussians has no photos; give a run")))
+            }
+        }
+    }
+
+    /// Whether it is a cloud of Gaussians, with opacity on pictures and no density.
+    pub(super) fn is_cloud(&self) -> bool {
+        match self {
+            Self::Run(run) => run.system.splats().is_some(),
+            Self::File { .. } => true,
+        }
+    }
+
+    /// The Gaussians to write. A run of another system has none.
+    pub(super) fn gaussians(&self) -> Result<SplatFile, RunError> {
+        match self {
+            // The one place where a field may be given as Gaussians.
+            Self::Run(run) => {
+                let cloud = run.system.splats().ok_or_else(|| {
+                    let name = run.system.name();
+                    RunError::Option(format!(
+                        "`--splats`: `{name}` is no cloud of Gaussians; train with `--system splat`"
+                    ))
+                })?;
+                let widening = Some(cloud.rules.widening);
+                Ok(SplatFile { cloud: cloud.gaussians, widening, notes: Vec::new() })
+            }
+            Self::File { read, .. } => Ok(SplatFile::clone(read)),
+        }
+    }
+
+    /// From where it is looked at: the file's cameras if one is given, else the photos'; around a file of Gaussians.
+    pub(super) fn cameras(&self, args: &Export) -> Result<Vec<Camera>, RunError> {
+        let file = args.look_from.as_ref().map(|path| PathKind::File(path.clone()));
+        match (self, file) {
+            (Self::Run(run), Some(file)) => cameras(&file, &run.scene, &run.train, None),
+            (Self::Run(run), None) => Ok(run.train.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect()),
+            (Self::File { cloud, .. }, Some(file)) => cloud.cameras(&file, None),
+            (Self::File { cloud, .. }, None) => {
+                let (middle, radius) = cloud.extent();
+                Ok(on_a_sphere(&limited(&cloud.camera(0.0), Some(SIDE)), middle, DISTANCE * radius, AROUND))
+            }
+        }
+    }
+
+    /// How it is rendered.
+    pub(super) fn query(&self, args: &Export) -> Query {
+        match self {
+            Self::Run(run) => Query { time: args.time, ..run.query() },
+            Self::File { .. } => plain_query([0.0; 3], 0.0),
+        }
+    }
+
+    pub(super) fn draw(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
+        match self {
+            Self::Run(run) => Ok(render(run.system.as_ref(), camera, query)),
+            Self::File { cloud, .. } => cloud.render(camera, query),
+        }
+    }
+
+    /// Which way is up in its frame, about; zero where nothing says.
+    pub(super) fn up(&self) -> [f64; 3] {
+        match self {
+            Self::Run(run) => {
+                let poses: Vec<_> = run.train.views().iter().map(|v| v.camera.pose).collect();
+                mean_up(&poses).unwrap_or(DVec3::ZERO).to_array()
+            }
+            Self::File { cloud, .. } => cloud.up().to_array(),
+        }
+    }
+}
