@@ -9,34 +9,44 @@ use scene_io::{SplatOptions, write_splats};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use systems::RunError;
+use systems::crop::Crop;
 use systems::data::View;
 use systems::frame_points::frame_points;
 use systems::output::make_folder;
 use systems::progress::{Event, Observer};
 use systems::run::Run;
-use systems::surface::{CropBox, default_level, mesh, points};
-use systems::system::Query;
+use systems::surface::{centres, default_level, mesh, points};
+use systems::system::{Query, Splats};
 
 pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     let mut show = session.show();
     let run = session.open(&args.run, &mut show)?;
-    let crop = crop_box(args, &run)?;
+    let crop = crop_of(args)?;
+    if !crop.keeps_everything() && args.crop.is_empty() {
+        line(format_args!("cropped by `{}`; `--no-crop` exports everything", Crop::path_of(&args.run).display()));
+    }
+    let bounds = match args.crop.is_empty() {
+        true => crop.clip(run.system.bounds()).map_err(RunError::Option)?,
+        false => crop.bounds.unwrap_or_else(|| run.system.bounds()),
+    };
     if args.points.is_some() || args.mesh.is_some() {
-        let [[x0, y0, z0], [x1, y1, z1]] = crop;
+        let [[x0, y0, z0], [x1, y1, z1]] = bounds;
         line(format_args!("box: ({x0:.4}, {y0:.4}, {z0:.4}) to ({x1:.4}, {y1:.4}, {z1:.4}), the input's frame"));
     }
     if let Some(path) = &args.points {
         let query = Query { time: args.time, ..run.query() };
-        let cloud = points(run.system.as_ref(), &run.train, &query, &crop, args.count);
+        let cloud = match run.system.splats() {
+            Some(splats) => {
+                centres(&Splats { gaussians: crop.cloud(&splats.gaussians)?, ..splats }, &bounds, args.count)
+            }
+            None => points(run.system.as_ref(), &run.train, &query, &bounds, args.count),
+        };
         write_points(path, &cloud)?;
         line(format_args!("{} points in {}", cloud.positions.len(), path.display()));
     }
     if let Some(path) = &args.splats {
-        let Some(cloud) = run.system.splats() else {
-            let problem =
-                format!("`--splats`: `{}` is no cloud of Gaussians; train with `--system splat`", run.system.name());
-            return Err(Box::new(RunError::Option(problem)));
-        };
+        let mut cloud = super::baked::splats(&run, args.time, &mut show)?;
+        cloud.gaussians = crop.cloud(&cloud.gaussians)?;
         let options = SplatOptions { widening: cloud.rules.widening, ..SplatOptions::default() };
         for note in write_splats(path, &cloud.gaussians, &options)? {
             line(note);
@@ -44,8 +54,8 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
         line(format_args!("{} Gaussians in {}", cloud.gaussians.len(), path.display()));
     }
     if let Some(path) = &args.mesh {
-        let level = args.level.map_or_else(|| default_level(&crop), |level| level as f32);
-        let mesh = mesh(run.system.as_ref(), &crop, level, usize::from(args.resolution), args.time)?;
+        let level = args.level.map_or_else(|| default_level(&bounds), |level| level as f32);
+        let mesh = mesh(run.system.as_ref(), &bounds, level, usize::from(args.resolution), args.time)?;
         write_mesh(path, &mesh)?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         line(format_args!("{triangles} triangles, {vertices} vertices at density {level} in {}", path.display()));
@@ -88,10 +98,14 @@ fn frames(run: &Run<'_>, folder: &Path, smooth: bool, show: &mut Show) -> Result
     Ok(Done::Finished)
 }
 
-fn crop_box(args: &Export, run: &Run<'_>) -> Result<CropBox, RunError> {
+/// What is exported: the box of the command line, else what the viewer wrote, else everything.
+fn crop_of(args: &Export) -> Result<Crop, RunError> {
     match args.crop.as_slice() {
-        [] => Ok(run.system.bounds()),
-        &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => Ok([[x0, y0, z0], [x1, y1, z1]]),
+        [] if args.no_crop => Ok(Crop::default()),
+        [] => Ok(Crop::of(&args.run)?.unwrap_or_default()),
+        &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => {
+            Ok(Crop { bounds: Some([[x0, y0, z0], [x1, y1, z1]]), ..Crop::default() })
+        }
         _ => Err(RunError::Option(
             "`--box`: write six numbers x0,y0,z0,x1,y1,z1, each of the first three below its fellow".into(),
         )),
