@@ -397,7 +397,7 @@ pub(crate) struct Export {
     /// Coloured mesh of what the photos' cameras see: `.ply`, `.obj` or `.glb`
     #[arg(long, value_name = "FILE", group = "what")]
     pub(crate) mesh: Option<PathBuf>,
-    /// Gaussians of a run of `splat`: `.ply` (the layout of 3DGS), `.splat` or `.spz`
+    /// Gaussians: `.ply` (the layout of 3DGS), `.splat` or `.spz`; those of a `splat` run, or any field baked into some
     #[arg(long, value_name = "FILE", group = "what")]
     pub(crate) splats: Option<PathBuf>,
     /// Cameras: a `.json` file (transforms.json), or a folder (COLMAP text)
@@ -437,6 +437,9 @@ pub(crate) struct Export {
     /// the scene's)
     #[arg(long = "box", value_name = "NUMBERS", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
     pub(crate) crop: Vec<f64>,
+    /// Export everything, also where the viewer wrote a `crop.json`
+    #[arg(long, conflicts_with = "crop")]
+    pub(crate) no_crop: bool,
 }
 
 #[derive(Debug, Args)]

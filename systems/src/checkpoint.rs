@@ -172,6 +172,13 @@ fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
     Ok((meta, state))
 }
 
+/// SHA-256 of the arrays of the checkpoint of `step`, as its JSON file says; `None` where there is no such file.
+pub fn digest(run: &Path, step: u64) -> Option<String> {
+    let text = fs::read_to_string(folder(run).join(format!("step-{step:08}.json"))).ok()?;
+    let meta: Meta = serde_json::from_str(&text).ok()?;
+    Some(meta.tensors.sha256)
+}
+
 /// The arrays of a file, and its SHA-256.
 ///
 /// # Errors
@@ -221,7 +228,7 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-fn serialise(state: &[Tensor<'_>]) -> Vec<u8> {
+pub(crate) fn serialise(state: &[Tensor<'_>]) -> Vec<u8> {
     let views = state.iter().map(|t| {
         let (dtype, bytes): (_, &[u8]) = match &t.data {
             TensorData::F32(x) => (Dtype::F32, bytemuck::cast_slice(x)),

@@ -9,14 +9,17 @@
 //! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
 //! * [`canonical`]: which point of the scene at rest a pixel shows.
 //! * [`appearance`]: in which photo's light pictures are rendered.
-//! * [`splats`]: systems of Gaussian splats.
+//! * [`splats`]: systems of Gaussian splats. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
+//! * [`crop`]: which part of a reconstruction is shown and exported.
 //! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export;
 //!   [`mesh`]: the same out of rendered depth, for fields and clouds alike.
 
 pub mod appearance;
+pub mod bake;
 pub mod camera_path;
 pub mod canonical;
 pub mod checkpoint;
+pub mod crop;
 pub mod data;
 pub mod deform;
 pub mod dynamic;

@@ -66,7 +66,7 @@ pub fn points(
 }
 
 /// Centres of Gaussians that are more opaque than not, the most opaque first, in their colour at degree 0.
-fn centres(splats: &Splats, crop: &CropBox, count: usize) -> PointCloud {
+pub fn centres(splats: &Splats, crop: &CropBox, count: usize) -> PointCloud {
     let cloud = &splats.gaussians;
     let n = cloud.len();
     let place = |i: usize| [0, 1, 2].map(|k| f64::from(cloud.mean[k * n + i]));

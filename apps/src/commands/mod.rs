@@ -1,5 +1,6 @@
 //! What the words of the command line do.
 
+mod baked;
 mod check;
 mod demo;
 mod eval;

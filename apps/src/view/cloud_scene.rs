@@ -1,19 +1,25 @@
 //! A file of Gaussians, as something to look at.
 
+use super::cropped::Cropped;
 use super::protocol::{Layer, Light};
 use super::run_scene::title;
 use super::scene::{Description, Photo, Scene3d};
 use image::RgbImage;
 use render_core::camera::Camera;
-use std::path::Path;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use systems::RunError;
+use systems::crop::Crop;
 use systems::render::Rendered;
 use systems::splats::Cloud;
-use systems::system::{Appearance, Query};
+use systems::system::{Appearance, Layers, Query};
 
 /// A cloud and what it is called.
 pub(crate) struct CloudScene {
-    cloud: Cloud,
+    cloud: Arc<Cropped>,
+    path: PathBuf,
+    crop: Crop,
     /// That the page can step through: there are no photos.
     views: Vec<Camera>,
     title: String,
@@ -23,37 +29,40 @@ impl CloudScene {
     /// Read a file.
     ///
     /// # Errors
-    /// As [`Cloud::open`].
+    /// As [`Cloud::open`] and [`Crop::of`].
     pub(crate) fn open(path: &Path) -> Result<Self, RunError> {
+        let crop = Crop::of(path)?.unwrap_or_default();
         let cloud = Cloud::open(path)?;
-        Ok(Self { views: cloud.views(), cloud, title: title(path) })
+        let views = cloud.views();
+        Ok(Self { views, cloud: Arc::new(Cropped::new(cloud)), path: path.into(), crop, title: title(path) })
     }
 
     /// What was dropped, clamped or ignored while reading.
     pub(crate) fn notes(&self) -> &[String] {
-        self.cloud.notes()
+        self.cloud.whole().notes()
     }
 }
 
 impl Scene3d for CloudScene {
     fn describe(&self) -> Description {
-        let (middle, radius) = self.cloud.extent();
+        let (middle, radius) = self.cloud.whole().extent();
         let named = |(k, camera): (usize, &Camera)| Photo::new(&format!("view {}", k + 1), camera, 0.0, false);
         Description {
             title: self.title.clone(),
-            subtitle: format!("{} Gaussians", self.cloud.len()),
+            subtitle: format!("{} Gaussians", self.cloud.whole().len()),
             step: 0,
             photos: self.views.iter().enumerate().map(named).collect(),
             pivot: middle.to_array(),
             // The first view may be one from inside.
             pivot_is_guess: true,
-            up: self.cloud.up().to_array(),
+            up: self.cloud.whole().up().to_array(),
             radius,
             moves: false,
             lights: Vec::new(),
             layers: [Layer::Colour, Layer::Depth, Layer::Normals, Layer::Opacity].map(Layer::name).to_vec(),
             background: self.background(),
             longest_side: 1280,
+            crop: self.crop.clone(),
         }
     }
 
@@ -65,8 +74,24 @@ impl Scene3d for CloudScene {
         [0.0; 3]
     }
 
-    fn draw(&self, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered> {
-        if go_on() { self.cloud.render(camera, query).ok() } else { None }
+    fn draw(&self, camera: &Camera, query: &Query, go_on: &mut dyn FnMut(&Layers) -> bool) -> Option<Rendered> {
+        if go_on(&Layers::default()) { self.cloud.whole().render(camera, query).ok() } else { None }
+    }
+
+    fn cloud(&self, _query: &Query) -> Option<Arc<Cropped>> {
+        Some(self.cloud.clone())
+    }
+
+    fn is_quick(&self) -> bool {
+        true
+    }
+
+    fn fast_message(&self) -> String {
+        json!({ "type": "fast", "state": "own", "hints": self.cloud.hints() }).to_string()
+    }
+
+    fn place(&self) -> &Path {
+        &self.path
     }
 
     fn appearance(&self, _light: &Light) -> Appearance {
@@ -78,7 +103,7 @@ impl Scene3d for CloudScene {
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {
-        let (middle, radius) = self.cloud.extent();
+        let (middle, radius) = self.cloud.whole().extent();
         [(middle - radius).to_array(), (middle + radius).to_array()]
     }
 }

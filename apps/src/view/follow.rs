@@ -46,16 +46,19 @@ impl Follower {
     /// As [`Run::open`].
     pub(crate) fn open(app: &'static App, folder: &Path, observer: &mut dyn Observer) -> Result<Self, RunError> {
         let tried = newest_step(folder);
+        let stage = Arc::new(Stage::new(waiting(
+            folder,
+            "There is no checkpoint yet. The first one is shown as soon as it is written.",
+        )));
         let current = match tried {
-            Some(_) => Some(Arc::new(read(app, folder, observer)?)),
+            Some(_) => Some(Arc::new(read(app, folder, &stage, observer)?)),
             None => None,
         };
-        let shown = match &current {
-            Some(scene) => Shown::Scene(scene.clone()),
-            None => waiting(folder, "There is no checkpoint yet. The first one is shown as soon as it is written."),
-        };
+        if let Some(scene) = &current {
+            stage.show(Shown::Scene(scene.clone()));
+        }
         let (folder, tail) = (folder.to_path_buf(), Tail::new(folder.join("metrics.csv")));
-        Ok(Self { app, folder, stage: Arc::new(Stage::new(shown)), current, tried, tail })
+        Ok(Self { app, folder, stage, current, tried, tail })
     }
 
     pub(crate) fn stage(&self) -> Arc<Stage> {
@@ -115,13 +118,26 @@ impl Follower {
                 return Ok(current.at(&checkpoint)?);
             }
         }
-        read(self.app, &self.folder, &mut Silent)
+        read(self.app, &self.folder, &self.stage, &mut Silent)
     }
 }
 
-fn read(app: &'static App, folder: &Path, observer: &mut dyn Observer) -> Result<RunScene, RunError> {
+fn read(
+    app: &'static App,
+    folder: &Path,
+    stage: &Arc<Stage>,
+    observer: &mut dyn Observer,
+) -> Result<RunScene, RunError> {
     let parts = disk_parts(&app.load, &app.build, app.default_system);
-    Ok(RunScene::new(app, Run::open(folder, &Request::default(), parts, observer)?))
+    let run = Run::open(folder, &Request::default(), parts, observer)?;
+    // The stage holds the scene: the scene must not hold the stage.
+    let stage = Arc::downgrade(stage);
+    let tell = move |message: &str| {
+        if let Some(stage) = stage.upgrade() {
+            stage.tell_fast(message);
+        }
+    };
+    Ok(RunScene::new(app, run, Arc::new(tell)))
 }
 
 fn waiting(folder: &Path, message: &str) -> Shown {

@@ -7,7 +7,9 @@
 //! ```
 
 mod cloud_scene;
+mod cropped;
 mod desk;
+mod fast;
 mod follow;
 mod guard;
 mod pace;

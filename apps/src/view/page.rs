@@ -6,8 +6,12 @@ use sha2::{Digest, Sha256};
 
 const MARKUP: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-const SCRIPTS: [&str; 3] =
-    [include_str!("page/camera.js"), include_str!("page/curve.js"), include_str!("page/page.js")];
+const SCRIPTS: [&str; 4] = [
+    include_str!("page/camera.js"),
+    include_str!("page/curve.js"),
+    include_str!("page/page.js"),
+    include_str!("page/crop.js"),
+];
 
 /// The document, and the digests of its two parts that act.
 pub(crate) struct Page {

@@ -1,14 +1,15 @@
 //! One picture of one layer: drawn, coloured, encoded, timed.
 
 use super::pace::Pace;
-use super::protocol::{Draw, Header, Layer, Quality};
+use super::protocol::{Draw, Drawer, Header, Layer, Quality};
 use super::scene::Scene3d;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use systems::picture::{self, png_bytes};
 use systems::render::{Rendered, plain_query};
-use systems::system::{Canonical, LayerRequest, Normals, Query};
+use systems::splats::Cloud;
+use systems::system::{Canonical, LayerRequest, Layers, Normals, Query};
 
 /// Error of a pixel from skipped work: one step of an 8-bit picture.
 const ERROR_BUDGET: f32 = 1.0 / 255.0;
@@ -19,20 +20,34 @@ const JPEG_QUALITY: u8 = 85;
 /// How much of a new range of depths goes into the one drawn: a scale that follows each picture is unquiet.
 const DEPTH_SHARE: f32 = 0.25;
 
+/// Time between two pictures that are not finished.
+const PART_EVERY: Duration = Duration::from_millis(350);
+
 /// What is remembered from picture to picture.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Painter {
-    paces: [Pace; Layer::COUNT],
+    /// Of the scene itself, and of the cloud that stands for it.
+    paces: [[Pace; Layer::COUNT]; 2],
     depths: Option<[f32; 2]>,
+}
+
+/// A picture and the message that holds it.
+pub(crate) struct Sketch {
+    pub(crate) picture: RgbImage,
+    pub(crate) message: Vec<u8>,
 }
 
 impl Painter {
     /// Size of a picture that is drawn in time.
-    pub(crate) fn quick_size(&mut self, draw: &Draw) -> (u32, u32) {
-        self.paces[draw.layer as usize].size(draw.full_size())
+    pub(crate) fn quick_size(&mut self, draw: &Draw, drawer: Drawer) -> (u32, u32) {
+        self.pace(draw, drawer).size(draw.full_size())
     }
 
-    /// The message that holds a picture; `None` when `go_on` said no.
+    fn pace(&mut self, draw: &Draw, drawer: Drawer) -> &mut Pace {
+        &mut self.paces[usize::from(drawer == Drawer::Cloud)][draw.layer as usize]
+    }
+
+    /// The message that holds a picture of the scene itself; `None` when `go_on` said no.
     ///
     /// # Errors
     /// A sentence for the person.
@@ -45,31 +60,104 @@ impl Painter {
     ) -> Result<Option<Vec<u8>>, String> {
         let clock = Instant::now();
         let camera = draw.eye.camera(size);
-        let query = query(scene, draw);
-        let Some(view) = scene.draw(&camera, &query, go_on) else { return Ok(None) };
+        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut |_| go_on()) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
-        let file = if quality == Quality::Full { png_bytes(&picture) } else { jpeg_bytes(&picture)? };
-        let seconds = clock.elapsed().as_secs_f64();
-        self.paces[draw.layer as usize].measured(size, seconds);
-        let depths = self.depths.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
-        Ok(Some(header(scene, draw, (depths, quality), &picture, seconds).before(&file)))
+        let message = self.message((scene, draw), &picture, (quality, Drawer::Scene), clock)?;
+        self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
+        Ok(Some(message))
     }
 
-    fn coloured(&mut self, scene: &dyn Scene3d, layer: Layer, view: &Rendered) -> RgbImage {
-        match layer {
-            Layer::Depth => {
-                let [near, far] = picture::depth_range(&[view]);
-                let old = self.depths.unwrap_or([near, far]);
-                let mix = |old: f32, new: f32| old + DEPTH_SHARE * (new - old);
-                let range = [mix(old[0], near), mix(old[1], far)];
-                self.depths = Some(range);
-                picture::depth(view, range)
+    /// A picture of the cloud that stands for the scene.
+    ///
+    /// # Errors
+    /// A sentence for the person.
+    pub(crate) fn sketch(
+        &mut self,
+        (scene, cloud): (&dyn Scene3d, &Cloud),
+        draw: &Draw,
+        (size, quality): ((u32, u32), Quality),
+    ) -> Result<Sketch, String> {
+        let clock = Instant::now();
+        let camera = draw.eye.camera(size);
+        let view = cloud.render(&camera, &query(scene, draw)).map_err(|e| e.to_string())?;
+        let picture = self.coloured(scene, draw.layer, &view);
+        let message = self.message((scene, draw), &picture, (quality, Drawer::Cloud), clock)?;
+        self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
+        Ok(Sketch { picture, message })
+    }
+
+    /// The best picture of the scene itself, drawn over one of the cloud: what is not finished goes to `send` now and then. `None`
+    /// when `go_on` said no.
+    ///
+    /// # Errors
+    /// A sentence for the person.
+    pub(crate) fn paint_over(
+        &mut self,
+        scene: &dyn Scene3d,
+        draw: &Draw,
+        below: &RgbImage,
+        go_on: &dyn Fn() -> bool,
+        send: &mut dyn FnMut(Vec<u8>) -> bool,
+    ) -> Result<Option<Vec<u8>>, String> {
+        let clock = Instant::now();
+        let size = draw.full_size();
+        let camera = draw.eye.camera(size);
+        let mut sent = Instant::now();
+        let range = self.depths;
+        let mut part = |layers: &Layers| {
+            let rows = (layers.rgb.len() / size.0.max(1) as usize) as u32;
+            if rows > 0 && rows < size.1 && sent.elapsed() >= PART_EVERY {
+                let view = Rendered { width: size.0, height: rows, layers: layers.clone() };
+                let mut picture = below.clone();
+                image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, range), 0, 0);
+                let seconds = clock.elapsed().as_secs_f64();
+                let depths = range.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
+                let header = header(scene, draw, (depths, Quality::Better, Drawer::Both), &picture, seconds);
+                sent = Instant::now();
+                if !jpeg_bytes(&picture).is_ok_and(|file| send(header.before(&file))) {
+                    return false;
+                }
             }
-            Layer::Opacity => picture::opacity(view),
-            Layer::Normals => picture::normals(view),
-            Layer::Canonical => picture::canonical(view, scene.bounds()),
-            Layer::Colour | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
+            go_on()
+        };
+        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut part) else { return Ok(None) };
+        let picture = self.coloured(scene, draw.layer, &view);
+        self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
+        self.message((scene, draw), &picture, (Quality::Full, Drawer::Scene), clock).map(Some)
+    }
+
+    fn message(
+        &self,
+        (scene, draw): (&dyn Scene3d, &Draw),
+        picture: &RgbImage,
+        (quality, drawer): (Quality, Drawer),
+        clock: Instant,
+    ) -> Result<Vec<u8>, String> {
+        let file = if quality == Quality::Full { png_bytes(picture) } else { jpeg_bytes(picture)? };
+        let depths = self.depths.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
+        let seconds = clock.elapsed().as_secs_f64();
+        Ok(header(scene, draw, (depths, quality, drawer), picture, seconds).before(&file))
+    }
+
+    /// A layer as a picture; the range of depths follows slowly.
+    fn coloured(&mut self, scene: &dyn Scene3d, layer: Layer, view: &Rendered) -> RgbImage {
+        if layer == Layer::Depth {
+            let [near, far] = picture::depth_range(&[view]);
+            let old = self.depths.unwrap_or([near, far]);
+            let mix = |old: f32, new: f32| old + DEPTH_SHARE * (new - old);
+            self.depths = Some([mix(old[0], near), mix(old[1], far)]);
         }
+        coloured(scene, layer, view, self.depths)
+    }
+}
+
+fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[f32; 2]>) -> RgbImage {
+    match layer {
+        Layer::Depth => picture::depth(view, depths.unwrap_or_else(|| picture::depth_range(&[view]))),
+        Layer::Opacity => picture::opacity(view),
+        Layer::Normals => picture::normals(view),
+        Layer::Canonical => picture::canonical(view, scene.bounds()),
+        Layer::Colour | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
     }
 }
 
@@ -83,20 +171,20 @@ pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String>
     let picture = scene.photo(photo, draw.layer)?;
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
-    Ok(header(scene, draw, ([0.0; 2], Quality::Full), &picture, seconds).before(&file))
+    Ok(header(scene, draw, ([0.0; 2], Quality::Full, Drawer::Scene), &picture, seconds).before(&file))
 }
 
 /// The point seen at a pixel, `None` where nothing is.
 pub(crate) fn seen_point(scene: &dyn Scene3d, pick: &super::protocol::Pick) -> Option<[f64; 3]> {
     let camera = pick.camera();
     let query = Query { time: pick.time, ..plain_query([0.0; 3], 0.0) };
-    let view = scene.draw(&camera, &query, &|| true)?;
+    let view = scene.draw(&camera, &query, &mut |_| true)?;
     let t = [view.layers.median_depth.first()?, view.layers.depth.first()?].into_iter().find(|t| t.is_finite())?;
     let point = camera.ray(glam::DVec2::splat(0.5))?.at(f64::from(*t));
     point.is_finite().then(|| point.to_array())
 }
 
-fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
+pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     let normals = if draw.layer == Layer::Normals { Normals::Compute } else { Normals::Skip };
     let canonical = if draw.layer == Layer::Canonical { Canonical::Compute } else { Canonical::Skip };
     let background = draw.background.unwrap_or_else(|| scene.background());
@@ -111,14 +199,14 @@ fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
 fn header(
     scene: &dyn Scene3d,
     draw: &Draw,
-    (depths, quality): ([f32; 2], Quality),
+    (depths, quality, drawer): ([f32; 2], Quality, Drawer),
     picture: &RgbImage,
     seconds: f64,
 ) -> Header {
     let side = |n: u32| u16::try_from(n).unwrap_or(u16::MAX);
     let size = (side(picture.width()), side(picture.height()));
     let step = u32::try_from(scene.step()).unwrap_or(u32::MAX);
-    Header { id: draw.id, step, ms: (seconds * 1e3) as f32, depths, size, quality }
+    Header { id: draw.id, step, ms: (seconds * 1e3) as f32, depths, size, quality, drawer }
 }
 
 fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, String> {

@@ -6,6 +6,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::{Camera, Pose};
 use serde::Deserialize;
+use systems::crop::Crop;
 
 /// Bytes a message of the page may have: many times what any needs.
 pub(crate) const LARGEST_MESSAGE: usize = 16 << 10;
@@ -21,6 +22,11 @@ pub(crate) enum Message {
     Draw(Draw),
     /// Which point of the scene is seen.
     Pick(Pick),
+    /// Keep a crop beside what is shown, for `export`.
+    Save {
+        /// What is kept of the scene.
+        crop: Crop,
+    },
 }
 
 /// A picture that is wanted.
@@ -46,6 +52,9 @@ pub(crate) struct Draw {
     /// The photo meant by the layers `photo`, `mask` and `uncertainty`: an index into the scene's photos.
     #[serde(default)]
     pub(crate) photo: Option<usize>,
+    /// What of the scene is drawn.
+    #[serde(default)]
+    pub(crate) crop: Crop,
 }
 
 /// A point that is wanted.
@@ -138,6 +147,7 @@ impl Message {
         match &message {
             Self::Draw(draw) => draw.check()?,
             Self::Pick(pick) => pick.check()?,
+            Self::Save { crop } => crop.check()?,
         }
         Ok(message)
     }
@@ -159,7 +169,7 @@ impl Draw {
         for value in self.background.into_iter().flatten() {
             within("background", f64::from(value), 0.0..=1.0)?;
         }
-        Ok(())
+        self.crop.check()
     }
 
     /// Size of the best picture.
@@ -219,6 +229,17 @@ pub(crate) enum Quality {
     Full = 2,
 }
 
+/// What drew a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Drawer {
+    /// The scene itself.
+    Scene = 0,
+    /// The cloud that stands for a field.
+    Cloud = 1,
+    /// The scene above, the cloud below: a picture that is not finished.
+    Both = 2,
+}
+
 /// What stands before the bytes of a picture, little endian, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Header {
@@ -232,8 +253,10 @@ pub(crate) struct Header {
     pub(crate) depths: [f32; 2],
     /// Columns and rows, two `u16`.
     pub(crate) size: (u16, u16),
-    /// One byte; three more are 0.
+    /// One byte.
     pub(crate) quality: Quality,
+    /// One byte; two more are 0.
+    pub(crate) drawer: Drawer,
 }
 
 impl Header {
@@ -249,7 +272,7 @@ impl Header {
         out.extend(self.depths[1].to_le_bytes());
         out.extend(self.size.0.to_le_bytes());
         out.extend(self.size.1.to_le_bytes());
-        out.extend([self.quality as u8, 0, 0, 0]);
+        out.extend([self.quality as u8, self.drawer as u8, 0, 0]);
         out.extend(file);
         out
     }
@@ -300,6 +323,10 @@ mod tests {
             (&draw("").replace("EYE", &EYE.replace("[1, 0", "[0, 0")), "wxyz"),
             (&draw("").replace("EYE", &EYE.replace("[1, 2", "[1e99, 2")), "`position`"),
             (r#"{"type": "pick", "id": 1, EYE, "at": [0, 7]}"#, "`at` = 7"),
+            (&draw(r#", "crop": {"faint": 2}"#), "`faint` = 2"),
+            (&draw(r#", "crop": {"path": "/etc/passwd"}"#), "not understood"),
+            (r#"{"type": "save"}"#, "crop"),
+            (r#"{"type": "save", "crop": {"box": [[0, 0, 0], [0, 0, 0]]}}"#, "`box`"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");
@@ -333,12 +360,20 @@ mod tests {
 
     #[test]
     fn a_header_has_its_fields_at_known_places() {
-        let header = Header { id: 1, step: 300, ms: 2.5, depths: [1.0, 4.0], size: (640, 480), quality: Quality::Full };
+        let header = Header {
+            id: 1,
+            step: 300,
+            ms: 2.5,
+            depths: [1.0, 4.0],
+            size: (640, 480),
+            quality: Quality::Full,
+            drawer: Drawer::Both,
+        };
         let bytes = header.before(b"file");
         assert_eq!(bytes.len(), Header::BYTES + 4);
         assert_eq!(bytes[..8], [1, 0, 0, 0, 44, 1, 0, 0]);
         assert_eq!(bytes[8..12], 2.5f32.to_le_bytes());
-        assert_eq!(bytes[20..28], [128, 2, 224, 1, 2, 0, 0, 0]);
+        assert_eq!(bytes[20..28], [128, 2, 224, 1, 2, 2, 0, 0]);
         assert_eq!(&bytes[28..], b"file");
     }
 }

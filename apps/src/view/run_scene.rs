@@ -1,5 +1,7 @@
 //! A run at one of its checkpoints, as something to look at.
 
+use super::cropped::Cropped;
+use super::fast::{Fast, Source, Tell};
 use super::protocol::{Layer, Light};
 use super::scene::{Description, Photo, Scene3d};
 use crate::app::App;
@@ -7,10 +9,11 @@ use glam::DVec3;
 use image::RgbImage;
 use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, mean_up, rms_distance};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 use systems::checkpoint::Checkpoint;
+use systems::crop::Crop;
 use systems::data::Dataset;
 use systems::options::{RunConfig, RunOptions};
 use systems::picture::over_background;
@@ -24,31 +27,49 @@ const BAND: f64 = 0.04;
 /// A run: what stays the same from checkpoint to checkpoint, and the system at one of them.
 pub(crate) struct RunScene {
     common: Arc<Common>,
-    system: Box<dyn System>,
+    system: Arc<dyn System>,
     step: u64,
+    fast: Arc<Fast>,
 }
 
 /// What all checkpoints of a run share.
 struct Common {
     app: &'static App,
     title: String,
+    folder: PathBuf,
     config: RunConfig,
     scene: scene_io::Scene,
-    train: Dataset,
+    train: Arc<Dataset>,
     held_out: Dataset,
     /// Layers of photos that the system has an opinion on.
     judgements: Vec<Layer>,
+    tell: Arc<Tell>,
 }
 
 impl RunScene {
-    pub(crate) fn new(app: &'static App, run: Run<'_>) -> Self {
+    pub(crate) fn new(app: &'static App, run: Run<'_>, tell: Arc<Tell>) -> Self {
         let Run { folder, config, scene, train, held_out, system, step, .. } = run;
         // Asked once: the answer is the method's, whatever the photo.
         let judges = |layer: &Layer| matches!(judgement(system.as_ref(), &train, 0, *layer), Ok(Some(_)));
         let there = app.is_wild && !train.is_empty();
         let judgements = [Layer::Mask, Layer::Uncertainty].into_iter().filter(|layer| there && judges(layer)).collect();
         let title = title(&folder);
-        Self { common: Arc::new(Common { app, title, config, scene, train, held_out, judgements }), system, step }
+        let train = Arc::new(train);
+        let common = Arc::new(Common { app, title, folder, config, scene, train, held_out, judgements, tell });
+        Self::with(common, Arc::from(system), step, None)
+    }
+
+    fn with(common: Arc<Common>, system: Arc<dyn System>, step: u64, before: Option<&Fast>) -> Self {
+        let source = Source {
+            folder: common.folder.clone(),
+            step,
+            system: system.clone(),
+            data: common.train.clone(),
+            background: common.config.background.colour(),
+            moves: common.app.is_dynamic && common.train.moments() > 1,
+        };
+        let fast = Fast::start(source, before, common.tell.clone());
+        Self { common, system, step, fast }
     }
 
     /// Whether `checkpoint` is of this run, not of another that has taken its folder.
@@ -71,7 +92,7 @@ impl RunScene {
         // A fresh one: the one that is being looked at goes on drawing meanwhile.
         let (mut system, _) = (app.build)(&config.system, scene, train, &options)?;
         system.load_state(&checkpoint.state)?;
-        Ok(Self { common: self.common.clone(), system, step: checkpoint.meta.step })
+        Ok(Self::with(self.common.clone(), Arc::from(system), checkpoint.meta.step, Some(self.fast.as_ref())))
     }
 
     fn code(&self, view: Option<usize>) -> Option<Vec<f32>> {
@@ -98,7 +119,7 @@ pub(crate) fn title(folder: &Path) -> String {
 
 impl Scene3d for RunScene {
     fn describe(&self) -> Description {
-        let Common { app, title, config, scene, train, held_out, judgements } = self.common.as_ref();
+        let Common { app, title, folder, config, scene, train, held_out, judgements, .. } = self.common.as_ref();
         let photos = |data: &Dataset, held_out| -> Vec<Photo> {
             let full = data.views().iter().filter(|v| v.level == 0);
             full.map(|v| Photo::new(&v.name, &v.camera, v.time, held_out)).collect()
@@ -138,6 +159,8 @@ impl Scene3d for RunScene {
                 .collect(),
             background: self.background(),
             longest_side: train.longest_side().unwrap_or(800),
+            // One that cannot be read is said by `export`, which would obey it.
+            crop: Crop::of(folder).ok().flatten().unwrap_or_default(),
         }
     }
 
@@ -149,8 +172,24 @@ impl Scene3d for RunScene {
         self.common.config.background.colour()
     }
 
-    fn draw(&self, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered> {
-        if !go_on() {
+    fn cloud(&self, query: &Query) -> Option<Arc<Cropped>> {
+        self.fast.cloud(query)
+    }
+
+    fn is_quick(&self) -> bool {
+        self.fast.is_its_own()
+    }
+
+    fn fast_message(&self) -> String {
+        self.fast.message()
+    }
+
+    fn place(&self) -> &Path {
+        &self.common.folder
+    }
+
+    fn draw(&self, camera: &Camera, query: &Query, go_on: &mut dyn FnMut(&Layers) -> bool) -> Option<Rendered> {
+        if !go_on(&Layers::default()) {
             return None;
         }
         // Gaussians are drawn all at once, and a part of a picture is not the same as that part of the whole.
@@ -178,7 +217,7 @@ impl Scene3d for RunScene {
         let Common { train, held_out, config, .. } = self.common.as_ref();
         let trained: Vec<usize> = (0..train.len()).filter(|&i| train.view(i).level == 0).collect();
         let (data, view) = match (trained.get(photo), photo.checked_sub(trained.len())) {
-            (Some(&view), _) => (train, view),
+            (Some(&view), _) => (train.as_ref(), view),
             (None, Some(view)) if view < held_out.len() => (held_out, view),
             _ => return Err(format!("`photo` = {photo}: there are {}", trained.len() + held_out.len())),
         };
@@ -204,12 +243,17 @@ impl Scene3d for RunScene {
 }
 
 /// Rows of a picture together, as many as take [`BAND`] seconds; between them `go_on` is asked.
-fn in_bands(system: &dyn System, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered> {
+fn in_bands(
+    system: &dyn System,
+    camera: &Camera,
+    query: &Query,
+    go_on: &mut dyn FnMut(&Layers) -> bool,
+) -> Option<Rendered> {
     let (width, height) = (camera.width, camera.height);
     let mut layers = Layers::nothing(0, query);
     let (mut row, mut rows) = (0, (1024 / width.max(1)).clamp(1, height));
     while row < height {
-        if !go_on() {
+        if !go_on(&layers) {
             return None;
         }
         let band = Camera { height: rows, cy: camera.cy - f64::from(row), ..*camera };

@@ -1,12 +1,16 @@
 //! What can be looked at: the seam between the viewer and what draws.
 
+use super::cropped::Cropped;
 use super::protocol::{Layer, Light};
 use glam::DQuat;
 use image::RgbImage;
 use render_core::camera::Camera;
 use serde::Serialize;
+use std::path::Path;
+use std::sync::Arc;
+use systems::crop::Crop;
 use systems::render::Rendered;
-use systems::system::{Appearance, Query};
+use systems::system::{Appearance, Layers, Query};
 
 /// Something that pictures can be drawn of, from any camera.
 pub(crate) trait Scene3d: Send + Sync {
@@ -20,8 +24,27 @@ pub(crate) trait Scene3d: Send + Sync {
     fn background(&self) -> [f32; 3];
 
     /// The layers that `query` asks for as `camera` sees them; `None` as soon as `go_on` says no, which is asked now and
-    /// then.
-    fn draw(&self, camera: &Camera, query: &Query, go_on: &dyn Fn() -> bool) -> Option<Rendered>;
+    /// then and shown the rows that are done.
+    fn draw(&self, camera: &Camera, query: &Query, go_on: &mut dyn FnMut(&Layers) -> bool) -> Option<Rendered>;
+
+    /// The cloud that stands for the scene while the camera moves, and wherever it is cropped; `None` where there is none, or not
+    /// yet.
+    fn cloud(&self, _query: &Query) -> Option<Arc<Cropped>> {
+        None
+    }
+
+    /// Whether pictures of the scene itself are so quick that nothing has to stand for it.
+    fn is_quick(&self) -> bool {
+        false
+    }
+
+    /// What the page is told of that cloud, as the message `fast`; empty where there is nothing to tell.
+    fn fast_message(&self) -> String {
+        String::new()
+    }
+
+    /// What is shown: a run folder or a file. A crop is kept there.
+    fn place(&self) -> &Path;
 
     /// A light as the scene knows it; lights that it has not are the mean of all.
     fn appearance(&self, light: &Light) -> Appearance;
@@ -66,6 +89,8 @@ pub(crate) struct Description {
     pub(crate) background: [f32; 3],
     /// Longest side of the photos, pixels.
     pub(crate) longest_side: u32,
+    /// The crop that is kept beside the scene.
+    pub(crate) crop: Crop,
 }
 
 /// The camera of a photo.

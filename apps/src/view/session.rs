@@ -3,13 +3,16 @@
 use super::desk::{Desk, Job};
 use super::pace::levels;
 use super::picture::{self, Painter};
-use super::protocol::{Draw, Message, Quality};
+use super::protocol::{Draw, Drawer, Layer, Message, Quality};
 use super::scene::Scene3d;
 use super::stage::{Shown, Stage};
 use axum::extract::ws::{Message as Frame, WebSocket};
 use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
+use systems::crop::Crop;
+use systems::output::Disk;
+use systems::splats::Cloud;
 use tokio::sync::{mpsc, watch};
 
 /// Stillness after which better pictures are drawn.
@@ -23,7 +26,7 @@ const WAITING: usize = 2;
 
 /// Talk to a page until it leaves.
 pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
-    let (mut shown, mut training) = stage.watch();
+    let (mut shown, mut training, mut fast) = stage.watch();
     let desk = Arc::new(Desk::default());
     let (out, mut drawn) = mpsc::channel(WAITING);
     let (its_desk, its_shown) = (desk.clone(), shown.clone());
@@ -35,6 +38,7 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
     // Said at once, and again whenever it changes.
     shown.mark_changed();
     training.mark_changed();
+    fast.mark_changed();
     let mut alive = tokio::time::interval(ALIVE);
     loop {
         let answer = tokio::select! {
@@ -42,6 +46,7 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
                 Some(Ok(Frame::Text(text))) => match Message::parse(&text) {
                     Ok(Message::Draw(draw)) => { desk.draw(draw); None }
                     Ok(Message::Pick(pick)) => { desk.pick(pick); None }
+                    Ok(Message::Save { crop }) => Some(save(shown.borrow().scene(), &crop)),
                     Err(problem) => Some(error(&problem)),
                 },
                 Some(Ok(Frame::Binary(_))) => Some(error("the message is not understood: it is no text")),
@@ -67,6 +72,10 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
                 let text = training.borrow_and_update().clone();
                 (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
             }
+            Ok(()) = fast.changed() => {
+                let text = fast.borrow_and_update().clone();
+                (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
+            }
         };
         if let Some(frame) = answer
             && socket.send(frame).await.is_err()
@@ -79,6 +88,19 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
 
 fn error(message: &str) -> Frame {
     Frame::Text(json!({ "type": "error", "message": message }).to_string().into())
+}
+
+/// Keep a crop beside what is shown: one file, of a fixed name.
+fn save(scene: Option<&Arc<dyn Scene3d>>, crop: &Crop) -> Frame {
+    let Some(scene) = scene else { return error("there is nothing to crop yet") };
+    let path = Crop::path_of(scene.place());
+    match crop.write(&Disk, &path) {
+        Ok(()) => {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Frame::Text(json!({ "type": "saved", "file": name }).to_string().into())
+        }
+        Err(e) => error(&format!("the crop is not saved: {e}")),
+    }
 }
 
 /// Do what the desk says until it closes or nobody takes the answers.
@@ -126,7 +148,10 @@ fn draw_all(
         return Ok(send(file));
     }
     let full = draw.full_size();
-    let first = painter.quick_size(draw);
+    if let Some(cloud) = stand_in(scene, draw) {
+        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), send);
+    }
+    let first = painter.quick_size(draw, Drawer::Scene);
     let quality = |size| match size {
         _ if size == full => Quality::Full,
         _ if size == first => Quality::Quick,
@@ -150,6 +175,57 @@ fn draw_all(
     for size in sizes {
         match painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? {
             None => return Ok(true),
+            Some(file) => {
+                if !send(file) {
+                    return Ok(false);
+                }
+            }
+        }
+    }
+    desk.met(number);
+    Ok(true)
+}
+
+/// The cloud that a wish is drawn from: of what is cropped always, of a field while the camera moves. `None` where the scene draws
+/// itself.
+fn stand_in(scene: &dyn Scene3d, draw: &Draw) -> Option<Arc<Cloud>> {
+    let is_cropped = !draw.crop.keeps_everything();
+    // A cloud knows where it is, not where that was at rest.
+    if (scene.is_quick() && !is_cropped) || draw.layer == Layer::Canonical {
+        return None;
+    }
+    Some(scene.cloud(&picture::query(scene, draw))?.part(&draw.crop))
+}
+
+/// Pictures of a wish by the cloud: one in time, a sharp one, and then the scene itself over it unless it is cropped.
+fn draw_cloud(
+    desk: &Desk,
+    (painter, scene, cloud): (&mut Painter, &dyn Scene3d, &Cloud),
+    (number, draw): (u64, &Draw),
+    send: &mut dyn FnMut(Vec<u8>) -> bool,
+) -> Result<bool, String> {
+    let (full, first) = (draw.full_size(), painter.quick_size(draw, Drawer::Cloud));
+    if !send(painter.sketch((scene, cloud), draw, (first, Quality::Quick))?.message) {
+        return Ok(false);
+    }
+    if !desk.rests(number, REST) {
+        return Ok(true);
+    }
+    let is_cropped = !draw.crop.keeps_everything();
+    let quality = if is_cropped { Quality::Full } else { Quality::Better };
+    let sharp = painter.sketch((scene, cloud), draw, (full, quality))?;
+    if !send(sharp.message) {
+        return Ok(false);
+    }
+    if !is_cropped {
+        let mut is_taken = true;
+        let mut part = |file| {
+            is_taken = send(file);
+            is_taken
+        };
+        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), &mut part)?;
+        match best {
+            None => return Ok(is_taken),
             Some(file) => {
                 if !send(file) {
                     return Ok(false);

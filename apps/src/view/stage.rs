@@ -47,25 +47,36 @@ pub(crate) struct Stage {
     shown: watch::Sender<Shown>,
     /// The message `training`; empty where nothing is known of any training.
     training: watch::Sender<Arc<str>>,
+    /// The message `fast`; empty where nothing stands for the scene.
+    fast: watch::Sender<Arc<str>>,
 }
+
+/// Ends of [`Stage`] for one who watches: what is shown, the training, the cloud that stands for a field.
+pub(crate) type Watch = (watch::Receiver<Shown>, watch::Receiver<Arc<str>>, watch::Receiver<Arc<str>>);
 
 impl Stage {
     pub(crate) fn new(shown: Shown) -> Self {
-        Self { shown: watch::Sender::new(shown), training: watch::Sender::new("".into()) }
+        let fast = shown.scene().map(|scene| scene.fast_message()).unwrap_or_default();
+        Self {
+            shown: watch::Sender::new(shown),
+            training: watch::Sender::new("".into()),
+            fast: watch::Sender::new(fast.into()),
+        }
     }
 
     pub(crate) fn show(&self, shown: Shown) {
+        let fast = shown.scene().map(|scene| scene.fast_message()).unwrap_or_default();
         self.shown.send_replace(shown);
+        self.tell_fast(&fast);
     }
 
     pub(crate) fn tell(&self, training: &str) {
-        self.training.send_if_modified(|old| {
-            let is_news = old.as_ref() != training;
-            if is_news {
-                *old = training.into();
-            }
-            is_news
-        });
+        replace(&self.training, training);
+    }
+
+    /// Something is to be told of the cloud that stands for a field.
+    pub(crate) fn tell_fast(&self, message: &str) {
+        replace(&self.fast, message);
     }
 
     /// Whether anybody looks.
@@ -73,7 +84,18 @@ impl Stage {
         self.shown.receiver_count() > 0
     }
 
-    pub(crate) fn watch(&self) -> (watch::Receiver<Shown>, watch::Receiver<Arc<str>>) {
-        (self.shown.subscribe(), self.training.subscribe())
+    pub(crate) fn watch(&self) -> Watch {
+        (self.shown.subscribe(), self.training.subscribe(), self.fast.subscribe())
     }
+}
+
+/// A message in the place of another, where it is another.
+fn replace(place: &watch::Sender<Arc<str>>, message: &str) {
+    place.send_if_modified(|old| {
+        let is_news = old.as_ref() != message;
+        if is_news {
+            *old = message.into();
+        }
+        is_news
+    });
 }

@@ -40,7 +40,7 @@ pub(crate) fn message(folder: &Path, rows: &[Row]) -> String {
 }
 
 /// Whether somebody is still writing: nothing tells so directly.
-fn is_running(folder: &Path) -> bool {
+pub(crate) fn is_running(folder: &Path) -> bool {
     let written = |name: &str| fs::metadata(folder.join(name)).and_then(|m| m.modified()).ok();
     let Some(row) = written("metrics.csv") else { return false };
     // Written after the last row, at the end.

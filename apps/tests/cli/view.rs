@@ -278,3 +278,132 @@ fn photos_of_many_lights_are_blended_and_masks_shown() {
     assert!(uncertainty.dimensions() == (24, 24) && is_grey(&uncertainty));
     assert!(uncertainty.pixels().all(|p| p.0[0] > 0), "no pixel is certain");
 }
+
+/// Wait until the cloud that stands for a field is there; what is told of it.
+fn baked(live: &mut crate::viewing::Live) -> Value {
+    loop {
+        let word = live.hear("fast");
+        assert_ne!(word["state"], "failed", "{word}");
+        if word["state"] == "ready" {
+            return word;
+        }
+    }
+}
+
+#[test]
+fn a_field_is_baked_for_pictures_while_the_camera_moves() {
+    let (folder, run) = trained("60");
+    let viewer = Viewer::start("nerf-static", &run);
+    let mut live = viewer.connect();
+    let scene = live.hear("scene");
+    let photo = &scene["photos"][0];
+    // The first wish is for the field: it starts the bake.
+    let id = live.ask(photo, json!({}));
+    let field = live.best(id);
+    let word = baked(&mut live);
+    assert!(word["count"].as_u64().unwrap() > 50 && word["psnr"].as_f64().unwrap() > 15.0, "{word}");
+    assert!(run.join("baked.safetensors").exists());
+    // Now the cloud draws first, and the field has the last word: the same as before.
+    let id = live.ask(photo, json!({ "width": 120, "height": 120, "limit": 120 }));
+    let quick = live.see();
+    assert!(quick.id == id && quick.drawer == 1 && quick.quality == 0);
+    assert_eq!(live.best(id).drawer, 0);
+    let id = live.ask(photo, json!({}));
+    assert_eq!(live.best(id).file, field.file);
+    // Cropped it is the cloud alone, sharp at once; what is outside is gone.
+    let crop = json!({ "box": [[90.0, 90.0, 90.0], [91.0, 91.0, 91.0]] });
+    let id = live.ask(photo, json!({ "crop": crop, "background": [1.0, 0.0, 0.0] }));
+    let empty = live.best(id);
+    assert_eq!(empty.drawer, 1);
+    assert!(empty.pixels.pixels().all(|p| p.0 == [255, 0, 0]), "everything is cropped away");
+    for layer in ["depth", "normals", "opacity"] {
+        let id = live.ask(photo, json!({ "layer": layer }));
+        assert_eq!(live.best(id).drawer, 0, "{layer}");
+    }
+
+    // The next viewer, and export, find it.
+    let file = run.join("baked.safetensors");
+    let written = fs::metadata(&file).unwrap().modified().unwrap();
+    drop(viewer);
+    let out = folder.path().join("out.ply");
+    let answer = nerf(&["export", text(&run), "--splats", text(&out)]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let count = format!("{} Gaussians baked from `ngp`", word["count"]);
+    assert!(answer.out.contains(&count), "{count}: {}", answer.out);
+    assert_eq!(fs::metadata(&file).unwrap().modified().unwrap(), written);
+    assert_eq!(scene_io::read_splats(&out).unwrap().cloud.len() as u64, word["count"].as_u64().unwrap());
+}
+
+#[test]
+fn a_crop_is_saved_beside_the_run_and_export_obeys_it() {
+    let (folder, run) = trained("60");
+    let viewer = Viewer::start("nerf-static", &run);
+    let mut live = viewer.connect();
+    assert_eq!(live.hear("scene")["crop"]["box"], Value::Null);
+    for (wrong, part) in [
+        (json!({ "faint": 7 }), "`faint` = 7"),
+        (json!({ "box": [[0, 0, 0], [1, 1, 0]] }), "`box`: z"),
+        (json!({ "file": "/tmp/x" }), "not understood"),
+    ] {
+        live.say(json!({ "type": "save", "crop": wrong }).to_string());
+        let word = live.hear("error");
+        assert!(word["message"].as_str().unwrap().contains(part), "{word}");
+    }
+    assert!(!run.join("crop.json").exists());
+    let crop = json!({ "box": [[-0.4, -0.4, -2.0], [0.4, 0.4, 2.0]], "faint": 0.1, "up": [0.0, 0.0, 1.0] });
+    live.say(json!({ "type": "save", "crop": crop }).to_string());
+    assert_eq!(live.hear("saved")["file"], "crop.json");
+    assert_eq!(viewer.connect().hear("scene")["crop"]["box"], crop["box"]);
+    drop(viewer);
+
+    let splats = |more: &[&str]| {
+        let out = folder.path().join("out.ply");
+        let answer = nerf(&[&["export", text(&run), "--splats", text(&out)], more].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        (scene_io::read_splats(&out).unwrap().cloud, answer.out)
+    };
+    let (cropped, said) = splats(&[]);
+    assert!(said.contains("crop.json") && said.contains("--no-crop"), "{said}");
+    let n = cropped.len();
+    assert!(cropped.mean[..2 * n].iter().all(|x| x.abs() <= 0.4001));
+    let (all, said) = splats(&["--no-crop"]);
+    assert!(all.len() > n && !said.contains("crop.json"), "{} {n}", all.len());
+    let (boxed, _) = splats(&["--box=-0.1,-0.1,-2,0.1,0.1,2"]);
+    assert!(boxed.mean[..2 * boxed.len()].iter().all(|x| x.abs() <= 0.1001) && boxed.len() < all.len());
+    let points = folder.path().join("points.ply");
+    let answer = nerf(&["export", text(&run), "--points", text(&points), "--count", "2000"]);
+    assert!(answer.code == 0 && answer.out.contains("box: (-0.4000, -0.4000"), "{}{}", answer.out, answer.err);
+
+    fs::write(run.join("crop.json"), r#"{"box": 3}"#).unwrap();
+    let answer = nerf(&["export", text(&run), "--points", text(&points)]);
+    assert!(answer.code == 1 && error_line(&answer).contains("crop.json"), "{}", answer.err);
+}
+
+#[test]
+fn a_file_of_gaussians_is_cropped_and_its_crop_lies_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cloud.ply");
+    let mut cloud = splat_core::Gaussians::new(40, 0).unwrap();
+    for i in 0..40 {
+        for k in 0..3 {
+            cloud.mean[k * 40 + i] = ((i * (k + 3) * 7) % 13) as f32 / 13.0;
+            cloud.log_scale[k * 40 + i] = -2.5;
+        }
+        cloud.logit[i] = 3.0;
+    }
+    scene_io::write_splats(&file, &cloud, &scene_io::SplatOptions::default()).unwrap();
+    let viewer = Viewer::start("nerf-static", &file);
+    let mut live = viewer.connect();
+    let scene = live.hear("scene");
+    let word = live.hear("fast");
+    assert!(word["state"] == "own" && word["hints"]["count"] == 40, "{word}");
+    let photo = &scene["photos"][0];
+    let id = live.ask(photo, json!({}));
+    let whole = live.best(id);
+    let id = live.ask(photo, json!({ "crop": { "faint": 0.99 } }));
+    let none = live.best(id);
+    assert!(whole.pixels.pixels().any(|p| p.0 != [0; 3]) && none.pixels.pixels().all(|p| p.0 == [0; 3]));
+    live.say(json!({ "type": "save", "crop": { "alone": 0.5 } }).to_string());
+    assert_eq!(live.hear("saved")["file"], "cloud.ply.crop.json");
+    assert!(folder.path().join("cloud.ply.crop.json").exists());
+}

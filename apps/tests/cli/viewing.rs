@@ -102,6 +102,8 @@ pub(crate) struct Picture {
     pub(crate) step: u32,
     /// 0 in time, 1 better, 2 as good as asked for.
     pub(crate) quality: u8,
+    /// 0 the scene itself, 1 the cloud that stands for it, 2 both.
+    pub(crate) drawer: u8,
     pub(crate) file: Vec<u8>,
     pub(crate) pixels: image::RgbImage,
 }
@@ -152,7 +154,14 @@ impl Live {
                     let pixels = image::load_from_memory(&file).unwrap().into_rgb8();
                     let size = [20, 22].map(|at| u32::from(u16::from_le_bytes([bytes[at], bytes[at + 1]])));
                     assert_eq!(<[u32; 2]>::from(pixels.dimensions()), size);
-                    return Picture { id: number(0), step: number(4), quality: bytes[24], file, pixels };
+                    return Picture {
+                        id: number(0),
+                        step: number(4),
+                        quality: bytes[24],
+                        drawer: bytes[25],
+                        file,
+                        pixels,
+                    };
                 }
                 Message::Text(text) => {
                     let word: Value = serde_json::from_str(&text).unwrap();

@@ -2,16 +2,17 @@
 
 use super::frame::Frame;
 use super::look::{Kept, Look};
+use super::upright;
 use crate::camera_path::{PathKind, from_file};
 use crate::error::RunError;
 use crate::picture::limited;
-use crate::render::{Rendered, plain_query};
-use crate::system::Query;
+use crate::render::Rendered;
+use crate::system::{Query, Splats};
 use float_core::Simd;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
 use scene_io::read_splats;
-use splat_core::density::{by_place, opacity};
+use splat_core::density::{Rows, by_place, opacity};
 use splat_core::{Gaussians, Rules};
 use std::path::Path;
 
@@ -29,12 +30,10 @@ const DISTANCE: f64 = 2.0;
 const HEIGHT: f64 = 0.35;
 /// Views around the middle that are offered.
 const AROUND: usize = 8;
-/// A camera is inside where this share of a small picture is opaque, little of it nearer than the first of these parts of the
-/// scene's radius, and half of it farther than the second.
-const SMALL: u32 = 160;
-const ALL_AROUND: f64 = 0.95;
-const TOO_NEAR: f64 = 0.05;
-const FAR_ENOUGH: f64 = 0.3;
+/// Parts of that distance that the first view is looked for at.
+const CLOSER: [f64; 3] = [1.0, 0.6, 0.35];
+/// Longest side of the pictures it is looked for with.
+const SMALL: u32 = 80;
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
@@ -46,6 +45,7 @@ pub struct Cloud {
     rules: Rules,
     middle: DVec3,
     radius: f64,
+    up: DVec3,
     notes: Vec<String>,
     kept: Kept,
 }
@@ -71,7 +71,39 @@ impl Cloud {
         let frame = Frame { centre: middle.to_array(), scale: 1.0 };
         frame.cloud_to_internal(&mut cloud);
         let rules = Rules { near: (NEAR * radius) as f32, ..rules };
-        Self { cloud, frame, rules, middle, radius, notes: Vec::new(), kept: Kept::default() }
+        let up = upright::guess(&cloud);
+        Self { cloud, frame, rules, middle, radius, up, notes: Vec::new(), kept: Kept::default() }
+    }
+
+    /// A cloud of a training or a bake, drawn by its own rules.
+    #[must_use]
+    pub fn exact(splats: Splats) -> Self {
+        let rules = splats.rules;
+        Self { rules, ..Self::new(splats.gaussians, rules) }
+    }
+
+    /// All Gaussians in the scene's frame, in the order that [`part`](Self::part) asks for them.
+    #[must_use]
+    pub fn gaussians(&self) -> Gaussians {
+        let mut cloud = self.cloud.clone();
+        self.frame.cloud_to_world(&mut cloud);
+        cloud
+    }
+
+    /// The Gaussians that stay, with everything else as it is: the same middle, the same views.
+    #[must_use]
+    pub fn part(&self, stays: impl Fn(usize) -> bool) -> Self {
+        let kept = Rows::keep(self.cloud.len(), stays).and_then(|rows| rows.follow(&self.cloud));
+        Self {
+            cloud: kept.unwrap_or_default(),
+            frame: self.frame,
+            rules: self.rules,
+            middle: self.middle,
+            radius: self.radius,
+            up: self.up,
+            notes: Vec::new(),
+            kept: Kept::default(),
+        }
     }
 
     /// What was dropped, clamped or ignored while reading, a line each.
@@ -98,10 +130,10 @@ impl Cloud {
         (self.middle, self.radius)
     }
 
-    /// Up, as far as a file says: pictures of structure from motion have y down.
+    /// Up, a unit vector: guessed from what is flat, or against y where nothing says so (structure from motion has y down).
     #[must_use]
     pub fn up(&self) -> DVec3 {
-        DVec3::NEG_Y
+        self.up
     }
 
     /// What a camera sees.
@@ -125,6 +157,11 @@ impl Cloud {
     /// A camera that stands off the middle: `turn` of a full turn around it.
     #[must_use]
     pub fn camera(&self, turn: f64) -> Camera {
+        self.at_distance(turn, DISTANCE)
+    }
+
+    /// The same, so many radii away.
+    fn at_distance(&self, turn: f64, distance: f64) -> Camera {
         let (up, angle) = (self.up(), turn * core::f64::consts::TAU);
         let aside = up.any_orthonormal_vector();
         let ahead = up.cross(aside);
@@ -132,35 +169,28 @@ impl Cloud {
         let way = (aside * angle.cos() + ahead * angle.sin()) * level + up * HEIGHT;
         let z = -way.normalize();
         let x = z.cross(up).normalize();
-        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: self.middle + way * DISTANCE * self.radius };
+        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: self.middle + way * distance * self.radius };
         let [w, h] = SIZE.map(f64::from);
         let f = 0.5 * w / TANGENT;
         Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
     }
 
-    /// Cameras to look from: around the middle, and from where the frame of the file begins, first if that is inside of the scene:
-    /// structure from motion often puts one of its cameras there, and a room is nothing from outside.
+    /// Cameras to look from. The first sees the middle of the cloud best; then those around it, and the one where the frame of the
+    /// file begins: structure from motion often puts one of its cameras there.
     #[must_use]
     pub fn views(&self) -> Vec<Camera> {
-        let around = (0..AROUND).map(|k| self.camera(k as f64 / AROUND as f64));
+        let around =
+            |closer: f64| (0..AROUND).map(move |k| self.at_distance(k as f64 / AROUND as f64, closer * DISTANCE));
+        let mut views: Vec<Camera> = CLOSER.into_iter().flat_map(around).collect();
+        let small: Vec<Camera> = views.iter().map(|camera| limited(camera, Some(SMALL))).collect();
+        let best = upright::best(self, &small);
+        views.swap(0, best);
+        // The far ones are enough to step through.
+        views.truncate(1);
+        views.extend(around(1.0));
         let origin = Camera { pose: Pose::IDENTITY, ..self.camera(0.0) };
-        match self.surrounds(&origin) {
-            true => core::iter::once(origin).chain(around).collect(),
-            false => around.chain([origin]).collect(),
-        }
-    }
-
-    /// Whether a camera has the scene all around it and not before its nose.
-    fn surrounds(&self, camera: &Camera) -> bool {
-        let small = limited(camera, Some(SMALL));
-        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 0.0)) else { return false };
-        let opaque = view.layers.opacity.iter().filter(|o| **o > 0.9).count();
-        let mut depths = view.layers.depth.clone();
-        depths.sort_by(f32::total_cmp);
-        let depth = |share: f64| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]);
-        opaque as f64 > ALL_AROUND * depths.len() as f64
-            && depth(0.05) > TOO_NEAR * self.radius
-            && depth(0.5) > FAR_ENOUGH * self.radius
+        views.push(origin);
+        views
     }
 
     /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.

@@ -16,15 +16,17 @@ mod flat;
 pub mod frame;
 mod look;
 mod memory;
-mod neighbours;
+pub(crate) mod neighbours;
 mod optimiser;
 mod photo;
 mod plan;
+pub(crate) mod refine;
 mod sight;
 mod splat;
 pub mod start;
 mod state;
 mod step;
+mod upright;
 
 pub use cloud::Cloud;
 pub use config::SplatConfig;

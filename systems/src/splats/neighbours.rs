@@ -25,7 +25,7 @@ struct Node {
 ///
 /// # Source
 /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, released code.
-pub(super) fn mean_squared_distances(points: &[[f64; 3]]) -> Vec<f64> {
+pub(crate) fn mean_squared_distances(points: &[[f64; 3]]) -> Vec<f64> {
     let others = NEIGHBOURS.min(points.len().saturating_sub(1));
     let node = |(i, &x): (usize, &[f64; 3])| Node { x, id: i as u32, axis: 0 };
     let mut nodes: Vec<Node> = points.iter().enumerate().map(node).collect();

@@ -52,6 +52,13 @@ impl Photo {
         }
     }
 
+    /// Take a picture `[3][rows][columns]`; all of it counts.
+    pub(super) fn show(&mut self, rgb: &[f32]) {
+        self.truth.clear();
+        self.truth.extend_from_slice(rgb);
+        self.weight.clear();
+    }
+
     /// Whether no pixel counts.
     pub(super) fn is_blank(&self) -> bool {
         !self.weight.is_empty() && self.weight.iter().all(|w| *w == 0.0)

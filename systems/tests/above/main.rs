@@ -1,6 +1,7 @@
 //! What stands above every system: batches, the loop, checkpoints, evaluation, the run folder. Driven by a small system
 //! of the tests' own.
 
+mod bake;
 mod common;
 mod data;
 mod full_disk;

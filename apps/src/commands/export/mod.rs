@@ -10,6 +10,7 @@ use scene_io::{SplatFile, SplatOptions, write_splats};
 use std::path::Path;
 use subject::Subject;
 use systems::RunError;
+use systems::crop::Crop;
 use systems::data::View;
 use systems::frame_points::frame_points;
 use systems::mesh::depth::DepthView;
@@ -17,6 +18,7 @@ use systems::mesh::{Fused, MeshOptions, fuse, look, seen_points, thin_out};
 use systems::output::make_folder;
 use systems::progress::{Meter, Observer};
 use systems::run::Run;
+use systems::splats::Cloud;
 use systems::surface::{CropBox, default_level, mesh, points};
 
 /// Cells of a mesh of density along its longest side.
@@ -32,8 +34,10 @@ const GOOD: f64 = 0.9;
 struct Job<'a> {
     args: &'a Export,
     subject: Subject,
-    /// The only box that counts; without one each export has its own.
-    crop: Option<CropBox>,
+    /// What of it: the box is the only one that counts; without one each export has its own.
+    crop: Crop,
+    /// What the crop leaves of a cloud of Gaussians, where it leaves anything out.
+    part: Option<Cloud>,
     show: Show,
     /// Depth at the photos' cameras, once somebody asked.
     views: Option<Vec<DepthView>>,
@@ -45,10 +49,14 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     if let Some(path) = &args.mesh {
         MeshFormat::of(path)?;
     }
-    let crop = crop_box(args)?;
+    let crop = crop_of(args)?;
     let subject = Subject::open(session, args, &mut show)?;
+    if !crop.keeps_everything() && args.crop.is_empty() {
+        line(format_args!("cropped by `{}`; `--no-crop` exports everything", Crop::path_of(&args.run).display()));
+    }
+    let part = subject.part(&crop)?;
     show.listen()?;
-    let mut job = Job { args, subject, crop, show, views: None };
+    let mut job = Job { args, subject, crop, part, show, views: None };
     let done = match job.all() {
         Ok(()) => Done::Finished,
         Err(Stopped::Interrupted) => Done::Interrupted,
@@ -100,9 +108,12 @@ impl Job<'_> {
         if self.views.is_some() {
             return Ok(());
         }
-        let Self { args, subject, show, .. } = self;
+        let Self { args, subject, part, show, .. } = self;
         let query = subject.query(args);
-        let draw = |camera: &_| subject.draw(camera, &query);
+        let draw = |camera: &_| match part {
+            Some(cloud) => cloud.render(camera, &query),
+            None => subject.draw(camera, &query),
+        };
         let cameras = subject.cameras(args)?;
         let mut meter = Meter::new("picture", cameras.len());
         let mut go_on = |done, _| {
@@ -121,7 +132,7 @@ impl Job<'_> {
         let count = self.args.count;
         let cloud = match &self.subject {
             Subject::Run(run) if !self.subject.is_cloud() => {
-                let crop = self.crop.unwrap_or_else(|| run.system.bounds());
+                let crop = self.crop.bounds.unwrap_or_else(|| run.system.bounds());
                 say_box(&crop);
                 let query = self.subject.query(self.args);
                 let cloud = points(run.system.as_ref(), &run.train, &query, (&crop, count), &mut self.show);
@@ -132,10 +143,10 @@ impl Job<'_> {
             }
             _ => {
                 self.look()?;
-                if let Some(crop) = &self.crop {
+                if let Some(crop) = &self.crop.bounds {
                     say_box(crop);
                 }
-                seen_points(self.views.as_deref().unwrap_or_default(), &self.crop.unwrap_or(EVERYTHING), count)
+                seen_points(self.views.as_deref().unwrap_or_default(), &self.crop.bounds.unwrap_or(EVERYTHING), count)
             }
         };
         self.show.finish();
@@ -151,8 +162,9 @@ impl Job<'_> {
         Stopped::Interrupted
     }
 
-    fn splats(&self, path: &Path) -> Result<(), Stopped> {
-        let SplatFile { cloud, widening, .. } = self.subject.gaussians()?;
+    fn splats(&mut self, path: &Path) -> Result<(), Stopped> {
+        let SplatFile { cloud, widening, .. } = self.subject.gaussians(self.args.time, &mut self.show)?;
+        let cloud = self.crop.cloud(&cloud)?;
         let options = SplatOptions { widening: widening.unwrap_or_default(), ..SplatOptions::default() };
         for note in write_splats(path, &cloud, &options)? {
             line(note);
@@ -180,7 +192,7 @@ impl Job<'_> {
     fn fused(&mut self) -> Result<(Mesh, String), Stopped> {
         self.look()?;
         let options = MeshOptions {
-            crop: self.crop,
+            crop: self.crop.bounds,
             resolution: self.args.resolution.map(usize::from),
             triangles: self.args.triangles.unwrap_or(TRIANGLES),
         };
@@ -211,7 +223,7 @@ impl Job<'_> {
     /// Where the density of a field crosses a level.
     fn dense(&mut self) -> Result<(Mesh, String), Stopped> {
         let run = self.subject.run("--method density")?;
-        let crop = self.crop.unwrap_or_else(|| run.system.bounds());
+        let crop = self.crop.bounds.unwrap_or_else(|| run.system.bounds());
         let level = self.args.level.map_or_else(|| default_level(&crop), |level| level as f32);
         let cells = self.args.resolution.map_or(DENSITY_CELLS, usize::from);
         let mut mesh = mesh(run.system.as_ref(), &crop, level, (cells, self.args.time), &mut self.show)?;
@@ -260,11 +272,14 @@ fn say_box([[x0, y0, z0], [x1, y1, z1]]: &CropBox) {
     line(format_args!("box: ({x0:.4}, {y0:.4}, {z0:.4}) to ({x1:.4}, {y1:.4}, {z1:.4}), the input's frame"));
 }
 
-/// The box of the command line. The one place that says which box all exports keep to.
-fn crop_box(args: &Export) -> Result<Option<CropBox>, RunError> {
+/// What is exported: the box of the command line, else what the viewer wrote, else everything. The one place that says so.
+fn crop_of(args: &Export) -> Result<Crop, RunError> {
     match args.crop.as_slice() {
-        [] => Ok(None),
-        &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => Ok(Some([[x0, y0, z0], [x1, y1, z1]])),
+        [] if args.no_crop => Ok(Crop::default()),
+        [] => Ok(Crop::of(&args.run)?.unwrap_or_default()),
+        &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => {
+            Ok(Crop { bounds: Some([[x0, y0, z0], [x1, y1, z1]]), ..Crop::default() })
+        }
         _ => Err(RunError::Option(
             "`--box`: write six numbers x0,y0,z0,x1,y1,z1, each of the first three below its fellow".into(),
         )),

@@ -9,6 +9,7 @@ use render_core::rig::mean_up;
 use scene_io::SplatFile;
 use systems::RunError;
 use systems::camera_path::{PathKind, cameras};
+use systems::crop::{Crop, Traits};
 use systems::mesh::cameras::on_a_sphere;
 use systems::picture::limited;
 use systems::render::{Rendered, plain_query, render};
@@ -58,22 +59,32 @@ impl Subject {
         }
     }
 
-    /// The Gaussians to write. A run of another system has none.
-    pub(super) fn gaussians(&self) -> Result<SplatFile, RunError> {
+    /// The Gaussians to write: those of a cloud, or a field baked into some.
+    pub(super) fn gaussians(&self, time: f64, show: &mut Show) -> Result<SplatFile, Failure> {
         match self {
-            // The one place where a field may be given as Gaussians.
             Self::Run(run) => {
-                let cloud = run.system.splats().ok_or_else(|| {
-                    let name = run.system.name();
-                    RunError::Option(format!(
-                        "`--splats`: `{name}` is no cloud of Gaussians; train with `--system splat`"
-                    ))
-                })?;
+                let cloud = super::super::baked::splats(run, time, show)?;
                 let widening = Some(cloud.rules.widening);
                 Ok(SplatFile { cloud: cloud.gaussians, widening, notes: Vec::new() })
             }
             Self::File { read, .. } => Ok(SplatFile::clone(read)),
         }
+    }
+
+    /// What a crop leaves of a cloud of Gaussians; `None` where that is everything, and for fields.
+    pub(super) fn part(&self, crop: &Crop) -> Result<Option<Cloud>, RunError> {
+        if crop.keeps_everything() {
+            return Ok(None);
+        }
+        let splats = match self {
+            Self::Run(run) => run.system.splats().map(Cloud::exact),
+            Self::File { cloud, .. } => Some(cloud.part(|_| true)),
+        };
+        Ok(splats.map(|cloud| {
+            let all = cloud.gaussians();
+            let traits = Traits::of(&all);
+            cloud.part(|i| crop.keeps(&all, &traits, i))
+        }))
     }
 
     /// From where it is looked at: the file's cameras if one is given, else the photos'; around a file of Gaussians.

@@ -69,6 +69,14 @@ class Eye {
     this.axes = [right, cross(forward, right), forward];
   }
 
+  // Another direction is up: the camera stays, and stands upright.
+  level(up) {
+    this.up = unit(up);
+    const forward = this.axes[2], right = cross(forward, this.up);
+    if (Math.hypot(...right) < 1e-3) return;
+    this.axes = [unit(right), cross(forward, unit(right)), forward];
+  }
+
   distance() {
     return Math.max(Math.abs(dot(add(this.pivot, this.position, -1), this.axes[2])), 0.05 * this.radius);
   }

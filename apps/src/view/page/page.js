@@ -36,6 +36,8 @@ function hear(message) {
   else if (message.type === "waiting") wait(message);
   else if (message.type === "training") showTraining(message);
   else if (message.type === "picked") picked(message.point);
+  else if (message.type === "fast") showFast(message);
+  else if (message.type === "saved") $("crop-note").textContent = `saved in ${message.file}`;
   else if (message.type === "error") toast(message.message);
 }
 
@@ -62,7 +64,7 @@ function ask() {
   if (!eye || !canvas.width || !canvas.height) return;
   const index = (id) => ($(id).value === "" ? null : Number($(id).value));
   const light = { from: index("from"), to: index("to"), blend: Number($("blend").value) };
-  send({ type: "draw", id: ++wish, ...view(), layer, limit: Number($("limit").value), light, background, photo });
+  send({ type: "draw", id: ++wish, ...view(), layer, limit: Number($("limit").value), light, background, photo, crop });
 }
 
 // --- pictures ---
@@ -70,7 +72,7 @@ function ask() {
 let decoding = 0, painted = 0;
 async function see(bytes) {
   const data = new DataView(bytes), number = ++decoding;
-  const id = data.getUint32(0, true), ms = data.getFloat32(8, true), quality = data.getUint8(24);
+  const id = data.getUint32(0, true), ms = data.getFloat32(8, true), quality = data.getUint8(24), drawer = data.getUint8(25);
   const depths = [data.getFloat32(12, true), data.getFloat32(16, true)];
   const size = [data.getUint16(20, true), data.getUint16(22, true)];
   shown = id;
@@ -89,7 +91,9 @@ async function see(bytes) {
   $("notice").hidden = true;
   document.body.dataset.quality = quality;
   document.body.dataset.pictures = number;
-  status(size, ms, quality);
+  document.body.dataset.drawer = drawer;
+  document.body.dataset.size = size.join("x");
+  status(size, ms, quality, drawer);
   $("layer-note").textContent = layer === "depth" && depths[1] > 0 ? `${short(depths[0])} bright … ${short(depths[1])}` : noteOfPhoto();
 }
 
@@ -110,16 +114,35 @@ const isJudgement = (name) => name === "mask" || name === "uncertainty";
 const isOfPhoto = () => layer === "photo" || isJudgement(layer);
 const noteOfPhoto = () => (isOfPhoto() && photo !== null ? scene.photos[photo].name : "");
 
-function status(size, ms, quality) {
+function status(size, ms, quality, drawer) {
   const now = performance.now();
   while (arrivals.length && now - arrivals[0] > 1500) arrivals.shift();
   const took = ms >= 1000 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms)} ms`;
   const moves = quality === 0 && arrivals.length > 2;
   const rate = ((arrivals.length - 1) * 1000) / Math.max(now - arrivals[0], 1);
   const word = moves ? `${rate.toFixed(rate < 10 ? 1 : 0)} fps` : quality === 2 ? "full" : "refining …";
+  const by = drawer === 1 && scene.step ? " · cloud" : "";
   $("status").hidden = false;
   if (isOfPhoto()) $("status").textContent = `${size[0]} × ${size[1]}, ${layer}`;
-  else $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}`;
+  else $("status").innerHTML = `<b>${size[0]} × ${size[1]}</b> · ${took} · ${word}${by}`;
+}
+
+// The cloud that stands for a field while the camera moves.
+function showFast(message) {
+  setHints(message.hints);
+  document.body.dataset.fast = message.state;
+  const gaussians = message.count ? message.count.toLocaleString("en") : "";
+  const quality = message.psnr ? `, ${message.psnr.toFixed(1)} dB from the field` : "";
+  const ready = `While you move: a cloud of ${gaussians} Gaussians${quality}; at rest, the field itself. Cropped: the cloud alone.`;
+  const text = {
+    baking: `A cloud that is quick to draw is being baked; ${gaussians ? "the last one is shown until then" : "small pictures until then"}.`,
+    ready: scene && scene.lights.length ? `${ready} Another light gets its own cloud once it rests.`
+      : scene && scene.moves ? `${ready} Another time gets its own cloud once it rests; small pictures until then.` : ready,
+    failed: "The field could not be baked: small pictures while you move.",
+    none: "Small pictures while you move, until a cloud is baked.",
+  }[message.state];
+  $("fast-note").hidden = !text;
+  $("fast-note").textContent = text || "";
 }
 
 // --- the scene ---
@@ -146,7 +169,11 @@ function welcome(message) {
     isDirty = true;
     return;
   }
-  eye = new Eye(scene.up, scene.radius);
+  eye = new Eye(scene.crop.up || scene.up, scene.radius);
+  setCrop(scene.crop);
+  upWord = scene.crop.up ? "saved" : "guess";
+  $("up").querySelector("[value=saved]").hidden = !scene.crop.up;
+  $("up").value = upWord;
   const option = (value, text) => new Option(text, value);
   $("photo").replaceChildren(option("", "free"), ...scene.photos.map((p, i) => option(i, p.held_out ? `${p.name} (held out)` : p.name)));
   $("photos").hidden = scene.photos.length === 0;
@@ -181,6 +208,8 @@ function stand(which) {
   photo = typeof which === "number" ? which : null;
   if (photo !== null) lastPhoto = photo;
   eye.stand(to, scene.pivot);
+  // Views of a file are no photos: they stand as up is now.
+  if (upWord !== "guess" && !scene.step) eye.level(eye.up);
   frame = to.tangents.slice();
   if (scene.moves) setTime(to.time);
   if (isJudgement(layer) && to.held_out) layer = "colour";
@@ -202,6 +231,7 @@ function moved() {
 
 function changed() {
   isDirty = true;
+  drawBox();
   $("photo").value = photo === null ? "" : photo;
   if (scene) $("photo-count").textContent = photo === null ? "" : `${photo + 1} of ${scene.photos.length}`;
   $("its-light").disabled = photo === null || (scene && photo >= scene.lights.length);
@@ -416,6 +446,7 @@ function fit() {
   const share = Math.max(w / old.width, h / old.height);
   context.drawImage(old, (w - old.width * share) / 2, (h - old.height * share) / 2, old.width * share, old.height * share);
   isDirty = true;
+  drawBox();
 }
 new ResizeObserver(fit).observe(canvas);
 new ResizeObserver(() => drawCurve($("curve"), rows, curveKind)).observe($("curve"));

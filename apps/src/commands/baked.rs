@@ -1,0 +1,38 @@
+//! The cloud of Gaussians that `export --splats` writes: that of a splat run, or a field baked into one.
+
+use super::Failure;
+use crate::show::{Show, line};
+use systems::bake::{BakeOptions, bake, load, store};
+use systems::output::Disk;
+use systems::progress::{Event, Observer};
+use systems::run::Run;
+use systems::system::{Query, Splats};
+
+/// The cloud of a run at a time. A baked one is kept in the run folder, where the viewer finds it.
+pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Splats, Failure> {
+    if let Some(splats) = run.system.splats() {
+        return Ok(splats);
+    }
+    let is_still = run.train.moments() <= 1;
+    let kept = if is_still { load(&run.folder, run.step) } else { None };
+    let baked = match kept {
+        Some(baked) => baked,
+        None => {
+            show.event(Event::Note("baking the field into Gaussians"));
+            let query = Query { time, ..run.query() };
+            let made = bake(run.system.as_ref(), &run.train, &query, &BakeOptions::DEFAULT, &|| !show.stop_asked())?;
+            let baked = made.ok_or("baking was stopped")?;
+            if is_still && let Err(e) = store(&Disk, &run.folder, run.step, &baked) {
+                // Only the next export and the viewer would have been faster.
+                crate::show::note(&format!("the baked cloud is not kept: {e}"));
+            }
+            baked
+        }
+    };
+    show.finish();
+    if let Some(psnr) = baked.psnr {
+        let n = baked.splats.gaussians.len();
+        line(format_args!("{n} Gaussians baked from `{}`: {psnr:.1} dB against its own pictures", run.system.name()));
+    }
+    Ok(baked.splats)
+}
