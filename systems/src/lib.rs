@@ -11,6 +11,7 @@
 //! * [`appearance`]: in which photo's light pictures are rendered.
 //! * [`splats`]: systems of Gaussian splats.
 //! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export.
+//! * [`video`]: pictures to a video, by `ffmpeg`.
 
 pub mod appearance;
 pub mod camera_path;
@@ -50,6 +51,7 @@ pub mod surface;
 pub mod system;
 pub mod time_path;
 pub mod train;
+pub mod video;
 pub(crate) mod watch;
 pub mod wild;
 

@@ -25,7 +25,7 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     }
     let mut show = session.show();
     let run = session.open(&args.out, &mut show)?;
-    render::orbit(&run, args.frames, &args.out.join("orbit"), &mut show)
+    render::animation(&run, args.frames, &args.out.join("animation"), &mut show)
 }
 
 /// A demo may be run again; any other run in the folder is left alone, and starting over it is refused later.

@@ -4,6 +4,7 @@ mod check;
 mod demo;
 mod eval;
 mod export;
+mod film;
 mod masks;
 mod render;
 mod train;
