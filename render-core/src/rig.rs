@@ -77,11 +77,8 @@ fn ring_normal(poses: &[Pose]) -> Option<DVec3> {
     if values[0] > 0.02 * values[1] || values[1] < 0.2 * values[2] || values[2] <= 0.0 {
         return None;
     }
-    let mut angles: Vec<f64> = poses
-        .iter()
-        .map(|p| p.c - middle)
-        .map(|v| m64::atan2(v.dot(axes[2]), v.dot(axes[1])))
-        .collect();
+    let mut angles: Vec<f64> =
+        poses.iter().map(|p| p.c - middle).map(|v| m64::atan2(v.dot(axes[2]), v.dot(axes[1]))).collect();
     angles.sort_unstable_by(f64::total_cmp);
     let seam = angles.first()? + TAU - angles.last()?;
     let widest = angles.windows(2).map(|w| w[1] - w[0]).fold(seam, f64::max);

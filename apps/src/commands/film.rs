@@ -7,7 +7,7 @@ use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::{Path, PathBuf};
 use systems::RunError;
-use systems::camera_path::{Film, Sight, coverage_line};
+use systems::camera_path::Film;
 use systems::video::{Ffmpeg, Video, VideoFormat};
 
 /// Name of the video without its ending.
@@ -29,13 +29,9 @@ impl Shots {
     }
 
     /// With what the photos saw of them.
-    pub(super) fn looked_at(film: Film, sight: &Sight<'_>) -> Self {
-        let path = match film.line.as_str() {
-            "" => format!("path {}", film.path),
-            line => format!("path {}: {line}", film.path),
-        };
-        let seen = coverage_line(&film.seen, sight.limits().as_deref());
-        Self { cameras: film.cameras, seen: Some(film.seen), lines: vec![path, seen] }
+    pub(super) fn looked_at(film: Film) -> Self {
+        let lines = film.lines().to_vec();
+        Self { cameras: film.cameras, seen: Some(film.seen), lines }
     }
 }
 

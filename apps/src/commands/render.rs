@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use systems::RunError;
 use systems::appearance::{Light, LightPath, Lighting};
-use systems::camera_path::{PathKind, SEEN_FILE, Sight, coverage_csv, film};
+use systems::camera_path::{PathKind, SEEN_FILE, coverage_csv};
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
 use systems::progress::{Event, Observer};
@@ -56,25 +56,11 @@ impl Subject<'_, '_> {
         time: TimePath,
         stop: &AtomicBool,
     ) -> Result<Option<Shots>, RunError> {
-        let run = match self {
-            Self::Run(run) => run,
+        match self {
+            Self::Run(run) => Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at)),
             Self::Cloud(cloud) => {
-                return cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames).map(|cameras| Some(Shots::plain(cameras)));
+                cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames).map(|cameras| Some(Shots::plain(cameras)))
             }
-        };
-        let query = Query { error_budget: PREVIEW_BUDGET, ..run.query() };
-        let draw = |camera: &Camera, time: f64| match stop.load(Ordering::Relaxed) {
-            true => Err(RunError::Option("stopped".into())),
-            false => Ok(render(run.system.as_ref(), camera, &Query { time, ..query.clone() })),
-        };
-        let looked = || {
-            let sight = Sight::new(&run.train, &draw)?;
-            let film = film(path, (&run.scene, &run.train), frames, time, &sight)?;
-            Ok(Shots::looked_at(film, &sight))
-        };
-        match looked() {
-            _ if stop.load(Ordering::Relaxed) => Ok(None),
-            shots => shots.map(Some),
         }
     }
 

@@ -186,7 +186,11 @@ fn run(stations: &[Station]) -> Option<Run> {
         return None;
     }
     let widest = GAP.max(1.5 * TAU / n as f64);
-    let step = |i: usize| turned(stations[(i + 1) % n].azimuth - stations[i % n].azimuth);
+    // Cameras at one azimuth are a whole turn from the last to the first.
+    let step = |i: usize| {
+        let (here, next) = (i % n, (i + 1) % n);
+        stations[next].azimuth - stations[here].azimuth + if next == 0 { TAU } else { 0.0 }
+    };
     let wide: Vec<usize> = (0..n).filter(|&i| step(i) > widest).collect();
     if wide.is_empty() && n > 2 {
         return Some(Run::Turn);

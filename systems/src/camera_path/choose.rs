@@ -5,7 +5,7 @@ use super::hold::held;
 use super::orbit::{arc, orbit};
 use super::photos::{is_sequence, photos};
 use super::rig::Rig;
-use super::sight::Sight;
+use super::sight::{Sight, coverage_line};
 use super::spiral::spiral;
 use super::stretch::Look;
 use super::{PATHS, PathKind};
@@ -34,6 +34,20 @@ pub struct Film {
     pub seen: Vec<f64>,
     /// Where it leads, for people.
     pub line: String,
+    /// What was not looked at; see [`Sight::limits`].
+    pub limits: Option<String>,
+}
+
+impl Film {
+    /// Lines for people: where the path leads, and what the photos saw of it.
+    #[must_use]
+    pub fn lines(&self) -> [String; 2] {
+        let path = match self.line.as_str() {
+            "" => format!("path {}", self.path),
+            line => format!("path {}: {line}", self.path),
+        };
+        [path, coverage_line(&self.seen, self.limits.as_deref())]
+    }
 }
 
 /// `frames` cameras along a path (default: 60, or as many as the file holds; a file's cameras are joined by a smooth curve
@@ -64,7 +78,7 @@ pub fn film(
     let look = Look { sight, time };
     let (cameras, line) = along(&kind, (scene, data, &rig), frames, Some(look))?;
     let seen = look.shares(&cameras)?;
-    Ok(Film { path: kind, cameras, seen, line })
+    Ok(Film { path: kind, cameras, seen, line, limits: sight.limits() })
 }
 
 fn rig(scene: &Scene, data: &Dataset, sight: Option<&Sight<'_>>) -> Result<Rig, RunError> {

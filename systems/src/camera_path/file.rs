@@ -20,7 +20,10 @@ use std::path::Path;
 /// Cameras of a path file; joined by a smooth curve where another number is asked for.
 pub(crate) fn from_file(path: &Path, optics: &Camera, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
     if !path.exists() {
-        return Err(RunError::Option(format!("`--path {}`: there is no such file; the paths are {PATHS}", path.display())));
+        return Err(RunError::Option(format!(
+            "`--path {}`: there is no such file; the paths are {PATHS}",
+            path.display()
+        )));
     }
     let keys = read(path, optics)?;
     Ok(match (frames, keys.first()) {

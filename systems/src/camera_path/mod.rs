@@ -32,7 +32,8 @@ use std::str::FromStr;
 pub const BOUND: f64 = 0.9;
 
 /// The paths there are, for messages.
-pub const PATHS: &str = "`photos`, `orbit`, `spiral`, `hold:NAME` (the camera of a frame) and FILE.json (a file of cameras)";
+pub const PATHS: &str =
+    "`photos`, `orbit`, `spiral`, `hold:NAME` (the camera of a frame) and FILE.json (a file of cameras)";
 
 /// Which path.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -103,7 +104,10 @@ mod tests {
         }
         for wrong in ["", "orbits", "circle", "Photos"] {
             let error = wrong.parse::<PathKind>().unwrap_err();
-            assert!(["photos", "orbit", "spiral", "hold:NAME", "FILE.json"].iter().all(|p| error.contains(p)), "{error}");
+            assert!(
+                ["photos", "orbit", "spiral", "hold:NAME", "FILE.json"].iter().all(|p| error.contains(p)),
+                "{error}"
+            );
         }
     }
 }

@@ -31,7 +31,9 @@ pub(super) fn orbit(
     let line = match arc.ends {
         Ends::Closed => "once around what the photos look at".into(),
         Ends::Open if degrees < whole - 1.0 => {
-            format!("{degrees:.0} of the {whole:.0} degrees that the photos cover, to and fro: the part that two photos saw")
+            format!(
+                "{degrees:.0} of the {whole:.0} degrees that the photos cover, to and fro: the part that two photos saw"
+            )
         }
         Ends::Open => format!("the {degrees:.0} degrees that the photos cover, to and fro"),
     };

@@ -1,10 +1,11 @@
 //! A smooth path through the training cameras.
 
+use super::BOUND;
 use super::choose::Frames;
 use super::rig::{Rig, best, median};
 use super::stretch::{Kept, Look, Track, seen_part};
-use super::BOUND;
 use crate::error::RunError;
+use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
 use render_core::path::{Ends, Rail, order};
 
@@ -23,6 +24,10 @@ const CUT: [f64; 2] = [6.0, 0.5];
 const CALM: [f64; 2] = [0.6, 1.0 / 24.0];
 /// What is tried where frames leave what photos saw: less smoothing, then a longer focal length.
 const TRIES: [[f64; 2]; 3] = [[1.0, 1.0], [0.3, 1.0], [0.3, 1.2]];
+/// How far keys are turned to what most photos look at, as a part of the angle; less from the first of these angles on (radians),
+/// and not at all from the second.
+const AIM: f64 = 0.5;
+const ELSEWHERE: [f64; 2] = [0.6, 1.0];
 /// A path that keeps this much of its way is good.
 const ENOUGH: f64 = 0.6;
 
@@ -31,13 +36,24 @@ pub(super) fn is_sequence(rig: &Rig) -> bool {
     order::is_sequence(&rig.poses, rig.scale)
 }
 
+/// A key turned part of the way to what most photos look at, without a roll: a photo of a detail shows more of the thing then.
+/// One that looks elsewhere keeps its view.
+fn aimed(pose: &Pose, focus: DVec3) -> Pose {
+    let (ahead, Some(to)) = (pose.r.z_axis, (focus - pose.c).try_normalize()) else { return *pose };
+    let away = ahead.angle_between(to);
+    let share = AIM * ((ELSEWHERE[1] - away) / (ELSEWHERE[1] - ELSEWHERE[0])).clamp(0.0, 1.0);
+    let Some(axis) = ahead.cross(to).try_normalize() else { return *pose };
+    Pose { r: DMat3::from_axis_angle(axis, share * away) * pose.r, c: pose.c }
+}
+
 /// Frames through the photos, and a line about which; `None` without photos.
 pub(super) fn photos(
     rig: &Rig,
     frames: Frames,
     look: Option<Look<'_>>,
 ) -> Result<Option<(Vec<Camera>, String)>, RunError> {
-    let (mut keys, how) = keys(rig, frames);
+    let (keys, how) = keys(rig, frames);
+    let mut keys: Vec<Pose> = keys.iter().map(|pose| rig.focus.map_or(*pose, |focus| aimed(pose, focus))).collect();
     if let Some(look) = look {
         keys = seen_keys(rig, keys, look)?;
     }
@@ -149,4 +165,31 @@ fn ends(keys: &[Pose], scale: f64) -> Ends {
     let back = order::step(last, first, scale);
     let around = keys.len() >= 6 && back <= 1.5 * longest && back < 0.2 * steps.iter().sum::<f64>();
     if around { Ends::Closed } else { Ends::Open }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_turned_half_of_the_way_to_the_thing_and_not_at_all_from_elsewhere() {
+        let level = Pose::look_at(DVec3::ZERO, DVec3::X, DVec3::Z).unwrap();
+        let turned = aimed(&level, DVec3::new(5.0, 0.0, 5.0 * 0.4_f64.tan()));
+        assert!((turned.r.z_axis.angle_between(DVec3::X) - 0.2).abs() < 1e-9);
+        assert!(turned.r.x_axis.z.abs() < 1e-12, "without a roll");
+        for focus in [DVec3::NEG_X, DVec3::Z * 3.0, DVec3::ZERO, DVec3::X] {
+            assert_eq!(aimed(&level, focus), level, "{focus}");
+        }
+    }
+
+    #[test]
+    fn a_window_holds_as_many_photos_as_fit() {
+        let at = |x: f64| Pose { c: DVec3::X * x, ..Pose::IDENTITY };
+        let poses: Vec<Pose> = [0.0, 2.0, 4.0, 5.0, 5.5, 6.0, 9.0].map(at).to_vec();
+        let found = window(&poses, 1.0, 2.5);
+        assert_eq!((found.len(), found[0].c.x), (4, 4.0));
+        assert_eq!(window(&poses, 1.0, 100.0).len(), 7);
+        assert!(window(&[], 1.0, 1.0).is_empty());
+        assert_eq!(thinned(&poses, 3).iter().map(|p| p.c.x).collect::<Vec<_>>(), [0.0, 5.0, 9.0]);
+    }
 }

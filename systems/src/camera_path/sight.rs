@@ -66,9 +66,8 @@ impl<'a> Sight<'a> {
         }
         let scale = median(photos.iter().filter_map(|p| p.1).collect()).filter(|s| *s > 0.0).unwrap_or(1.0);
         let blur = 1.0 / (INFINITE * scale);
-        let witness = |(camera, map): (Camera, DepthMap)| {
-            Witness::new(&camera, hides.then_some(DepthMap { blur, ..map }))
-        };
+        let witness =
+            |(camera, map): (Camera, DepthMap)| Witness::new(&camera, hides.then_some(DepthMap { blur, ..map }));
         let witnesses: Vec<Witness> = maps.into_iter().map(witness).collect();
         let poses = witnesses.iter().map(|w| w.camera().pose).collect();
         Ok(Self { draw, witnesses, photos, poses, of: all.len(), scale, hides })
@@ -88,8 +87,12 @@ impl<'a> Sight<'a> {
         let view = (self.draw)(&small, time)?;
         let prepared = small.prepare();
         // The nearest photos first: two are found soon.
-        let mut nearest: Vec<(f64, &Witness)> =
-            self.poses.iter().zip(&self.witnesses).map(|(p, w)| (order::step(p, &camera.pose, self.scale), w)).collect();
+        let mut nearest: Vec<(f64, &Witness)> = self
+            .poses
+            .iter()
+            .zip(&self.witnesses)
+            .map(|(p, w)| (order::step(p, &camera.pose, self.scale), w))
+            .collect();
         nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
         let least = LEAST.min(nearest.len());
         let pixel = |i: usize| {
@@ -148,7 +151,11 @@ pub fn coverage_line(shares: &[f64], limits: Option<&str>) -> String {
     let n = shares.len().max(1) as f64;
     let least = shares.iter().copied().fold(1.0, f64::min);
     let mean = shares.iter().sum::<f64>() / n;
-    let mut line = format!("seen by two photos: {:.0} % of each frame at least, {:.0} % in the mean", 100.0 * least.max(0.0), 100.0 * mean);
+    let mut line = format!(
+        "seen by two photos: {:.0} % of each frame at least, {:.0} % in the mean",
+        100.0 * least.max(0.0),
+        100.0 * mean
+    );
     if let Some(limits) = limits {
         let _ = write!(line, " ({limits})");
     }

@@ -1,9 +1,9 @@
 //! A spiral among cameras that face one way.
 
+use super::BOUND;
 use super::choose::Frames;
 use super::rig::Rig;
 use super::stretch::Look;
-use super::BOUND;
 use crate::error::RunError;
 use render_core::camera::{Camera, Pose};
 use render_core::path::Spiral;

@@ -15,6 +15,7 @@
 //! ```
 
 mod datasets;
+mod filmed;
 mod host;
 mod measured;
 mod planned;

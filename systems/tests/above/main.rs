@@ -6,5 +6,6 @@ mod data;
 mod full_disk;
 mod light;
 mod objects;
+mod paths;
 mod results;
 mod resume;
