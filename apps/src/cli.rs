@@ -142,7 +142,7 @@ pub(crate) struct Demo {
     /// Training steps
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u64>,
-    /// Frames of the rendered orbit
+    /// Frames of the animation
     #[arg(long, default_value_t = 48, value_name = "N")]
     pub(crate) frames: usize,
     /// Method
@@ -324,9 +324,11 @@ pub(crate) struct Eval {
 pub(crate) struct Render {
     /// Run folder, or a file of Gaussians (.ply, .splat, .spz)
     pub(crate) run: PathBuf,
-    /// `orbit`, `spiral`, `hold:NAME` (the camera of that frame) or a JSON file of cameras
+    /// `photos` (through the training cameras), `orbit` (the arc that they cover), `spiral` (for cameras that face one way),
+    /// `hold:NAME` (the camera of that frame; part of its name is enough) or a JSON file of cameras (default: `photos`; `orbit`
+    /// where photos stand all round an object, and for a file of Gaussians)
     #[arg(long, value_name = "PATH")]
-    pub(crate) path: PathKind,
+    pub(crate) path: Option<PathKind>,
     /// Light: `mean`, `image:NAME` (a training photo), `fit:FILE` (another photo, or a frame's name), or `A..B` to go from
     /// one to another over the frames
     #[arg(long, value_name = "LIGHT")]
@@ -356,6 +358,19 @@ pub(crate) struct Render {
     /// Error a pixel may have from skipped work, in colour units (default: 1/255); 0 skips nothing
     #[arg(long, value_name = "X", value_parser = budget)]
     pub(crate) error_budget: Option<f32>,
+    /// Video of the first layer at full size, by `ffmpeg` (default: mp4, or webm, where `ffmpeg` is installed)
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub(crate) video: Option<VideoWord>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum VideoWord {
+    /// H.264 in preview.mp4
+    Mp4,
+    /// VP9 in preview.webm
+    Webm,
+    /// None
+    Off,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -568,7 +583,7 @@ mod tests {
         }
     }
 
-    const SHARED: [&str; 15] = [
+    const SHARED: [&str; 17] = [
         "demo --out d",
         "demo",
         "check s --holdout every:8",
@@ -582,6 +597,8 @@ mod tests {
         "eval d --scales 4",
         "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
         "render d --path hold:train/r_0 --out e",
+        "render d --out e --video webm",
+        "render d --path photos --out e --video off",
         "view d",
         "view d --host 0.0.0.0 --port 8080",
         "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
@@ -616,7 +633,8 @@ mod tests {
             "train --out d",
             "train s --out d --steps 1 --seconds 1",
             "export d",
-            "render d --out e",
+            "render d --out e --path circle",
+            "render d --out e --video avi",
             "train s --out d --train-split dirty",
             "train s --out d --field fog",
             "train s --out d --eval-appearance encode:right",

@@ -13,6 +13,7 @@
 //! * [`crop`]: which part of a reconstruction is shown and exported.
 //! * [`source`], [`names`], [`camera_path`], [`surface`]: scenes by word, cameras to render along, points and meshes to export;
 //!   [`mesh`]: the same out of rendered depth, for fields and clouds alike.
+//! * [`video`]: pictures to a video, by `ffmpeg`.
 
 pub mod appearance;
 pub mod bake;
@@ -56,6 +57,7 @@ pub mod surface;
 pub mod system;
 pub mod time_path;
 pub mod train;
+pub mod video;
 pub(crate) mod watch;
 pub mod wild;
 

@@ -16,7 +16,7 @@ use systems::train::{Schedule, Stop};
 const MARK: &str = ".demo";
 
 /// Pictures of the demo, in its run folder.
-const ORBIT: &str = "orbit";
+const ANIMATION: &str = "animation";
 
 pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     let app = session.app;
@@ -35,7 +35,7 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     if done != Done::Finished {
         return Ok(done);
     }
-    let done = render::orbit(&run, args.frames, &args.out.join(ORBIT), &mut show)?;
+    let done = render::animation(&run, args.frames, &args.out.join(ANIMATION), &mut show)?;
     next_steps(session, &args.out);
     Ok(done)
 }
@@ -50,9 +50,9 @@ fn remove_earlier_demo(folder: &Path) -> Result<(), RunError> {
     let _lock = FolderLock::take(folder)?;
     line(format_args!("replacing the earlier demo in {}", folder.display()));
     run::clear(folder)?;
-    let orbit = folder.join(ORBIT);
-    if orbit.exists() {
-        fs::remove_dir_all(&orbit).map_err(RunError::write(&orbit))?;
+    let animation = folder.join(ANIMATION);
+    if animation.exists() {
+        fs::remove_dir_all(&animation).map_err(RunError::write(&animation))?;
     }
     fs::remove_file(&mark).map_err(RunError::write(&mark))
 }

@@ -5,6 +5,7 @@ mod check;
 mod demo;
 mod eval;
 mod export;
+mod film;
 mod masks;
 pub(crate) mod prepare;
 mod render;

@@ -1,14 +1,16 @@
 //! `render`: pictures along a camera path.
 
+use super::film::{Shots, Videographer};
 use super::{Done, Failure, Session};
 use crate::cli::{Layer, Render};
 use crate::show::{Show, line};
 use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use systems::RunError;
 use systems::appearance::{Light, LightPath, Lighting};
-use systems::camera_path::{PathKind, cameras};
+use systems::camera_path::{PathKind, SEEN_FILE, coverage_csv};
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
 use systems::progress::{Meter, Observer};
@@ -45,10 +47,19 @@ pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
 }
 
 impl Subject<'_, '_> {
-    fn cameras(&self, path: &PathKind, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
+    /// The cameras along a path, and what photos saw of their frames: small pictures tell. `stop` ends that.
+    fn shots(
+        &self,
+        path: Option<&PathKind>,
+        frames: Option<usize>,
+        time: TimePath,
+        stop: &AtomicBool,
+    ) -> Result<Option<Shots>, RunError> {
         match self {
-            Self::Run(run) => cameras(path, &run.scene, &run.train, frames),
-            Self::Cloud(cloud) => cloud.cameras(path, frames),
+            Self::Run(run) => Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at)),
+            Self::Cloud(cloud) => {
+                cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames).map(|cameras| Some(Shots::plain(cameras)))
+            }
         }
     }
 
@@ -92,11 +103,11 @@ impl Subject<'_, '_> {
     }
 }
 
-/// What a caller other than the command line wants: an orbit in colour and depth.
-pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -> Result<Done, Failure> {
+/// What a caller other than the command line wants: the path that fits the scene, in colour and depth.
+pub(super) fn animation(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -> Result<Done, Failure> {
     let args = Render {
         run: run.folder.clone(),
-        path: PathKind::Orbit,
+        path: None,
         appearance: None,
         fit_camera: None,
         time: None,
@@ -106,22 +117,32 @@ pub(super) fn orbit(run: &Run<'_>, frames: usize, out: &Path, show: &mut Show) -
         longest_side: None,
         fps: 15.0,
         error_budget: None,
+        video: None,
     };
     along(&Subject::Run(run), &args, show)
 }
 
 fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
-    show.listen()?;
+    let interrupt = show.listen()?;
     let still_light = matches!(args.appearance, None | Some(LightPath::Still(_)));
     let time = args.time.unwrap_or(if subject.moves() { TimePath::WHOLE } else { TimePath::START });
     let frames = match &args.path {
         // The same picture again and again is one picture.
-        PathKind::Hold(_) if still_light && time.is_still() => args.frames.or(Some(1)),
+        Some(PathKind::Hold(_)) if still_light && time.is_still() => args.frames.or(Some(1)),
         _ => args.frames,
     };
-    let cameras = subject.cameras(&args.path, frames)?;
+    let mut videographer = Videographer::new(args.video, args.fps)?;
     let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
+    let Some(shots) = subject.shots(args.path.as_ref(), frames, time, &interrupt)? else {
+        line("stopped before the first frame");
+        return Ok(Done::Interrupted);
+    };
     make_folder(&args.out)?;
+    if let Some(seen) = &shots.seen {
+        write_file(&Disk, &args.out.join(SEEN_FILE), coverage_csv(seen).as_bytes())?;
+    }
+    shots.lines.iter().for_each(line);
+    let cameras = &shots.cameras;
     let wants = |layer| args.layers.contains(&layer);
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
     let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
@@ -166,7 +187,9 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         if wants(Layer::Canonical) {
             write("canonical", &picture::canonical(&view, bounds))?;
         }
-        preview.push(small(first_layer(args, &view, &colour, (range, bounds))));
+        let first = first_layer(args, &view, &colour, (range, bounds));
+        videographer.add(&args.out, &first)?;
+        preview.push(small(first));
         meter.advance(show);
     }
     if preview.is_empty() {
@@ -177,9 +200,13 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let path = args.out.join("preview.gif");
     write_file(&Disk, &path, &gif_bytes(&preview, args.fps)?)?;
     show.finish();
+    let animated = match videographer.finish()? {
+        Some((video, encoder)) => format!("{} and, by ffmpeg's {encoder}, {}", path.display(), video.display()),
+        None => path.display().to_string(),
+    };
     let stopped = preview.len() < cameras.len();
     let of = if stopped { format!(" of {} (stopped)", cameras.len()) } else { String::new() };
-    line(format_args!("{} frames{of} in {}, animated: {}", preview.len(), args.out.display(), path.display()));
+    line(format_args!("{} frames{of} in {}, animated: {animated}", preview.len(), args.out.display()));
     if let (true, Some([near, far])) = (wants(Layer::Depth), depth_range) {
         line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
     }

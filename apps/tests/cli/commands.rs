@@ -123,6 +123,17 @@ fn a_run_is_trained_measured_rendered_and_exported() {
     assert!(answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", canonical]"));
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--frames", "2", "--out", text(&path("orbit"))]);
     assert_eq!(answer.code, 0, "{}", answer.err);
+    // Without a path: one that stays where photos were, and how much of each frame they saw.
+    let default = path("default");
+    let answer = nerf(&["render", text(&run), "--frames", "4", "--video", "off", "--out", text(&default)]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("path ") && answer.out.contains("seen by two photos: "), "{}", answer.out);
+    let table = fs::read_to_string(default.join("coverage.csv")).unwrap();
+    assert!(table.starts_with("frame,seen_by_two\n0,") && table.lines().count() == 5, "{table}");
+    assert!(!default.join("preview.mp4").exists() && !default.join("preview.webm").exists());
+    let answer = nerf(&["render", text(&run), "--path", "orbits", "--out", text(&frames)]);
+    assert!(answer.code == 2 && answer.err.contains("`photos`, `orbit`, `spiral`, `hold:NAME`"), "{}", answer.err);
     let answer = nerf(&["render", text(&run), "--path", "/nowhere.json", "--out", text(&frames)]);
+    assert!(error_line(&answer).contains("no such file") && error_line(&answer).contains("`photos`"), "{}", answer.err);
     assert!(answer.code == 1 && error_line(&answer).contains("/nowhere.json"), "{}", answer.err);
 }

@@ -17,6 +17,7 @@
 
 mod capture;
 mod datasets;
+mod filmed;
 mod host;
 mod lock;
 mod mask_meaning;

@@ -202,10 +202,10 @@ impl Cloud {
         match kind {
             PathKind::Orbit => Ok((0..n).map(|i| self.camera(i as f64 / n as f64)).collect()),
             PathKind::File(path) => from_file(path, &self.camera(0.0), frames),
-            PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(
-                "a file of Gaussians has no photos: use `--path orbit` or a file of cameras (`--path FILE.json`)"
-                    .into(),
-            )),
+            PathKind::Photos | PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(format!(
+                "`--path {kind}`: a file of Gaussians has no photos; use `--path orbit` or a file of cameras (`--path \
+                 FILE.json`)"
+            ))),
         }
     }
 }

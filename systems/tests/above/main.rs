@@ -8,5 +8,6 @@ mod full_disk;
 mod light;
 mod mesh;
 mod objects;
+mod paths;
 mod results;
 mod resume;

@@ -1,4 +1,4 @@
-//! Cameras to render along: circles and spirals fitted to the training cameras, and paths from files.
+//! Cameras from a file.
 //!
 //! A path file is JSON in one of two forms, with camera-to-world matrices in OpenGL axes (x right, y up, z backward), in
 //! the scene's frame:
@@ -7,124 +7,24 @@
 //! * `{"camera_path": [{"camera_to_world": [16 numbers], "fov": degrees}, …], "render_width": …, "render_height": …}`, as
 //!   nerfstudio's viewer writes it; `fov` is vertical.
 //!
-//! Optics that a file does not give are those of the first training view, without its distortion.
+//! Optics that a file does not give are those of the photos, without distortion.
 
-use crate::data::Dataset;
+use super::PATHS;
 use crate::error::RunError;
-use crate::names;
-use crate::picture::limited;
-use render_core::camera::{Camera, Lens, Pose};
-use render_core::path::{Ends, Orbit, Spiral, through};
+use render_core::camera::{Camera, Pose};
+use render_core::path::{Ends, through};
 use render_core::pose::Axes;
-use render_core::rig::focus_point;
-use scene_io::{LayoutHint, Scene};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-
-/// Which path.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PathKind {
-    /// A circle around what the cameras look at.
-    Orbit,
-    /// A spiral among forward-facing cameras.
-    Spiral,
-    /// The camera of a frame, again and again: for light that changes while nothing else does.
-    Hold(String),
-    /// From a file.
-    File(PathBuf),
-}
-
-impl std::str::FromStr for PathKind {
-    type Err = std::convert::Infallible;
-
-    /// `orbit`, `spiral`, `hold:NAME`, or a file name.
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "orbit" => Self::Orbit,
-            "spiral" => Self::Spiral,
-            other => match other.strip_prefix("hold:") {
-                Some(name) => Self::Hold(name.into()),
-                None => Self::File(other.into()),
-            },
-        })
-    }
-}
-
-/// `frames` cameras along a path (default: 60, or as many as the file holds; a file's cameras are joined by a smooth curve
-/// when another number is asked for).
-///
-/// # Errors
-/// [`RunError::Option`] when the cameras define no such path; [`RunError::Read`], [`RunError::Content`] for files.
-pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
-    const FRAMES: usize = 60;
-    let poses: Vec<Pose> = data.views().iter().map(|v| v.camera.pose).collect();
-    let Some(first) = data.views().first() else {
-        return Err(RunError::Option("the run has no training views to take the optics from".into()));
-    };
-    let optics = Camera { lens: Lens::Perspective { k: [0.0; 6], p: [0.0; 2] }, ..first.camera };
-    let along = |poses: Vec<Pose>| poses.into_iter().map(|pose| Camera { pose, ..optics }).collect::<Vec<_>>();
-    let none = |path: &str, other: &str| {
-        RunError::Option(format!(
-            "the training cameras define no {path}: use `--path {other}` or a file of cameras (`--path FILE.json`)"
-        ))
-    };
-    let n = frames.unwrap_or(FRAMES);
-    let found = match kind {
-        PathKind::Orbit => {
-            let orbit = Orbit::fit(&poses).ok_or_else(|| none("circle", "spiral"))?;
-            along(orbit.poses(n))
-        }
-        PathKind::Spiral => {
-            let [near, far] = depths(scene, &poses).ok_or_else(|| none("spiral", "orbit"))?;
-            let spiral = Spiral::fit(&poses, near, far).ok_or_else(|| none("spiral", "orbit"))?;
-            along(spiral.poses(n))
-        }
-        PathKind::Hold(name) => vec![held(name, scene, data)?; n],
-        PathKind::File(path) => from_file(path, &optics, frames)?,
-    };
-    if found.is_empty() && n > 0 {
-        return Err(none("path with a direction to look into", "FILE.json"));
-    }
-    Ok(found)
-}
-
-/// The camera of a frame as it is, no larger than the training views; lens and all, so that it can be laid beside the photo.
-fn held(name: &str, scene: &Scene, data: &Dataset) -> Result<Camera, RunError> {
-    let names: Vec<&str> = scene.frames.iter().map(|f| f.name.as_str()).collect();
-    let frame = names::find(&names, name, &format!("`--path hold:{name}`"))?;
-    let known = data.views().iter().find(|v| v.frame == frame && v.level == 0);
-    Ok(known.map_or_else(|| limited(&scene.frames[frame].camera, data.longest_side()), |v| v.camera))
-}
-
-/// Smallest and largest z depth of what the cameras see.
-fn depths(scene: &Scene, poses: &[Pose]) -> Option<[f64; 2]> {
-    let bounds: Vec<[f64; 2]> = scene.frames.iter().filter_map(|f| f.z_bounds).collect();
-    if !bounds.is_empty() {
-        let low = bounds.iter().map(|b| b[0]).fold(f64::INFINITY, f64::min);
-        let high = bounds.iter().map(|b| b[1]).fold(0.0, f64::max);
-        return (low > 0.0 && high >= low).then_some([low, high]);
-    }
-    if let LayoutHint::Object { near, far } = scene.layout {
-        return Some([near, far]);
-    }
-    let mut seen: Vec<f64> = scene
-        .points
-        .iter()
-        .flat_map(|point| poses.iter().map(|pose| pose.to_camera(point.xyz).z))
-        .filter(|&z| z > 0.0)
-        .collect();
-    if !seen.is_empty() {
-        seen.sort_by(f64::total_cmp);
-        let at = |share: f64| seen[((seen.len() - 1) as f64 * share) as usize];
-        return Some([at(0.02), at(0.98)]);
-    }
-    let focus = focus_point(poses)?;
-    let distance = poses.iter().map(|p| p.c.distance(focus)).sum::<f64>() / poses.len() as f64;
-    Some([distance * 0.5, distance * 2.0])
-}
+use std::path::Path;
 
 /// Cameras of a path file; joined by a smooth curve where another number is asked for.
 pub(crate) fn from_file(path: &Path, optics: &Camera, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
+    if !path.exists() {
+        return Err(RunError::Option(format!(
+            "`--path {}`: there is no such file; the paths are {PATHS}",
+            path.display()
+        )));
+    }
     let keys = read(path, optics)?;
     Ok(match (frames, keys.first()) {
         (Some(n), Some(first)) if n != keys.len() => {
