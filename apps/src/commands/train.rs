@@ -110,6 +110,7 @@ pub(super) fn train(
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));
+    run.write_animation(&interrupt)?;
     conclude(evaluation.as_ref(), &run.folder);
     Ok(Done::Finished)
 }

@@ -3,11 +3,15 @@
 use super::Run;
 use crate::camera_path::{Film, PathKind, Sight, film};
 use crate::error::RunError;
+use crate::output::write_file;
+use crate::picture::{colour, gif_bytes, limited};
 use crate::render::render;
+use crate::report::{self, ANIMATION};
 use crate::system::Query;
 use crate::time_path::TimePath;
 use render_core::camera::Camera;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 /// Error of a pixel from skipped work in the small pictures that say what photos saw: one step of 8 bits.
 const BUDGET: f32 = 1.0 / 255.0;
@@ -33,5 +37,49 @@ impl Run<'_> {
         let found = Sight::new(&self.train, &draw)
             .and_then(|sight| film(path, (&self.scene, &self.train), frames, time, &sight));
         if stop.load(Ordering::Relaxed) { Ok(None) } else { found.map(Some) }
+    }
+}
+
+/// Frames of the report's animation, their longest side in pixels, and how many are shown a second.
+const FRAMES: usize = 24;
+const SIDE: u32 = 240;
+const PER_SECOND: f64 = 8.0;
+/// Longest side of the picture that tells how fast the system draws, pixels.
+const TRIAL_SIDE: u32 = 48;
+/// Systems that would take longer have no animation: networks as published draw for hours.
+const LONGEST_SECONDS: f64 = 20.0;
+
+impl Run<'_> {
+    /// Write the report again, with a short animation along the path that fits the scene. Nothing where the system draws too slowly
+    /// for that, where there are no photos, or once `stop` is raised.
+    ///
+    /// # Errors
+    /// As [`film`], and [`RunError::Write`].
+    pub fn write_animation(&self, stop: &AtomicBool) -> Result<(), RunError> {
+        let photos: Vec<Camera> = self.train.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
+        let Some(first) = photos.first() else { return Ok(()) };
+        let query = Query { error_budget: BUDGET, ..self.query() };
+        let trial = limited(first, Some(TRIAL_SIDE));
+        let start = Instant::now();
+        render(self.system.as_ref(), &trial, &query);
+        let pixels = |camera: &Camera| f64::from(camera.width) * f64::from(camera.height);
+        let picture = pixels(&limited(first, Some(SIDE))) / pixels(&trial);
+        // What photos saw is found out on small pictures of all of them.
+        let pictures = 2.0 * photos.len() as f64 + FRAMES as f64 * (picture + 2.0);
+        if start.elapsed().as_secs_f64() * pictures > LONGEST_SECONDS {
+            return Ok(());
+        }
+        let whole = if self.train.moments() > 1 { TimePath::WHOLE } else { TimePath::START };
+        let Some(film) = self.film(None, Some(FRAMES), whole, stop)? else { return Ok(()) };
+        let mut pictures = Vec::with_capacity(film.cameras.len());
+        for (i, camera) in film.cameras.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let query = Query { time: whole.at(i, film.cameras.len()), ..query.clone() };
+            pictures.push(colour(&render(self.system.as_ref(), &limited(camera, Some(SIDE)), &query)));
+        }
+        write_file(self.parts.storage, &self.folder.join(ANIMATION), &gif_bytes(&pictures, PER_SECOND)?)?;
+        report::write(self.parts.storage, &self.folder)
     }
 }

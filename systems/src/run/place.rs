@@ -1,7 +1,9 @@
 //! Whether a folder may become a run folder: it is empty, or it is a run folder already.
 
 use super::{lock, planned};
+use crate::bake;
 use crate::checkpoint;
+use crate::crop;
 use crate::error::RunError;
 use crate::eval::masks;
 use crate::options::RunConfig;
@@ -15,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub(super) const CONFIG: &str = "config.toml";
 
 /// What a run writes into its folder.
-const OWN: [&str; 14] = [
+const OWN: [&str; 17] = [
     CONFIG,
     "heldout.txt",
     planned::FILE,
@@ -29,6 +31,9 @@ const OWN: [&str; 14] = [
     masks::FOLDER,
     Summary::FILE,
     report::FILE,
+    report::ANIMATION,
+    bake::FILE,
+    crop::FILE,
     lock::FILE,
 ];
 

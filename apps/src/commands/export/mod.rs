@@ -109,6 +109,7 @@ impl Job<'_> {
             return Ok(());
         }
         let Self { args, subject, part, show, .. } = self;
+        let part = part.as_ref();
         let query = subject.query(args);
         let draw = |camera: &_| match part {
             Some(cloud) => cloud.render(camera, &query),
