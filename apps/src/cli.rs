@@ -504,7 +504,7 @@ mod tests {
         }
     }
 
-    const SHARED: [&str; 15] = [
+    const SHARED: [&str; 17] = [
         "demo --out d",
         "demo",
         "check s --holdout every:8",
@@ -521,6 +521,8 @@ mod tests {
         "view d",
         "view d --host 0.0.0.0 --port 8080",
         "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
+        "export d --mesh m.glb --triangles 50000 --method tsdf --resolution 300",
+        "export c.spz --mesh m.obj --look-from c.json",
     ];
 
     const OF_WILD: [&str; 9] = [
@@ -552,6 +554,8 @@ mod tests {
             "train --out d",
             "train s --out d --steps 1 --seconds 1",
             "export d",
+            "export d --method tsdf",
+            "export d --mesh m.ply --triangles 3",
             "render d --out e",
             "train s --out d --train-split dirty",
             "train s --out d --field fog",
