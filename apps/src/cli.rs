@@ -602,6 +602,8 @@ mod tests {
         "view d",
         "view d --host 0.0.0.0 --port 8080",
         "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
+        "export d --mesh m.glb --triangles 50000 --method tsdf --resolution 300",
+        "export c.spz --mesh m.obj --look-from c.json",
     ];
 
     const OF_WILD: [&str; 9] = [
@@ -635,6 +637,8 @@ mod tests {
             "export d",
             "render d --out e --path circle",
             "render d --out e --video avi",
+            "export d --method tsdf",
+            "export d --mesh m.ply --triangles 3",
             "train s --out d --train-split dirty",
             "train s --out d --field fog",
             "train s --out d --eval-appearance encode:right",

@@ -227,10 +227,10 @@ mod tests {
 
     #[test]
     fn what_all_photos_mark_is_one_thing() {
-        let all = photos(|_, ball, ..| ball);
+        let all = photos(|_, ball, _, _| ball);
         assert!((0..16).all(|i| share(&all, i) > 0.95), "{}", share(&all, 0));
         // Also where a third of the photos do not mark it.
-        let most = photos(|i, ball, ..| ball && i % 3 != 0);
+        let most = photos(|i, ball, _, _| ball && i % 3 != 0);
         assert!((0..16).filter(|i| i % 3 != 0).all(|i| share(&most, i) > 0.9), "{}", share(&most, 1));
     }
 
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn what_covers_the_middle_of_every_photo_has_a_colour_of_its_own_in_each() {
         let with_colours = |colour: fn(usize) -> [f32; 3]| {
-            let mut all = photos(|_, ball, ..| ball);
+            let mut all = photos(|_, ball, _, _| ball);
             for (i, (photo, _)) in all.photos.iter_mut().enumerate() {
                 photo.colours = vec![colour(i); photo.marks.len()];
             }
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn few_photos_and_photos_without_marks_say_nothing() {
-        let mut few = photos(|_, ball, ..| ball);
+        let mut few = photos(|_, ball, _, _| ball);
         few.asked.truncate(LEAST as usize);
         assert_eq!(share(&few, 0), 0.0, "three others are too few");
         assert_eq!(SamePlace::new(Vec::new(), 0.1).photos.len(), 0);

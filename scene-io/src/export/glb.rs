@@ -86,8 +86,8 @@ fn parts(mesh: &Mesh, centre: DVec3, up: [f64; 3]) -> Parts {
     attributes.insert("POSITION".into(), json!(put(&mut |out| words(&positions, out), VERTICES, accessor)));
     if !mesh.normals.is_empty() {
         // glTF wants unit normals, also of a vertex that has none.
-        let normals: Vec<[f32; 3]> =
-            mesh.normals.iter().map(|n| glam::Vec3::from(*n).normalize_or(glam::Vec3::Z).to_array()).collect();
+        let unit = |n: &[f32; 3]| if n.iter().any(|x| *x != 0.0) { *n } else { [0.0, 0.0, 1.0] };
+        let normals: Vec<[f32; 3]> = mesh.normals.iter().map(unit).collect();
         attributes.insert("NORMAL".into(), json!(put(&mut |out| words(&normals, out), VERTICES, floats(n))));
     }
     if !mesh.colours.is_empty() {

@@ -39,7 +39,6 @@ pub(super) fn write_obj(path: &Path, mesh: &Mesh) -> Result<(), SceneError> {
 mod tests {
     use super::super::mesh_file::tests::cube;
     use super::super::write_mesh;
-    use super::*;
 
     #[test]
     fn a_unit_cube_goes_out_as_a_unit_cube() {
@@ -56,9 +55,9 @@ mod tests {
         };
         let (v, n, f) = (rows("v "), rows("vn "), rows("f "));
         assert_eq!((v.len(), n.len(), f.len()), (8, 8, 12));
-        for i in 0..8 {
-            assert_eq!(v[i][..3], mesh.vertices[i]);
-            assert_eq!(v[i][3..], mesh.colours[i].map(|c| f64::from(c / 255)));
+        for ((row, x), c) in v.iter().zip(&mesh.vertices).zip(&mesh.colours) {
+            assert_eq!(row[..3], *x);
+            assert_eq!(row[3..], c.map(|c| f64::from(c / 255)));
         }
         for (f, t) in f.iter().zip(&mesh.triangles) {
             assert_eq!(f[..], t.map(|i| f64::from(i) + 1.0));

@@ -8,7 +8,7 @@ use render_core::path::{Ends, through};
 /// Pictures at most; more add nothing that these do not show.
 const MOST: usize = 150;
 /// With fewer, cameras between neighbours are added.
-const FEW: usize = 60;
+const FEW: usize = 40;
 /// Pixels of all pictures, and of the longest side of one, at most.
 const PIXELS: f64 = 8e6;
 const LONGEST: f64 = 800.0;
