@@ -163,6 +163,9 @@ pub fn robust_focus_point(poses: &[Pose]) -> Option<DVec3> {
 #[must_use]
 pub fn geometric_median(points: &[DVec3]) -> Option<DVec3> {
     const ROUNDS: usize = 60;
+    if points.is_empty() {
+        return None;
+    }
     let mut middle = points.iter().sum::<DVec3>() / points.len() as f64;
     let extent = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
     for _ in 0..ROUNDS {
