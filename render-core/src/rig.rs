@@ -45,11 +45,11 @@ pub fn up_axis(poses: &[Pose]) -> Option<DVec3> {
     let (values, axes) = eigen(second_moment(poses.iter().map(|p| p.r.x_axis)));
     let axis = if values[1] > TURNED && values[0] < LEVEL && values[0] < 0.25 * values[1] {
         axes[0]
-    } else if let Some(normal) = ring_normal(poses) {
-        normal
     } else if values[1] <= TURNED {
         let up = mean_up(poses)?;
         return up.reject_from_normalized(axes[2]).try_normalize();
+    } else if let Some(normal) = ring_normal(poses) {
+        normal
     } else {
         return mean_up(poses);
     };
@@ -82,7 +82,9 @@ fn ring_normal(poses: &[Pose]) -> Option<DVec3> {
     angles.sort_unstable_by(f64::total_cmp);
     let seam = angles.first()? + TAU - angles.last()?;
     let widest = angles.windows(2).map(|w| w[1] - w[0]).fold(seam, f64::max);
-    (widest < 0.25 * TAU).then_some(axes[0])
+    // Cameras side by side before a wall lie in a plane, too, and look at a right angle to it.
+    let across = poses.iter().map(|p| p.r.z_axis.dot(axes[0]).abs()).sum::<f64>() < 0.9 * poses.len() as f64;
+    (widest < 0.25 * TAU && across).then_some(axes[0])
 }
 
 /// The pose in the middle: mean centre, mean viewing direction, mean up.
@@ -161,6 +163,9 @@ pub fn robust_focus_point(poses: &[Pose]) -> Option<DVec3> {
 #[must_use]
 pub fn geometric_median(points: &[DVec3]) -> Option<DVec3> {
     const ROUNDS: usize = 60;
+    if points.is_empty() {
+        return None;
+    }
     let mut middle = points.iter().sum::<DVec3>() / points.len() as f64;
     let extent = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
     for _ in 0..ROUNDS {

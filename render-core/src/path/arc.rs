@@ -127,15 +127,15 @@ impl Arc {
             let w = weight(station);
             sum += w;
             squares += w * w;
-            for k in 0..VALUES {
-                mean[k] += w * station.values[k];
+            for (mean, value) in mean.iter_mut().zip(station.values) {
+                *mean += w * value;
             }
         }
         let mean = mean.map(|m| m / sum);
         for station in &self.stations {
             let w = weight(station) / sum;
-            for k in 0..VALUES {
-                variance[k] += w * (station.values[k] - mean[k]) * (station.values[k] - mean[k]);
+            for ((variance, mean), value) in variance.iter_mut().zip(mean).zip(station.values) {
+                *variance += w * (value - mean) * (value - mean);
             }
         }
         (mean, variance, sum * sum / squares)

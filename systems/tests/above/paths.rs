@@ -156,14 +156,14 @@ fn an_orbit_keeps_to_the_arc_of_the_photos() {
 #[test]
 fn photos_all_round_make_a_whole_circle() {
     let photos = |i: usize| at(((i * 13) % 36) as f64 * 10.0, i);
-    let (mut round, data) = scene((0..36).map(photos));
-    let orbit = filmed(Some(&PathKind::Orbit), &(round.clone(), data.clone()), 36);
+    let mut round = scene((0..36).map(photos));
+    let orbit = filmed(Some(&PathKind::Orbit), &round, 36);
     assert!(orbit.seen.iter().all(|s| *s >= BOUND), "{:?}", orbit.seen);
     assert!(orbit.line.contains("once around"), "{}", orbit.line);
     // Without anything behind it that is the path, too.
-    assert_eq!(filmed(None, &(round.clone(), data.clone()), 4).path, PathKind::Photos);
-    round.layout = LayoutHint::Object { near: 2.0, far: 7.0 };
-    assert_eq!(filmed(None, &(round, data), 4).path, PathKind::Orbit);
+    assert_eq!(filmed(None, &round, 4).path, PathKind::Photos);
+    round.0.layout = LayoutHint::Object { near: 2.0, far: 7.0 };
+    assert_eq!(filmed(None, &round, 4).path, PathKind::Orbit);
 }
 
 #[test]
