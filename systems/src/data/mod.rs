@@ -85,7 +85,7 @@ impl Dataset {
         let mut frames: Vec<Listed> = frames.into_iter().map(|f| Listed::new(scene, f)).collect();
         if !scene.points.is_empty() && scene.frames.iter().all(|frame| frame.tracks.is_empty()) {
             let points: Vec<DVec3> = scene.points.iter().map(|point| point.xyz).collect();
-            frames.par_iter_mut().for_each(|l| l.points = visible_points(&store.camera(l.frame), &points).into());
+            frames.par_iter_mut().for_each(|l| l.points = visible_points(store.camera(l.frame), &points).into());
         }
         Ok(Self::of_frames(store, &frames, levels))
     }

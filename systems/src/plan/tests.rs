@@ -58,9 +58,11 @@ fn two_stray_points_before_a_camera_change_nothing() {
 fn static_and_wild_agree_on_the_field() {
     for points in [Points::None, Points::WithoutTracks, Points::WithTracks] {
         let (scene, data) = capture(points);
+        let coarse = toml::toml! { occupancy = 16 };
         let plain = toml::toml! { appearance = "none"
-        occluders = "none" };
-        let (_, a) = build("ngp", &scene, &data, &run(toml::Table::new())).unwrap();
+        occluders = "none"
+        occupancy = 16 };
+        let (_, a) = build("ngp", &scene, &data, &run(coarse)).unwrap();
         let (_, b) = crate::wild::build("plain", &scene, &data, &run(plain)).unwrap();
         for (key, value) in &a.config {
             assert_eq!(Some(value), b.config.get(key), "{points:?} {key}");
@@ -75,22 +77,23 @@ fn static_and_wild_agree_on_the_field() {
 
 #[test]
 fn points_empty_cells_before_each_camera() {
-    let (scene, data) = capture(Points::None);
-    let carved = |scene: &Scene, data: &Dataset, free: bool| {
-        let mut ground = Ground::of(scene, data, &run(toml::Table::new())).unwrap();
-        let config = NgpConfig { free_space: free, cascades: 2, ..field_settings(&mut ground, data) };
-        ground.ngp(data, &config, 0, None).unwrap()
-    };
-    let before = carved(&scene, &data, false).carved();
     let (scene, data) = capture(Points::WithTracks);
-    let ngp = carved(&scene, &data, true);
-    assert!(ngp.carved() > before, "{} {before}", ngp.carved());
-    // Half way from a camera to the floor nothing can be; at the floor something can.
-    let mut density = [1.0; 2];
+    let field = |free_space: bool| {
+        let mut ground = Ground::of(&scene, &data, &run(toml::Table::new())).unwrap();
+        let config = NgpConfig { free_space, occupancy: 32, ..field_settings(&mut ground, &data) };
+        ground.ngp(&data, &config, 0, None).unwrap()
+    };
+    let (without, with) = (field(false), field(true));
+    assert!(with.carved() > without.carved(), "{} {}", with.carved(), without.carved());
+    // A quarter of the way from a camera to the floor nothing can be; at the floor something can.
     let c = data.view(0).camera.pose.c;
-    ngp.density(&[(0.6 * c).to_array(), DVec3::new(0.1, 0.1, 0.0).to_array()], 0.0, &mut density);
-    assert_eq!(density[0], 0.0);
-    assert!(density[1] > 0.0);
+    let points = [(0.75 * c).to_array(), DVec3::new(0.1, 0.1, 0.0).to_array()];
+    let density = |ngp: &crate::static_scene::ngp::Ngp| {
+        let mut density = [0.0; 2];
+        ngp.density(&points, 0.0, &mut density);
+        density.map(|sigma| sigma > 0.0)
+    };
+    assert_eq!((density(&without), density(&with)), ([true, true], [false, true]));
 }
 
 #[test]
@@ -111,10 +114,11 @@ fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
     assert_eq!(found(frames(3, |k, _, _| [255 * (k % 2) as u8; 4])), None);
     assert_eq!(found(frames(4, |_, _, _| [255; 4])), None);
     let (white, data) = scene(around(255), Vec::new());
-    let (_, plan) = build("ngp", &white, &data, &run(toml::Table::new())).unwrap();
+    let coarse = || toml::toml! { occupancy = 16 };
+    let (_, plan) = build("ngp", &white, &data, &run(coarse())).unwrap();
     assert_eq!(plan.background, Background::White);
     assert_eq!(plan.config["sky"].as_bool(), Some(false));
-    let said = RunOptions { background: Some(Background::Random), ..run(toml::Table::new()) };
+    let said = RunOptions { background: Some(Background::Random), ..run(coarse()) };
     assert_eq!(build("ngp", &white, &data, &said).unwrap().1.background, Background::Random);
 }
 
