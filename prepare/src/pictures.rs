@@ -7,7 +7,7 @@ use crate::input::{Input, Photos, names};
 use crate::photo::{self, Picture};
 use crate::stage::{Stages, State, fresh_folder, hash, remove_folder, stamp};
 use crate::tool::Log;
-use crate::video::Ffmpeg;
+use crate::video::{Ffmpeg, Wanted};
 use crate::watch::{Event, Meter, Watch};
 use rayon::prelude::*;
 use scene_io::decode_photo;
@@ -96,16 +96,8 @@ fn of_video(
         about.rate.0 as f64 / about.rate.1 as f64,
         ffmpeg.version(&request.tools)
     )));
-    let names = ffmpeg.frames(
-        &request.tools,
-        video,
-        &about,
-        request.frames,
-        request.longest_side,
-        (folder, scratch),
-        log,
-        watch,
-    )?;
+    let wanted = Wanted { frames: request.frames, longest: request.longest_side, about, folder, scratch };
+    let names = ffmpeg.frames(&request.tools, video, &wanted, log, watch)?;
     let picture = |name: String| {
         let path = folder.join(&name);
         let size = decode_photo(&path).map(|p| (p.width(), p.height()))?;

@@ -24,6 +24,7 @@ pub(crate) enum Chosen {
 }
 
 const PURPOSE: &str = "finding out where photos were taken";
+#[cfg(not(feature = "sfm"))]
 const SFM_BUILD: &str = "build with `cargo install --locked --ignore-rust-version --path apps --features sfm`";
 const PAGE: &str = "https://colmap.github.io/install.html";
 

@@ -133,14 +133,9 @@ fn model(task: &Task<'_>, found: &Reconstruction) -> Result<SparseModel, Prepare
     for (camera, group) in found.camera_models().iter().zip(task.groups) {
         model.cameras.push(sparse_camera(camera, group.size)?);
     }
-    let mut pictures: Vec<Option<RgbImage>> = Vec::with_capacity(task.names.len());
     let mut image_at = vec![None; task.names.len()];
     for (i, (view, name)) in found.views().iter().zip(&task.names).enumerate() {
         let pose = found.pose(view.id).map(|record| &record.pose);
-        pictures.push(match pose {
-            Some(_) => scene_io::decode_photo(&task.images.join(name)).ok().map(|p| p.into_rgb8()),
-            None => None,
-        });
         let Some(pose) = pose else { continue };
         let (r, c) = (pose.rotation_matrix(), pose.center());
         // Rows of the world-to-camera rotation are columns of the way back.
@@ -158,29 +153,38 @@ fn model(task: &Task<'_>, found: &Reconstruction) -> Result<SparseModel, Prepare
         let error = landmark.reprojection_error.value();
         model.points.push(SparsePoint { xyz: DVec3::new(p.x, p.y, p.z), rgb: [0; 3], error, track: Vec::new() });
     }
-    let mut colours = vec![([0_u64; 3], 0_u64); model.points.len()];
     for seen in found.observations() {
-        let view = seen.view.index();
-        let image = image_at.get(view).copied().flatten();
+        let image = image_at.get(seen.view.index()).copied().flatten();
         let (Some(image), Some(point)) = (image, point_at.get(&seen.landmark.index()).copied()) else { continue };
-        model.points[point].track.push((image, model.images[image].seen.len()));
+        let place = model.images[image].seen.len();
+        model.points[point].track.push((image, place));
         model.images[image].seen.push(([seen.pixel.x + 0.5, seen.pixel.y + 0.5], point));
-        if let Some(picture) = pictures.get(view).and_then(Option::as_ref) {
-            let at = |x: f64, side: u32| x.round().clamp(0.0, f64::from(side.saturating_sub(1))) as u32;
-            let pixel = picture.get_pixel(at(seen.pixel.x, picture.width()), at(seen.pixel.y, picture.height()));
-            let (sum, count) = &mut colours[point];
+    }
+    colour(task, &mut model)?;
+    model.points.retain(|p| p.track.len() > 1);
+    model.renumber();
+    Ok(model)
+}
+
+/// Gives each point the mean colour of the pixels it is seen at. One photo is in memory at a time.
+fn colour(task: &Task<'_>, model: &mut SparseModel) -> Result<(), PrepareError> {
+    let mut sums = vec![([0_u64; 3], 0_u64); model.points.len()];
+    for image in &model.images {
+        let picture: RgbImage = scene_io::decode_photo(&task.images.join(&image.name))?.into_rgb8();
+        let at = |x: f64, side: u32| x.clamp(0.0, f64::from(side.saturating_sub(1))) as u32;
+        for ([x, y], point) in &image.seen {
+            let pixel = picture.get_pixel(at(*x, picture.width()), at(*y, picture.height()));
+            let (sum, count) = &mut sums[*point];
             for (sum, value) in sum.iter_mut().zip(pixel.0) {
                 *sum += u64::from(value);
             }
             *count += 1;
         }
     }
-    for (point, (sum, count)) in model.points.iter_mut().zip(colours) {
+    for (point, (sum, count)) in model.points.iter_mut().zip(sums) {
         point.rgb = sum.map(|s| (s / count.max(1)) as u8);
     }
-    model.points.retain(|p| p.track.len() > 1);
-    model.renumber();
-    Ok(model)
+    Ok(())
 }
 
 fn sparse_camera(camera: &Camera, size: (u32, u32)) -> Result<SparseCamera, PrepareError> {

@@ -40,6 +40,21 @@ impl About {
     }
 }
 
+/// What frames are taken, and where they go.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wanted<'a> {
+    /// How many.
+    pub(crate) frames: usize,
+    /// Their longest side, pixels; `None`: as in the video.
+    pub(crate) longest: Option<u32>,
+    /// What the video's headers say.
+    pub(crate) about: About,
+    /// Where they go; emptied first.
+    pub(crate) folder: &'a Path,
+    /// For candidates; emptied first, and gone afterwards.
+    pub(crate) scratch: &'a Path,
+}
+
 impl Ffmpeg {
     /// # Errors
     /// [`PrepareError::Missing`].
@@ -84,8 +99,8 @@ impl Ffmpeg {
         })
     }
 
-    /// Writes `wanted` frames or fewer into `folder`, named in the order of time, no longer than `longest`; `scratch` is emptied
-    /// and used. ffmpeg turns frames upright. Returns their names.
+    /// Writes the wanted frames, or fewer, into a folder, named in the order of time. ffmpeg turns them upright. Returns their
+    /// names.
     ///
     /// # Errors
     /// [`PrepareError`] where ffmpeg fails or a file cannot be written.
@@ -93,13 +108,11 @@ impl Ffmpeg {
         &self,
         tools: &Toolbox,
         video: &Path,
-        about: &About,
-        wanted: usize,
-        longest: Option<u32>,
-        (folder, scratch): (&Path, &Path),
+        wanted: &Wanted<'_>,
         log: &mut Log,
         watch: &mut dyn Watch,
     ) -> Result<Vec<String>, PrepareError> {
+        let &Wanted { frames: wanted, longest, ref about, folder, scratch } = wanted;
         fresh_folder(scratch)?;
         let rate = candidate_rate(about, wanted);
         let expected = (about.seconds * rate.0 as f64 / rate.1 as f64).ceil().max(1.0) as usize;
@@ -260,8 +273,8 @@ mod tests {
         assert_eq!((about.rate, about.size), ((12, 1), (96, 64)));
         let mut log = Log::open(&at("log")).unwrap();
         let (frames, scratch) = (at("images"), at("scratch"));
-        let folders = (frames.as_path(), scratch.as_path());
-        let names = ffmpeg.frames(&tools, &video, &about, 12, Some(48), folders, &mut log, &mut Silent).unwrap();
+        let wanted = Wanted { frames: 12, longest: Some(48), about, folder: &frames, scratch: &scratch };
+        let names = ffmpeg.frames(&tools, &video, &wanted, &mut log, &mut Silent).unwrap();
         assert_eq!(names.len(), 12);
         let pictures: Vec<_> = names.iter().map(|n| decode_photo(&frames.join(n)).unwrap()).collect();
         assert!(pictures.iter().all(|p| (p.width(), p.height()) == (48, 32)));
