@@ -25,7 +25,7 @@ fn after<'a>(answer: &'a Answer, start: &str) -> &'a str {
 /// Some number of milliseconds below `most`, another one each time.
 fn some_milliseconds(most: u32) -> Duration {
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
-    Duration::from_millis(u64::from(now.subsec_nanos() / 1000 % most))
+    Duration::from_millis(u64::from(now.subsec_micros() % most))
 }
 
 #[test]
