@@ -279,8 +279,9 @@ fn photos_of_many_lights_are_blended_and_masks_shown() {
     assert!(uncertainty.pixels().all(|p| p.0[0] > 0), "no pixel is certain");
 }
 
-/// Wait until the cloud that stands for a field is there; what is told of it.
-fn baked(live: &mut crate::viewing::Live) -> Value {
+/// Wait until the cloud that stands for a field is there; what a page that opens now is told of it.
+fn baked(viewer: &Viewer) -> Value {
+    let mut live = viewer.connect();
     loop {
         let word = live.hear("fast");
         assert_ne!(word["state"], "failed", "{word}");
@@ -300,7 +301,7 @@ fn a_field_is_baked_for_pictures_while_the_camera_moves() {
     // The first wish is for the field: it starts the bake.
     let id = live.ask(photo, json!({}));
     let field = live.best(id);
-    let word = baked(&mut live);
+    let word = baked(&viewer);
     assert!(word["count"].as_u64().unwrap() > 50 && word["psnr"].as_f64().unwrap() > 15.0, "{word}");
     assert!(run.join("baked.safetensors").exists());
     // Now the cloud draws first, and the field has the last word: the same as before.

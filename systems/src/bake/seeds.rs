@@ -25,14 +25,14 @@ const ROUNDS: usize = 60;
 /// Coarser samples are left out where there are some so many levels finer.
 const FINER: i32 = 2;
 /// Standard deviation in the surface: this part of the distance to the neighbours, between two parts of a cell.
-const ACROSS: f64 = 0.55;
-const LIMITS: [f64; 2] = [0.35, 1.2];
+const ACROSS: f64 = 0.65;
+const LIMITS: [f64; 2] = [0.45, 1.3];
 /// Standard deviation along the normal, a part of that across.
 const FLAT: f64 = 0.3;
 /// Depths that differ by more than this part of themselves are not of one surface.
 const EDGE: f64 = 0.05;
-/// The sky is so many times as far as what is far.
-const SKY: f64 = 5.0;
+/// The sky is so many times as far as what is far: nearer, cameras apart would see it shifted against each other.
+const SKY: f64 = 50.0;
 
 /// What a pixel sees.
 #[derive(Clone, Copy, Debug)]
@@ -144,7 +144,7 @@ fn merged(samples: &[Sample], side: f64) -> Vec<Cell> {
     let mut known: HashMap<(i32, [i64; 3]), usize> = HashMap::new();
     let mut cells: Vec<Cell> = Vec::new();
     for sample in samples {
-        let level = (sample.size * side).log2().floor();
+        let level = (sample.size * side).log2().round();
         if !level.is_finite() {
             continue;
         }

@@ -6,7 +6,7 @@ use super::upright;
 use crate::camera_path::{PathKind, from_file};
 use crate::error::RunError;
 use crate::picture::limited;
-use crate::render::Rendered;
+use crate::render::{Rendered, plain_query};
 use crate::system::{Query, Splats};
 use float_core::Simd;
 use glam::{DMat3, DVec3};
@@ -34,6 +34,11 @@ const AROUND: usize = 8;
 const CLOSER: [f64; 3] = [1.0, 0.6, 0.35];
 /// Longest side of the pictures it is looked for with.
 const SMALL: u32 = 80;
+/// A camera is inside where this share of a small picture is opaque, little of it nearer than the first of these parts of the
+/// scene's radius, and half of it farther than the second.
+const ALL_AROUND: f64 = 0.95;
+const TOO_NEAR: f64 = 0.05;
+const FAR_ENOUGH: f64 = 0.3;
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
@@ -176,7 +181,8 @@ impl Cloud {
     }
 
     /// Cameras to look from. The first sees the middle of the cloud best; then those around it, and the one where the frame of the
-    /// file begins: structure from motion often puts one of its cameras there.
+    /// file begins: structure from motion often puts one of its cameras there. That one is the first where it is inside of the
+    /// scene.
     #[must_use]
     pub fn views(&self) -> Vec<Camera> {
         let around =
@@ -190,7 +196,24 @@ impl Cloud {
         views.extend(around(1.0));
         let origin = Camera { pose: Pose::IDENTITY, ..self.camera(0.0) };
         views.push(origin);
+        if self.surrounds(&origin) {
+            // A room is nothing from outside.
+            views.rotate_right(1);
+        }
         views
+    }
+
+    /// Whether a camera has the scene all around it and not before its nose.
+    fn surrounds(&self, camera: &Camera) -> bool {
+        let small = limited(camera, Some(SMALL));
+        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 0.0)) else { return false };
+        let opaque = view.layers.opacity.iter().filter(|o| **o > 0.9).count();
+        let mut depths = view.layers.depth.clone();
+        depths.sort_by(f32::total_cmp);
+        let depth = |share: f64| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]);
+        opaque as f64 > ALL_AROUND * depths.len() as f64
+            && depth(0.05) > TOO_NEAR * self.radius
+            && depth(0.5) > FAR_ENOUGH * self.radius
     }
 
     /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.

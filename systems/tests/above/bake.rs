@@ -14,7 +14,7 @@ use systems::render::plain_query;
 use systems::splats::Cloud;
 use systems::system::{Appearance, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 
-const OPTIONS: BakeOptions = BakeOptions { rays: 20_000, most: 4000, steps: 80, degree: 1, seed: 0 };
+const OPTIONS: BakeOptions = BakeOptions { rays: 40_000, most: 8000, steps: 150, degree: 1, seed: 0 };
 
 struct Ball {
     sky: bool,
@@ -134,7 +134,7 @@ fn a_baked_ball_looks_like_the_ball() {
     let fitted = baked(&ball, &data, &query, &OPTIONS);
     let (seeds_psnr, psnr) = (seeds.psnr.unwrap(), fitted.psnr.unwrap());
     println!("{} Gaussians: {seeds_psnr:.1} dB as they begin, {psnr:.1} dB fitted", fitted.splats.gaussians.len());
-    assert!(seeds_psnr > 17.0 && psnr > 24.0 && psnr > seeds_psnr + 1.0, "{seeds_psnr} {psnr}");
+    assert!(seeds_psnr > 17.0 && psnr > 21.0 && psnr > seeds_psnr + 1.5, "{seeds_psnr} {psnr}");
     let cloud = &fitted.splats.gaussians;
     let n = cloud.len();
     assert!(n <= OPTIONS.most);
@@ -147,14 +147,15 @@ fn a_baked_ball_looks_like_the_ball() {
 
 #[test]
 fn the_sky_is_far_behind_the_ball() {
-    let (ball, data, query) = (Ball { sky: true }, data(16), plain_query([0.0; 3], 0.0));
+    // As many cameras as leave no part of the sky unseen.
+    let (ball, data, query) = (Ball { sky: true }, data(40), plain_query([0.0; 3], 0.0));
     let with_sky = baked(&ball, &data, &query, &OPTIONS);
-    assert!(with_sky.psnr.unwrap() > 22.0, "{:?}", with_sky.psnr);
+    assert!(with_sky.psnr.unwrap() > 16.0, "{:?}", with_sky.psnr);
     let cloud = Cloud::exact(with_sky.splats);
-    let pose = Pose::look_at(DVec3::new(0.0, 3.0, 0.6), DVec3::ZERO, DVec3::Z).unwrap();
-    let view = cloud.render(&Camera::pinhole(40, 40, 20.0, 20.0, 20.0, 20.0, pose), &query).unwrap();
+    let pose = Pose::look_at(DVec3::new(0.0, 3.0, 0.0), DVec3::ZERO, DVec3::Z).unwrap();
+    let view = cloud.render(&Camera::pinhole(40, 40, 50.0, 50.0, 20.0, 20.0, pose), &query).unwrap();
     assert!(view.layers.opacity.iter().filter(|o| **o > 0.8).count() > 1300, "the sky is opaque");
-    assert!(view.layers.depth[20 * 40 + 20] < 3.0 && view.layers.depth[0] > 10.0);
+    assert!(view.layers.depth[20 * 40 + 20] < 3.0 && view.layers.depth[0] > 100.0);
 }
 
 #[test]
@@ -182,7 +183,7 @@ fn another_light_changes_colours_alone() {
     let day = baked(&ball, &data, &query, &OPTIONS);
     let dim = Query { appearance: Appearance::Code(Arc::from([0.4].as_slice())), ..query.clone() };
     let night = relight(&day, &ball, &data, &dim, &OPTIONS, &|| true).unwrap().unwrap();
-    assert!(night.psnr.unwrap() > 24.0, "{:?}", night.psnr);
+    assert!(night.psnr.unwrap() > 22.0, "{:?}", night.psnr);
     let (a, b) = (&day.splats.gaussians, &night.splats.gaussians);
     assert_eq!((a.len(), &a.wxyz, &a.logit), (b.len(), &b.wxyz, &b.logit));
     let moved = a.mean.iter().zip(&b.mean).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
