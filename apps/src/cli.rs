@@ -583,7 +583,7 @@ mod tests {
         }
     }
 
-    const SHARED: [&str; 17] = [
+    const SHARED: [&str; 19] = [
         "demo --out d",
         "demo",
         "check s --holdout every:8",
