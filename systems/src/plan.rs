@@ -263,9 +263,14 @@ fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
     Ok(!data.is_empty() && data.image(0)?.channels == 4)
 }
 
+/// Whether a name of `--set` is read elsewhere, whatever the system.
+fn elsewhere(key: &str) -> bool {
+    key == NO_PARALLAX || key == crate::photo_points::provide::SETTING
+}
+
 /// Refuse names of `--set` that are none of `known`.
 pub(crate) fn refuse_unknown(run: &RunOptions, known: &toml::Table) -> Result<(), SystemError> {
-    match run.set.keys().find(|key| *key != NO_PARALLAX && !known.contains_key(*key)) {
+    match run.set.keys().find(|key| !elsewhere(key) && !known.contains_key(*key)) {
         None => Ok(()),
         Some(key) => {
             let names: Vec<&str> = known.keys().map(String::as_str).collect();

@@ -6,6 +6,7 @@
 //! schedule.json      when the last training was to stop, for those who watch
 //! metrics.csv        a row an interval (see `log`)
 //! checkpoint/        see `checkpoint`
+//! photo_points.safetensors   points found in the photos, where the dataset has none (see `photo_points`)
 //! eval.json eval.csv scores of the held-out views
 //! renders/           held-out views: render, truth, error map, depth
 //! appearance/        one view in the light of a few training photos, where the system has several
@@ -29,6 +30,7 @@ use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
 use crate::output::{Disk, Storage, make_folder, write_file};
+use crate::photo_points::provide;
 use crate::progress::{Event, Observer};
 use crate::report;
 use crate::summary::{SceneSummary, Summary};
@@ -113,7 +115,7 @@ impl<'a> Run<'a> {
         std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
         let name = request.system.as_deref().unwrap_or(parts.default_system);
-        let options = RunOptions {
+        let mut options = RunOptions {
             seed: request.seed.unwrap_or(0),
             background: request.background,
             error_budget: request.error_budget,
@@ -123,14 +125,21 @@ impl<'a> Run<'a> {
             image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
             ..request.data.clone()
         };
-        let scene = (parts.load)(spec, &data)?;
+        let points = provide::take(&mut options.set)?;
+        let mut scene = (parts.load)(spec, &data)?;
         // Whoever goes on with a run has been told.
         if let Some(line) = refuse_blank_masks(&scene.frames)?.and_then(|left| mostly_masked(&scene, left)) {
             observer.event(Event::Warning(&line));
         }
         let dataset = dataset_hash(&scene)?;
-        let (train, held_out) = datasets(&scene, &data)?;
-        let (system, plan) = (parts.build)(name, &scene, &train, &options)?;
+        let (mut train, held_out) = datasets(&scene, &data)?;
+        // Said where it was asked for or could be done: a run that says nothing goes on without.
+        let points = points.or_else(|| provide::may_help(&scene, &train).then_some(true));
+        if points == Some(true) && provide::may_help(&scene, &train) {
+            provide::make(folder, parts.storage, &mut scene, &mut train, observer)?;
+        }
+        let (system, mut plan) = (parts.build)(name, &scene, &train, &options)?;
+        plan.config.extend(points.map(|wanted| (provide::SETTING.to_string(), provide::word(wanted))));
         let config = RunConfig {
             scene: spec.into(),
             system: name.into(),
@@ -193,18 +202,21 @@ impl<'a> Run<'a> {
             // The names as they were, wherever the file has gone.
             data.holdout = Some(format!("names:{}", names.display()));
         }
-        let scene = (parts.load)(spec, &data)?;
+        let mut scene = (parts.load)(spec, &data)?;
         let dataset = dataset_hash(&scene)?;
         if dataset != meta.dataset {
             return Err(RunError::DatasetChanged { run: short(&meta.dataset), now: short(&dataset) });
         }
-        let (train, held_out) = datasets(&scene, &data)?;
-        let options = RunOptions {
+        let (mut train, held_out) = datasets(&scene, &data)?;
+        let mut options = RunOptions {
             seed: config.seed,
             background: Some(config.background),
             error_budget: Some(config.error_budget),
             set: config.settings.clone(),
         };
+        if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {
+            provide::again(folder, &mut scene, &mut train)?;
+        }
         let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
         system.load_state(&state)?;
         Ok(Self {
