@@ -33,7 +33,8 @@ pub fn nearest_to_rays(rays: &[(DVec3, DVec3, f64)]) -> Option<DVec3> {
     }
     let a = a * (1.0 / total);
     // The smallest eigenvalue is the squared sine of the typical angle between the rays.
-    if !(a.determinant() > 1e-12) {
+    let solvable = a.determinant() > 1e-12;
+    if !solvable {
         return None;
     }
     let x = about + a.inverse() * (b * (1.0 / total));
