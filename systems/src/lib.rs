@@ -40,6 +40,7 @@ pub mod method;
 pub mod names;
 pub mod options;
 pub mod output;
+pub mod photo_points;
 pub mod picture;
 pub mod plan;
 pub mod progress;

@@ -132,6 +132,14 @@ impl Dataset {
         Self { views, store, fits, resident: OnceLock::new(), window_views: window, first_pixel }
     }
 
+    /// Take what the frames of `scene` say of points, anew: the scene that the dataset was made of, with points it had not then.
+    pub(crate) fn take_points(&mut self, scene: &Scene) {
+        for view in &mut self.views {
+            let Listed { source, points, .. } = Listed::new(scene, view.frame);
+            (view.source, view.points) = (source, points);
+        }
+    }
+
     /// Decode all views, in parallel, where they fit in the store's memory; the first [`Dataset::draw`] does it otherwise.
     ///
     /// # Errors

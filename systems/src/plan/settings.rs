@@ -13,9 +13,14 @@ pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'sta
     SystemError::Config { field: "system", value: name.into(), problem }
 }
 
+/// Whether a name of `--set` is read elsewhere, whatever the system.
+fn elsewhere(key: &str) -> bool {
+    key == NO_PARALLAX || key == crate::photo_points::provide::SETTING
+}
+
 /// Refuse names of `--set` that are none of `known`.
 pub(crate) fn refuse_unknown(run: &RunOptions, known: &toml::Table) -> Result<(), SystemError> {
-    match run.set.keys().find(|key| *key != NO_PARALLAX && !known.contains_key(*key)) {
+    match run.set.keys().find(|key| !elsewhere(key) && !known.contains_key(*key)) {
         None => Ok(()),
         Some(key) => {
             let names: Vec<&str> = known.keys().map(String::as_str).collect();

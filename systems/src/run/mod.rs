@@ -6,6 +6,7 @@
 //! schedule.json      when the training stops and is measured: what `--resume` goes on with
 //! metrics.csv        a row an interval (see `log`)
 //! checkpoint/        see `checkpoint`
+//! photo_points.safetensors   points found in the photos, where the dataset has none (see `photo_points`)
 //! eval.json eval.csv scores of the held-out views
 //! renders/           held-out views: render, truth, error map, depth
 //! appearance/        one view in the light of a few training photos, where the system has several
@@ -35,6 +36,7 @@ use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
 use crate::output::{Disk, Storage, read_json, write_file};
+use crate::photo_points::provide;
 use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
 use crate::report;
@@ -126,7 +128,7 @@ impl<'a> Run<'a> {
         write_file(parts.storage, &probe, b"yes")?;
         std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
-        let options = RunOptions {
+        let mut options = RunOptions {
             seed: request.seed.unwrap_or(0),
             background: request.background,
             error_budget: request.error_budget,
@@ -136,6 +138,7 @@ impl<'a> Run<'a> {
             image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
             ..request.data.clone()
         };
+        let points = provide::take(&mut options.set)?;
         let mut scene = (parts.load)(spec, &data)?;
         // Whoever goes on with a run has been told, and whoever says what white means knows.
         if let Some(left) = refuse_blank_masks(&scene.frames)?.filter(|_| data.mask_white.is_none()) {
@@ -152,7 +155,12 @@ impl<'a> Run<'a> {
         }
         let dataset = dataset_hash(&scene)?;
         keep_training_points(&mut scene);
-        let (train, held_out) = datasets(&scene, &data)?;
+        let (mut train, held_out) = datasets(&scene, &data)?;
+        // Said where it was asked for or could be done: a run that says nothing goes on without.
+        let points = points.or_else(|| provide::may_help(&scene, &train).then_some(true));
+        if points == Some(true) && provide::may_help(&scene, &train) {
+            provide::make(folder, parts.storage, &mut scene, &mut train, observer)?;
+        }
         for problem in capture::problems(&scene, &train)? {
             observer.event(Event::Warning(&problem.to_string()));
         }
@@ -164,6 +172,7 @@ impl<'a> Run<'a> {
         }
         let (system, mut plan) = (parts.build)(name, &scene, &train, &options)?;
         plan.lines.splice(0..0, chosen);
+        plan.config.extend(points.map(|wanted| (provide::SETTING.to_string(), provide::word(wanted))));
         let config = RunConfig {
             scene: spec.into(),
             system: name.into(),
@@ -252,13 +261,16 @@ impl<'a> Run<'a> {
         if dataset != meta.dataset {
             return Err(RunError::DatasetChanged { run: short(&meta.dataset), now: short(&dataset) });
         }
-        let (train, held_out) = datasets(&scene, &data)?;
-        let options = RunOptions {
+        let (mut train, held_out) = datasets(&scene, &data)?;
+        let mut options = RunOptions {
             seed: config.seed,
             background: Some(config.background),
             error_budget: Some(config.error_budget),
             set: config.settings.clone(),
         };
+        if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {
+            provide::again(folder, &mut scene, &mut train)?;
+        }
         let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
         system.load_state(&state)?;
         Ok(Self {

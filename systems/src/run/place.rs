@@ -7,6 +7,7 @@ use crate::crop;
 use crate::error::RunError;
 use crate::eval::masks;
 use crate::options::RunConfig;
+use crate::photo_points::provide;
 use crate::report::{self, AppearanceRow};
 use crate::summary::Summary;
 use std::ffi::OsString;
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 pub(super) const CONFIG: &str = "config.toml";
 
 /// What a run writes into its folder.
-const OWN: [&str; 17] = [
+const OWN: [&str; 18] = [
     CONFIG,
     "heldout.txt",
     planned::FILE,
@@ -33,6 +34,7 @@ const OWN: [&str; 17] = [
     report::FILE,
     report::ANIMATION,
     bake::FILE,
+    provide::FILE,
     crop::FILE,
     lock::FILE,
 ];
