@@ -44,7 +44,7 @@ impl Run<'_> {
 const FRAMES: usize = 24;
 const SIDE: u32 = 240;
 const PER_SECOND: f64 = 8.0;
-/// Longest side of the picture that tells how fast the system draws, pixels.
+/// Longest side of the first picture that tells how fast the system draws, pixels.
 const TRIAL_SIDE: u32 = 48;
 /// Systems that would take longer have no animation: networks as published draw for hours.
 const LONGEST_SECONDS: f64 = 20.0;
@@ -59,14 +59,14 @@ impl Run<'_> {
         let photos: Vec<Camera> = self.train.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
         let Some(first) = photos.first() else { return Ok(()) };
         let query = Query { error_budget: BUDGET, ..self.query() };
-        let trial = limited(first, Some(TRIAL_SIDE));
-        let start = Instant::now();
-        render(self.system.as_ref(), &trial, &query);
-        let pixels = |camera: &Camera| f64::from(camera.width) * f64::from(camera.height);
-        let picture = pixels(&limited(first, Some(SIDE))) / pixels(&trial);
-        // What photos saw is found out on small pictures of all of them.
-        let pictures = 2.0 * photos.len() as f64 + FRAMES as f64 * (picture + 2.0);
-        if start.elapsed().as_secs_f64() * pictures > LONGEST_SECONDS {
+        let seconds = |side: u32| {
+            let start = Instant::now();
+            render(self.system.as_ref(), &limited(first, Some(side)), &query);
+            start.elapsed().as_secs_f64()
+        };
+        // What photos saw is found out on small pictures of all of them, and of each frame.
+        let small = seconds(TRIAL_SIDE) * (photos.len() + FRAMES) as f64;
+        if small > LONGEST_SECONDS || small + seconds(SIDE) * FRAMES as f64 > LONGEST_SECONDS {
             return Ok(());
         }
         let whole = if self.train.moments() > 1 { TimePath::WHOLE } else { TimePath::START };
