@@ -72,13 +72,14 @@ impl Cropped {
             values.get(((values.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0.0)
         };
         let shown: Vec<usize> = (0..n).filter(|&i| traits.opacity[i] > 0.1).collect();
-        let mut bounds: CropBox = [[0.0; 3], [1.0; 3]];
-        for k in 0..3 {
+        let [mut least, mut most] = [[0.0; 3], [1.0; 3]];
+        for (k, (least, most)) in least.iter_mut().zip(&mut most).enumerate() {
             let along = || shown.iter().map(|&i| f64::from(all.mean[k * n + i])).collect::<Vec<f64>>();
             let (low, high) = (at(along(), ENDS), at(along(), 1.0 - ENDS));
             let room = ((high - low) * 0.05).max(1e-6);
-            (bounds[0][k], bounds[1][k]) = (low - room, high + room);
+            (*least, *most) = (low - room, high + room);
         }
+        let bounds: CropBox = [least, most];
         let range = |values: &[f32]| {
             let of = |share| at(values.iter().map(|x| f64::from(*x)).filter(|x| x.is_finite()).collect(), share);
             let (middle, most) = (of(0.5).max(1e-9), of(1.0));

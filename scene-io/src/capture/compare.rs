@@ -48,7 +48,7 @@ pub(super) fn neighbours(photos: &[Photo<'_>]) -> Vec<Neighbour> {
                 let b = &photos[j].camera;
                 let distance = a.pose.c.distance(b.pose.c) / extent;
                 let turned = a.optical_axis().dot(b.optical_axis());
-                (j != i && distance < NEAR_PLACE && turned > NEAR_AXIS).then(|| (distance + (1.0 - turned), j))
+                (j != i && distance < NEAR_PLACE && turned > NEAR_AXIS).then_some((distance + (1.0 - turned), j))
             };
             let mut found: Vec<(f64, usize)> = (0..photos.len()).filter_map(near).collect();
             found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

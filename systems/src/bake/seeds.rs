@@ -54,12 +54,22 @@ struct Cell {
     count: f64,
 }
 
+/// What one picture shows of the sky.
+#[derive(Clone, Copy)]
+struct SkyPixel {
+    /// To the sky, of length 1.
+    d: DVec3,
+    /// The size of the pixel at distance 1.
+    size: f64,
+    rgb: [f64; 3],
+}
+
 /// A cloud at the start of the fit, in the scene's frame.
 ///
 /// # Errors
 /// [`RunError::Option`] for a degree that there is not.
 pub(super) fn cloud(pictures: &[&Picture], options: &BakeOptions) -> Result<Gaussians, RunError> {
-    let found: Vec<(Vec<Sample>, Vec<(DVec3, f64, [f64; 3])>)> = pictures.par_iter().map(|p| samples(p)).collect();
+    let found: Vec<(Vec<Sample>, Vec<SkyPixel>)> = pictures.par_iter().map(|p| samples(p)).collect();
     let mut matter: Vec<Sample> = found.iter().flat_map(|(matter, _)| matter.iter().copied()).collect();
     let sky = sky(pictures, &matter, &found);
     // The finest first; those of one size in the order of pictures.
@@ -77,8 +87,8 @@ pub(super) fn cloud(pictures: &[&Picture], options: &BakeOptions) -> Result<Gaus
     gaussians(&cells, side, options.degree).map_err(|e| RunError::Option(format!("the field cannot be baked: {e}")))
 }
 
-/// Samples of matter, and directions to the sky with the size of a pixel at distance 1.
-fn samples(picture: &Picture) -> (Vec<Sample>, Vec<(DVec3, f64, [f64; 3])>) {
+/// Samples of matter, and the pixels of the sky.
+fn samples(picture: &Picture) -> (Vec<Sample>, Vec<SkyPixel>) {
     let (camera, layers) = (&picture.camera, &picture.layers);
     let (w, h) = (camera.width as usize, camera.height as usize);
     let points: Vec<Option<DVec3>> = (0..w * h)
@@ -98,7 +108,7 @@ fn samples(picture: &Picture) -> (Vec<Sample>, Vec<(DVec3, f64, [f64; 3])>) {
         let (column, row) = (i % w, i / w);
         let Some(x) = points[i] else {
             if let Some(ray) = camera.ray(DVec2::new(column as f64 + 0.5, row as f64 + 0.5)) {
-                sky.push((ray.d, 1.0 / camera.fx, rgb));
+                sky.push(SkyPixel { d: ray.d, size: 1.0 / camera.fx, rgb });
             }
             continue;
         };
@@ -120,7 +130,7 @@ fn samples(picture: &Picture) -> (Vec<Sample>, Vec<(DVec3, f64, [f64; 3])>) {
 }
 
 /// The sky as samples: far behind everything, facing the cameras.
-fn sky(pictures: &[&Picture], matter: &[Sample], found: &[(Vec<Sample>, Vec<(DVec3, f64, [f64; 3])>)]) -> Vec<Sample> {
+fn sky(pictures: &[&Picture], matter: &[Sample], found: &[(Vec<Sample>, Vec<SkyPixel>)]) -> Vec<Sample> {
     let n = pictures.len().max(1) as f64;
     let centre = pictures.iter().map(|p| p.camera.pose.c / n).sum::<DVec3>();
     let mut distances: Vec<f64> = matter.iter().map(|s| s.x.distance(centre)).collect();
@@ -128,12 +138,8 @@ fn sky(pictures: &[&Picture], matter: &[Sample], found: &[(Vec<Sample>, Vec<(DVe
     let far = distances.get(distances.len().saturating_sub(1) * 98 / 100).copied();
     let cameras = pictures.iter().map(|p| p.camera.pose.c.distance(centre)).fold(0.0, f64::max);
     let radius = SKY * far.unwrap_or(1.0).max(cameras).max(f64::MIN_POSITIVE);
-    let place = |&(d, size, rgb): &(DVec3, f64, [f64; 3])| Sample {
-        x: centre + d * radius,
-        normal: -d,
-        size: size * radius,
-        rgb,
-    };
+    let place =
+        |&SkyPixel { d, size, rgb }: &SkyPixel| Sample { x: centre + d * radius, normal: -d, size: size * radius, rgb };
     let mut out: Vec<Sample> = found.iter().flat_map(|(_, sky)| sky.iter().map(place)).collect();
     out.sort_by(|a, b| a.size.total_cmp(&b.size));
     out
@@ -195,8 +201,8 @@ fn gaussians(cells: &[Cell], side: f64, degree: usize) -> Result<Gaussians, spla
         for (k, q) in [turn.w, turn.x, turn.y, turn.z].into_iter().enumerate() {
             cloud.wxyz[k * n + i] = q as f32;
         }
-        for k in 0..3 {
-            cloud.mean[k * n + i] = places[i][k] as f32;
+        for (k, x) in places[i].iter().enumerate() {
+            cloud.mean[k * n + i] = *x as f32;
             cloud.log_scale[k * n + i] = (if k == 2 { FLAT * across } else { across }).ln() as f32;
             cloud.dc[k * n + i] = (cell.rgb[k] as f32 - 0.5) / SH_0;
         }
