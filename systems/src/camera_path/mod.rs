@@ -6,7 +6,7 @@
 //! | `orbit` | the arc about what they look at that they cover, to and fro; a circle where they stand all round |
 //! | `spiral` | a spiral among cameras that face one way |
 //! | `hold:NAME` | the camera of one frame |
-//! | `FILE.json` | cameras of a [file] |
+//! | `FILE.json` | cameras of a [mod@file] |
 //!
 //! [`film`] looks at each frame through a [`Sight`]: which share of it at least two photos saw. Paths that are made here are
 //! made shorter until every frame has [`BOUND`] of it; [`cameras`] makes them without looking.

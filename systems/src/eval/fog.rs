@@ -25,7 +25,7 @@ pub(super) fn fog(system: &dyn System, view: &View) -> Option<f64> {
 
 /// Mean opacity, over the pixels of a picture, of all that lies nearer than `depth` along the axis of `camera`, world units.
 ///
-/// Of a cloud: the picture of the Gaussians whose centres are nearer. Of a field: densities at [`SAMPLES`] places of each ray,
+/// Of a cloud: the picture of the Gaussians whose centres are nearer. Of a field: densities at 192 places of each ray,
 /// from where the system begins to sample ([`System::first_sample`]) to `depth`, for some pixels spread evenly.
 /// `None` for a picture without pixels.
 #[must_use]
