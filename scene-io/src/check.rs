@@ -44,8 +44,10 @@ pub struct Report {
     pub masks_leave: Option<f64>,
     /// What the depth maps hold; `None` where there are none, or they were not opened.
     pub depth: Option<DepthSummary>,
-    /// What is wrong, errors first.
+    /// What is wrong with the files, errors first.
     pub problems: Vec<Problem>,
+    /// Why the result must be poor although the files are whole: warnings on the photos and where they were taken.
+    pub capture: Vec<Problem>,
     /// What was skipped, matched or assumed.
     pub notes: Vec<String>,
 }
@@ -88,6 +90,7 @@ pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
                 masks_leave: None,
                 depth: None,
                 problems,
+                capture: Vec::new(),
                 notes: Vec::new(),
             };
             match scene {
@@ -104,6 +107,7 @@ impl Report {
     pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
         problems.extend(geometry(&scene));
         let (mut image_bytes, mut masks_leave, mut summary) = (0, None, None);
+        let mut capture = Vec::new();
         match ImageStore::new(&scene.frames, StoreOptions { budget_bytes: 0, ..StoreOptions::default() }) {
             Ok(store) => {
                 image_bytes = store.estimate_bytes();
@@ -120,7 +124,7 @@ impl Report {
                             }
                         }
                     }
-                    problems.extend(capture::look(&scene, &thumbs));
+                    capture = capture::look(&scene, &thumbs);
                     problems.extend(priors(&scene));
                     match refuse_blank_masks(&scene.frames) {
                         Ok(share) => masks_leave = share,
@@ -134,7 +138,7 @@ impl Report {
             Err(error) => problems.push(error.into_problem()),
         }
         if depth == Depth::Headers {
-            problems.extend(capture::without_pictures(&scene));
+            capture = capture::without_pictures(&scene);
         }
         // Stable: within a severity, problems stay in the order of the files.
         problems.sort_by_key(|p| std::cmp::Reverse(p.severity));
@@ -148,6 +152,7 @@ impl Report {
             masks_leave,
             depth: summary,
             problems,
+            capture,
             notes: Vec::new(),
         };
         report.with_cameras(scene)
@@ -360,7 +365,7 @@ impl fmt::Display for Report {
         for note in &self.notes {
             writeln!(f, "note: {note}")?;
         }
-        for problem in &self.problems {
+        for problem in self.problems.iter().chain(&self.capture) {
             let severity = match problem.severity {
                 Severity::Warning => "warning",
                 Severity::Error => "error",

@@ -12,7 +12,7 @@ fn wrong_usage_has_exit_code_2() {
         &["train", "x", "--out", "y", "--steps", "many"],
         &["train", "x", "--out", "y", "--seconds", "-3"],
         &["train", "x", "--out", "y", "--set", "novalue"],
-        &["render", "x", "--out", "y"],
+        &["render", "x"],
         &["export", "x"],
         &["paint", "x"],
     ] {

@@ -356,7 +356,7 @@ fn max_splats_must_be_a_number_that_works() {
     }
     assert!(!run.join("checkpoint").exists());
     // Other systems have no such setting.
-    let answer = train(&scene, &run, "1", &[&["--max-splats", "10"]]);
+    let answer = train(&scene, &run, "1", &[&["--system", "ngp", "--max-splats", "10"]]);
     assert!(answer.code == 1 && error_line(&answer).contains("max_splats"), "{}", answer.err);
 }
 

@@ -7,7 +7,7 @@ use super::photos::{is_sequence, photos};
 use super::rig::Rig;
 use super::sight::{Sight, coverage_line};
 use super::spiral::spiral;
-use super::stretch::Look;
+use super::stretch::{LOOKED_AT, Look};
 use super::{PATHS, PathKind};
 use crate::data::Dataset;
 use crate::error::RunError;
@@ -78,7 +78,10 @@ pub fn film(
     let look = Look { sight, time };
     let (cameras, line) = along(&kind, (scene, data, &rig), frames, Some(look))?;
     let seen = look.shares(&cameras)?;
-    Ok(Film { path: kind, cameras, seen, line, limits: sight.limits() })
+    let some = (cameras.len() > LOOKED_AT).then(|| format!("on {LOOKED_AT} frames, straight lines between"));
+    let limits: Vec<String> = sight.limits().into_iter().chain(some).collect();
+    let limits = (!limits.is_empty()).then(|| limits.join("; "));
+    Ok(Film { path: kind, cameras, seen, line, limits })
 }
 
 fn rig(scene: &Scene, data: &Dataset, sight: Option<&Sight<'_>>) -> Result<Rig, RunError> {

@@ -14,6 +14,9 @@ const PLACES: [usize; 3] = [24, 20, 29];
 /// What a place must have beyond [`BOUND`]: frames between two places may have less.
 const MARGIN: f64 = 0.015;
 
+/// Frames of a path that are looked at, at most: of longer ones some, evenly spread, and the others get what lies between.
+pub(super) const LOOKED_AT: usize = 240;
+
 /// Looks at frames.
 #[derive(Clone, Copy)]
 pub(super) struct Look<'a> {
@@ -29,8 +32,24 @@ impl Look<'_> {
             let first = cameras.first().map(|c| self.sight.share(c, self.time.at(0, 1))).transpose()?;
             return Ok(first.into_iter().cycle().take(n).collect());
         }
-        cameras.iter().enumerate().map(|(i, camera)| self.sight.share(camera, self.time.at(i, n))).collect()
+        let looks = n.min(LOOKED_AT);
+        let place = |k: usize| k * (n - 1) / (looks - 1).max(1);
+        let shares: Vec<f64> = (0..looks)
+            .map(|k| self.sight.share(&cameras[place(k)], self.time.at(place(k), n)))
+            .collect::<Result<_, _>>()?;
+        Ok(spread(&shares, place, n))
     }
+}
+
+/// `shares` at the `place` of each of `n` frames, and straight lines between them.
+fn spread(shares: &[f64], place: impl Fn(usize) -> usize, n: usize) -> Vec<f64> {
+    let mut out = Vec::with_capacity(n);
+    for (k, pair) in shares.windows(2).enumerate() {
+        let (from, to) = (place(k), place(k + 1));
+        out.extend((from..to).map(|i| pair[0] + (pair[1] - pair[0]) * (i - from) as f64 / (to - from) as f64));
+    }
+    out.extend(shares.last());
+    out
 }
 
 /// A path that a part can be taken of. Places are parts of its length, `0..=1`.
@@ -127,6 +146,15 @@ fn longest_run(passes: &[bool], ends: Ends) -> Option<[usize; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frames_between_those_looked_at_lie_on_straight_lines() {
+        let every = |step: usize| move |k: usize| k * step;
+        assert_eq!(spread(&[1.0, 0.5, 0.7], every(1), 3), [1.0, 0.5, 0.7]);
+        assert_eq!(spread(&[1.0, 0.5], every(2), 3), [1.0, 0.75, 0.5]);
+        assert_eq!(spread(&[0.3], every(1), 1), [0.3]);
+        assert!(spread(&[], every(1), 0).is_empty());
+    }
 
     #[test]
     fn the_longest_run_goes_round_a_closed_path_only() {

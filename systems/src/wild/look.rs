@@ -34,7 +34,7 @@ const LIGHT: f64 = 0.045;
 const STRANGE: f32 = 0.2;
 const SHARE: f64 = 0.05;
 /// That share at the second look, which errs less.
-const SECOND_SHARE: f64 = 0.03;
+const SECOND_SHARE: f64 = 0.01;
 
 /// Light and occluders of the photos, each with a line of reason.
 pub(super) fn needs(

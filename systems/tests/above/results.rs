@@ -41,8 +41,9 @@ fn a_scene_that_empties_is_told_of_once() {
             let interrupt = watch.interrupt.clone();
             run.train(&Schedule::new(Stop::Steps(40)), None, &mut watch, &interrupt).unwrap();
         });
-        assert_eq!(watch.warnings.len(), lines, "{transient}: {:?}", watch.warnings);
-        assert!(watch.warnings.iter().all(|line| line.contains("lambda_u") && line.contains("beta_min")));
+        // The capture is of few photos, and that is said of it before.
+        let empties = watch.warnings.iter().filter(|line| line.contains("lambda_u") && line.contains("beta_min"));
+        assert_eq!(empties.count(), lines, "{transient}: {:?}", watch.warnings);
     }
 }
 

@@ -33,9 +33,20 @@ pub(crate) fn dataset(scene: &Scene) -> Dataset {
 
 /// Build a system with settings written as on the command line; later ones win.
 pub(crate) fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
+    build_before(Some(Background::White), name, scene, data, set)
+}
+
+/// The same before another background; `None`: what the plan finds.
+pub(crate) fn build_before(
+    background: Option<Background>,
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    set: &[&str],
+) -> Result<Box<dyn System>, SystemError> {
     let tiny: &[&str] = if name == "ngp" { &TINY_NGP } else { &TINY_NERF };
     let set = tiny.iter().chain(set).map(|s| systems::options::parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    let options = RunOptions { seed: 1, background, error_budget: None, set };
     Ok(systems::plan::build(name, scene, data, &options)?.0)
 }
 
