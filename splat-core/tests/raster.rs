@@ -28,6 +28,43 @@ fn pictures_are_those_of_the_specification() {
     }
 }
 
+#[test]
+fn middles_are_where_half_of_the_light_is_left() {
+    let mut found = [0, 0];
+    for seed in 0..6 {
+        let rules = rules(seed);
+        let (g, view) = (cloud(40 + seed, 30 + 20 * seed as usize, 1), view([21, 18]));
+        for simd in Simd::available() {
+            let shot = shoot(simd, &g, &view, &rules);
+            let ellipses = twin::of_footprints(&shot.p);
+            for (i, got) in shot.middles(simd, &view, &rules).into_iter().enumerate() {
+                let left = |k: usize| twin::left(&ellipses[..k], [i % view.size[0], i / view.size[0]], &rules);
+                let want = (1..=ellipses.len()).find(|&k| left(k) <= 0.5);
+                // Rounding may decide otherwise where exactly a half is left.
+                if want.is_some_and(|k| (left(k) - 0.5).abs() < 1e-5 || (left(k - 1) - 0.5).abs() < 1e-5) {
+                    continue;
+                }
+                let want = want.map_or(f32::INFINITY, |k| ellipses[k - 1].z as f32);
+                found[usize::from(want.is_finite())] += 1;
+                assert_eq!(got, want, "{seed}, pixel {i}");
+            }
+        }
+    }
+    assert!(found.into_iter().all(|n| n > 500), "{found:?}");
+}
+
+#[test]
+fn middles_of_nothing_and_of_the_wrong_size() {
+    let (g, view) = (Gaussians::new(0, 0).unwrap(), view([9, 7]));
+    let shot = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
+    assert!(shot.middles(Simd::best(), &view, &Rules::DEFAULT).into_iter().all(|z| z == f32::INFINITY));
+    let one = cloud(1, 1, 0);
+    let other = shoot(Simd::best(), &one, &view, &Rules::DEFAULT);
+    assert!(other.try_middles(Simd::best(), &Rules::DEFAULT, &mut [0.0; 5]).is_err());
+    let mut out = vec![0.0; 63];
+    assert!(other.try_middles(Simd::best(), &Rules::DEFAULT, &mut out).is_ok());
+}
+
 /// Gradients against differences of the specification, relative to `want` and to a thousandth of the largest; `None` where a
 /// decision is too near to difference over.
 fn worst_gradient(g: &Gaussians, view: &View, rules: &Rules, simd: Simd) -> Option<(f64, String)> {

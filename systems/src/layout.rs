@@ -68,8 +68,9 @@ pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
         LayoutHint::Object { near, far } => object(&cameras, &poses, focal, near, far),
         LayoutHint::ForwardFacing => cut_out()
             .or_else(|| forward_facing(scene, data, &cameras, &poses, focal))
-            .unwrap_or_else(|| open(scene, &poses, focal, "cameras do not look the same way")),
-        _ => cut_out().unwrap_or_else(|| open(scene, &poses, focal, "the format does not say where the scene ends")),
+            .unwrap_or_else(|| open(scene, data, (&poses, focal), "cameras do not look the same way")),
+        _ => cut_out()
+            .unwrap_or_else(|| open(scene, data, (&poses, focal), "the format does not say where the scene ends")),
     }
 }
 
@@ -204,6 +205,14 @@ pub(crate) fn nearest_point(camera: &Camera, points: &[DVec3]) -> Option<f64> {
     (depths.len() >= NEAR_POINTS).then(|| depths[strays])
 }
 
+/// The nearest and the farthest depth that the file states for a training photo, world units: LLFF's bounds. `None` where it states
+/// none.
+pub(crate) fn stated_depths(scene: &Scene, data: &Dataset) -> Option<[f64; 2]> {
+    let bounds = data.views().iter().filter_map(|v| scene.frames[v.frame].z_bounds);
+    let [near, far] = bounds.fold([f64::INFINITY, 0.0], |[near, far], b| [near.min(b[0]), far.max(b[1])]);
+    (near > 0.0 && near < far && far.is_finite()).then_some([near, far])
+}
+
 /// Cameras far from what they have in common: an inner cube around that, which the cameras stand outside of.
 fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footprint: f64, reason: &str) -> Layout {
     let cameras = poses.iter().map(|p| (p.c - centre).abs().max_element() / radius);
@@ -265,7 +274,7 @@ fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
 }
 
 /// An inner cube around what the cameras look at, and the rest contracted.
-fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
+fn open(scene: &Scene, data: &Dataset, (poses, focal): (&[Pose], f64), reason: &str) -> Layout {
     let in_front = |p: &DVec3| poses.iter().filter(|c| (*p - c.c).dot(c.r.z_axis) > 0.0).count() * 2 > poses.len();
     let middle = mean_centre(poses).unwrap_or(DVec3::ZERO);
     let focus = focus_point(poses).filter(in_front);
@@ -281,10 +290,13 @@ fn open(scene: &Scene, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     }
     let reach = reach(scene, centre, radius);
     let stated = scene.bounds.map(|b| (b.min - centre).abs().max((b.max - centre).abs()).max_element() / radius);
-    let (extent, how) = match (percentile(&reach, FAR_PERCENTILE), stated) {
-        (Some(far), _) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),
-        (None, Some(stated)) => (stated.clamp(2.0, WIDEST), "from the box in the file"),
-        (None, None) => (UNKNOWN_EXTENT, "no points to tell"),
+    // From a camera that stands off the centre, on its far side.
+    let deepest = stated_depths(scene, data).map(|[_, far]| far / radius + 1.0);
+    let (extent, how) = match (percentile(&reach, FAR_PERCENTILE), stated, deepest) {
+        (Some(far), ..) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),
+        (None, Some(stated), _) => (stated.clamp(2.0, WIDEST), "from the box in the file"),
+        (None, None, Some(far)) => (far.clamp(2.0, WIDEST), "from the depths in the file"),
+        (None, None, None) => (UNKNOWN_EXTENT, "no points to tell"),
     };
     let cascades = extent.log2().ceil() as usize + 1;
     Layout {

@@ -7,6 +7,7 @@ use crate::cli::Check;
 use crate::show::line;
 use scene_io::{Depth, Frame, Scene, Split};
 use std::path::Path;
+use systems::run::{MaskMeaning, mask_meaning};
 
 pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     let depth = if args.quick { Depth::Headers } else { Depth::Pixels };
@@ -21,6 +22,13 @@ pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     }
     if let Some(found) = report.scene.as_ref().and_then(beside_the_photos) {
         line(found);
+    }
+    // As `train` takes them.
+    if let Some(scene) = &report.scene {
+        match mask_meaning(scene, report.masks_leave, args.data.mask_white.as_deref())? {
+            MaskMeaning::AsRead => {}
+            MaskMeaning::Sparse(found) | MaskMeaning::Object(found) => line(format_args!("warning: {found}")),
+        }
     }
     if report.scene.is_none()
         && scene_io::lacks_cameras(Path::new(&args.scene), &data_options(&args.data).load_options()?)

@@ -58,7 +58,11 @@ impl Subject<'_, '_> {
         match self {
             Self::Run(run) => Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at)),
             Self::Cloud(cloud) => {
-                cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames).map(|cameras| Some(Shots::plain(cameras)))
+                let path = path.unwrap_or(&PathKind::Orbit);
+                if let PathKind::Orbit = path {
+                    line(cloud.orbit_line());
+                }
+                cloud.cameras(path, frames).map(|cameras| Some(Shots::plain(cameras)))
             }
         }
     }

@@ -3,6 +3,7 @@
 mod backward;
 mod forward;
 mod light;
+mod middle;
 mod picture;
 
 pub use picture::{Drawn, Raster};

@@ -6,6 +6,7 @@ use float_core::Simd;
 
 use super::backward::Backward;
 use super::forward::Forward;
+use super::middle::{HALF, Middle};
 use super::{PIXELS, Record, Tile};
 use crate::chunks::{both, for_each};
 use crate::order::Sorter;
@@ -117,6 +118,43 @@ impl<const K: usize> Raster<K> {
         Ok(())
     }
 
+    /// Depth `z` of the ellipse at which a pixel's light falls to a half, of the last picture drawn, of the same ellipses: `out`
+    /// `[rows][columns]`, infinite where it never does.
+    ///
+    /// # Errors
+    /// [`SplatError::Shape`].
+    pub fn middles(
+        &self,
+        simd: Simd,
+        (footprints, features): (&[Footprint], &[[f32; K]]),
+        rules: &Rules,
+        out: &mut [f32],
+    ) -> Result<(), SplatError> {
+        let [width, height] = self.size;
+        if out.len() != width * height {
+            return Err(SplatError::Shape { what: "out", want: width * height, got: out.len() });
+        }
+        self.check_ellipses(footprints, features)?;
+        let (lists, grid, rules) = (&self.lists, Grid::new(self.size), Rules { enough: HALF, ..*rules });
+        let mut jobs: Vec<(usize, &mut [f32])> = out.chunks_mut((width * TILE).max(1)).enumerate().collect();
+        for_each(&mut jobs, |_, (tile_row, out)| {
+            let mut middles = [0.0; PIXELS];
+            for column in 0..grid.columns {
+                let k = *tile_row * grid.columns + column;
+                simd.run(Middle {
+                    tile: tile(lists, (footprints, features), grid, self.size, &rules, k),
+                    out: &mut middles,
+                });
+                let x = column * TILE;
+                let n = TILE.min(width - x);
+                for (row, out) in out.chunks_exact_mut(width).enumerate() {
+                    out[x..][..n].copy_from_slice(&middles[row * TILE..][..n]);
+                }
+            }
+        });
+        Ok(())
+    }
+
     /// Gradients of the last picture drawn, of the same ellipses: `bars` has one record for each, written.
     ///
     /// `value_bar` `[K + 1][rows][columns]` as [`planes`](Self::planes).
@@ -132,13 +170,7 @@ impl<const K: usize> Raster<K> {
         bars: &mut Vec<Record<K>>,
     ) -> Result<(), SplatError> {
         self.check_planes("value_bar", value_bar.len())?;
-        if footprints.len() + 1 != self.lists.firsts.len() || footprints.len() != features.len() {
-            return Err(SplatError::Shape {
-                what: "footprints",
-                want: self.lists.firsts.len().saturating_sub(1),
-                got: footprints.len(),
-            });
-        }
+        self.check_ellipses(footprints, features)?;
         let (size, grid) = (self.size, Grid::new(self.size));
         let lists = &self.lists;
         self.records.resize(lists.entries.len(), Record::default());
@@ -174,6 +206,15 @@ impl<const K: usize> Raster<K> {
             }
         });
         Ok(())
+    }
+
+    /// As many ellipses as the last picture had, a row of features each.
+    fn check_ellipses(&self, footprints: &[Footprint], features: &[[f32; K]]) -> Result<(), SplatError> {
+        let want = self.lists.firsts.len().saturating_sub(1);
+        if footprints.len() == want && footprints.len() == features.len() {
+            return Ok(());
+        }
+        Err(SplatError::Shape { what: "footprints", want, got: footprints.len() })
     }
 
     fn check_planes(&self, what: &'static str, got: usize) -> Result<(), SplatError> {

@@ -61,6 +61,17 @@ pub(crate) fn shoot(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Sh
 }
 
 impl Shot {
+    /// Depths at which half of the light is left.
+    pub(crate) fn middles(&self, simd: Simd, view: &View, rules: &Rules) -> Vec<f32> {
+        let mut out = vec![f32::NAN; view.size[0] * view.size[1]];
+        self.try_middles(simd, rules, &mut out).unwrap();
+        out
+    }
+
+    pub(crate) fn try_middles(&self, simd: Simd, rules: &Rules, out: &mut [f32]) -> Result<(), splat_core::SplatError> {
+        self.raster.middles(simd, (&self.p.footprints, &self.features), rules, out)
+    }
+
     /// Gradients of ellipses.
     pub(crate) fn records(&mut self, simd: Simd, rules: &Rules, bar: &[f32]) -> Vec<Record<4>> {
         let mut records = Vec::new();

@@ -42,6 +42,12 @@ pub(crate) fn of_footprints(p: &Projection) -> Vec<Ellipse> {
     out
 }
 
+/// Light that ellipses in order leave of a pixel.
+pub(crate) fn left(ellipses: &[Ellipse], at: [usize; 2], rules: &Rules) -> f64 {
+    let values = splats::pixel(ellipses, at, &wide(rules)).values;
+    values[values.len() - 1]
+}
+
 /// Composite ellipses that are in order.
 pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], rules: &Rules) -> Picture {
     splats::draw(ellipses, size, &wide(rules))

@@ -140,6 +140,12 @@ impl Dataset {
         }
     }
 
+    /// Take the points of `scene` that each view's camera sees, where nobody says which: those of views that they were not made of.
+    pub(crate) fn take_visible_points(&mut self, scene: &Scene) {
+        let points: Vec<DVec3> = scene.points.iter().map(|point| point.xyz).collect();
+        self.views.par_iter_mut().for_each(|view| view.points = visible_points(&view.camera, &points).into());
+    }
+
     /// Decode all views, in parallel, where they fit in the store's memory; the first [`Dataset::draw`] does it otherwise.
     ///
     /// # Errors

@@ -54,12 +54,12 @@ pub(crate) fn may_help(scene: &Scene, train: &Dataset) -> bool {
         && train.views().iter().filter(|v| v.level == 0).count() > 1
 }
 
-/// Points for a new run, written into its folder: in `scene`, its training frames and `train`.
+/// Points for a new run, written into its folder: in `scene`, its training frames and `train`, and those that `held_out` should see.
 pub(crate) fn make(
     folder: &Path,
     storage: &dyn Storage,
     scene: &mut Scene,
-    train: &mut Dataset,
+    (train, held_out): (&mut Dataset, &mut Dataset),
     observer: &mut dyn Observer,
 ) -> Result<(), RunError> {
     let begun = Instant::now();
@@ -73,17 +73,23 @@ pub(crate) fn make(
     };
     observer.event(Event::Note(&line));
     give(found, scene, train);
+    held_out.take_visible_points(scene);
     Ok(())
 }
 
 /// The points of a run that was begun: those in its folder, or made again where they cannot be read: the same.
-pub(crate) fn again(folder: &Path, scene: &mut Scene, train: &mut Dataset) -> Result<(), RunError> {
+pub(crate) fn again(
+    folder: &Path,
+    scene: &mut Scene,
+    (train, held_out): (&mut Dataset, &mut Dataset),
+) -> Result<(), RunError> {
     let kept = std::fs::read(folder.join(FILE)).ok().and_then(|bytes| decode(&bytes, train.len()));
     let found = match kept {
         Some(found) => found,
         None => photo_points(train, &Options::default())?,
     };
     give(found, scene, train);
+    held_out.take_visible_points(scene);
     Ok(())
 }
 

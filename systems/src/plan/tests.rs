@@ -55,6 +55,27 @@ fn two_stray_points_before_a_camera_change_nothing() {
 }
 
 #[test]
+fn depths_in_the_file_say_where_a_video_begins_and_ends() {
+    let (scene, data) = capture(Points::None);
+    let moving = |scene: &Scene, data: &Dataset| {
+        crate::dynamic::build("t-nerf", scene, data, &run(toml::toml! { occupancy = 16 })).unwrap().1.config
+    };
+    let unknown = moving(&scene, &data);
+    let mut stated = scene.frames.clone();
+    stated.iter_mut().for_each(|frame| frame.z_bounds = Some([0.5 * made::RING, 2.0 * made::RING]));
+    let (scene, data) = made::scene(stated, Vec::new());
+    let known = moving(&scene, &data);
+    let number = |config: &toml::Table, key: &str| match &config[key] {
+        toml::Value::Float(x) => *x,
+        other => other.as_integer().unwrap() as f64,
+    };
+    // Cameras are about one unit from the centre.
+    assert!((number(&known, "near") - 0.35).abs() < 0.1, "{}", number(&known, "near"));
+    assert!(number(&unknown, "near") < 0.1);
+    assert!(number(&known, "cascades") < number(&unknown, "cascades"), "space ends nearer");
+}
+
+#[test]
 fn static_and_wild_agree_on_the_field() {
     for points in [Points::None, Points::WithoutTracks, Points::WithTracks] {
         let (scene, data) = capture(points);

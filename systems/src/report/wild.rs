@@ -65,7 +65,12 @@ pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
         .filter_map(|v| figure(&folder.join(&v.file), &caption(v), &format!("photo and mask of {}", v.name)))
         .collect();
     let mut out = format!("<h2>Masks</h2>\n<p class=\"soft\">{}.", escape(table.legend().trim_end()));
-    out += " Photo, mask (white: static)";
+    let was_given = table.views.iter().any(|v| v.given_share.is_some());
+    out += if was_given {
+        " Photo, mask as given (white: used), mask as found (white: static)"
+    } else {
+        " Photo, mask as found (white: static)"
+    };
     out += if table.with_truth > 0 { ", truth.</p>\n" } else { ".</p>\n" };
     if !figures.is_empty() {
         let _ = writeln!(out, "<div class=\"panel view\"><div class=\"strip wide\">{figures}</div></div>");
@@ -88,5 +93,6 @@ pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
 
 fn caption(v: &PhotoMask) -> String {
     let f1 = v.scores.f1.map_or_else(String::new, |f1| format!(" · F1 {f1:.3}"));
-    format!("{} · {:.0} % static{f1}", v.name, 100.0 * v.static_share)
+    let given = v.given_share.map_or_else(String::new, |share| format!(" · given {:.0} % white", 100.0 * share));
+    format!("{}{given} · {:.0} % static{f1}", v.name, 100.0 * v.static_share)
 }

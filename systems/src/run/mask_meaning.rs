@@ -36,12 +36,14 @@ pub enum MaskMeaning {
     Sparse(String),
 }
 
-/// What masks that were read as [`MaskPolarity::WhiteIsUsed`] are taken for where nothing was said about it; `left` is the share
-/// of the training photos that they leave. Decodes every mask where that is little.
+/// What masks that were read as [`MaskPolarity::WhiteIsUsed`] are taken for. `left` is the share of the training photos that they
+/// leave, `None` where there are none; `said` is the word of `--mask-white`: where one is given, it holds. Decodes every mask
+/// where little is left.
 ///
 /// # Errors
 /// [`RunError::Scene`] naming a mask that cannot be read.
-pub fn mask_meaning(scene: &Scene, left: f64) -> Result<MaskMeaning, RunError> {
+pub fn mask_meaning(scene: &Scene, left: Option<f64>, said: Option<&str>) -> Result<MaskMeaning, RunError> {
+    let Some(left) = left.filter(|_| said.is_none()) else { return Ok(MaskMeaning::AsRead) };
     let training: Vec<&Frame> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
     let masked: Vec<&Frame> =
         training.iter().copied().filter(|f| f.mask.is_some() && f.mask_polarity == MaskPolarity::WhiteIsUsed).collect();

@@ -141,25 +141,24 @@ impl<'a> Run<'a> {
         let points = provide::take(&mut options.set)?;
         let mut scene = (parts.load)(spec, &data)?;
         // Whoever goes on with a run has been told, and whoever says what white means knows.
-        if let Some(left) = refuse_blank_masks(&scene.frames)?.filter(|_| data.mask_white.is_none()) {
-            match mask_meaning(&scene, left)? {
-                MaskMeaning::AsRead => {}
-                MaskMeaning::Sparse(line) => observer.event(Event::Warning(&line)),
-                MaskMeaning::Object(line) => {
-                    observer.event(Event::Warning(&line));
-                    // As if it had been said: the run's configuration has it, and a resumed run reads the same photos.
-                    data.mask_white = Some("object".into());
-                    scene = (parts.load)(spec, &data)?;
-                }
+        let left = refuse_blank_masks(&scene.frames)?;
+        match mask_meaning(&scene, left, data.mask_white.as_deref())? {
+            MaskMeaning::AsRead => {}
+            MaskMeaning::Sparse(line) => observer.event(Event::Warning(&line)),
+            MaskMeaning::Object(line) => {
+                observer.event(Event::Warning(&line));
+                // As if it had been said: the run's configuration has it, and a resumed run reads the same photos.
+                data.mask_white = Some("object".into());
+                scene = (parts.load)(spec, &data)?;
             }
         }
         let dataset = dataset_hash(&scene)?;
         keep_training_points(&mut scene);
-        let (mut train, held_out) = datasets(&scene, &data)?;
+        let (mut train, mut held_out) = datasets(&scene, &data)?;
         // Said where it was asked for or could be done: a run that says nothing goes on without.
         let points = points.or_else(|| provide::may_help(&scene, &train).then_some(true));
         if points == Some(true) && provide::may_help(&scene, &train) {
-            provide::make(folder, parts.storage, &mut scene, &mut train, observer)?;
+            provide::make(folder, parts.storage, &mut scene, (&mut train, &mut held_out), observer)?;
         }
         for problem in capture::problems(&scene, &train)? {
             observer.event(Event::Warning(&problem.to_string()));
@@ -261,7 +260,7 @@ impl<'a> Run<'a> {
         if dataset != meta.dataset {
             return Err(RunError::DatasetChanged { run: short(&meta.dataset), now: short(&dataset) });
         }
-        let (mut train, held_out) = datasets(&scene, &data)?;
+        let (mut train, mut held_out) = datasets(&scene, &data)?;
         let mut options = RunOptions {
             seed: config.seed,
             background: Some(config.background),
@@ -269,7 +268,7 @@ impl<'a> Run<'a> {
             set: config.settings.clone(),
         };
         if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {
-            provide::again(folder, &mut scene, &mut train)?;
+            provide::again(folder, &mut scene, (&mut train, &mut held_out))?;
         }
         let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
         system.load_state(&state)?;

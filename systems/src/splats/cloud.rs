@@ -39,6 +39,10 @@ const SMALL: u32 = 80;
 const ALL_AROUND: f64 = 0.95;
 const TOO_NEAR: f64 = 0.05;
 const FAR_ENOUGH: f64 = 0.3;
+/// From inside a path is a circle of this part of the depth in the picture's middle, and of no more than this part of the nearest:
+/// nobody knows how far the photos went.
+const SWAY: f64 = 0.06;
+const SWAY_NEAR: f64 = 0.5;
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
@@ -194,36 +198,72 @@ impl Cloud {
         // The far ones are enough to step through.
         views.truncate(1);
         views.extend(around(1.0));
-        let origin = Camera { pose: Pose::IDENTITY, ..self.camera(0.0) };
+        let origin = self.origin();
         views.push(origin);
-        if self.surrounds(&origin) {
+        if self.surroundings(&origin).is_some() {
             // A room is nothing from outside.
             views.rotate_right(1);
         }
         views
     }
 
-    /// Whether a camera has the scene all around it and not before its nose.
-    fn surrounds(&self, camera: &Camera) -> bool {
+    /// Depth of the nearest things and of the middle ones in a camera's picture, where the scene is all around it and not before
+    /// its nose.
+    fn surroundings(&self, camera: &Camera) -> Option<[f64; 2]> {
         let small = limited(camera, Some(SMALL));
-        let Ok(view) = self.render(&small, &plain_query([0.0; 3], 0.0)) else { return false };
+        let view = self.render(&small, &plain_query([0.0; 3], 0.0)).ok()?;
         let opaque = view.layers.opacity.iter().filter(|o| **o > 0.9).count();
         let mut depths = view.layers.depth.clone();
         depths.sort_by(f32::total_cmp);
         let depth = |share: f64| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]);
-        opaque as f64 > ALL_AROUND * depths.len() as f64
-            && depth(0.05) > TOO_NEAR * self.radius
-            && depth(0.5) > FAR_ENOUGH * self.radius
+        let (near, middle) = (depth(0.05), depth(0.5));
+        let inside = opaque as f64 > ALL_AROUND * depths.len() as f64
+            && near > TOO_NEAR * self.radius
+            && middle > FAR_ENOUGH * self.radius;
+        inside.then_some([near, middle])
     }
 
-    /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, or a file.
+    /// Cameras on a small circle about one that is inside of the scene, all looking at what it looks at.
+    fn sway(&self, camera: &Camera, [near, middle]: [f64; 2], n: usize) -> Vec<Camera> {
+        let Pose { r, c } = camera.pose;
+        let aim = c + r.z_axis * middle;
+        let size = (SWAY * middle).min(SWAY_NEAR * near);
+        let at = |i: usize| {
+            let (sin, cos) = (core::f64::consts::TAU * i as f64 / n as f64).sin_cos();
+            let eye = c + (r.x_axis * cos + r.y_axis * (0.5 * sin)) * size;
+            let z = (aim - eye).normalize();
+            let x = r.y_axis.cross(z).normalize();
+            Camera { pose: Pose { r: DMat3::from_cols(x, z.cross(x), z), c: eye }, ..*camera }
+        };
+        (0..n).map(at).collect()
+    }
+
+    /// Where an orbit goes, for people.
+    #[must_use]
+    pub fn orbit_line(&self) -> &'static str {
+        match self.surroundings(&self.origin()) {
+            Some(_) => "orbit: a small circle from where the file's frame begins, which is inside of the scene",
+            None => "orbit: around the middle of the cloud; a file of Gaussians does not say where its photos were",
+        }
+    }
+
+    /// The camera where the frame of the file begins.
+    fn origin(&self) -> Camera {
+        Camera { pose: Pose::IDENTITY, ..self.camera(0.0) }
+    }
+
+    /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, a small one where
+    /// the scene is looked at from inside, or a file.
     ///
     /// # Errors
     /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.
     pub fn cameras(&self, kind: &PathKind, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
         let n = frames.unwrap_or(FRAMES);
         match kind {
-            PathKind::Orbit => Ok((0..n).map(|i| self.camera(i as f64 / n as f64)).collect()),
+            PathKind::Orbit => Ok(match self.surroundings(&self.origin()) {
+                Some(depths) => self.sway(&self.origin(), depths, n),
+                None => (0..n).map(|i| self.camera(i as f64 / n as f64)).collect(),
+            }),
             PathKind::File(path) => from_file(path, &self.camera(0.0), frames),
             PathKind::Photos | PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(format!(
                 "`--path {kind}`: a file of Gaussians has no photos; use `--path orbit` or a file of cameras (`--path \

@@ -31,6 +31,7 @@ struct Buffers {
     features: Vec<[f32; LOOKS]>,
     raster: Raster<LOOKS>,
     planes: Vec<f32>,
+    middles: Vec<f32>,
 }
 
 /// Buffers that one picture leaves to the next.
@@ -105,8 +106,7 @@ impl LeftOut {
 }
 
 impl Look<'_> {
-    /// What `camera`, of the scene's frame, sees. Depths are distances along rays, world units; the median of a pixel is taken
-    /// for its mean.
+    /// What `camera`, of the scene's frame, sees. Depths are distances along rays, world units.
     ///
     /// # Errors
     /// [`SplatError`] for a camera that cannot see, or more pairs than can be counted.
@@ -131,7 +131,7 @@ impl Look<'_> {
     /// The same of a pinhole camera.
     fn plane(&self, camera: &Camera, query: &Query, buffers: &mut Buffers) -> Result<(Layers, LeftOut), SplatError> {
         let view = view(camera, self.frame);
-        let Buffers { projection, features, raster, planes } = buffers;
+        let Buffers { projection, features, raster, planes, middles } = buffers;
         projection.project(self.simd, self.cloud, &view, &self.rules, self.degree)?;
         features.clear();
         features.extend(projection.rgb.iter().zip(&projection.footprints).map(|(c, f)| [c[0], c[1], c[2], f.z]));
@@ -140,6 +140,8 @@ impl Look<'_> {
         let pixels = view.size[0] * view.size[1];
         planes.resize((LOOKS + 1) * pixels, 0.0);
         raster.planes(planes)?;
+        middles.resize(pixels, 0.0);
+        raster.middles(self.simd, (&projection.footprints, features), &rules, middles)?;
         let mut left_out = LeftOut::default();
         left_out.count(self.cloud.len(), projection.footprints.len(), &drawn);
 
@@ -148,31 +150,37 @@ impl Look<'_> {
         let (depth, trans) = rest.split_at(pixels);
         let scale = self.frame.scale as f32;
         let width = view.size[0];
-        (layers.rgb.par_chunks_mut(width), layers.opacity.par_chunks_mut(width), layers.depth.par_chunks_mut(width))
-            .into_par_iter()
-            .enumerate()
-            .for_each(|(y, (rgb, opacity, distance))| {
-                let down = (y as f32 + 0.5 - view.c[1]) / view.f[1];
-                for x in 0..width {
-                    let i = y * width + x;
-                    let t = trans[i];
-                    rgb[x] = [0, 1, 2].map(|c| colour[c * pixels + i] + t * query.background[c]);
-                    opacity[x] = 1.0 - t;
-                    if t < 1.0 {
-                        let aside = (x as f32 + 0.5 - view.c[0]) / view.f[0];
-                        distance[x] = depth[i] / (1.0 - t) * scale * (1.0 + aside * aside + down * down).sqrt();
-                    }
+        let rows = (
+            layers.rgb.par_chunks_mut(width),
+            layers.opacity.par_chunks_mut(width),
+            layers.depth.par_chunks_mut(width),
+            layers.median_depth.par_chunks_mut(width),
+        );
+        rows.into_par_iter().enumerate().for_each(|(y, (rgb, opacity, distance, middle))| {
+            let down = (y as f32 + 0.5 - view.c[1]) / view.f[1];
+            for x in 0..width {
+                let i = y * width + x;
+                let t = trans[i];
+                rgb[x] = [0, 1, 2].map(|c| colour[c * pixels + i] + t * query.background[c]);
+                opacity[x] = 1.0 - t;
+                let aside = (x as f32 + 0.5 - view.c[0]) / view.f[0];
+                let along = scale * (1.0 + aside * aside + down * down).sqrt();
+                if t < 1.0 {
+                    distance[x] = depth[i] / (1.0 - t) * along;
                 }
-            });
-        layers.median_depth.copy_from_slice(&layers.depth);
+                middle[x] = middles[i] * along;
+            }
+        });
         if query.layers.normals == Normals::Compute {
             self.normals(&view, projection, &mut layers)?;
         }
         if query.layers.canonical == Canonical::Compute {
-            for (i, point) in layers.canonical.iter_mut().enumerate().filter(|(i, _)| layers.depth[*i].is_finite()) {
+            for (i, point) in
+                layers.canonical.iter_mut().enumerate().filter(|(i, _)| layers.median_depth[*i].is_finite())
+            {
                 let at = DVec2::new((i % view.size[0]) as f64 + 0.5, (i / view.size[0]) as f64 + 0.5);
                 if let Some(ray) = camera.ray(at) {
-                    *point = ray.at(f64::from(layers.depth[i])).to_array();
+                    *point = ray.at(f64::from(layers.median_depth[i])).to_array();
                 }
             }
         }

@@ -104,6 +104,7 @@ pub(super) fn best(cloud: &Cloud, cameras: &[Camera]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera_path::PathKind;
     use field_core::rng::Rng;
     use splat_core::Rules;
 
@@ -171,5 +172,34 @@ mod tests {
         }
         let blocked = Cloud::new(gaussians, Rules::DEFAULT).views();
         assert!(blocked[0].pose.c.distance(cameras[0].pose.c) > 0.2 * radius, "another one is the best now");
+    }
+
+    #[test]
+    fn an_orbit_goes_around_a_thing_and_stays_inside_of_a_room() {
+        let orbit = |cloud: &Cloud| cloud.cameras(&PathKind::Orbit, Some(8)).unwrap();
+        let thing = Cloud::new(scene(DVec3::Z), Rules::DEFAULT);
+        let (middle, radius) = thing.extent();
+        assert!(
+            orbit(&thing).iter().all(|c| c.pose.c.distance(middle) > radius) && thing.orbit_line().contains("around")
+        );
+        // A shell about the place where the frame begins.
+        let n = 800;
+        let mut shell = Gaussians::new(n, 0).unwrap();
+        for i in 0..n {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
+            let (sin, cos) = (2.399_963_229_728_653 * i as f64).sin_cos();
+            let (x, y) = ((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin);
+            for (k, v) in [x, y, z].into_iter().enumerate() {
+                shell.mean[k * n + i] = 5.0 * v as f32;
+                shell.log_scale[k * n + i] = -0.7;
+            }
+            shell.wxyz[i] = 1.0;
+            shell.logit[i] = 6.0;
+        }
+        let room = Cloud::new(shell, Rules::DEFAULT);
+        let cameras = orbit(&room);
+        assert!(room.orbit_line().contains("inside"), "{}", room.orbit_line());
+        assert!(cameras.iter().all(|c| c.pose.c.length() < 0.5 && c.optical_axis().z > 0.99), "{cameras:?}");
+        assert!(cameras[0].pose.c.distance(cameras[4].pose.c) > 0.1, "it moves");
     }
 }

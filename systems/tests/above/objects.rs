@@ -201,7 +201,7 @@ fn masks_that_show_one_thing_at_one_place_are_of_an_object() {
     let folder = tempfile::tempdir().unwrap();
     let meaning = |scene: &Scene| {
         let left = refuse_blank_masks(&scene.frames).unwrap().unwrap();
-        mask_meaning(scene, left).unwrap()
+        mask_meaning(scene, Some(left), None).unwrap()
     };
     let MaskMeaning::Object(line) = meaning(&ball(folder.path(), false)) else { panic!("a ball is an object") };
     assert!(line.contains("OBJECT") && line.contains("--mask-white used"), "{line}");
@@ -213,7 +213,7 @@ fn masks_that_show_one_thing_at_one_place_are_of_an_object() {
     assert!(matches!(meaning(&few), MaskMeaning::Sparse(_)), "three photos say too little");
     let mut whole = ball(folder.path(), false);
     whole.frames.iter_mut().for_each(|frame| frame.mask = None);
-    assert_eq!(mask_meaning(&whole, 1.0).unwrap(), MaskMeaning::AsRead);
+    assert_eq!(mask_meaning(&whole, Some(1.0), None).unwrap(), MaskMeaning::AsRead);
 }
 
 #[test]
@@ -257,7 +257,7 @@ fn the_statues_masks_are_of_an_object() {
     };
     let scene = scene_io::load(&path, &LoadOptions::default()).unwrap();
     let left = refuse_blank_masks(&scene.frames).unwrap().unwrap();
-    assert!(matches!(mask_meaning(&scene, left).unwrap(), MaskMeaning::Object(_)));
+    assert!(matches!(mask_meaning(&scene, Some(left), None).unwrap(), MaskMeaning::Object(_)));
 }
 
 const STATUE: &str = "nerd_in_the_wild/statue_of_liberty_40";

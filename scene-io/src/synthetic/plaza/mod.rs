@@ -54,9 +54,9 @@ pub struct PlazaOptions {
 }
 
 impl Default for PlazaOptions {
-    /// 24 training photos and 6 held-out views of 192 x 144 pixels, 3 x 3 rays each.
+    /// 48 training photos and 6 held-out views of 192 x 144 pixels, 3 x 3 rays each.
     fn default() -> Self {
-        Self { width: 192, height: 144, train: 24, test: 6, seed: 0, rays: 3, photos: TrainPhotos::Clutter }
+        Self { width: 192, height: 144, train: 48, test: 6, seed: 0, rays: 3, photos: TrainPhotos::Clutter }
     }
 }
 

@@ -1,19 +1,22 @@
 //! The command line: words others script against. The same words mean the same in every app; see [`crate::app`] for what
 //! differs.
 
+mod words;
+
+pub(crate) use words::{BackgroundWord, EmptyWord, Layer, MeshMethod, PoserWord, ProgressKind, VideoWord};
+
 use crate::app::App;
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
-use losses::metrics::EmptyClass;
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use systems::appearance::LightPath;
 use systems::camera_path::PathKind;
 use systems::eval::EvalAppearance;
-use systems::options::Background;
 use systems::plan::Purpose;
 use systems::time_path::TimePath;
+use words::{at_least_two, budget, frame_count, moment, seconds, triangle_count};
 
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -32,18 +35,6 @@ pub(crate) struct Cli {
     /// Weights of the LPIPS metric, a safetensors file (or variable WILDFIELD_LPIPS); without, LPIPS is n/a
     #[arg(long, global = true, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ProgressKind {
-    /// A redrawn line on a terminal, a line per interval otherwise
-    Auto,
-    /// A line per interval
-    Lines,
-    /// A JSON object a line, on standard error
-    Json,
-    /// None
-    Off,
 }
 
 #[derive(Debug, Subcommand)]
@@ -173,27 +164,6 @@ pub(crate) struct Prepare {
     /// What finds the cameras (default: the first that is there)
     #[arg(long, value_enum, value_name = "WHAT")]
     pub(crate) with: Option<PoserWord>,
-}
-
-/// `sfm | colmap | glomap`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PoserWord {
-    /// The crate openmvg-sfm, in programs built with the feature `sfm`
-    Sfm,
-    /// The program colmap, 3.8 or newer
-    Colmap,
-    /// The program glomap, after colmap's features and matches
-    Glomap,
-}
-
-impl From<PoserWord> for prepare::Poser {
-    fn from(word: PoserWord) -> Self {
-        match word {
-            PoserWord::Sfm => Self::Sfm,
-            PoserWord::Colmap => Self::Colmap,
-            PoserWord::Glomap => Self::Glomap,
-        }
-    }
 }
 
 #[derive(Debug, Args)]
@@ -363,31 +333,6 @@ pub(crate) struct Render {
     pub(crate) video: Option<VideoWord>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum VideoWord {
-    /// H.264 in preview.mp4
-    Mp4,
-    /// VP9 in preview.webm
-    Webm,
-    /// None
-    Off,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Layer {
-    /// Colour
-    #[value(alias = "color")]
-    Colour,
-    /// Distance along the ray, near bright
-    Depth,
-    /// Opacity
-    Opacity,
-    /// Normals of the world's frame
-    Normals,
-    /// Which point of the scene at rest is seen, as colour: x, y, z within the scene's box
-    Canonical,
-}
-
 #[derive(Debug, Args)]
 pub(crate) struct View {
     /// Run folder, also of a training that still goes on, or a file of Gaussians (.ply, .splat, .spz)
@@ -472,199 +417,5 @@ pub(crate) struct Masks {
     pub(crate) empty_class: EmptyWord,
 }
 
-/// `tsdf | density`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum MeshMethod {
-    /// Depth rendered at the photos' cameras, fused: fields and Gaussians
-    Tsdf,
-    /// Where the density of a field crosses a level, in the whole box
-    Density,
-}
-
-/// `one | zero | left-out`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum EmptyWord {
-    /// 1: both say that there is nothing
-    One,
-    /// 0
-    Zero,
-    /// Nothing: it stays out of the means
-    LeftOut,
-}
-
-impl From<EmptyWord> for EmptyClass {
-    fn from(word: EmptyWord) -> Self {
-        match word {
-            EmptyWord::One => Self::One,
-            EmptyWord::Zero => Self::Zero,
-            EmptyWord::LeftOut => Self::LeftOut,
-        }
-    }
-}
-
-/// `white | black | random`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum BackgroundWord {
-    White,
-    Black,
-    /// Another colour for each training ray; evaluated on white
-    Random,
-}
-
-impl From<BackgroundWord> for Background {
-    fn from(word: BackgroundWord) -> Self {
-        match word {
-            BackgroundWord::White => Self::White,
-            BackgroundWord::Black => Self::Black,
-            BackgroundWord::Random => Self::Random,
-        }
-    }
-}
-
-/// A time of a scene that moves.
-fn moment(text: &str) -> Result<f64, String> {
-    let path: TimePath = text.parse()?;
-    if path.is_still() {
-        Ok(path.at(0, 1))
-    } else {
-        Err(format!("`{text}` is a way from one time to another: give one time"))
-    }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("write a number above 0".into()),
-    }
-}
-
-fn budget(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if (0.0..=1.0).contains(&x) => Ok(x),
-        _ => Err("write a number from 0 to 1".into()),
-    }
-}
-
-/// Cameras need two pictures.
-fn at_least_two(text: &str) -> Result<usize, String> {
-    match text.parse::<usize>() {
-        Ok(n @ 2..=100_000) => Ok(n),
-        _ => Err("write a whole number from 2 to 100000".into()),
-    }
-}
-
-fn triangle_count(text: &str) -> Result<usize, String> {
-    match text.parse::<usize>() {
-        Ok(n @ 4..=100_000_000) => Ok(n),
-        _ => Err("write a whole number from 4 to 100000000".into()),
-    }
-}
-
-fn frame_count(text: &str) -> Result<usize, String> {
-    match text.parse::<usize>() {
-        Ok(n @ 1..=100_000) => Ok(n),
-        _ => Err("write a whole number from 1 to 100000".into()),
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::app::{STATIC, WILD as WILD_APP};
-
-    fn read(app: &App, line: &str) -> Result<Cli, clap::Error> {
-        Cli::read(app, std::iter::once(app.name).chain(line.split_whitespace()).map(Into::into))
-    }
-
-    #[test]
-    fn the_command_lines_are_consistent() {
-        for app in [&STATIC, &WILD_APP] {
-            Cli::of(app).debug_assert();
-        }
-    }
-
-    const SHARED: [&str; 19] = [
-        "demo --out d",
-        "demo",
-        "check s --holdout every:8",
-        "train s --out d --system ngp --steps 10 --eval-every 5 --longest-side 100 --holdout none --background black \
-         --seed 3 --threads 2 --error-budget 0.001 --set lr=0.1 --set space=ndc --image-memory 100",
-        "train s --out d --seconds 60 --eval-at 10,30.5 --progress json",
-        "train s --out d --train-split clean",
-        "train --resume --out d",
-        "eval d --lpips-weights w",
-        "train s --out d --system mip-nerf --scales 4 --set width=64",
-        "eval d --scales 4",
-        "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
-        "render d --path hold:train/r_0 --out e",
-        "render d --out e --video webm",
-        "render d --path photos --out e --video off",
-        "view d",
-        "view d --host 0.0.0.0 --port 8080",
-        "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
-        "export d --mesh m.glb --triangles 50000 --method tsdf --resolution 300",
-        "export c.spz --mesh m.obj --look-from c.json",
-    ];
-
-    const OF_WILD: [&str; 9] = [
-        "demo --field mlp",
-        "train s --out d --field ngp",
-        "train s --out d --eval-appearance fit",
-        "eval d --eval-appearance encode:whole",
-        "eval d --eval-appearance image:train/r_0.png",
-        "render d --path orbit --out e --appearance mean",
-        "render d --path hold:a --out e --appearance image:a..fit:../b.png --fit-camera b",
-        "masks d --out m --every 4 --empty-class left-out",
-        "masks d",
-    ];
-
-    #[test]
-    fn agreed_words_are_understood() {
-        for line in SHARED {
-            for app in [&STATIC, &WILD_APP] {
-                read(app, line).unwrap_or_else(|e| panic!("{}: {line}: {e}", app.name));
-            }
-        }
-        for line in OF_WILD {
-            read(&WILD_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
-            let error = read(&STATIC, line).unwrap_err();
-            assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-wild"), "{line}: {error}");
-        }
-        for line in [
-            "train s",
-            "train --out d",
-            "train s --out d --steps 1 --seconds 1",
-            "export d",
-            "render d --out e --path circle",
-            "render d --out e --video avi",
-            "export d --method tsdf",
-            "export d --mesh m.ply --triangles 3",
-            "train s --out d --train-split dirty",
-            "train s --out d --field fog",
-            "train s --out d --eval-appearance encode:right",
-            "render d --path orbit --out e --appearance noon",
-            "render d --path orbit --out e --fit-camera b",
-            "view",
-            "view d --port 70000",
-            "masks d --every 0",
-            "masks d --empty-class two",
-        ] {
-            assert!(read(&WILD_APP, line).is_err(), "{line}");
-        }
-    }
-
-    #[test]
-    fn help_shows_the_words_of_the_app_alone() {
-        for (app, has) in [(&STATIC, false), (&WILD_APP, true)] {
-            let help = |line: &str| read(app, line).unwrap_err().to_string();
-            assert_eq!(help("--help").contains("masks"), has, "{}", app.name);
-            assert_eq!(help("train --help").contains("--eval-appearance"), has, "{}", app.name);
-            assert_eq!(help("render --help").contains("--appearance"), has, "{}", app.name);
-            assert!(
-                help("--help").contains(app.about) && help("demo --help").contains(app.demo_folder),
-                "{}",
-                app.name
-            );
-        }
-    }
-}
+mod tests;

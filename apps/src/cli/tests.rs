@@ -1,0 +1,96 @@
+//! Words that are agreed.
+
+use super::*;
+use crate::app::{STATIC, WILD as WILD_APP};
+
+fn read(app: &App, line: &str) -> Result<Cli, clap::Error> {
+    Cli::read(app, std::iter::once(app.name).chain(line.split_whitespace()).map(Into::into))
+}
+
+#[test]
+fn the_command_lines_are_consistent() {
+    for app in [&STATIC, &WILD_APP] {
+        Cli::of(app).debug_assert();
+    }
+}
+
+const SHARED: [&str; 19] = [
+    "demo --out d",
+    "demo",
+    "check s --holdout every:8",
+    "train s --out d --system ngp --steps 10 --eval-every 5 --longest-side 100 --holdout none --background black \
+     --seed 3 --threads 2 --error-budget 0.001 --set lr=0.1 --set space=ndc --image-memory 100",
+    "train s --out d --seconds 60 --eval-at 10,30.5 --progress json",
+    "train s --out d --train-split clean",
+    "train --resume --out d",
+    "eval d --lpips-weights w",
+    "train s --out d --system mip-nerf --scales 4 --set width=64",
+    "eval d --scales 4",
+    "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
+    "render d --path hold:train/r_0 --out e",
+    "render d --out e --video webm",
+    "render d --path photos --out e --video off",
+    "view d",
+    "view d --host 0.0.0.0 --port 8080",
+    "export d --points p.ply --mesh m.ply --cameras c.json --box -1,-1,-1,1,1,1",
+    "export d --mesh m.glb --triangles 50000 --method tsdf --resolution 300",
+    "export c.spz --mesh m.obj --look-from c.json",
+];
+
+const OF_WILD: [&str; 9] = [
+    "demo --field mlp",
+    "train s --out d --field ngp",
+    "train s --out d --eval-appearance fit",
+    "eval d --eval-appearance encode:whole",
+    "eval d --eval-appearance image:train/r_0.png",
+    "render d --path orbit --out e --appearance mean",
+    "render d --path hold:a --out e --appearance image:a..fit:../b.png --fit-camera b",
+    "masks d --out m --every 4 --empty-class left-out",
+    "masks d",
+];
+
+#[test]
+fn agreed_words_are_understood() {
+    for line in SHARED {
+        for app in [&STATIC, &WILD_APP] {
+            read(app, line).unwrap_or_else(|e| panic!("{}: {line}: {e}", app.name));
+        }
+    }
+    for line in OF_WILD {
+        read(&WILD_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        let error = read(&STATIC, line).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-wild"), "{line}: {error}");
+    }
+    for line in [
+        "train s",
+        "train --out d",
+        "train s --out d --steps 1 --seconds 1",
+        "export d",
+        "render d --out e --path circle",
+        "render d --out e --video avi",
+        "export d --method tsdf",
+        "export d --mesh m.ply --triangles 3",
+        "train s --out d --train-split dirty",
+        "train s --out d --field fog",
+        "train s --out d --eval-appearance encode:right",
+        "render d --path orbit --out e --appearance noon",
+        "render d --path orbit --out e --fit-camera b",
+        "view",
+        "view d --port 70000",
+        "masks d --every 0",
+        "masks d --empty-class two",
+    ] {
+        assert!(read(&WILD_APP, line).is_err(), "{line}");
+    }
+}
+
+#[test]
+fn help_shows_the_words_of_the_app_alone() {
+    for (app, has) in [(&STATIC, false), (&WILD_APP, true)] {
+        let help = |line: &str| read(app, line).unwrap_err().to_string();
+        assert_eq!(help("--help").contains("masks"), has, "{}", app.name);
+        assert_eq!(help("train --help").contains("--eval-appearance"), has, "{}", app.name);
+        assert_eq!(help("render --help").contains("--appearance"), has, "{}", app.name);
+        assert!(help("--help").contains(app.about) && help("demo --help").contains(app.demo_folder), "{}", app.name);
+    }
+}
