@@ -75,10 +75,7 @@ impl Session {
     /// A line that can be typed as it is: this program as it was called, `words` quoted where a shell needs it, and
     /// `with_options` of all commands as they were given.
     pub(crate) fn command_line(&self, words: Vec<String>, with_options: bool) -> String {
-        // No panic over a name that is not UTF-8.
-        let program = std::env::args_os().next().map(|name| name.to_string_lossy().into_owned());
-        let program = program.filter(|name| !name.is_empty()).unwrap_or_else(|| self.app.name.into());
-        let mut line = vec![program];
+        let mut line = vec![program(self.app)];
         line.extend(words);
         if with_options {
             line.extend(self.threads.into_iter().flat_map(|n| ["--threads".into(), n.to_string()]));
@@ -86,6 +83,13 @@ impl Session {
         }
         shlex::try_join(line.iter().map(String::as_str)).unwrap_or_else(|_| line.join(" "))
     }
+}
+
+/// This program as it was called: what is typed next begins with it.
+pub(crate) fn program(app: &App) -> String {
+    // No panic over a name that is not UTF-8.
+    let name = std::env::args_os().next().map(|name| name.to_string_lossy().into_owned());
+    name.filter(|name| !name.is_empty()).unwrap_or_else(|| app.name.into())
 }
 
 /// Do what the command line says.

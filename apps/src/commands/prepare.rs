@@ -1,6 +1,6 @@
 //! `prepare`: photos or a video to a scene with cameras.
 
-use super::{Done, Failure, Session, check};
+use super::{Done, Failure, Session, check, program};
 use crate::app::App;
 use crate::cli::{Cli, Command, Prepare, ProgressKind};
 use crate::interrupt;
@@ -85,7 +85,7 @@ fn check_scene(app: &'static App, scene: &Path) -> Result<Done, Failure> {
 fn train_command(app: &App, scene: &Path) -> String {
     let name = scene.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
     let name = name.strip_suffix("-scene").unwrap_or(&name);
-    format!("{} train {} --out {}", app.name, quoted(scene), quoted(&Path::new("runs").join(name)))
+    format!("{} train {} --out {}", program(app), quoted(scene), quoted(&Path::new("runs").join(name)))
 }
 
 /// What to type where an error says that photos have no cameras; `None` for other errors.
@@ -108,7 +108,7 @@ pub(crate) fn advice_for(app: &App, path: &Path) -> Option<String> {
     let full = std::path::absolute(named).unwrap_or_else(|_| named.to_path_buf());
     let stem = full.file_stem().map_or_else(|| "photos".into(), |n| n.to_string_lossy().into_owned());
     let out = PathBuf::from(format!("{stem}-scene"));
-    let prepare = format!("{} prepare {} --out {}", app.name, quoted(&input), quoted(&out));
+    let prepare = format!("{} prepare {} --out {}", program(app), quoted(&input), quoted(&out));
     Some(format!("type: {prepare}\nthen: {}", train_command(app, &out)))
 }
 

@@ -1,6 +1,6 @@
 //! Photos without cameras: what is said of them, and `prepare`, with programs made up for the test.
 
-use crate::tools::{Answer, dataset, error_line, nerf, nerf_dynamic, nerf_wild, program, text};
+use crate::tools::{Answer, called, dataset, error_line, nerf, nerf_dynamic, nerf_wild, program, text};
 use scene_io::export::write_colmap;
 use scene_io::{LoadOptions, load};
 use std::fs;
@@ -31,6 +31,7 @@ fn photos_without_cameras_are_told_the_commands_to_type() {
         assert_eq!(answer.code, 1, "{}", answer.err);
         let line = error_line(&answer);
         assert!(line.contains("8 photos and no cameras"), "{line}");
+        let name = called(name);
         let prepare = format!("type: {name} prepare '{}' --out 'my photos-scene'", photos.display());
         let train = format!("then: {name} train 'my photos-scene' --out 'runs/my photos'");
         for wanted in [&prepare, &train] {
@@ -165,7 +166,7 @@ fn a_folder_becomes_a_scene_and_a_second_call_goes_on_where_the_first_ended() {
     }
     assert!(answer.out.contains("colmap 3.8: 7 of 8 photos placed"), "{}", answer.out);
     assert!(answer.out.contains("not placed (1): photo_7.png"), "{}", answer.out);
-    let last = format!("next: nerf-static train {0} --out runs/my", out.display());
+    let last = format!("next: {} train {} --out runs/my", called("nerf-static"), out.display());
     assert_eq!(answer.out.trim_end().lines().last(), Some(last.as_str()));
     assert!(failed.err.contains("notes.txt") && failed.err.contains("broken.jpg"), "{}", failed.err);
 

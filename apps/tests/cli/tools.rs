@@ -58,6 +58,11 @@ pub(crate) fn program() -> Command {
     prepared("nerf-static")
 }
 
+/// A program as it is called here: what it says to type begins with it.
+pub(crate) fn called(name: &str) -> String {
+    Command::cargo_bin(name).unwrap().get_program().to_str().unwrap().to_owned()
+}
+
 pub(crate) fn prepared(name: &str) -> Command {
     let mut command = Command::cargo_bin(name).unwrap();
     command.env_remove("WILDFIELD_LPIPS").args(["--threads", "2"]);
