@@ -63,12 +63,12 @@ const COVERED: f64 = 0.5;
 const PARTS: u32 = 8;
 /// An object's photos are large enough for a cloud from this longest side on, pixels.
 const OBJECT_SIDE: u32 = 200;
-/// So often a cloud must be shown all photos to be the better one: an object, and a scene that begins at points.
-const OBJECT_PASSES: f64 = 10.0;
-const PASSES: f64 = 25.0;
+/// So many steps a cloud takes to be the better one: of an object, and of a scene that begins at points.
+const OBJECT_STEPS: f64 = 1500.0;
+const STEPS: f64 = 300.0;
 /// Seconds of a step of a cloud on two cores, roughly: in any case, and for each pixel of the photo.
-const STEP: f64 = 0.02;
-const STEP_PER_PIXEL: f64 = 2e-7;
+const STEP: f64 = 0.028;
+const STEP_PER_PIXEL: f64 = 1.2e-8;
 
 /// What is known of a capture before training.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,8 +80,8 @@ struct Facts {
     /// Photos show where nothing is: alpha, or one plain colour all around.
     cut_out: bool,
     longest_side: u32,
-    /// How often a cloud is shown each photo before the training stops, roughly.
-    passes: f64,
+    /// Steps of a cloud before the training stops, roughly.
+    steps: f64,
 }
 
 impl Facts {
@@ -91,7 +91,7 @@ impl Facts {
             covered: coverage(data.views()),
             cut_out: has_alpha(data)? || backdrop(data)?.is_some(),
             longest_side: data.longest_side().unwrap_or(0),
-            passes: passes(data, stop),
+            steps: steps(data, stop),
         })
     }
 
@@ -101,16 +101,14 @@ impl Facts {
         if purpose == Purpose::Geometry {
             return Choice::new(FIELD, "for geometry: a cloud of Gaussians has no density".into());
         }
-        let passes = self.passes;
+        let steps = self.steps;
         let few = |least: f64| {
-            let why =
-                format!("a cloud would be shown each photo {passes:.0} times before the stop, it takes {least:.0}");
-            Choice::new(FIELD, why)
+            Choice::new(FIELD, format!("a cloud would do about {steps:.0} steps before the stop, it takes {least:.0}"))
         };
         if self.cut_out {
             return match size {
                 ..OBJECT_SIDE => Choice::new(FIELD, format!("photos of {size} pixels, a cloud takes {OBJECT_SIDE}")),
-                _ if passes < OBJECT_PASSES => few(OBJECT_PASSES),
+                _ if steps < OBJECT_STEPS => few(OBJECT_STEPS),
                 _ => Choice::new(CLOUD, format!("photos of {size} pixels show what is empty")),
             };
         }
@@ -124,21 +122,20 @@ impl Facts {
                 format!("{points} points are in {share} of the pictures' parts, a cloud takes {}", percent(COVERED));
             return Choice::new(FIELD, why);
         }
-        if passes < PASSES {
-            return few(PASSES);
+        if steps < STEPS {
+            return few(STEPS);
         }
         Choice::new(CLOUD, format!("{points} points are in {share} of the pictures' parts"))
     }
 }
 
-/// How often a cloud is shown each photo until a stop; always where none is known.
-fn passes(data: &Dataset, stop: Option<Stop>) -> f64 {
-    let views = data.len().max(1) as f64;
-    let step = STEP + STEP_PER_PIXEL * data.pixel_count() as f64 / views;
+/// Steps of a cloud until a stop; no end of them where none is known.
+fn steps(data: &Dataset, stop: Option<Stop>) -> f64 {
+    let step = STEP + STEP_PER_PIXEL * data.pixel_count() as f64 / data.len().max(1) as f64;
     match stop {
         None => f64::INFINITY,
-        Some(Stop::Steps(n)) => n as f64 / views,
-        Some(Stop::Seconds(s)) => s / step / views,
+        Some(Stop::Steps(n)) => n as f64,
+        Some(Stop::Seconds(s)) => s / step,
     }
 }
 
@@ -208,8 +205,8 @@ fn implied(set: &toml::Table) -> Result<Option<(&'static str, &str)>, SystemErro
 mod tests {
     use super::*;
 
-    const POINTS: Facts = Facts { points: 9000, covered: 0.9, cut_out: false, longest_side: 480, passes: 100.0 };
-    const OBJECT: Facts = Facts { points: 0, covered: 0.0, cut_out: true, longest_side: 400, passes: 60.0 };
+    const POINTS: Facts = Facts { points: 9000, covered: 0.9, cut_out: false, longest_side: 480, steps: 2000.0 };
+    const OBJECT: Facts = Facts { points: 0, covered: 0.0, cut_out: true, longest_side: 400, steps: 2000.0 };
 
     #[test]
     fn a_cloud_takes_points_or_an_object_and_time() {
@@ -217,9 +214,10 @@ mod tests {
         assert_eq!(chosen(POINTS), "splat");
         assert_eq!(chosen(Facts { covered: 0.3, ..POINTS }), "ngp");
         assert_eq!(chosen(Facts { points: 0, covered: 0.0, ..POINTS }), "ngp");
-        assert_eq!(chosen(Facts { passes: 11.0, ..POINTS }), "ngp", "bonsai after five minutes");
+        assert_eq!(chosen(Facts { steps: 450.0, ..POINTS }), "splat", "bonsai after fifteen seconds");
+        assert_eq!(chosen(Facts { steps: 100.0, ..POINTS }), "ngp");
         assert_eq!(chosen(OBJECT), "splat");
-        assert_eq!(chosen(Facts { passes: 5.8, ..OBJECT }), "ngp", "lego400 after half a minute");
+        assert_eq!(chosen(Facts { steps: 950.0, ..OBJECT }), "ngp", "lego400 after half a minute");
         assert_eq!(chosen(Facts { longest_side: 100, ..OBJECT }), "ngp");
         for facts in [POINTS, OBJECT] {
             assert_eq!(facts.choose(Purpose::Geometry).system, "ngp");
@@ -232,7 +230,7 @@ mod tests {
         for (line, figure) in [
             (line(POINTS), "9000 points are in 90.0 %"),
             (line(Facts { covered: 0.3, ..POINTS }), "30.0 %"),
-            (line(Facts { passes: 11.4, ..POINTS }), "11 times"),
+            (line(Facts { steps: 100.0, ..POINTS }), "100 steps"),
             (line(OBJECT), "400 pixels"),
         ] {
             assert!(line.starts_with("system: ") && line.contains(figure), "{line}");
@@ -240,11 +238,11 @@ mod tests {
     }
 
     #[test]
-    fn passes_are_steps_or_seconds_by_photos() {
+    fn a_stop_is_steps_or_seconds() {
         let (_, data) = super::super::made::capture(super::super::made::Points::None);
-        assert_eq!(passes(&data, Some(Stop::Steps(240))), 20.0);
-        assert_eq!(passes(&data, None), f64::INFINITY);
-        let seconds = passes(&data, Some(Stop::Seconds(60.0)));
-        assert!((200.0..260.0).contains(&seconds), "{seconds}");
+        assert_eq!(steps(&data, Some(Stop::Steps(240))), 240.0);
+        assert_eq!(steps(&data, None), f64::INFINITY);
+        let seconds = steps(&data, Some(Stop::Seconds(60.0)));
+        assert!((2000.0..2200.0).contains(&seconds), "{seconds}");
     }
 }
