@@ -34,6 +34,8 @@ const AROUND: usize = 8;
 const CLOSER: [f64; 3] = [1.0, 0.6, 0.35];
 /// Longest side of the pictures it is looked for with.
 const SMALL: u32 = 80;
+/// A pixel is opaque from here on: clouds of short trainings are thin everywhere.
+const OPAQUE: f32 = 0.5;
 /// A camera is inside where this share of a small picture is opaque, little of it nearer than the first of these parts of the
 /// scene's radius, and half of it farther than the second.
 const ALL_AROUND: f64 = 0.95;
@@ -212,7 +214,7 @@ impl Cloud {
     fn surroundings(&self, camera: &Camera) -> Option<[f64; 2]> {
         let small = limited(camera, Some(SMALL));
         let view = self.render(&small, &plain_query([0.0; 3], 0.0)).ok()?;
-        let opaque = view.layers.opacity.iter().filter(|o| **o > 0.9).count();
+        let opaque = view.layers.opacity.iter().filter(|o| **o > OPAQUE).count();
         let mut depths = view.layers.depth.clone();
         depths.sort_by(f32::total_cmp);
         let depth = |share: f64| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]);
