@@ -213,15 +213,14 @@ impl Watch for Watcher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::{STATIC, WILD};
+    use crate::app::STATIC;
 
     #[test]
     fn commands_can_be_typed_as_they_are() {
-        assert_eq!(train_command(&STATIC, Path::new("fox-scene")), "nerf-static train fox-scene --out runs/fox");
-        assert_eq!(
-            train_command(&WILD, Path::new("my photos-scene")),
-            "nerf-wild train 'my photos-scene' --out 'runs/my photos'"
-        );
+        let called = program(&STATIC);
+        let train = |scene: &str| train_command(&STATIC, Path::new(scene));
+        assert_eq!(train("fox-scene"), format!("{called} train fox-scene --out runs/fox"));
+        assert_eq!(train("my photos-scene"), format!("{called} train 'my photos-scene' --out 'runs/my photos'"));
         assert_eq!(advice_for(&STATIC, Path::new("/nothing/there")), None);
     }
 }
