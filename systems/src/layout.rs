@@ -141,13 +141,12 @@ fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Po
         return None;
     }
     let reference = mean_pose(poses)?;
-    let bounds = data.views().iter().filter_map(|v| scene.frames[v.frame].z_bounds).map(|b| b[0]);
-    let nearest = bounds.fold(f64::INFINITY, f64::min);
-    let nearest = if nearest.is_finite() {
-        nearest
-    } else {
-        let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
-        depth_ranges(cameras, &points, 0.01, 10)?.iter().map(|r| r[0]).fold(f64::INFINITY, f64::min)
+    let nearest = match stated_depths(data) {
+        Some([near, _]) => near,
+        None => {
+            let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+            depth_ranges(cameras, &points, 0.01, 10)?.iter().map(|r| r[0]).fold(f64::INFINITY, f64::min)
+        }
     };
     // Depths are measured from cameras that may stand before or behind the reference.
     let behind = poses.iter().map(|p| reference.to_camera(p.c).z).fold(f64::INFINITY, f64::min);
@@ -207,8 +206,8 @@ pub(crate) fn nearest_point(camera: &Camera, points: &[DVec3]) -> Option<f64> {
 
 /// The nearest and the farthest depth that the file states for a training photo, world units: LLFF's bounds. `None` where it states
 /// none.
-pub(crate) fn stated_depths(scene: &Scene, data: &Dataset) -> Option<[f64; 2]> {
-    let bounds = data.views().iter().filter_map(|v| scene.frames[v.frame].z_bounds);
+pub(crate) fn stated_depths(data: &Dataset) -> Option<[f64; 2]> {
+    let bounds = data.views().iter().filter_map(|v| v.source.z_bounds);
     let [near, far] = bounds.fold([f64::INFINITY, 0.0], |[near, far], b| [near.min(b[0]), far.max(b[1])]);
     (near > 0.0 && near < far && far.is_finite()).then_some([near, far])
 }
@@ -291,7 +290,7 @@ fn open(scene: &Scene, data: &Dataset, (poses, focal): (&[Pose], f64), reason: &
     let reach = reach(scene, centre, radius);
     let stated = scene.bounds.map(|b| (b.min - centre).abs().max((b.max - centre).abs()).max_element() / radius);
     // From a camera that stands off the centre, on its far side.
-    let deepest = stated_depths(scene, data).map(|[_, far]| far / radius + 1.0);
+    let deepest = stated_depths(data).map(|[_, far]| far / radius + 1.0);
     let (extent, how) = match (percentile(&reach, FAR_PERCENTILE), stated, deepest) {
         (Some(far), ..) => ((1.5 * far).clamp(2.0, WIDEST), "from its points"),
         (None, Some(stated), _) => (stated.clamp(2.0, WIDEST), "from the box in the file"),

@@ -37,6 +37,8 @@ pub struct LayerRequest {
     pub normals: Normals,
     /// Which point of the canonical scene is seen. Costs one evaluation of the deformation a ray.
     pub canonical: Canonical,
+    /// Median depths of Gaussians. They cost a second walk through what was drawn; fields have them in any case.
+    pub median: Median,
 }
 
 /// Whether normals are wanted.
@@ -56,6 +58,16 @@ pub enum Canonical {
     #[default]
     Skip,
     /// Computed.
+    Compute,
+}
+
+/// Whether the median depth of Gaussians is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Median {
+    /// The expected depth stands for it: enough for colours.
+    Skip,
+    /// Computed.
+    #[default]
     Compute,
 }
 

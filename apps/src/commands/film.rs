@@ -24,8 +24,8 @@ pub(super) struct Shots {
 
 impl Shots {
     /// Where there are no photos to compare with.
-    pub(super) fn plain(cameras: Vec<Camera>) -> Self {
-        Self { cameras, seen: None, lines: Vec::new() }
+    pub(super) fn plain(cameras: Vec<Camera>, line: Option<&str>) -> Self {
+        Self { cameras, seen: None, lines: line.map(str::to_owned).into_iter().collect() }
     }
 
     /// With what the photos saw of them.

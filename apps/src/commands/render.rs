@@ -17,7 +17,7 @@ use systems::progress::{Meter, Observer};
 use systems::render::{Rendered, plain_query, render};
 use systems::run::Run;
 use systems::splats::Cloud;
-use systems::system::{Appearance, Canonical, LayerRequest, Normals, Query};
+use systems::system::{Appearance, Canonical, LayerRequest, Median, Normals, Query};
 use systems::time_path::TimePath;
 
 /// Error of a pixel from skipped work where nothing is said: one step of an 8-bit picture.
@@ -58,11 +58,8 @@ impl Subject<'_, '_> {
         match self {
             Self::Run(run) => Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at)),
             Self::Cloud(cloud) => {
-                let path = path.unwrap_or(&PathKind::Orbit);
-                if let PathKind::Orbit = path {
-                    line(cloud.orbit_line());
-                }
-                cloud.cameras(path, frames).map(|cameras| Some(Shots::plain(cameras)))
+                let (cameras, line) = cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames)?;
+                Ok(Some(Shots::plain(cameras, line)))
             }
         }
     }
@@ -152,7 +149,7 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
     let bounds = subject.bounds();
     let query = Query {
-        layers: LayerRequest { normals, canonical },
+        layers: LayerRequest { normals, canonical, median: Median::Skip },
         error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET),
         ..subject.query()
     };

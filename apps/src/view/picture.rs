@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use systems::picture::{self, png_bytes};
 use systems::render::{Rendered, plain_query};
 use systems::splats::Cloud;
-use systems::system::{Canonical, LayerRequest, Layers, Normals, Query};
+use systems::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 
 /// Error of a pixel from skipped work: one step of an 8-bit picture.
 const ERROR_BUDGET: f32 = 1.0 / 255.0;
@@ -189,7 +189,7 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     let canonical = if draw.layer == Layer::Canonical { Canonical::Compute } else { Canonical::Skip };
     let background = draw.background.unwrap_or_else(|| scene.background());
     Query {
-        layers: LayerRequest { normals, canonical },
+        layers: LayerRequest { normals, canonical, median: Median::Skip },
         appearance: scene.appearance(&draw.light),
         time: draw.time,
         ..plain_query(background, ERROR_BUDGET)

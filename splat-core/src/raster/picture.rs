@@ -108,11 +108,7 @@ impl<const K: usize> Raster<K> {
         for_each(&mut jobs, |_, (plane, tile_row, out)| {
             let tiles = self.tiles.chunks_exact((K + 1) * PIXELS).skip(*tile_row * grid.columns).take(grid.columns);
             for (column, tile) in tiles.enumerate() {
-                let x = column * TILE;
-                let n = TILE.min(width - x);
-                for (row, out) in out.chunks_exact_mut(width).enumerate() {
-                    out[x..][..n].copy_from_slice(&tile[*plane * PIXELS + row * TILE..][..n]);
-                }
+                paste(&tile[*plane * PIXELS..][..PIXELS], column, width, out);
             }
         });
         Ok(())
@@ -145,11 +141,7 @@ impl<const K: usize> Raster<K> {
                     tile: tile(lists, (footprints, features), grid, self.size, &rules, k),
                     out: &mut middles,
                 });
-                let x = column * TILE;
-                let n = TILE.min(width - x);
-                for (row, out) in out.chunks_exact_mut(width).enumerate() {
-                    out[x..][..n].copy_from_slice(&middles[row * TILE..][..n]);
-                }
+                paste(&middles, column, width, out);
             }
         });
         Ok(())
@@ -237,6 +229,15 @@ fn tile<'a, const K: usize>(
     let (x, y) = (k % grid.columns * TILE, k / grid.columns * TILE);
     let entries = &lists.entries[lists.starts[k] as usize..lists.starts[k + 1] as usize];
     Tile { entries, footprints, features, rules, corner: [x as f32, y as f32], rows: TILE.min(size[1] - y) }
+}
+
+/// A plane of the tile in a column of tiles, into the rows of the picture that it covers.
+fn paste(tile: &[f32], column: usize, width: usize, out: &mut [f32]) {
+    let x = column * TILE;
+    let n = TILE.min(width - x);
+    for (tile, out) in tile.chunks_exact(TILE).zip(out.chunks_exact_mut(width)) {
+        out[x..][..n].copy_from_slice(&tile[..n]);
+    }
 }
 
 /// A tile's part of planes of a picture; 0 outside the picture.

@@ -140,7 +140,7 @@ impl Dataset {
         }
     }
 
-    /// Take the points of `scene` that each view's camera sees, where nobody says which: those of views that they were not made of.
+    /// Take for each view the points of `scene` that are visible to its camera: for held-out views, which have no tracks.
     pub(crate) fn take_visible_points(&mut self, scene: &Scene) {
         let points: Vec<DVec3> = scene.points.iter().map(|point| point.xyz).collect();
         self.views.par_iter_mut().for_each(|view| view.points = visible_points(&view.camera, &points).into());

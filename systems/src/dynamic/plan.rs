@@ -5,13 +5,11 @@ use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::error::RunError;
-use crate::layout::{NEAR_SHARE, stated_depths};
 use crate::options::{DataOptions, Plan, RunOptions};
 use crate::plan::{
     Ground, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
-    refuse_unknown, settings, split, table,
+    refuse_unknown, set_near, settings, split, table,
 };
-use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
@@ -57,12 +55,6 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
 /// Part of a ray's light that its faintest samples are left out with in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
-/// Where rays begin in an open scene whose file states depths, internal units: what moves is among them, unlike among points.
-fn stated_near(ground: &Ground, scene: &Scene, data: &Dataset) -> Option<f32> {
-    let [near, _] = stated_depths(scene, data)?;
-    (ground.layout.kind == SpaceKind::Contracted).then_some((NEAR_SHARE * near / ground.layout.radius) as f32)
-}
-
 /// Build the system `name` for a scene.
 ///
 /// # Errors
@@ -87,10 +79,7 @@ pub fn build(
     let mut ground =
         if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
-    if let Some(near) = stated_near(&ground, scene, data).filter(|near| *near > field.near) {
-        field.near = near;
-        ground.lines.push(format!("near: {near:.2} radii ({NEAR_SHARE} of the nearest depth in the file)"));
-    }
+    set_near(&mut field, &mut ground, data, Shown::Moments);
     if config.deform().is_some() {
         // Cells that are full at some moment are empty at most others.
         field.train_faint = FAINT;

@@ -12,6 +12,7 @@ mod field_settings;
 mod ground;
 #[cfg(test)]
 pub(crate) mod made;
+mod near;
 mod ngp_settings;
 mod parallax;
 mod points;
@@ -22,6 +23,7 @@ mod tests;
 pub use choice::{CHOSEN, Purpose, choose};
 pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, space};
+pub(crate) use near::set_near;
 pub(crate) use ngp_settings::{Shown, ngp_settings};
 pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
 pub(crate) use points::{keep_training_points, visible_points};

@@ -76,6 +76,24 @@ fn depths_in_the_file_say_where_a_video_begins_and_ends() {
 }
 
 #[test]
+fn points_say_more_of_the_near_plane_than_the_file_and_the_file_more_than_the_cameras() {
+    let near = |points: Points, stated: Option<[f64; 2]>| {
+        let (scene, _) = capture(points);
+        let mut frames = scene.frames;
+        frames.iter_mut().for_each(|frame| frame.z_bounds = stated);
+        let (scene, data) = made::scene(frames, scene.points);
+        field(&scene, &data).near
+    };
+    let bounds = Some([0.9 * RING, 2.0 * RING]);
+    assert!(
+        (near(Points::None, bounds) / (0.9 / 0.5 * near(Points::None, Some([0.5 * RING, 2.0 * RING]))) - 1.0).abs()
+            < 1e-5
+    );
+    assert!(near(Points::None, bounds) > 1.5 * near(Points::None, None), "not a share of the cameras' distance");
+    assert_eq!(near(Points::WithTracks, bounds), near(Points::WithTracks, None), "points come first");
+}
+
+#[test]
 fn static_and_wild_agree_on_the_field() {
     for points in [Points::None, Points::WithoutTracks, Points::WithTracks] {
         let (scene, data) = capture(points);

@@ -11,6 +11,7 @@ use crate::system::{Query, Splats};
 use float_core::Simd;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
+use render_core::path::Spiral;
 use scene_io::read_splats;
 use splat_core::density::{Rows, by_place, opacity};
 use splat_core::{Gaussians, Rules};
@@ -41,8 +42,8 @@ const OPAQUE: f32 = 0.5;
 const ALL_AROUND: f64 = 0.95;
 const TOO_NEAR: f64 = 0.05;
 const FAR_ENOUGH: f64 = 0.3;
-/// From inside a path is a circle of this part of the depth in the picture's middle, and of no more than this part of the nearest:
-/// nobody knows how far the photos went.
+/// The radius of an orbit inside of a room, as a part of the median depth and at most as a part of the smallest: a file of Gaussians
+/// does not say how far apart its photos were taken.
 const SWAY: f64 = 0.06;
 const SWAY_NEAR: f64 = 0.5;
 /// Frames of a path where nothing is said.
@@ -225,48 +226,45 @@ impl Cloud {
         inside.then_some([near, middle])
     }
 
-    /// Cameras on a small circle about one that is inside of the scene, all looking at what it looks at.
-    fn sway(&self, camera: &Camera, [near, middle]: [f64; 2], n: usize) -> Vec<Camera> {
-        let Pose { r, c } = camera.pose;
-        let aim = c + r.z_axis * middle;
-        let size = (SWAY * middle).min(SWAY_NEAR * near);
-        let at = |i: usize| {
-            let (sin, cos) = (core::f64::consts::TAU * i as f64 / n as f64).sin_cos();
-            let eye = c + (r.x_axis * cos + r.y_axis * (0.5 * sin)) * size;
-            let z = (aim - eye).normalize();
-            let x = r.y_axis.cross(z).normalize();
-            Camera { pose: Pose { r: DMat3::from_cols(x, z.cross(x), z), c: eye }, ..*camera }
-        };
-        (0..n).map(at).collect()
-    }
-
-    /// Where an orbit goes, for people.
-    #[must_use]
-    pub fn orbit_line(&self) -> &'static str {
-        match self.surroundings(&self.origin()) {
-            Some(_) => "orbit: a small circle from where the file's frame begins, which is inside of the scene",
-            None => "orbit: around the middle of the cloud; a file of Gaussians does not say where its photos were",
-        }
-    }
-
-    /// The camera where the frame of the file begins.
+    /// A camera at the origin of the file that looks along z.
     fn origin(&self) -> Camera {
         Camera { pose: Pose::IDENTITY, ..self.camera(0.0) }
     }
 
-    /// `frames` cameras along a path (default: 60, or as many as the file holds): a circle around the middle, a small one where
-    /// the scene is looked at from inside, or a file.
+    /// A circle of `n` cameras, and where it is, for people: around the middle, or a small one inside of a room.
+    fn orbit(&self, n: usize) -> (Vec<Camera>, &'static str) {
+        let origin = self.origin();
+        let Some([near, middle]) = self.surroundings(&origin) else {
+            let cameras = (0..n).map(|i| self.camera(i as f64 / n as f64)).collect();
+            return (
+                cameras,
+                "orbit: around the middle of the cloud; a file of Gaussians does not say where its photos were",
+            );
+        };
+        let size = (SWAY * middle).min(SWAY_NEAR * near);
+        let radii = DVec3::new(size, 0.5 * size, 0.0);
+        let up = -origin.pose.r.y_axis;
+        let circle = Spiral { frame: origin.pose, up, radii, focus: middle, turns: 1.0, z_rate: 0.0 };
+        let cameras = circle.poses(n).into_iter().map(|pose| Camera { pose, ..origin }).collect();
+        (cameras, "orbit: a small circle around the origin of the file, which is inside of the scene")
+    }
+
+    /// `frames` cameras along a path (default: 60, or as many as the file holds), and where an orbit goes, for people: a circle
+    /// around the middle, a small one where the scene is looked at from inside, or a file.
     ///
     /// # Errors
     /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.
-    pub fn cameras(&self, kind: &PathKind, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
-        let n = frames.unwrap_or(FRAMES);
+    pub fn cameras(
+        &self,
+        kind: &PathKind,
+        frames: Option<usize>,
+    ) -> Result<(Vec<Camera>, Option<&'static str>), RunError> {
         match kind {
-            PathKind::Orbit => Ok(match self.surroundings(&self.origin()) {
-                Some(depths) => self.sway(&self.origin(), depths, n),
-                None => (0..n).map(|i| self.camera(i as f64 / n as f64)).collect(),
-            }),
-            PathKind::File(path) => from_file(path, &self.camera(0.0), frames),
+            PathKind::Orbit => {
+                let (cameras, line) = self.orbit(frames.unwrap_or(FRAMES));
+                Ok((cameras, Some(line)))
+            }
+            PathKind::File(path) => Ok((from_file(path, &self.camera(0.0), frames)?, None)),
             PathKind::Photos | PathKind::Spiral | PathKind::Hold(_) => Err(RunError::Option(format!(
                 "`--path {kind}`: a file of Gaussians has no photos; use `--path orbit` or a file of cameras (`--path \
                  FILE.json`)"

@@ -3,7 +3,7 @@
 use super::flat::Canvas;
 use super::frame::Frame;
 use super::photo::view;
-use crate::system::{Canonical, Layers, Normals, Query, SkipRow};
+use crate::system::{Canonical, Layers, Median, Normals, Query, SkipRow};
 use float_core::Simd;
 use glam::DVec2;
 use rayon::prelude::*;
@@ -140,8 +140,11 @@ impl Look<'_> {
         let pixels = view.size[0] * view.size[1];
         planes.resize((LOOKS + 1) * pixels, 0.0);
         raster.planes(planes)?;
-        middles.resize(pixels, 0.0);
-        raster.middles(self.simd, (&projection.footprints, features), &rules, middles)?;
+        let is_median = query.layers.median == Median::Compute || query.layers.canonical == Canonical::Compute;
+        if is_median {
+            middles.resize(pixels, 0.0);
+            raster.middles(self.simd, (&projection.footprints, features), &rules, middles)?;
+        }
         let mut left_out = LeftOut::default();
         left_out.count(self.cloud.len(), projection.footprints.len(), &drawn);
 
@@ -168,7 +171,7 @@ impl Look<'_> {
                 if t < 1.0 {
                     distance[x] = depth[i] / (1.0 - t) * along;
                 }
-                middle[x] = middles[i] * along;
+                middle[x] = if is_median { middles[i] * along } else { distance[x] };
             }
         });
         if query.layers.normals == Normals::Compute {

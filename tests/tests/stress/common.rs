@@ -55,6 +55,7 @@ pub(crate) const QUERY: Query = Query {
     layers: systems::system::LayerRequest {
         normals: systems::system::Normals::Compute,
         canonical: systems::system::Canonical::Compute,
+        median: systems::system::Median::Compute,
     },
     error_budget: 0.0,
     appearance: systems::system::Appearance::Mean,

@@ -93,7 +93,7 @@ impl Subject {
         match (self, file) {
             (Self::Run(run), Some(file)) => cameras(&file, &run.scene, &run.train, None),
             (Self::Run(run), None) => Ok(run.train.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect()),
-            (Self::File { cloud, .. }, Some(file)) => cloud.cameras(&file, None),
+            (Self::File { cloud, .. }, Some(file)) => Ok(cloud.cameras(&file, None)?.0),
             (Self::File { cloud, .. }, None) => {
                 let (middle, radius) = cloud.extent();
                 Ok(on_a_sphere(&limited(&cloud.camera(0.0), Some(SIDE)), middle, DISTANCE * radius, AROUND))
