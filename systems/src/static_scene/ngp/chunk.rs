@@ -212,6 +212,11 @@ impl Chunk {
         self.stats.seconds[1] = marched.elapsed().as_secs_f64();
     }
 
+    /// Samples that [`Chunk::sample`] looked at.
+    pub(super) fn looked(&self) -> u64 {
+        self.look.looked()
+    }
+
     /// Render what [`Chunk::sample`] placed into `seen`, for a method that wants to see the batch first.
     pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
         self.look(ctx, pixels, |_, _| {});

@@ -126,6 +126,11 @@ impl Look {
         self.t.len() as u64
     }
 
+    /// Samples that the rays looked at before they were opaque or ended.
+    pub(super) fn looked(&self) -> u64 {
+        self.looked.iter().map(|&n| u64::from(n)).sum()
+    }
+
     /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
     pub(super) fn march(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], range: Range<usize>) {
         self.dense = 0;

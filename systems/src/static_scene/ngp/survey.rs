@@ -1,6 +1,7 @@
 //! Training views as the field renders them: what a method judges the photos by.
 
 use super::chunk::Chunk;
+use super::context::StepContext;
 use super::step::{Plan, truth_on};
 use super::{Inputs, Ngp};
 use crate::data::Dataset;
@@ -15,6 +16,56 @@ const TASK: usize = 2048;
 /// Where each ray's first sample lies within its step.
 const JITTER: f32 = 0.5;
 
+/// Looks of a ray at most, in the mean and in units of the samples that a training ray should have: where nothing is opaque yet, a survey of
+/// all photos with the steps of training costs as much as a thousand steps of training.
+const MOST_LOOKS: f64 = 2.0;
+/// Pixels that say how many looks a ray takes: so many places of the picture, and so many pixels beside each other at each.
+const PROBES: usize = 64;
+const PROBED: usize = 4;
+
+impl Ngp {
+    /// The pixels of a view and their rays; nothing of it is random.
+    fn of_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<([usize; 2], Inputs), SystemError> {
+        let mut inputs = Inputs::default();
+        let size = data.whole_view(view, stride, &mut inputs.batch)?;
+        let n = inputs.batch.len();
+        inputs.rays.clone_from(&inputs.batch.rays);
+        inputs.background = vec![self.background.colour(); n];
+        inputs.jitter = vec![JITTER; (1 + self.proposals.as_ref().map_or(0, |p| p.fields.len())) * n];
+        truth_on(&inputs.batch, &inputs.background, &mut inputs.truth);
+        Ok((size, inputs))
+    }
+
+    /// What a picture is rendered with: the steps of training, longer where its rays would take more than [`MOST_LOOKS`].
+    fn view_context<'a>(&'a self, inputs: &'a Inputs) -> StepContext<'a> {
+        let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
+        let ctx = self.context(&plan, inputs);
+        let most = MOST_LOOKS * f64::from(self.config.samples_per_ray);
+        let longer = (self.looks(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
+        StepContext { marcher: self.occupy.marcher(&self.config, self.stretch * longer), ..ctx }
+    }
+
+    /// Looks that the rays of a picture of `n` pixels take before they are opaque or end, in the mean over some; 0 where proposals
+    /// say how many, and for small pictures.
+    fn looks(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
+        if ctx.proposals.is_some() || n < PROBES * PROBED {
+            return 0.0;
+        }
+        let looked: Vec<u64> = (0..PROBES)
+            .into_par_iter()
+            .map_init(
+                || Chunk::new(&self.field),
+                |chunk, k| {
+                    let first = k * n / PROBES;
+                    chunk.sample(ctx, first..first + PROBED);
+                    chunk.looked()
+                },
+            )
+            .collect();
+        looked.iter().sum::<u64>() as f64 / (PROBES * PROBED) as f64
+    }
+}
+
 impl Surveys for Ngp {
     fn method(&self) -> Option<&dyn Method> {
         self.method.as_deref()
@@ -25,15 +76,8 @@ impl Surveys for Ngp {
     }
 
     fn show(&self, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
-        let mut inputs = Inputs::default();
-        let size = data.whole_view(view, stride, &mut inputs.batch)?;
-        let n = inputs.batch.len();
-        inputs.rays.clone_from(&inputs.batch.rays);
-        inputs.background = vec![self.background.colour(); n];
-        inputs.jitter = vec![JITTER; (1 + self.proposals.as_ref().map_or(0, |p| p.fields.len())) * n];
-        truth_on(&inputs.batch, &inputs.background, &mut inputs.truth);
-        let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
-        let ctx = self.context(&plan, &inputs);
+        let (size, inputs) = self.of_view(data, view, stride)?;
+        let (n, ctx) = (inputs.batch.len(), self.view_context(&inputs));
         let tasks: Vec<Vec<(Pixel, [f32; 3])>> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(
@@ -58,5 +102,41 @@ impl Surveys for Ngp {
         fresh.skipped = std::mem::take(&mut self.skipped);
         *self = fresh;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::NgpConfig;
+    use super::super::budget_tests::small;
+    use super::*;
+    use crate::options::Background;
+    use crate::plan::made::{Points, capture};
+    use crate::space::{Space, SpaceKind};
+    use glam::DVec3;
+
+    #[test]
+    fn pictures_of_a_field_that_is_mist_everywhere_take_longer_steps_and_others_those_of_training() {
+        let (_, data) = capture(Points::None);
+        let looks = |density_bias: f32| {
+            let config = NgpConfig {
+                density_bias,
+                samples_per_ray: 12.0,
+                step_min: 0.002,
+                step_cone: 0.002,
+                ..small(SpaceKind::Contracted)
+            };
+            let space = Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01);
+            let ngp = Ngp::with_method(config, space, Background::Random, 3, None).unwrap();
+            let (_, inputs) = ngp.of_view(&data, 0, 1).unwrap();
+            let n = inputs.batch.len();
+            let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
+            let of_training = ngp.looks(&ngp.context(&plan, &inputs), n);
+            (of_training, ngp.looks(&ngp.view_context(&inputs), n))
+        };
+        let (mist, longer) = looks(-9.0);
+        assert!(mist > 60.0 && (12.0..36.0).contains(&longer), "{mist} {longer}");
+        let (wall, same) = looks(9.0);
+        assert!(wall <= 24.0 && wall == same, "{wall} {same}");
     }
 }
