@@ -29,7 +29,7 @@ use crate::error::RunError;
 use crate::picture::{colour, over_background};
 use crate::render::{Rendered, render};
 use crate::skips::MeasuredSkips;
-use crate::system::{Canonical, LayerRequest, Query, System};
+use crate::system::{Canonical, LayerRequest, Median, Query, System};
 use correspondence::Correspondence;
 use image::RgbImage;
 use losses::metrics::Lpips;
@@ -186,7 +186,7 @@ pub fn evaluate(
         }
         let appearance = own.unwrap_or_else(|| query.appearance.clone());
         let canonical = if points.wants(index) { Canonical::Compute } else { query.layers.canonical };
-        let layers = LayerRequest { canonical, ..query.layers };
+        let layers = LayerRequest { canonical, median: Median::Skip, ..query.layers };
         let query = Query { appearance, time: view.time, layers, ..query.clone() };
         let clock = std::time::Instant::now();
         let mut rendered = render(system, &view.camera, &query);

@@ -35,9 +35,13 @@ const STRANGE: f32 = 0.2;
 const SHARE: f64 = 0.05;
 /// That share at the second look, which errs less.
 const SECOND_SHARE: f64 = 0.01;
-/// Of fewer photos than this too few show each place for a robust loss to tell who the stranger is: a transient part of each photo,
-/// which costs what it explains, takes its place.
+/// Of fewer photos than this three or four show a place: too few for a robust loss to tell which of them an occluder hides it in.
+/// A transient part of each photo, which costs what it explains, takes its place.
 const FEW_PHOTOS: usize = 16;
+/// Occluders are looked for where the share of the scene is at most so many times that of what is strange; of few photos more, as a
+/// transient part takes nothing away for good.
+const SCENE: f64 = 1.0;
+const SCENE_OF_FEW: f64 = 2.0;
 
 /// Light and occluders of the photos, each with a line of reason.
 pub(super) fn needs(
@@ -95,12 +99,12 @@ pub(super) fn needs(
         ground.lines.push(format!("occluders: not looked for ({} photos are too few to tell)", data.len()));
         return Ok((appearance, OccluderKind::None));
     }
-    let few = data.len() < FEW_PHOTOS;
-    let (occluders, word) = match (found.has_occluders(limit, few), few) {
-        (true, false) => (OccluderKind::Robust, "left out by a robust loss"),
-        (true, true) => (OccluderKind::Transient, "a transient part of each photo, as there are few"),
-        (false, _) => (OccluderKind::None, "none"),
+    let (scene, kind, word) = if data.len() < FEW_PHOTOS {
+        (SCENE_OF_FEW, OccluderKind::Transient, "a transient part of each photo, as there are few")
+    } else {
+        (SCENE, OccluderKind::Robust, "left out by a robust loss")
     };
+    let (occluders, word) = if found.has_occluders(limit, scene) { (kind, word) } else { (OccluderKind::None, "none") };
     ground.lines.push(format!(
         "occluders: {word} (after {steps} steps {:.1} % of the photos' squares are more than {STRANGE} away from the field in one \
          photo, limit {:.1} %; {:.1} % are in most photos that see the place: that is the scene)",
@@ -163,10 +167,10 @@ impl Found {
         Ok(Self { light: deviation(&gains), gains, strange: share(all - scene), scene: share(scene) })
     }
 
-    /// Enough is far from the field, and most of that is not the scene: where it is, the rest are its parts that fewer photos
-    /// see. Of a few photos a third will do: a transient part takes nothing away for good.
-    fn has_occluders(&self, limit: f64, few: bool) -> bool {
-        self.strange > limit && if few { 2.0 * self.strange > self.scene } else { self.strange > self.scene }
+    /// Enough is far from the field, and not too much of that is the scene: where it is, the rest are its parts that fewer photos
+    /// see.
+    fn has_occluders(&self, limit: f64, scene: f64) -> bool {
+        self.strange > limit && scene * self.strange > self.scene
     }
 }
 
@@ -252,11 +256,12 @@ mod tests {
     #[test]
     fn what_is_mostly_the_scene_has_no_occluders() {
         let found = |strange, scene| Found { gains: Vec::new(), light: 0.0, strange, scene };
-        for few in [false, true] {
-            assert!(found(0.2, 0.0).has_occluders(SHARE, few) && found(0.12, 0.02).has_occluders(SHARE, few));
-            assert!(!found(0.04, 0.0).has_occluders(SHARE, few) && !found(0.06, 0.19).has_occluders(SHARE, few));
+        for scene in [SCENE, SCENE_OF_FEW] {
+            assert!(found(0.2, 0.0).has_occluders(SHARE, scene) && found(0.12, 0.02).has_occluders(SHARE, scene));
+            assert!(!found(0.04, 0.0).has_occluders(SHARE, scene) && !found(0.06, 0.19).has_occluders(SHARE, scene));
         }
-        assert!(found(0.08, 0.09).has_occluders(SHARE, true) && !found(0.08, 0.09).has_occluders(SHARE, false));
+        let [few, many] = [SCENE_OF_FEW, SCENE].map(|scene| found(0.08, 0.09).has_occluders(SHARE, scene));
+        assert!(few && !many);
     }
 
     #[test]

@@ -101,21 +101,17 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
 /// Samples that carry weight along at most [`PIXELS`] of the rays.
 fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
     let every = pixels.rays.len().div_ceil(PIXELS).max(1);
-    let mut inputs = super::Inputs::default();
-    inputs.rays.extend(pixels.rays.iter().step_by(every));
-    inputs.truth.extend(pixels.rgb.iter().step_by(every));
-    let n = inputs.rays.len();
-    inputs.background = vec![pixels.background; n];
-    inputs.jitter = vec![0.5; (1 + ngp.proposals.as_ref().map_or(0, |p| p.fields.len())) * n];
-    inputs.batch = Batch::of_rays(&inputs.rays, &inputs.truth);
+    let rays: Vec<_> = pixels.rays.iter().step_by(every).copied().collect();
+    let truth: Vec<[f32; 3]> = pixels.rgb.iter().step_by(every).copied().collect();
+    let inputs = ngp.not_random(Batch::of_rays(&rays, &truth), pixels.background);
+    let n = rays.len();
     let rows = ngp.field.colour.inputs() - dims;
-    let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
     // The codes of these rays are what is sought: any will do for where their samples lie.
     let blank = vec![0.0; dims];
     let ctx = StepContext {
         appearance: Some(Codes { dims, rows: &blank }),
         transient: ngp.method.as_ref().and_then(|method| method.transient()),
-        ..ngp.context(&plan, &inputs)
+        ..ngp.context(&Plan::PICTURE, &inputs)
     };
     let mut kept = Kept { offsets: vec![0], ..Kept::default() };
     let mut chunk = Chunk::new(&ngp.field);

@@ -38,7 +38,29 @@ pub(super) struct Plan {
     pub(super) share: f32,
 }
 
+impl Plan {
+    /// Of a picture that nothing is learnt from.
+    pub(super) const PICTURE: Self = Self { step: u64::MAX, per_pixel: 1, share: 1.0 };
+}
+
+/// Where the first sample of a ray lies within its step where nothing is random.
+const MIDDLE: f32 = 0.5;
+
 impl Ngp {
+    /// Pixels of one ray each before `background`; nothing of them is random.
+    pub(super) fn not_random(&self, batch: Batch, background: [f32; 3]) -> Inputs {
+        let n = batch.len();
+        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
+        let mut inputs = Inputs {
+            rays: batch.rays.clone(),
+            background: vec![background; n],
+            jitter: vec![MIDDLE; (1 + rounds) * n],
+            ..Inputs::default()
+        };
+        truth_on(&batch, &inputs.background, &mut inputs.truth);
+        Inputs { batch, ..inputs }
+    }
+
     /// See [`crate::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
@@ -334,7 +356,7 @@ impl Ngp {
 }
 
 /// Colours of a batch on backgrounds.
-pub(super) fn truth_on(batch: &Batch, background: &[[f32; 3]], truth: &mut Vec<[f32; 3]>) {
+fn truth_on(batch: &Batch, background: &[[f32; 3]], truth: &mut Vec<[f32; 3]>) {
     truth.clear();
     truth.extend(
         batch

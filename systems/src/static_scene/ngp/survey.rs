@@ -2,9 +2,9 @@
 
 use super::chunk::Chunk;
 use super::context::StepContext;
-use super::step::{Plan, truth_on};
+use super::step::Plan;
 use super::{Inputs, Ngp};
-use crate::data::Dataset;
+use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel};
 use crate::static_scene::survey::{Shown, Surveys};
 use crate::system::SystemError;
@@ -13,56 +13,47 @@ use rayon::prelude::*;
 /// Pixels of one task.
 const TASK: usize = 2048;
 
-/// Where each ray's first sample lies within its step.
-const JITTER: f32 = 0.5;
-
-/// Looks of a ray at most, in the mean and in units of the samples that a training ray should have: where nothing is opaque yet, a survey of
-/// all photos with the steps of training costs as much as a thousand steps of training.
-const MOST_LOOKS: f64 = 2.0;
-/// Pixels that say how many looks a ray takes: so many places of the picture, and so many pixels beside each other at each.
-const PROBES: usize = 64;
-const PROBED: usize = 4;
+/// Samples that a ray looks at, in the mean at most, in units of [`NgpConfig::samples_per_ray`](super::NgpConfig::samples_per_ray):
+/// where nothing is opaque yet, a survey of all photos with the steps of training costs as much as a thousand steps of training.
+const MOST_SAMPLES: f64 = 2.0;
+/// One pixel in so many says how many samples the rays of a picture look at.
+const PROBE_EVERY: usize = 64;
 
 impl Ngp {
     /// The pixels of a view and their rays; nothing of it is random.
     fn of_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<([usize; 2], Inputs), SystemError> {
-        let mut inputs = Inputs::default();
-        let size = data.whole_view(view, stride, &mut inputs.batch)?;
-        let n = inputs.batch.len();
-        inputs.rays.clone_from(&inputs.batch.rays);
-        inputs.background = vec![self.background.colour(); n];
-        inputs.jitter = vec![JITTER; (1 + self.proposals.as_ref().map_or(0, |p| p.fields.len())) * n];
-        truth_on(&inputs.batch, &inputs.background, &mut inputs.truth);
-        Ok((size, inputs))
+        let mut batch = Batch::default();
+        let size = data.whole_view(view, stride, &mut batch)?;
+        Ok((size, self.not_random(batch, self.background.colour())))
     }
 
-    /// What a picture is rendered with: the steps of training, longer where its rays would take more than [`MOST_LOOKS`].
+    /// What a picture is rendered with: the steps of training, longer where its rays would look at more than [`MOST_SAMPLES`].
     fn view_context<'a>(&'a self, inputs: &'a Inputs) -> StepContext<'a> {
-        let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
-        let ctx = self.context(&plan, inputs);
-        let most = MOST_LOOKS * f64::from(self.config.samples_per_ray);
-        let longer = (self.looks(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
+        let ctx = self.context(&Plan::PICTURE, inputs);
+        let most = MOST_SAMPLES * f64::from(self.config.samples_per_ray);
+        let longer = (self.looked(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
         StepContext { marcher: self.occupy.marcher(&self.config, self.stretch * longer), ..ctx }
     }
 
-    /// Looks that the rays of a picture of `n` pixels take before they are opaque or end, in the mean over some; 0 where proposals
-    /// say how many, and for small pictures.
-    fn looks(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
-        if ctx.proposals.is_some() || n < PROBES * PROBED {
+    /// Samples that the rays of a picture of `n` pixels look at before they are opaque or end, in the mean over some of them. 0 where
+    /// proposals say how many.
+    fn looked(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
+        if ctx.proposals.is_some() {
             return 0.0;
         }
-        let looked: Vec<u64> = (0..PROBES)
+        let probes = n.div_ceil(PROBE_EVERY);
+        let looked: u64 = (0..probes)
             .into_par_iter()
             .map_init(
                 || Chunk::new(&self.field),
                 |chunk, k| {
-                    let first = k * n / PROBES;
-                    chunk.sample(ctx, first..first + PROBED);
+                    let pixel = k * PROBE_EVERY;
+                    chunk.sample(ctx, pixel..pixel + 1);
                     chunk.looked()
                 },
             )
-            .collect();
-        looked.iter().sum::<u64>() as f64 / (PROBES * PROBED) as f64
+            .sum();
+        looked as f64 / probes.max(1) as f64
     }
 }
 
@@ -118,7 +109,7 @@ mod tests {
     #[test]
     fn pictures_of_a_field_that_is_mist_everywhere_take_longer_steps_and_others_those_of_training() {
         let (_, data) = capture(Points::None);
-        let looks = |density_bias: f32| {
+        let looked = |density_bias: f32| {
             let config = NgpConfig {
                 density_bias,
                 samples_per_ray: 12.0,
@@ -130,13 +121,12 @@ mod tests {
             let ngp = Ngp::with_method(config, space, Background::Random, 3, None).unwrap();
             let (_, inputs) = ngp.of_view(&data, 0, 1).unwrap();
             let n = inputs.batch.len();
-            let plan = Plan { step: u64::MAX, per_pixel: 1, share: 1.0 };
-            let of_training = ngp.looks(&ngp.context(&plan, &inputs), n);
-            (of_training, ngp.looks(&ngp.view_context(&inputs), n))
+            let of_training = ngp.looked(&ngp.context(&Plan::PICTURE, &inputs), n);
+            (of_training, ngp.looked(&ngp.view_context(&inputs), n))
         };
-        let (mist, longer) = looks(-9.0);
+        let (mist, longer) = looked(-9.0);
         assert!(mist > 60.0 && (12.0..36.0).contains(&longer), "{mist} {longer}");
-        let (wall, same) = looks(9.0);
+        let (wall, same) = looked(9.0);
         assert!(wall <= 24.0 && wall == same, "{wall} {same}");
     }
 }
