@@ -30,6 +30,7 @@ pub mod eval_scales;
 #[cfg(feature = "flip")]
 pub mod flip;
 pub mod frame_points;
+pub(crate) mod free_space;
 pub mod identity;
 pub mod layout;
 pub mod log;

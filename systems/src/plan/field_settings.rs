@@ -5,6 +5,7 @@ use super::ground::Ground;
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
 use crate::data::Dataset;
+use crate::free_space::free_space_line;
 use crate::options::Background;
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
@@ -20,12 +21,9 @@ pub(crate) fn field_settings(ground: &mut Ground, data: &Dataset) -> NgpConfig {
     if config.sky {
         ground.lines.push("sky: every ray ends at infinity, in a colour of its direction".into());
     }
-    let seen: usize = data.views().iter().filter(|v| v.level == 0).map(|v| v.points.len()).sum();
-    config.free_space = seen > 0;
-    if config.free_space {
-        let line = format!("free space: what lies before points is empty ({seen} lines from cameras to points)");
-        ground.lines.push(line);
-    }
+    let free_space = free_space_line(data);
+    config.free_space = free_space.is_some();
+    ground.lines.extend(free_space);
     set_near(&mut config, ground, data, Shown::Scene);
     config
 }

@@ -59,6 +59,8 @@ pub struct SplatConfig {
     /// `adc`: Gaussians larger than so many extents of the cameras are removed after the first reset, without
     /// resets from the start; 0: none. Far things are made of large ones.
     pub prune_size: f32,
+    /// Gaussians where points are seen through are removed, every [`densify_every`](Self::densify_every) steps to the end.
+    pub free_space: bool,
     /// `mcmc`: what opacity and size cost, each a factor of its mean.
     pub mcmc_cost: f32,
     /// `mcmc`: strength of the noise, a factor of the learning rate of the centres.
@@ -140,6 +142,7 @@ impl SplatConfig {
             densify_gradient: 2e-4,
             reset_every: 0,
             prune_size: 0.0,
+            free_space: false,
             mcmc_cost: 0.01,
             mcmc_noise: 5e5,
             horizon,

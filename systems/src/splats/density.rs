@@ -98,13 +98,15 @@ impl Density {
         }
     }
 
-    /// What happens after the optimiser's step number `step`, counted from 0; `lr` was the rate of the centres.
+    /// What happens after the optimiser's step number `step`, counted from 0; `lr` was the rate of the centres. `floaters` says which
+    /// rows are left without them, if any are.
     pub(super) fn change(
         &mut self,
         (seed, step): (u64, u64),
         (max, lr): (usize, f64),
         cloud: &mut Gaussians,
         bad: usize,
+        floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<Changed, SplatError> {
         // The published schedules count from 1.
         let count = step + 1;
@@ -112,6 +114,9 @@ impl Density {
         let mut changed = Changed::default();
         if bad > 0 {
             changed.drop_non_finite(cloud)?;
+        }
+        if let Some(rows) = floaters(cloud)? {
+            changed.keep(rows, cloud)?;
         }
         match self {
             Self::Adc { rules, pull } => {
@@ -191,15 +196,18 @@ impl Changed {
     /// Neighbours in space become neighbours in memory.
     fn order(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {
         let rows = by_place(cloud)?;
-        *cloud = rows.follow(cloud)?;
-        self.then(rows)
+        self.keep(rows, cloud)
     }
 
     fn drop_non_finite(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {
-        if let Some(rows) = without_non_finite(cloud)? {
-            *cloud = rows.follow(cloud)?;
-            self.then(rows)?;
+        match without_non_finite(cloud)? {
+            Some(rows) => self.keep(rows, cloud),
+            None => Ok(()),
         }
-        Ok(())
+    }
+
+    fn keep(&mut self, rows: Rows, cloud: &mut Gaussians) -> Result<(), SplatError> {
+        *cloud = rows.follow(cloud)?;
+        self.then(rows)
     }
 }

@@ -12,6 +12,7 @@
 mod cloud;
 mod config;
 mod density;
+mod empty;
 mod flat;
 pub mod frame;
 mod look;

@@ -6,6 +6,7 @@ use super::sight::Sight;
 use super::splat::Splat;
 use super::start::{Start, StartOptions, scene_box};
 use crate::data::Dataset;
+use crate::free_space::free_space_line;
 use crate::options::{Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, settings, table};
 use crate::system::{System, SystemError};
@@ -30,13 +31,16 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
     if coarse > 0 {
         lines.push(format!("pictures begin {} times smaller ({pixels} pixels each)", 1 << coarse));
     }
+    let free_space = free_space_line(data);
     let planned = SplatConfig {
         coarse,
+        free_space: free_space.is_some(),
         start: if scene.points.is_empty() { StartKind::Random } else { StartKind::Points },
         ..SplatConfig::published(frame.centre, frame.scale, HORIZON)
     };
     let config: SplatConfig = settings(&planned, run)?;
     config.check()?;
+    lines.extend(free_space.filter(|_| config.free_space));
     let frame = Frame { centre: config.centre, scale: config.radius };
     let options =
         StartOptions { degree: config.sh_degree, max: config.max_splats, random: config.start_count, seed: run.seed };

@@ -8,6 +8,7 @@
 
 use super::config::SplatConfig;
 use super::density::Density;
+use super::empty::{self, FreeSpace};
 use super::frame::Frame;
 use super::look::{Kept, LeftOut, Look};
 use super::memory::{self, Pictures};
@@ -50,6 +51,8 @@ pub struct Splat {
     guard: NonFiniteGuard,
     /// Photos at the size that steps are at.
     photos: Option<(u32, Photos)>,
+    /// Where photos show that nothing is, as soon as it is asked for.
+    free_space: Option<FreeSpace>,
     pictures: Pictures,
     photo: Photo,
     pass: Pass,
@@ -98,6 +101,7 @@ impl Splat {
             cloud,
             guard: NonFiniteGuard::default(),
             photos: None,
+            free_space: None,
             pictures,
             photo: Photo::default(),
             pass: Pass::new(Simd::best()),
@@ -167,10 +171,17 @@ impl Splat {
     }
 
     /// Gaussians come and go, and what belongs to them with them.
-    fn change(&mut self, step: u64, bad: usize) -> Result<(), SystemError> {
+    fn change(&mut self, data: &Dataset, step: u64, bad: usize) -> Result<(), SystemError> {
         let clock = Instant::now();
         let (max, lr) = (self.config.max_splats, self.config.rates(step).mean);
-        let changed = self.density.change((self.seed, step), (max, lr), &mut self.cloud, bad).map_err(refused)?;
+        let looks = self.config.free_space && (step + 1).is_multiple_of(self.config.densify_every);
+        if looks && self.free_space.is_none() {
+            self.free_space = Some(FreeSpace::new(data, &self.frame)?);
+        }
+        let free_space = self.free_space.as_ref().filter(|_| looks);
+        let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &self.frame));
+        let changed =
+            self.density.change((self.seed, step), (max, lr), &mut self.cloud, bad, floaters).map_err(refused)?;
         if let Some(rows) = &changed.rows {
             self.optimiser.follow(rows, self.cloud.degree()).map_err(refused)?;
         }
@@ -226,7 +237,7 @@ impl System for Splat {
         let blank = self.photo.is_blank();
         self.note(&LeftOut { blank: [u64::from(blank), 1], ..LeftOut::default() });
         let stats = if blank { StepStats::default() } else { self.learn(step, &view, background)? };
-        self.change(step, stats.nonfinite as usize)?;
+        self.change(data, step, stats.nonfinite as usize)?;
         self.steps = step + 1;
         Ok(StepStats { rays: (view.size[0] * view.size[1]) as u64, ..stats })
     }
@@ -305,7 +316,8 @@ impl System for Splat {
     }
 
     fn memory_bytes(&self) -> usize {
-        memory::most(self.config.max_splats, self.cloud.numbers(), self.pictures)
+        let free_space = if self.config.free_space { empty::BYTES } else { 0 };
+        memory::most(self.config.max_splats, self.cloud.numbers(), self.pictures) + free_space
     }
 
     fn skips(&self) -> Vec<SkipRow> {

@@ -25,7 +25,6 @@ mod context;
 mod cues;
 mod field;
 mod fit;
-mod free_space;
 mod grid_trainer;
 mod head;
 mod look;

@@ -2,8 +2,8 @@
 
 use super::NgpConfig;
 use super::field::{DensityScratch, Field, When, sized};
-use super::free_space::free_cells;
 use crate::data::Dataset;
+use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceKind};
 use crate::system::SystemError;
 use field_core::rng::Rng;
@@ -199,7 +199,7 @@ impl Occupy {
             (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i, scene)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
         let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
-        let free = (config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data));
+        let free = (config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data, NearPlanes::Count));
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {

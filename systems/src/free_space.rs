@@ -20,15 +20,31 @@ const CERTAIN: f32 = 0.9;
 /// Places looked at in a cell's side.
 const PER_CELL: f32 = 2.0;
 
+/// Whether what lies in a picture before all of its points is free as well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NearPlanes {
+    /// Yes.
+    Count,
+    /// Only where points are seen through.
+    Ignored,
+}
+
+/// What a plan says where points say what is free; `None` without points.
+pub(crate) fn free_space_line(data: &Dataset) -> Option<String> {
+    let lines: usize = data.views().iter().filter(|v| v.level == 0).map(|v| v.points.len()).sum();
+    (lines > 0).then(|| format!("free space: what lies before points is empty ({lines} lines from cameras to points)"))
+}
+
 /// Which cells of the grid are free; all false without points.
-pub(super) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset) -> Vec<bool> {
+pub(crate) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset, planes: NearPlanes) -> Vec<bool> {
     let mut lines = vec![0_u16; grid.cells()];
     let mut kept = vec![false; grid.cells()];
     let mut any = false;
     let mut nears = Vec::new();
     for view in data.views().iter().filter(|view| view.level == 0) {
         let Some(o) = space.internal_point(view.camera.pose.c) else { continue };
-        nears.extend(nearest_depth(&view.camera, &view.points).map(|depth| Near {
+        let depth = (planes == NearPlanes::Count).then(|| nearest_depth(&view.camera, &view.points)).flatten();
+        nears.extend(depth.map(|depth| Near {
             camera: view.camera.prepare(),
             size: [view.camera.width, view.camera.height].map(f64::from),
             centre: view.camera.pose.c,
