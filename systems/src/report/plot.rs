@@ -110,18 +110,16 @@ fn draw(
     root.present().ok()
 }
 
-/// A number for an axis: `12`, `1.5`, `20k`, `3.2M`.
+/// A number for an axis: `12`, `1.5`, `20k`, `3.2M`, without zeros at its end.
 fn short(x: f64) -> String {
-    let trim = |x: f64| {
-        let text = format!("{x:.1}");
-        text.strip_suffix(".0").map_or(text.clone(), str::to_string)
+    let (value, digits, unit) = match x.abs() {
+        a if a >= 1e6 => (x / 1e6, 1, "M"),
+        a if a >= 1e3 => (x / 1e3, 1, "k"),
+        a if a >= 10.0 => (x, 1, ""),
+        _ => (x, 2, ""),
     };
-    match x.abs() {
-        a if a >= 1e6 => format!("{}M", trim(x / 1e6)),
-        a if a >= 1e3 => format!("{}k", trim(x / 1e3)),
-        a if a >= 10.0 || a == 0.0 => trim(x),
-        _ => format!("{x:.2}"),
-    }
+    let text = format!("{value:.digits$}");
+    format!("{}{unit}", text.trim_end_matches('0').trim_end_matches('.'))
 }
 
 #[cfg(test)]
@@ -151,5 +149,6 @@ mod tests {
     #[test]
     fn axis_numbers_are_short() {
         assert_eq!([0.0, 0.25, 12.0, 23_400.0, 3_200_000.0].map(short), ["0", "0.25", "12", "23.4k", "3.2M"]);
+        assert_eq!([5.0, 1.5, 100.0, 2_000.0, -0.5].map(short), ["5", "1.5", "100", "2k", "-0.5"]);
     }
 }
