@@ -210,6 +210,10 @@ pub struct Request {
     pub purpose: Purpose,
     /// When the training is to stop, where that is known: a system is chosen by it. No part of a run that is resumed.
     pub stop: Option<Stop>,
+    /// Try a few steps with a copy of the system first, to know what memory the training will need.
+    pub rehearsal: bool,
+    /// LPIPS will be measured.
+    pub lpips: bool,
 }
 
 impl Request {

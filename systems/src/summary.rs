@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::memory::resident_bytes;
+use crate::memory::{ExpectedMemory, resident_bytes};
 use crate::system::System;
 use scene_io::Scene;
 use serde::{Deserialize, Serialize};
@@ -76,10 +76,13 @@ pub struct Skip {
 /// Bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Memory {
-    /// Decoded images, as estimated before the start.
+    /// Decoded images, as expected before the start.
     pub images: u64,
     /// The system: parameters, moments, gradients, scratch.
     pub system: u64,
+    /// All that was expected before the start, as it was printed; 0 where nobody asked.
+    #[serde(default)]
+    pub expected: u64,
     /// Most the process held; absent where the system does not say.
     pub peak: Option<u64>,
 }
@@ -97,13 +100,13 @@ impl Summary {
     /// Name in the run folder.
     pub const FILE: &'static str = "summary.json";
 
-    /// Ask `system` and the process. `progress` is steps, seconds and the step resumed at; `memory` images and system.
+    /// Ask `system` and the process. `progress` is steps, seconds and the step resumed at; `memory` what was expected.
     pub fn new(
         system: &dyn System,
         scene: SceneSummary,
         plan: &[String],
         (steps, seconds, resumed_at): (u64, f64, Option<u64>),
-        [images, system_bytes]: [u64; 2],
+        memory: ExpectedMemory,
     ) -> Self {
         let skip = |row: crate::system::SkipRow| Skip {
             what: row.what.into(),
@@ -124,7 +127,12 @@ impl Summary {
             resumed_at,
             timings: system.timings().into_iter().map(|(name, s)| (name.to_string(), s)).collect(),
             skips: system.skips().into_iter().map(skip).collect(),
-            memory: Memory { images, system: system_bytes, peak: resident_bytes().map(|r| r.peak) },
+            memory: Memory {
+                images: memory.photos,
+                system: memory.system.max(system.memory_bytes() as u64),
+                expected: memory.total(),
+                peak: resident_bytes().map(|r| r.peak),
+            },
             machine: Machine { cpu: cpu(), threads: rayon::current_num_threads() },
         }
     }

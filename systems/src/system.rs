@@ -420,8 +420,13 @@ pub trait System: Send + Sync {
     /// Trainable numbers.
     fn parameter_count(&self) -> usize;
 
-    /// Bytes held by parameters, moments, gradients and scratch.
+    /// Bytes held now by parameters, moments, gradients and scratch.
     fn memory_bytes(&self) -> usize;
+
+    /// Bytes that it may hold later on top of what it holds after its first steps: a cloud or a grid that grows.
+    fn growth_bytes(&self) -> usize {
+        0
+    }
 
     /// Work skipped so far.
     fn skips(&self) -> Vec<SkipRow>;

@@ -28,6 +28,11 @@ pub(crate) struct Cli {
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) threads: Option<u16>,
 
+    /// Memory that the program may hold at most. What does not fit is planned smaller (tables, batches, Gaussians, photos held at a
+    /// time) or refused (default: what the machine has)
+    #[arg(long, global = true, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 30))]
+    pub(crate) memory: Option<u64>,
+
     /// How progress is shown
     #[arg(long, global = true, value_enum, default_value_t = ProgressKind::Auto, value_name = "HOW")]
     pub(crate) progress: ProgressKind,

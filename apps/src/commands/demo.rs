@@ -25,6 +25,8 @@ pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
         scene: Some(app.demo_scene.into()),
         system: args.system.or_else(|| app.demo_system.map(str::to_string)),
         set: settings(args.set, args.field, None),
+        rehearsal: true,
+        lpips: session.measures_lpips(),
         ..Request::default()
     };
     let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(app.demo_steps)));

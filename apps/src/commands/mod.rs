@@ -42,6 +42,7 @@ pub(crate) struct Session {
     pub(crate) progress: ProgressKind,
     pub(crate) lpips: Option<PathBuf>,
     pub(crate) threads: Option<u16>,
+    pub(crate) memory: Option<u64>,
 }
 
 impl Session {
@@ -51,6 +52,11 @@ impl Session {
             Some(path) => Ok(Some(load_lpips(&path)?)),
             None => Ok(None),
         }
+    }
+
+    /// Whether LPIPS will be measured.
+    fn measures_lpips(&self) -> bool {
+        lpips_path(self.lpips.as_deref()).is_some()
     }
 
     /// Scenes from files and the embedded ones, systems by the app's plan, files to the disk.
@@ -79,6 +85,7 @@ impl Session {
         line.extend(words);
         if with_options {
             line.extend(self.threads.into_iter().flat_map(|n| ["--threads".into(), n.to_string()]));
+            line.extend(self.memory.into_iter().flat_map(|n| ["--memory".into(), n.to_string()]));
             line.extend(self.lpips.iter().flat_map(|file| ["--lpips-weights".into(), file.display().to_string()]));
         }
         shlex::try_join(line.iter().map(String::as_str)).unwrap_or_else(|_| line.join(" "))
@@ -97,7 +104,11 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
-    let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads };
+    if let Some(mib) = cli.memory {
+        systems::memory::set_limit(mib << 20);
+    }
+    let session =
+        Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads, memory: cli.memory };
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Prepare(args) => prepare::run(&session, &args, cli.threads),

@@ -32,6 +32,8 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         set: settings(args.set, args.field, args.max_splats),
         purpose: args.purpose.unwrap_or_default(),
         stop: Some(wished.stop().unwrap_or(Stop::Seconds(DEFAULT_SECONDS))),
+        rehearsal: true,
+        lpips: session.measures_lpips(),
     };
     let mut show = session.show();
     let (mut run, own) = if args.resume {
@@ -135,7 +137,7 @@ fn introduce(run: &Run<'_>, schedule: &Schedule) {
     for decision in &run.plan {
         line(format_args!("  {decision}"));
     }
-    line(run.memory_line());
+    line(run.expected_memory());
     if run.step > 0 {
         line(format_args!("resumed at step {}, {:.1} s of training", run.step, run.seconds));
     }

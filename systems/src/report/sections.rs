@@ -234,6 +234,9 @@ pub(super) fn costs(s: &Summary) -> String {
         ("decoded images, expected".to_string(), human(s.memory.images)),
         ("parameters, moments, gradients, scratch".to_string(), human(s.memory.system)),
     ];
+    if s.memory.expected > 0 {
+        rows.push(("whole process, expected at most".to_string(), human(s.memory.expected)));
+    }
     rows.extend(s.memory.peak.map(|p| ("whole process, peak".to_string(), human(p))));
     rows.push(("threads".into(), s.machine.threads.to_string()));
     rows.extend(s.machine.cpu.clone().map(|cpu| ("processor".to_string(), cpu)));

@@ -23,6 +23,7 @@ mod host;
 mod lock;
 mod mask_meaning;
 mod measured;
+mod memory;
 mod place;
 mod planned;
 mod showcase;
@@ -33,7 +34,7 @@ use crate::error::RunError;
 use crate::eval::{EvalAppearance, Evaluation, Measures};
 use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
-use crate::memory::{available_bytes, human};
+use crate::memory::{ExpectedMemory, limit};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
 use crate::output::{Disk, Storage, read_json, write_file};
 use crate::photo_points::provide;
@@ -100,6 +101,8 @@ pub struct Run<'a> {
     /// Step the run was resumed at.
     resumed_at: Option<u64>,
     dataset: String,
+    /// Memory it will need.
+    expected: ExpectedMemory,
     /// The right to write into the folder, where this run has taken it.
     lock: Option<FolderLock>,
 }
@@ -135,7 +138,7 @@ impl<'a> Run<'a> {
             set: request.set.clone(),
         };
         let mut data = DataOptions {
-            image_memory: Some(request.data.image_memory.unwrap_or(IMAGE_MEMORY_MIB)),
+            image_memory: Some(request.data.image_memory.unwrap_or_else(default_image_memory)),
             ..request.data.clone()
         };
         let points = provide::take(&mut options.set)?;
@@ -182,7 +185,7 @@ impl<'a> Run<'a> {
             data,
             settings: plan.config,
         };
-        let run = Self {
+        let mut run = Self {
             parts,
             folder: folder.into(),
             error_budget: config.error_budget,
@@ -197,9 +200,10 @@ impl<'a> Run<'a> {
             seconds: 0.0,
             resumed_at: None,
             dataset,
+            expected: ExpectedMemory::default(),
             lock,
         };
-        run.check_memory(observer)?;
+        run.fit_memory(request, observer)?;
         // A light that the system has not is found out now, too.
         run.protocol()?;
         let text = toml::to_string_pretty(&run.config)
@@ -227,7 +231,11 @@ impl<'a> Run<'a> {
             return Err(RunError::NoCheckpoint(folder.into()));
         }
         let lock = take_lock(folder, observer)?;
-        Ok(Self { lock, ..Self::open(folder, request, parts, observer)? })
+        let mut run = Self { lock, ..Self::open(folder, request, parts, observer)? };
+        if request.rehearsal {
+            run.fit_memory(request, observer)?;
+        }
+        Ok(run)
     }
 
     /// Open the run in `folder` at its newest usable checkpoint, to read it. What `request` says must agree with the run.
@@ -287,6 +295,7 @@ impl<'a> Run<'a> {
             seconds: meta.seconds,
             resumed_at: Some(meta.step),
             dataset,
+            expected: ExpectedMemory::default(),
             lock: None,
         })
     }
@@ -353,57 +362,21 @@ impl<'a> Run<'a> {
         Ok((ended, evaluation))
     }
 
-    /// One line about the memory the run needs.
-    pub fn memory_line(&self) -> String {
-        let (images, system) = self.memory_estimate();
-        let total = human(images + system);
-        let available = available_bytes().map_or_else(String::new, |b| format!(", {} available", human(b)));
-        format!(
-            "memory: {total} expected (images {}, {} {}){available}",
-            human(images),
-            self.system.name(),
-            human(system)
-        )
-    }
-
-    fn memory_estimate(&self) -> (u64, u64) {
-        (self.train.memory_bytes(), self.system.memory_bytes() as u64)
-    }
-
-    /// Refuse early, with the numbers.
-    fn check_memory(&self, observer: &mut dyn Observer) -> Result<(), RunError> {
-        let (images, system) = self.memory_estimate();
-        let Some(available) = available_bytes() else { return Ok(()) };
-        if images > available {
-            let (images, available) = (human(images), human(available));
-            return Err(RunError::Untrainable(format!(
-                "the decoded images need {images} and {available} are available: give `--image-memory MIB` or \
-                 `--longest-side PX`"
-            )));
-        }
-        if images + system > available / 10 * 9 {
-            let line = format!(
-                "{} expected and {} available: the machine may start to swap; `--longest-side PX` or `--image-memory \
-                 MIB` help",
-                human(images + system),
-                human(available)
-            );
-            observer.event(Event::Warning(&line));
-        }
-        Ok(())
-    }
-
     fn write_summary(&self) -> Result<(), RunError> {
-        let (images, system) = self.memory_estimate();
         let summary = Summary::new(
             self.system.as_ref(),
             SceneSummary::new(&self.scene, &self.train, &self.held_out),
             &self.plan,
             (self.step, self.seconds, self.resumed_at),
-            [images, system],
+            self.expected,
         );
         write_file(self.parts.storage, &self.folder.join(Summary::FILE), summary.json().as_bytes())
     }
+}
+
+/// Memory for decoded images where nothing is said, MiB: a third of what the process may hold where that is limited.
+fn default_image_memory() -> u64 {
+    limit().map_or(IMAGE_MEMORY_MIB, |bytes| IMAGE_MEMORY_MIB.min((bytes >> 20) / 3).max(1))
 }
 
 /// The lock of a folder; where the file system knows none, that is said.

@@ -317,7 +317,12 @@ impl System for Splat {
 
     fn memory_bytes(&self) -> usize {
         let free_space = if self.config.free_space { empty::BYTES } else { 0 };
-        memory::most(self.config.max_splats, self.cloud.numbers(), self.pictures) + free_space
+        memory::most(self.cloud.len(), self.cloud.numbers(), self.pictures) + free_space
+    }
+
+    fn growth_bytes(&self) -> usize {
+        let most = |splats| memory::most(splats, self.cloud.numbers(), Pictures::default());
+        most(self.config.max_splats).saturating_sub(most(self.cloud.len()))
     }
 
     fn skips(&self) -> Vec<SkipRow> {

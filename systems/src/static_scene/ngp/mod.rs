@@ -71,7 +71,7 @@ use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
-use table::TableTrainer;
+use table::{Table, TableTrainer};
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
@@ -83,6 +83,9 @@ const STRETCH_RATE: f32 = 1.05;
 
 /// Rays of the first batch, before anybody knows how many samples a ray has.
 const FIRST_RAYS: usize = 256;
+
+/// Bytes of a parameter of a voxel grid: itself, a gradient for each of three distances, two moments.
+const TABLE_BYTES: usize = 4 * (1 + 3 + 2);
 
 /// Adam of the paper: sparse gradients need a small epsilon.
 const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, eps: 1e-15, decay: Decay::None };
@@ -388,6 +391,13 @@ impl System for Ngp {
             + chunks
             + self.occupy.bytes()
             + self.method.as_ref().map_or(0, |m| m.memory_bytes())
+    }
+
+    fn growth_bytes(&self) -> usize {
+        // Voxels double in number; the last of them are made while those before are there.
+        let Ok(last) = Table::new(&self.config, u64::MAX) else { return 0 };
+        let (now, last) = (self.field.grid_params.len(), last.params_len());
+        if last > now { TABLE_BYTES * (last - now) + 4 * last } else { 0 }
     }
 
     fn skips(&self) -> Vec<SkipRow> {

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use render_core::camera::Prepared;
 use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, Settings, StepRule};
 use std::ops::ControlFlow;
+use std::sync::{Mutex, PoisonError};
 
 /// Stream of the points looked at, and of their moments within it.
 const POINTS: u64 = 0x6f63_6375;
@@ -33,8 +34,8 @@ const NEXT_MOMENT: f64 = 0.618_033_988_749_894_9;
 const TASK: usize = 4096;
 /// One in so many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
 const DOUBTED: usize = 10;
-/// Tasks of an update at most: each has its buffers.
-const LOOKERS: usize = 32;
+/// Tasks of an update at most.
+const TASKS: usize = 32;
 /// Samples of a ray at most: [`super::NgpConfig::check`] sees to it that no march ends early.
 pub(super) const MAX_SAMPLES: u32 = 1 << 16;
 /// Where the sky's sample is, and how long: so many times the way to the end of the occupancy grid. There the contraction
@@ -49,7 +50,8 @@ pub(super) struct Occupy {
     step_min: f32,
     cells: Vec<u32>,
     thickness: Vec<f32>,
-    lookers: Vec<Looker>,
+    /// Buffers that no task uses just now.
+    lookers: Mutex<Vec<Looker>>,
 }
 
 /// Buffers of a task of an update.
@@ -125,7 +127,8 @@ impl Occupy {
             value: config.occupancy.to_string(),
             problem: e.to_string(),
         })?;
-        let lookers = (0..LOOKERS).map(|_| Looker::default()).collect();
+        // Room for all that can be at work, so that none is allocated for later.
+        let lookers = Mutex::new(Vec::with_capacity(TASKS));
         Ok(Self { grid, step_min: config.step_min, cells: Vec::new(), thickness: Vec::new(), lookers })
     }
 
@@ -152,7 +155,8 @@ impl Occupy {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let lookers: usize = self.lookers.iter().map(Looker::bytes).sum();
+        let lookers = self.lookers.lock().unwrap_or_else(PoisonError::into_inner);
+        let lookers: usize = lookers.iter().map(Looker::bytes).sum();
         self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + lookers
     }
 
@@ -174,15 +178,20 @@ impl Occupy {
         self.thickness.resize(self.cells.len(), 0.0);
         let (grid, step_min) = (&self.grid, self.step_min);
         // Whole blocks of `TASK` to each task.
-        let share = TASK * self.cells.len().div_ceil(TASK * LOOKERS).max(1);
+        let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
-        tasks.zip(&mut self.lookers).for_each(|((out, cells), looker)| {
+        // As many as there are threads, not tasks: what a looker holds from the task before says nothing about the next.
+        let lookers = &self.lookers;
+        let idle = || lookers.lock().unwrap_or_else(PoisonError::into_inner);
+        tasks.for_each(|(out, cells)| {
+            let mut looker = idle().pop().unwrap_or_default();
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
                 looker.look(grid, field, space, &draws, cells, out);
                 for (out, &id) in out.iter_mut().zip(cells) {
                     *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
                 }
             }
+            idle().push(looker);
         });
         self.grid.update(&self.cells, &self.thickness);
     }

@@ -1,4 +1,35 @@
-//! How much memory the process holds, as the system counts it.
+//! One budget of memory for a process: what it holds, what it may take, what a run will need.
+//!
+//! ```text
+//! mod.rs         what the process holds and may take, as the system counts it; the limit of `--memory`
+//! expected.rs    what a run will need: the line that is printed before the start
+//! rehearsal.rs   a few steps of a copy of the system, to see what training really takes
+//! smaller.rs     settings that are reduced where a limit is too low for those planned
+//! ```
+
+mod expected;
+mod rehearsal;
+mod smaller;
+
+pub use expected::ExpectedMemory;
+pub(crate) use expected::Needs;
+pub(crate) use rehearsal::rehearse;
+pub(crate) use smaller::{Reduced, reduce};
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes that this process may hold, as the user said; 0: no limit.
+static LIMIT: AtomicU64 = AtomicU64::new(0);
+
+/// Let this process hold at most so many bytes: the limit of `--memory`. From then on [`available_bytes`] knows it.
+pub fn set_limit(bytes: u64) {
+    LIMIT.store(bytes.max(1), Ordering::Relaxed);
+}
+
+/// What [`set_limit`] said; `None` where nothing was said.
+pub fn limit() -> Option<u64> {
+    Some(LIMIT.load(Ordering::Relaxed)).filter(|&bytes| bytes > 0)
+}
 
 /// Resident and peak resident bytes of this process; `None` where the system does not say (only Linux is asked).
 pub fn resident_bytes() -> Option<Resident> {
@@ -15,9 +46,11 @@ pub struct Resident {
     pub peak: u64,
 }
 
-/// Memory of the machine that can still be had without swapping, bytes.
+/// Bytes this process can still take: what the machine can give without swapping, or less where [`set_limit`] says so.
 pub fn available_bytes() -> Option<u64> {
-    field(&std::fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
+    let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| field(&text, "MemAvailable:"));
+    let left = limit().map(|limit| limit.saturating_sub(resident_bytes().map_or(0, |held| held.now)));
+    [machine, left].into_iter().flatten().min()
 }
 
 fn field(text: &str, name: &str) -> Option<u64> {

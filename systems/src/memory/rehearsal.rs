@@ -1,0 +1,42 @@
+//! A rehearsal: a few steps of a copy of the system, to see what training really takes.
+//!
+//! What a step needs besides parameters depends on the photos, on the number of threads and on how many samples rays have.
+//! Formulas for it went wrong by factors; so the process is looked at while the work is done. The run's own system is not
+//! touched: its bits do not depend on the rehearsal.
+
+use crate::data::Dataset;
+use crate::render::plain_query;
+use crate::system::System;
+use std::time::{Duration, Instant};
+
+/// Steps at most: batches have grown to their size by then.
+const STEPS: u64 = 8;
+/// No further step after this time.
+const ENOUGH: Duration = Duration::from_secs(3);
+/// Rays that are rendered: more than one strip of a picture.
+const RAYS: usize = 1 << 14;
+
+/// Train a copy of a run's system for some steps, and render a strip of a picture with it. Returns the bytes the copy has come
+/// to hold. What goes wrong in it will go wrong again in the training, and is reported there.
+pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset) -> u64 {
+    let start = Instant::now();
+    for step in 0..STEPS {
+        if copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
+            break;
+        }
+    }
+    if let Some(view) = views.views().first() {
+        let query = plain_query([0.0; 3], 0.0);
+        if copy.render_view(&view.camera, &query).is_none() {
+            let camera = view.camera.prepare();
+            let pixels = (0..view.camera.height).flat_map(|y| (0..view.camera.width).map(move |x| (x, y)));
+            // From the middle of the picture, where there is most to see.
+            let skipped = (view.camera.width as usize * view.camera.height as usize).saturating_sub(RAYS) / 2;
+            let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
+            let (rays, radii): (Vec<_>, Vec<_>) =
+                centres.filter_map(|at| Some((camera.ray(at)?, camera.cone_radius(at).unwrap_or(0.0) as f32))).unzip();
+            copy.render_cones(&rays, &radii, &query);
+        }
+    }
+    copy.memory_bytes() as u64
+}
