@@ -125,7 +125,7 @@ mod tests {
             r#"{{"type": "draw", "id": {id}, "width": 8, "height": 6, "position": [0, 0, 0], "wxyz": [1, 0, 0, 0],
                 "fov": 1, "layer": "colour", "limit": 40}}"#
         );
-        match Message::parse(&text) {
+        match Message::read(text.as_bytes()) {
             Ok(Message::Draw(draw)) => draw,
             other => panic!("{other:?}"),
         }

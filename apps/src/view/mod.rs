@@ -12,6 +12,7 @@ mod desk;
 mod fast;
 mod follow;
 mod guard;
+mod header;
 mod pace;
 mod page;
 mod picture;
@@ -23,6 +24,7 @@ mod session;
 mod stage;
 mod tail;
 mod training;
+mod wire;
 
 use crate::cli::View;
 use crate::commands::{Done, Failure, Session};
@@ -30,12 +32,26 @@ use crate::interrupt;
 use crate::show::line;
 use cloud_scene::CloudScene;
 use follow::Follower;
+use protocol::Message;
+use render_core::camera::Camera;
 use scene::Scene3d;
 use server::Server;
 use stage::{Shown, Stage};
 use std::path::Path;
 use std::sync::Arc;
 use systems::RunError;
+
+/// Read a message of the page, and go on with it as the server does: the camera of the picture; `None` where there is none.
+///
+/// # Errors
+/// One line that names what is wrong.
+pub(crate) fn camera_of(message: &[u8]) -> Result<Option<Camera>, String> {
+    Ok(match Message::read(message)? {
+        Message::Draw(draw) => Some(draw.eye.camera(draw.full_size())),
+        Message::Pick(pick) => Some(pick.camera()),
+        Message::Save(_) => None,
+    })
+}
 
 /// Serve the page until a signal comes.
 pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {

@@ -1,7 +1,8 @@
 //! One picture of one layer: drawn, coloured, encoded, timed.
 
+use super::header::{Drawer, Header, Quality};
 use super::pace::Pace;
-use super::protocol::{Draw, Drawer, Header, Layer, Quality};
+use super::protocol::{Draw, Layer};
 use super::scene::Scene3d;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};

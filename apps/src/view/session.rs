@@ -1,9 +1,10 @@
 //! One connected page: its wishes in, pictures out. A thread of its own draws, so that words never wait for pictures.
 
 use super::desk::{Desk, Job};
+use super::header::{Drawer, Quality};
 use super::pace::levels;
 use super::picture::{self, Painter};
-use super::protocol::{Draw, Drawer, Layer, Message, Quality};
+use super::protocol::{Draw, Layer, Message, Save};
 use super::scene::Scene3d;
 use super::stage::{Shown, Stage};
 use axum::extract::ws::{Message as Frame, WebSocket};
@@ -43,10 +44,10 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
     loop {
         let answer = tokio::select! {
             message = socket.recv() => match message {
-                Some(Ok(Frame::Text(text))) => match Message::parse(&text) {
+                Some(Ok(Frame::Text(text))) => match Message::read(text.as_bytes()) {
                     Ok(Message::Draw(draw)) => { desk.draw(draw); None }
                     Ok(Message::Pick(pick)) => { desk.pick(pick); None }
-                    Ok(Message::Save { crop }) => Some(save(shown.borrow().scene(), &crop)),
+                    Ok(Message::Save(Save { crop })) => Some(save(shown.borrow().scene(), &crop)),
                     Err(problem) => Some(error(&problem)),
                 },
                 Some(Ok(Frame::Binary(_))) => Some(error("the message is not understood: it is no text")),
