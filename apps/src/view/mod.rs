@@ -7,6 +7,7 @@
 //! ```
 
 mod cloud_scene;
+mod connections;
 mod cropped;
 mod desk;
 mod fast;
@@ -18,7 +19,9 @@ mod page;
 mod picture;
 mod protocol;
 mod run_scene;
+mod save;
 mod scene;
+mod seat;
 mod server;
 mod session;
 mod stage;
@@ -31,6 +34,7 @@ use crate::commands::{Done, Failure, Session};
 use crate::interrupt;
 use crate::show::line;
 use cloud_scene::CloudScene;
+use connections::Patience;
 use follow::Follower;
 use protocol::Message;
 use render_core::camera::Camera;
@@ -39,6 +43,7 @@ use server::Server;
 use stage::{Shown, Stage};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 use systems::RunError;
 
 /// Read a message of the page, and go on with it as the server does: the camera of the picture; `None` where there is none.
@@ -78,12 +83,14 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
         RunError::Option(format!("cannot listen at `--host {}` `--port {}`: {e}", args.host, args.port))
     })?;
     if !server.address.ip().is_loopback() {
-        crate::show::note(
-            "warning: everybody who reaches this machine can look at this; `--host 127.0.0.1` keeps it here",
-        );
+        crate::show::note(&format!(
+            "warning: `--host {}`: everybody who reaches this machine can look at this, keep it busy and replace its crop, \
+             without a password and in plain text; `--host 127.0.0.1` keeps it here",
+            args.host
+        ));
     }
     line(format_args!("http://{}/ shows {}; Ctrl-C ends it", server.address, args.what.display()));
-    server.run(stage, &interrupt)?;
+    server.run(stage, Patience::new(Duration::from_secs(args.patience)), &interrupt)?;
     Ok(Done::Finished)
 }
 

@@ -1,8 +1,8 @@
 //! One picture of one layer: drawn, coloured, encoded, timed.
 
 use super::header::{Drawer, Header, Quality};
-use super::pace::Pace;
-use super::protocol::{Draw, Layer};
+use super::pace::{Pace, scaled};
+use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
@@ -169,7 +169,11 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
 pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String> {
     let clock = Instant::now();
     let photo = draw.photo.ok_or_else(|| format!("`photo` is missing: layer `{}` is of a photo", draw.layer.name()))?;
-    let picture = scene.photo(photo, draw.layer)?;
+    let mut picture = scene.photo(photo, draw.layer)?;
+    let size = scaled(picture.dimensions(), LARGEST_PICTURE);
+    if size != picture.dimensions() {
+        picture = image::imageops::thumbnail(&picture, size.0, size.1);
+    }
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
     Ok(header(scene, draw, ([0.0; 2], Quality::Full, Drawer::Scene), &picture, seconds).before(&file))

@@ -18,7 +18,7 @@ pub(crate) const LARGEST_MESSAGE: usize = 16 << 10;
 const LARGEST_SIDE: u32 = 4096;
 
 /// Pixels the longest side of a picture may have: what the page offers at most.
-const LARGEST_PICTURE: u32 = 2400;
+pub(crate) const LARGEST_PICTURE: u32 = 2400;
 
 /// Characters of a sentence about a wrong message: parts of the message are in it.
 const LONGEST_SENTENCE: usize = 300;
