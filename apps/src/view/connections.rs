@@ -3,7 +3,7 @@
 //! | what | bound |
 //! | --- | --- |
 //! | a request and its answer, from the first byte to the last | [`Patience::request`], then the connection is closed |
-//! | requests on a connection | one; a WebSocket is what becomes of one |
+//! | requests on a connection | one, as every answer says `Connection: close`; or a WebSocket is what becomes of it |
 //! | connections that wait for a request or its answer | [`MOST_OPEN`]; the oldest makes room for the newest |
 //! | bytes of a request before its body | [`LARGEST_HEAD`] in at most [`MOST_HEADERS`] headers |
 //!
@@ -52,7 +52,7 @@ impl Patience {
 pub(crate) async fn serve(listener: TcpListener, router: Router, patience: Patience) {
     let service = TowerToHyperService::new(router);
     let mut http = http1::Builder::new();
-    http.keep_alive(false).max_buf_size(LARGEST_HEAD).max_headers(MOST_HEADERS);
+    http.max_buf_size(LARGEST_HEAD).max_headers(MOST_HEADERS);
     let mut open: VecDeque<AbortHandle> = VecDeque::with_capacity(MOST_OPEN);
     loop {
         let Ok((stream, _)) = listener.accept().await else {

@@ -100,7 +100,12 @@ async fn guarded(State(shared): State<Shared>, request: Request, next: Next) -> 
         Ok(_) => next.run(request).await,
         Err(refusal) => refused(refusal),
     };
+    let is_upgrade = answer.status() == StatusCode::SWITCHING_PROTOCOLS;
     let headers = answer.headers_mut();
+    if !is_upgrade {
+        // One request a connection: nothing that comes after it is read.
+        headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),

@@ -73,7 +73,7 @@ fn floods_do_not_grow_memory() {
     let Some(most) = memory(&viewer, "VmHWM:", TEST) else { return };
     println!("{TEST}: {before} KiB before, {most} KiB at most");
     assert!(most < before + ROOM, "{before} KiB before, {most} KiB at most");
-    let mut live = viewer.connect();
+    let mut live = welcome(&viewer);
     live.hear("scene");
     let id = live.ask(&scene["photos"][0], json!({}));
     live.best(id);

@@ -6,7 +6,7 @@ mod requests;
 mod seats;
 
 use crate::view::write_cloud;
-use crate::viewing::Viewer;
+use crate::viewing::{Live, Viewer};
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -80,6 +80,18 @@ fn seat(viewer: &Viewer) -> TcpStream {
             return stream;
         }
         assert!(since.elapsed() < LONG, "no place: {status}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// As [`seat`], for a client with manners.
+fn welcome(viewer: &Viewer) -> Live {
+    let since = Instant::now();
+    loop {
+        match viewer.try_connect(None) {
+            Ok(live) => return live,
+            Err(e) => assert!(since.elapsed() < LONG, "no place: {e}"),
+        }
         std::thread::sleep(Duration::from_millis(50));
     }
 }

@@ -16,8 +16,7 @@ fn silent_clients_lose_their_places_and_the_ninth_gets_in() {
     }
     let took = since.elapsed();
     assert!(took >= Duration::from_secs(2) && took < Duration::from_secs(20), "{took:?}");
-    drop(seat(&viewer));
-    viewer.connect().hear("scene");
+    welcome(&viewer).hear("scene");
 }
 
 #[test]
@@ -37,7 +36,7 @@ fn a_client_that_asks_and_does_not_read_loses_its_place() {
     let nonsense = frame(TEXT, format!(r#"{{"type": "{}"}}"#, "x".repeat(250)).as_bytes()).repeat(200);
     let mut clients: Vec<TcpStream> = (0..8).map(|_| silent(&viewer)).collect();
     std::thread::scope(|scope| clients.iter_mut().for_each(|client| drop(scope.spawn(|| pour(client, &nonsense)))));
-    viewer.connect().hear("scene");
+    welcome(&viewer).hear("scene");
 }
 
 #[test]
@@ -47,7 +46,7 @@ fn places_of_clients_that_vanish_are_free_at_once() {
         let clients: Vec<TcpStream> = (0..8).map(|_| seat(&viewer)).collect();
         drop(clients);
     }
-    viewer.connect().hear("scene");
+    welcome(&viewer).hear("scene");
 }
 
 #[test]
