@@ -4,7 +4,10 @@ use super::*;
 use serde_json::json;
 
 /// What the memory of the server may grow by while it is flooded, KiB: pictures, and what waits for clients that do not read.
-const ROOM: u64 = 200 << 10;
+const ROOM: u64 = 60 << 10;
+
+/// What a picture of the largest size may take while it is drawn, KiB.
+const LARGEST: u64 = 600 << 10;
 
 fn wish(id: u32) -> String {
     json!({ "type": "draw", "id": id, "width": 64, "height": 48, "position": [0.5, 0.5, -3.0], "wxyz": [1, 0, 0, 0],
@@ -92,4 +95,13 @@ fn the_largest_picture_is_that_of_the_page() {
     }
     let id = live.ask(photo, json!({ "width": 4096, "height": 1024, "limit": 2400 }));
     assert_eq!(live.best(id).pixels.dimensions(), (2400, 600));
+    const TEST: &str = "the_largest_picture_is_that_of_the_page";
+    let Some(before) = memory(&viewer, "VmRSS:", TEST) else { return };
+    for layer in ["normals", "depth", "colour"] {
+        let id = live.ask(photo, json!({ "width": 4096, "height": 4096, "limit": 2400, "layer": layer }));
+        assert_eq!(live.best(id).pixels.dimensions(), (2400, 2400));
+    }
+    let Some(most) = memory(&viewer, "VmHWM:", TEST) else { return };
+    println!("{TEST}: {before} KiB before, {most} KiB at most");
+    assert!(most < before + LARGEST, "{before} KiB before, {most} KiB at most");
 }
