@@ -14,6 +14,7 @@ mod fast;
 mod follow;
 mod guard;
 mod header;
+mod out;
 mod pace;
 mod page;
 mod picture;
@@ -27,6 +28,7 @@ mod session;
 mod stage;
 mod tail;
 mod training;
+mod turn;
 mod wire;
 
 use crate::cli::View;

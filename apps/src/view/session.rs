@@ -5,6 +5,7 @@
 
 use super::desk::{Desk, Job};
 use super::header::{Drawer, Quality};
+use super::out::{Out, WAITING};
 use super::pace::levels;
 use super::picture::{self, Painter};
 use super::protocol::{Draw, Layer, Message, Save};
@@ -23,9 +24,6 @@ use tokio::time::{Instant, MissedTickBehavior, sleep_until, timeout};
 /// Stillness after which better pictures are drawn.
 const REST: Duration = Duration::from_millis(120);
 
-/// Messages that may wait for a slow connection; then the drawing waits.
-const WAITING: usize = 2;
-
 /// Talk to a page until it leaves, or is silent or reads nothing for `patience`. The seat is free when nobody draws for it any
 /// more.
 pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Duration, seat: Seat) {
@@ -35,7 +33,7 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Dur
     let (its_desk, its_shown) = (desk.clone(), shown.clone());
     let work = move || {
         let _seat = seat;
-        work(&its_desk, &its_shown, &out);
+        work(&its_desk, &its_shown, &Out(out));
     };
     if let Err(e) = std::thread::Builder::new().name("draw".into()).spawn(work) {
         let _ = timeout(patience, socket.send(error(&format!("no thread to draw with: {e}")))).await;
@@ -111,38 +109,37 @@ fn obey(frame: &Frame, desk: &Desk) -> Option<Frame> {
 }
 
 fn error(message: &str) -> Frame {
-    Frame::Text(json!({ "type": "error", "message": message }).to_string().into())
+    Frame::Text(error_text(message).into())
+}
+
+fn error_text(message: &str) -> String {
+    json!({ "type": "error", "message": message }).to_string()
 }
 
 /// Do what the desk says until it closes or nobody takes the answers.
-fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &mpsc::Sender<Frame>) {
+fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &Out) {
     let mut painter = Painter::default();
     while let Some(job) = desk.next() {
         let scene = shown.borrow().scene().cloned();
         let went = match (job, scene) {
             (Job::Pick(pick), scene) => {
                 let point = scene.and_then(|scene| picture::seen_point(scene.as_ref(), &pick));
-                let text = json!({ "type": "picked", "id": pick.id, "point": point }).to_string();
-                out.blocking_send(Frame::Text(text.into())).is_ok()
+                out.say(json!({ "type": "picked", "id": pick.id, "point": point }).to_string())
             }
-            (Job::Save(crop), scene) => {
-                let answer = match save(scene.as_ref(), &crop) {
-                    Ok(file) => Frame::Text(json!({ "type": "saved", "file": file }).to_string().into()),
-                    Err(problem) => error(&problem),
-                };
-                out.blocking_send(answer).is_ok()
-            }
+            (Job::Save(crop), scene) => out.say(match save(scene.as_ref(), &crop) {
+                Ok(file) => json!({ "type": "saved", "file": file }).to_string(),
+                Err(problem) => error_text(&problem),
+            }),
             (Job::Draw(number, _), None) => {
                 desk.met(number);
                 true
             }
             (Job::Draw(number, draw), Some(scene)) => {
-                let mut send = |bytes: Vec<u8>| out.blocking_send(Frame::Binary(bytes.into())).is_ok();
-                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), &mut send) {
+                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), out) {
                     Ok(went) => went,
                     Err(problem) => {
                         desk.met(number);
-                        out.blocking_send(error(&problem)).is_ok()
+                        out.say(error_text(&problem))
                     }
                 }
             }
@@ -158,16 +155,16 @@ fn draw_all(
     desk: &Desk,
     (painter, scene): (&mut Painter, &dyn Scene3d),
     (number, draw): (u64, &Draw),
-    send: &mut dyn FnMut(Vec<u8>) -> bool,
+    out: &Out,
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
         let file = picture::photo(scene, draw)?;
         desk.met(number);
-        return Ok(send(file));
+        return Ok(out.send(file));
     }
     let full = draw.full_size();
     if let Some(cloud) = stand_in(scene, draw) {
-        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), send);
+        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), out);
     }
     let first = painter.quick_size(draw, Drawer::Scene);
     let quality = |size| match size {
@@ -179,7 +176,7 @@ fn draw_all(
     let Some(file) = painter.paint(scene, draw, (first, Quality::Quick), &|| desk.is_open())? else {
         return Ok(false);
     };
-    if !send(file) {
+    if !out.send(file) {
         return Ok(false);
     }
     if !desk.rests(number, REST) {
@@ -191,13 +188,11 @@ fn draw_all(
         sizes.push(full);
     }
     for size in sizes {
-        match painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? {
-            None => return Ok(true),
-            Some(file) => {
-                if !send(file) {
-                    return Ok(false);
-                }
-            }
+        let Some(file) = painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? else {
+            return Ok(true);
+        };
+        if !out.send(file) {
+            return Ok(false);
         }
     }
     desk.met(number);
@@ -220,10 +215,13 @@ fn draw_cloud(
     desk: &Desk,
     (painter, scene, cloud): (&mut Painter, &dyn Scene3d, &Cloud),
     (number, draw): (u64, &Draw),
-    send: &mut dyn FnMut(Vec<u8>) -> bool,
+    out: &Out,
 ) -> Result<bool, String> {
     let (full, first) = (draw.full_size(), painter.quick_size(draw, Drawer::Cloud));
-    if !send(painter.sketch((scene, cloud), draw, (first, Quality::Quick))?.message) {
+    let Some(quick) = painter.sketch((scene, cloud), draw, (first, Quality::Quick), &|| desk.is_open())? else {
+        return Ok(false);
+    };
+    if !out.send(quick.message) {
         return Ok(false);
     }
     if !desk.rests(number, REST) {
@@ -231,21 +229,18 @@ fn draw_cloud(
     }
     let is_cropped = !draw.crop.keeps_everything();
     let quality = if is_cropped { Quality::Full } else { Quality::Better };
-    let sharp = painter.sketch((scene, cloud), draw, (full, quality))?;
-    if !send(sharp.message) {
+    let Some(sharp) = painter.sketch((scene, cloud), draw, (full, quality), &|| desk.is_newest(number))? else {
+        return Ok(true);
+    };
+    if !out.send(sharp.message) {
         return Ok(false);
     }
     if !is_cropped {
-        let mut is_taken = true;
-        let mut part = |file| {
-            is_taken = send(file);
-            is_taken
-        };
-        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), &mut part)?;
+        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), out)?;
         match best {
-            None => return Ok(is_taken),
+            None => return Ok(true),
             Some(file) => {
-                if !send(file) {
+                if !out.send(file) {
                     return Ok(false);
                 }
             }

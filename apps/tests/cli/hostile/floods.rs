@@ -104,4 +104,14 @@ fn the_largest_picture_is_that_of_the_page() {
     let Some(most) = memory(&viewer, "VmHWM:", TEST) else { return };
     println!("{TEST}: {before} KiB before, {most} KiB at most");
     assert!(most < before + LARGEST, "{before} KiB before, {most} KiB at most");
+    // Eight pages at a time: such pictures are drawn one after the other.
+    let mut pages: Vec<_> = (0..7).map(|_| viewer.connect()).chain([live]).collect();
+    let wish = json!({ "width": 2400, "height": 2400, "limit": 2400, "layer": "normals" });
+    let ids: Vec<u32> = pages.iter_mut().map(|page| page.ask(photo, wish.clone())).collect();
+    for (page, id) in pages.iter_mut().zip(ids) {
+        assert_eq!(page.best(id).pixels.dimensions(), (2400, 2400));
+    }
+    let Some(all) = memory(&viewer, "VmHWM:", TEST) else { return };
+    println!("{TEST}: {all} KiB at most for eight pages");
+    assert!(all < before + 2 * LARGEST, "{before} KiB before, {all} KiB at most for eight pages");
 }
