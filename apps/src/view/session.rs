@@ -19,10 +19,13 @@ use std::sync::Arc;
 use std::time::Duration;
 use systems::splats::Cloud;
 use tokio::sync::{mpsc, watch};
-use tokio::time::{Instant, MissedTickBehavior, sleep_until, timeout};
+use tokio::time::{Instant, MissedTickBehavior, sleep, sleep_until, timeout};
 
 /// Stillness after which better pictures are drawn.
 const REST: Duration = Duration::from_millis(120);
+
+/// Between the last word to a client and the end of its connection.
+const LINGER: Duration = Duration::from_millis(500);
 
 /// Talk to a page until it leaves, or is silent or reads nothing for `patience`. The seat is free when nobody draws for it any
 /// more.
@@ -58,6 +61,8 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Dur
                     // Too long or broken: nothing that comes after it can be trusted.
                     Some(Err(e)) => {
                         let _ = timeout(patience, socket.send(error(&format!("the message is refused: {e}")))).await;
+                        // A connection that is closed before all was read is reset, and what was said last may be lost.
+                        sleep(LINGER).await;
                         break;
                     }
                 }
