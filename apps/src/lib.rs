@@ -12,6 +12,21 @@ mod view;
 
 use std::process::ExitCode;
 
+/// Doors that fuzz targets knock at; nothing else has a use for them.
+#[doc(hidden)]
+pub mod doors {
+    use render_core::camera::Camera;
+
+    /// A message of the viewer's page, read as the server reads it: the camera of the picture that it asks for, whose numbers are
+    /// fine ([`Camera::check`]); `None` for a message that asks for none.
+    ///
+    /// # Errors
+    /// One line that names what is wrong, at most 300 characters.
+    pub fn viewer_message(bytes: &[u8]) -> Result<Option<Camera>, String> {
+        crate::view::camera_of(bytes)
+    }
+}
+
 /// `nerf-static`: static scenes.
 pub fn nerf_static() -> ExitCode {
     run(&app::STATIC)

@@ -84,7 +84,7 @@ impl Ffmpeg {
             ["-v", "error", "-select_streams", "v:0", "-show_entries"].map(Into::into).into();
         words.push("stream=avg_frame_rate,r_frame_rate,duration,nb_frames,width,height:format=duration".into());
         words.extend(["-of", "json", "-i"].map(Into::into));
-        words.push(video.into());
+        words.push(file_word(video));
         let answer = tools.ask(&self.ffprobe, &words).unwrap_or_default();
         // What it complains of stands after the JSON.
         let json = answer.rfind('}').map_or("", |end| &answer[..=end]);
@@ -125,7 +125,7 @@ impl Ffmpeg {
         }
         let mut words: Vec<OsString> =
             ["-hide_banner", "-nostdin", "-y", "-v", "error", "-progress", "pipe:1", "-i"].map(Into::into).into();
-        words.push(video.into());
+        words.push(file_word(video));
         words.extend(["-map", "0:v:0", "-vf"].map(Into::into));
         words.extend([filter.into(), "-q:v".into(), "2".into(), scratch.join("%06d.jpg").into()]);
         let remedy = "play the video to see whether it is whole, or convert it to MP4";
@@ -163,6 +163,13 @@ fn candidate_rate(about: &About, wanted: usize) -> (u64, u64) {
     }
     // In thousandths of a hertz; a video of weeks would round to none.
     (((wanted / about.seconds * 1000.0).round() as u64).max(1), 1000)
+}
+
+/// A file as ffmpeg's programs take it: a name like `concat:a` or `-y` is neither a protocol nor an option.
+fn file_word(file: &Path) -> OsString {
+    let mut word = OsString::from("file:");
+    word.push(file);
+    word
 }
 
 /// The candidates in the order of time, those left out that repeat the one before byte for byte: what `fps` fills gaps with.

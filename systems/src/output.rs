@@ -50,6 +50,10 @@ impl StorageFile for File {
 pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<(), RunError> {
     let temporary = temporary_name(path);
     let written = (|| {
+        // A link that somebody put there would lead the bytes elsewhere.
+        if fs::symlink_metadata(&temporary).is_ok_and(|file| file.is_symlink()) {
+            fs::remove_file(&temporary)?;
+        }
         let mut file = storage.create(&temporary)?;
         file.write_all(bytes)?;
         file.flush()?;

@@ -349,6 +349,9 @@ pub(crate) struct View {
     /// Port; 0 is any that is free
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) port: u16,
+    /// Seconds until a page that gives no sign of life loses its place; for tests
+    #[arg(long, hide = true, default_value_t = 60, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub(crate) patience: u64,
 }
 
 #[derive(Debug, Args)]

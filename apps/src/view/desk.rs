@@ -3,6 +3,7 @@
 use super::protocol::{Draw, Pick};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use systems::crop::Crop;
 
 /// Wishes of one page, between its connection and the thread that draws for it.
 #[derive(Default)]
@@ -19,6 +20,7 @@ struct Wishes {
     /// Number of the wish that was met.
     met: u64,
     pick: Option<Pick>,
+    save: Option<Crop>,
     is_closed: bool,
 }
 
@@ -29,6 +31,8 @@ pub(crate) enum Job {
     Draw(u64, Draw),
     /// A point.
     Pick(Pick),
+    /// A crop to keep.
+    Save(Crop),
 }
 
 impl Desk {
@@ -41,6 +45,10 @@ impl Desk {
 
     pub(crate) fn pick(&self, pick: Pick) {
         self.change(|w| w.pick = Some(pick));
+    }
+
+    pub(crate) fn save(&self, crop: Crop) {
+        self.change(|w| w.save = Some(crop));
     }
 
     /// The scene is another one: the last picture is wanted again.
@@ -62,6 +70,9 @@ impl Desk {
             }
             if let Some(pick) = wishes.pick.take() {
                 return Some(Job::Pick(pick));
+            }
+            if let Some(crop) = wishes.save.take() {
+                return Some(Job::Save(crop));
             }
             if let (true, Some(draw)) = (wishes.number != wishes.met, &wishes.draw) {
                 return Some(Job::Draw(wishes.number, draw.clone()));
@@ -111,7 +122,7 @@ impl Desk {
 
 impl Wishes {
     fn is_newest(&self, number: u64) -> bool {
-        !self.is_closed && self.number == number && self.pick.is_none()
+        !self.is_closed && self.number == number && self.pick.is_none() && self.save.is_none()
     }
 }
 
@@ -125,7 +136,7 @@ mod tests {
             r#"{{"type": "draw", "id": {id}, "width": 8, "height": 6, "position": [0, 0, 0], "wxyz": [1, 0, 0, 0],
                 "fov": 1, "layer": "colour", "limit": 40}}"#
         );
-        match Message::parse(&text) {
+        match Message::read(text.as_bytes()) {
             Ok(Message::Draw(draw)) => draw,
             other => panic!("{other:?}"),
         }
@@ -158,6 +169,16 @@ mod tests {
         assert!(matches!(desk.next(), Some(Job::Pick(_))));
         assert!(matches!(desk.next(), Some(Job::Draw(again, _)) if again == number));
         assert!(desk.rests(number, Duration::from_millis(1)));
+    }
+
+    #[test]
+    fn of_many_crops_the_newest_is_kept_once() {
+        let desk = Desk::default();
+        let crop = |faint| Crop { faint, ..Crop::default() };
+        (0..100).for_each(|i| desk.save(crop(f64::from(i) / 100.0)));
+        assert_eq!(desk.next(), Some(Job::Save(crop(0.99))));
+        desk.close();
+        assert_eq!(desk.next(), None);
     }
 
     #[test]

@@ -3,8 +3,25 @@
 //! A page from elsewhere can make a browser connect here; its `Origin` gives it away. A foreign name that was pointed at
 //! this machine afterwards (DNS rebinding) makes a foreign page look like our own; its `Host` gives it away. Ports are not
 //! compared with ours: a tunnel may have changed them, and neither attack can.
+//!
+//! A header that says who asks, or what a WebSocket is to be, comes once: of two, whoever checks and whoever acts may read
+//! different ones. No request has a body: there is nothing to smuggle another one in.
 
+use axum::http::{HeaderMap, HeaderName, Uri, header};
 use std::net::{IpAddr, Ipv6Addr};
+
+/// Headers that come at most once.
+const ONCE: [&str; 9] = [
+    "host",
+    "origin",
+    "upgrade",
+    "content-length",
+    "transfer-encoding",
+    "sec-websocket-key",
+    "sec-websocket-version",
+    "sec-websocket-protocol",
+    "sec-websocket-extensions",
+];
 
 /// Names that the server answers to.
 #[derive(Clone, Debug)]
@@ -15,22 +32,29 @@ pub(crate) struct Guard {
     bound: IpAddr,
 }
 
-/// Why a request is refused; the text is the answer.
+/// Why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
     /// No `Host`, or one that is none of ours.
     Host,
     /// The page that asks is not ours.
     Origin,
+    /// This header came more than once.
+    Twice(&'static str),
+    /// There is a body.
+    Body,
 }
 
 impl Refusal {
-    pub(crate) fn text(self) -> &'static str {
+    /// What is said to who asks.
+    pub(crate) fn text(self) -> String {
         match self {
-            Self::Host => {
-                "403: this viewer does not answer to that name; open the address it printed, or start it with `--host NAME`\n"
-            }
-            Self::Origin => "403: this viewer talks to its own page only\n",
+            Self::Host => "this viewer does not answer to that name; open the address it printed, or start it with \
+                           `--host NAME`"
+                .into(),
+            Self::Origin => "this viewer talks to its own page only".into(),
+            Self::Twice(name) => format!("the header `{name}` came more than once; send it once"),
+            Self::Body => "this viewer takes no body with a request".into(),
         }
     }
 }
@@ -38,6 +62,28 @@ impl Refusal {
 impl Guard {
     pub(crate) fn new(given: &str, bound: IpAddr) -> Self {
         Self { given: given.trim_matches(['[', ']']).to_ascii_lowercase(), bound }
+    }
+
+    /// Judge a request; the `Host` that it names.
+    ///
+    /// # Errors
+    /// [`Refusal`].
+    pub(crate) fn judge(&self, uri: &Uri, headers: &HeaderMap) -> Result<String, Refusal> {
+        if let Some(name) = ONCE.into_iter().find(|name| headers.get_all(*name).iter().nth(1).is_some()) {
+            return Err(Refusal::Twice(name));
+        }
+        let text = |name: HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or("?"));
+        let host = text(header::HOST).ok_or(Refusal::Host)?;
+        // `GET http://NAME/` names the host a second time.
+        if uri.authority().is_some_and(|authority| !authority.as_str().eq_ignore_ascii_case(host)) {
+            return Err(Refusal::Host);
+        }
+        self.check(Some(host), text(header::ORIGIN))?;
+        let is_long = text(header::CONTENT_LENGTH).is_some_and(|length| length != "0");
+        if is_long || headers.contains_key(header::TRANSFER_ENCODING) {
+            return Err(Refusal::Body);
+        }
+        Ok(host.into())
     }
 
     /// Judge a request by its headers `Host` and `Origin`. Programs that are no browsers, and visits by hand, have no
@@ -140,6 +186,31 @@ mod tests {
             "",
         ] {
             assert_eq!(local.check(host, Some(origin)), Err(Refusal::Origin), "{origin}");
+        }
+    }
+
+    #[test]
+    fn what_says_who_asks_is_said_once_and_nothing_follows_it() {
+        let local = guard("127.0.0.1", "127.0.0.1");
+        let judge = |uri: &str, lines: &[(&'static str, &'static str)]| {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::HOST, "127.0.0.1:80".parse().unwrap());
+            for (name, value) in lines {
+                headers.append(*name, value.parse().unwrap());
+            }
+            local.judge(&uri.parse().unwrap(), &headers)
+        };
+        let ours = "http://127.0.0.1:80";
+        assert_eq!(judge("/", &[]).as_deref(), Ok("127.0.0.1:80"));
+        assert_eq!(judge("http://127.0.0.1:80/", &[("origin", ours), ("content-length", "0")]), judge("/", &[]));
+        assert_eq!(judge("http://evil.example/", &[]), Err(Refusal::Host));
+        assert_eq!(judge("/", &[("origin", ours), ("origin", "http://evil.example")]), Err(Refusal::Twice("origin")));
+        assert_eq!(judge("/", &[("host", "127.0.0.1:80")]), Err(Refusal::Twice("host")));
+        for name in ONCE {
+            assert_eq!(judge("/", &[(name, "1"), (name, "1")]), Err(Refusal::Twice(name)));
+        }
+        for (name, value) in [("content-length", "1"), ("content-length", "+0"), ("transfer-encoding", "identity")] {
+            assert_eq!(judge("/", &[(name, value)]), Err(Refusal::Body), "{name}: {value}");
         }
     }
 }

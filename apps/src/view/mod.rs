@@ -7,35 +7,58 @@
 //! ```
 
 mod cloud_scene;
+mod connections;
 mod cropped;
 mod desk;
 mod fast;
 mod follow;
 mod guard;
+mod header;
+mod out;
 mod pace;
 mod page;
 mod picture;
 mod protocol;
 mod run_scene;
+mod save;
 mod scene;
+mod seat;
 mod server;
 mod session;
 mod stage;
 mod tail;
 mod training;
+mod turn;
+mod wire;
 
 use crate::cli::View;
 use crate::commands::{Done, Failure, Session};
 use crate::interrupt;
 use crate::show::line;
 use cloud_scene::CloudScene;
+use connections::Patience;
 use follow::Follower;
+use protocol::Message;
+use render_core::camera::Camera;
 use scene::Scene3d;
 use server::Server;
 use stage::{Shown, Stage};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 use systems::RunError;
+
+/// Read a message of the page, and go on with it as the server does: the camera of the picture; `None` where there is none.
+///
+/// # Errors
+/// One line that names what is wrong.
+pub(crate) fn camera_of(message: &[u8]) -> Result<Option<Camera>, String> {
+    Ok(match Message::read(message)? {
+        Message::Draw(draw) => Some(draw.eye.camera(draw.full_size())),
+        Message::Pick(pick) => Some(pick.camera()),
+        Message::Save(_) => None,
+    })
+}
 
 /// Serve the page until a signal comes.
 pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
@@ -62,12 +85,14 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
         RunError::Option(format!("cannot listen at `--host {}` `--port {}`: {e}", args.host, args.port))
     })?;
     if !server.address.ip().is_loopback() {
-        crate::show::note(
-            "warning: everybody who reaches this machine can look at this; `--host 127.0.0.1` keeps it here",
-        );
+        crate::show::note(&format!(
+            "warning: `--host {}`: everybody who reaches this machine can look at this, keep it busy and replace its crop, \
+             without a password and in plain text; `--host 127.0.0.1` keeps it here",
+            args.host
+        ));
     }
     line(format_args!("http://{}/ shows {}; Ctrl-C ends it", server.address, args.what.display()));
-    server.run(stage, &interrupt)?;
+    server.run(stage, Patience::new(Duration::from_secs(args.patience)), &interrupt)?;
     Ok(Done::Finished)
 }
 

@@ -1,8 +1,11 @@
 //! One picture of one layer: drawn, coloured, encoded, timed.
 
-use super::pace::Pace;
-use super::protocol::{Draw, Drawer, Header, Layer, Quality};
+use super::header::{Drawer, Header, Quality};
+use super::out::Out;
+use super::pace::{Pace, scaled};
+use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
+use super::turn::{SMALL, turn};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::time::{Duration, Instant};
@@ -38,9 +41,15 @@ pub(crate) struct Sketch {
 }
 
 impl Painter {
-    /// Size of a picture that is drawn in time.
+    /// Size of a picture that is drawn in time, and so waits for nobody.
     pub(crate) fn quick_size(&mut self, draw: &Draw, drawer: Drawer) -> (u32, u32) {
-        self.pace(draw, drawer).size(draw.full_size())
+        let (width, height) = self.pace(draw, drawer).size(draw.full_size());
+        let share = (SMALL as f64 / (f64::from(width) * f64::from(height))).sqrt();
+        if share >= 1.0 {
+            (width, height)
+        } else {
+            scaled((width, height), (f64::from(width.max(height)) * share) as u32)
+        }
     }
 
     fn pace(&mut self, draw: &Draw, drawer: Drawer) -> &mut Pace {
@@ -58,6 +67,7 @@ impl Painter {
         (size, quality): ((u32, u32), Quality),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<u8>>, String> {
+        let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
         let clock = Instant::now();
         let camera = draw.eye.camera(size);
         let Some(view) = scene.draw(&camera, &query(scene, draw), &mut |_| go_on()) else { return Ok(None) };
@@ -67,7 +77,7 @@ impl Painter {
         Ok(Some(message))
     }
 
-    /// A picture of the cloud that stands for the scene.
+    /// A picture of the cloud that stands for the scene; `None` when `go_on` said no.
     ///
     /// # Errors
     /// A sentence for the person.
@@ -76,18 +86,20 @@ impl Painter {
         (scene, cloud): (&dyn Scene3d, &Cloud),
         draw: &Draw,
         (size, quality): ((u32, u32), Quality),
-    ) -> Result<Sketch, String> {
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<Sketch>, String> {
+        let Some(_turn) = turn(size, Drawer::Cloud, go_on) else { return Ok(None) };
         let clock = Instant::now();
         let camera = draw.eye.camera(size);
         let view = cloud.render(&camera, &query(scene, draw)).map_err(|e| e.to_string())?;
         let picture = self.coloured(scene, draw.layer, &view);
         let message = self.message((scene, draw), &picture, (quality, Drawer::Cloud), clock)?;
         self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
-        Ok(Sketch { picture, message })
+        Ok(Some(Sketch { picture, message }))
     }
 
-    /// The best picture of the scene itself, drawn over one of the cloud: what is not finished goes to `send` now and then. `None`
-    /// when `go_on` said no.
+    /// The best picture of the scene itself, drawn over one of the cloud: what is not finished is offered to `out` now and then.
+    /// `None` when `go_on` said no.
     ///
     /// # Errors
     /// A sentence for the person.
@@ -97,16 +109,17 @@ impl Painter {
         draw: &Draw,
         below: &RgbImage,
         go_on: &dyn Fn() -> bool,
-        send: &mut dyn FnMut(Vec<u8>) -> bool,
+        out: &Out,
     ) -> Result<Option<Vec<u8>>, String> {
-        let clock = Instant::now();
         let size = draw.full_size();
+        let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
+        let clock = Instant::now();
         let camera = draw.eye.camera(size);
         let mut sent = Instant::now();
         let range = self.depths;
         let mut part = |layers: &Layers| {
             let rows = (layers.rgb.len() / size.0.max(1) as usize) as u32;
-            if rows > 0 && rows < size.1 && sent.elapsed() >= PART_EVERY {
+            if rows > 0 && rows < size.1 && sent.elapsed() >= PART_EVERY && out.has_room() {
                 let view = Rendered { width: size.0, height: rows, layers: layers.clone() };
                 let mut picture = below.clone();
                 image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, range), 0, 0);
@@ -114,7 +127,7 @@ impl Painter {
                 let depths = range.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
                 let header = header(scene, draw, (depths, Quality::Better, Drawer::Both), &picture, seconds);
                 sent = Instant::now();
-                if !jpeg_bytes(&picture).is_ok_and(|file| send(header.before(&file))) {
+                if !jpeg_bytes(&picture).is_ok_and(|file| out.offer(header.before(&file))) {
                     return false;
                 }
             }
@@ -168,7 +181,11 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
 pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String> {
     let clock = Instant::now();
     let photo = draw.photo.ok_or_else(|| format!("`photo` is missing: layer `{}` is of a photo", draw.layer.name()))?;
-    let picture = scene.photo(photo, draw.layer)?;
+    let mut picture = scene.photo(photo, draw.layer)?;
+    let size = scaled(picture.dimensions(), LARGEST_PICTURE);
+    if size != picture.dimensions() {
+        picture = image::imageops::thumbnail(&picture, size.0, size.1);
+    }
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
     Ok(header(scene, draw, ([0.0; 2], Quality::Full, Drawer::Scene), &picture, seconds).before(&file))

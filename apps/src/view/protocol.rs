@@ -1,7 +1,10 @@
 //! What page and server say to each other.
 //!
-//! The page sends JSON texts, [`Message`]; the server answers with JSON texts (`scene`, `training`, `waiting`, `picked`,
-//! `error`) and with pictures, which are binary: a [`Header`] and then a JPEG or PNG file.
+//! The page sends JSON texts, [`Message`]; the server answers with JSON texts (`scene`, `training`, `waiting`, `picked`, `saved`,
+//! `fast`, `error`) and with pictures, which are binary: a [`Header`](super::header::Header) and then a JPEG or PNG file.
+//!
+//! Nothing of a message is trusted: [`Message::read`] takes any bytes, and what it lets through has sizes, places and times within
+//! the bounds below. Fields that are not known are refused.
 
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::{Camera, Pose};
@@ -11,8 +14,14 @@ use systems::crop::Crop;
 /// Bytes a message of the page may have: many times what any needs.
 pub(crate) const LARGEST_MESSAGE: usize = 16 << 10;
 
-/// Pixels a side of a picture may have.
+/// Pixels a side of the place for a picture may have.
 const LARGEST_SIDE: u32 = 4096;
+
+/// Pixels the longest side of a picture may have: what the page offers at most.
+pub(crate) const LARGEST_PICTURE: u32 = 2400;
+
+/// Characters of a sentence about a wrong message: parts of the message are in it.
+const LONGEST_SENTENCE: usize = 300;
 
 /// What a page asks.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -23,56 +32,57 @@ pub(crate) enum Message {
     /// Which point of the scene is seen.
     Pick(Pick),
     /// Keep a crop beside what is shown, for `export`.
-    Save {
-        /// What is kept of the scene.
-        crop: Crop,
-    },
+    Save(Save),
+}
+
+/// A crop to be kept.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Save {
+    /// What is kept of the scene.
+    pub(crate) crop: Crop,
 }
 
 /// A picture that is wanted.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(from = "super::wire::Draw")]
 pub(crate) struct Draw {
     /// Comes back with the picture.
     pub(crate) id: u32,
-    #[serde(flatten)]
+    /// The camera.
     pub(crate) eye: Eye,
     /// What the picture shows.
     pub(crate) layer: Layer,
     /// Longest side of the best picture, pixels.
     pub(crate) limit: u32,
     /// Time of a scene that moves, `0..=1`.
-    #[serde(default)]
     pub(crate) time: f64,
     /// In which light, where there are several.
-    #[serde(default)]
     pub(crate) light: Light,
     /// What is behind the scene, `0..=1` each; without, as it was trained.
-    #[serde(default)]
     pub(crate) background: Option<[f32; 3]>,
     /// The photo meant by the layers `photo`, `mask` and `uncertainty`: an index into the scene's photos.
-    #[serde(default)]
     pub(crate) photo: Option<usize>,
     /// What of the scene is drawn.
-    #[serde(default)]
     pub(crate) crop: Crop,
 }
 
 /// A point that is wanted.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(from = "super::wire::Pick")]
 pub(crate) struct Pick {
     /// Comes back with the point.
     pub(crate) id: u32,
-    #[serde(flatten)]
+    /// The camera.
     pub(crate) eye: Eye,
     /// Place in the picture, `0..=1`, from the left and from the top.
     pub(crate) at: [f64; 2],
     /// As in [`Draw`].
-    #[serde(default)]
     pub(crate) time: f64,
 }
 
 /// From where, and how large the place is that the picture is for.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Eye {
     /// Columns there are, pixels.
     pub(crate) width: u32,
@@ -138,16 +148,27 @@ pub(crate) struct Light {
 }
 
 impl Message {
-    /// Read a message and check its numbers.
+    /// Read a message of any bytes and check its numbers.
     ///
     /// # Errors
-    /// A sentence that names what is wrong.
-    pub(crate) fn parse(text: &str) -> Result<Self, String> {
-        let message: Self = serde_json::from_str(text).map_err(|e| format!("the message is not understood: {e}"))?;
+    /// One line that names what is wrong, at most [`LONGEST_SENTENCE`] characters.
+    pub(crate) fn read(bytes: &[u8]) -> Result<Self, String> {
+        Self::checked(bytes).map_err(|problem| {
+            // Parts of the message are in the sentence, line breaks and all.
+            let line = problem.chars().map(|c| if c.is_control() { ' ' } else { c });
+            line.take(LONGEST_SENTENCE).collect()
+        })
+    }
+
+    fn checked(bytes: &[u8]) -> Result<Self, String> {
+        if bytes.len() > LARGEST_MESSAGE {
+            return Err(format!("the message has {} bytes: send at most {LARGEST_MESSAGE}", bytes.len()));
+        }
+        let message: Self = serde_json::from_slice(bytes).map_err(|e| format!("the message is not understood: {e}"))?;
         match &message {
             Self::Draw(draw) => draw.check()?,
             Self::Pick(pick) => pick.check()?,
-            Self::Save { crop } => crop.check()?,
+            Self::Save(Save { crop }) => crop.check()?,
         }
         Ok(message)
     }
@@ -163,7 +184,7 @@ fn within(field: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Resu
 impl Draw {
     fn check(&self) -> Result<(), String> {
         self.eye.check()?;
-        within("limit", f64::from(self.limit), 16.0..=f64::from(LARGEST_SIDE))?;
+        within("limit", f64::from(self.limit), 16.0..=f64::from(LARGEST_PICTURE))?;
         within("time", self.time, 0.0..=1.0)?;
         within("light.blend", f64::from(self.light.blend), 0.0..=1.0)?;
         for value in self.background.into_iter().flatten() {
@@ -218,66 +239,6 @@ impl Eye {
     }
 }
 
-/// How good a picture is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Quality {
-    /// Drawn in time; better ones follow if the camera rests.
-    Quick = 0,
-    /// Between.
-    Better = 1,
-    /// As good as asked for.
-    Full = 2,
-}
-
-/// What drew a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Drawer {
-    /// The scene itself.
-    Scene = 0,
-    /// The cloud that stands for a field.
-    Cloud = 1,
-    /// The scene above, the cloud below: a picture that is not finished.
-    Both = 2,
-}
-
-/// What stands before the bytes of a picture, little endian, in this order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Header {
-    /// Of the request, `u32`.
-    pub(crate) id: u32,
-    /// Training steps of what is shown, `u32`.
-    pub(crate) step: u32,
-    /// Milliseconds to draw and encode it, `f32`.
-    pub(crate) ms: f32,
-    /// Depths that are drawn brightest and darkest, world units, two `f32`; 0 in other layers.
-    pub(crate) depths: [f32; 2],
-    /// Columns and rows, two `u16`.
-    pub(crate) size: (u16, u16),
-    /// One byte.
-    pub(crate) quality: Quality,
-    /// One byte; two more are 0.
-    pub(crate) drawer: Drawer,
-}
-
-impl Header {
-    pub(crate) const BYTES: usize = 28;
-
-    /// The message: this header, and then the file.
-    pub(crate) fn before(&self, file: &[u8]) -> Vec<u8> {
-        let mut out = Vec::with_capacity(Self::BYTES + file.len());
-        out.extend(self.id.to_le_bytes());
-        out.extend(self.step.to_le_bytes());
-        out.extend(self.ms.to_le_bytes());
-        out.extend(self.depths[0].to_le_bytes());
-        out.extend(self.depths[1].to_le_bytes());
-        out.extend(self.size.0.to_le_bytes());
-        out.extend(self.size.1.to_le_bytes());
-        out.extend([self.quality as u8, self.drawer as u8, 0, 0]);
-        out.extend(file);
-        out
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -286,7 +247,7 @@ mod tests {
     const EYE: &str = r#""width": 80, "height": 60, "position": [1, 2, 3], "wxyz": [1, 0, 0, 0], "fov": 1.5"#;
 
     fn parse(text: &str) -> Result<Message, String> {
-        Message::parse(&text.replace("EYE", EYE))
+        Message::read(text.replace("EYE", EYE).as_bytes())
     }
 
     #[test]
@@ -296,7 +257,7 @@ mod tests {
         let Ok(Message::Draw(draw)) = parse(text) else { panic!("{:?}", parse(text)) };
         assert_eq!((draw.id, draw.layer, draw.full_size()), (7, Layer::Depth, (40, 30)));
         assert_eq!(draw.light, Light { from: Some(3), to: None, blend: 0.25 });
-        let short = r#"{"type": "draw", "id": 7, EYE, "layer": "mask", "limit": 4000, "photo": 2}"#;
+        let short = r#"{"type": "draw", "id": 7, EYE, "layer": "mask", "limit": 2400, "photo": 2}"#;
         let Ok(Message::Draw(draw)) = parse(short) else { panic!("{:?}", parse(short)) };
         assert_eq!((draw.full_size(), draw.photo, draw.background), ((80, 60), Some(2), None));
         assert!(matches!(parse(r#"{"type": "pick", "id": 1, EYE, "at": [0, 1]}"#), Ok(Message::Pick(_))));
@@ -317,7 +278,25 @@ mod tests {
             (&draw(r#", "light": {"blend": -1}"#), "`light.blend` = -1"),
             (&draw(r#", "photo": -1"#), "not understood"),
             (&draw("").replace("colour", "smell"), "smell"),
-            (&draw("").replace("\"limit\": 40", "\"limit\": 1000000"), "`limit`"),
+            (&draw("").replace("\"limit\": 40", "\"limit\": 2401"), "`limit` = 2401"),
+            (&draw("").replace("\"limit\": 40", "\"limit\": 15"), "`limit` = 15"),
+            (&draw("").replace("\"limit\": 40", "\"limit\": -1"), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("80", "4097")), "`width` = 4097"),
+            (&draw("").replace("EYE", &EYE.replace("60", "1e3")), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("1.5", "NaN")), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("1.5", "-1.5")), "`fov` = -1.5"),
+            (&draw("").replace("EYE", &EYE.replace("[1, 2", "[Infinity, 2")), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("[1, 2", "[1e999, 2")), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("[1, 2, 3]", "[1, 2]")), "not understood"),
+            (&draw("").replace("EYE", &EYE.replace("[1, 0, 0, 0]", "[1, 0, 0, 0, 0]")), "not understood"),
+            (&draw(r#", "time": -0.001"#), "`time` = -0.001"),
+            (&draw(r#", "background": [0, 0, 1e39]"#), "`background` = inf"),
+            (&draw(r#", "limit": 40"#), "duplicate field `limit`"),
+            (&draw(r#", "path": "/etc/passwd""#), "unknown field `path`"),
+            (&draw(r#", "at": [0, 0]"#), "unknown field `at`"),
+            (&draw(r#", "light": {"file": 1}"#), "unknown field `file`"),
+            (r#"{"type": "pick", "id": 1, EYE, "at": [0, 1], "layer": "colour"}"#, "unknown field `layer`"),
+            (r#"{"type": "save", "crop": {}, "file": "../x"}"#, "unknown field `file`"),
             (&draw("").replace("EYE", &EYE.replace("80", "0")), "`width` = 0"),
             (&draw("").replace("EYE", &EYE.replace("1.5", "3.2")), "`fov` = 3.2"),
             (&draw("").replace("EYE", &EYE.replace("[1, 0", "[0, 0")), "wxyz"),
@@ -330,6 +309,27 @@ mod tests {
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn any_bytes_get_one_short_line() {
+        let long = format!(r#"{{"type": "{}\n"}}"#, "y".repeat(10_000));
+        let deep = format!("{}1{}", "[".repeat(8000), "]".repeat(8000));
+        let line_break = br#"{"type": "a\nb\u0000c"}"#;
+        let inputs: [&[u8]; 7] = [
+            b"",
+            b"\xff\xfe",
+            b"{\"type\": \"\xff\"}",
+            line_break,
+            long.as_bytes(),
+            deep.as_bytes(),
+            &[b' '; LARGEST_MESSAGE + 1],
+        ];
+        for bytes in inputs {
+            let error = Message::read(bytes).unwrap_err();
+            assert!(!error.is_empty() && error.chars().count() <= LONGEST_SENTENCE, "{error}");
+            assert!(!error.contains(char::is_control), "{error:?}");
         }
     }
 
@@ -356,24 +356,5 @@ mod tests {
         let whole = pick.eye.camera((80, 60)).ray(DVec2::new(20.0, 54.0)).unwrap();
         let one = pick.camera().ray(DVec2::splat(0.5)).unwrap();
         assert!((whole.d - one.d).length() < 1e-12 && whole.o == one.o);
-    }
-
-    #[test]
-    fn a_header_has_its_fields_at_known_places() {
-        let header = Header {
-            id: 1,
-            step: 300,
-            ms: 2.5,
-            depths: [1.0, 4.0],
-            size: (640, 480),
-            quality: Quality::Full,
-            drawer: Drawer::Both,
-        };
-        let bytes = header.before(b"file");
-        assert_eq!(bytes.len(), Header::BYTES + 4);
-        assert_eq!(bytes[..8], [1, 0, 0, 0, 44, 1, 0, 0]);
-        assert_eq!(bytes[8..12], 2.5f32.to_le_bytes());
-        assert_eq!(bytes[20..28], [128, 2, 224, 1, 2, 2, 0, 0]);
-        assert_eq!(&bytes[28..], b"file");
     }
 }

@@ -1,8 +1,10 @@
 //! The server: one page, and one WebSocket that the page talks to. Nothing else is served.
 
+use super::connections::{Patience, serve};
 use super::guard::{Guard, Refusal};
 use super::page::Page;
 use super::protocol::LARGEST_MESSAGE;
+use super::seat::Seat;
 use super::session::talk;
 use super::stage::Stage;
 use axum::Router;
@@ -21,6 +23,9 @@ use std::time::Duration;
 /// Pages that may be open at a time: each has a thread that draws.
 const MOST_PAGES: usize = 8;
 
+/// Bytes that may wait for a page that does not read: more than the largest picture has. Answers to pings are among them.
+const MOST_WAITING: usize = 64 << 20;
+
 /// What requests are answered with.
 #[derive(Clone)]
 struct Shared {
@@ -28,6 +33,7 @@ struct Shared {
     page: Arc<Page>,
     stage: Arc<Stage>,
     pages: Arc<AtomicUsize>,
+    patience: Patience,
 }
 
 /// A place to listen at, and who is let in.
@@ -55,13 +61,14 @@ impl Server {
     ///
     /// # Errors
     /// What the system says.
-    pub(crate) fn run(self, stage: Arc<Stage>, interrupt: &AtomicBool) -> io::Result<()> {
+    pub(crate) fn run(self, stage: Arc<Stage>, patience: Patience, interrupt: &AtomicBool) -> io::Result<()> {
         const LOOK_UP: Duration = Duration::from_millis(100);
         let shared = Shared {
             guard: Arc::new(self.guard),
             page: Arc::new(Page::new()),
             stage,
             pages: Arc::new(AtomicUsize::new(0)),
+            patience,
         };
         let router = Router::new()
             .route("/", get(page))
@@ -77,21 +84,28 @@ impl Server {
                 }
             };
             tokio::select! {
-                served = axum::serve(listener, router) => served,
-                () = raised => Ok(()),
+                () = serve(listener, router, patience) => {}
+                () = raised => {}
             }
+            Ok(())
         })
     }
 }
 
 /// Refuse what is foreign, and say on every answer what browsers may do with it.
 async fn guarded(State(shared): State<Shared>, request: Request, next: Next) -> Response {
-    let (judged, csp) = judge(&shared, request.headers());
+    let judged = shared.guard.judge(request.uri(), request.headers());
+    let csp = shared.page.policy(judged.as_deref().unwrap_or_default());
     let mut answer = match judged {
-        Ok(()) => next.run(request).await,
+        Ok(_) => next.run(request).await,
         Err(refusal) => refused(refusal),
     };
+    let is_upgrade = answer.status() == StatusCode::SWITCHING_PROTOCOLS;
     let headers = answer.headers_mut();
+    if !is_upgrade {
+        // One request a connection: nothing that comes after it is read.
+        headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
@@ -108,18 +122,13 @@ async fn guarded(State(shared): State<Shared>, request: Request, next: Next) -> 
     answer
 }
 
-/// Whether a request is ours, and the policy of the page under the name it was asked for by.
-fn judge(shared: &Shared, headers: &HeaderMap) -> (Result<(), Refusal>, String) {
-    let text = |name: HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or("?"));
-    // A request that names several hosts names none.
-    let one_host = headers.get_all(header::HOST).iter().count() == 1;
-    let host = text(header::HOST).filter(|_| one_host);
-    let judged = shared.guard.check(host, text(header::ORIGIN));
-    (judged, shared.page.policy(host.filter(|_| judged.is_ok()).unwrap_or_default()))
-}
-
 fn refused(refusal: Refusal) -> Response {
-    (StatusCode::FORBIDDEN, refusal.text()).into_response()
+    let status = match refusal {
+        Refusal::Host | Refusal::Origin => StatusCode::FORBIDDEN,
+        Refusal::Twice(_) => StatusCode::BAD_REQUEST,
+        Refusal::Body => StatusCode::PAYLOAD_TOO_LARGE,
+    };
+    (status, format!("{}: {}\n", status.as_u16(), refusal.text())).into_response()
 }
 
 async fn page(State(shared): State<Shared>) -> Response {
@@ -129,22 +138,13 @@ async fn page(State(shared): State<Shared>) -> Response {
 }
 
 async fn live(State(shared): State<Shared>, upgrade: WebSocketUpgrade) -> Response {
-    let seat = Seat(shared.pages);
-    if seat.0.fetch_add(1, Ordering::Relaxed) >= MOST_PAGES {
+    let Some(seat) = Seat::take(&shared.pages, MOST_PAGES) else {
         return (StatusCode::SERVICE_UNAVAILABLE, format!("503: {MOST_PAGES} pages are open already; close one\n"))
             .into_response();
-    }
-    upgrade.max_message_size(LARGEST_MESSAGE).max_frame_size(LARGEST_MESSAGE).on_upgrade(async move |socket| {
-        talk(socket, shared.stage).await;
-        drop(seat);
-    })
-}
-
-/// The place of a page among [`MOST_PAGES`]; free again when dropped, whatever happened.
-struct Seat(Arc<AtomicUsize>);
-
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
+    };
+    upgrade
+        .max_message_size(LARGEST_MESSAGE)
+        .max_frame_size(LARGEST_MESSAGE)
+        .max_write_buffer_size(MOST_WAITING)
+        .on_upgrade(move |socket| talk(socket, shared.stage, shared.patience.page, seat))
 }

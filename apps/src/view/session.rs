@@ -1,69 +1,79 @@
 //! One connected page: its wishes in, pictures out. A thread of its own draws, so that words never wait for pictures.
+//!
+//! A page that gives no sign of life within a time loses its place: it is asked three times as often, and browsers answer by
+//! themselves, also for a tab that is hidden or does nothing. So does a page that takes longer than that to read a message.
 
 use super::desk::{Desk, Job};
+use super::header::{Drawer, Quality};
+use super::out::{Out, WAITING};
 use super::pace::levels;
 use super::picture::{self, Painter};
-use super::protocol::{Draw, Drawer, Layer, Message, Quality};
+use super::protocol::{Draw, Layer, Message, Save};
+use super::save::save;
 use super::scene::Scene3d;
+use super::seat::Seat;
 use super::stage::{Shown, Stage};
 use axum::extract::ws::{Message as Frame, WebSocket};
 use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
-use systems::crop::Crop;
-use systems::output::Disk;
 use systems::splats::Cloud;
 use tokio::sync::{mpsc, watch};
+use tokio::time::{Instant, MissedTickBehavior, sleep, sleep_until, timeout};
 
 /// Stillness after which better pictures are drawn.
 const REST: Duration = Duration::from_millis(120);
 
-/// Time between two signs of life: a phone that went away says nothing, and its place is wanted.
-const ALIVE: Duration = Duration::from_secs(20);
+/// Between the last word to a client and the end of its connection.
+const LINGER: Duration = Duration::from_millis(500);
 
-/// Messages that may wait for a slow connection; then the drawing waits.
-const WAITING: usize = 2;
-
-/// Talk to a page until it leaves.
-pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
+/// Talk to a page until it leaves, or is silent or reads nothing for `patience`. The seat is free when nobody draws for it any
+/// more.
+pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Duration, seat: Seat) {
     let (mut shown, mut training, mut fast) = stage.watch();
     let desk = Arc::new(Desk::default());
     let (out, mut drawn) = mpsc::channel(WAITING);
     let (its_desk, its_shown) = (desk.clone(), shown.clone());
-    let work = move || work(&its_desk, &its_shown, &out);
+    let work = move || {
+        let _seat = seat;
+        work(&its_desk, &its_shown, &Out(out));
+    };
     if let Err(e) = std::thread::Builder::new().name("draw".into()).spawn(work) {
-        let _ = socket.send(error(&format!("no thread to draw with: {e}"))).await;
+        let _ = timeout(patience, socket.send(error(&format!("no thread to draw with: {e}")))).await;
         return;
     }
     // Said at once, and again whenever it changes.
     shown.mark_changed();
     training.mark_changed();
     fast.mark_changed();
-    let mut alive = tokio::time::interval(ALIVE);
+    let mut ask = tokio::time::interval(patience / 3);
+    // A page that was late to read one message is not asked several times at once.
+    ask.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    // When there was a sign of life; time in which nobody listened does not count.
+    let mut heard = Instant::now();
     loop {
         let answer = tokio::select! {
-            message = socket.recv() => match message {
-                Some(Ok(Frame::Text(text))) => match Message::parse(&text) {
-                    Ok(Message::Draw(draw)) => { desk.draw(draw); None }
-                    Ok(Message::Pick(pick)) => { desk.pick(pick); None }
-                    Ok(Message::Save { crop }) => Some(save(shown.borrow().scene(), &crop)),
-                    Err(problem) => Some(error(&problem)),
-                },
-                Some(Ok(Frame::Binary(_))) => Some(error("the message is not understood: it is no text")),
-                Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => None,
-                // Too long or broken: nothing that comes after it can be trusted.
-                Some(Err(e)) => {
-                    let _ = socket.send(error(&format!("the message is refused: {e}"))).await;
-                    break;
+            message = socket.recv() => {
+                heard = Instant::now();
+                match message {
+                    Some(Ok(Frame::Close(_))) | None => break,
+                    Some(Ok(frame)) => obey(&frame, &desk),
+                    // Too long or broken: nothing that comes after it can be trusted.
+                    Some(Err(e)) => {
+                        let _ = timeout(patience, socket.send(error(&format!("the message is refused: {e}")))).await;
+                        // A connection that is closed before all was read is reset, and what was said last may be lost.
+                        sleep(LINGER).await;
+                        break;
+                    }
                 }
-                Some(Ok(Frame::Close(_))) | None => break,
-            },
+            }
             frame = drawn.recv() => match frame {
                 Some(frame) => Some(frame),
                 // Whoever draws is gone; the page may come again.
                 None => break,
             },
-            _ = alive.tick() => Some(Frame::Ping(Vec::new().into())),
+            _ = ask.tick() => Some(Frame::Ping(Vec::new().into())),
+            () = sleep_until(heard + patience) => break,
             Ok(()) = shown.changed() => {
                 desk.again();
                 Some(Frame::Text(shown.borrow_and_update().text().into()))
@@ -77,54 +87,64 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>) {
                 (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
             }
         };
-        if let Some(frame) = answer
-            && socket.send(frame).await.is_err()
-        {
-            break;
+        if let Some(frame) = answer {
+            let since = Instant::now();
+            if !matches!(timeout(patience, socket.send(frame)).await, Ok(Ok(()))) {
+                break;
+            }
+            heard += since.elapsed();
         }
     }
     desk.close();
 }
 
-fn error(message: &str) -> Frame {
-    Frame::Text(json!({ "type": "error", "message": message }).to_string().into())
+/// Put what a page asks on the desk; what is to be said at once.
+fn obey(frame: &Frame, desk: &Desk) -> Option<Frame> {
+    match frame {
+        Frame::Text(text) => match Message::read(text.as_bytes()) {
+            Ok(Message::Draw(draw)) => desk.draw(draw),
+            Ok(Message::Pick(pick)) => desk.pick(pick),
+            Ok(Message::Save(Save { crop })) => desk.save(crop),
+            Err(problem) => return Some(error(&problem)),
+        },
+        Frame::Binary(_) => return Some(error("the message is not understood: it is not text")),
+        Frame::Ping(_) | Frame::Pong(_) | Frame::Close(_) => {}
+    }
+    None
 }
 
-/// Keep a crop beside what is shown: one file, of a fixed name.
-fn save(scene: Option<&Arc<dyn Scene3d>>, crop: &Crop) -> Frame {
-    let Some(scene) = scene else { return error("there is nothing to crop yet") };
-    let path = Crop::path_of(scene.place());
-    match crop.write(&Disk, &path) {
-        Ok(()) => {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            Frame::Text(json!({ "type": "saved", "file": name }).to_string().into())
-        }
-        Err(e) => error(&format!("the crop is not saved: {e}")),
-    }
+fn error(message: &str) -> Frame {
+    Frame::Text(error_text(message).into())
+}
+
+fn error_text(message: &str) -> String {
+    json!({ "type": "error", "message": message }).to_string()
 }
 
 /// Do what the desk says until it closes or nobody takes the answers.
-fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &mpsc::Sender<Frame>) {
+fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &Out) {
     let mut painter = Painter::default();
     while let Some(job) = desk.next() {
         let scene = shown.borrow().scene().cloned();
         let went = match (job, scene) {
             (Job::Pick(pick), scene) => {
                 let point = scene.and_then(|scene| picture::seen_point(scene.as_ref(), &pick));
-                let text = json!({ "type": "picked", "id": pick.id, "point": point }).to_string();
-                out.blocking_send(Frame::Text(text.into())).is_ok()
+                out.say(json!({ "type": "picked", "id": pick.id, "point": point }).to_string())
             }
+            (Job::Save(crop), scene) => out.say(match save(scene.as_ref(), &crop) {
+                Ok(file) => json!({ "type": "saved", "file": file }).to_string(),
+                Err(problem) => error_text(&problem),
+            }),
             (Job::Draw(number, _), None) => {
                 desk.met(number);
                 true
             }
             (Job::Draw(number, draw), Some(scene)) => {
-                let mut send = |bytes: Vec<u8>| out.blocking_send(Frame::Binary(bytes.into())).is_ok();
-                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), &mut send) {
+                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), out) {
                     Ok(went) => went,
                     Err(problem) => {
                         desk.met(number);
-                        out.blocking_send(error(&problem)).is_ok()
+                        out.say(error_text(&problem))
                     }
                 }
             }
@@ -140,16 +160,16 @@ fn draw_all(
     desk: &Desk,
     (painter, scene): (&mut Painter, &dyn Scene3d),
     (number, draw): (u64, &Draw),
-    send: &mut dyn FnMut(Vec<u8>) -> bool,
+    out: &Out,
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
         let file = picture::photo(scene, draw)?;
         desk.met(number);
-        return Ok(send(file));
+        return Ok(out.send(file));
     }
     let full = draw.full_size();
     if let Some(cloud) = stand_in(scene, draw) {
-        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), send);
+        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), out);
     }
     let first = painter.quick_size(draw, Drawer::Scene);
     let quality = |size| match size {
@@ -161,7 +181,7 @@ fn draw_all(
     let Some(file) = painter.paint(scene, draw, (first, Quality::Quick), &|| desk.is_open())? else {
         return Ok(false);
     };
-    if !send(file) {
+    if !out.send(file) {
         return Ok(false);
     }
     if !desk.rests(number, REST) {
@@ -173,13 +193,11 @@ fn draw_all(
         sizes.push(full);
     }
     for size in sizes {
-        match painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? {
-            None => return Ok(true),
-            Some(file) => {
-                if !send(file) {
-                    return Ok(false);
-                }
-            }
+        let Some(file) = painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? else {
+            return Ok(true);
+        };
+        if !out.send(file) {
+            return Ok(false);
         }
     }
     desk.met(number);
@@ -202,10 +220,13 @@ fn draw_cloud(
     desk: &Desk,
     (painter, scene, cloud): (&mut Painter, &dyn Scene3d, &Cloud),
     (number, draw): (u64, &Draw),
-    send: &mut dyn FnMut(Vec<u8>) -> bool,
+    out: &Out,
 ) -> Result<bool, String> {
     let (full, first) = (draw.full_size(), painter.quick_size(draw, Drawer::Cloud));
-    if !send(painter.sketch((scene, cloud), draw, (first, Quality::Quick))?.message) {
+    let Some(quick) = painter.sketch((scene, cloud), draw, (first, Quality::Quick), &|| desk.is_open())? else {
+        return Ok(false);
+    };
+    if !out.send(quick.message) {
         return Ok(false);
     }
     if !desk.rests(number, REST) {
@@ -213,21 +234,18 @@ fn draw_cloud(
     }
     let is_cropped = !draw.crop.keeps_everything();
     let quality = if is_cropped { Quality::Full } else { Quality::Better };
-    let sharp = painter.sketch((scene, cloud), draw, (full, quality))?;
-    if !send(sharp.message) {
+    let Some(sharp) = painter.sketch((scene, cloud), draw, (full, quality), &|| desk.is_newest(number))? else {
+        return Ok(true);
+    };
+    if !out.send(sharp.message) {
         return Ok(false);
     }
     if !is_cropped {
-        let mut is_taken = true;
-        let mut part = |file| {
-            is_taken = send(file);
-            is_taken
-        };
-        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), &mut part)?;
+        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), out)?;
         match best {
-            None => return Ok(is_taken),
+            None => return Ok(true),
             Some(file) => {
-                if !send(file) {
+                if !out.send(file) {
                     return Ok(false);
                 }
             }

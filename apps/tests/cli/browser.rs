@@ -9,6 +9,7 @@ use crate::viewing::Viewer;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Where screenshots go: beside the programs.
 fn screenshots() -> PathBuf {
@@ -141,4 +142,27 @@ fn the_page_waits_for_a_training_and_keeps_the_camera_through_checkpoints() {
     browser.screenshot(&screenshots().join("lost.png"));
     let answer = nerf(&["view", text(&scene)]);
     assert!(answer.code == 1 && error_line(&answer).contains("no run folder"), "{}", answer.err);
+}
+
+/// Three times what a client may be silent, on a page that does nothing and then on one that is frozen like a tab in the back.
+#[test]
+fn a_page_that_does_nothing_keeps_its_place() {
+    let Some(mut browser) = browser("a_page_that_does_nothing_keeps_its_place") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cloud.ply");
+    crate::view::write_cloud(&file);
+    let viewer = Viewer::start_with("nerf-static", &file, &["--patience", "3"]);
+    browser.look((400, 300), 1.0, "dark");
+    browser.open(&format!("http://{}/", viewer.address));
+    browser.wait(SHARP);
+    // A page that connects again asks for a picture again.
+    let pictures = browser.value("document.body.dataset.pictures");
+    std::thread::sleep(Duration::from_secs(9));
+    assert_eq!(browser.value("document.body.dataset.pictures"), pictures);
+    let state = |state: &str| serde_json::json!({ "state": state });
+    browser.call("Page.setWebLifecycleState", state("frozen"));
+    std::thread::sleep(Duration::from_secs(9));
+    browser.call("Page.setWebLifecycleState", state("active"));
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(browser.value("document.body.dataset.pictures"), pictures);
 }

@@ -18,6 +18,19 @@ pub(crate) fn trained(steps: &str) -> (TempDir, PathBuf) {
     (folder, run)
 }
 
+/// A file of 40 Gaussians.
+pub(crate) fn write_cloud(file: &Path) {
+    let mut cloud = splat_core::Gaussians::new(40, 0).unwrap();
+    for i in 0..40 {
+        for k in 0..3 {
+            cloud.mean[k * 40 + i] = ((i * (k + 3) * 7) % 13) as f32 / 13.0;
+            cloud.log_scale[k * 40 + i] = -2.5;
+        }
+        cloud.logit[i] = 3.0;
+    }
+    scene_io::write_splats(file, &cloud, &scene_io::SplatOptions::default()).unwrap();
+}
+
 #[test]
 fn what_cannot_be_looked_at_is_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -384,15 +397,7 @@ fn a_crop_is_saved_beside_the_run_and_export_obeys_it() {
 fn a_file_of_gaussians_is_cropped_and_its_crop_lies_beside_it() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cloud.ply");
-    let mut cloud = splat_core::Gaussians::new(40, 0).unwrap();
-    for i in 0..40 {
-        for k in 0..3 {
-            cloud.mean[k * 40 + i] = ((i * (k + 3) * 7) % 13) as f32 / 13.0;
-            cloud.log_scale[k * 40 + i] = -2.5;
-        }
-        cloud.logit[i] = 3.0;
-    }
-    scene_io::write_splats(&file, &cloud, &scene_io::SplatOptions::default()).unwrap();
+    write_cloud(&file);
     let viewer = Viewer::start("nerf-static", &file);
     let mut live = viewer.connect();
     let scene = live.hear("scene");

@@ -3,7 +3,7 @@
 use crate::tools::prepared;
 use serde_json::{Value, json};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -25,11 +25,17 @@ pub(crate) struct Viewer {
 }
 
 impl Viewer {
-    /// Start `PROGRAM view WHAT` and wait until it says where.
+    /// Start `PROGRAM view WHAT` and wait until it says where. Clients here answer pings only while they read: it is patient.
     pub(crate) fn start(program: &str, what: &Path) -> Self {
+        Self::start_with(program, what, &["--patience", "600"])
+    }
+
+    /// As [`Viewer::start`], with more words.
+    pub(crate) fn start_with(program: &str, what: &Path, more: &[&str]) -> Self {
         let errors = NamedTempFile::new().unwrap();
         let mut child = std::process::Command::new(prepared(program).get_program())
             .args(["view", what.to_str().unwrap(), "--threads", "2", "--progress", "off"])
+            .args(more)
             .stdout(Stdio::piped())
             .stderr(Stdio::from(File::create(errors.path()).unwrap()))
             .spawn()
@@ -40,6 +46,16 @@ impl Viewer {
         let said = std::fs::read_to_string(errors.path()).unwrap();
         let address = address.unwrap_or_else(|| panic!("no address: {line}{said}"));
         Self { child, errors, address }
+    }
+
+    /// Its process.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// What it said on standard error.
+    pub(crate) fn said(&self) -> String {
+        std::fs::read_to_string(self.errors.path()).unwrap()
     }
 
     /// Answer to a plain request; `headers` end with a line break each.
@@ -123,6 +139,21 @@ impl Live {
 
     pub(crate) fn say_bytes(&mut self, bytes: Vec<u8>) {
         self.socket.send(Message::binary(bytes)).unwrap();
+    }
+
+    /// Read and answer pings for a while; false when the connection ends.
+    pub(crate) fn idle(&mut self, a_while: Duration) -> bool {
+        let since = Instant::now();
+        self.socket.get_ref().set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        while since.elapsed() < a_while {
+            match self.socket.read() {
+                Ok(_) => {}
+                Err(tungstenite::Error::Io(e)) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+                Err(_) => return false,
+            }
+        }
+        self.socket.get_ref().set_read_timeout(Some(PATIENCE)).unwrap();
+        true
     }
 
     /// The next text of a kind; pictures and other words are passed over.
