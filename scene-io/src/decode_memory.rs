@@ -33,6 +33,8 @@ pub struct DecodeMemory {
 struct State {
     limit: u64,
     used: u64,
+    /// Most of `used` since the limit was set.
+    most: u64,
     /// Number of the next thread that comes, and of the one whose turn it is.
     next: u64,
     turn: u64,
@@ -53,7 +55,7 @@ pub(crate) struct Reserved<'a> {
 
 impl DecodeMemory {
     const fn new(limit: u64) -> Self {
-        Self { state: Mutex::new(State { limit, used: 0, next: 0, turn: 0 }), changed: Condvar::new() }
+        Self { state: Mutex::new(State { limit, used: 0, most: 0, next: 0, turn: 0 }), changed: Condvar::new() }
     }
 
     /// The one that all readers of this crate share. Until [`DecodeMemory::set_limit`] says something else, its limit is
@@ -78,7 +80,9 @@ impl DecodeMemory {
 
     /// Changes the limit, in bytes. What is reserved already stays so; those who wait for more than the new limit are refused.
     pub fn set_limit(&self, limit: u64) {
-        self.lock().limit = limit;
+        let mut state = self.lock();
+        (state.limit, state.most) = (limit, state.used);
+        drop(state);
         self.changed.notify_all();
     }
 
@@ -86,6 +90,12 @@ impl DecodeMemory {
     #[must_use]
     pub fn used(&self) -> u64 {
         self.lock().used
+    }
+
+    /// Most bytes reserved at one time since the limit was set.
+    #[must_use]
+    pub fn most_used(&self) -> u64 {
+        self.lock().most
     }
 
     /// Refuses what can never be reserved. `what` completes "decoding …": `its 3000x2000 pixels`.
@@ -115,6 +125,7 @@ impl DecodeMemory {
             return Err(refuse(path, what, bytes, state.limit));
         }
         state.used = state.used.saturating_add(bytes);
+        state.most = state.most.max(state.used);
         OWN.set(own.saturating_add(bytes));
         Ok(Reserved { memory: self, bytes, on_this_thread: PhantomData })
     }
@@ -136,8 +147,7 @@ impl Drop for Reserved<'_> {
 }
 
 fn refuse(path: &Path, what: &str, bytes: u64, limit: u64) -> SceneError {
-    let what =
-        format!("decoding {what} takes {} of memory, and decoding may take {}", size(bytes), size(limit));
+    let what = format!("decoding {what} takes {} of memory, and decoding may take {}", size(bytes), size(limit));
     let remedy = "make it smaller, or allow more memory with `--memory`";
     SceneError::new(ErrorKind::Memory, Problem::new(path, what, remedy))
 }

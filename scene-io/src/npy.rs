@@ -43,12 +43,7 @@ pub(crate) fn with<T>(
 }
 
 /// An array in `length` bytes, with its memory and `each` bytes a value more reserved.
-fn parse(
-    path: &Path,
-    mut reader: impl Read,
-    length: u64,
-    each: u64,
-) -> Result<(Array, Reserved<'static>), SceneError> {
+fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(Array, Reserved<'static>), SceneError> {
     let wrong = |at: usize, what: String| {
         let remedy = "write the file again with numpy.save";
         SceneError::new(ErrorKind::Format, Problem::new(path, what, remedy).at(Place::Byte(at as u64)))

@@ -17,7 +17,7 @@ pub struct Resident {
 
 /// Memory of the machine that can still be had without swapping, bytes.
 pub fn available_bytes() -> Option<u64> {
-    field(&std::fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
+    scene_io::available_bytes()
 }
 
 fn field(text: &str, name: &str) -> Option<u64> {

@@ -6,6 +6,7 @@ use super::scene::Scene3d;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::time::{Duration, Instant};
+use systems::frame_memory;
 use systems::picture::{self, png_bytes};
 use systems::render::{Rendered, plain_query};
 use systems::splats::Cloud;
@@ -59,8 +60,9 @@ impl Painter {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<u8>>, String> {
         let clock = Instant::now();
-        let camera = draw.eye.camera(size);
-        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut |_| go_on()) else { return Ok(None) };
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
+        let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
         let message = self.message((scene, draw), &picture, (quality, Drawer::Scene), clock)?;
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
@@ -78,8 +80,9 @@ impl Painter {
         (size, quality): ((u32, u32), Quality),
     ) -> Result<Sketch, String> {
         let clock = Instant::now();
-        let camera = draw.eye.camera(size);
-        let view = cloud.render(&camera, &query(scene, draw)).map_err(|e| e.to_string())?;
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
+        let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
         let picture = self.coloured(scene, draw.layer, &view);
         let message = self.message((scene, draw), &picture, (quality, Drawer::Cloud), clock)?;
         self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
@@ -101,7 +104,8 @@ impl Painter {
     ) -> Result<Option<Vec<u8>>, String> {
         let clock = Instant::now();
         let size = draw.full_size();
-        let camera = draw.eye.camera(size);
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
         let mut sent = Instant::now();
         let range = self.depths;
         let mut part = |layers: &Layers| {
@@ -120,7 +124,7 @@ impl Painter {
             }
             go_on()
         };
-        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut part) else { return Ok(None) };
+        let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
         self.message((scene, draw), &picture, (Quality::Full, Drawer::Scene), clock).map(Some)
@@ -149,6 +153,11 @@ impl Painter {
         }
         coloured(scene, layer, view, self.depths)
     }
+}
+
+/// Refuses a picture that the machine has no memory for.
+fn fits(size: (u32, u32), query: &Query) -> Result<(), String> {
+    frame_memory::check_frame("the picture", size, query.layers).map_err(|e| e.to_string())
 }
 
 fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[f32; 2]>) -> RgbImage {

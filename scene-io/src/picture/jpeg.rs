@@ -86,7 +86,11 @@ impl Frame {
         let blocks: u64 = self.sampling.iter().map(|(h, v)| if self.is_grey() { 1 } else { h * v }).sum();
         let coefficients = if self.in_scans { 128 * columns * rows * blocks } else { 0 };
         // A row of blocks as numbers of 2 bytes (8 lines), scaled up (up to twice that), and single lines above and below.
-        let lines: u64 = self.sampling.iter().map(|(h, v)| 8 * columns * h.max(&1) * 2 * (16 * v.max(&1) + 10 * h_most * v_most)).sum();
+        let lines: u64 = self
+            .sampling
+            .iter()
+            .map(|(h, v)| 8 * columns * h.max(&1) * 2 * (16 * v.max(&1) + 10 * h_most * v_most))
+            .sum();
         coefficients + 2 * lines
     }
 }
@@ -154,7 +158,8 @@ mod tests {
     #[test]
     fn coefficients_count_with_their_sampling() {
         // 4:2:0, 100x50: 7 x 4 units of 4 + 1 + 1 blocks of 128 bytes.
-        let full = |sampling: &[(u64, u64)], in_scans| Frame { width: 100, height: 50, sampling: sampling.into(), in_scans };
+        let full =
+            |sampling: &[(u64, u64)], in_scans| Frame { width: 100, height: 50, sampling: sampling.into(), in_scans };
         let of = |sampling: &[(u64, u64)]| full(sampling, true).work_bytes() - full(sampling, false).work_bytes();
         assert_eq!(of(&[(2, 2), (1, 1), (1, 1)]), 7 * 4 * 6 * 128);
         assert_eq!(of(&[(1, 1); 3]), 13 * 7 * 3 * 128);

@@ -11,12 +11,12 @@ mod store;
 mod webp;
 
 pub(crate) use decode::{decode_labels, with_mask};
+pub use decode::{decode_photo, photo_size, with_photo};
 pub(crate) use plan::{Plan, exr_blocks};
 pub(crate) use refusal::wrong_size;
 pub(crate) use resize::scaling_bytes;
 pub(crate) use store::same_shape;
 pub use store::{ImageStore, StoreOptions};
-pub use decode::{decode_photo, photo_size, with_photo};
 
 /// An 8-bit image: display-referred sRGB as in the file, rows top to bottom, channels interleaved.
 #[derive(Clone, Debug, PartialEq, Eq)]

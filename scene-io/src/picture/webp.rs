@@ -34,7 +34,9 @@ impl Frames {
             let length = u64::from(number(4));
             match &start[..4] {
                 b"VP8 " => {
-                    let side = |i: usize| u64::from(u16::from_le_bytes([start[i], start[i + 1]]) & 0x3fff).next_multiple_of(16);
+                    let side = |i: usize| {
+                        u64::from(u16::from_le_bytes([start[i], start[i + 1]]) & 0x3fff).next_multiple_of(16)
+                    };
                     frames.lossy = frames.lossy.max(side(14) * side(16));
                 }
                 b"VP8L" => {
