@@ -123,7 +123,7 @@ fn a_progressive_jpeg_counts_its_coefficients() {
     let (report, peak) = within(4 << 30, || check(folder.path(), &LoadOptions::default(), Depth::Pixels));
     assert_eq!(report.problems.len(), 2, "{report}");
     for (problem, name) in report.problems.iter().zip(["0.jpg", "1.jpg"]) {
-        one_line(&problem.to_string(), &[name, "26000x26000 pixels takes 6.1", "GB", "`--memory`"]);
+        one_line(&problem.to_string(), &[name, "26000x26000 pixels takes 6.09 GB", "`--memory`"]);
     }
     assert!(peak < 10 * MB, "{peak}");
 }
@@ -168,7 +168,7 @@ fn profiles_and_texts_of_a_png_are_not_inflated() {
     for (kind, before) in
         [(b"iCCP", &b"name\0\0"[..]), (b"zTXt", b"name\0\0"), (b"iTXt", b"XML:com.adobe.xmp\0\x01\0\0\0")]
     {
-        fs::write(&path, png(kind, before, 400_000_000)).unwrap();
+        fs::write(&path, png(kind, before, 150_000_000)).unwrap();
         let (picture, peak) = within(20 * MB, || decode_photo(&path));
         assert_eq!(picture.unwrap().width(), 8);
         assert!(peak < 2 * MB, "{kind:?}: {peak}");
@@ -218,7 +218,7 @@ fn gaussians_are_bounded_by_the_bytes_there_are() {
         within(limit, || read_splats(&path))
     };
     // Ten million listed, none there; and the other way round.
-    for bytes in [spz(10_000_000, 0, 3), spz(10_000_000, 2_000_000, 3), spz(1000, 5_000_000, 3)] {
+    for bytes in [spz(10_000_000, 0, 3), spz(10_000_000, 2_000_000, 3), spz(1000, 1_000_000, 3)] {
         let (result, peak) = read(&bytes, 4 << 30);
         one_line(&result.unwrap_err().to_string(), &["a.spz", "than the"]);
         assert!(peak < 2 * MB, "{peak} for {} bytes", bytes.len());

@@ -85,13 +85,15 @@ impl Frame {
         let rows = u64::from(self.height).div_ceil(8 * v_most);
         let blocks: u64 = self.sampling.iter().map(|(h, v)| if self.is_grey() { 1 } else { h * v }).sum();
         let coefficients = if self.in_scans { 128 * columns * rows * blocks } else { 0 };
-        // A row of blocks as numbers of 2 bytes (8 lines), scaled up (up to twice that), and single lines above and below.
-        let lines: u64 = self
-            .sampling
-            .iter()
-            .map(|(h, v)| 8 * columns * h.max(&1) * 2 * (16 * v.max(&1) + 10 * h_most * v_most))
-            .sum();
-        coefficients + 2 * lines
+        // A row of blocks as numbers of 2 bytes, 8 lines for each vertical sample. Where samples differ, they are scaled up (to
+        // `r` times as many, and to twice as many lines while a buffer grows), with single lines above and below.
+        let lines = |(h, v): &(u64, u64)| {
+            let (h, v) = ((*h).max(1), (*v).max(1));
+            let r = (h_most / h).max(1) * (v_most / v).max(1);
+            16 * columns * h * if h_most * v_most == 1 { 8 * v } else { 26 * v + 17 * r * v + 8 }
+        };
+        let lines: u64 = self.sampling.iter().map(lines).sum();
+        coefficients + lines
     }
 }
 

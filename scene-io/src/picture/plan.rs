@@ -109,7 +109,7 @@ impl Plan {
     /// which the pixels as decoded are kept.
     pub(crate) fn bytes(&self, each: u64) -> u64 {
         let decoded = self.pixel_bytes();
-        decoded.saturating_add(self.work.max(self.pixels().saturating_mul(each)).max(TABLES))
+        decoded.saturating_add(self.work.max(self.pixels().saturating_mul(each).saturating_add(TABLES)))
     }
 
     /// As [`Plan::bytes`] for 3 or 4 values of 8 bits a pixel.

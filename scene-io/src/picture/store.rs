@@ -106,7 +106,7 @@ impl ImageStore {
     /// Bytes of all images once decoded and scaled, masks included: from headers alone.
     #[must_use]
     pub fn estimate_bytes(&self) -> u64 {
-        self.entries.iter().map(Entry::bytes).sum()
+        self.entries.iter().map(Entry::bytes).fold(0, u64::saturating_add)
     }
 
     /// Bytes of one image once decoded and scaled, its mask included.
@@ -201,7 +201,7 @@ impl Entry {
             (false, false) => self.channels,
         };
         let has_mask = has_mask && !(self.mask_is_alpha() && matches!(self.image, ImageSource::File(_)));
-        pixels * (u64::from(channels) + u64::from(has_mask || self.alpha_is_mask))
+        pixels.saturating_mul(u64::from(channels) + u64::from(has_mask || self.alpha_is_mask))
     }
 
     fn mask_is_alpha(&self) -> bool {
@@ -212,19 +212,20 @@ impl Entry {
     fn reading_bytes(&self, image: Option<&Plan>, mask: Option<&Plan>, beside: u64) -> u64 {
         let pixels = u64::from(self.native.0) * u64::from(self.native.1);
         let native = match &self.image {
-            ImageSource::File(_) => pixels * u64::from(self.channels),
+            ImageSource::File(_) => pixels.saturating_mul(self.channels.into()),
             ImageSource::Memory(image) => image.bytes(),
         };
         let mask_bytes = mask.map_or(0, Plan::pixels);
-        let changed = if self.alpha_is_mask || self.mask_is_alpha() { 4 * pixels } else { 0 };
+        let changed = if self.alpha_is_mask || self.mask_is_alpha() { pixels.saturating_mul(4) } else { 0 };
         let scaled = if (self.camera.width, self.camera.height) == self.native {
             mask_bytes
         } else {
-            self.bytes() + scaling_bytes(self.native.0, self.camera.width)
+            self.bytes().saturating_add(scaling_bytes(self.native.0, self.camera.width))
         };
         let decoding = image.map_or(native, Plan::bytes_in_8_bit);
-        let after = native + changed.max(scaled.max(beside));
-        mask.map_or(0, Plan::bytes_in_grey).max(mask_bytes + decoding.max(after))
+        // Names and other small things.
+        let after = native.saturating_add(changed.max(scaled.max(beside))).saturating_add(4096);
+        mask.map_or(0, Plan::bytes_in_grey).max(mask_bytes.saturating_add(decoding.max(after)))
     }
 
     /// The image as it is handed out, and its place in [`DecodeMemory`], which has room for `beside` more bytes.
