@@ -2,6 +2,9 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
+/// Chunks that are looked at. A file of more is taken for one with the largest pictures there can be.
+const CHUNKS: usize = 10_000;
+
 /// Most pixels of one picture in the file, by how it is compressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Frames {
@@ -15,7 +18,7 @@ impl Frames {
     pub(super) fn read(reader: &mut (impl Read + Seek)) -> Self {
         let mut frames = Self::default();
         let mut at = 12;
-        loop {
+        for _ in 0..CHUNKS {
             let mut start = [0; 18];
             if reader.seek(SeekFrom::Start(at)).is_err() {
                 return frames;
@@ -53,6 +56,7 @@ impl Frames {
             }
             at += 8 + length + length % 2;
         }
+        Self { lossy: 1 << 28, lossless: 1 << 28 }
     }
 
     /// Bytes that decoding a file of `file` bytes takes beside the pixels, `pixels` of them in the header.
@@ -67,5 +71,34 @@ impl Frames {
         let animation = if animated { 8 * pixels } else { 0 };
         // Planes and transparency are not needed at one time with the pixels of a lossless picture.
         (1 << 17) + animation + (lossy + transparency).max(if self.lossless > 0 { lossless } else { 0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    fn chunk(kind: &[u8; 4], body: &[u8]) -> Vec<u8> {
+        [kind.as_slice(), &(body.len() as u32).to_le_bytes(), body, &[0][..body.len() % 2]].concat()
+    }
+
+    fn frames(chunks: &[Vec<u8>]) -> Frames {
+        Frames::read(&mut Cursor::new([&[0; 12][..], &chunks.concat()].concat()))
+    }
+
+    #[test]
+    fn pictures_are_measured_by_their_own_headers() {
+        let lossy = [0, 0, 0, 0x9d, 1, 0x2a, 100, 0, 50, 0];
+        // 14 bits each: 300 - 1 and 20 - 1.
+        let lossless = [&[0x2f][..], &(299_u32 | 19 << 14).to_le_bytes()].concat();
+        let header = chunk(b"VP8X", &[0; 10]);
+        let alone = Frames { lossy: 112 * 64, lossless: 0 };
+        assert_eq!(frames(&[header.clone(), chunk(b"ICCP", &[0; 7]), chunk(b"VP8 ", &lossy)]), alone);
+        assert_eq!(frames(&[chunk(b"VP8L", &lossless)]), Frames { lossy: 0, lossless: 6000 });
+        let animated = chunk(b"ANMF", &[&[0; 16][..], &chunk(b"ALPH", &[0; 3]), &chunk(b"VP8 ", &lossy)].concat());
+        assert_eq!(frames(&[header, animated, chunk(b"VP8L", &lossless)]), Frames { lossy: 112 * 64, lossless: 6000 });
+        assert_eq!(frames(&[]), Frames::default());
+        assert_eq!(frames(&vec![chunk(b"EXIF", &[]); CHUNKS]).lossy, 1 << 28);
     }
 }

@@ -39,12 +39,12 @@ unsafe impl GlobalAlloc for Counting {
 }
 
 /// Until this is dropped, other tests wait.
-pub fn alone() -> MutexGuard<'static, ()> {
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What some work gives, and the most bytes held at one time meanwhile beside what was held before.
-pub fn peak_of<T>(work: impl FnOnce() -> T) -> (T, u64) {
+pub(crate) fn peak_of<T>(work: impl FnOnce() -> T) -> (T, u64) {
     let before = NOW.load(Ordering::SeqCst);
     MOST.store(before, Ordering::SeqCst);
     let result = work();
