@@ -131,33 +131,33 @@ fn a_progressive_jpeg_counts_its_coefficients() {
 #[test]
 fn a_progressive_jpeg_that_fits_is_decoded_one_at_a_time() {
     let _alone = alone();
-    let folder = dataset(&[jpeg(true, 4000, 4000), jpeg(true, 4000, 4000), jpeg(true, 4000, 4000)], (4000, 4000));
+    let folder = dataset(&[jpeg(true, 2000, 2000), jpeg(true, 2000, 2000), jpeg(true, 2000, 2000)], (2000, 2000));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let run = || pool.install(|| check(folder.path(), &LoadOptions::default(), Depth::Pixels));
-    // 96 MB of coefficients, 48 of pixels.
-    let (report, peak) = within(200 * MB, run);
-    assert!(report.can_train() && peak < 200 * MB && peak > 140 * MB, "{peak}: {report}");
-    let (other, peak) = within(1000 * MB, run);
-    assert!(peak < 1000 * MB, "{peak}");
+    // 24 MB of coefficients, 12 of pixels.
+    let (report, peak) = within(50 * MB, run);
+    assert!(report.can_train() && peak < 50 * MB && peak > 35 * MB, "{peak}: {report}");
+    let (other, peak) = within(250 * MB, run);
+    assert!(peak < 250 * MB, "{peak}");
     assert_eq!(report.to_string(), other.to_string());
 }
 
 #[test]
 fn small_pictures_of_large_photos_take_turns() {
     let _alone = alone();
-    let photos = vec![jpeg(false, 6000, 6000); 4];
-    let folder = dataset(&photos, (6000, 6000));
+    let photos = vec![jpeg(false, 2400, 2400); 4];
+    let folder = dataset(&photos, (2400, 2400));
     let scene = load(folder.path(), &LoadOptions::default()).unwrap();
     let options = StoreOptions { longest_side: Some(16), ..StoreOptions::default() };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
-    let (images, peak) = within(150 * MB, || {
+    let (images, peak) = within(25 * MB, || {
         use rayon::prelude::*;
         let store = ImageStore::new(&scene.frames, options).unwrap();
         pool.install(|| (0..4).into_par_iter().map(|i| store.get(i)).collect::<Result<Vec<_>, _>>())
     });
     let images = images.unwrap();
-    // One has 108 MB of pixels.
-    assert!(images.iter().all(|i| (i.width, i.height) == (16, 16)) && peak < 150 * MB, "{peak}");
+    // One has 17 MB of pixels.
+    assert!(images.iter().all(|i| (i.width, i.height) == (16, 16)) && peak < 25 * MB, "{peak}");
 }
 
 #[test]
