@@ -27,6 +27,9 @@ const PREVIEW_BUDGET: f32 = 1.0 / 255.0;
 /// Longest side of the animated preview, pixels: GIF is a large format.
 const PREVIEW_SIDE: u32 = 480;
 
+/// Refuses cameras whose pictures the machine has no memory for.
+type Fits<'a> = &'a dyn Fn(&[Camera]) -> Result<(), RunError>;
+
 /// What pictures are taken of.
 enum Subject<'a, 'b> {
     Run(&'a Run<'b>),
@@ -54,7 +57,7 @@ impl Subject<'_, '_> {
         path: Option<&PathKind>,
         frames: Option<usize>,
         time: TimePath,
-        (stop, fits): (&AtomicBool, &dyn Fn(&[Camera]) -> Result<(), RunError>),
+        (stop, fits): (&AtomicBool, Fits<'_>),
     ) -> Result<Option<Shots>, RunError> {
         match self {
             Self::Run(run) => {
