@@ -7,7 +7,7 @@ use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{DynamicImage, ExtendedColorType, ImageEncoder};
 use scene_io::export::write_atomically;
-use scene_io::{Image, decode_photo};
+use scene_io::{Image, with_photo};
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::Path;
@@ -52,24 +52,23 @@ pub(crate) fn write(
     name: &str,
     longest: Option<u32>,
 ) -> Result<Picture, PrepareError> {
-    let decoded = decode_photo(pixels)?;
-    let stored = (decoded.width(), decoded.height());
-    let facts = camera_facts(photo, stored);
-    let is_turned = facts.orientation != 1 && pixels == photo;
-    let fits = longest.is_none_or(|l| stored.0.max(stored.1) <= l);
     let path = folder.join(name);
-    let is_copied = !is_turned && fits && pixels == photo && has_own_ending(photo, name);
-    let size = if is_copied {
-        let bytes = std::fs::read(photo).map_err(PrepareError::io(photo, "read the photo"))?;
-        write_atomically(&path, |out| out.write_all(&bytes))?;
-        stored
-    } else {
+    // Turned, as 8 bits, scaled: at most two copies at one time.
+    let (size, facts) = with_photo(pixels, 2, |decoded| -> Result<_, PrepareError> {
+        let stored = (decoded.width(), decoded.height());
+        let facts = camera_facts(photo, stored);
+        let is_turned = facts.orientation != 1 && pixels == photo;
+        let fits = longest.is_none_or(|l| stored.0.max(stored.1) <= l);
+        if !is_turned && fits && pixels == photo && has_own_ending(photo, name) {
+            let bytes = std::fs::read(photo).map_err(PrepareError::io(photo, "read the photo"))?;
+            write_atomically(&path, |out| out.write_all(&bytes))?;
+            return Ok((stored, facts));
+        }
         let upright = upright(decoded, if is_turned { facts.orientation } else { 1 });
         let upright = fitted(upright, longest);
-        let size = (upright.width(), upright.height());
         save(&path, &upright)?;
-        size
-    };
+        Ok(((upright.width(), upright.height()), facts))
+    })??;
     let CameraFacts { device, focal, .. } = facts;
     let focal = focal.map(|f| f * f64::from(size.0.max(size.1)));
     Ok(Picture { name: name.into(), source: photo.display().to_string(), size, device, focal })
@@ -105,15 +104,13 @@ fn fitted(picture: DynamicImage, longest: Option<u32>) -> DynamicImage {
     let (to_width, to_height) = (scale(width), scale(height));
     // The lengths fit: they are those of the pictures.
     if has_alpha {
-        let pixels = picture.into_rgba8();
-        let small = Image::rgba(width, height, pixels.clone().into_raw()).map(|i| i.resized(to_width, to_height));
-        let small = small.and_then(|i| image::RgbaImage::from_raw(to_width, to_height, i.data));
-        small.unwrap_or(pixels).into()
+        let whole = Image::rgba(width, height, picture.into_rgba8().into_raw());
+        let small = whole.map(|i| i.resized(to_width, to_height));
+        small.and_then(|i| image::RgbaImage::from_raw(to_width, to_height, i.data)).unwrap_or_default().into()
     } else {
-        let pixels = picture.into_rgb8();
-        let small = Image::rgb(width, height, pixels.clone().into_raw()).map(|i| i.resized(to_width, to_height));
-        let small = small.and_then(|i| image::RgbImage::from_raw(to_width, to_height, i.data));
-        small.unwrap_or(pixels).into()
+        let whole = Image::rgb(width, height, picture.into_rgb8().into_raw());
+        let small = whole.map(|i| i.resized(to_width, to_height));
+        small.and_then(|i| image::RgbImage::from_raw(to_width, to_height, i.data)).unwrap_or_default().into()
     }
 }
 

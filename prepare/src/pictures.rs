@@ -10,7 +10,7 @@ use crate::tool::Log;
 use crate::video::{Ffmpeg, Wanted};
 use crate::watch::{Event, Meter, Watch};
 use rayon::prelude::*;
-use scene_io::decode_photo;
+use scene_io::with_photo;
 use std::path::{Path, PathBuf};
 
 /// The pictures of the scene.
@@ -100,7 +100,7 @@ fn of_video(
     let names = ffmpeg.frames(&request.tools, video, &wanted, log, watch)?;
     let picture = |name: String| {
         let path = folder.join(&name);
-        let size = decode_photo(&path).map(|p| (p.width(), p.height()))?;
+        let size = with_photo(&path, 0, |p| (p.width(), p.height()))?;
         Ok(Picture { name, source: video.display().to_string(), size, device: "video".into(), focal: None })
     };
     names.into_par_iter().map(picture).collect()

@@ -170,7 +170,7 @@ fn model(task: &Task<'_>, found: &Reconstruction) -> Result<SparseModel, Prepare
 fn colour(task: &Task<'_>, model: &mut SparseModel) -> Result<(), PrepareError> {
     let mut sums = vec![([0_u64; 3], 0_u64); model.points.len()];
     for image in &model.images {
-        let picture: RgbImage = scene_io::decode_photo(&task.images.join(&image.name))?.into_rgb8();
+        let picture: RgbImage = scene_io::with_photo(&task.images.join(&image.name), 1, |p| p.into_rgb8())?;
         let at = |x: f64, side: u32| x.clamp(0.0, f64::from(side.saturating_sub(1))) as u32;
         for ([x, y], point) in &image.seen {
             let pixel = picture.get_pixel(at(*x, picture.width()), at(*y, picture.height()));

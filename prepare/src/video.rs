@@ -6,7 +6,7 @@ use crate::stage::fresh_folder;
 use crate::tool::{Job, Log, Toolbox, install, run};
 use crate::watch::{Event, Meter, Watch};
 use rayon::prelude::*;
-use scene_io::decode_photo;
+use scene_io::with_photo;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -194,7 +194,7 @@ fn measure(files: &[PathBuf], watch: &mut dyn Watch) -> Result<Vec<f64>, Prepare
     let mut meter = Meter::new("measure sharpness", files.len());
     let mut marks = Vec::with_capacity(files.len());
     for chunk in files.chunks(CHUNK) {
-        let some: Vec<f64> = chunk.par_iter().map(|f| decode_photo(f).map_or(0.0, |p| sharpness(&p))).collect();
+        let some: Vec<f64> = chunk.par_iter().map(|f| with_photo(f, 2, |p| sharpness(&p)).unwrap_or(0.0)).collect();
         marks.extend(some);
         meter.reach(marks.len(), watch);
         if watch.stop_asked() {
@@ -283,7 +283,7 @@ mod tests {
         let wanted = Wanted { frames: 12, longest: Some(48), about, folder: &frames, scratch: &scratch };
         let names = ffmpeg.frames(&tools, &video, &wanted, &mut log, &mut Silent).unwrap();
         assert_eq!(names.len(), 12);
-        let pictures: Vec<_> = names.iter().map(|n| decode_photo(&frames.join(n)).unwrap()).collect();
+        let pictures: Vec<_> = names.iter().map(|n| scene_io::decode_photo(&frames.join(n)).unwrap()).collect();
         assert!(pictures.iter().all(|p| (p.width(), p.height()) == (48, 32)));
         let blurred = sharpness(&image::open(at("000.png")).unwrap().thumbnail(48, 32));
         for (name, picture) in names.iter().zip(&pictures) {

@@ -5,7 +5,7 @@
 use crate::files::with_image_extension;
 use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
-use crate::picture::{foreign, read_header, same_shape, wrong_size};
+use crate::picture::{Plan, foreign, same_shape, wrong_size};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TruthMask};
 use crate::reading::{Need, RawFrame, Reading};
@@ -96,8 +96,8 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
             (path, other_name, size, 3)
         }
         (None, ..) => return Looked::Missing,
-        (Some((path, other_name)), ..) => match read_header(&path) {
-            Ok(header) => (path, other_name, (header.width, header.height), header.channels),
+        (Some((path, other_name)), ..) => match Plan::of(&path) {
+            Ok(header) => (path, other_name, (header.width, header.height), header.channels()),
             Err(error) => return Looked::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
         },
     };

@@ -113,8 +113,8 @@ impl Report {
                 image_bytes = store.estimate_bytes();
                 if depth == Depth::Pixels {
                     let mut thumbs = Vec::with_capacity(store.len());
-                    let decoded: Vec<Result<Thumb, _>> =
-                        (0..store.len()).into_par_iter().map(|i| store.get(i).map(|image| Thumb::of(&image))).collect();
+                    let look = |i| store.look(i, Thumb::work_bytes(store.camera(i).width), Thumb::of);
+                    let decoded: Vec<Result<Thumb, _>> = (0..store.len()).into_par_iter().map(look).collect();
                     for photo in decoded {
                         match photo {
                             Ok(thumb) => thumbs.push(Some(thumb)),

@@ -18,7 +18,7 @@ use crate::depth::DepthSource;
 use crate::files::is_image;
 use crate::llff::{Row, images_of, rows};
 use crate::options::{LoadOptions, Masks};
-use crate::picture::{decode_mask, read_header, same_shape};
+use crate::picture::{Plan, same_shape, with_mask};
 use crate::pose::Axes;
 use crate::reading::{DialectSplits, Need, RawFrame, Reading};
 use crate::{ErrorKind, MaskPolarity, Problem, SceneError, time};
@@ -134,7 +134,7 @@ fn files_of(images: &Path, name: &str, extensions: &[&str], n: usize) -> Result<
 /// Masks and depth pictures of another size than their images are errors.
 fn sizes(reading: &mut Reading) {
     let wrong = |frame: &RawFrame| -> Vec<Problem> {
-        let Ok(image) = read_header(&frame.image) else { return Vec::new() };
+        let Ok(image) = Plan::of(&frame.image) else { return Vec::new() };
         let depth = frame.depth.as_ref().and_then(|d| match &d.place {
             crate::DepthPlace::File(path) if is_image(path) => Some(path),
             _ => None,
@@ -142,7 +142,7 @@ fn sizes(reading: &mut Reading) {
         let files = [("mask", frame.mask.as_ref()), ("depth map", depth), ("true mask", frame.transient.as_ref())];
         let mut problems = Vec::new();
         for (kind, file) in files.into_iter().filter_map(|(kind, file)| Some((kind, file?))) {
-            match read_header(file) {
+            match Plan::of(file) {
                 Ok(is) if same_shape((is.width, is.height), (image.width, image.height)) => {}
                 Ok(is) => {
                     let what = format!(
@@ -164,8 +164,8 @@ fn sizes(reading: &mut Reading) {
 fn leave_out_covered(root: &Path, reading: &mut Reading) -> Result<(), SceneError> {
     // Shares of tool, `None` without a mask; masks that cannot be decoded are found again, and named, by whoever needs them.
     let share = |frame: &RawFrame| {
-        let (grey, _) = decode_mask(frame.mask.as_ref()?).ok()?;
-        Some(grey.iter().filter(|v| **v >= 128).count() as f64 / grey.len().max(1) as f64)
+        let share = |grey: Vec<u8>| grey.iter().filter(|v| **v >= 128).count() as f64 / grey.len().max(1) as f64;
+        with_mask(frame.mask.as_ref()?, |grey, _| share(grey)).ok()
     };
     let shares: Vec<Option<f64>> = reading.frames.par_iter().map(share).collect();
     let known: Vec<f64> = shares.iter().copied().flatten().collect();

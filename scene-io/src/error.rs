@@ -153,6 +153,8 @@ pub enum ErrorKind {
     NoCameras,
     /// No frames are left to train on, or those to hold out do not exist.
     Split,
+    /// Decoding a file would take more memory than it may: see [`crate::DecodeMemory`].
+    Memory,
 }
 
 /// A failure to read or write scene data: one line for the person, the cause in [`std::error::Error::source`].

@@ -1,14 +1,22 @@
 //! Files, read with errors that name them, and paths that stay inside the dataset.
 
-use crate::{ErrorKind, Place, Problem, SceneError};
+use crate::{DecodeMemory, ErrorKind, Place, Problem, SceneError};
 use std::path::{Component, Path, PathBuf};
 
-/// The bytes of a file.
-pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
+/// Refuses folders, which open like files.
+pub(crate) fn refuse_folder(path: &Path) -> Result<(), SceneError> {
     if path.is_dir() {
         let problem = Problem::new(path, "is a folder where a file was expected", "remove or rename it");
         return Err(SceneError::new(ErrorKind::Io, problem));
     }
+    Ok(())
+}
+
+/// The bytes of a file. One that is larger than [`DecodeMemory`] allows is refused.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SceneError> {
+    refuse_folder(path)?;
+    let length = std::fs::metadata(path).map_or(0, |about| about.len());
+    DecodeMemory::of_process().check(path, "the whole file", length)?;
     std::fs::read(path).map_err(|e| SceneError::io(path, "read the file", e))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::files::{images_in, is_image};
 use crate::options::LoadOptions;
-use crate::picture::{foreign, read_header};
+use crate::picture::{Plan, foreign};
 use crate::{ErrorKind, Problem, SceneError};
 use std::path::{Path, PathBuf};
 
@@ -63,7 +63,7 @@ fn longest_side(folder: &Path, names: &[&str]) -> Option<u32> {
     let mut seen = false;
     for path in named.chain(any) {
         seen = true;
-        if let Ok(header) = read_header(&path) {
+        if let Ok(header) = Plan::of(&path) {
             return Some(header.width.max(header.height));
         }
     }

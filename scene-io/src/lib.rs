@@ -11,6 +11,7 @@ mod blender;
 pub mod capture;
 mod check;
 pub mod colmap;
+mod decode_memory;
 mod depth;
 mod detect;
 mod endonerf;
@@ -46,13 +47,14 @@ mod transforms;
 mod unposed;
 
 pub use check::{Depth, DepthSummary, Report, check};
+pub use decode_memory::{DecodeMemory, available_bytes};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
-pub use picture::{Image, ImageStore, StoreOptions, decode_photo};
+pub use picture::{Image, ImageStore, StoreOptions, decode_photo, photo_size, with_photo};
 pub use priors::{
     BitMask, Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
     refuse_blank_masks,

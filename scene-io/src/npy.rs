@@ -3,7 +3,10 @@
 //! Own code, because sizes must be held against the file before anything is allocated and errors must name the byte;
 //! only plain little- or big-endian numbers are read, no objects.
 
+use crate::decode_memory::{DecodeMemory, Reserved};
 use crate::{ErrorKind, Place, Problem, SceneError, files};
+use std::fs::File;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// An array in C order.
@@ -15,27 +18,58 @@ pub(crate) struct Array {
     pub(crate) data: Vec<f64>,
 }
 
+/// Longest header that is read, bytes; that of a plain array is a line.
+const HEADER: usize = 1 << 20;
+/// Bytes of values read at one time; a multiple of all their sizes.
+const CHUNK: usize = 1 << 16;
+
 /// Reads an array of any of `f2 f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 b1`, in C or Fortran order.
 pub(crate) fn read(path: &Path) -> Result<Array, SceneError> {
-    parse(path, &files::read_bytes(path)?)
+    with(path, 0, Ok)
 }
 
-fn parse(path: &Path, bytes: &[u8]) -> Result<Array, SceneError> {
+/// Reads an array and makes something of it, of `each` bytes a value, within [`crate::DecodeMemory`].
+pub(crate) fn with<T>(
+    path: &Path,
+    each: u64,
+    work: impl FnOnce(Array) -> Result<T, SceneError>,
+) -> Result<T, SceneError> {
+    files::refuse_folder(path)?;
+    let reading = |e| SceneError::io(path, "read the file", e);
+    let file = File::open(path).map_err(reading)?;
+    let length = file.metadata().map_err(reading)?.len();
+    let (array, _held) = parse(path, BufReader::new(file), length, each)?;
+    work(array)
+}
+
+/// An array in `length` bytes, with its memory and `each` bytes a value more reserved.
+fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(Array, Reserved<'static>), SceneError> {
     let wrong = |at: usize, what: String| {
         let remedy = "write the file again with numpy.save";
         SceneError::new(ErrorKind::Format, Problem::new(path, what, remedy).at(Place::Byte(at as u64)))
     };
+    let reading = |e| SceneError::io(path, "read the file", e);
+    let mut bytes = Vec::new();
+    reader.by_ref().take(12).read_to_end(&mut bytes).map_err(reading)?;
     if !bytes.starts_with(b"\x93NUMPY") {
-        return Err(wrong(0, format!("is no .npy file ({} bytes)", bytes.len())));
+        return Err(wrong(0, format!("is no .npy file ({length} bytes)")));
     }
-    let (start, length): (usize, usize) = match (bytes.get(6), bytes.get(8..10), bytes.get(8..12)) {
+    let (start, header): (usize, usize) = match (bytes.get(6), bytes.get(8..10), bytes.get(8..12)) {
         (Some(1), Some(&[a, b]), _) => (10, usize::from(u16::from_le_bytes([a, b]))),
         (Some(2 | 3), _, Some(&[a, b, c, d])) => (12, u32::from_le_bytes([a, b, c, d]) as usize),
         (Some(version @ 4..), ..) => return Err(wrong(6, format!("version {version} of the format is not known"))),
         _ => return Err(wrong(bytes.len(), "is cut off in its header".into())),
     };
-    let Some(header) = start.checked_add(length).and_then(|end| bytes.get(start..end)) else {
-        return Err(wrong(start, format!("is cut off in its header of {length} bytes")));
+    let end = start.saturating_add(header);
+    if end as u64 > length {
+        return Err(wrong(start, format!("is cut off in its header of {header} bytes")));
+    }
+    if header > HEADER {
+        return Err(wrong(start, format!("has a header of {header} bytes, and those of arrays of numbers are short")));
+    }
+    reader.by_ref().take(end.saturating_sub(bytes.len()) as u64).read_to_end(&mut bytes).map_err(reading)?;
+    let Some(header) = bytes.get(start..end) else {
+        return Err(wrong(start, format!("is cut off in its header of {header} bytes")));
     };
     let header = String::from_utf8_lossy(header);
     let field = |key: &str| {
@@ -68,15 +102,27 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Array, SceneError> {
         "u8" | "i8" | "f8" => 8,
         _ => return Err(wrong(start, format!("holds values of type `{descr}`, and only numbers are read"))),
     };
-    let body = &bytes[start + length..];
+    let body = length - end as u64;
     let count = shape.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
-    let Some(count) = count.filter(|n| n.checked_mul(size).is_some_and(|b| b <= body.len())) else {
-        let what = format!("is cut off: shape {shape:?} of `{descr}` and {} bytes of values", body.len());
-        return Err(wrong(start + length, what));
+    let Some(count) = count.filter(|n| n.checked_mul(size).is_some_and(|b| b as u64 <= body)) else {
+        let what = format!("is cut off: shape {shape:?} of `{descr}` and {body} bytes of values");
+        return Err(wrong(end, what));
     };
-    let values: Vec<f64> = body.chunks_exact(size).take(count).map(|v| number(kind, big, v)).collect();
+    let held = DecodeMemory::of_process().reserve(
+        path,
+        &format!("its {count} numbers"),
+        (8 * (1 + u64::from(fortran)) + each).saturating_mul(count as u64) + 2 * CHUNK as u64,
+    )?;
+    let mut values = Vec::with_capacity(count);
+    // Headers of less than 2 bytes have failed: no value was read with them.
+    let mut chunk = vec![0; CHUNK.min(count * size)];
+    while values.len() < count {
+        let n = chunk.len().min((count - values.len()) * size);
+        reader.read_exact(&mut chunk[..n]).map_err(reading)?;
+        values.extend(chunk[..n].chunks_exact(size).map(|v| number(kind, big, v)));
+    }
     let data = if fortran { to_c_order(&shape, &values) } else { values };
-    Ok(Array { shape, data })
+    Ok((Array { shape, data }, held))
 }
 
 fn number(kind: &str, big: bool, bytes: &[u8]) -> f64 {
@@ -148,7 +194,7 @@ mod tests {
     }
 
     fn file(bytes: &[u8]) -> Result<Array, SceneError> {
-        parse(Path::new("a.npy"), bytes)
+        parse(Path::new("a.npy"), bytes, bytes.len() as u64, 0).map(|(array, _)| array)
     }
 
     #[test]

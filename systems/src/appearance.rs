@@ -193,10 +193,7 @@ impl Run<'_> {
         if let (Some(frame), None) = (named, camera) {
             return Ok(frames[frame].clone());
         }
-        let (width, height) = image::image_dimensions(file).map_err(|e| RunError::Content {
-            path: file.into(),
-            problem: format!("is no photo that can be read: {e}"),
-        })?;
+        let (width, height) = scene_io::photo_size(file)?;
         let beside = file.with_extension("json");
         let camera = match named {
             Some(frame) => frames[frame].camera,

@@ -6,6 +6,7 @@
 //! * [`options`]: what a run is told and what was decided from it.
 //! * [`run`]: the folder of one training, from start or resume to report.
 //! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
+//! * [`frame_memory`]: what the pictures of a path take, and which are refused.
 //! * [`render`], [`picture`], [`eval`], [`eval_scales`], [`skips`], [`report`]: pictures, how good they are, and what they left out.
 //! * [`canonical`]: which point of the scene at rest a pixel shows.
 //! * [`appearance`]: in which photo's light pictures are rendered.
@@ -29,6 +30,7 @@ pub mod eval;
 pub mod eval_scales;
 #[cfg(feature = "flip")]
 pub mod flip;
+pub mod frame_memory;
 pub mod frame_points;
 pub(crate) mod free_space;
 pub mod identity;

@@ -10,7 +10,8 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use systems::RunError;
 use systems::appearance::{Light, LightPath, Lighting};
-use systems::camera_path::{PathKind, SEEN_FILE, coverage_csv};
+use systems::camera_path::{PathKind, SEEN_FILE, cameras, coverage_csv};
+use systems::frame_memory;
 use systems::output::{Disk, make_folder, write_file};
 use systems::picture::{self, gif_bytes, limited, write_png};
 use systems::progress::{Meter, Observer};
@@ -25,6 +26,9 @@ const PREVIEW_BUDGET: f32 = 1.0 / 255.0;
 
 /// Longest side of the animated preview, pixels: GIF is a large format.
 const PREVIEW_SIDE: u32 = 480;
+
+/// Refuses cameras whose pictures the machine has no memory for.
+type Fits<'a> = &'a dyn Fn(&[Camera]) -> Result<(), RunError>;
 
 /// What pictures are taken of.
 enum Subject<'a, 'b> {
@@ -53,10 +57,16 @@ impl Subject<'_, '_> {
         path: Option<&PathKind>,
         frames: Option<usize>,
         time: TimePath,
-        stop: &AtomicBool,
+        (stop, fits): (&AtomicBool, Fits<'_>),
     ) -> Result<Option<Shots>, RunError> {
         match self {
-            Self::Run(run) => Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at)),
+            Self::Run(run) => {
+                if let Some(file @ PathKind::File(_)) = path {
+                    // Before small pictures of its frames are drawn: a file may hold any size.
+                    fits(&cameras(file, &run.scene, &run.train, frames)?)?;
+                }
+                Ok(run.film(path, frames, time, stop)?.map(Shots::looked_at))
+            }
             Self::Cloud(cloud) => {
                 let (cameras, line) = cloud.cameras(path.unwrap_or(&PathKind::Orbit), frames)?;
                 Ok(Some(Shots::plain(cameras, line)))
@@ -132,27 +142,30 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         Some(PathKind::Hold(_)) if still_light && time.is_still() => args.frames.or(Some(1)),
         _ => args.frames,
     };
+    frame_memory::check_count(frames.unwrap_or(0))?;
+    let wants = |layer| args.layers.contains(&layer);
+    let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
+    let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
+    let layers = LayerRequest { normals, canonical, median: Median::Skip };
+    let fits = |cameras: &[Camera]| {
+        let drawn: Vec<Camera> = cameras.iter().map(|camera| limited(camera, args.longest_side)).collect();
+        frame_memory::check_path(&drawn, layers, PREVIEW_SIDE)
+    };
     let mut videographer = Videographer::new(args.video, args.fps)?;
     let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
-    let Some(shots) = subject.shots(args.path.as_ref(), frames, time, &interrupt)? else {
+    let Some(shots) = subject.shots(args.path.as_ref(), frames, time, (&interrupt, &fits))? else {
         line("stopped before the first frame");
         return Ok(Done::Interrupted);
     };
+    fits(&shots.cameras)?;
     make_folder(&args.out)?;
     if let Some(seen) = &shots.seen {
         write_file(&Disk, &args.out.join(SEEN_FILE), coverage_csv(seen).as_bytes())?;
     }
     shots.lines.iter().for_each(line);
     let cameras = &shots.cameras;
-    let wants = |layer| args.layers.contains(&layer);
-    let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
-    let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
     let bounds = subject.bounds();
-    let query = Query {
-        layers: LayerRequest { normals, canonical, median: Median::Skip },
-        error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET),
-        ..subject.query()
-    };
+    let query = Query { layers, error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET), ..subject.query() };
     let mut depth_range = None;
     let mut preview: Vec<RgbImage> = Vec::with_capacity(cameras.len());
     let mut meter = Meter::new("frame", cameras.len());

@@ -9,6 +9,7 @@ use super::turn::{SMALL, turn};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::time::{Duration, Instant};
+use systems::frame_memory;
 use systems::picture::{self, png_bytes};
 use systems::render::{Rendered, plain_query};
 use systems::splats::Cloud;
@@ -69,8 +70,9 @@ impl Painter {
     ) -> Result<Option<Vec<u8>>, String> {
         let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
         let clock = Instant::now();
-        let camera = draw.eye.camera(size);
-        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut |_| go_on()) else { return Ok(None) };
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
+        let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
         let message = self.message((scene, draw), &picture, (quality, Drawer::Scene), clock)?;
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
@@ -90,8 +92,9 @@ impl Painter {
     ) -> Result<Option<Sketch>, String> {
         let Some(_turn) = turn(size, Drawer::Cloud, go_on) else { return Ok(None) };
         let clock = Instant::now();
-        let camera = draw.eye.camera(size);
-        let view = cloud.render(&camera, &query(scene, draw)).map_err(|e| e.to_string())?;
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
+        let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
         let picture = self.coloured(scene, draw.layer, &view);
         let message = self.message((scene, draw), &picture, (quality, Drawer::Cloud), clock)?;
         self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
@@ -114,7 +117,8 @@ impl Painter {
         let size = draw.full_size();
         let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
         let clock = Instant::now();
-        let camera = draw.eye.camera(size);
+        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+        fits(size, &query)?;
         let mut sent = Instant::now();
         let range = self.depths;
         let mut part = |layers: &Layers| {
@@ -133,7 +137,7 @@ impl Painter {
             }
             go_on()
         };
-        let Some(view) = scene.draw(&camera, &query(scene, draw), &mut part) else { return Ok(None) };
+        let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
         self.message((scene, draw), &picture, (Quality::Full, Drawer::Scene), clock).map(Some)
@@ -162,6 +166,11 @@ impl Painter {
         }
         coloured(scene, layer, view, self.depths)
     }
+}
+
+/// Refuses a picture that the machine has no memory for.
+fn fits(size: (u32, u32), query: &Query) -> Result<(), String> {
+    frame_memory::check_frame("the picture", size, query.layers).map_err(|e| e.to_string())
 }
 
 fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[f32; 2]>) -> RgbImage {

@@ -8,6 +8,7 @@ mod chromium;
 mod commands;
 mod dynamic;
 mod hostile;
+mod huge;
 mod prepare;
 mod progress;
 mod resume;

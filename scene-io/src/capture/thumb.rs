@@ -1,6 +1,7 @@
 //! A photo reduced to what the checks of a capture compare: a small grey picture, its brightness, its sharpness.
 
 use crate::Image;
+use crate::picture::scaling_bytes;
 
 /// Longest side of the grey picture, pixels: small enough that a few pixels of parallax do not matter.
 const SIDE: u32 = 32;
@@ -24,6 +25,11 @@ pub struct Thumb {
 }
 
 impl Thumb {
+    /// Most bytes that [`Thumb::of`] takes beside a photo that is so many columns wide: a small picture and what scaling takes.
+    pub(crate) fn work_bytes(width: u32) -> u64 {
+        5 * u64::from(SHARP_SIDE * SHARP_SIDE) + scaling_bytes(width, SHARP_SIDE)
+    }
+
     /// Reduce a decoded photo.
     #[must_use]
     pub fn of(image: &Image) -> Self {

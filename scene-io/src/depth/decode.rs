@@ -1,15 +1,15 @@
 //! Depth files to numbers.
 
 use super::DepthMap;
-use crate::picture::decode_dynamic;
+use crate::decode_memory::DecodeMemory;
+use crate::picture::{Plan, exr_blocks};
 use crate::{ErrorKind, Problem, SceneError, files, npy};
-use exr::prelude::{FlatSamples, MetaData, ReadChannels, ReadLayers, read as exr_reader};
+use exr::meta::header::Header;
+use exr::prelude::{FlatSamples, MetaData, ReadChannels, ReadLayers, Vec2, read as exr_reader};
 use image::DynamicImage;
-use std::io::Cursor;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
-
-/// What a depth file may hold: 2^28 pixels, 1 GiB once decoded. A forged header asks for more.
-const MOST_PIXELS: u64 = 1 << 28;
 
 /// Reads a depth file as it is; NaN and negative numbers are left in.
 pub(super) fn read(path: &Path) -> Result<DepthMap, SceneError> {
@@ -34,7 +34,10 @@ fn wrong(path: &Path, what: impl Into<String>, remedy: &str) -> SceneError {
 }
 
 fn array(path: &Path) -> Result<DepthMap, SceneError> {
-    let array = npy::read(path)?;
+    npy::with(path, 4, |array| from_array(path, &array))
+}
+
+fn from_array(path: &Path, array: &npy::Array) -> Result<DepthMap, SceneError> {
     let shape = array.shape.as_slice();
     let (&[height, width] | &[height, width, 1]) = shape else {
         let problem = Problem::new(path, "is no depth map", "save it as [height][width]");
@@ -45,7 +48,9 @@ fn array(path: &Path) -> Result<DepthMap, SceneError> {
 }
 
 fn grey(path: &Path) -> Result<DepthMap, SceneError> {
-    let picture = decode_dynamic(path)?;
+    let plan = Plan::of(path)?;
+    let _held = plan.reserve(plan.bytes(4))?;
+    let picture = plan.decode()?;
     let (width, height) = (picture.width(), picture.height());
     let z = match picture {
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(f32::from).collect(),
@@ -69,18 +74,22 @@ fn grey(path: &Path) -> Result<DepthMap, SceneError> {
 const DEPTH_CHANNELS: [&str; 3] = ["Z", "Y", "R"];
 
 fn channel(path: &Path) -> Result<DepthMap, SceneError> {
-    let bytes = files::read_bytes(path)?;
+    files::refuse_folder(path)?;
+    let open = || File::open(path).map(BufReader::new).map_err(|e| SceneError::io(path, "read the file", e));
     let broken = |e: exr::error::Error| {
         wrong(path, format!("the EXR file is broken or cut off: {e}"), "copy or write it again").caused_by(e)
     };
-    let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(broken)?;
-    for header in &meta.headers {
+    let meta = MetaData::read_from_buffered(open()?, false).map_err(broken)?;
+    // The layer is read with all its channels, of which one is kept.
+    let of = |header: &Header| {
         let pixels = (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
-        if pixels.saturating_mul(header.channels.list.len() as u64) > MOST_PIXELS {
-            let what = format!("is larger than depth maps may be: {}x{}", header.layer_size.0, header.layer_size.1);
-            return Err(wrong(path, what, "scale it down, or write the depth alone"));
-        }
-    }
+        pixels.saturating_mul(header.channels.bytes_per_pixel as u64 + 4)
+    };
+    let largest = meta.headers.iter().max_by_key(|header| of(header));
+    let (size, bytes) = largest.map_or((Vec2(0, 0), 0), |header| (header.layer_size, of(header)));
+    let bytes = bytes.saturating_add(exr_blocks(&mut open()?)).saturating_add(1 << 18);
+    let what = format!("its {}x{} pixels", size.0, size.1);
+    let _held = DecodeMemory::of_process().reserve(path, &what, bytes)?;
     let image = exr_reader()
         .no_deep_data()
         .largest_resolution_level()
@@ -88,7 +97,7 @@ fn channel(path: &Path) -> Result<DepthMap, SceneError> {
         .first_valid_layer()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Cursor::new(&bytes))
+        .from_buffered(open()?)
         .map_err(broken)?;
     let layer = image.layer_data;
     let full = |name: &str| {
@@ -112,7 +121,7 @@ fn channel(path: &Path) -> Result<DepthMap, SceneError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use exr::prelude::{AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, Vec2, WritableImage, f16};
+    use exr::prelude::{AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, WritableImage, f16};
 
     fn exr_file(path: &Path, channels: Vec<AnyChannel<FlatSamples>>) {
         let channels = AnyChannels::sort(channels.into_iter().collect());

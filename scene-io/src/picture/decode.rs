@@ -5,16 +5,15 @@
 //! orientation are **not** applied: cameras belong to the pixels as they are stored, and so do COLMAP's.
 
 use super::Image;
-use super::header::jpeg_is_complete;
-use super::refusal::{REMEDY, decoding_failed, limits, zero_bytes};
+use super::plan::Plan;
 use crate::{ErrorKind, Problem, SceneError};
-use image::{ColorType, DynamicImage, ImageReader};
-use std::io::Cursor;
+use image::{ColorType, DynamicImage};
 use std::path::Path;
 
-/// Decodes an image file. `mask` (values >= 128 are used) tells which pixels may be NaN or infinite.
-pub(crate) fn decode(path: &Path, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
-    match decode_dynamic(path)? {
+/// Decodes an image file for which memory was reserved: [`Plan::bytes_in_8_bit`]. `mask` (values >= 128 are used) tells which
+/// pixels may be NaN or infinite.
+pub(super) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
+    match plan.decode()? {
         DynamicImage::ImageRgb32F(pixels) => {
             from_linear(path, pixels.width(), pixels.height(), 3, pixels.as_raw(), mask)
         }
@@ -34,16 +33,26 @@ pub(crate) fn decode(path: &Path, mask: Option<(&[u8], (u32, u32))>) -> Result<I
     }
 }
 
-/// Decodes a mask file to one value a pixel: its brightness.
-pub(crate) fn decode_mask(path: &Path) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
-    let grey = decode_dynamic(path)?.into_luma8();
+/// Decodes a mask file to one value a pixel, its brightness, and does something with that within [`crate::DecodeMemory`].
+pub(crate) fn with_mask<T>(path: &Path, work: impl FnOnce(Vec<u8>, (u32, u32)) -> T) -> Result<T, SceneError> {
+    let plan = Plan::of(path)?;
+    let _held = plan.reserve(plan.bytes_in_grey())?;
+    let (grey, size) = decode_grey(&plan)?;
+    Ok(work(grey, size))
+}
+
+/// Decodes a mask to its brightness, where [`Plan::bytes_in_grey`] was reserved.
+pub(super) fn decode_grey(plan: &Plan) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+    let grey = plan.decode()?.into_luma8();
     let size = (grey.width(), grey.height());
     Ok((grey.into_raw(), size))
 }
 
 /// Decodes a map of whole numbers: a grey picture of 8 or 16 bits.
 pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), SceneError> {
-    let picture = decode_dynamic(path)?;
+    let plan = Plan::of(path)?;
+    let _held = plan.reserve(plan.bytes(2))?;
+    let picture = plan.decode()?;
     let size = (picture.width(), picture.height());
     let labels = match picture {
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
@@ -57,24 +66,34 @@ pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), Scene
     Ok((labels, size))
 }
 
-/// Decodes an image file to whatever it holds, 2 GiB at most. The EXIF orientation is not applied.
+/// Decodes an image file to whatever it holds. The EXIF orientation is not applied. While it is decoded, its memory counts in
+/// [`crate::DecodeMemory`]; the picture that comes out belongs to the caller. Where several threads decode, [`with_photo`]
+/// bounds what they hold together.
 ///
 /// # Errors
-/// [`ErrorKind::Image`] for files that are empty, cut off or no image; [`ErrorKind::Io`] for those that cannot be read.
-pub fn decode_dynamic(path: &Path) -> Result<DynamicImage, SceneError> {
-    let bytes = crate::files::read_bytes(path)?;
-    if bytes.is_empty() {
-        return Err(zero_bytes(path));
-    }
-    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_is_complete(&bytes) {
-        let what = format!("the JPEG is cut off: its {} bytes hold no end marker", bytes.len());
-        return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, REMEDY)));
-    }
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|e| SceneError::io(path, "read the image", e))?;
-    reader.limits(limits());
-    reader.decode().map_err(|e| decoding_failed(path, e))
+/// [`ErrorKind::Image`] for files that are empty, cut off or no image; [`ErrorKind::Io`] for those that cannot be read;
+/// [`ErrorKind::Memory`] for those that are too large.
+pub fn decode_photo(path: &Path) -> Result<DynamicImage, SceneError> {
+    with_photo(path, 0, |picture| picture)
+}
+
+/// Decodes an image file and does something with it, all within [`crate::DecodeMemory`]: `copies` is the number of further
+/// pictures of the same size, at most 8 bits a value, that are made at one time. The work must not wait for other threads.
+///
+/// # Errors
+/// As [`decode_photo`].
+pub fn with_photo<T>(path: &Path, copies: u32, work: impl FnOnce(DynamicImage) -> T) -> Result<T, SceneError> {
+    let plan = Plan::of(path)?;
+    let _held = plan.reserve(plan.bytes(4 * u64::from(copies)))?;
+    Ok(work(plan.decode()?))
+}
+
+/// Columns and rows of an image file, from its headers.
+///
+/// # Errors
+/// As [`decode_photo`], for what is wrong with the headers.
+pub fn photo_size(path: &Path) -> Result<(u32, u32), SceneError> {
+    Ok(Plan::of(path)?.size())
 }
 
 /// The sRGB curve (IEC 61966-2-1), linear light in `[0, 1]` to `[0, 1]`.

@@ -2,18 +2,21 @@
 
 mod decode;
 pub(crate) mod foreign;
-mod header;
+mod jpeg;
+mod plan;
+mod png;
 mod refusal;
 mod resize;
 mod store;
+mod webp;
 
-pub(crate) use decode::{decode_dynamic, decode_labels, decode_mask};
-pub(crate) use header::read_header;
+pub(crate) use decode::{decode_labels, with_mask};
+pub use decode::{decode_photo, photo_size, with_photo};
+pub(crate) use plan::{Plan, exr_blocks};
 pub(crate) use refusal::wrong_size;
+pub(crate) use resize::scaling_bytes;
 pub(crate) use store::same_shape;
 pub use store::{ImageStore, StoreOptions};
-// The public name.
-pub use decode::decode_dynamic as decode_photo;
 
 /// An 8-bit image: display-referred sRGB as in the file, rows top to bottom, channels interleaved.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -84,7 +87,7 @@ impl Image {
     /// of the mask is used where half of its area is.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
-        resize::resize(self.clone(), width, height)
+        if (width, height) == (self.width, self.height) { self.clone() } else { resize::scaled(self, width, height) }
     }
 
     /// Bytes of memory held.

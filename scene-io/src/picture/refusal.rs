@@ -1,7 +1,7 @@
 //! What is said of image files that cannot be read, and how much of one is too much.
 
 use super::foreign;
-use super::header::orientation;
+use super::plan::orientation;
 use super::store::same_shape;
 use crate::{ErrorKind, Problem, SceneError};
 use image::{ImageError, Limits};
@@ -63,9 +63,9 @@ pub(crate) fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> Probl
     Problem::new(path, what + &cause, remedy)
 }
 
-/// What a decoder may allocate: 2 GiB, enough for 250 megapixels at 16 bits, and no more for a forged header.
-pub(super) fn limits() -> Limits {
+/// What a decoder may allocate where it asks, bytes.
+pub(super) fn limits(bytes: u64) -> Limits {
     let mut limits = Limits::default();
-    limits.max_alloc = Some(2 << 30);
+    limits.max_alloc = Some(bytes);
     limits
 }

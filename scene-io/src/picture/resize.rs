@@ -83,11 +83,19 @@ fn divide_rounded(sum: u64, by: u64) -> u8 {
     ((sum + by / 2) / by).min(255) as u8
 }
 
+/// Bytes that scaling takes beside both images: shares of the columns and two rows of sums.
+pub(crate) fn scaling_bytes(from_width: u32, to_width: u32) -> u64 {
+    // Shares are collected into a list that grows by doubling.
+    4096 + 2 * 24 * (u64::from(from_width) + u64::from(to_width)) * 3 / 2 + 2 * 32 * u64::from(to_width)
+}
+
 /// The image at another size, its mask with it.
 pub(crate) fn resize(image: Image, width: u32, height: u32) -> Image {
-    if (width, height) == (image.width, image.height) {
-        return image;
-    }
+    if (width, height) == (image.width, image.height) { image } else { scaled(&image, width, height) }
+}
+
+/// A new image of another size.
+pub(super) fn scaled(image: &Image, width: u32, height: u32) -> Image {
     let from = (image.width, image.height);
     let to = (width, height);
     let area = u64::from(image.width) * u64::from(image.height);

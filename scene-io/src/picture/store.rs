@@ -1,10 +1,11 @@
 //! Images of a scene, decoded on demand and kept while there is room.
 
 use super::Image;
-use super::decode::{decode, decode_mask};
-use super::header::read_header;
+use super::decode::{decode, decode_grey};
+use super::plan::Plan;
 use super::refusal::wrong_size;
-use super::resize::{fitted, resize, resize_mask};
+use super::resize::{fitted, resize, resize_mask, scaling_bytes};
+use crate::decode_memory::{DecodeMemory, Reserved};
 use crate::perturb::Perturbation;
 use crate::{AlphaMeaning, ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
 use render_core::camera::Camera;
@@ -32,7 +33,8 @@ impl Default for StoreOptions {
 /// Decodes the images of a scene on demand, scales them while reading, and keeps the most recently used.
 ///
 /// Threads may share one; what [`ImageStore::get`] returns depends on the index alone. Memory: at most
-/// [`StoreOptions::budget_bytes`], plus the images callers hold, plus one native-size image a thread while decoding.
+/// [`StoreOptions::budget_bytes`], plus the images callers hold, plus what [`DecodeMemory`] allows all threads together for
+/// decoding.
 #[derive(Debug)]
 pub struct ImageStore {
     entries: Vec<Entry>,
@@ -104,7 +106,7 @@ impl ImageStore {
     /// Bytes of all images once decoded and scaled, masks included: from headers alone.
     #[must_use]
     pub fn estimate_bytes(&self) -> u64 {
-        self.entries.iter().map(Entry::bytes).sum()
+        self.entries.iter().map(Entry::bytes).fold(0, u64::saturating_add)
     }
 
     /// Bytes of one image once decoded and scaled, its mask included.
@@ -136,9 +138,19 @@ impl ImageStore {
             return Ok(image);
         }
         // Outside the lock: two threads may decode the same image, and get the same pixels.
-        let image = Arc::new(entry.read().map_err(|e| e.in_frame(&entry.name))?);
+        let (image, held) = entry.read(0).map_err(|e| e.in_frame(&entry.name))?;
+        drop(held);
+        let image = Arc::new(image);
         self.lock().insert(index, &image, self.budget_bytes);
         Ok(image)
+    }
+
+    /// Looks at an image that is not kept; until `look` is done, the image counts as being decoded. `look` takes at most `bytes`
+    /// for itself.
+    pub(crate) fn look<T>(&self, index: usize, bytes: u64, look: impl FnOnce(&Image) -> T) -> Result<T, SceneError> {
+        let entry = &self.entries[index];
+        let (image, _held) = entry.read(bytes).map_err(|e| e.in_frame(&entry.name))?;
+        Ok(look(&image))
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
@@ -151,8 +163,8 @@ impl Entry {
     fn new(frame: &Frame, longest_side: Option<u32>) -> Result<Self, SceneError> {
         let (native, channels) = match &frame.image {
             ImageSource::File(path) => {
-                let header = read_header(path).map_err(|e| e.in_frame(&frame.name))?;
-                ((header.width, header.height), header.channels)
+                let plan = Plan::of(path).map_err(|e| e.in_frame(&frame.name))?;
+                (plan.size(), plan.channels())
             }
             ImageSource::Memory(image) => ((image.width, image.height), image.channels),
         };
@@ -189,26 +201,80 @@ impl Entry {
             (false, false) => self.channels,
         };
         let has_mask = has_mask && !(self.mask_is_alpha() && matches!(self.image, ImageSource::File(_)));
-        pixels * (u64::from(channels) + u64::from(has_mask || self.alpha_is_mask))
+        pixels.saturating_mul(u64::from(channels) + u64::from(has_mask || self.alpha_is_mask))
     }
 
     fn mask_is_alpha(&self) -> bool {
         self.mask.as_ref().is_some_and(|(_, polarity)| *polarity == MaskPolarity::WhiteIsObject)
     }
 
-    fn read(&self) -> Result<Image, SceneError> {
-        let mut mask =
-            self.mask.as_ref().map(|(path, polarity)| read_mask(path, *polarity, self.native)).transpose()?;
-        let mut native = match &self.image {
+    /// Bytes held at one time while the image is read, the image included; and then `beside` more.
+    fn reading_bytes(&self, image: Option<&Plan>, mask: Option<&Plan>, beside: u64) -> u64 {
+        let pixels = u64::from(self.native.0) * u64::from(self.native.1);
+        let native = match &self.image {
+            ImageSource::File(_) => pixels.saturating_mul(self.channels.into()),
+            ImageSource::Memory(image) => image.bytes(),
+        };
+        let mask_bytes = mask.map_or(0, Plan::pixels);
+        let changed = if self.alpha_is_mask || self.mask_is_alpha() { pixels.saturating_mul(4) } else { 0 };
+        let scaled = if (self.camera.width, self.camera.height) == self.native {
+            mask_bytes
+        } else {
+            self.bytes().saturating_add(scaling_bytes(self.native.0, self.camera.width))
+        };
+        let decoding = image.map_or(native, Plan::bytes_in_8_bit);
+        // Names and other small things.
+        let after = native.saturating_add(changed.max(scaled.max(beside))).saturating_add(4096);
+        mask.map_or(0, Plan::bytes_in_grey).max(mask_bytes.saturating_add(decoding.max(after)))
+    }
+
+    /// The image as it is handed out, and its place in [`DecodeMemory`], which has room for `beside` more bytes.
+    fn read(&self, beside: u64) -> Result<(Image, Reserved<'static>), SceneError> {
+        let plan = match &self.image {
             ImageSource::File(path) => {
-                let image = decode(path, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?;
-                if (image.width, image.height) != self.native {
-                    let problem = wrong_size(path, (image.width, image.height), self.native);
-                    return Err(SceneError::new(ErrorKind::Image, problem));
+                let plan = Plan::of(path)?;
+                if plan.size() != self.native || plan.channels() != self.channels {
+                    return Err(SceneError::new(ErrorKind::Image, wrong_size(path, plan.size(), self.native)));
                 }
-                image
+                Some(plan)
             }
-            ImageSource::Memory(image) => Image::clone(image),
+            ImageSource::Memory(_) => None,
+        };
+        let mask_plan = match &self.mask {
+            Some((path, _)) => Some(self.mask_plan(path)?),
+            None => None,
+        };
+        let bytes = self.reading_bytes(plan.as_ref(), mask_plan.as_ref(), beside);
+        let held = match (&self.image, &plan) {
+            (_, Some(plan)) => plan.reserve(bytes)?,
+            _ => DecodeMemory::of_process().reserve(Path::new("image in memory"), "its pixels", bytes)?,
+        };
+        Ok((self.read_reserved(plan.as_ref(), mask_plan.as_ref())?, held))
+    }
+
+    /// The headers of the mask, which must have the image's shape.
+    fn mask_plan(&self, path: &Path) -> Result<Plan, SceneError> {
+        let plan = Plan::of(path)?;
+        let (size, image) = (plan.size(), self.native);
+        if !same_shape(size, image) {
+            let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);
+            let remedy = "make the mask as large as the image, or give `--masks off`";
+            return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
+        }
+        Ok(plan)
+    }
+
+    fn read_reserved(&self, plan: Option<&Plan>, mask: Option<&Plan>) -> Result<Image, SceneError> {
+        let mut mask = match (&self.mask, mask) {
+            (Some((_, polarity)), Some(plan)) => Some(read_mask(plan, *polarity)?),
+            _ => None,
+        };
+        let mut native = match (&self.image, plan) {
+            (ImageSource::File(path), Some(plan)) => {
+                decode(path, plan, mask.as_ref().map(|(m, size)| (m.as_slice(), *size)))?
+            }
+            (ImageSource::Memory(image), _) => Image::clone(image),
+            (ImageSource::File(path), None) => decode(path, &Plan::of(path)?, None)?,
         };
         if self.alpha_is_mask {
             native = alpha_to_mask(native);
@@ -262,14 +328,9 @@ fn cut_out(image: Image, mask: &[u8], from: (u32, u32)) -> Image {
     Image { data: data.collect(), channels: 4, ..image }
 }
 
-/// A mask with white for what is used, at its own size, which must have the image's shape.
-fn read_mask(path: &Path, polarity: MaskPolarity, image: (u32, u32)) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
-    let (mut mask, size) = decode_mask(path)?;
-    if !same_shape(size, image) {
-        let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);
-        let remedy = "make the mask as large as the image, or give `--masks off`";
-        return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
-    }
+/// A mask with white for what is used, at its own size.
+fn read_mask(plan: &Plan, polarity: MaskPolarity) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+    let (mut mask, size) = decode_grey(plan)?;
     if polarity == MaskPolarity::WhiteIsIgnored {
         for v in &mut mask {
             *v = 255 - *v;

@@ -71,7 +71,10 @@ impl Frame {
 }
 
 fn read(path: &Path) -> Result<Features, SceneError> {
-    let array = npy::read(path)?;
+    npy::with(path, 4, |array| from_array(path, &array))
+}
+
+fn from_array(path: &Path, array: &npy::Array) -> Result<Features, SceneError> {
     let wrong = |problem: Problem| SceneError::new(ErrorKind::Value, problem);
     let &[channels, height, width] = array.shape.as_slice() else {
         let problem = Problem::new(path, "has not three dimensions", "write channels, rows, columns");

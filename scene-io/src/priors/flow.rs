@@ -1,7 +1,7 @@
 //! Truth about where the points of a photo are in another one, for scoring.
 
 use super::bits::BitMask;
-use crate::picture::decode_mask;
+use crate::picture::with_mask;
 use crate::{ErrorKind, Frame, Problem, SceneError, npy};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -106,16 +106,17 @@ impl Frame {
             let remedy = "give one way (x, y) and one pixel of the mask for each pixel of the photo, or remove both";
             SceneError::new(ErrorKind::Value, Problem::new(path, what, remedy))
         };
-        let array = npy::read(flow)?;
-        if array.shape != [height as usize, width as usize, 2] {
-            return Err(refuse(flow, format!("has the shape {:?} and its photo {width}x{height} pixels", array.shape)));
-        }
-        let (grey, (w, h)) = decode_mask(valid)?;
+        let way: Vec<[f32; 2]> = npy::with(flow, 4, |array| {
+            if array.shape != [height as usize, width as usize, 2] {
+                let what = format!("has the shape {:?} and its photo {width}x{height} pixels", array.shape);
+                return Err(refuse(flow, what));
+            }
+            Ok(array.data.as_chunks::<2>().0.iter().map(|way| way.map(|x| x as f32)).collect())
+        })?;
+        let (seen, (w, h)) = with_mask(valid, |grey, (w, h)| (BitMask::from_grey(w, h, &grey), (w, h)))?;
         if (w, h) != (width, height) {
             return Err(refuse(valid, format!("is {w}x{h} and its photo {width}x{height}")));
         }
-        let seen = BitMask::from_grey(width, height, &grey);
-        let way: Vec<[f32; 2]> = array.data.as_chunks::<2>().0.iter().map(|way| way.map(|x| x as f32)).collect();
         let bad = (0..way.len())
             .find(|&k| seen.get(k as u32 % width, k as u32 / width) && way[k].iter().any(|x| !x.is_finite()));
         match bad {

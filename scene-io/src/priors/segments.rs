@@ -1,8 +1,8 @@
 //! Segments of a photo: label maps and stacks of masks.
 
 use super::bits::{BitMask, nearest};
-use crate::picture::{decode_labels, decode_mask, same_shape};
-use crate::{ErrorKind, Frame, Place, Problem, SceneError, files};
+use crate::picture::{Plan, decode_labels, same_shape, with_mask};
+use crate::{DecodeMemory, ErrorKind, Frame, Place, Problem, SceneError, files};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -113,10 +113,15 @@ fn read_stack(folder: &Path, photo: (u32, u32)) -> Result<Vec<BitMask>, SceneErr
         return Err(SceneError::new(ErrorKind::Value, Problem::new(folder, what, "leave the smallest ones out")));
     }
     let read = |path: &PathBuf| {
-        let (grey, (width, height)) = decode_mask(path)?;
-        fits(path, (width, height), photo)?;
-        Ok(BitMask::from_grey(width, height, &grey))
+        with_mask(path, |grey, (width, height)| {
+            fits(path, (width, height), photo)?;
+            Ok(BitMask::from_grey(width, height, &grey))
+        })?
     };
+    // One bit a pixel, of all segments together.
+    let bytes = |path: &PathBuf| Plan::of(path).map_or(0, |plan| plan.pixels().div_ceil(8));
+    let all = paths.par_iter().map(bytes).reduce(|| 0, u64::saturating_add);
+    DecodeMemory::of_process().check(folder, &format!("its {} segments", paths.len()), all)?;
     paths.par_iter().map(read).collect()
 }
 

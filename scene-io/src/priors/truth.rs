@@ -1,7 +1,7 @@
 //! Truth about photos, for scoring: what does not belong to the place, what moves. And masks that leave nothing to train on.
 
 use super::bits::BitMask;
-use crate::picture::{decode_mask, same_shape};
+use crate::picture::{same_shape, with_mask};
 use crate::{ErrorKind, Frame, MaskPolarity, Problem, SceneError, Split};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -54,15 +54,14 @@ impl Frame {
     /// Names the mask that cannot be decoded.
     pub fn read_mask(&self) -> Result<Option<BitMask>, SceneError> {
         let Some(path) = &self.mask else { return Ok(None) };
-        let (grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
-        Ok(Some(BitMask::from_grey(width, height, &grey)))
+        let mask = with_mask(path, |grey, (width, height)| BitMask::from_grey(width, height, &grey));
+        mask.map(Some).map_err(|e| e.in_frame(&self.name))
     }
 
     fn read_truth(&self, truth: &TruthMask) -> Result<BitMask, SceneError> {
         match truth {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
-            TruthMask::File(path) => {
-                let (mut grey, (width, height)) = decode_mask(path).map_err(|e| e.in_frame(&self.name))?;
+            TruthMask::File(path) => with_mask(path, |mut grey, (width, height)| {
                 if grey.iter().all(|v| *v <= 1) {
                     grey.iter_mut().for_each(|v| *v *= 255);
                 }
@@ -73,7 +72,8 @@ impl Frame {
                     return Err(SceneError::new(ErrorKind::Image, problem.frame(&self.name)));
                 }
                 Ok(BitMask::from_grey(width, height, &grey))
-            }
+            })
+            .map_err(|e| e.in_frame(&self.name))?,
         }
     }
 }
@@ -89,7 +89,7 @@ pub fn refuse_blank_masks(frames: &[Frame]) -> Result<Option<f64>, SceneError> {
         let path = frame.mask.as_ref()?;
         let used = |v: &&u8| (**v >= 128) == (frame.mask_polarity != MaskPolarity::WhiteIsIgnored);
         let share = |grey: Vec<u8>| grey.iter().filter(used).count() as f64 / grey.len().max(1) as f64;
-        let share = decode_mask(path).map(|(grey, _)| (path.clone(), share(grey)));
+        let share = with_mask(path, |grey, _| (path.clone(), share(grey)));
         Some(share.map_err(|error| error.in_frame(&frame.name)))
     };
     let left: Vec<(PathBuf, f64)> = training.par_iter().filter_map(|f| left(&f)).collect::<Result<_, _>>()?;

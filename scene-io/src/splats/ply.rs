@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
     let mut notes = Vec::new();
     let columns = Columns::find(&vertices, &mut notes)?;
     vertices.check_length()?;
-    let mut filling = Filling::new(path, vertices.count, columns.degree)?;
+    let mut filling = Filling::new(path, vertices.count, columns.degree, bytes.len())?;
     vertices.rows(|values, _| {
         let value = |i: usize| values[i] as f32;
         let mut row = Row {

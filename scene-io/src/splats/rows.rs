@@ -1,6 +1,7 @@
 //! One Gaussian at a time: what readers fill and writers take.
 
 use super::count;
+use crate::decode_memory::{DecodeMemory, Reserved};
 use crate::{ErrorKind, Problem, SceneError};
 use splat_core::{Gaussians, MAX_DEGREE, SplatError, rest_len};
 use std::path::Path;
@@ -9,6 +10,8 @@ use std::path::Path;
 pub(super) const LOGIT_LIMIT: f32 = 13.815_51;
 /// Logarithm of the size of what has none.
 pub(super) const LOG_SCALE_FLOOR: f32 = -20.0;
+/// Bytes for the readers of a compressed file.
+const READERS: u64 = 1 << 19;
 /// Rotations shorter than this are none.
 pub(super) const SHORTEST: f64 = 1e-8;
 
@@ -85,13 +88,22 @@ pub(super) struct Filling {
     first_dropped: Option<usize>,
     logits: usize,
     scales: usize,
+    _held: Reserved<'static>,
+}
+
+/// Bytes of a cloud.
+fn cloud_bytes(n: usize, degree: usize) -> u64 {
+    let numbers = 3 + 3 + 4 + 1 + 3 + 3 * rest_len(degree);
+    (4 * numbers as u64).saturating_mul(n as u64)
 }
 
 impl Filling {
-    /// Room for `n`.
-    pub(super) fn new(path: &Path, n: usize, degree: usize) -> Result<Self, SceneError> {
+    /// Room for `n` Gaussians of a file of `file` bytes, which are in memory, too.
+    pub(super) fn new(path: &Path, n: usize, degree: usize, file: usize) -> Result<Self, SceneError> {
+        let bytes = cloud_bytes(n, degree.min(MAX_DEGREE)).saturating_add(file as u64 + READERS);
+        let _held = DecodeMemory::of_process().reserve(path, &format!("its {n} Gaussians"), bytes)?;
         let cloud = Gaussians::new(n, degree).map_err(|e| refuse(path, e))?;
-        Ok(Self { cloud, kept: 0, seen: 0, first_dropped: None, logits: 0, scales: 0 })
+        Ok(Self { cloud, kept: 0, seen: 0, first_dropped: None, logits: 0, scales: 0, _held })
     }
 
     /// The next of the file. Infinite logits and sizes of 0 are what programs write for opacities of exactly 0 and 1
@@ -139,6 +151,8 @@ impl Filling {
         if kept == n {
             return Ok(self.cloud);
         }
+        let bytes = cloud_bytes(kept, self.cloud.degree());
+        let _held = DecodeMemory::of_process().reserve(path, &format!("its {kept} Gaussians"), bytes)?;
         let mut cloud = Gaussians::new(kept, self.cloud.degree()).map_err(|e| refuse(path, e))?;
         for ((_, to), (_, from)) in cloud.fields_mut().into_iter().zip(self.cloud.fields()) {
             for (to, from) in to.chunks_exact_mut(kept.max(1)).zip(from.chunks_exact(n)) {
@@ -180,7 +194,7 @@ mod tests {
     const PATH: &str = "a.ply";
 
     fn fill(rows: &[Row]) -> (Gaussians, Vec<String>) {
-        let mut filling = Filling::new(Path::new(PATH), rows.len(), 1).unwrap();
+        let mut filling = Filling::new(Path::new(PATH), rows.len(), 1, 0).unwrap();
         rows.iter().for_each(|row| filling.push(*row));
         let mut notes = Vec::new();
         (filling.finish(Path::new(PATH), &mut notes).unwrap(), notes)

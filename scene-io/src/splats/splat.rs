@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
         let problem = Problem::new(path, what, "fetch it again");
         return Err(SceneError::new(ErrorKind::Format, problem));
     }
-    let mut filling = Filling::new(path, records.len(), 0)?;
+    let mut filling = Filling::new(path, records.len(), 0, bytes.len())?;
     let (mut turned, mut negative) = (0, 0);
     for record in records {
         let f = |i: usize| {

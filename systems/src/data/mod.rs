@@ -263,6 +263,8 @@ fn level_camera(camera: &Camera, level: u32) -> Camera {
 /// Bytes of a decoded view.
 fn view_bytes(store: &ImageStore, view: &View) -> u64 {
     let full = store.camera(view.frame);
-    let pixels = |c: &Camera| u64::from(c.width) * u64::from(c.height);
-    (store.bytes(view.frame) * pixels(&view.camera)).div_ceil(pixels(full).max(1))
+    // Wider than 64 bits: the product of two sizes of a forged header is.
+    let pixels = |c: &Camera| u128::from(c.width) * u128::from(c.height);
+    let bytes = (u128::from(store.bytes(view.frame)) * pixels(&view.camera)).div_ceil(pixels(full).max(1));
+    u64::try_from(bytes).unwrap_or(u64::MAX)
 }

@@ -21,9 +21,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Bytes that this process may hold, as the user said; 0: no limit.
 static LIMIT: AtomicU64 = AtomicU64::new(0);
 
-/// Let this process hold at most so many bytes: the limit of `--memory`. From then on [`available_bytes`] knows it.
+/// Let this process hold at most so many bytes: the limit of `--memory`. From then on [`available_bytes`] knows it, and decoding
+/// takes at most half of it at one time.
 pub fn set_limit(bytes: u64) {
     LIMIT.store(bytes.max(1), Ordering::Relaxed);
+    scene_io::DecodeMemory::of_process().set_limit(bytes / 2);
 }
 
 /// What [`set_limit`] said; `None` where nothing was said.
@@ -48,9 +50,8 @@ pub struct Resident {
 
 /// Bytes this process can still take: what the machine can give without swapping, or less where [`set_limit`] says so.
 pub fn available_bytes() -> Option<u64> {
-    let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| field(&text, "MemAvailable:"));
     let left = limit().map(|limit| limit.saturating_sub(resident_bytes().map_or(0, |held| held.now)));
-    [machine, left].into_iter().flatten().min()
+    [scene_io::available_bytes(), left].into_iter().flatten().min()
 }
 
 fn field(text: &str, name: &str) -> Option<u64> {

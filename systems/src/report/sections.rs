@@ -155,7 +155,7 @@ pub(super) fn figure(path: &Path, caption: &str, alt: &str) -> Option<String> {
 
 /// A PNG of the run as base64, scaled down to [`SHOWN_SIDE`]; `None` when it is missing or broken.
 fn embedded(path: &Path) -> Option<String> {
-    let picture = image::open(path).ok()?;
+    let picture = scene_io::decode_photo(path).ok()?;
     let picture = match picture.width().max(picture.height()) > SHOWN_SIDE {
         true => picture.resize(SHOWN_SIDE, SHOWN_SIDE, image::imageops::FilterType::Triangle),
         false => picture,

@@ -5,6 +5,7 @@ use super::look::{Kept, Look};
 use super::upright;
 use crate::camera_path::{PathKind, from_file};
 use crate::error::RunError;
+use crate::memory::{available_bytes, human};
 use crate::picture::limited;
 use crate::render::{Rendered, plain_query};
 use crate::system::{Query, Splats};
@@ -14,7 +15,7 @@ use render_core::camera::{Camera, Pose};
 use render_core::path::Spiral;
 use scene_io::read_splats;
 use splat_core::density::{Rows, by_place, opacity};
-use splat_core::{Gaussians, Rules};
+use splat_core::{Gaussians, Rules, rest_len};
 use std::path::Path;
 
 /// Gaussians fainter than this do not say where the scene is.
@@ -69,6 +70,15 @@ impl Cloud {
     /// [`RunError::Scene`] naming the file and what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let file = read_splats(path)?;
+        // Sorting by place makes a second cloud, and positions and sizes are copied to find its extent.
+        let n = file.cloud.len() as u64;
+        let more = n * (4 * (14 + 3 * rest_len(file.cloud.degree()) as u64) + 64);
+        if let Some(available) = available_bytes().filter(|available| more > *available) {
+            let (more, available) = (human(more), human(available));
+            let problem =
+                format!("its {n} Gaussians take {more} more to be drawn, and {available} are available; crop it");
+            return Err(RunError::Content { path: path.into(), problem });
+        }
         let widening = file.widening.unwrap_or_default();
         Ok(Self { notes: file.notes, ..Self::new(file.cloud, Rules { widening, ..Rules::DEFAULT }) })
     }

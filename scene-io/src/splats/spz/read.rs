@@ -7,7 +7,7 @@ use super::{rotation, stride};
 use crate::{ErrorKind, Problem, SceneError};
 use flate2::bufread::GzDecoder;
 use splat_core::{MAX_DEGREE, Widening, rest_len};
-use std::io::{self, Read};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 
 const REMEDY: &str = "save it again, as SPZ version 3 or as PLY";
@@ -41,12 +41,12 @@ pub(in super::super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, Sce
     gzip.read_exact(&mut header).map_err(broken)?;
     let header = Header::parse(&header).map_err(wrong)?;
 
-    // One byte more than there should be: what is longer is noticed, and never inflated whole.
-    let length = header.count * stride(header.rotation, rest_len(header.degree));
-    let mut body = Vec::new();
-    gzip.by_ref().take(length as u64 + 1).read_to_end(&mut body).map_err(broken)?;
-    if body.len() != length {
-        let how = if body.len() < length { "fewer" } else { "more" };
+    // Before memory is taken for the cloud, and without keeping what comes out. One byte more than there should be: what is
+    // longer is noticed, and never inflated whole.
+    let length = (header.count * stride(header.rotation, rest_len(header.degree))) as u64;
+    let inflated = io::copy(&mut gzip.by_ref().take(length + 1), &mut io::sink()).map_err(broken)?;
+    if inflated != length {
+        let how = if inflated < length { "fewer" } else { "more" };
         return Err(wrong(format!("holds {how} than the {length} bytes of the {} Gaussians listed", header.count)));
     }
     let mut notes = Vec::new();
@@ -61,7 +61,7 @@ pub(in super::super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, Sce
     if header.degree > MAX_DEGREE {
         notes.push(format!("colours above degree {MAX_DEGREE} left out"));
     }
-    let cloud = header.unpack(path, &body)?.finish(path, &mut notes)?;
+    let cloud = header.unpack(path, bytes)?.finish(path, &mut notes)?;
     let widening = if header.flags & ANTIALIASED == 0 { Widening::Keeps } else { Widening::Dims };
     Ok(SplatFile { cloud, widening: Some(widening), notes })
 }
@@ -96,45 +96,69 @@ impl Header {
         Ok(Self { count, degree, fractional_bits, flags, rotation })
     }
 
-    /// The Gaussians of a body of the right length.
-    fn unpack(&self, path: &Path, body: &[u8]) -> Result<Filling, SceneError> {
+    /// The Gaussians of a file whose inflated length was found right. Each attribute has a reader of its own, so that nothing but
+    /// the cloud is kept.
+    fn unpack(&self, path: &Path, bytes: &[u8]) -> Result<Filling, SceneError> {
         let n = self.count;
         let kept = self.degree.min(MAX_DEGREE);
-        let harmonics = 3 * rest_len(self.degree);
-        let mut left = body;
+        let damaged =
+            |e: io::Error| SceneError::new(ErrorKind::Format, Problem::new(path, format!("is damaged: {e}"), REMEDY));
+        let mut start = HEADER as u64;
         let mut block = |each: usize| {
-            let (block, rest) = left.split_at(each * n);
-            left = rest;
-            move |i: usize| &block[each * i..][..each]
+            let block = Block::new(bytes, start, each);
+            start += (each * n) as u64;
+            block.map_err(damaged)
         };
-        let (position, opacity, colour, size) = (block(9), block(1), block(3), block(3));
-        let (turn, rest) = (block(self.rotation), block(harmonics));
+        let (mut position, mut opacity, mut colour, mut size) = (block(9)?, block(1)?, block(3)?, block(3)?);
+        let (mut turn, mut rest) = (block(self.rotation)?, block(3 * rest_len(self.degree))?);
         let unit = 0.5_f64.powi(self.fractional_bits as i32);
-        let mut filling = Filling::new(path, n, kept)?;
-        for i in 0..n {
+        let mut filling = Filling::new(path, n, kept, bytes.len())?;
+        for _ in 0..n {
             let mut row = Row::EMPTY;
-            for (axis, b) in position(i).as_chunks::<3>().0.iter().enumerate() {
+            for (axis, b) in position.next().map_err(damaged)?.as_chunks::<3>().0.iter().enumerate() {
                 // The sign comes down with the shift.
                 let fixed = i32::from_le_bytes([0, b[0], b[1], b[2]]) >> 8;
                 row.mean[axis] = FLIP[axis] * (f64::from(fixed) * unit) as f32;
             }
-            row.logit = logit_of_byte(opacity(i)[0]);
+            row.logit = logit_of_byte(opacity.next().map_err(damaged)?[0]);
+            let (colour, size) = (colour.next().map_err(damaged)?, size.next().map_err(damaged)?);
             for channel in 0..3 {
-                row.dc[channel] = ((f64::from(colour(i)[channel]) / 255.0 - 0.5) / COLOUR) as f32;
-                row.log_scale[channel] = f32::from(size(i)[channel]) / 16.0 - 10.0;
+                row.dc[channel] = ((f64::from(colour[channel]) / 255.0 - 0.5) / COLOUR) as f32;
+                row.log_scale[channel] = f32::from(size[channel]) / 16.0 - 10.0;
             }
-            let [w, x, y, z] = match *turn(i) {
+            let [w, x, y, z] = match *turn.next().map_err(damaged)? {
                 [a, b, c, d] => rotation::unpack([a, b, c, d]),
                 [a, b, c] => rotation::unpack_bytes([a, b, c]),
                 _ => [1.0, 0.0, 0.0, 0.0],
             };
             let [x, y, z] = [x, y, z].map(|c| c as f32);
             row.wxyz = [w as f32, FLIP[0] * x, FLIP[1] * y, FLIP[2] * z];
-            for (k, byte) in rest(i)[..3 * rest_len(kept)].iter().enumerate() {
+            for (k, byte) in rest.next().map_err(damaged)?[..3 * rest_len(kept)].iter().enumerate() {
                 row.rest[k] = FLIP_SH[k / 3] * (f32::from(*byte) - 128.0) / 128.0;
             }
             filling.push(row);
         }
         Ok(filling)
+    }
+}
+
+/// One attribute of all Gaussians, inflated bit by bit.
+struct Block<'a> {
+    gzip: BufReader<GzDecoder<&'a [u8]>>,
+    one: Vec<u8>,
+}
+
+impl<'a> Block<'a> {
+    /// From a place of the inflated file, `each` bytes a Gaussian.
+    fn new(bytes: &'a [u8], start: u64, each: usize) -> io::Result<Self> {
+        let mut gzip = BufReader::new(GzDecoder::new(bytes));
+        io::copy(&mut gzip.by_ref().take(start), &mut io::sink())?;
+        Ok(Self { gzip, one: vec![0; each] })
+    }
+
+    /// That of the next Gaussian.
+    fn next(&mut self) -> io::Result<&[u8]> {
+        self.gzip.read_exact(&mut self.one)?;
+        Ok(&self.one)
     }
 }

@@ -1,0 +1,219 @@
+//! What decoding an image file takes, from its headers alone; and decoding it.
+
+use super::jpeg::{Frame, is_complete};
+use super::refusal::{REMEDY, decoding_failed, limits, wrong_size, zero_bytes};
+use super::{png, webp};
+use crate::decode_memory::{DecodeMemory, Reserved};
+use crate::{ErrorKind, Problem, SceneError, files};
+use exr::prelude::MetaData;
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use std::fs::File;
+use std::io::{BufReader, Cursor, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Small things every decoder has: tables, buffers of the file.
+const TABLES: u64 = 1 << 18;
+
+/// What an image's headers say, and the memory they ask for.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    path: PathBuf,
+    format: Option<ImageFormat>,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    /// Once decoded.
+    colour: ColorType,
+    /// Bytes of memory while it is decoded, beside the pixels.
+    work: u64,
+}
+
+impl Plan {
+    /// Reads the headers of a file. What that takes is bounded by a few MB, but for broken JPEG files: those are read whole, once
+    /// there is room.
+    pub(crate) fn of(path: &Path) -> Result<Self, SceneError> {
+        let (mut reader, length) = open(path)?;
+        let reading = |e| SceneError::io(path, "read the image", e);
+        let failed = |e| decoding_failed(path, e);
+        let guess = ImageReader::new(&mut reader).with_guessed_format().map_err(reading)?;
+        let format = guess.format();
+        reader.rewind().map_err(reading)?;
+        let (size, colour, work) = match format {
+            Some(ImageFormat::Jpeg) => {
+                // The decoder would read the whole file to answer this.
+                let frame = match Frame::read(&mut reader) {
+                    Some(frame) => frame,
+                    None => {
+                        reader.rewind().map_err(reading)?;
+                        let _held = DecodeMemory::of_process().reserve(path, "the headers", 3 * length)?;
+                        let (width, height) = decoder(reader, format, 0).map_err(failed)?.dimensions();
+                        Frame::unknown(width, height)
+                    }
+                };
+                let colour = if frame.is_grey() { ColorType::L8 } else { ColorType::Rgb8 };
+                // The file, the decoder's copy of it, and profiles and EXIF taken out of that.
+                ((frame.width, frame.height), colour, frame.work_bytes().saturating_add(3 * length))
+            }
+            Some(ImageFormat::Png) => {
+                let headers = png::Headers::read(reader).map_err(failed)?;
+                (headers.size, headers.colour, headers.work_bytes())
+            }
+            Some(ImageFormat::WebP) => {
+                let frames = webp::Frames::read(&mut reader);
+                reader.rewind().map_err(reading)?;
+                let decoder = image::codecs::webp::WebPDecoder::new(reader).map_err(failed)?;
+                let (width, height) = decoder.dimensions();
+                let (pixels, colour) = (area(width, height), decoder.color_type());
+                let work = frames.work_bytes(length, pixels, colour.has_alpha(), decoder.has_animation());
+                ((width, height), colour, work)
+            }
+            Some(ImageFormat::OpenExr) => {
+                let blocks = exr_blocks(&mut reader);
+                reader.rewind().map_err(reading)?;
+                let decoder = decoder(reader, format, 0).map_err(failed)?;
+                let ((width, height), colour) = (decoder.dimensions(), decoder.color_type());
+                // All pixels are copied once more.
+                let copy = area(width, height).saturating_mul(colour.bytes_per_pixel().into());
+                ((width, height), colour, copy.saturating_add(blocks))
+            }
+            _ => {
+                let decoder = decoder(reader, format, 0).map_err(failed)?;
+                let ((width, height), colour) = (decoder.dimensions(), decoder.color_type());
+                // GIF: a frame that is placed in the picture.
+                ((width, height), colour, area(width, height).saturating_mul(4))
+            }
+        };
+        let (width, height) = size;
+        Ok(Self { path: path.into(), format, width, height, colour, work: work.saturating_add(TABLES) })
+    }
+
+    /// 3 or 4: of the image as [`super::decode::decode`] gives it.
+    pub(crate) fn channels(&self) -> u8 {
+        if self.colour.has_alpha() { 4 } else { 3 }
+    }
+
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// Columns times rows.
+    pub(crate) fn pixels(&self) -> u64 {
+        area(self.width, self.height)
+    }
+
+    /// Bytes of the pixels as [`Plan::decode`] gives them.
+    pub(crate) fn pixel_bytes(&self) -> u64 {
+        self.pixels().saturating_mul(self.colour.bytes_per_pixel().into())
+    }
+
+    /// Most bytes held at one time while the file is decoded and then made into something of `each` bytes a pixel, beside
+    /// which the pixels as decoded are kept.
+    pub(crate) fn bytes(&self, each: u64) -> u64 {
+        let decoded = self.pixel_bytes();
+        decoded.saturating_add(self.work.max(self.pixels().saturating_mul(each).saturating_add(TABLES)))
+    }
+
+    /// As [`Plan::bytes`] for 3 or 4 values of 8 bits a pixel.
+    pub(crate) fn bytes_in_8_bit(&self) -> u64 {
+        let is_it = matches!(self.colour, ColorType::Rgb8 | ColorType::Rgba8);
+        self.bytes(if is_it { 0 } else { self.channels().into() })
+    }
+
+    /// As [`Plan::bytes`] for one value of 8 bits a pixel.
+    pub(crate) fn bytes_in_grey(&self) -> u64 {
+        self.bytes(u64::from(self.colour != ColorType::L8))
+    }
+
+    /// Reserves `bytes` for work on this image.
+    pub(crate) fn reserve(&self, bytes: u64) -> Result<Reserved<'static>, SceneError> {
+        let what = format!("its {}x{} pixels", self.width, self.height);
+        DecodeMemory::of_process().reserve(&self.path, &what, bytes)
+    }
+
+    /// Decodes the file to whatever it holds. Memory must have been reserved. The EXIF orientation is not applied.
+    pub(crate) fn decode(&self) -> Result<DynamicImage, SceneError> {
+        let path = &self.path;
+        let failed = |e| decoding_failed(path, e);
+        let same = |size: (u32, u32), colour: ColorType| {
+            if size != self.size() {
+                return Err(SceneError::new(ErrorKind::Image, wrong_size(path, size, self.size())));
+            }
+            if colour.bytes_per_pixel() > self.colour.bytes_per_pixel() {
+                let what = format!("holds {colour:?} where its headers said {:?}", self.colour);
+                return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, REMEDY)));
+            }
+            Ok(())
+        };
+        match self.format {
+            Some(ImageFormat::Png) => {
+                let headers = png::Headers::read(open(path)?.0).map_err(failed)?;
+                same(headers.size, headers.colour)?;
+                headers.decode().map_err(failed)
+            }
+            Some(ImageFormat::Jpeg) => {
+                let bytes = files::read_bytes(path)?;
+                if !is_complete(&bytes) {
+                    let what = format!("the JPEG is cut off: its {} bytes hold no end marker", bytes.len());
+                    return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, REMEDY)));
+                }
+                let decoder = decoder(Cursor::new(bytes.as_slice()), self.format, self.work).map_err(failed)?;
+                same(decoder.dimensions(), decoder.color_type())?;
+                DynamicImage::from_decoder(decoder).map_err(failed)
+            }
+            format => {
+                let decoder = decoder(open(path)?.0, format, self.work).map_err(failed)?;
+                same(decoder.dimensions(), decoder.color_type())?;
+                DynamicImage::from_decoder(decoder).map_err(failed)
+            }
+        }
+    }
+}
+
+/// The EXIF orientation of an image, 1 to 8; `None` for files that cannot be read. Nothing here turns images by it.
+pub(super) fn orientation(path: &Path) -> Option<u8> {
+    let (mut reader, length) = open(path).ok()?;
+    let format = ImageReader::new(&mut reader).with_guessed_format().ok()?.format();
+    reader.rewind().ok()?;
+    let orientation = match format {
+        Some(ImageFormat::Png) => png::Headers::read(reader).ok()?.orientation(),
+        _ => {
+            let _held = DecodeMemory::of_process().reserve(path, "the headers", 3 * length).ok()?;
+            decoder(reader, format, 0).ok()?.orientation().ok()
+        }
+    };
+    Some(orientation?.to_exif())
+}
+
+/// A file that is not empty, and its length.
+fn open(path: &Path) -> Result<(BufReader<File>, u64), SceneError> {
+    files::refuse_folder(path)?;
+    let file = File::open(path).map_err(|e| SceneError::io(path, "open the image", e))?;
+    let length = file.metadata().map_err(|e| SceneError::io(path, "read the size of the image", e))?.len();
+    if length == 0 { Err(zero_bytes(path)) } else { Ok((BufReader::new(file), length)) }
+}
+
+/// The decoder of a format, which may allocate `beside` bytes beside the pixels where it asks.
+fn decoder<'a, R: std::io::BufRead + Seek + 'a>(
+    reader: R,
+    format: Option<ImageFormat>,
+    beside: u64,
+) -> image::ImageResult<impl ImageDecoder + 'a> {
+    let mut reader = match format {
+        Some(format) => ImageReader::with_format(reader, format),
+        None => ImageReader::new(reader),
+    };
+    reader.limits(limits(beside));
+    reader.into_decoder()
+}
+
+fn area(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+/// Bytes for the blocks of an EXR file, packed, unpacked and sorted, and for the table of them.
+pub(crate) fn exr_blocks(reader: &mut BufReader<File>) -> u64 {
+    let meta = reader.seek(SeekFrom::Start(0)).ok().and_then(|_| MetaData::read_from_buffered(reader, false).ok());
+    let headers = meta.map(|meta| meta.headers).unwrap_or_default();
+    let block = headers.iter().map(|h| h.max_block_byte_size() as u64).max().unwrap_or(0);
+    let table: u64 = headers.iter().map(|h| h.chunk_count as u64 * 16).fold(0, u64::saturating_add);
+    block.saturating_mul(4).saturating_add(table)
+}
