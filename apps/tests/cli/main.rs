@@ -9,11 +9,12 @@ mod commands;
 mod dynamic;
 mod hostile;
 mod huge;
+mod memory;
 mod prepare;
 mod progress;
 mod resume;
 mod scales;
-mod splat_memory;
+
 mod splats;
 mod tools;
 mod trusted;
