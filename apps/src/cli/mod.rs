@@ -249,6 +249,10 @@ pub(crate) struct Data {
     /// Frames held out: `every:8`, `names:FILE` or `none`
     #[arg(long, value_name = "WHICH")]
     pub(crate) holdout: Option<String>,
+    /// Training frames held out besides, to choose settings by: `every:8`, `names:FILE`, `dataset` (the dataset's own validation
+    /// split) or `none`. They are measured in the place of the test frames, which are neither trained on nor looked at
+    #[arg(long, value_name = "WHICH")]
+    pub(crate) validation: Option<String>,
     /// Photos trained on where a dataset holds cluttered and clean ones: `clutter` (the default) or `clean`
     #[arg(long, value_name = "WHICH", value_parser = ["clutter", "clean"])]
     pub(crate) train_split: Option<String>,
