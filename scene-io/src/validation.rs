@@ -68,7 +68,8 @@ fn named(root: &Path, frames: &[Frame], names: &[String]) -> Result<Vec<usize>, 
         if frames[i].split == Split::Train {
             return Ok(i);
         }
-        let what = format!("is a {} frame, and validation frames are held out of those trained on", frames[i].split.name());
+        let what =
+            format!("is a {} frame, and validation frames are held out of those trained on", frames[i].split.name());
         let problem = Problem::new(root, what, "name training frames").field(OPTION).value(name);
         Err(SceneError::new(ErrorKind::Split, problem))
     };
@@ -133,7 +134,8 @@ mod tests {
         };
         assert_eq!(named("train/r_1.png\n").unwrap(), [Train, Val, Test, Test]);
         assert_eq!(named("r_0\n").unwrap(), [Val, Train, Test, Test], "the training frame of that name");
-        for (names, part) in [("r_9", "is a test frame"), ("r_7", "names no frame"), ("r_0\nr_1", "no frames are left")] {
+        for (names, part) in [("r_9", "is a test frame"), ("r_7", "names no frame"), ("r_0\nr_1", "no frames are left")]
+        {
             let error = named(names).unwrap_err().to_string();
             assert!(error.contains("--validation") && error.contains(part), "{error}");
         }
@@ -147,7 +149,7 @@ mod tests {
             ("every:9+5", "none of the 2 training frames"),
             ("dataset", "no validation split of its own"),
             ("every:0", "0th"),
-            ("sometimes", "`--validation`"),
+            ("sometimes", "--validation"),
         ] {
             let error = run(&mut frames(&two), word).unwrap_err().to_string();
             assert!(error.contains(part), "{word}: {error}");

@@ -33,8 +33,8 @@ use crate::system::{Canonical, LayerRequest, Median, Query, System};
 use correspondence::Correspondence;
 use image::RgbImage;
 use losses::metrics::Lpips;
-use scene_io::Split;
 use measure::{inside, measure, object_mask};
+use scene_io::Split;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 

@@ -46,7 +46,8 @@ pub(super) fn request(
     entry: &Entry,
     folder: &Path,
 ) -> Result<Option<Request>, BenchError> {
-    let data = DataOptions { holdout: group.holdout.word(folder)?, ..DataOptions::default() };
+    let (holdout, validation) = (group.holdout.word(folder)?, bench.validation.clone());
+    let data = DataOptions { holdout, validation, ..DataOptions::default() };
     let request = if group.path.starts_with(SYNTHETIC) {
         Request { scene: Some(group.path.into()), data, ..Request::default() }
     } else {

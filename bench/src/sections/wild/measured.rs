@@ -54,6 +54,7 @@ pub(super) fn request(
     let data = DataOptions {
         longest_side: group.longest_side,
         holdout: group.holdout.word(folder)?,
+        validation: bench.validation.clone(),
         mask_white: group.mask_white.map(Into::into),
         train_split: photos.split.map(Into::into),
         ..DataOptions::default()
