@@ -82,6 +82,9 @@ impl Cli {
         let mut command = Self::command().name(app.name).about(app.about).mut_subcommand("demo", |demo| {
             demo.mut_arg("out", |out| out.required(false).default_value(app.demo_folder))
         });
+        for word in ["demo", "train"] {
+            command = command.mut_subcommand(word, |sub| sub.mut_arg("system", |arg| arg.long_help(systems_of(app))));
+        }
         for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic), (STATIC, app.is_static())] {
             for (word, argument) in words.iter().filter(|_| !has) {
                 command = command.mut_subcommand(word, |sub| match argument {
@@ -105,6 +108,18 @@ impl Cli {
         }
         Self::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
     }
+}
+
+/// The systems of an app, for `--help`: no name of a paper without what is done otherwise here.
+fn systems_of(app: &App) -> String {
+    let default = match app.default_system {
+        systems::plan::CHOSEN => "without it `ngp` or `splat`, whichever suits the scene".into(),
+        name => format!("without it `{name}`"),
+    };
+    format!(
+        "Method ({default}). What each does otherwise than the paper it is named after:\n\n{}",
+        systems::claims::listing(app.claims)
+    )
 }
 
 /// What is wrong with a word given that the app has not.

@@ -23,7 +23,7 @@ pub(super) const CLAIM: Claim = Claim {
     differs: "A hybrid: a hash grid, a displacement of 3 x 64 with 4 octaves of the point and 6 of the time, and \
               planes of place and time that density sees directly, instead of two 8 x 256 networks with 10 \
               octaves. `planes=[]` leaves hash grid and displacement.",
-    mark: "hybrid: hash grid, planes that see time",
+    mark: "hybrid: hash grid, planes of time",
 };
 
 /// Settings.

@@ -19,7 +19,7 @@ pub(super) const CLAIM: Claim = Claim {
     differs: "As `nerfies` here, on a hash grid with planes of place and time in the warp and short schedules; the \
               ambient coordinates are those of the bendy sheet alone. The axis-aligned plane and codes of \
               appearance are not built.",
-    mark: "hash grid, planes, short schedules",
+    mark: "hash grid, short schedules",
 };
 
 /// Settings.

@@ -22,7 +22,7 @@ pub(super) const CLAIM: Claim = Claim {
     differs: "The template is a hash grid and the warp sees planes of place and time; octaves come in over 1000 \
               steps, the elastic loss looks at one sample a ray, the background loss has a factor of 3e-5 instead \
               of 1. There are no codes of appearance or camera.",
-    mark: "hash grid, planes, background loss 3e-5",
+    mark: "hash grid, background loss 3e-5",
 };
 
 /// Factor of the background loss. The released 1 holds everything that is near a point of the background for the minutes a

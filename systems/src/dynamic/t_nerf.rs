@@ -19,7 +19,7 @@ pub(super) const CLAIM: Claim = Claim {
     paper: "Pumarola et al., 2021",
     differs: "A hash grid and planes of features of place and time instead of the published 8 x 256 network, and 3 \
               octaves of the time instead of 10. `planes=[]` leaves the hash grid and a small network.",
-    mark: "hash grid and planes of time, no 8 x 256 network",
+    mark: "hash grid, planes of time",
 };
 
 /// Settings.

@@ -22,7 +22,7 @@ pub(super) const CLAIM: Claim = Claim {
     differs: "Networks learn at the grid's 2e-2 (released: 8e-4) and geometry has 16 numbers (64); there is no \
               variation loss of voxels. Voxels double every 500 steps, whatever the length of the run: a run of a \
               minute never reaches the full grid.",
-    mark: "full grid not reached in minutes, rates not released",
+    mark: "own rates, grid not grown in minutes",
 };
 
 /// Features of a voxel, and voxels along an axis, of the small model (table 1, "S").

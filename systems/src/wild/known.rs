@@ -22,7 +22,7 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "Masks are found on whole photos from time to time, not in each batch, by a rule of our own, and what is kept \
                   costs Charbonnier 0.05 instead of its square, on ngp's field. `--field mlp` has published networks, batches of \
                   patches and squares. Below 320 pixels patches are half as large.",
-        mark: "masks by photos, Charbonnier, ngp field",
+        mark: "own masks, Charbonnier",
     },
     Claim {
         name: "nerf-a",
@@ -37,7 +37,7 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "On ngp's field with a sample before each camera for occluders, beta_min 0.1, and errors well above 0.05 cost \
                   their length. `--field mlp` has published networks and squares, but transient density begins at \
                   softplus(x - 3).",
-        mark: "robust tail, sample before the camera, ngp field",
+        mark: "robust tail, ngp field",
     },
     Claim {
         name: "nerf-w",
@@ -45,7 +45,7 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "On ngp's field with codes of 16 numbers, a sample before each camera for occluders, beta_min 0.1, and errors \
                   well above 0.05 cost their length. `--field mlp` has published networks, codes and squares, but transient \
                   density begins at softplus(x - 3).",
-        mark: "robust tail, sample before the camera, ngp field",
+        mark: "robust tail, ngp field",
     },
     Claim {
         name: "ha-nerf-a",
@@ -53,14 +53,14 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "The field learns with free codes and the encoder, which sees tones besides, learns to say them; errors cost \
                   Charbonnier 0.05, weights of view consistency are doubled, ngp's field. `--field mlp` learns through the \
                   published encoder, without view consistency.",
-        mark: "free codes, tones, Charbonnier, ngp field",
+        mark: "free codes, Charbonnier",
     },
     Claim {
         name: "ha-nerf-t",
         paper: CHEN_HA,
         differs: "The scene's errors cost Charbonnier 0.05 instead of their square and the visibility network is 2 x 64, on ngp's \
                   field. `--field mlp` has published networks and squares.",
-        mark: "Charbonnier, small network, ngp field",
+        mark: "Charbonnier, small network",
     },
     Claim {
         name: "ha-nerf",
@@ -68,14 +68,14 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "The field learns with free codes and the encoder, which sees tones besides, learns to say them; errors cost \
                   Charbonnier 0.05, weights of view consistency are doubled, the visibility network is 2 x 64, ngp's field. \
                   `--field mlp`: published encoder, networks and squares, without view consistency.",
-        mark: "free codes, tones, Charbonnier, ngp field",
+        mark: "free codes, Charbonnier",
     },
     Claim {
         name: "sf-nerf",
         paper: "Lee et al., 2023",
         differs: "On ngp's field with a filter 64 wide, beta_min 0.1 and a hold of 250 steps; features only from files beside the \
                   photos, a pretrained filter only from another run. `--field mlp` has the published sizes and steps.",
-        mark: "small filter, features from files only, ngp field",
+        mark: "small filter, ngp field",
     },
     Claim {
         name: "hugs",
@@ -83,7 +83,7 @@ pub const CLAIMS: [Claim; 11] = [
         differs: "Not HuGS: training masks come from our own rule of robust-nerf on whole photos, then segments vote. The \
                   published residual heuristic and its join with point tracks are not used: what tracks or segments rescue is \
                   still left out where that rule leaves it out.",
-        mark: "not HuGS: masks by our robust rule and segments",
+        mark: "not HuGS: own masks",
     },
 ];
 

@@ -26,6 +26,9 @@ const POINTS: u64 = 10;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Measured {
     pub(super) name: &'static str,
+    pub(super) system: &'static str,
+    /// Settings of the row, TOML.
+    pub(super) set: &'static str,
     pub(super) views: String,
     pub(super) steps: u64,
     pub(super) seconds: f64,
@@ -74,6 +77,8 @@ pub(super) fn measure(
     say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
     let mut out = Measured {
         name: entry.name,
+        system: entry.system,
+        set: entry.set,
         views,
         steps: ended.step,
         seconds: ended.seconds,
