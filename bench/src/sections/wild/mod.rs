@@ -1,4 +1,4 @@
-//! Photographs from the wild: how much of what strangers and light cost does each system win back, and at what cost a step.
+//! Photographs from the wild: how much of what occluders and light cost does each system win back, and at what cost a step.
 
 mod cost;
 mod measured;
@@ -42,10 +42,10 @@ pub(super) fn lego400(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchEr
 
 /// Things in the way.
 pub(super) fn yard(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: strangers in a yard", YARD)
+    section((bench, keep), "In the wild: occluders in a yard", YARD)
 }
 
-/// Light and strangers.
+/// Light and occluders.
 pub(super) fn plaza(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     section((bench, keep), "In the wild: many people's photos of a plaza", PLAZA)
 }
