@@ -187,7 +187,9 @@ mod tests {
     use render_core::camera::Camera;
     use render_core::pose::Pose;
     use scene_io::synthetic::{TabletopOptions, tabletop};
-    use scene_io::{BitMask, DepthSource, Frame, Image, ImageSource, ImageStore, Scene, StoreOptions, TruthMask};
+    use scene_io::{
+        BitMask, DepthSource, Frame, Image, ImageSource, ImageStore, Scene, Split, StoreOptions, TruthMask,
+    };
     use std::sync::Arc;
 
     const W: u32 = 6;
