@@ -24,9 +24,9 @@ pub(super) fn goal((aim, scene, entry): (Aim, &str, &Entry), measured: &Measured
         }
         Aim::Rays(least) => ("rays".into(), "1/s", measured.rays_per_s?, least),
         Aim::Within { seconds, psnr } => {
-            let in_time = measured.curve.iter().filter(|p| p.seconds <= seconds + STEP_SECONDS);
+            let mut in_time = measured.curve.iter().filter(|p| p.seconds <= seconds + STEP_SECONDS);
             // The best of a curve would be a stop chosen on test views.
-            let last = in_time.last()?;
+            let last = in_time.next_back()?;
             (format!("within {seconds} s, after {:.0} s", last.seconds), "dB", last.psnr, psnr)
         }
         Aim::Costs(least) => {
