@@ -83,7 +83,7 @@ fn a_small_one_learns_the_table_at_two_scales() {
 }
 
 /// PSNR on views whose pixels are looked at along lines without width.
-fn psnr_by_points(system: &dyn System, views: &Dataset) -> f64 {
+fn psnr_by_points(system: &dyn systems::system::System, views: &systems::data::Dataset) -> f64 {
     let query = plain_query([1.0; 3], 0.0);
     let (mut sum, mut n) = (0.0, 0);
     for v in 0..views.len() {

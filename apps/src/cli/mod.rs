@@ -154,7 +154,7 @@ pub(crate) struct Demo {
     /// Method
     #[arg(long, value_name = "NAME")]
     pub(crate) system: Option<String>,
-    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    /// Field that the method works on: `ngp`, fast, or `mlp`, networks of NeRF's published size
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
     /// Any setting of the system
@@ -208,7 +208,7 @@ pub(crate) struct Train {
     /// better) or `geometry` (points, meshes, densities: `ngp`)
     #[arg(id = "for", long = "for", value_name = "WHAT", conflicts_with = "system")]
     pub(crate) purpose: Option<Purpose>,
-    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    /// Field that the method works on: `ngp`, fast, or `mlp`, networks of NeRF's published size
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
     /// Stop after so many steps, counted from the start of the run; with `--resume` the run's own stop unless said
