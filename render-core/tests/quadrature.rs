@@ -173,10 +173,11 @@ proptest! {
                 for (k, (&w, &tau)) in w.iter().zip(&b.tau[b.range(r)]).enumerate() {
                     let is_end = k + 1 == b.range(r).len();
                     let after = if is_end { p.trans_end[r] } else { left(k + 1) };
-                    prop_assert!(after <= before, "{simd:?}: {before} rises to {after} behind sample {k}");
+                    // Rounding of the depth, as above: rays of other lengths may add it up in another order.
+                    prop_assert!(after <= before * (1.0 + 1e-5), "{simd:?}: {before} rises to {after} behind sample {k}");
                     prop_assert!(after < before || tau < 1e-3 || before < 1e-30, "{simd:?}: {before} stays behind {tau}");
                     let taken = f64::from(before) - f64::from(after);
-                    prop_assert!((taken - f64::from(w)).abs() <= 1e-5, "{simd:?}: {taken} taken, weight {w} of sample {k}");
+                    prop_assert!((taken - f64::from(w)).abs() <= 3e-5, "{simd:?}: {taken} taken, weight {w} of sample {k}");
                     before = after;
                 }
             }
