@@ -2,6 +2,7 @@
 
 use scene_io::Scene;
 use systems::RunError;
+use systems::claims::Claim;
 use systems::data::Dataset;
 use systems::options::{DataOptions, Plan, RunOptions};
 use systems::system::{System, SystemError};
@@ -18,6 +19,8 @@ pub(crate) struct App {
     pub(crate) name: &'static str,
     /// What it does, for `--help`.
     pub(crate) about: &'static str,
+    /// Its systems, and what each does otherwise than the paper it is named after.
+    pub(crate) claims: &'static [Claim],
     /// System taken when none is named; [`systems::plan::CHOSEN`]: chosen from the scene.
     pub(crate) default_system: &'static str,
     /// Reads scenes.
@@ -49,6 +52,7 @@ impl App {
 pub(crate) static STATIC: App = App {
     name: "nerf-static",
     about: "Radiance fields of static scenes, reconstructed on the CPU",
+    claims: &systems::plan::CLAIMS,
     default_system: systems::plan::CHOSEN,
     load: systems::source::load,
     build: systems::plan::build,
@@ -64,6 +68,7 @@ pub(crate) static STATIC: App = App {
 pub(crate) static DYNAMIC: App = App {
     name: "nerf-dynamic",
     about: "Radiance fields of scenes that move: a video in, any viewpoint at any time out",
+    claims: &systems::dynamic::CLAIMS,
     default_system: "d-nerf",
     load: systems::dynamic::load,
     build: systems::dynamic::build,
@@ -79,6 +84,7 @@ pub(crate) static DYNAMIC: App = App {
 pub(crate) static WILD: App = App {
     name: "nerf-wild",
     about: "Radiance fields from photos of many people: the place, without the passers-by, in any photo's light",
+    claims: &systems::wild::CLAIMS,
     default_system: "auto",
     load: systems::source::load,
     build: systems::wild::build,

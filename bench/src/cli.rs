@@ -37,9 +37,20 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) steps: Option<u64>,
 
+    /// Measure views held out of the training views in the place of the test views, which are not looked at: `every:8`,
+    /// `names:FILE`, `dataset`. For choosing settings by a protocol; `every:8+4` leaves the first photo, whose light lego's protocols
+    /// are measured in
+    #[arg(long, value_name = "WHICH", value_parser = validation, conflicts_with = "quick")]
+    pub(crate) validation: Option<String>,
+
     /// Threads where a figure is for several (default: all cores)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) threads: Option<u16>,
+}
+
+/// A word that is read only for what it says.
+fn validation(text: &str) -> Result<String, String> {
+    scene_io::Validation::parse(text).map(|_| text.into()).map_err(|e| e.to_string())
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -62,5 +73,8 @@ mod tests {
         assert!(Cli::try_parse_from(["nerf-bench", "--seconds", "nan"]).is_err());
         assert!(Cli::try_parse_from(["nerf-bench", "--seconds", "9", "--steps", "9"]).is_err());
         assert!(Cli::try_parse_from(["nerf-bench", "--steps", "0"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--validation", "every:8+4"]).is_ok());
+        assert!(Cli::try_parse_from(["nerf-bench", "--validation", "sometimes"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--validation", "every:8", "--quick"]).is_err());
     }
 }

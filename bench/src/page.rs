@@ -63,7 +63,8 @@ pub(crate) fn write_index(out: &Path, names: &[String]) -> Result<(), BenchError
     let mut text = String::from(
         "# nerf-bench\n\nTime against error, and kernels against the ceilings of the machine they ran on. Each section is \
          one run on one machine; figures of different sections are compared with care. Times are medians of repetitions that \
-         take turns, so ratios within a table hold on a busy machine too. Errors are against `f64` twins on the same inputs.\n",
+         take turns, so ratios within a table hold on a busy machine too. Errors are against `f64` twins on the same inputs. Rows bear the \
+         names of the systems here; none is all of the paper it is named after, and each page says what differs.\n",
     );
     for name in names {
         let file = out.join(format!("{name}.md"));

@@ -156,6 +156,30 @@ proptest! {
                 prop_assert!((0.0..=1.0).contains(&p.trans_end[r]) && (0.0..=1.0).contains(&p.opacity[r]));
                 let sum: f64 = w.iter().map(|&w| f64::from(w)).sum::<f64>() + f64::from(p.trans_end[r]);
                 prop_assert!((sum - 1.0).abs() <= 4.0 * (n + 1.0) * f64::from(f32::EPSILON), "sum {sum} of {n}");
+                // What is left of the light after the first k samples, by a ray that ends there: it never rises, it falls where
+                // there is anything to see, and a sample's weight is what it takes.
+                let left = |k: usize| {
+                    let start = b.offsets[r];
+                    let first = Batch {
+                        offsets: vec![start, start + k as u32],
+                        background: b.background[3 * r..3 * r + 3].to_vec(),
+                        last: LastInterval::Finite,
+                        ..b.clone()
+                    };
+                    first.render(simd).trans_end[0]
+                };
+                let mut before = left(0);
+                prop_assert_eq!(before, 1.0);
+                for (k, (&w, &tau)) in w.iter().zip(&b.tau[b.range(r)]).enumerate() {
+                    let is_end = k + 1 == b.range(r).len();
+                    let after = if is_end { p.trans_end[r] } else { left(k + 1) };
+                    // Rounding of the depth, as above: rays of other lengths may add it up in another order.
+                    prop_assert!(after <= before * (1.0 + 1e-5), "{simd:?}: {before} rises to {after} behind sample {k}");
+                    prop_assert!(after < before || tau < 1e-3 || before < 1e-30, "{simd:?}: {before} stays behind {tau}");
+                    let taken = f64::from(before) - f64::from(after);
+                    prop_assert!((taken - f64::from(w)).abs() <= 3e-5, "{simd:?}: {taken} taken, weight {w} of sample {k}");
+                    before = after;
+                }
             }
         }
     }

@@ -45,6 +45,7 @@ pub mod synthetic;
 pub mod time;
 mod transforms;
 mod unposed;
+mod validation;
 
 pub use check::{Depth, DepthSummary, Report, check};
 pub use decode_memory::{DecodeMemory, available_bytes};
@@ -52,7 +53,7 @@ pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
 pub use load::{load, load_cameras};
-pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
+pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos, Validation};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
 pub use picture::{Image, ImageStore, StoreOptions, decode_photo, photo_size, with_photo};
 pub use priors::{

@@ -3,6 +3,7 @@
 use crate::assemble::{Assembled, assemble};
 use crate::detect::{Found, detect};
 use crate::reading::{Need, Reading};
+use crate::validation;
 use crate::{
     Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, endonerf,
     instant_ngp, llff, naming, nerfies, nerfstudio, nr_nerf, splits, time,
@@ -76,7 +77,9 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
         layout = LayoutHint::Unknown;
         notes.push("no alpha, and no near and far in the file: not taken for an object on an empty background".into());
     }
-    let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes);
+    let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes).and_then(|()| {
+        options.validation.as_ref().map_or(Ok(()), |v| validation::apply(&root, &mut frames, v, &mut notes))
+    });
     if let Err(error) = split {
         // With broken frames left out, an empty split may only be their consequence: they are named first.
         let mut errors = problems.iter().filter(|p| p.severity == Severity::Error).cloned();

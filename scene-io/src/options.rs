@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 pub struct LoadOptions {
     /// Which frames are held out; `None`: as the dialect defines it.
     pub holdout: Option<Holdout>,
+    /// Which of the training frames that are left are held out for choosing settings; `None`: as the dataset has them.
+    pub validation: Option<Validation>,
     /// The dialect, where the folder holds several; `None`: detected.
     pub dialect: Option<Dialect>,
     /// Folder of the images, where it is not beside the cameras (COLMAP, LLFF).
@@ -111,11 +113,12 @@ impl Holdout {
     /// # Errors
     /// [`ErrorKind::Split`] for anything else, [`ErrorKind::Io`] where the file cannot be read.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
-        let refuse = |what: &str| {
-            let problem =
-                Problem::new("--holdout", what, "write `every:8`, `every:8+4`, `names:FILE` or `none`").value(text);
-            SceneError::new(ErrorKind::Split, problem)
-        };
+        Self::parse_word(text, "--holdout", "write `every:8`, `every:8+4`, `names:FILE` or `none`")
+    }
+
+    /// The same for the word of an option.
+    fn parse_word(text: &str, option: &str, remedy: &str) -> Result<Self, SceneError> {
+        let refuse = |what: &str| SceneError::new(ErrorKind::Split, Problem::new(option, what, remedy).value(text));
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),
             Some(("every", number)) => {
@@ -146,5 +149,29 @@ impl Holdout {
             return Err(SceneError::new(ErrorKind::Split, problem));
         }
         Ok(Self::Names(names))
+    }
+}
+
+/// Training frames that are held out to choose settings by. Test frames are neither trained on nor looked at then.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Validation {
+    /// The dataset's own validation split.
+    Dataset,
+    /// These, of the frames that would be trained on, in the order of their names; the dataset's own validation frames become
+    /// [`crate::Split::Unused`]. [`Holdout::None`]: none.
+    Frames(Holdout),
+}
+
+impl Validation {
+    /// Reads `every:N`, `every:N+K`, `names:FILE`, `none` as [`Holdout::parse`] does, or `dataset`.
+    ///
+    /// # Errors
+    /// As [`Holdout::parse`].
+    pub fn parse(text: &str) -> Result<Self, SceneError> {
+        const WORDS: &str = "write `every:8`, `every:8+4`, `names:FILE`, `dataset` or `none`";
+        match text {
+            "dataset" => Ok(Self::Dataset),
+            word => Holdout::parse_word(word, crate::validation::OPTION, WORDS).map(Self::Frames),
+        }
     }
 }

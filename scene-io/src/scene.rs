@@ -46,6 +46,15 @@ impl Scene {
         self.split(split).count()
     }
 
+    /// Hold training frames out for choosing settings, as [`crate::LoadOptions::validation`] does while reading.
+    ///
+    /// # Errors
+    /// [`crate::ErrorKind::Split`] where nothing would be held out or nothing be left to train on, and for names of frames that
+    /// are not trained on.
+    pub fn hold_for_validation(&mut self, validation: &crate::Validation) -> Result<(), crate::SceneError> {
+        crate::validation::apply(&self.root, &mut self.frames, validation, &mut self.notes)
+    }
+
     /// Names of the test frames, in frame order: what is written beside a run so that it can be repeated.
     #[must_use]
     pub fn held_out_names(&self) -> Vec<String> {
@@ -277,6 +286,12 @@ pub enum Split {
 impl Split {
     /// All splits, in the order of reports.
     pub const ALL: [Self; 4] = [Self::Train, Self::Val, Self::Test, Self::Unused];
+
+    /// Whether frames of it are compared with what is rendered: held out for the last word, or for choosing settings.
+    #[must_use]
+    pub fn is_measured(self) -> bool {
+        matches!(self, Self::Test | Self::Val)
+    }
 
     /// Lower-case name.
     #[must_use]

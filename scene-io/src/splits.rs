@@ -74,7 +74,7 @@ fn empty(root: &Path, frames: &[Frame], what: &str, remedy: &str) -> SceneError 
     SceneError::new(ErrorKind::Split, Problem::new(root, format!("{what} ({})", numbers(frames)), remedy))
 }
 
-fn by_name(frames: &[Frame]) -> Vec<usize> {
+pub(crate) fn by_name(frames: &[Frame]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..frames.len()).collect();
     order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
     order
@@ -108,7 +108,7 @@ fn nine_of_ten(frames: &mut [Frame], order: &[usize]) {
 fn by_names(root: &Path, frames: &mut [Frame], names: &[String], dialect: DialectSplits) -> Result<(), SceneError> {
     let mut held = vec![false; frames.len()];
     for name in names {
-        held[find(root, frames, name)?] = true;
+        held[find(root, frames, name, ("holdout", Split::Test))?] = true;
     }
     for (frame, held) in frames.iter_mut().zip(held) {
         frame.split = match (held, dialect, frame.split) {
@@ -122,15 +122,21 @@ fn by_names(root: &Path, frames: &mut [Frame], names: &[String], dialect: Dialec
 }
 
 /// The frame a name means: the first of these that any frame fits: the whole name; the name without extension; the end
-/// of the path; the end of the path without extension. Among several, the only test frame.
-fn find(root: &Path, frames: &[Frame], name: &str) -> Result<usize, SceneError> {
+/// of the path; the end of the path without extension. Among several, the only one of the split that is `likely`. Errors name the
+/// `option`.
+pub(crate) fn find(
+    root: &Path,
+    frames: &[Frame],
+    name: &str,
+    (option, likely): (&str, Split),
+) -> Result<usize, SceneError> {
     let name = crate::transforms::plain_name(name);
     let fits: [&dyn Fn(&str) -> bool; 4] =
         [&|n| n == name, &|n| without_extension(n) == without_extension(&name), &|n| is_path_end(n, &name), &|n| {
             is_path_end(without_extension(n), without_extension(&name))
         }];
     let refuse = |what: String, remedy: &str| {
-        let problem = Problem::new(root, what, remedy).field("holdout").value(&name);
+        let problem = Problem::new(root, what, remedy).field(option).value(&name);
         Err(SceneError::new(ErrorKind::Split, problem))
     };
     for fit in fits {
@@ -139,8 +145,8 @@ fn find(root: &Path, frames: &[Frame], name: &str) -> Result<usize, SceneError> 
             [] => {}
             [one] => return Ok(*one),
             several => {
-                let tests: Vec<usize> = several.iter().copied().filter(|i| frames[*i].split == Split::Test).collect();
-                if let [one] = tests.as_slice() {
+                let meant: Vec<usize> = several.iter().copied().filter(|i| frames[*i].split == likely).collect();
+                if let [one] = meant.as_slice() {
                     return Ok(*one);
                 }
                 let names: Vec<&str> = several.iter().map(|i| frames[*i].name.as_str()).collect();

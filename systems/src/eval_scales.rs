@@ -6,7 +6,7 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::eval::{Terms, evaluate};
+use crate::eval::{Measured, Terms, evaluate};
 use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::write_png;
@@ -34,6 +34,9 @@ pub struct ScaleScore {
 /// Scores at all scales: the content of `eval_scales.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScaleTable {
+    /// Which views were measured; `test` in files that do not say.
+    #[serde(default)]
+    pub split: Measured,
     /// Full size first.
     pub scales: Vec<ScaleScore>,
 }
@@ -48,6 +51,9 @@ impl ScaleTable {
             let size = format!("{}x{}", s.size[0], s.size[1]);
             let (psnr, ssim) = (cell(s.psnr, 3), cell(s.ssim, 4));
             out += &format!("{scale:>5}  {size:>9}  {psnr:>8}  {ssim:>7}  {:>8.3}\n", s.render_seconds);
+        }
+        if self.split == Measured::Validation {
+            out += "measured: validation views\n";
         }
         out
     }
@@ -84,7 +90,7 @@ pub(crate) fn evaluate_scales(
         })?;
         // A scale that was begun and not finished has no mean.
         if scores.left > 0 {
-            return Ok(ScaleTable { scales: rows });
+            return Ok(ScaleTable { split: Measured::of(&data), scales: rows });
         }
         let seconds: f64 = scores.views.iter().map(|v| v.render_seconds).sum();
         let camera = &data.view(0).camera;
@@ -96,7 +102,7 @@ pub(crate) fn evaluate_scales(
             render_seconds: seconds / data.len() as f64,
         });
     }
-    let table = ScaleTable { scales: rows };
+    let table = ScaleTable { split: Measured::of(data), scales: rows };
     let mut text = serde_json::to_string_pretty(&table).expect("a plain struct serialises");
     text.push('\n');
     write_file(storage, &folder.join("eval_scales.json"), text.as_bytes())?;

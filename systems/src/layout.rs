@@ -67,7 +67,7 @@ pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
     match scene.layout {
         LayoutHint::Object { near, far } => object(&cameras, &poses, focal, near, far),
         LayoutHint::ForwardFacing => cut_out()
-            .or_else(|| forward_facing(scene, data, &cameras, &poses, focal))
+            .or_else(|| forward_facing(scene, data, &cameras, &poses))
             .unwrap_or_else(|| open(scene, data, (&poses, focal), "cameras do not look the same way")),
         _ => cut_out()
             .unwrap_or_else(|| open(scene, data, (&poses, focal), "the format does not say where the scene ends")),
@@ -135,7 +135,7 @@ fn object(cameras: &[Camera], poses: &[Pose], focal: f64, near: f64, far: f64) -
     }
 }
 
-fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Pose], focal: f64) -> Option<Layout> {
+fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Pose]) -> Option<Layout> {
     let axis: DVec3 = cameras.iter().map(Camera::optical_axis).sum::<DVec3>() / cameras.len().max(1) as f64;
     if axis.length() < SAME_WAY {
         return None;
@@ -156,7 +156,6 @@ fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Po
     }
     Space::ndc(reference, near, cameras)?;
     let width = cameras.iter().map(|c| f64::from(c.width.max(c.height))).sum::<f64>() / cameras.len() as f64;
-    let _ = focal;
     Some(Layout {
         kind: SpaceKind::Ndc,
         centre: reference.c,

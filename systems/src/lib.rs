@@ -21,6 +21,7 @@ pub mod bake;
 pub mod camera_path;
 pub mod canonical;
 pub mod checkpoint;
+pub mod claims;
 pub mod crop;
 pub mod data;
 pub mod deform;

@@ -5,7 +5,7 @@ use crate::eval::EvalAppearance;
 use crate::plan::Purpose;
 use crate::train::Stop;
 use field_core::rng::Rng;
-use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos};
+use scene_io::{Holdout, LoadOptions, MaskPolarity, Masks, MissingImages, TrainPhotos, Validation};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -86,6 +86,10 @@ pub struct DataOptions {
     /// `every:N`, `names:FILE`, `none`; absent: the dataset's own split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub holdout: Option<String>,
+    /// `every:N`, `names:FILE`, `dataset`, `none`: training views that are held out and measured in the place of the test views;
+    /// absent: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validation: Option<String>,
     /// Which photos are trained on where the dataset holds cluttered and clean ones: `clutter` or `clean`; absent: `clutter`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub train_split: Option<String>,
@@ -125,6 +129,7 @@ impl DataOptions {
         };
         Ok(LoadOptions {
             holdout: self.holdout.as_deref().map(Holdout::parse).transpose()?,
+            validation: self.validation()?,
             dialect: match &self.format {
                 Some(name) => Some(name.parse().map_err(|e| RunError::Option(format!("`--format`: {e}")))?),
                 None => None,
@@ -153,6 +158,15 @@ impl DataOptions {
                 Some(other) => return word("--missing-images", other, "refuse, skip"),
             },
         })
+    }
+
+    /// Training views that are held out and measured in the place of the test views; `None`: the test views are measured.
+    ///
+    /// # Errors
+    /// As [`DataOptions::load_options`].
+    pub fn validation(&self) -> Result<Option<Validation>, RunError> {
+        let asked = self.validation.as_deref().map(Validation::parse).transpose()?;
+        Ok(asked.filter(|validation| *validation != Validation::Frames(Holdout::None)))
     }
 
     /// Bytes decoded images may take.
@@ -231,6 +245,8 @@ impl Request {
         let (given, data) = (&self.data, &run.data);
         agree("--longest-side", given.longest_side.as_ref(), data.longest_side.as_ref())?;
         agree("--holdout", given.holdout.as_ref(), data.holdout.as_ref())?;
+        let validation = data.validation.as_deref().unwrap_or("none");
+        agree("--validation", given.validation.as_deref().as_ref(), Some(&validation))?;
         let split = data.train_split.as_deref().unwrap_or(TrainPhotos::default().name());
         agree("--train-split", given.train_split.as_deref().as_ref(), Some(&split))?;
         agree("--format", given.format.as_ref(), data.format.as_ref())?;

@@ -23,7 +23,7 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
         return Ok(scene_io::perturb(load(inner, data)?, what, SEED));
     }
     match spec.strip_prefix(SYNTHETIC) {
-        Some(name) => synthetic(name, data),
+        Some(name) => validated(synthetic(name, data)?, data),
         None => Ok(scene_io::load(Path::new(spec), &data.load_options()?)?),
     }
 }
@@ -44,7 +44,7 @@ pub fn check(spec: &str, data: &DataOptions, depth: Depth) -> Result<Report, Run
         return Ok(report);
     }
     match spec.strip_prefix(SYNTHETIC) {
-        Some(name) => Ok(Report::new(synthetic(name, data)?, Vec::new(), depth)),
+        Some(name) => Ok(Report::new(validated(synthetic(name, data)?, data)?, Vec::new(), depth)),
         None => Ok(scene_io::check(Path::new(spec), &data.load_options()?, depth)),
     }
 }
@@ -57,6 +57,15 @@ fn perturbed(spec: &str) -> Result<Option<(Disturbance, &str)>, RunError> {
     };
     let what = what.parse().map_err(|e| RunError::Option(format!("`{spec}`: {e}")))?;
     Ok(Some((what, inner)))
+}
+
+/// A scene that was not read from files, with the views held out that `--validation` asks for. Before anything is perturbed: a
+/// view that is measured stays as it is.
+fn validated(mut scene: Scene, data: &DataOptions) -> Result<Scene, RunError> {
+    if let Some(validation) = data.validation()? {
+        scene.hold_for_validation(&validation)?;
+    }
+    Ok(scene)
 }
 
 fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {

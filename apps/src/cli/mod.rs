@@ -87,6 +87,9 @@ impl Cli {
         let mut command = Self::command().name(app.name).about(app.about).mut_subcommand("demo", |demo| {
             demo.mut_arg("out", |out| out.required(false).default_value(app.demo_folder))
         });
+        for word in ["demo", "train"] {
+            command = command.mut_subcommand(word, |sub| sub.mut_arg("system", |arg| arg.long_help(systems_of(app))));
+        }
         for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic), (STATIC, app.is_static())] {
             for (word, argument) in words.iter().filter(|_| !has) {
                 command = command.mut_subcommand(word, |sub| match argument {
@@ -110,6 +113,18 @@ impl Cli {
         }
         Self::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
     }
+}
+
+/// The systems of an app, for `--help`: no name of a paper without what is done otherwise here.
+fn systems_of(app: &App) -> String {
+    let default = match app.default_system {
+        systems::plan::CHOSEN => "without it `ngp` or `splat`, whichever suits the scene".into(),
+        name => format!("without it `{name}`"),
+    };
+    format!(
+        "Method ({default}). What each does otherwise than the paper it is named after:\n\n{}",
+        systems::claims::listing(app.claims)
+    )
 }
 
 /// What is wrong with a word given that the app has not.
@@ -144,7 +159,7 @@ pub(crate) struct Demo {
     /// Method
     #[arg(long, value_name = "NAME")]
     pub(crate) system: Option<String>,
-    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    /// Field that the method works on: `ngp`, fast, or `mlp`, networks of NeRF's published size
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
     /// Any setting of the system
@@ -198,7 +213,7 @@ pub(crate) struct Train {
     /// better) or `geometry` (points, meshes, densities: `ngp`)
     #[arg(id = "for", long = "for", value_name = "WHAT", conflicts_with = "system")]
     pub(crate) purpose: Option<Purpose>,
-    /// Field that the method works on: `ngp`, fast, or `mlp`, the networks of the papers
+    /// Field that the method works on: `ngp`, fast, or `mlp`, networks of NeRF's published size
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
     /// Stop after so many steps, counted from the start of the run; with `--resume` the run's own stop unless said
@@ -254,6 +269,10 @@ pub(crate) struct Data {
     /// Frames held out: `every:8`, `names:FILE` or `none`
     #[arg(long, value_name = "WHICH")]
     pub(crate) holdout: Option<String>,
+    /// Training frames held out besides, to choose settings by: `every:8`, `names:FILE`, `dataset` (the dataset's own validation
+    /// split) or `none`. They are measured in the place of the test frames, which are neither trained on nor looked at
+    #[arg(long, value_name = "WHICH")]
+    pub(crate) validation: Option<String>,
     /// Photos trained on where a dataset holds cluttered and clean ones: `clutter` (the default) or `clean`
     #[arg(long, value_name = "WHICH", value_parser = ["clutter", "clean"])]
     pub(crate) train_split: Option<String>,

@@ -1,7 +1,7 @@
 //! Words that are agreed.
 
 use super::*;
-use crate::app::{STATIC, WILD as WILD_APP};
+use crate::app::{DYNAMIC as DYNAMIC_APP, STATIC, WILD as WILD_APP};
 
 fn read(app: &App, line: &str) -> Result<Cli, clap::Error> {
     Cli::read(app, std::iter::once(app.name).chain(line.split_whitespace()).map(Into::into))
@@ -92,5 +92,28 @@ fn help_shows_the_words_of_the_app_alone() {
         assert_eq!(help("train --help").contains("--eval-appearance"), has, "{}", app.name);
         assert_eq!(help("render --help").contains("--appearance"), has, "{}", app.name);
         assert!(help("--help").contains(app.about) && help("demo --help").contains(app.demo_folder), "{}", app.name);
+    }
+}
+
+#[test]
+fn help_says_what_systems_do_otherwise_than_their_papers() {
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    for app in [&STATIC, &WILD_APP, &DYNAMIC_APP] {
+        for line in ["train --help", "demo --help"] {
+            let help = words(&read(app, line).unwrap_err().to_string());
+            for claim in app.claims {
+                let said = help.contains(&words(claim.differs)) && help.contains(&words(claim.paper));
+                assert!(said, "{} {line}: {}\n{help}", app.name, claim.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn validation_is_a_word_wherever_datasets_are_read() {
+    for app in [&STATIC, &WILD_APP, &DYNAMIC_APP] {
+        for line in ["check s --validation every:8", "train s --out d --holdout every:8 --validation every:8+4"] {
+            read(app, line).unwrap_or_else(|e| panic!("{}: {line}: {e}", app.name));
+        }
     }
 }

@@ -126,10 +126,8 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
 fn data_options(data: &Data) -> DataOptions {
     DataOptions {
         longest_side: data.longest_side,
-        holdout: data.holdout.as_ref().map(|h| match h.strip_prefix("names:") {
-            Some(file) => format!("names:{}", absolute(Path::new(file)).display()),
-            None => h.clone(),
-        }),
+        holdout: data.holdout.as_deref().map(which_frames),
+        validation: data.validation.as_deref().map(which_frames),
         train_split: data.train_split.clone(),
         format: data.format.clone(),
         images: data.images.as_deref().map(absolute),
@@ -141,6 +139,14 @@ fn data_options(data: &Data) -> DataOptions {
         missing_images: data.missing_images.clone(),
         scales: None,
         image_memory: data.image_memory,
+    }
+}
+
+/// Which frames, as the run remembers it: a file of names by absolute path.
+fn which_frames(word: &str) -> String {
+    match word.strip_prefix("names:") {
+        Some(file) => format!("names:{}", absolute(Path::new(file)).display()),
+        None => word.into(),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::cli::Train;
 use crate::show::{Show, line};
 use std::path::Path;
 use std::time::Duration;
-use systems::eval::Evaluation;
+use systems::eval::{Evaluation, Measured};
 use systems::options::{DataOptions, Request};
 use systems::run::{Run, planned_schedule};
 use systems::train::{Reason, Schedule, Stop};
@@ -131,6 +131,9 @@ fn introduce(run: &Run<'_>, schedule: &Schedule) {
     let names: Vec<&str> = run.held_out.views().iter().map(|v| v.name.as_str()).collect();
     match names.len() {
         0 => line("held out: none, so nothing will be measured (`--holdout every:8` holds every 8th view out)"),
+        n if Measured::of(&run.held_out) == Measured::Validation => {
+            line(format_args!("validation views, measured ({n}, see validation.txt): {}", listing(&names)));
+        }
         n => line(format_args!("held out ({n}, see heldout.txt): {}", listing(&names))),
     }
     line(format_args!("{}: {} parameters", run.system.name(), run.system.parameter_count()));

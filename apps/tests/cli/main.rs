@@ -5,6 +5,7 @@ mod bad_datasets;
 mod browser;
 mod choice;
 mod chromium;
+mod claims;
 mod commands;
 mod dynamic;
 mod hostile;

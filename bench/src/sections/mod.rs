@@ -76,6 +76,8 @@ pub(crate) struct Bench {
     pub(crate) seconds: Option<f64>,
     /// Training steps of a row, where something is said.
     pub(crate) steps: Option<u64>,
+    /// Views of datasets that are measured in the place of the test views, a word of `--validation`.
+    pub(crate) validation: Option<String>,
 }
 
 /// Puts what a section has so far on the disk, so that a run that is stopped keeps what it has.
@@ -106,6 +108,7 @@ impl Bench {
             protocols: cli.protocol.clone(),
             seconds: cli.seconds,
             steps: cli.steps,
+            validation: cli.validation.clone(),
         })
     }
 
@@ -129,11 +132,11 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     for &name in Name::value_variants().iter().filter(|n| cli.only.is_empty() || cli.only.contains(n)) {
         say(&format!("{:4.0} s  {}", clock.elapsed().as_secs_f64(), name.file()));
         let keep = |so_far: &Section| {
-            let mut so_far = so_far.clone();
+            let mut so_far = measured_on(&bench, so_far.clone());
             so_far.items.push(Item::Text("**Unfinished**: more was to come.".into()));
             page::write(&cli.out, &name.file(), &machine, &so_far)
         };
-        let whole = section(name, &bench, &keep)?;
+        let whole = measured_on(&bench, section(name, &bench, &keep)?);
         page::write(&cli.out, &name.file(), &machine, &whole)?;
     }
     let names: Vec<String> = Name::value_variants().iter().map(|n| n.file()).collect();
@@ -142,6 +145,17 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     // A closed pipe is no failure of ours.
     let _ = writeln!(std::io::stdout().lock(), "{}", cli.out.join("README.md").display());
     Ok(())
+}
+
+/// A section that says where validation views were measured.
+fn measured_on(bench: &Bench, mut section: Section) -> Section {
+    section.items.extend(bench.validation.as_deref().map(|which| {
+        Item::Text(format!(
+            "Measured on **validation views** (`--validation {which}`) where photos were trained on: held out of the training \
+             views, and no test view was looked at."
+        ))
+    }));
+    section
 }
 
 /// Refuse names that mean nothing before an hour has passed.

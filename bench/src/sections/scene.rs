@@ -116,6 +116,7 @@ pub(super) fn small_tabletop() -> Scene {
 
 /// A dataset's request, `None` where its folder is not there: said loudly.
 pub(crate) fn dataset(bench: &Bench, name: &str, path: &str, data: DataOptions) -> Option<Subject> {
+    let data = DataOptions { validation: bench.validation.clone(), ..data };
     let Some(folder) = &bench.data else {
         say(&format!("SKIPPED: {name}: no folder of datasets: give `--data DIR` or WILDFIELD_DATA"));
         return None;

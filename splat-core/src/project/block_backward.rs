@@ -17,7 +17,7 @@ pub(crate) struct FootprintBar<V> {
     pub(crate) z: V,
 }
 
-/// Gradient with respect to raw parameters, and to the camera-space point for poses.
+/// Gradient with respect to raw parameters. There is none with respect to the camera: poses are given.
 pub(crate) struct RawBar<V> {
     pub(crate) mean: [V; 3],
     pub(crate) log_scale: [V; 3],

@@ -13,7 +13,18 @@
 
 use super::config::{DynamicConfig, OriginKind, SeesKind, WarpKind};
 use super::t_nerf;
+use crate::claims::Claim;
 use crate::deform::SeenBy;
+
+/// What differs from the paper.
+pub(super) const CLAIM: Claim = Claim {
+    name: "d-nerf",
+    paper: "Pumarola et al., 2021",
+    differs: "A hybrid: a hash grid, a displacement of 3 x 64 with 4 octaves of the point and 6 of the time, and \
+              planes of place and time that density sees directly, instead of two 8 x 256 networks with 10 \
+              octaves. `planes=[]` leaves hash grid and displacement.",
+    mark: "hybrid: hash grid, planes of time",
+};
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {

@@ -14,7 +14,18 @@
 
 use super::config::DynamicConfig;
 use super::d_nerf;
+use crate::claims::Claim;
 use crate::static_scene::ngp::CueConfig;
+
+/// What differs from the paper.
+pub(super) const CLAIM: Claim = Claim {
+    name: "endo-nerf",
+    paper: "Wang et al., 2022",
+    differs: "The field is the hybrid of `d-nerf` here, not the published networks; distances are in world units \
+              along rays instead of device coordinates, and measured depth cuts the march at 16 places instead of \
+              placing all samples.",
+    mark: "hybrid field, march cut by depth",
+};
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {

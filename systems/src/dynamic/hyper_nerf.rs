@@ -10,6 +10,17 @@
 
 use super::config::DynamicConfig;
 use super::nerfies;
+use crate::claims::Claim;
+
+/// What differs from the paper.
+pub(super) const CLAIM: Claim = Claim {
+    name: "hypernerf",
+    paper: "Park et al., 2021",
+    differs: "As `nerfies` here, on a hash grid with planes of place and time in the warp and short schedules; the \
+              ambient coordinates are those of the bendy sheet alone. The axis-aligned plane and codes of \
+              appearance are not built.",
+    mark: "hash grid, short schedules",
+};
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {

@@ -22,4 +22,4 @@ mod t_nerf;
 mod tineuvox;
 
 pub use config::{DynamicConfig, MomentKind, OriginKind, SeesKind, WarpKind};
-pub use plan::{SYSTEMS, build, load};
+pub use plan::{CLAIMS, SYSTEMS, build, load};

@@ -2,45 +2,49 @@
 
 use super::config::DynamicConfig;
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
+use crate::claims::{Claim, names};
 use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::error::RunError;
 use crate::options::{DataOptions, Plan, RunOptions};
 use crate::plan::{
-    Ground, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
+    Ground, NGP, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
     refuse_unknown, set_near, settings, split, table,
 };
 use crate::static_scene::ngp::NgpConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 
-/// A system: its name, its settings, and those of its field.
+/// A system: what its name claims, its settings, and those of its field.
 struct Known {
-    name: &'static str,
+    claim: Claim,
     settings: fn() -> DynamicConfig,
     field: fn(&mut NgpConfig),
 }
 
 const KNOWN: [Known; 7] = [
-    Known { name: "ngp", settings: DynamicConfig::still, field: |_| {} },
-    Known { name: "t-nerf", settings: t_nerf::settings, field: |_| {} },
-    Known { name: "d-nerf", settings: d_nerf::settings, field: |_| {} },
-    Known { name: "nerfies", settings: nerfies::settings, field: |_| {} },
-    Known { name: "hypernerf", settings: hyper_nerf::settings, field: |_| {} },
-    Known { name: "tineuvox", settings: tineuvox::settings, field: tineuvox::field },
-    Known { name: "endo-nerf", settings: endo_nerf::settings, field: |_| {} },
+    Known { claim: NGP, settings: DynamicConfig::still, field: |_| {} },
+    Known { claim: t_nerf::CLAIM, settings: t_nerf::settings, field: |_| {} },
+    Known { claim: d_nerf::CLAIM, settings: d_nerf::settings, field: |_| {} },
+    Known { claim: nerfies::CLAIM, settings: nerfies::settings, field: |_| {} },
+    Known { claim: hyper_nerf::CLAIM, settings: hyper_nerf::settings, field: |_| {} },
+    Known { claim: tineuvox::CLAIM, settings: tineuvox::settings, field: tineuvox::field },
+    Known { claim: endo_nerf::CLAIM, settings: endo_nerf::settings, field: |_| {} },
 ];
 
-/// Systems by name.
-pub const SYSTEMS: [&str; KNOWN.len()] = {
-    let mut names = [""; KNOWN.len()];
+/// Systems by name, with what differs from their papers.
+pub const CLAIMS: [Claim; KNOWN.len()] = {
+    let mut claims = [NGP; KNOWN.len()];
     let mut i = 0;
-    while i < names.len() {
-        names[i] = KNOWN[i].name;
+    while i < claims.len() {
+        claims[i] = KNOWN[i].claim;
         i += 1;
     }
-    names
+    claims
 };
+
+/// Systems by name.
+pub const SYSTEMS: [&str; KNOWN.len()] = names(&CLAIMS);
 
 /// The scene a word or path names; images that say nothing of time are in the order of time.
 ///
@@ -65,7 +69,7 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let known = KNOWN.iter().find(|known| known.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
+    let known = KNOWN.iter().find(|known| known.claim.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
     let planned = (known.settings)();
     let (ours, fields) = split(run, &table(&planned));
     let config: DynamicConfig = settings(&planned, &ours)?;
@@ -78,6 +82,7 @@ pub fn build(
     }
     let mut ground =
         if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
+    ground.lines.extend(known.claim.line());
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
     set_near(&mut field, &mut ground, data, Shown::Moments);
     if config.deform().is_some() {
@@ -87,12 +92,12 @@ pub fn build(
     // Slopes of the finest levels say little about where to go.
     field.warp_levels = field.levels.div_ceil(2);
     (known.field)(&mut field);
-    let mut names = table(&config);
-    names.extend(table(&field));
-    refuse_unknown(run, &names)?;
+    let mut known_settings = table(&config);
+    known_settings.extend(table(&field));
+    refuse_unknown(run, &known_settings)?;
     let field = settings(&field, &fields)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, (known.name, deform))?;
+    let mut system = ground.moving(data, &field, run.seed, scene, (known.claim.name, deform))?;
     if config.by_error {
         system.follow_errors(data);
         ground.lines.push("rays: half of them where the errors are".into());

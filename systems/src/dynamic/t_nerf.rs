@@ -10,7 +10,17 @@
 //! days. `planes=[]` leaves the network alone.
 
 use super::config::{DynamicConfig, SeesKind};
+use crate::claims::Claim;
 use crate::deform::SeenBy;
+
+/// What differs from the paper.
+pub(super) const CLAIM: Claim = Claim {
+    name: "t-nerf",
+    paper: "Pumarola et al., 2021",
+    differs: "A hash grid and planes of features of place and time instead of the published 8 x 256 network, and 3 \
+              octaves of the time instead of 10. `planes=[]` leaves the hash grid and a small network.",
+    mark: "hash grid, planes of time",
+};
 
 /// Settings.
 pub(super) fn settings() -> DynamicConfig {

@@ -12,7 +12,6 @@
 use crate::data::Dataset;
 use crate::error::RunError;
 use rayon::prelude::*;
-use scene_io::Split;
 
 /// Points of a pair of views that are looked for, at most: evenly spaced among all that could be.
 pub const QUERIES: usize = 256;
@@ -93,13 +92,13 @@ pub(super) struct Correspondence {
 }
 
 impl Correspondence {
-    /// The test views whose flow to another one of `data`, of the same level, is known.
+    /// The held-out views whose flow to another one of `data`, of the same level, is known.
     ///
     /// # Errors
     /// [`RunError::Scene`] for truth that cannot be read.
     pub(super) fn of(data: &Dataset) -> Result<Self, RunError> {
         let mut pairs = Vec::new();
-        for (from, view) in data.views().iter().enumerate().filter(|(_, v)| v.source.split == Split::Test) {
+        for (from, view) in data.views().iter().enumerate().filter(|(_, v)| v.source.split.is_measured()) {
             let Some((flow, to)) = view.source.read_flow()? else { continue };
             let Some(to) = data.views().iter().position(|v| v.name == to && v.level == view.level) else { continue };
             let Some(moving) = view.source.read_moving()? else { continue };

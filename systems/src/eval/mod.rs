@@ -34,6 +34,7 @@ use correspondence::Correspondence;
 use image::RgbImage;
 use losses::metrics::Lpips;
 use measure::{inside, measure, object_mask};
+use scene_io::Split;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
@@ -93,9 +94,43 @@ pub struct ViewScore {
     pub files: Option<String>,
 }
 
+/// Which views were measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measured {
+    /// The test views.
+    #[default]
+    Test,
+    /// Views held out for choosing settings; the test views were not looked at, or there are none.
+    Validation,
+}
+
+impl Measured {
+    /// What the views of `data` are held out for.
+    #[must_use]
+    pub fn of(data: &Dataset) -> Self {
+        match data.views().first() {
+            Some(view) if view.source.split == Split::Val => Self::Validation,
+            _ => Self::Test,
+        }
+    }
+
+    /// The word in files and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Validation => "validation",
+        }
+    }
+}
+
 /// Scores of all held-out views: the content of `eval.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
+    /// Which views were measured; `test` in files that do not say.
+    #[serde(default)]
+    pub split: Measured,
     /// Mean over views, dB.
     pub psnr: Option<f64>,
     /// Mean over views, dB.
@@ -234,6 +269,7 @@ pub fn evaluate(
     let (ms_ssim, lpips, flip) = (mean(|v| v.ms_ssim), mean(|v| v.lpips), mean(|v| v.flip));
     let protocol = protocol.clone();
     Ok(Evaluation {
+        split: Measured::of(data),
         psnr,
         psnr_object,
         motion: MotionScore::mean(views.iter().map(|v| v.motion)),

@@ -6,7 +6,7 @@ use crate::data::View;
 use crate::error::RunError;
 use crate::render::Rendered;
 use image::RgbImage;
-use scene_io::{DepthMap, Split};
+use scene_io::DepthMap;
 use serde::{Deserialize, Serialize};
 
 /// Scores of motion and depth; `None` where the dataset holds no truth for them. Means over views in an evaluation.
@@ -73,13 +73,13 @@ impl MotionScore {
             score.psnr_moving = inside(picture, truth, &mask(true));
             score.psnr_still = inside(picture, truth, &mask(false));
         }
-        if let Some(seen) = view.source.read_covisible()?.filter(|_| view.source.split == Split::Test) {
+        if let Some(seen) = view.source.read_covisible()?.filter(|_| view.source.split.is_measured()) {
             let seen = seen.resized(width, height);
             let mask: Vec<u8> = seen.iter().enumerate().map(|(k, m)| if m && counts(k) { 255 } else { 0 }).collect();
             score.psnr_covisible = inside(picture, truth, &mask);
             score.ssim_covisible = ssim_inside(picture, truth, &mask);
         }
-        let hidden = view.source.read_transient()?.filter(|_| view.source.split == Split::Test);
+        let hidden = view.source.read_transient()?.filter(|_| view.source.split.is_measured());
         let hidden: Option<Vec<bool>> = hidden.map(|hidden| hidden.resized(width, height).iter().collect());
         if let Some(hidden) = &hidden {
             let mask: Vec<u8> = hidden.iter().enumerate().map(|(k, &h)| if h && counts(k) { 255 } else { 0 }).collect();
@@ -187,7 +187,9 @@ mod tests {
     use render_core::camera::Camera;
     use render_core::pose::Pose;
     use scene_io::synthetic::{TabletopOptions, tabletop};
-    use scene_io::{BitMask, DepthSource, Frame, Image, ImageSource, ImageStore, Scene, StoreOptions, TruthMask};
+    use scene_io::{
+        BitMask, DepthSource, Frame, Image, ImageSource, ImageStore, Scene, Split, StoreOptions, TruthMask,
+    };
     use std::sync::Arc;
 
     const W: u32 = 6;

@@ -1,6 +1,6 @@
 //! Scores as files and tables.
 
-use super::{Evaluation, Protocol};
+use super::{Evaluation, Measured, Protocol};
 
 impl Evaluation {
     /// `eval.json`.
@@ -62,6 +62,9 @@ impl Evaluation {
         if self.left > 0 {
             let done = self.views.len();
             out += &format!("stopped after {done} of {} views: the mean is over these alone\n", done + self.left);
+        }
+        if self.split == Measured::Validation {
+            out += "measured: validation views\n";
         }
         if let Some(db) = self.psnr_object {
             out += &format!("inside the masks of the object: {db:.3} dB\n");

@@ -81,7 +81,6 @@ impl Ground {
 
     /// Settings of `nerf` for the scene.
     pub(crate) fn nerf_settings(&mut self) -> NerfConfig {
-        self.lines.push("networks, samples and learning rate as published; smaller batches".into());
         NerfConfig {
             centre: self.layout.centre.to_array(),
             radius: self.layout.radius,

@@ -2,6 +2,7 @@
 //!
 //! * `ground`: the layout, the background and the alpha of a scene;
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
+//! * `known`: the systems by name, and what each does otherwise than its paper;
 //! * `choice`: which system is taken where none is named;
 //! * `backdrop`: whether the photos stand before one plain colour;
 //! * `points`: which reconstructed points training may use.
@@ -10,6 +11,7 @@ mod backdrop;
 mod choice;
 mod field_settings;
 mod ground;
+mod known;
 #[cfg(test)]
 pub(crate) mod made;
 mod near;
@@ -23,21 +25,21 @@ mod tests;
 pub use choice::{CHOSEN, Purpose, choose};
 pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, space};
+pub(crate) use known::NGP;
+pub use known::{CLAIMS, SYSTEMS};
 pub(crate) use near::set_near;
 pub(crate) use ngp_settings::{Shown, ngp_settings};
 pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
 pub(crate) use points::{keep_training_points, visible_points};
 pub(crate) use settings::{no_such_system, refuse_unknown, settings, split, table};
 
+use crate::claims::claim;
 use crate::data::Dataset;
 use crate::options::{Plan, RunOptions};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
 use crate::system::{System, SystemError};
 use scene_io::Scene;
-
-/// Systems by name.
-pub const SYSTEMS: [&str; 5] = ["ngp", "nerf", "mip-nerf", "mip-nerf-360", "splat"];
 
 /// Build the system `name` for a scene.
 ///
@@ -50,10 +52,14 @@ pub fn build(
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let known = claim(&CLAIMS, name)?;
     if name == "splat" {
-        return crate::splats::build(scene, data, run);
+        let (system, mut plan) = crate::splats::build(scene, data, run)?;
+        plan.lines.extend(known.line());
+        return Ok((system, plan));
     }
     let Ground { layout, mut lines, background, transparent, error_budget } = Ground::of(scene, data, run)?;
+    lines.extend(known.line());
     let plan = |lines, mut config: toml::Table| {
         // A resumed run must be told again.
         config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
@@ -73,7 +79,6 @@ pub fn build(
             Ok((Box::new(nerf), plan(ground.lines, table(&config))))
         }
         "mip-nerf" => {
-            lines.push("network, intervals and learning rate as published; smaller batches".into());
             let planned = MipNerfConfig {
                 centre: layout.centre.to_array(),
                 radius: layout.radius,
@@ -88,7 +93,6 @@ pub fn build(
             Ok((Box::new(system), plan(lines, table(&config))))
         }
         "mip-nerf-360" => {
-            lines.push("networks, intervals and learning rate as published; smaller batches".into());
             // Objects and open scenes have different settings: those of the space asked for.
             let asked = run.set.get("space").and_then(|word| word.clone().try_into().ok());
             let planned = MipNerf360Config {

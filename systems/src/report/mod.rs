@@ -70,7 +70,7 @@ fn page(sources: &Sources, folder: &Path) -> String {
         sources.appearance.as_ref().map(|row| wild::appearance(row, folder)).unwrap_or_default(),
         sources.masks.as_ref().map(|table| wild::masks(table, folder)).unwrap_or_default(),
         sections::plan(s),
-        sections::held_out(s),
+        sections::held_out(s, sources.evaluation.as_ref()),
         sections::folded(
             "For experts: time, memory, what was skipped, configuration",
             &[sections::costs(s), sections::skips(s, sources.evaluation.as_ref()), sections::config(&sources.config)],

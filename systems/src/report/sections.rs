@@ -2,7 +2,7 @@
 
 use super::plot::{Curve, Marks, Scale, plot};
 use super::{ANIMATION, escape};
-use crate::eval::{Evaluation, Protocol, ViewScore};
+use crate::eval::{Evaluation, Measured, Protocol, ViewScore};
 use crate::log::Row;
 use crate::memory::human;
 use crate::picture::{ERROR_MAP_TOP, png_bytes};
@@ -41,7 +41,8 @@ pub(super) fn heading(s: &Summary) -> String {
 pub(super) fn cards(s: &Summary, evaluation: Option<&Evaluation>) -> String {
     let mut cards = Vec::new();
     if let Some(e) = evaluation {
-        cards.push((number(e.psnr, 2, " dB"), "PSNR, held out"));
+        let which = if e.split == Measured::Validation { "PSNR, validation views" } else { "PSNR, held out" };
+        cards.push((number(e.psnr, 2, " dB"), which));
         cards.push((number(e.ssim, 4, ""), "SSIM"));
         cards.push((number(e.lpips, 4, ""), "LPIPS"));
         if e.flip.is_some() {
@@ -293,13 +294,17 @@ fn skip_table(rows: &[Skip]) -> String {
     out + "</table>"
 }
 
-pub(super) fn held_out(s: &Summary) -> String {
+pub(super) fn held_out(s: &Summary, evaluation: Option<&Evaluation>) -> String {
     let names = &s.scene.held_out;
     if names.is_empty() {
         return "<h2>Held-out views</h2>\n<p class=\"soft\">None: nothing was measured.</p>\n".into();
     }
+    let (title, file) = match evaluation.map(|e| e.split) {
+        Some(Measured::Validation) => ("Names of the validation views", "validation.txt"),
+        _ => ("Held-out names", "heldout.txt"),
+    };
     format!(
-        "<h2>Held-out names</h2>\n<div class=\"panel\"><details><summary>{} views, also in <code>heldout.txt</code></summary>\
+        "<h2>{title}</h2>\n<div class=\"panel\"><details><summary>{} views, also in <code>{file}</code></summary>\
          <pre>{}</pre></details></div>\n",
         names.len(),
         escape(&names.join("\n"))

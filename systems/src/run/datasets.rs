@@ -1,12 +1,55 @@
 //! The views of a run: those trained on and those held out.
+//!
+//! Measured are the test views; with `--validation` the views that it takes from those trained on, and then nothing looks at a
+//! test view. Every file about a split is written before the first step.
 
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::eval::Measured;
 use crate::options::DataOptions;
+use crate::output::{Storage, write_file};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use std::path::Path;
 use std::sync::Arc;
 
-/// The training and the held-out views. A dataset without a test split is measured on its validation split.
+/// Names of the frames that `--holdout` or the dataset holds out, and of those that `--validation` does.
+const HELD_OUT: &str = "heldout.txt";
+const VALIDATION: &str = "validation.txt";
+
+/// Write down which frames are held out.
+pub(super) fn write_names(
+    (storage, folder): (&dyn Storage, &Path),
+    scene: &Scene,
+    data: &DataOptions,
+    measured: &Dataset,
+) -> Result<(), RunError> {
+    let lines = |names: &mut dyn Iterator<Item = &str>| names.map(|name| format!("{name}\n")).collect::<String>();
+    let split = Measured::of(measured);
+    let mut measured = measured.views().iter().map(|view| view.name.as_str());
+    let names = lines(&mut measured);
+    if split == Measured::Validation {
+        write_file(storage, &folder.join(VALIDATION), names.as_bytes())?;
+    }
+    let held_out = match data.validation()? {
+        None => names,
+        Some(_) => lines(&mut scene.split(Split::Test).map(|i| scene.frames[i].name.as_str())),
+    };
+    write_file(storage, &folder.join(HELD_OUT), held_out.as_bytes())
+}
+
+/// How a run's dataset is read again: names that were in files as the run wrote them down, wherever the files have gone.
+pub(super) fn as_named(folder: &Path, data: &DataOptions) -> DataOptions {
+    let mut data = data.clone();
+    for (word, file) in [(&mut data.holdout, HELD_OUT), (&mut data.validation, VALIDATION)] {
+        let names = folder.join(file);
+        if word.as_ref().is_some_and(|word| word.starts_with("names:")) && names.exists() {
+            *word = Some(format!("names:{}", names.display()));
+        }
+    }
+    data
+}
+
+/// The training views, and those that are measured. A dataset without a test split is measured on its validation split.
 pub(super) fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
     let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
     let store = Arc::new(ImageStore::new(&scene.frames, options)?);
@@ -18,9 +61,13 @@ pub(super) fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Da
             scene.frames.len()
         )));
     }
-    let mut held_out: Vec<usize> = scene.split(Split::Test).collect();
+    let validated = data.validation()?.is_some();
+    let mut held_out: Vec<usize> = if validated { Vec::new() } else { scene.split(Split::Test).collect() };
     if held_out.is_empty() {
         held_out = scene.split(Split::Val).collect();
+    }
+    if validated && held_out.is_empty() {
+        return Err(RunError::Option(format!("`--validation`: `{}` has no validation views", scene.name)));
     }
     let scales = data.scales.unwrap_or(1);
     let smallest = train.iter().map(|&f| store.camera(f)).map(|c| c.width.min(c.height)).min().unwrap_or(0);

@@ -3,6 +3,7 @@
 //! ```text
 //! config.toml        what determines the result, with every setting the plan decided
 //! heldout.txt        names of the held-out frames, one a line
+//! validation.txt     names of the frames measured in their place, where `--validation` was given
 //! schedule.json      when the training stops and is measured: what `--resume` goes on with
 //! metrics.csv        a row an interval (see `log`)
 //! checkpoint/        see `checkpoint`
@@ -209,8 +210,7 @@ impl<'a> Run<'a> {
         let text = toml::to_string_pretty(&run.config)
             .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
         write_file(parts.storage, &folder.join(place::CONFIG), text.as_bytes())?;
-        let names: String = run.held_out.views().iter().map(|v| format!("{}\n", v.name)).collect();
-        write_file(parts.storage, &folder.join("heldout.txt"), names.as_bytes())?;
+        datasets::write_names((parts.storage, folder), &run.scene, &run.config.data, &run.held_out)?;
         MetricsLog::create(&folder.join("metrics.csv"))?;
         Ok(run)
     }
@@ -256,12 +256,7 @@ impl<'a> Run<'a> {
         let config = meta.config;
         request.agree_with(&config)?;
         let spec = request.scene.as_deref().unwrap_or(&config.scene);
-        let mut data = config.data.clone();
-        let names = folder.join("heldout.txt");
-        if data.holdout.as_ref().is_some_and(|h| h.starts_with("names:")) && names.exists() {
-            // The names as they were, wherever the file has gone.
-            data.holdout = Some(format!("names:{}", names.display()));
-        }
+        let data = datasets::as_named(folder, &config.data);
         let mut scene = (parts.load)(spec, &data)?;
         let dataset = dataset_hash(&scene)?;
         keep_training_points(&mut scene);

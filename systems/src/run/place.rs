@@ -18,9 +18,10 @@ use std::path::{Path, PathBuf};
 pub(super) const CONFIG: &str = "config.toml";
 
 /// What a run writes into its folder.
-const OWN: [&str; 18] = [
+const OWN: [&str; 19] = [
     CONFIG,
     "heldout.txt",
+    "validation.txt",
     planned::FILE,
     "metrics.csv",
     "checkpoint",

@@ -29,6 +29,7 @@ mod glance;
 mod guard;
 mod ha_nerf;
 mod hugs;
+mod known;
 mod light;
 mod likelihood;
 mod look;
@@ -49,7 +50,8 @@ mod twin;
 mod visibility;
 
 pub use config::{AppearanceKind, FeatureKind, FieldKind, Freeze, KernelKind, OccluderKind, SegmentKind, WildConfig};
-pub use plan::{SYSTEMS, build};
+pub use known::{CLAIMS, SYSTEMS};
+pub use plan::build;
 
 use crate::data::Dataset;
 use crate::method::PixelBar;

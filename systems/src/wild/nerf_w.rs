@@ -91,6 +91,14 @@ impl Method for NerfW {
         (loss + lambda_u * pixel.sigma_t, bar)
     }
 
+    /// Half of the squared error, which is what the fine look costs where nothing is uncertain (equation 14); without a transient
+    /// field as the fine look.
+    fn coarse_loss(&self, _i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
+        let factor = if self.strangers.is_some() { 0.5 } else { 1.0 };
+        (factor * e.iter().map(|e| e * e).sum::<f32>() / 3.0, e.map(|e| factor * 2.0 * e / 3.0))
+    }
+
     fn second_light(&self, step: u64) -> Option<SecondLight> {
         self.light.as_ref()?.second_light(step)
     }
@@ -140,5 +148,29 @@ impl Method for NerfW {
 
     fn memory_bytes(&self) -> usize {
         self.light.as_ref().map_or(0, Light::bytes) + self.strangers.as_ref().map_or(0, |s| s.codes.bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::{AppearanceKind, FieldKind};
+    use super::*;
+    use crate::plan::made::{Points, capture};
+
+    #[test]
+    fn the_first_look_weighs_half_beside_a_likelihood_and_in_full_beside_squares() {
+        let (_, data) = capture(Points::None);
+        let (rgb, truth) = ([0.5, 0.75, 0.25], [0.25, 0.75, 0.75]);
+        let squares = (0.0625 + 0.25) / 3.0;
+        for (occluders, factor) in [(OccluderKind::Transient, 0.5), (OccluderKind::None, 1.0)] {
+            let config = WildConfig::new(FieldKind::Mlp, AppearanceKind::None, occluders);
+            let method = NerfW::new(&config, None, &data, 0);
+            let (loss, bar) = method.coarse_loss(0, rgb, truth);
+            assert!((loss - factor * squares).abs() < 1e-7, "{loss}");
+            assert!((bar[2] + factor * 2.0 * 0.5 / 3.0).abs() < 1e-7 && bar[1] == 0.0, "{bar:?}");
+            // The same as the fine look costs, but for a summand, where the uncertainty is 1 and nothing is transient.
+            let fine = |rgb| method.loss(0, &Pixel { rgb, beta: 1.0 - config.beta_min, ..Pixel::default() }, truth).0;
+            assert!((fine(rgb) - fine(truth) - loss).abs() < 1e-6, "{}", fine(rgb) - fine(truth));
+        }
     }
 }

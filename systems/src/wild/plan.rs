@@ -3,6 +3,7 @@
 use super::config::{AppearanceKind, FieldKind, OccluderKind, WildConfig};
 use super::ha_nerf::HaNerf;
 use super::hugs::Hugs;
+use super::known::known;
 use super::light::Light;
 use super::look;
 use super::nerf_w::NerfW;
@@ -13,46 +14,11 @@ use super::sf_nerf::SfNerf;
 use crate::data::Dataset;
 use crate::method::Method;
 use crate::options::{Plan, RunOptions};
-use crate::plan::{Ground, NO_PARALLAX, field_settings, no_such_system, refuse_unknown, settings, split, table};
+use crate::plan::{Ground, NO_PARALLAX, field_settings, refuse_unknown, settings, split, table};
 use crate::static_scene::nerf::NerfConfig;
 use crate::system::{System, SystemError};
 use scene_io::Scene;
 use serde::Serialize;
-
-/// Systems by name.
-pub const SYSTEMS: [&str; 11] = [
-    "auto",
-    "plain",
-    "robust-nerf",
-    "nerf-a",
-    "nerf-u",
-    "nerf-w",
-    "ha-nerf-a",
-    "ha-nerf-t",
-    "ha-nerf",
-    "sf-nerf",
-    "hugs",
-];
-
-/// Light and strangers of a named system; `None` for `auto`.
-fn parts(name: &str) -> Result<Option<(AppearanceKind, OccluderKind)>, SystemError> {
-    use AppearanceKind as A;
-    use OccluderKind as O;
-    Ok(Some(match name {
-        "auto" => return Ok(None),
-        "plain" => (A::None, O::None),
-        "robust-nerf" => (A::None, O::Robust),
-        "nerf-a" => (A::Codes, O::None),
-        "nerf-u" => (A::None, O::Transient),
-        "nerf-w" => (A::Codes, O::Transient),
-        "ha-nerf-a" => (A::Encoder, O::None),
-        "ha-nerf-t" => (A::None, O::Visibility),
-        "ha-nerf" => (A::Encoder, O::Visibility),
-        "sf-nerf" => (A::Codes, O::Filter),
-        "hugs" => (A::None, O::Masks),
-        other => return Err(no_such_system(other, SYSTEMS)),
-    }))
-}
 
 /// Build the system `name` for a scene.
 ///
@@ -66,7 +32,9 @@ pub fn build(
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
     let mut ground = Ground::of(scene, data, run)?;
     let asked = |key: &str| run.set.get(key).is_some();
-    let (appearance, occluders) = match parts(name)? {
+    let (claim, parts) = known(name)?;
+    ground.lines.extend(claim.line());
+    let (appearance, occluders) = match parts {
         Some(parts) => parts,
         // Nothing is left to be found out: a resumed run is told again.
         None if asked("appearance") && asked("occluders") => (AppearanceKind::None, OccluderKind::None),
@@ -85,6 +53,12 @@ pub fn build(
     let longest = data.views().iter().map(|v| v.camera.width.max(v.camera.height)).max().unwrap_or(0);
     if longest < SMALL_PHOTO {
         (wild.patch, wild.patch_inner) = (wild.patch / 2, wild.patch_inner / 2);
+        if uses_patches(&wild) && !asked("patch") && !asked("patch_inner") {
+            ground.lines.push(format!(
+                "patches: {0}x{0}, inner {1}x{1}: half as large as elsewhere (photos of {longest} pixels, below {SMALL_PHOTO})",
+                wild.patch, wild.patch_inner
+            ));
+        }
     }
     let mut wild: WildConfig = settings(&wild, &ours)?;
     wild.check()?;
@@ -133,6 +107,11 @@ const SPARSITY: f32 = 1e-10;
 
 /// Photos below this longest side are judged by patches of half the size.
 const SMALL_PHOTO: u32 = 320;
+
+/// Whether masks are found by patches.
+fn uses_patches(wild: &WildConfig) -> bool {
+    matches!(wild.occluders, OccluderKind::Robust | OccluderKind::Masks)
+}
 
 /// Refuse what is a setting neither of the method nor of the field.
 fn names_of<C: Serialize>(run: &RunOptions, wild: &WildConfig, field: &C) -> Result<(), SystemError> {

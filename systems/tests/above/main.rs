@@ -11,3 +11,4 @@ mod objects;
 mod paths;
 mod results;
 mod resume;
+mod validation;

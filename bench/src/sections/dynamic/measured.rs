@@ -26,6 +26,9 @@ const POINTS: u64 = 10;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Measured {
     pub(super) name: &'static str,
+    pub(super) system: &'static str,
+    /// Settings of the row, TOML.
+    pub(super) set: &'static str,
     pub(super) views: String,
     pub(super) steps: u64,
     pub(super) seconds: f64,
@@ -46,7 +49,8 @@ pub(super) fn request(
     entry: &Entry,
     folder: &Path,
 ) -> Result<Option<Request>, BenchError> {
-    let data = DataOptions { holdout: group.holdout.word(folder)?, ..DataOptions::default() };
+    let (holdout, validation) = (group.holdout.word(folder)?, bench.validation.clone());
+    let data = DataOptions { holdout, validation, ..DataOptions::default() };
     let request = if group.path.starts_with(SYNTHETIC) {
         Request { scene: Some(group.path.into()), data, ..Request::default() }
     } else {
@@ -73,6 +77,8 @@ pub(super) fn measure(
     say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
     let mut out = Measured {
         name: entry.name,
+        system: entry.system,
+        set: entry.set,
         views,
         steps: ended.step,
         seconds: ended.seconds,

@@ -7,6 +7,7 @@ mod protocols;
 
 use super::training::not_run;
 use super::{Bench, Extent, Keep, QUICK};
+use crate::claims;
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -102,6 +103,7 @@ fn page(
     if !rows.is_empty() {
         items.extend([Item::Table(scores(rows)?), Item::Table(over_time(rows)?), Item::Plot(plot(group, rows))]);
     }
+    items.extend(claims::note(rows.iter().map(|m| m.system)));
     items.extend(not_run(missing));
     Ok(Section { title, intro: INTRO, items, goals })
 }
@@ -113,6 +115,7 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
         "PSNR in dB; rays a second are a mean over the training. One seed (0).",
         &[
             "system",
+            claims::COLUMN,
             "train / test views",
             "steps",
             "seconds",
@@ -133,6 +136,7 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
     for m in rows {
         table.row([
             m.name.into(),
+            claims::mark(m.system, m.set),
             m.views.as_str().into(),
             (m.steps as usize).into(),
             m.seconds.into(),
@@ -216,6 +220,12 @@ mod tests {
                 assert!(entry.without.is_none_or(known), "{} {}", group.name, entry.name);
                 assert!(!known(entry.name), "{} twice", entry.name);
                 for aim in entry.aims {
+                    let least = match *aim {
+                        protocols::Aim::Over(_, x) | protocols::Aim::Costs(x) | protocols::Aim::HiddenCosts(x) => x,
+                        protocols::Aim::DepthCosts(x) => x - 1.0,
+                        _ => f64::INFINITY,
+                    };
+                    assert!(least > 0.0, "{}: {aim:?}: nothing at all would be enough", entry.name);
                     use protocols::Aim::{Costs, DepthCosts, Faster, HiddenCosts, Moving, Over};
                     match *aim {
                         Moving(other, _) | Over(other, _) | Faster(other, _) => assert!(known(other), "{aim:?}"),

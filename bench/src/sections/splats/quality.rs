@@ -2,6 +2,7 @@
 
 use super::budget;
 use super::{Found, SMALL};
+use crate::claims;
 use crate::error::BenchError;
 use crate::measure::median;
 use crate::page::Item;
@@ -69,6 +70,7 @@ impl Quality {
             &[
                 "protocol",
                 "system",
+                claims::COLUMN,
                 "train / test views",
                 "10 s",
                 "30 s",
@@ -96,7 +98,8 @@ impl Quality {
     pub(super) fn items(&self) -> Vec<Item> {
         let tables = [self.systems.clone().without_empty_columns(), self.curves.clone()];
         let tables = tables.into_iter().filter(|t| !t.is_empty()).map(Item::Table);
-        tables.chain(self.plots.iter().cloned().map(Item::Plot)).collect()
+        let note = if self.systems.is_empty() { None } else { claims::note(["splat", "ngp"]) };
+        tables.chain(self.plots.iter().cloned().map(Item::Plot)).chain(note).collect()
     }
 }
 
@@ -196,6 +199,7 @@ fn train<'a>(
     found.quality.systems.row([
         protocol.into(),
         system.into(),
+        claims::mark(system, ""),
         trained.views().into(),
         at(EVAL_AT[0]),
         at(EVAL_AT[1]),

@@ -1,6 +1,7 @@
 //! What a step of each system costs, and that a part which the plan left out costs nothing.
 
 use super::protocols::{COSTS, Entry, NGP};
+use crate::claims;
 use crate::error::BenchError;
 use crate::measure::median;
 use crate::page::{Item, Section};
@@ -54,12 +55,13 @@ fn section(cases: &[Case<'_>], steps: u64) -> Result<Section, BenchError> {
         "Median over rounds in which the systems took turns; the first steps' surveys, warm-ups and encoders included. Held-out \
          PSNR in dB, in the mean light, after so few steps: it says that the work was done, and that `plain` is `ngp`, to the \
          last digit.",
-        &["system", "steps", "ms a step", "times ngp", "PSNR"],
+        &["system", claims::COLUMN, "steps", "ms a step", "times ngp", "PSNR"],
     );
     let each: Vec<f64> = cases.iter().map(|c| 1e3 * median(&mut c.seconds.clone()) / steps as f64).collect();
     for (case, ms) in cases.iter().zip(&each) {
         table.row([
             case.entry.name.into(),
+            claims::mark(case.entry.system, case.entry.set),
             (steps as usize).into(),
             (*ms).into(),
             (ms / each[0]).into(),
@@ -70,7 +72,7 @@ fn section(cases: &[Case<'_>], steps: u64) -> Result<Section, BenchError> {
         title: "In the wild: cost of a step",
         intro: "The embedded tabletop, its training photos covered with squares and with colours of their own: every part of \
                 every system has something to do.",
-        items: vec![Item::Table(table)],
+        items: [Item::Table(table)].into_iter().chain(claims::note(cases.iter().map(|c| c.entry.system))).collect(),
         goals: Vec::new(),
     })
 }

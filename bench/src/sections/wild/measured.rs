@@ -26,7 +26,7 @@ pub(super) struct Measured {
     pub(super) views: String,
     /// A measurement for each light of the photos.
     pub(super) scores: Vec<Score>,
-    /// Mean over photos of mIoU and of F1 of strangers, where the truth is known.
+    /// Mean over photos of mIoU and of F1 of occluders, where the truth is known.
     pub(super) masks: [Option<f64>; 2],
     pub(super) ms_per_step: f64,
 }
@@ -54,6 +54,7 @@ pub(super) fn request(
     let data = DataOptions {
         longest_side: group.longest_side,
         holdout: group.holdout.word(folder)?,
+        validation: bench.validation.clone(),
         mask_white: group.mask_white.map(Into::into),
         train_split: photos.split.map(Into::into),
         ..DataOptions::default()
@@ -108,8 +109,8 @@ pub(super) fn measure(
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
     let has_truth = run.scene.frames.iter().any(|f| f.split == Split::Train && f.transient.is_some());
-    let finds_strangers = || Ok::<_, RunError>(run.system.visibility(&run.train, 0)?.is_some());
-    let masks = match has_truth && finds_strangers()? {
+    let finds_occluders = || Ok::<_, RunError>(run.system.visibility(&run.train, 0)?.is_some());
+    let masks = match has_truth && finds_occluders()? {
         true => {
             let every = (run.train.pixel_count() as f64 / MASK_PIXELS).ceil().max(1.0) as usize;
             let options = MaskOptions { every, empty: EmptyClass::default() };

@@ -1,4 +1,4 @@
-//! Photographs from the wild: how much of what strangers and light cost does each system win back, and at what cost a step.
+//! Photographs from the wild: how much of what occluders and light cost does each system win back, and at what cost a step.
 
 mod cost;
 mod measured;
@@ -7,6 +7,7 @@ mod segments;
 
 use super::training::not_run;
 use super::{Bench, Extent, Keep, QUICK};
+use crate::claims;
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -41,10 +42,10 @@ pub(super) fn lego400(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchEr
 
 /// Things in the way.
 pub(super) fn yard(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: strangers in a yard", YARD)
+    section((bench, keep), "In the wild: occluders in a yard", YARD)
 }
 
-/// Light and strangers.
+/// Light and occluders.
 pub(super) fn plaza(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     section((bench, keep), "In the wild: many people's photos of a plaza", PLAZA)
 }
@@ -68,6 +69,7 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Gr
         &[
             "photos",
             "system",
+            claims::COLUMN,
             "train / test views",
             "steps",
             "whole views",
@@ -84,6 +86,7 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Gr
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let (mut plains, mut goals, mut missing): (Vec<Plain<'_>>, Vec<Goal>, Vec<&str>) =
         (Vec::new(), Vec::new(), Vec::new());
+    let mut systems = Vec::new();
     let quick = bench.extent == Extent::Quick;
     // Quick runs know the embedded scene only.
     let wanted = |g: &&Group| bench.wants(g.name) && (!quick || g.path.starts_with(systems::source::SYNTHETIC));
@@ -107,24 +110,31 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Gr
                 goals.extend(entry.aims.iter().filter_map(|aim| {
                     goal((*aim, &name, entry), &measured, (shares.first().copied().flatten(), &plains))
                 }));
+                systems.push(entry.system);
                 row(&mut table, (name, entry, steps), &measured, &shares)?;
-                keep(&page(title, &table, goals.clone(), &missing))?;
+                keep(&page(title, (&table, &systems), goals.clone(), &missing))?;
             }
         }
     }
     if quick {
         goals.clear();
     }
-    let mut section = page(title, &table, goals, &missing);
+    let mut section = page(title, (&table, &systems), goals, &missing);
     if quick {
         section.items.push(Item::Text(QUICK.into()));
     }
     Ok(section)
 }
 
-fn page(title: &'static str, table: &Table, goals: Vec<Goal>, missing: &[&str]) -> Section {
+fn page(
+    title: &'static str,
+    (table, systems): (&Table, &[&'static str]),
+    goals: Vec<Goal>,
+    missing: &[&str],
+) -> Section {
     let table = (!table.is_empty()).then(|| Item::Table(table.clone()));
-    Section { title, intro: INTRO, items: table.into_iter().chain(not_run(missing)).collect(), goals }
+    let items = table.into_iter().chain(claims::note(systems.iter().copied())).chain(not_run(missing));
+    Section { title, intro: INTRO, items: items.collect(), goals }
 }
 
 /// Per cent of the gap that was closed in each light; nothing without clean photos, for them, or where there is no gap.
@@ -155,6 +165,7 @@ fn row(
     table.row([
         photos.into(),
         entry.name.into(),
+        claims::mark(entry.system, entry.set),
         measured.views.as_str().into(),
         (steps as usize).into(),
         whole,

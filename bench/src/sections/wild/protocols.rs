@@ -55,7 +55,7 @@ pub(super) struct Entry {
 pub(super) enum Segments {
     /// The dataset's own files, or what the system makes itself.
     Own,
-    /// True outlines of strangers, as a segmenter that makes no mistake would draw them; the rest in squares of so many
+    /// True outlines of occluders, as a segmenter that makes no mistake would draw them; the rest in squares of so many
     /// pixels.
     True(usize),
 }
@@ -65,7 +65,7 @@ pub(super) enum Segments {
 pub(super) enum Aim {
     /// Of the gap between plain and clean, at least; in the light of a training photo or over whole views.
     Share(f64),
-    /// Strangers in its masks.
+    /// Occluders in its masks.
     F1(f64),
     /// Below `plain` on the same clean photos, at most.
     Loss(f64),
@@ -194,7 +194,7 @@ pub(super) const YARD: &[Group] = &[Group {
             entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)])],
         },
         Photos {
-            name: "strangers",
+            name: "occluders",
             kind: Kind::AsIs,
             split: None,
             lights: ONE_LIGHT,
@@ -204,7 +204,7 @@ pub(super) const YARD: &[Group] = &[Group {
                 CHARBONNIER,
                 ROBUST.aims(&[Aim::Share(85.0), Aim::F1(0.75)]),
                 HUGS,
-                // As large as things of the place are, and much smaller: then shadows of strangers are segments, too.
+                // As large as things of the place are, and much smaller: then shadows of occluders are segments, too.
                 HUGS.true_segments("hugs, true outlines, squares of 40", 40).aims(&[Aim::Share(85.0), Aim::F1(0.9)]),
                 HUGS.true_segments("hugs, true outlines, squares of 16", 16),
                 NERF_A,
@@ -217,7 +217,7 @@ pub(super) const YARD: &[Group] = &[Group {
     ],
 }];
 
-/// Light, exposure and strangers at once, with the truth known.
+/// Light, exposure and occluders at once, with the truth known.
 pub(super) const PLAZA: &[Group] = &[
     Group {
         name: "plaza",

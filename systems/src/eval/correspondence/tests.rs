@@ -2,7 +2,7 @@ use super::*;
 use crate::system::NOWHERE;
 use glam::DVec2;
 use scene_io::synthetic::{Moment, MomentHit, Orbit, OrbitOptions, orbit};
-use scene_io::{ImageStore, StoreOptions};
+use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
 const SIDE: u32 = 48;
