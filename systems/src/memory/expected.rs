@@ -8,7 +8,7 @@ const MEASURED_PIXEL: u64 = 190;
 /// The same for LPIPS: what the layers of its network hold.
 const LPIPS_PIXEL: u64 = 420;
 /// Bytes of the report's pictures, of its animation, and of files while they are written.
-const REPORT: u64 = 12 << 20;
+const REPORT: u64 = 6 << 20;
 
 /// A rehearsal sees some steps, not all: one part in so many is added to what it saw.
 const HEADROOM: u64 = 16;
@@ -70,15 +70,11 @@ impl ExpectedMemory {
     /// and its copy. The pages of the run's own moments and gradients are empty until it trains: the copy stands for them.
     pub(crate) fn by_rehearsal(needs: &Needs, peak: u64) -> Self {
         let photos = needs.photos + needs.held_out;
-        let system = needs.system + needs.growth;
         let seen = peak + peak / HEADROOM + needs.state + needs.growth + needs.held_out;
-        Self {
-            photos,
-            system,
-            evaluation: needs.evaluation(),
-            rest: seen.saturating_sub(photos + system),
-            rehearsed: true,
-        }
+        // What it may hold by its formulas, of what was seen.
+        let system = (needs.system + needs.growth).min(seen.saturating_sub(photos));
+        let rest = seen.saturating_sub(photos + system);
+        Self { photos, system, evaluation: needs.evaluation(), rest, rehearsed: true }
     }
 
     /// All parts together.
