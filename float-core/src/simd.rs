@@ -40,7 +40,9 @@ impl Simd {
         #[cfg(all(feature = "std", target_arch = "x86_64"))]
         let has = [
             std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma"),
-            std::is_x86_feature_detected!("avx512f")
+            // The functions of this level are compiled with AVX2 and FMA, too.
+            std::is_x86_feature_detected!("avx2")
+                && std::is_x86_feature_detected!("avx512f")
                 && std::is_x86_feature_detected!("avx512vl")
                 && std::is_x86_feature_detected!("avx512dq")
                 && std::is_x86_feature_detected!("avx512bw")
@@ -55,6 +57,7 @@ impl Simd {
                 target_feature = "avx512vl",
                 target_feature = "avx512dq",
                 target_feature = "avx512bw",
+                target_feature = "avx2",
                 target_feature = "fma"
             )),
         ];

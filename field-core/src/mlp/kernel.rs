@@ -110,7 +110,8 @@ unsafe fn columns<V: Vector, const R: usize, const C: usize>(
                         acc[r][c] = xv.mul_add(wv[c], acc[r][c]);
                     }
                 }
-                wk = wk.add(ws);
+                // Wrapping: after the last row it lies past the end of the buffer, and is not read.
+                wk = wk.wrapping_add(ws);
             }
             match finish {
                 Finish::Keep => {}

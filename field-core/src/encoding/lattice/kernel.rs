@@ -119,9 +119,14 @@ impl Place<'_> {
 
     #[inline(always)]
     fn check<const F: usize>(&self, table: &[f32]) {
-        let end = (self.lattice.entries as usize - 1) * self.stride + self.features;
+        // The `unsafe` below stands on these: no wrapping, also where `usize` has 32 bits.
+        let last = (self.lattice.entries as usize).checked_sub(1).and_then(|last| last.checked_mul(self.stride));
+        let end = last.and_then(|last| last.checked_add(self.features)).unwrap_or(usize::MAX);
         assert!(table.len() >= end, "a grid's table has the wrong length");
-        assert!(self.first + F <= self.features && end <= u32::MAX as usize, "a grid's features do not exist");
+        assert!(
+            self.first <= self.features && F <= self.features - self.first && end <= u32::MAX as usize,
+            "a grid's features do not exist"
+        );
     }
 }
 

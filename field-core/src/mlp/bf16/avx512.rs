@@ -102,7 +102,8 @@ unsafe fn columns<const R: usize, const C: usize>(
                         *acc = dot(*acc, xv, w);
                     }
                 }
-                wk = wk.add(2 * ws);
+                // Wrapping: after the last row it lies past the end of the buffer, and is not read.
+                wk = wk.wrapping_add(2 * ws);
             }
             // The choice is made outside of the loops, so that they unroll and the sums stay in registers.
             let at = s * ys + j;
