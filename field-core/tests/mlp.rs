@@ -209,7 +209,7 @@ fn saturated_activations_stay_finite() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(testkit::property::cases(24))]
     #[test]
     fn any_shape_and_batch_matches_the_twin(
         inputs in 1_usize..40, hidden in prop::collection::vec(1_usize..40, 0..4), outputs in 1_usize..20,

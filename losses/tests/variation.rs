@@ -75,7 +75,7 @@ const TOLERANCES: PairTolerances = PairTolerances {
 };
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(96) })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn lattices_match_the_definition((dims, axes, x) in lattices(), loss_bar in -2.0_f32..2.0) {

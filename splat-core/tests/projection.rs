@@ -184,7 +184,7 @@ prop_compose! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(400))]
     #[test]
     fn any_cloud_makes_finite_ellipses_and_the_picture_they_stand_for(
         g in any_cloud(),
