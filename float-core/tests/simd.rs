@@ -124,6 +124,7 @@ fn gather_reads_what_it_should_and_refuses_the_rest() {
 
 /// In a process of its own: the cap holds for all of it.
 #[test]
+#[cfg_attr(miri, ignore = "Miri starts no processes")]
 fn a_cap_lowers_the_best_level_and_nothing_else() {
     const CHILD: &str = "FLOAT_CORE_TEST_CAP";
     if std::env::var_os(CHILD).is_none() {

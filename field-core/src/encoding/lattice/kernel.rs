@@ -69,13 +69,13 @@ pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N]
 /// Ask for the cache line of `p`. Any address will do.
 #[inline(always)]
 fn prefetch(p: *const f32) {
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     // SAFETY: a hint of baseline x86-64; it does not access memory and does not fault.
     unsafe {
         use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         _mm_prefetch::<_MM_HINT_T0>(p.cast());
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
     let _ = p;
 }
 
