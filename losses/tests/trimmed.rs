@@ -283,10 +283,14 @@ fn empty_batches_and_wrong_arguments() {
         TrimmedMask { vote: -0.1, ..mask },
         TrimmedMask { patch: 0, ..mask },
         TrimmedMask { inner: 17, ..mask },
+        // Its square wraps to 0 in 64 bits.
+        TrimmedMask { patch: 1 << (usize::BITS / 2), ..mask },
+        TrimmedMask { patch: usize::MAX, ..mask },
     ];
     for mask in bad {
         assert!(matches!(call(mask, 256, 256), Err(LossError::Parameter { .. })), "{mask:?}");
     }
+    assert_eq!(call(TrimmedMask { patch: 1 << (usize::BITS / 2 - 1), ..mask }, 0, 0), Ok(()));
     let error = bad[4].check().unwrap_err();
     assert_eq!(error.to_string(), "`inner` of the trimmed mask is 17, expected at most `patch`");
 }
