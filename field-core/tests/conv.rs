@@ -100,7 +100,7 @@ fn the_gradient_of_the_definition_matches_central_differences() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(testkit::property::cases(48))]
 
     #[test]
     fn any_layer_matches_the_definition(

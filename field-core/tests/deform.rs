@@ -257,7 +257,7 @@ fn no_points_are_legal_and_wrong_shapes_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(64) })]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn rigid_motions_keep_distances(seed in 0_u64..1000, angle in 0.0_f32..30.0) {

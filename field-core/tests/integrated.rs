@@ -317,7 +317,7 @@ fn icosahedra_favour_no_direction() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn magnitudes_are_bounded_and_fall_with_the_variance(mean in -10.0_f32..10.0, var in 0.0_f32..4.0, more in 0.0_f32..4.0) {

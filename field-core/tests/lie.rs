@@ -130,7 +130,7 @@ fn nothing_finite_out_of_nan() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) })]
+    #![proptest_config(testkit::property::cases(400))]
 
     #[test]
     fn rotations_are_orthonormal_up_to_a_thousand_radians(w in rotation_vector(1e3)) {

@@ -193,6 +193,62 @@ fn impossible_shapes_are_refused_with_the_layer() {
 }
 
 #[test]
+fn networks_too_large_to_count_are_refused() {
+    let (none, bit) = (Activation::None, usize::BITS);
+    // Products of widths that wrap to small numbers: a network of no parameters, by such counting.
+    let wraps = [
+        (1 << (bit / 2), vec![], 1 << (bit / 2)),
+        (15, vec![1 << (bit - 4)], 16),
+        (1, vec![4, usize::MAX], 1),
+        (usize::MAX, vec![4], 1),
+        (3, vec![4, 4], usize::MAX - 7),
+        (1 << (bit - 5), vec![8], 8),
+    ];
+    for (inputs, hidden, outputs) in wraps {
+        let bad = Mlp::new(&config(inputs, &hidden, outputs, none, none, &[])).unwrap_err();
+        assert!(matches!(bad, MlpError::TooLarge { .. }), "{inputs} {hidden:?} {outputs}: {bad}");
+        assert!(bad.to_string().contains("too large"));
+    }
+    let mlp = Mlp::new(&config(3, &[100_000], 3, Activation::Relu, none, &[])).expect("wide, but it can be counted");
+    assert_eq!(mlp.param_count(), 3 * 100_000 + 100_000 + 3 * 100_000 + 3);
+}
+
+/// With nine rows this stride times eight wraps to 0: rows that are nowhere near the buffer would pass a careless check.
+const WILD: usize = 1 << (usize::BITS - 3);
+
+#[test]
+fn wild_strides_are_refused_and_nothing_is_touched() {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    let mlp = Mlp::new(&config(9, &[], 9, Activation::None, Activation::None, &[])).unwrap();
+    let mut packed = Packed::default();
+    mlp.pack(&vec![0.1; mlp.param_count()], &mut packed);
+    for simd in Simd::available() {
+        let x = vec![1.0; 9];
+        let refuses = |what: &str, run: &mut dyn FnMut()| {
+            let refused = catch_unwind(AssertUnwindSafe(run)).expect_err(what);
+            let said = refused.downcast_ref::<&str>().map(ToString::to_string);
+            let said = said.or_else(|| refused.downcast_ref::<String>().cloned()).unwrap_or_default();
+            assert!(said.contains(what), "{what}: {said}");
+        };
+        let (mut y, mut acts) = (vec![0.0; 9], vec![0.0; mlp.activations_len(1)]);
+        refuses("mlp: x", &mut || mlp.forward(simd, &packed, &x, WILD, 1, &mut y, 1, &mut acts));
+        refuses("mlp: y", &mut || mlp.forward(simd, &packed, &x, 1, 1, &mut y, WILD, &mut acts));
+        let mut scratch = vec![0.0; mlp.infer_scratch_len()];
+        refuses("mlp: x", &mut || mlp.infer(simd, &packed, &x, WILD, 1, &mut y, 1, &mut scratch));
+        mlp.forward(simd, &packed, &x, 1, 1, &mut y, 1, &mut acts);
+        let (mut grad, mut scratch) = (vec![0.0; mlp.packed_grad_len()], vec![0.0; mlp.backward_scratch_len()]);
+        refuses("mlp: y_bar", &mut || {
+            mlp.backward(simd, &packed, &acts, &y, WILD, 1, None, &mut grad, &mut scratch);
+        });
+        let mut x_bar = vec![0.0; 9];
+        refuses("mlp: x_bar", &mut || {
+            mlp.backward(simd, &packed, &acts, &y, 1, 1, Some((&mut x_bar, WILD)), &mut grad, &mut scratch);
+        });
+        assert!(x_bar.iter().chain(&grad).all(|g| *g == 0.0));
+    }
+}
+
+#[test]
 fn saturated_activations_stay_finite() {
     for out in [Activation::TruncExp, Activation::LOGISTIC, Activation::SOFTPLUS, Activation::Tanh] {
         let mlp = Mlp::new(&config(1, &[], 1, Activation::None, out, &[])).unwrap();
@@ -209,7 +265,7 @@ fn saturated_activations_stay_finite() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(testkit::property::cases(24))]
     #[test]
     fn any_shape_and_batch_matches_the_twin(
         inputs in 1_usize..40, hidden in prop::collection::vec(1_usize..40, 0..4), outputs in 1_usize..20,

@@ -138,7 +138,7 @@ fn huge_tiny_and_broken_numbers_go_through_alike() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(testkit::property::cases(24))]
     /// Back ends agree far below the error of the precision itself; a wrong index or a lost layer is an error of order 1. A ReLU or
     /// a rounding that tips over may move single numbers by 2^-8, so the distance is that of whole vectors.
     #[test]

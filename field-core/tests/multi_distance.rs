@@ -327,7 +327,7 @@ fn any_resolution() -> impl Strategy<Value = [u32; 3]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     /// Whatever the deformation does to the position, a constant grid gives constant features, the same at all strides.
     #[test]

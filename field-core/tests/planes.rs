@@ -373,7 +373,7 @@ fn any_kind() -> impl Strategy<Value = Kind> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     /// Wherever the point, constant planes give one feature.
     #[test]

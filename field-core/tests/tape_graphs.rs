@@ -82,7 +82,7 @@ fn smooth_at(program: &Program, leaves: &[Vec<f64>], tangents: &[Vec<f64>]) -> b
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_global_rejects: 20_000, ..ProptestConfig::with_cases(96) })]
+    #![proptest_config(testkit::property::cases_rejecting(96, 208))]
 
     #[test]
     fn random_graphs_match_the_twin(

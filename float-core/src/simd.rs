@@ -7,6 +7,7 @@
 mod bits;
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
+use core::sync::atomic::{AtomicU8, Ordering};
 
 /// Name of a level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,6 +32,9 @@ pub trait Task {
     fn run<V: Vector>(self) -> Self::Output;
 }
 
+/// What [`Simd::best`] goes up to.
+static CAP: AtomicU8 = AtomicU8::new(u8::MAX);
+
 impl Simd {
     /// The level every machine has.
     pub const SCALAR: Self = Self(SimdLevel::Scalar);
@@ -40,7 +44,9 @@ impl Simd {
         #[cfg(all(feature = "std", target_arch = "x86_64"))]
         let has = [
             std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma"),
-            std::is_x86_feature_detected!("avx512f")
+            // The functions of this level are compiled with AVX2 and FMA, too.
+            std::is_x86_feature_detected!("avx2")
+                && std::is_x86_feature_detected!("avx512f")
                 && std::is_x86_feature_detected!("avx512vl")
                 && std::is_x86_feature_detected!("avx512dq")
                 && std::is_x86_feature_detected!("avx512bw")
@@ -55,6 +61,7 @@ impl Simd {
                 target_feature = "avx512vl",
                 target_feature = "avx512dq",
                 target_feature = "avx512bw",
+                target_feature = "avx2",
                 target_feature = "fma"
             )),
         ];
@@ -64,10 +71,17 @@ impl Simd {
             .map(|(_, level)| Self(level))
     }
 
-    /// The fastest level of this CPU.
+    /// The fastest level of this CPU, or the fastest that [`Simd::cap_best`] lets through.
     #[must_use]
     pub fn best() -> Self {
-        Self::available().last().unwrap_or(Self::SCALAR)
+        let cap = CAP.load(Ordering::Relaxed);
+        Self::available().filter(|simd| simd.0 as u8 <= cap).last().unwrap_or(Self::SCALAR)
+    }
+
+    /// From now on [`Simd::best`] is at most `level`, in all of this process: how programs that ask for no level are tested at
+    /// each. The levels of [`Simd::available`] stay, and tokens that are out keep theirs.
+    pub fn cap_best(level: SimdLevel) {
+        CAP.store(level as u8, Ordering::Relaxed);
     }
 
     /// Which level this is.
@@ -91,8 +105,8 @@ impl Simd {
     }
 }
 
-/// `LANES` numbers worked on together. All operations are lane by lane; loads and stores check lengths in debug builds
-/// and panic on a slice shorter than `LANES`.
+/// `LANES` numbers worked on together. All operations are lane by lane; loads and stores of slices check their lengths
+/// and panic on one shorter than `LANES`.
 pub trait Vector:
     Copy
     + Add<Output = Self>

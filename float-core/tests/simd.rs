@@ -121,3 +121,26 @@ fn gather_reads_what_it_should_and_refuses_the_rest() {
         assert!(std::panic::catch_unwind(|| level.run(Gather(&table, &bad))).is_err());
     }
 }
+
+/// In a process of its own: the cap holds for all of it.
+#[test]
+#[cfg_attr(miri, ignore = "Miri starts no processes")]
+fn a_cap_lowers_the_best_level_and_nothing_else() {
+    const CHILD: &str = "FLOAT_CORE_TEST_CAP";
+    if std::env::var_os(CHILD).is_none() {
+        let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+        child.args(["--exact", "a_cap_lowers_the_best_level_and_nothing_else", "--nocapture"]);
+        let out = child.env(CHILD, "1").output().unwrap();
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        assert!(String::from_utf8_lossy(&out.stdout).contains("1 passed"));
+        return;
+    }
+    let all: Vec<Simd> = Simd::available().collect();
+    let fastest = Simd::best();
+    assert_eq!(all.last(), Some(&fastest));
+    for &simd in &all {
+        Simd::cap_best(simd.level());
+        assert_eq!(Simd::best(), simd);
+        assert!(Simd::available().eq(all.iter().copied()) && fastest.level() >= simd.level());
+    }
+}

@@ -111,6 +111,10 @@ impl TrimmedMask {
         if self.patch == 0 {
             return Err(LossError::Parameter { what: "`patch` of the trimmed mask", value: 0.0, range: "1 or more" });
         }
+        if self.patch.checked_mul(self.patch).is_none_or(|area| area > isize::MAX as usize) {
+            let (what, value) = ("`patch` of the trimmed mask", self.patch as f32);
+            return Err(LossError::Parameter { what, value, range: "a side whose square can be counted" });
+        }
         if self.inner > self.patch {
             let (what, value) = ("`inner` of the trimmed mask", self.inner as f32);
             return Err(LossError::Parameter { what, value, range: "at most `patch`" });
@@ -153,7 +157,8 @@ impl TrimmedMask {
         same("residuals", residuals.len().div_ceil(area) * area, residuals.len())?;
         same("out", residuals.len(), out.len())?;
         scratch.clear();
-        scratch.resize(area, 0.0);
+        // Nothing for no patches, whatever their size.
+        scratch.resize(area.min(residuals.len()), 0.0);
         for (e, out) in residuals.chunks_exact(area).zip(out.chunks_exact_mut(area)) {
             self.patch(e, threshold, scratch, out);
         }

@@ -201,7 +201,9 @@ fn check(kernel: Kernel) -> Result<(), LossError> {
 
 fn check_lattice(x: &[f32], dims: &[usize], axes: &[usize], kernel: Kernel) -> Result<(), LossError> {
     check(kernel)?;
-    same("x", dims.iter().product(), x.len())?;
+    // More than can be counted is more than `x` has.
+    let want = dims.iter().try_fold(1_usize, |n, &dim| n.checked_mul(dim)).unwrap_or(usize::MAX);
+    same("x", want, x.len())?;
     // The first axis that is not there tells how many dimensions it wants.
     axes.iter().find(|&&axis| axis >= dims.len()).map_or(Ok(()), |&axis| same("dims", axis + 1, dims.len()))
 }

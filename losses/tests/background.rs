@@ -39,7 +39,7 @@ fn twin_backward(d: &[f64], form: Form, loss_bar: f64, d_bar: &mut [f64]) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(96) })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn pair_matches_its_twin(n in 1_usize..9, seed in prop::collection::vec(-1.0_f32..1.0, 27), c in 0.2_f32..3.0, loss_bar in -2.0_f32..2.0) {

@@ -51,7 +51,7 @@ fn spread(w: &[f32], p: &[f32]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(96) })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn scale_and_shift_solve_the_normal_equations((p, t, w) in batches(3)) {

@@ -39,7 +39,7 @@ fn one(s: &[f32], w: &[f32]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn linear_time_matches_definition(h in any_histogram(1..65)) {

@@ -282,7 +282,7 @@ fn a_dssim_of_many_sizes_is_that_of_one() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(48) })]
+    #![proptest_config(testkit::property::cases(48))]
 
     #[test]
     fn levels_agree_within_rounding(

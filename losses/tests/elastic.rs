@@ -102,7 +102,7 @@ fn of_slice(j: &[f64]) -> Matrix {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(256) })]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn energy_matches_the_definition(j in matrices(0.2, 5.0)) {

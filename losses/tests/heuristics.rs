@@ -116,7 +116,7 @@ fn within(a: &[u8], b: &[u8]) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn windows_match_definition((extent, mask, _) in any_case(), half in 0_usize..4) {

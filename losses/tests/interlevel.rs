@@ -70,7 +70,7 @@ fn emptied(mut h: Histogram) -> Histogram {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn linear_time_matches_definition(fine in any_histogram(1..33), proposal in any_histogram(1..65)) {

@@ -78,7 +78,7 @@ fn line_is_found_among_gross_outliers() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(48))]
 
     #[test]
     fn objective_never_grows(

@@ -82,7 +82,7 @@ fn any_pair() -> impl Strategy<Value = (f32, f32)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn naive_derivative_matches_central_difference((p, t) in any_pair()) {

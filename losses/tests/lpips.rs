@@ -179,7 +179,7 @@ fn picture(seed: u64, w: usize, h: usize) -> Vec<f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(24))]
 
     #[test]
     fn layers_match_naive_at_every_simd_level(seed in 0_u64..1000, w in LPIPS_MIN_SIDE..70, h in LPIPS_MIN_SIDE..50) {

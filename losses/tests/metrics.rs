@@ -121,7 +121,7 @@ fn permuted(x: &[f32], [w, h, c]: [usize; 3], from: impl Fn(usize, usize, usize)
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(48))]
 
     #[test]
     fn ssim_matches_naive((a, b, _, shape) in any_pair()) {

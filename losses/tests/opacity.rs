@@ -23,7 +23,7 @@ fn twin(h: f64, u: f64, temperature: f64) -> (f64, f64) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn concrete_matches_twin_and_differences(

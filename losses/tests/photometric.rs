@@ -52,7 +52,7 @@ fn wide(x: &[[f32; 3]]) -> Vec<[f64; 3]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn mean_matches_naive(batch in any_batch()) {

@@ -88,7 +88,7 @@ const PLAIN: [Kernel; 7] = [
 ];
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn robust_kernels_match_definition_and_differences(

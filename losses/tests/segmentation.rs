@@ -13,6 +13,8 @@ fn swap(mask: &[u8]) -> Vec<u8> {
 }
 
 proptest! {
+    #![proptest_config(testkit::property::cases(256))]
+
     #[test]
     fn scores_keep_their_identities((p, t) in any_masks()) {
         let counts = Confusion::of(&p, &t).unwrap();

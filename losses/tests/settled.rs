@@ -18,7 +18,7 @@ fn colour_twin(w: &[f64], rgb: &[f64], target: &[f64]) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn entropy_matches_its_twin_and_differences(p in prop::collection::vec(0.001_f32..0.999, 1..20), bar in -2.0_f32..2.0) {

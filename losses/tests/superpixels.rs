@@ -119,6 +119,8 @@ fn parameters_outside_their_range_are_refused() {
 }
 
 proptest! {
+    #![proptest_config(testkit::property::cases(256))]
+
     #[test]
     fn pieces_of_any_photo_are_connected_and_cover_it(
         width in 1_usize..24, height in 1_usize..24, count in 1_usize..80, seed in prop::collection::vec(0_u8..=255, 576 * 3)

@@ -93,7 +93,7 @@ fn flipped(x: &[f32], p: usize, rows: bool) -> Vec<f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn weights_match_definition(mask in any_mask(), e in any_errors(3 * 256)) {
@@ -273,7 +273,7 @@ fn memory_is_kept() {
 fn empty_batches_and_wrong_arguments() {
     let mask = TrimmedMask::default();
     assert_eq!(mask.threshold(&[], &mut vec![]), f32::INFINITY);
-    assert_eq!(weights(&mask, &[], 1.0), []);
+    assert!(weights(&mask, &[], 1.0).is_empty());
     let call = |mask: TrimmedMask, n: usize, m: usize| mask.weights(&vec![0.0; n], 1.0, &mut vec![], &mut vec![0.0; m]);
     assert_eq!(call(mask, 300, 300), Err(LossError::Shape { what: "residuals", want: 512, got: 300 }));
     assert_eq!(call(mask, 256, 255), Err(LossError::Shape { what: "out", want: 256, got: 255 }));
@@ -283,10 +283,14 @@ fn empty_batches_and_wrong_arguments() {
         TrimmedMask { vote: -0.1, ..mask },
         TrimmedMask { patch: 0, ..mask },
         TrimmedMask { inner: 17, ..mask },
+        // Its square wraps to 0 in 64 bits.
+        TrimmedMask { patch: 1 << (usize::BITS / 2), ..mask },
+        TrimmedMask { patch: usize::MAX, ..mask },
     ];
     for mask in bad {
         assert!(matches!(call(mask, 256, 256), Err(LossError::Parameter { .. })), "{mask:?}");
     }
+    assert_eq!(call(TrimmedMask { patch: 1 << (usize::BITS / 2 - 1), ..mask }, 0, 0), Ok(()));
     let error = bad[4].check().unwrap_err();
     assert_eq!(error.to_string(), "`inner` of the trimmed mask is 17, expected at most `patch`");
 }

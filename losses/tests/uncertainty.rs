@@ -37,7 +37,7 @@ fn naive_backward(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn gradient_matches_twin_and_differences(

@@ -75,7 +75,7 @@ const TOLERANCES: PairTolerances = PairTolerances {
 };
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(96) })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn lattices_match_the_definition((dims, axes, x) in lattices(), loss_bar in -2.0_f32..2.0) {
@@ -204,6 +204,9 @@ fn nothing_and_wrong_shapes() {
     lattice_backward(&[], &[3, 0], &[0, 1], Kernel::L1, 1.0, &mut []).unwrap();
     let shape = |what, want, got| LossError::Shape { what, want, got };
     assert_eq!(lattice(&[0.0; 5], &[2, 3], &[1], Kernel::L1), Err(shape("x", 6, 5)));
+    // A product that wraps to 0 is not the length of an empty lattice.
+    let wraps = [1 << (usize::BITS / 2), 1 << (usize::BITS / 2)];
+    assert_eq!(lattice(&[], &wraps, &[0], Kernel::L1), Err(shape("x", usize::MAX, 0)));
     assert_eq!(lattice(&[0.0; 6], &[2, 3], &[2], Kernel::L1), Err(shape("dims", 3, 2)));
     assert_eq!(lattice_backward(&[0.0; 6], &[2, 3], &[1], Kernel::L1, 1.0, &mut [0.0; 5]), Err(shape("x_bar", 6, 5)));
     assert_eq!(between(&[0.0; 2], &[0.0], Kernel::L1), Err(shape("b", 2, 1)));

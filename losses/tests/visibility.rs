@@ -24,7 +24,7 @@ fn sign(x: f64) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn terms_of_the_map_match_twins(m in prop::collection::vec(0.0_f32..1.0, 1..20), e2 in prop::collection::vec(0.0_f32..1.0, 20), seed in 0_u64..100) {

@@ -156,7 +156,10 @@ impl Sampler {
         last
     }
 
-    /// [`Sampler::draw`] from the pixels of one frame.
+    /// [`Sampler::draw`] from the pixels of one frame, which [`Sampler::of_frame`] was made of.
+    ///
+    /// # Panics
+    /// If `boost` or `mask` is shorter than that.
     #[must_use]
     pub fn draw_pixel(&self, u: f64, boost: &[f32], mask: &[u8]) -> Option<usize> {
         self.draw(u, |i| if mask[i] == 0 { 0.0 } else { boost[i] })

@@ -48,6 +48,8 @@ fn maps() -> impl Strategy<Value = Vec<f32>> {
 }
 
 proptest! {
+    #![proptest_config(testkit::property::cases(256))]
+
     #[test]
     fn it_is_the_formula_and_holes_stay_holes(filter in filters(), d in maps()) {
         for (p, (got, want)) in apply(filter, &d).iter().zip(naive(filter, &d)).enumerate() {

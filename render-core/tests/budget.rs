@@ -92,6 +92,8 @@ fn largest_difference(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 proptest! {
+    #![proptest_config(testkit::property::cases(256))]
+
     #[test]
     fn the_picture_stays_inside_the_budget(s in scene(), eps in any_budget()) {
         let budget = Budget::new(eps, s.radiance, s.background);

@@ -120,7 +120,7 @@ fn extreme_frusta_are_finite() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn covariances_are_symmetric_and_positive(

@@ -123,7 +123,7 @@ fn a_ray_cut_at_random_keeps_the_share_of_every_interval() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn fenceposts_are_ordered_and_inside((s, w) in (1..65_usize).prop_flat_map(any_histogram), jitter in 0.0_f32..1.0, m in 0..130_usize) {

@@ -25,7 +25,7 @@ fn count(masks: &[Vec<u8>]) -> HiddenCounts {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(128) })]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn importance_is_zero_on_tools_and_follows_the_definition(masks in sequences()) {

@@ -207,7 +207,7 @@ fn a_zero_normal_sees_the_constant_term_and_gives_no_gradient() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn turned_lighting_on_turned_normals_changes_nothing(

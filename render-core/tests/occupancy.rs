@@ -65,7 +65,7 @@ fn clusters(settings: Settings, seed: u32, blocks: f32, dense: f32) -> Occupancy
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn skipping_takes_exactly_the_samples_in_occupied_cells(

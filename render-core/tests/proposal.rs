@@ -48,7 +48,7 @@ fn dilated(s: &[f32], w: &[f32], d: f32) -> (Vec<f32>, Vec<f32>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn distance_inverts_normalised_distance(s in 0.0_f64..1.0, near in 1e-3_f64..10.0, ratio in 1.5_f64..1e7) {

@@ -124,7 +124,7 @@ fn any_batch() -> impl Strategy<Value = Batch> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn composite_matches_the_reference_at_every_level(b in any_batch()) {

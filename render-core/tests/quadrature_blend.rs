@@ -221,7 +221,7 @@ fn any_finite() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn the_blend_matches_the_reference_at_every_level(b in any_batch()) {

@@ -32,7 +32,7 @@ fn any_ray() -> impl Strategy<Value = (Vec<f32>, Vec<f32>, Vec<[f32; 3]>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn the_unit_of_length_does_not_matter((sigma, dt, rgb) in any_ray(), k in 0.01_f32..100.0) {

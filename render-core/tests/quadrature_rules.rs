@@ -89,7 +89,7 @@ fn close(got: f32, want: f64, abs: f64, rel: f64, what: impl std::fmt::Display) 
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn every_rule_matches_the_reference_at_every_level(b in any_batch()) {

@@ -201,7 +201,7 @@ fn any_mixture() -> impl Strategy<Value = Mixture> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(testkit::property::cases(96))]
 
     #[test]
     fn composite_two_matches_the_reference_at_every_level(b in any_batch(), mixture in any_mixture()) {

@@ -30,7 +30,7 @@ fn any_histogram() -> impl Strategy<Value = (Vec<f32>, Vec<f32>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn stratified_samples_are_ordered_and_stay_in_their_bins((near, span, u) in (0.01_f32..10.0, 0.0_f32..100.0, (0_usize..70).prop_flat_map(any_u))) {

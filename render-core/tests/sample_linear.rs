@@ -24,7 +24,7 @@ fn depth_at(t: &[f32], sigma: &[f32], x: f64) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn the_opacity_up_to_a_sample_is_its_share(

@@ -218,7 +218,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(testkit::property::cases(128))]
 
         #[test]
         fn corrupted_files_never_panic(cut in 0_usize..200, at in 0_usize..200, byte: u8) {

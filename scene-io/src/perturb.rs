@@ -305,7 +305,7 @@ mod tests {
     const GOLDEN_OFFSET: [f64; 3] = [0.0195930, -0.1203328, 0.0474623];
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(testkit::property::cases(128))]
 
         #[test]
         fn perturbations_stay_in_their_ranges(view in 1_usize..500, w in 1_u32..900, h in 1_u32..900, seed: u64) {

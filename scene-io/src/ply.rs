@@ -313,7 +313,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
         #[test]
         fn forged_counts_do_not_allocate(count: u64) {
             let text = HEADER.replace("FORMAT", "binary_little_endian").replace("vertex 2", &format!("vertex {count}"));

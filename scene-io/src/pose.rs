@@ -152,7 +152,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         #[test]
         fn small_errors_are_mended_to_the_rotation(r in any_rotation(), e in prop::array::uniform9(-1e-4..1e-4_f64)) {

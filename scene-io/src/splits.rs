@@ -244,7 +244,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         #[test]
         fn nine_of_ten_keeps_both_ends_and_the_share(n in 1_usize..400) {

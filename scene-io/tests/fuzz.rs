@@ -23,12 +23,8 @@ fn any_changes() -> impl Strategy<Value = Vec<(prop::sample::Index, u8)>> {
     prop::collection::vec((any::<prop::sample::Index>(), byte), 0..4)
 }
 
-fn config() -> ProptestConfig {
-    ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() }
-}
-
 proptest! {
-    #![proptest_config(config())]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn colmap_models_never_panic(file in 0_usize..3, cut: prop::sample::Index, changes in any_changes()) {

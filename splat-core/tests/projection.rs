@@ -184,7 +184,7 @@ prop_compose! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(400))]
     #[test]
     fn any_cloud_makes_finite_ellipses_and_the_picture_they_stand_for(
         g in any_cloud(),
@@ -233,4 +233,25 @@ fn large_ones_beside_the_picture_reach_all_of_it() {
     let got = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
     let (worst, _) = want.worst(&got.planes);
     assert!(worst < 2.0, "{worst} of rounding: {:?}", got.p.footprints);
+}
+
+#[test]
+fn gradients_of_another_cloud_or_of_features_that_do_not_exist_are_refused() {
+    let (g, view, rules) = (cloud(2, 40, 1), view([20, 20]), Rules::DEFAULT);
+    let mut p = Projection::default();
+    p.project(Simd::best(), &g, &view, &rules, 1).unwrap();
+    assert!(!p.footprints.is_empty());
+    let records = vec![splat_core::Record::<4>::default(); p.footprints.len()];
+    let back = |p: &Projection, g: &Gaussians, depth| {
+        let mut grad = g.clone();
+        p.backward(Simd::best(), g, &view, &rules, 1, (&records, depth), &mut grad)
+    };
+    assert_eq!(back(&p, &g, Some(3)), Ok(()));
+    assert_eq!(back(&p, &g, Some(4)), Err(SplatError::Shape { what: "features", want: 5, got: 4 }));
+    assert!(matches!(back(&p, &g, Some(usize::MAX)), Err(SplatError::Shape { what: "features", .. })));
+    let last = p.footprints.last().unwrap().index as usize + 1;
+    let fewer = cloud(2, last - 1, 1);
+    assert_eq!(back(&p, &fewer, None), Err(SplatError::Shape { what: "cloud", want: last, got: last - 1 }));
+    p.rgb.pop();
+    assert!(matches!(back(&p, &g, None), Err(SplatError::Shape { what: "rgb", .. })));
 }

@@ -156,7 +156,7 @@ fn any_number_of_features_is_composited_as_colour_is() {
         Rng::new(1, 2).fill_normal(0, &mut bar);
         let mut records = Vec::new();
         raster.backward(simd, (&shot.p.footprints, &features), &rules, &bar, &mut records).unwrap();
-        let mut sums = vec![0.0_f64; shot.p.footprints.len()];
+        let mut sums = vec![[0.0_f64; 6]; shot.p.footprints.len()];
         for k in 0..K {
             shot.features = features.iter().map(|f| [f[k], 0.0, 0.0, 0.0]).collect();
             let mut alone = Raster::<4>::default();
@@ -173,19 +173,80 @@ fn any_number_of_features_is_composited_as_colour_is() {
             let mut own = Vec::new();
             alone.backward(simd, (&shot.p.footprints, &shot.features), &rules, &red_bar, &mut own).unwrap();
             for ((sum, own), all) in sums.iter_mut().zip(&own).zip(&records) {
-                *sum += f64::from(own.opacity);
+                let numbers = [own.opacity, own.uv[0], own.uv[1], own.conic[0], own.conic[1], own.conic[2]];
+                sum.iter_mut().zip(numbers).for_each(|(sum, x)| *sum += f64::from(x));
                 assert_eq!(own.features[0], all.features[k], "feature {k} of {K}");
             }
         }
-        let scale = sums.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        for (sum, all) in sums.iter().zip(&records) {
-            assert!((sum - f64::from(all.opacity)).abs() < 1e-5 * scale, "{sum}, together {}", all.opacity);
+        for number in 0..6 {
+            let scale = sums.iter().fold(0.0_f64, |m, x| m.max(x[number].abs()));
+            for (sum, all) in sums.iter().zip(&records) {
+                let all = [all.opacity, all.uv[0], all.uv[1], all.conic[0], all.conic[1], all.conic[2]][number];
+                let error = (sum[number] - f64::from(all)).abs();
+                assert!(error < 1e-5 * scale, "{K} features, number {number}: {}, together {all}", sum[number]);
+            }
         }
     }
     for simd in Simd::available() {
         check::<1>(simd);
         check::<2>(simd);
+        check::<3>(simd);
         check::<7>(simd);
         check::<16>(simd);
+        check::<17>(simd);
+        check::<40>(simd);
     }
+}
+
+#[test]
+fn many_features_are_those_of_the_specification() {
+    fn check<const K: usize>() {
+        let (g, view, rules) = (cloud(5, 40, 0), view([33, 20]), Rules::DEFAULT);
+        let pixels = view.size[0] * view.size[1];
+        let p = shoot(Simd::best(), &g, &view, &rules).p;
+        let of = |i: u32| -> [f32; K] { core::array::from_fn(|k| Rng::new(i.into(), k as u64).normal_at(0)) };
+        let features: Vec<[f32; K]> = p.footprints.iter().map(|f| of(f.index)).collect();
+        // What each pixel takes of each ellipse, front to back: what is left before it, less what is left behind it.
+        let ellipses = twin::of_footprints(&p);
+        assert!(twin::draw(&ellipses, view.size, &rules).margin() > 1e-6, "a decision too near to compare");
+        let left: Vec<Vec<f64>> = (0..=ellipses.len())
+            .map(|n| {
+                let at = |i: usize| [i % view.size[0], i / view.size[0]];
+                (0..pixels).map(|i| twin::left(&ellipses[..n], at(i), &rules)).collect()
+            })
+            .collect();
+        let mut bar = vec![0.0_f32; (K + 1) * pixels];
+        Rng::new(1, 2).fill_normal(0, &mut bar);
+        for simd in Simd::available() {
+            let mut raster = Raster::<K>::default();
+            raster.draw(simd, (&p.footprints, &features), view.size, &rules).unwrap();
+            let (mut planes, mut records) = (vec![f32::NAN; (K + 1) * pixels], Vec::new());
+            raster.planes(&mut planes).unwrap();
+            raster.backward(simd, (&p.footprints, &features), &rules, &bar, &mut records).unwrap();
+            let mut want = vec![0.0_f64; planes.len()];
+            want[K * pixels..].copy_from_slice(&left[ellipses.len()]);
+            for (n, ellipse) in ellipses.iter().enumerate() {
+                let row = p.footprints.iter().position(|f| f.index as usize == ellipse.index).unwrap();
+                for k in 0..K {
+                    let (mut slope, mut size) = (0.0, 0.0);
+                    for i in 0..pixels {
+                        let w = left[n][i] - left[n + 1][i];
+                        want[k * pixels + i] += w * f64::from(features[row][k]);
+                        slope += w * f64::from(bar[k * pixels + i]);
+                        size += w * f64::from(bar[k * pixels + i]).abs();
+                    }
+                    let got = f64::from(records[row].features[k]);
+                    assert!((got - slope).abs() <= 1e-5 * size + 1e-7, "{K}: feature {k} of {n}: {got}, not {slope}");
+                }
+            }
+            for (i, (got, want)) in planes.iter().zip(&want).enumerate() {
+                assert!((f64::from(*got) - want).abs() < 1e-5, "{K}: number {i}: {got}, not {want}");
+            }
+        }
+    }
+    check::<1>();
+    check::<3>();
+    check::<16>();
+    check::<17>();
+    check::<40>();
 }

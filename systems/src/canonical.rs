@@ -12,6 +12,9 @@ use render_core::ray::Ray;
 /// # Shapes and units
 /// * `rays`   `[n]` in the scene's frame
 /// * `layers` of these rays; `canonical` `[n]` out, the scene's frame, world units, [`NOWHERE`] where nothing was hit
+///
+/// # Panics
+/// If there are fewer depths than rays.
 pub fn add_canonical(system: &dyn System, rays: &[Ray], query: &Query, layers: &mut Layers) {
     if query.layers.canonical == Canonical::Skip {
         return;

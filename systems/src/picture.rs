@@ -14,11 +14,17 @@ use std::path::Path;
 pub const ERROR_MAP_TOP: f32 = 0.25;
 
 /// Colour, clipped to `[0, 1]`.
+///
+/// # Panics
+/// If a layer it draws is shorter than the picture.
 pub fn colour(view: &Rendered) -> RgbImage {
     picture(view, |i| view.layers.rgb[i].map(quantise_value))
 }
 
 /// Opacity as grey.
+///
+/// # Panics
+/// If a layer it draws is shorter than the picture.
 pub fn opacity(view: &Rendered) -> RgbImage {
     picture(view, |i| [quantise_value(view.layers.opacity[i]); 3])
 }
@@ -44,6 +50,9 @@ pub fn canonical(view: &Rendered, bounds: [[f64; 3]; 2]) -> RgbImage {
 }
 
 /// Distances `range[0]` (bright) to `range[1]` (dark), linear in inverse distance; black where nothing was hit.
+///
+/// # Panics
+/// If a layer it draws is shorter than the picture.
 pub fn depth(view: &Rendered, range: [f32; 2]) -> RgbImage {
     let [near, far] = range.map(|t| 1.0 / t.max(1e-6));
     let scale = 1.0 / (near - far).max(1e-12);

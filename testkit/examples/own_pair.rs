@@ -53,7 +53,7 @@ fn main() {
 
     // 2. On what the strategies come up with: empty and one-ulp intervals, densities from 0 to 1e30.
     //    (In a `#[test]` the macro `proptest!` does this; here nobody shall write files of failed cases.)
-    let config = ProptestConfig { failure_persistence: None, ..ProptestConfig::default() };
+    let config = ProptestConfig { failure_persistence: None, ..testkit::property::cases(256) };
     let mut runner = proptest::test_runner::TestRunner::new(config);
     let intervals = (0..16_usize).prop_flat_map(|n| (any_edges(n), any_densities(n)));
     let result = runner.run(&intervals, |(t, sigma)| {

@@ -4,6 +4,7 @@
 //!   differences, an `f32` kernel against the twin, functions with corners.
 //! * [`strategies`]: proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the
 //!   values that break code mixed in.
+//! * [`property`]: how many cases a property runs, and how a failed one runs again.
 //! * [`reference`](mod@reference): `f64` twins that several crates need.
 //! * [`analytic`]: densities and colours along a ray whose pixel is known.
 //! * [`golden`]: reader for the golden-vector files, [`golden::assert_close`], where the shared data lies.
@@ -32,5 +33,6 @@ pub mod analytic;
 pub mod convergence;
 pub mod golden;
 pub mod gradient;
+pub mod property;
 pub mod reference;
 pub mod strategies;

@@ -97,7 +97,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(crate::property::cases(128))]
 
         #[test]
         fn unit_vectors_are_unit(d in any_unit_vector()) {

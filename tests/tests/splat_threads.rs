@@ -3,7 +3,7 @@
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::density::{Adc, Mcmc, keep_strongest, without_non_finite};
-use splat_core::{Gaussians, Projection, Raster, Rules, View};
+use splat_core::{Gaussians, Projection, Raster, Record, Rules, View};
 
 const SIZE: [usize; 2] = [150, 90];
 
@@ -44,9 +44,26 @@ fn all() -> Vec<u32> {
     let moved = mcmc.relocate(&grown, rng).unwrap().cloud;
     let added = mcmc.add(&moved, 6000, rng).unwrap().cloud;
     let last = keep_strongest(&added, 4000, rng).unwrap().follow(&added).unwrap();
+    let (some, many) = (features::<17>(&p), features::<40>(&p));
     let floats = [&grad, &last].into_iter().flat_map(|g| g.fields().into_iter().flat_map(|(_, x)| x.to_vec()));
-    let bits = planes.into_iter().chain(floats).map(f32::to_bits);
+    let bits = planes.into_iter().chain(floats).chain(some).chain(many).map(f32::to_bits);
     bits.chain([(loss.to_bits() >> 32) as u32, loss.to_bits() as u32]).collect()
+}
+
+/// Planes and gradients of a picture with `K` features.
+fn features<const K: usize>(p: &Projection) -> Vec<f32> {
+    let of = |i: u32| -> [f32; K] { std::array::from_fn(|k| Rng::new(i.into(), k as u64).normal_at(0)) };
+    let features: Vec<[f32; K]> = p.footprints.iter().map(|f| of(f.index)).collect();
+    let (mut raster, simd, rules) = (Raster::<K>::default(), Simd::best(), Rules::DEFAULT);
+    raster.draw(simd, (&p.footprints, &features), SIZE, &rules).unwrap();
+    let mut planes = vec![0.0; (K + 1) * SIZE[0] * SIZE[1]];
+    raster.planes(&mut planes).unwrap();
+    let (mut bar, mut records) = (vec![0.0; planes.len()], Vec::new());
+    Rng::new(5, 6).fill_normal(0, &mut bar);
+    raster.backward(simd, (&p.footprints, &features), &rules, &bar, &mut records).unwrap();
+    let numbers =
+        |r: &Record<K>| r.uv.into_iter().chain(r.conic).chain([r.opacity]).chain(r.features).collect::<Vec<_>>();
+    planes.into_iter().chain(records.iter().flat_map(numbers)).collect()
 }
 
 #[test]

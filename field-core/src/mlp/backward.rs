@@ -2,7 +2,7 @@
 
 use super::kernel::{Finish, column_sums, outer_product, product};
 use super::transpose::{panel_from_rows, rows_from_panel};
-use super::{Activation, Layer, Mlp, PANEL, Packed};
+use super::{Activation, Layer, Mlp, PANEL, Packed, reaches};
 use float_core::{Simd, Task, Vector};
 
 impl Mlp {
@@ -36,11 +36,11 @@ impl Mlp {
         assert_eq!(packed.backward.len(), self.backward_len, "mlp: packed parameters of another network");
         assert!(packed.precision == self.precision, "mlp: parameters packed for another precision");
         assert!(acts.len() >= self.activations_len(n), "mlp: activations");
-        assert!(y_stride >= n && y_bar.len() >= (self.outputs() - 1) * y_stride + n, "mlp: y_bar");
+        assert!(y_stride >= n && reaches(self.outputs(), y_stride, n, y_bar.len()), "mlp: y_bar");
         assert_eq!(grad.len(), self.grad_len, "mlp: packed gradient");
         assert!(scratch.len() >= self.backward_scratch_len(), "mlp: scratch");
         if let Some((x_bar, stride)) = &x_bar {
-            assert!(*stride >= n && x_bar.len() >= (self.inputs() - 1) * stride + n, "mlp: x_bar");
+            assert!(*stride >= n && reaches(self.inputs(), *stride, n, x_bar.len()), "mlp: x_bar");
         }
         let task = Backward { mlp: self, simd, packed, acts, y_bar, y_stride, n, x_bar, grad, scratch };
         #[cfg(target_arch = "x86_64")]

@@ -2,7 +2,7 @@
 
 use super::kernel::{Finish, product};
 use super::transpose::{panel_from_rows, rows_from_panel};
-use super::{Activation, Mlp, PANEL, Packed};
+use super::{Activation, Mlp, PANEL, Packed, reaches};
 use float_core::{Simd, Task, Vector};
 
 impl Mlp {
@@ -83,8 +83,8 @@ impl Mlp {
         }
         assert_eq!(packed.forward.len(), self.forward_len, "mlp: packed parameters of another network");
         assert!(packed.precision == self.precision, "mlp: parameters packed for another precision");
-        assert!(x_stride >= n && x.len() >= (self.inputs() - 1) * x_stride + n, "mlp: x");
-        assert!(y_stride >= n && y.len() >= (self.outputs() - 1) * y_stride + n, "mlp: y");
+        assert!(x_stride >= n && reaches(self.inputs(), x_stride, n, x.len()), "mlp: x");
+        assert!(y_stride >= n && reaches(self.outputs(), y_stride, n, y.len()), "mlp: y");
         let (acts, last) = acts.split_at_mut(acts.len() - self.output_panel_len());
         let task = Forward { mlp: self, simd, packed, x, x_stride, n, y, y_stride, acts, acts_step, last };
         #[cfg(target_arch = "x86_64")]

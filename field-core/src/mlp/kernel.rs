@@ -4,7 +4,7 @@
 //! `C` vectors of features. With 32 registers (AVX-512) that is 6 x 4, 12 x 2 or 24 x 1; with 16, 6 x 2 and 12 x 1.
 //! Per step of the inner loop it loads `C` vectors, broadcasts `R` numbers and does `R * C` fused multiply-adds.
 
-use super::PANEL;
+use super::{PANEL, reaches};
 use float_core::Vector;
 
 /// What happens to a result of [`product`] before it leaves the registers.
@@ -37,10 +37,10 @@ pub(super) fn product<V: Vector>(
     width: usize,
 ) {
     assert!(width.is_multiple_of(16) && width <= ys && width <= ws && depth <= xs);
-    assert!(x.len() >= PANEL * xs && y.len() >= (PANEL - 1) * ys + width && w.len() >= depth * ws);
+    assert!(reaches(PANEL, xs, xs, x.len()) && reaches(PANEL, ys, width, y.len()) && reaches(depth, ws, ws, w.len()));
     assert!(init.is_none_or(|b| b.len() >= width));
     if let Finish::Gate(gate) = finish {
-        assert!(gate.len() >= PANEL * ys);
+        assert!(reaches(PANEL, ys, ys, gate.len()));
     }
     let (xp, wp, yp) = (x.as_ptr(), w.as_ptr(), y.as_mut_ptr());
     let init = init.map(<[f32]>::as_ptr);
@@ -110,7 +110,8 @@ unsafe fn columns<V: Vector, const R: usize, const C: usize>(
                         acc[r][c] = xv.mul_add(wv[c], acc[r][c]);
                     }
                 }
-                wk = wk.add(ws);
+                // Wrapping: after the last row it lies past the end of the buffer, and is not read.
+                wk = wk.wrapping_add(ws);
             }
             match finish {
                 Finish::Keep => {}
@@ -155,7 +156,11 @@ pub(super) fn outer_product<V: Vector>(
 ) {
     let rows = rows.div_ceil(4) * 4;
     assert!(width.is_multiple_of(16) && width <= xs && width <= gs && rows <= a_stride);
-    assert!(a.len() >= PANEL * a_stride && x.len() >= PANEL * xs && g.len() >= rows * gs);
+    assert!(
+        reaches(PANEL, a_stride, a_stride, a.len())
+            && reaches(PANEL, xs, xs, x.len())
+            && reaches(rows, gs, gs, g.len())
+    );
     let (a, x, g) = (a.as_ptr(), x.as_ptr(), g.as_mut_ptr());
     for o in (0..rows).step_by(4) {
         let mut i = 0;

@@ -103,6 +103,11 @@ pub enum MlpError {
         /// How many layers there are.
         layers: usize,
     },
+    /// A layer (index) has more weights than can be counted.
+    TooLarge {
+        /// Which layer; the input counts as layer 0.
+        layer: usize,
+    },
 }
 
 impl core::fmt::Display for MlpError {
@@ -111,6 +116,9 @@ impl core::fmt::Display for MlpError {
             Self::EmptyLayer { layer } => write!(f, "layer {layer} has width 0"),
             Self::Skip { layer, layers } => {
                 write!(f, "a skip goes to layer {layer}: it must be at least 1 and below {layers}")
+            }
+            Self::TooLarge { layer } => {
+                write!(f, "layer {layer} makes the network too large: {LONGEST} numbers in all are the most")
             }
         }
     }
@@ -171,6 +179,17 @@ pub struct Packed {
     precision: Precision,
 }
 
+/// Most numbers of any buffer of a network, so that no product of a layer's widths wraps: the kernels stand on that.
+const LONGEST: usize = isize::MAX as usize / 32;
+
+/// Whether `rows` rows of `count` numbers, their starts `stride` apart, lie within `len` numbers. Nothing wraps, however wild the
+/// stride: this is what pointers of kernels are checked with.
+const fn reaches(rows: usize, stride: usize, count: usize, len: usize) -> bool {
+    let Some(last) = rows.saturating_sub(1).checked_mul(stride) else { return false };
+    let Some(end) = last.checked_add(count) else { return false };
+    end <= len
+}
+
 const fn pad(n: usize) -> usize {
     n.div_ceil(PAD) * PAD
 }
@@ -179,11 +198,15 @@ impl Mlp {
     /// Lay out a network.
     ///
     /// # Errors
-    /// [`MlpError`] for a layer of width 0 or a skip to a layer that does not exist.
+    /// [`MlpError`] for a layer of width 0, a skip to a layer that does not exist, or more numbers than can be counted.
     pub fn new(config: &MlpConfig) -> Result<Self, MlpError> {
         let count = config.hidden.len() + 1;
         if config.inputs == 0 {
             return Err(MlpError::EmptyLayer { layer: 0 });
+        }
+        let narrow = |width: usize| width <= LONGEST / (8 * PANEL);
+        if !narrow(config.inputs) {
+            return Err(MlpError::TooLarge { layer: 0 });
         }
         if let Some(&layer) = config.skips.iter().find(|&&s| s == 0 || s >= count) {
             return Err(MlpError::Skip { layer, layers: count });
@@ -203,13 +226,22 @@ impl Mlp {
             if outputs == 0 {
                 return Err(MlpError::EmptyLayer { layer: i + 1 });
             }
+            let too_large = MlpError::TooLarge { layer: i + 1 };
+            if !narrow(outputs) {
+                return Err(too_large);
+            }
             let skip_inputs = if config.skips.contains(&i) { config.inputs } else { 0 };
             let inputs = previous + skip_inputs;
+            // The previous layer writes whole vectors behind the skipped inputs, so leave room for its padding.
+            let inputs_pad = pad(inputs).max(if i == 0 { 0 } else { pad(skip_inputs + pad(previous)) });
+            // The largest of the buffers below, with room for all layers before.
+            let most = (inputs_pad + 1).checked_mul(pad(outputs)).and_then(|most| most.checked_add(PANEL * inputs_pad));
+            if most.is_none_or(|most| most > LONGEST - mlp.grad_len.max(mlp.panel_len)) {
+                return Err(too_large);
+            }
             let biases = if config.bias == Bias::Zero { outputs } else { 0 };
             let weights = mlp.param_count..mlp.param_count + inputs * outputs;
             let biases = weights.end..weights.end + biases;
-            // The previous layer writes whole vectors behind the skipped inputs, so leave room for its padding.
-            let inputs_pad = pad(inputs).max(if i == 0 { 0 } else { pad(skip_inputs + pad(previous)) });
             let layer = Layer {
                 inputs,
                 outputs,
@@ -390,5 +422,19 @@ impl Mlp {
                 *p += g;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{PANEL, reaches};
+
+    #[test]
+    fn rows_that_wrap_around_do_not_reach() {
+        assert!(reaches(1, usize::MAX, 4, 4) && reaches(3, 5, 2, 12) && reaches(PANEL, 16, 16, 16 * PANEL));
+        assert!(!reaches(3, 5, 2, 11) && !reaches(2, usize::MAX, 1, 8));
+        // (9 - 1) * 2^61 is 2^64: with 64 bits it would wrap to 0, and 8 numbers would seem enough.
+        assert!(!reaches(9, 1 << (usize::BITS - 3), 1, 8));
+        assert!(!reaches(2, usize::MAX, usize::MAX, usize::MAX));
     }
 }

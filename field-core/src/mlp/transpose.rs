@@ -3,7 +3,7 @@
 //! With AVX-512 in blocks of 16 x 16 in registers: 64 shuffles for 256 numbers. Loads and stores are masked, so
 //! that ragged ends cost nothing extra and padding is written as zeros on the way.
 
-use super::PANEL;
+use super::{PANEL, reaches};
 use float_core::{Simd, SimdLevel};
 
 /// `panel[s][f] = x[f][s]` for `f < rows`, `s < count`; zero for the other `f < width` and `s < PANEL`. `x` begins at the
@@ -21,7 +21,7 @@ pub(super) fn panel_from_rows(
     width: usize,
 ) {
     assert!(rows > 0 && rows <= width && width.is_multiple_of(16) && width <= ps && count <= PANEL);
-    assert!(x.len() >= (rows - 1) * stride + count && panel.len() >= PANEL * ps);
+    assert!(reaches(rows, stride, count, x.len()) && reaches(PANEL, ps, ps, panel.len()));
     match simd.level() {
         #[cfg(target_arch = "x86_64")]
         SimdLevel::Avx512 => {
@@ -56,7 +56,7 @@ pub(super) fn rows_from_panel<const ADD: bool>(
     count: usize,
 ) {
     assert!(rows > 0 && rows <= ps && ps.is_multiple_of(16) && count <= PANEL);
-    assert!(out.len() >= (rows - 1) * stride + count && panel.len() >= PANEL * ps);
+    assert!(reaches(rows, stride, count, out.len()) && reaches(PANEL, ps, ps, panel.len()));
     match simd.level() {
         #[cfg(target_arch = "x86_64")]
         SimdLevel::Avx512 => {

@@ -236,6 +236,9 @@ impl<'a> Tape<'a> {
     }
 
     /// A constant matrix of one number.
+    ///
+    /// # Panics
+    /// If there is no memory for `rows * cols` numbers.
     pub fn fill(&mut self, rows: usize, cols: usize, value: f32) -> Node {
         let shape = Shape::new(rows, cols);
         let start = self.arena.reserve(shape.len());

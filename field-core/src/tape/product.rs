@@ -34,8 +34,12 @@ impl Task for Product<'_> {
         if m == 0 || n == 0 {
             return;
         }
-        assert!(self.b.len() >= k * n && self.out.len() >= m * n, "product: buffers are too short");
-        assert!(k == 0 || self.a.len() > (m - 1) * self.a_row + (k - 1) * self.a_column, "product: weights too short");
+        // The `unsafe` in `block` stands on these: no wrapping.
+        let reaches = |a: usize, b: usize, len: usize| a.checked_mul(b).is_some_and(|need| need <= len);
+        assert!(reaches(k, n, self.b.len()) && reaches(m, n, self.out.len()), "product: buffers are too short");
+        let rows = (m - 1).checked_mul(self.a_row);
+        let last = k.saturating_sub(1).checked_mul(self.a_column).and_then(|last| rows?.checked_add(last));
+        assert!(k == 0 || last.is_some_and(|last| last < self.a.len()), "product: weights too short");
         if let Start::Bias(bias) = self.start {
             assert!(bias.len() >= m, "product: bias is too short");
         }

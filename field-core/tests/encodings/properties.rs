@@ -9,7 +9,7 @@ use float_core::Simd;
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     /// A batch is its samples one by one, at every length and level.
     #[test]

@@ -43,10 +43,10 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// Number of pixels.
+    /// Number of pixels, the largest number where that is more than can be counted.
     #[must_use]
     pub const fn pixels(self) -> usize {
-        self.width * self.height
+        self.width.saturating_mul(self.height)
     }
 
     /// The argument holds one value for each pixel.

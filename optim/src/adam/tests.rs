@@ -245,7 +245,7 @@ fn constants_out_of_range_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     /// Marks that cover every nonzero gradient (and some that cover nothing) give what the scan gives.
     #[test]

@@ -143,7 +143,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(256))]
+        #![proptest_config(testkit::property::cases(256))]
 
         #[test]
         fn no_sample_before_the_first_sign_change_has_another_sign(

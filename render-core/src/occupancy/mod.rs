@@ -239,6 +239,9 @@ impl OccupancyGrid {
     }
 
     /// Lowest corner and side of a cell, grid units.
+    ///
+    /// # Panics
+    /// May do so when there is no such cell.
     #[must_use]
     pub fn cell_box(&self, id: u32) -> ([f32; 3], f32) {
         let (k, x) = self.coordinates(id);
@@ -247,6 +250,9 @@ impl OccupancyGrid {
     }
 
     /// A point of a cell, grid units; `u` in `[0, 1)` says where in it.
+    ///
+    /// # Panics
+    /// As [`cell_box`](Self::cell_box).
     #[must_use]
     pub fn cell_point(&self, id: u32, u: [f32; 3]) -> [f32; 3] {
         let (corner, side) = self.cell_box(id);

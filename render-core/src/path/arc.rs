@@ -85,7 +85,7 @@ impl Arc {
     /// The part between two azimuths, open.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {
-        Self { from, to: to.clamp(from, from + TAU), ends: Ends::Open, ..self.clone() }
+        Self { from, to: to.max(from).min(from + TAU), ends: Ends::Open, ..self.clone() }
     }
 
     /// The camera at an azimuth; `None` where it has no direction to look into.

@@ -26,10 +26,11 @@ impl Rail {
     /// The spline through `keys`, averaged along its length with weights of standard deviation `width` (in the measure of
     /// [`step`], as `scale` is): the wider, the calmer, and the farther from the keys.
     ///
-    /// `None` without keys, or where `scale` is not positive.
+    /// `None` without keys, where one is not finite, or where `scale` is not positive.
     #[must_use]
     pub fn new(keys: &[Pose], ends: Ends, scale: f64, width: f64) -> Option<Self> {
-        if keys.is_empty() || scale <= 0.0 || !scale.is_finite() {
+        let finite = |key: &Pose| key.c.is_finite() && key.r.is_finite();
+        if keys.is_empty() || !keys.iter().all(finite) || scale <= 0.0 || !scale.is_finite() {
             return None;
         }
         // Even in length first: the mean over a stretch shall not depend on how many keys are there.

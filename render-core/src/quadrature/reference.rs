@@ -44,6 +44,9 @@ pub fn colour<const C: usize>(ray: &Ray, values: &[[f64; C]], background: [f64; 
 
 /// Gradient with respect to the optical depths, given those with respect to all weights and all `n + 1` transmittances:
 /// every entry of the Jacobian, O(n²).
+///
+/// # Panics
+/// Where a slice is shorter than its samples.
 #[must_use]
 pub fn tau_bar(tau: &[f64], last: LastInterval, w_bar: &[f64], trans_bar: &[f64]) -> Vec<f64> {
     let ray = weights(tau, last);
@@ -64,6 +67,9 @@ pub fn tau_bar(tau: &[f64], last: LastInterval, w_bar: &[f64], trans_bar: &[f64]
 /// Optical depths and values of the intervals of one ray: [`intervals`](super::intervals).
 ///
 /// `dt`, `sigma` `[n]`, `values` `[n][channels]`.
+///
+/// # Panics
+/// Where there are fewer lengths or values than densities.
 #[must_use]
 pub fn intervals<const C: usize>(
     rule: Rule,
@@ -99,6 +105,9 @@ pub struct PointsBar<const C: usize> {
 }
 
 /// Gradient of [`intervals`] from those with respect to its two results.
+///
+/// # Panics
+/// Where a slice is shorter than the densities.
 #[must_use]
 pub fn intervals_backward<const C: usize>(
     rule: Rule,

@@ -16,7 +16,7 @@ fn close(a: &Pose, b: &Pose) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn every_file_convention_round_trips(p in any_pose()) {

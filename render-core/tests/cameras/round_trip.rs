@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use render_core::camera::{Camera, Lens, Pose, RayTable};
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn a_ray_projects_to_its_pixel(camera in any_camera(), u in -0.2..1.2_f64, v in -0.2..1.2_f64, t in 1e-3..1e4_f64) {

@@ -73,6 +73,10 @@ fn an_arc_ends_where_cameras_end_and_follows_their_height() {
     let height = |azimuth: f64| 1.0 + 0.8 * azimuth;
     let poses: Vec<Pose> = (0..40).map(|i| 0.3 + 2.0 * f64::from(i) / 39.0).map(|a| at(a, 4.0, height(a))).collect();
     let arc = Arc::fit(&poses, CENTRE, DVec3::Z).unwrap();
+    for [from, to] in [[f64::NAN, 1.0], [1.0, f64::NAN], [f64::INFINITY, 0.0]] {
+        // Azimuths that are none give a part that is none, and no panic.
+        let _ = arc.part(from, to).pose(from);
+    }
     assert_eq!(arc.ends, Ends::Open);
     assert!((arc.to - arc.from - 2.0).abs() < 1e-9, "{} {}", arc.from, arc.to);
     for (i, a) in [(0, 0.3), (20, 0.3 + 40.0 / 39.0), (39, 2.3)] {
@@ -175,6 +179,16 @@ fn a_closed_rail_has_no_seam() {
 fn short_rails_are_legal() {
     assert_eq!(Rail::new(&[], Ends::Open, 1.0, 0.1), None);
     assert_eq!(Rail::new(&[Pose::IDENTITY], Ends::Open, 0.0, 0.1), None);
+    for broken in [f64::NAN, f64::INFINITY] {
+        let off = Pose { c: DVec3::new(0.0, broken, 0.0), ..Pose::IDENTITY };
+        assert_eq!(Rail::new(&[Pose::IDENTITY, off], Ends::Open, 1.0, 0.1), None);
+    }
+    // Far apart, the way has no length that can be told: still no panic.
+    let far = [-1e308, 1e308].map(|x| Pose { c: DVec3::new(x, 0.0, 0.0), ..Pose::IDENTITY });
+    for ends in [Ends::Open, Ends::Closed] {
+        let rail = Rail::new(&far, ends, 1e-300, 0.1);
+        assert!(rail.is_none_or(|rail| rail.poses(5).len() == 5));
+    }
     for ends in [Ends::Open, Ends::Closed] {
         let still = Rail::new(&[Pose::IDENTITY; 3], ends, 1.0, 0.1).unwrap();
         assert_eq!(still.length(), 0.0);

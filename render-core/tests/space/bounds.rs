@@ -9,7 +9,7 @@ use testkit::strategies::any_ray;
 const UNIT: Aabb = Aabb { min: DVec3::ZERO, max: DVec3::ONE };
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn the_interval_is_where_the_ray_is_inside((o, d) in any_ray(), size in 0.1..10.0_f64) {

@@ -47,7 +47,7 @@ fn smooth(norm: Norm, x: [f64; 3]) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn contract_matches_naive_and_is_bounded(norm in any_norm(), x in any_x()) {

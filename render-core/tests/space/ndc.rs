@@ -17,7 +17,7 @@ fn any_forward_ray() -> impl Strategy<Value = ([f64; 3], [f64; 3])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(testkit::property::cases(128))]
 
     #[test]
     fn inv_point_inverts_point((camera, near) in any_ndc(), x in -5.0..5.0_f64, y in -5.0..5.0_f64, depth in 1.0..500.0_f64) {

@@ -322,7 +322,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         /// Noise has every pattern of corners in every neighbourhood, all ambiguous ones among them.
         #[test]

@@ -257,7 +257,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(32))]
+        #![proptest_config(testkit::property::cases(32))]
 
         #[test]
         fn positions_keep_a_millionth_of_the_extent(

@@ -200,7 +200,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(96))]
+        #![proptest_config(testkit::property::cases(96))]
 
         #[test]
         fn resize_matches_naive(image in any_image(), w in 1_u32..9, h in 1_u32..9) {

@@ -116,7 +116,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         #[test]
         fn bits_are_what_was_set(w in 1_u32..40, h in 1_u32..20, seed: u64) {

@@ -110,7 +110,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(testkit::property::cases(128))]
 
         #[test]
         fn quartics_give_back_their_roots(start in -3.0..0.0_f64, gaps in [0.05..2.0, 0.05..2.0, 0.05..2.0_f64]) {

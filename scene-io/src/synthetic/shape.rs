@@ -269,7 +269,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(testkit::property::cases(128))]
 
         #[test]
         fn hits_lie_where_marching_finds_them(

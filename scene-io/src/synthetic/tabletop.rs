@@ -409,7 +409,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         #[test]
         fn hits_are_on_the_surface(o in [-2.0..2.0, -2.0..2.0, 0.9..3.0_f64], d in any_unit_vector(), seed in 0..4_u64) {

@@ -106,7 +106,7 @@ fn different_exposures_are_told() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(24))]
 
     #[test]
     fn time_is_between_0_and_1_in_the_order_written(

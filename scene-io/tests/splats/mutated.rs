@@ -25,7 +25,7 @@ fn any_name() -> impl Strategy<Value = &'static str> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn random_bytes_never_panic(name in any_name(), bytes in prop::collection::vec(any::<u8>(), 0..400)) {
@@ -71,7 +71,7 @@ fn changed_trained_files_never_panic() {
     let inside = spz::inside(&spz);
     let changes = prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20);
     let any_change = (0..4_usize, changes, any::<prop::sample::Index>(), any::<bool>());
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(48));
+    let mut runner = testkit::property::runner(48, file!());
     let result = runner.run(&any_change, |(which, changes, end, head)| {
         let mut bytes = [&ply, &splat, &spz, &inside][which].clone();
         // Half of the changes fall on what headers fill.

@@ -74,7 +74,7 @@ fn replaced(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(testkit::property::cases(48))]
 
     #[test]
     fn files_are_those_built_by_hand(cloud in any_cloud(0..=MAX_DEGREE, 5)) {

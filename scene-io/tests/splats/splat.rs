@@ -92,7 +92,7 @@ fn what_is_lost_is_said_and_what_does_not_fit_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn a_cloud_comes_back_within_one_step(cloud in any_cloud(0..=0_usize, 8)) {

@@ -202,7 +202,7 @@ fn degree_four_is_cut_to_three_with_a_note() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn a_cloud_comes_back_within_half_a_step(cloud in any_cloud(0..=MAX_DEGREE, 6)) {

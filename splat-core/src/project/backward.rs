@@ -47,7 +47,11 @@ impl Projection {
         same("records", self.footprints.len(), records.len())?;
         same("grad", cloud.len(), grad.len())?;
         same("grad.degree", cloud.degree(), grad.degree())?;
-        same("features", 3.max(K), K)?;
+        same("features", depth.map_or(3, |depth| depth.saturating_add(1)).max(3).max(K), K)?;
+        same("rgb", self.footprints.len(), self.rgb.len())?;
+        // In ascending order: the last is the largest.
+        let last = self.footprints.last().map_or(0, |f| f.index as usize + 1);
+        same("cloud", last.max(cloud.len()), cloud.len())?;
         let (degree, n) = (degree.min(cloud.degree()), cloud.len());
         if n == 0 {
             return Ok(());

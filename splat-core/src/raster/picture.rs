@@ -179,8 +179,13 @@ impl<const K: usize> Raster<K> {
             if job.records.is_empty() {
                 return;
             }
-            let mut bar = [const { [0.0; PIXELS] }; MAX_PLANES];
-            let bar = &mut bar.as_flattened_mut()[..(K + 1) * PIXELS];
+            let (mut few, mut many) = ([const { [0.0; PIXELS] }; FEW_PLANES], Vec::new());
+            let bar = if K < FEW_PLANES {
+                &mut few.as_flattened_mut()[..(K + 1) * PIXELS]
+            } else {
+                many.resize((K + 1) * PIXELS, 0.0);
+                &mut many[..]
+            };
             cut(value_bar, size, grid, k, bar);
             let tile = tile(lists, (footprints, features), grid, size, rules, k);
             simd.run(Backward { tile, out: job.out, value_bar: bar, looked: *job.looked, records: job.records });
@@ -215,8 +220,8 @@ impl<const K: usize> Raster<K> {
     }
 }
 
-/// Planes of a tile at most: features and the light that is left.
-const MAX_PLANES: usize = 17;
+/// Planes of a tile, features and the light that is left, up to which its gradients lie on the stack; more are allocated.
+const FEW_PLANES: usize = 17;
 
 fn tile<'a, const K: usize>(
     lists: &'a Lists,

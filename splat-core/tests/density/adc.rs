@@ -145,7 +145,7 @@ fn all_may_be_pruned() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(256))]
     #[test]
     fn each_that_grows_is_one_more_and_the_rest_keep_their_order(
         pull in proptest::collection::vec(prop_oneof![Just(0.0_f32), Just(2e-4), 0.0..1e-3_f32, Just(f32::NAN)], 0..80),

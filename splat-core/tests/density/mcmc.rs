@@ -205,7 +205,7 @@ fn empty_clouds_and_wrong_constants() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(testkit::property::cases(256))]
     #[test]
     fn what_gets_through_a_place_stays_the_same(o in 0.3_f64..0.999, n in 2_u32..50) {
         let (each, factor) = share(o, n);

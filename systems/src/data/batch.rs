@@ -60,6 +60,9 @@ impl Batch {
     }
 
     /// Rays with their colours that belong to no view but the first.
+    ///
+    /// # Panics
+    /// If there are not as many colours as rays.
     #[must_use]
     pub fn of_rays(rays: &[Ray], rgb: &[[f32; 3]]) -> Self {
         let mut batch = Self::default();
@@ -148,6 +151,9 @@ impl Dataset {
 
     /// `side^2` rays of each pixel of a batch, one at a random place in each of as many equal squares of the pixel; for
     /// `side = 1` the ray through its centre. Written over `out`, `[pixels * side^2]`.
+    ///
+    /// # Panics
+    /// If `batch` is of other views than these, or has a view that is not there.
     pub fn spread(&self, seed: u64, step: u64, side: u32, batch: &Batch, out: &mut Vec<Ray>) {
         let k = (side * side) as usize;
         out.resize(batch.len() * k, Ray { o: DVec3::ZERO, d: DVec3::Z });

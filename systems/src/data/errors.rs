@@ -60,6 +60,9 @@ impl ErrorMap {
     }
 
     /// Learn from the pixels of a batch, whose squared errors are `errors`, those that count.
+    ///
+    /// # Panics
+    /// If there are more errors than pixels, or `batch` is of other views than those it was made for.
     pub fn learn(&mut self, step: u64, batch: &Batch, errors: impl Iterator<Item = f32>) {
         for (i, error) in errors.enumerate().filter(|(i, e)| batch.weight[*i] > 0.0 && e.is_finite()) {
             let (view, [x, y]) = (batch.view[i] as usize, batch.pixel[i].map(u32::from));

@@ -104,6 +104,9 @@ impl DepthView {
     }
 
     /// What pixel `i` shows, world units; `None` where its depth is not known.
+    ///
+    /// # Panics
+    /// If there is no such pixel.
     #[must_use]
     pub fn point(&self, i: usize) -> Option<DVec3> {
         known(self.z[i]).then(|| {
@@ -114,6 +117,9 @@ impl DepthView {
     }
 
     /// Is the pixel's depth that of one surface, not of the edge between two?
+    ///
+    /// # Panics
+    /// If there is no such pixel.
     #[must_use]
     pub fn is_steady(&self, i: usize) -> bool {
         known(self.z[i]) && !self.at_edge(i)

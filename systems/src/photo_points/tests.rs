@@ -220,7 +220,7 @@ fn any_point() -> impl Strategy<Value = DVec3> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(testkit::property::cases(256))]
 
     #[test]
     fn rays_to_a_point_meet_there(x in any_point(), o in any_point(), p in any_point(), q in any_point(), at in any_point()) {

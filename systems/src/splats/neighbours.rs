@@ -113,7 +113,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(96) })]
+        #![proptest_config(testkit::property::cases(96))]
 
         #[test]
         fn distances_match_naive(

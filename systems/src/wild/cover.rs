@@ -131,6 +131,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(testkit::property::cases(256))]
+
         #[test]
         fn the_composite_lies_between_both_colours(
             raw in prop::array::uniform5(-60.0_f32..60.0),

@@ -217,7 +217,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
+        #![proptest_config(testkit::property::cases(16))]
 
         #[test]
         fn the_prior_bounds_the_slope_over_the_picture(seed in 0_u64..1 << 32, channels in 0_usize..3) {

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(256))]
+        #![proptest_config(crate::property::cases(256))]
 
         #[test]
         fn distortion_does_not_fold_inside_the_field_of_view(camera in any_camera()) {

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(crate::property::cases(128))]
 
         #[test]
         fn images_have_the_size_they_say(image in any_image(3, 9)) {

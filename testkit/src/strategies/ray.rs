@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(128))]
+        #![proptest_config(crate::property::cases(128))]
 
         #[test]
         fn edges_are_finite_and_do_not_decrease(t in any_edges(0..65)) {

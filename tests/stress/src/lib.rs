@@ -2,7 +2,7 @@
 //!
 //! A [`Case`](Tally::case) is a name, a promise in words, and a check. It fails when the check says so and when it
 //! panics; both count, neither ends the list. [`run`] goes through the groups, at every SIMD level where that matters, and
-//! ends with one line that CI shows:
+//! ends with one line that CI shows ([`run_at_each_level`] does so for whole programs):
 //!
 //! ```text
 //! stress: 1234 cases tried, 0 failed (math, libm)
@@ -12,8 +12,9 @@
 //! trainings and files are tests of the package `tests`.
 
 use float_core::Simd;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 /// What a check says: nothing, or what is wrong.
@@ -74,6 +75,44 @@ pub fn run(list: &str, groups: &[Group]) {
     // Past the test harness, which would swallow it.
     report(list, groups, &mut std::io::stdout());
 }
+
+/// [`run`] for cases of whole programs, which ask for no level: in a process of its own for each level of this machine, whose
+/// fastest it is there. `test` is the full name of the test that calls this, and calls nothing else.
+///
+/// # Panics
+/// When a case failed at any level, when there was none, and when a process cannot be started.
+pub fn run_at_each_level(list: &str, test: &str, groups: &[Group]) {
+    if let Ok(name) = std::env::var(LEVEL) {
+        let simd = Simd::available().find(|simd| format!("{:?}", simd.level()) == name);
+        Simd::cap_best(simd.expect("a level that this machine has").level());
+        assert_eq!(format!("{:?}", Simd::best().level()), name, "the cap does not hold");
+        return run(&format!("{list} at {name}"), groups);
+    }
+    let mut failed = Vec::new();
+    for simd in Simd::available() {
+        let name = format!("{:?}", simd.level());
+        let mut child = Command::new(std::env::current_exe().expect("the path of this test"))
+            .args(["--exact", test, "--nocapture"])
+            .env(LEVEL, &name)
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("this test as a process of its own");
+        // A test of another name would not run, and pass: the last line of the list must have come.
+        let mut ended = false;
+        for line in BufReader::new(child.stdout.take().expect("a pipe")).lines().map_while(Result::ok) {
+            ended |= line.starts_with("stress: ") && line.contains(&format!("({list} at {name}, "));
+            drop(writeln!(std::io::stdout(), "{line}"));
+        }
+        let status = child.wait().expect("the end of a process that was started");
+        if !(status.success() && ended) {
+            failed.push(name);
+        }
+    }
+    assert!(failed.is_empty(), "{list} failed at {}", failed.join(", "));
+}
+
+/// Names the level to a process of [`run_at_each_level`].
+const LEVEL: &str = "WILDFIELD_STRESS_LEVEL";
 
 fn report(list: &str, groups: &[Group], out: &mut dyn Write) {
     // A closed stdout is no reason to fail a test.

@@ -1,4 +1,5 @@
-//! The stress list of trainings and files: what people do to programs. The list of the math crates is the package `stress`.
+//! The stress list of trainings and files: what people do to programs, at every SIMD level of
+//! this machine. The list of the math crates is the package `stress`.
 
 mod common;
 mod dynamic;
@@ -12,8 +13,9 @@ use stress::Group::Once;
 
 #[test]
 fn every_case_keeps_its_promise() {
-    stress::run(
+    stress::run_at_each_level(
         "systems",
+        "every_case_keeps_its_promise",
         &[
             Once("files", files::cases),
             Once("settings", settings::cases),
@@ -32,5 +34,9 @@ fn every_case_keeps_its_promise() {
 
 #[test]
 fn every_case_of_splats_keeps_its_promise() {
-    stress::run("splats", &[Once("settings", splats::settings), Once("scenes", splats::scenes)]);
+    stress::run_at_each_level(
+        "splats",
+        "every_case_of_splats_keeps_its_promise",
+        &[Once("settings", splats::settings), Once("scenes", splats::scenes)],
+    );
 }

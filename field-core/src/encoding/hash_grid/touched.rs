@@ -39,12 +39,18 @@ impl Touched {
     }
 
     /// The words of one level: bit `b % 64` of word `b / 64` stands for block `b`.
+    ///
+    /// # Panics
+    /// If there is no such level.
     #[must_use]
     pub fn level(&self, level: usize) -> &[u64] {
         &self.words[self.levels[level].clone()]
     }
 
     /// The words of one level, to be filled.
+    ///
+    /// # Panics
+    /// If there is no such level.
     pub fn level_mut(&mut self, level: usize) -> &mut [u64] {
         &mut self.words[self.levels[level].clone()]
     }
@@ -68,6 +74,9 @@ impl Touched {
     }
 
     /// As [`for_each`](Self::for_each), for one level.
+    ///
+    /// # Panics
+    /// If there is no such level.
     pub fn for_each_of_level(&self, level: usize, mut f: impl FnMut(Range<usize>)) {
         let params = &self.params[level];
         for (w, &word) in self.level(level).iter().enumerate() {

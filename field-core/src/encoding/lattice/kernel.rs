@@ -69,13 +69,13 @@ pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N]
 /// Ask for the cache line of `p`. Any address will do.
 #[inline(always)]
 fn prefetch(p: *const f32) {
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     // SAFETY: a hint of baseline x86-64; it does not access memory and does not fault.
     unsafe {
         use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         _mm_prefetch::<_MM_HINT_T0>(p.cast());
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
     let _ = p;
 }
 
@@ -119,9 +119,14 @@ impl Place<'_> {
 
     #[inline(always)]
     fn check<const F: usize>(&self, table: &[f32]) {
-        let end = (self.lattice.entries as usize - 1) * self.stride + self.features;
+        // The `unsafe` below stands on these: no wrapping, also where `usize` has 32 bits.
+        let last = (self.lattice.entries as usize).checked_sub(1).and_then(|last| last.checked_mul(self.stride));
+        let end = last.and_then(|last| last.checked_add(self.features)).unwrap_or(usize::MAX);
         assert!(table.len() >= end, "a grid's table has the wrong length");
-        assert!(self.first + F <= self.features && end <= u32::MAX as usize, "a grid's features do not exist");
+        assert!(
+            self.first <= self.features && F <= self.features - self.first && end <= u32::MAX as usize,
+            "a grid's features do not exist"
+        );
     }
 }
 

@@ -5,7 +5,7 @@
 //! samples in the weight gradient. Panels `[sample][feature]` have the first two side by side; for the third,
 //! [`interleave`] brings two samples together.
 
-use super::super::PANEL;
+use super::super::{PANEL, reaches};
 use core::arch::x86_64::*;
 
 /// Where results of [`product`] go: rows of f32 as they are, or rows of bf16 after a last operation.
@@ -34,13 +34,13 @@ pub(super) fn product(
     ys: usize,
 ) {
     let pairs = depth.div_ceil(2);
-    assert!(width.is_multiple_of(16) && width <= ys && w.len() >= pairs * 2 * width);
-    assert!(x.len() >= (PANEL - 1) * xs + 2 * pairs && init.is_none_or(|b| b.len() >= width));
-    let need = (PANEL - 1) * ys + width;
+    assert!(width.is_multiple_of(16) && width <= ys && reaches(pairs, 2 * width, 2 * width, w.len()));
+    assert!(reaches(PANEL, xs, 2 * pairs, x.len()) && init.is_none_or(|b| b.len() >= width));
+    let fits = |len: usize| reaches(PANEL, ys, width, len);
     assert!(match &out {
-        Out::F32(y) => y.len() >= need,
-        Out::Keep(y) | Out::Relu(y) => y.len() >= need,
-        Out::Gate(y, gate) => y.len() >= need && gate.len() >= need,
+        Out::F32(y) => fits(y.len()),
+        Out::Keep(y) | Out::Relu(y) => fits(y.len()),
+        Out::Gate(y, gate) => fits(y.len()) && fits(gate.len()),
     });
     let mut j = 0;
     while j < width {
@@ -102,7 +102,8 @@ unsafe fn columns<const R: usize, const C: usize>(
                         *acc = dot(*acc, xv, w);
                     }
                 }
-                wk = wk.add(2 * ws);
+                // Wrapping: after the last row it lies past the end of the buffer, and is not read.
+                wk = wk.wrapping_add(2 * ws);
             }
             // The choice is made outside of the loops, so that they unroll and the sums stay in registers.
             let at = s * ys + j;
@@ -139,7 +140,11 @@ unsafe fn columns<const R: usize, const C: usize>(
 pub(super) fn outer_product(a: &[u16], a_width: usize, rows: usize, x: &[u16], width: usize, g: &mut [f32]) {
     let rows = rows.div_ceil(4) * 4;
     assert!(width.is_multiple_of(16) && rows <= a_width);
-    assert!(a.len() >= PANEL * a_width && x.len() >= PANEL * width && g.len() >= rows * width);
+    assert!(
+        reaches(PANEL, a_width, a_width, a.len())
+            && reaches(PANEL, width, width, x.len())
+            && reaches(rows, width, width, g.len())
+    );
     for o in (0..rows).step_by(4) {
         let mut i = 0;
         while i < width {
@@ -194,7 +199,7 @@ unsafe fn outer_block<const C: usize>(a: &[u16], a_width: usize, x: &[u16], g: &
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx512bf16")]
 pub(super) fn column_sums(a: &[u16], width: usize, g: &mut [f32]) {
-    assert!(width.is_multiple_of(16) && a.len() >= PANEL * width && g.len() >= width);
+    assert!(width.is_multiple_of(16) && reaches(PANEL, width, width, a.len()) && g.len() >= width);
     let ones = _mm512_set1_epi16(0x3f80);
     for o in (0..width).step_by(16) {
         // SAFETY: rows below PANEL / 2, columns o..o + 16 below `width`: the assert covers both buffers.
@@ -213,7 +218,7 @@ pub(super) fn column_sums(a: &[u16], width: usize, g: &mut [f32]) {
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx512bf16")]
 pub(super) fn interleave(x: &[u16], xs: usize, width: usize, out: &mut [u16]) {
-    assert!(width.is_multiple_of(16) && x.len() >= (PANEL - 1) * xs + width && out.len() >= PANEL * width);
+    assert!(width.is_multiple_of(16) && reaches(PANEL, xs, width, x.len()) && reaches(PANEL, width, width, out.len()));
     for s in (0..PANEL).step_by(2) {
         for f in (0..width).step_by(16) {
             // SAFETY: rows s and s + 1 below PANEL, columns f..f + 16 below `width`: the assert covers both buffers.
@@ -232,8 +237,7 @@ pub(super) fn interleave(x: &[u16], xs: usize, width: usize, out: &mut [u16]) {
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx512bf16")]
 pub(super) fn round_panel(x: &[f32], xs: usize, width: usize, out: &mut [u16], ys: usize) {
-    let need = |stride: usize| (PANEL - 1) * stride + width;
-    assert!(width.is_multiple_of(16) && x.len() >= need(xs) && out.len() >= need(ys));
+    assert!(width.is_multiple_of(16) && reaches(PANEL, xs, width, x.len()) && reaches(PANEL, ys, width, out.len()));
     for s in 0..PANEL {
         for f in (0..width).step_by(16) {
             // SAFETY: row s below PANEL, columns f..f + 16 below `width`: the assert covers both buffers.

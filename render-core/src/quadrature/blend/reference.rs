@@ -64,6 +64,9 @@ pub fn weights(tau_s: &[f64], tau_d: &[f64], m: &[f64]) -> Ray {
 }
 
 /// Composited colour of one ray: `values_s`, `values_d` are `[n][channels]`, sample by sample.
+///
+/// # Panics
+/// Where there are fewer values than weights.
 #[must_use]
 pub fn colour<const C: usize>(
     ray: &Ray,
@@ -79,6 +82,9 @@ pub fn colour<const C: usize>(
 }
 
 /// Gradients of [`weights`]: every sample looks at all that lies behind it, O(n²).
+///
+/// # Panics
+/// Where a slice is shorter than its samples.
 #[must_use]
 pub fn weights_backward(tau_s: &[f64], tau_d: &[f64], m: &[f64], bar: RayBar<'_>) -> SamplesBar {
     let ray = weights(tau_s, tau_d, m);

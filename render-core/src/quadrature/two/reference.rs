@@ -47,6 +47,9 @@ pub struct Pixel<const C: usize> {
 }
 
 /// Composited values of one ray: `values_s`, `values_t` are `[n][channels]`, sample by sample.
+///
+/// # Panics
+/// Where there are fewer values than weights.
 #[must_use]
 pub fn pixel<const C: usize>(
     ray: &Ray,
@@ -69,6 +72,9 @@ pub fn pixel<const C: usize>(
 
 /// Gradients with respect to both optical depths, given those with respect to all weights and all `n + 1` transmittances:
 /// every entry of the Jacobian, O(n²).
+///
+/// # Panics
+/// Where a slice is shorter than its samples.
 #[must_use]
 pub fn tau_bar(mixture: Mixture, tau_s: &[f64], tau_t: &[f64], w_bar: [&[f64]; 2], trans_bar: &[f64]) -> [Vec<f64>; 2] {
     let ray = weights(mixture, tau_s, tau_t);

@@ -73,6 +73,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(testkit::property::cases(256))]
+
         #[test]
         fn rotations_keep_half_a_step(q in prop::array::uniform4(-1.0..1.0_f64)) {
             let norm = q.iter().map(|c| c * c).sum::<f64>().sqrt();

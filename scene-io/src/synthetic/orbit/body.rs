@@ -248,7 +248,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(192))]
+        #![proptest_config(testkit::property::cases(192))]
 
         #[test]
         fn hits_lie_where_marching_finds_them(

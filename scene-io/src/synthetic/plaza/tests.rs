@@ -177,7 +177,7 @@ fn a_scene_has_what_was_asked_for() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn hits_are_on_surfaces_and_sunlit_ones_see_the_sun(x in 0.0..48.0_f64, y in 0.0..36.0_f64, i in 0_usize..7, seed in 0..3_u64) {

@@ -165,7 +165,7 @@ pub(super) fn largest_difference(a: &Layers, b: &Layers) -> f32 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(testkit::property::cases(12))]
 
     #[test]
     fn a_budget_of_0_is_the_full_sum_bit_for_bit(

@@ -38,7 +38,7 @@ fn internal(ngp: &Ngp, rays: &[Ray]) -> Vec<InternalRay> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(testkit::property::cases(12))]
 
     #[test]
     fn samples_follow_each_other_within_the_ray(

@@ -189,6 +189,9 @@ impl Picture {
     }
 
     /// Largest difference of a pixel whose decisions are clear, in units of its bound; and the share of those that are not.
+    ///
+    /// # Panics
+    /// If `got` is shorter than the planes.
     #[must_use]
     pub fn worst(&self, got: &[f32]) -> (f64, f64) {
         let pixels = self.margins.len();

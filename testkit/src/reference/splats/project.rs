@@ -108,6 +108,9 @@ pub fn project(p: &[f64], n: usize, degree: usize, camera: &Camera, rules: &Rule
 }
 
 /// Gradient of one Gaussian's numbers from that of its ellipse: central differences, good to about 1e-9. 0 where it is not seen.
+///
+/// # Panics
+/// Where `p` has fewer numbers than a Gaussian of this degree.
 #[must_use]
 pub fn parameters_bar(p: &[f64], degree: usize, camera: &Camera, rules: &Rules, bar: &EllipseBar) -> Vec<f64> {
     let mut at = p.to_vec();

@@ -1,0 +1,145 @@
+//! What the sources themselves must keep: every `unsafe` is in the list that was read, every property takes its number of
+//! cases from one place.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Rust sources of the repository, by path from its root.
+fn sources() -> BTreeMap<String, String> {
+    fn walk(folder: &Path, prefix: &str, out: &mut BTreeMap<String, String>) {
+        for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
+            let name = entry.file_name().into_string().unwrap();
+            let path = format!("{prefix}{name}");
+            if entry.file_type().unwrap().is_dir() {
+                if name != "target" && !name.starts_with('.') {
+                    walk(&entry.path(), &format!("{path}/"), out);
+                }
+            } else if name.ends_with(".rs") {
+                out.insert(path, fs::read_to_string(entry.path()).unwrap());
+            }
+        }
+    }
+    let mut out = BTreeMap::new();
+    walk(&root(), "", &mut out);
+    assert!(out.len() > 300, "{} sources found: the walk is wrong", out.len());
+    out
+}
+
+/// A source without its comments and the insides of its strings.
+fn code(source: &str) -> String {
+    let (mut out, bytes, mut i) = (String::new(), source.as_bytes(), 0);
+    while i < bytes.len() {
+        let rest = &bytes[i..];
+        if rest.starts_with(b"//") {
+            i += rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
+        } else if rest.starts_with(b"/*") {
+            i += rest.windows(2).position(|w| w == b"*/").map_or(rest.len(), |n| n + 2);
+        } else if rest.starts_with(b"'\"'") || rest.starts_with(b"'\\\"'") {
+            i += if rest[1] == b'\\' { 4 } else { 3 };
+        } else if rest[0] == b'"' {
+            // Raw if `r` and hashes stand before it: then it ends at a quote with as many hashes.
+            let hashes = bytes[..i].iter().rev().take_while(|&&b| b == b'#').count();
+            let raw = i > hashes && bytes[i - hashes - 1] == b'r';
+            let end = [b"\"".to_vec(), vec![b'#'; hashes]].concat();
+            i += 1;
+            while i < bytes.len() && !(bytes[i..].starts_with(if raw { &end } else { b"\"" })) {
+                i += if !raw && bytes[i] == b'\\' { 2 } else { 1 };
+            }
+            i += 1;
+            out.push_str("\"\"");
+        } else {
+            out.push(char::from(rest[0]));
+            i += 1;
+        }
+    }
+    out
+}
+
+/// How often a word stands in code.
+fn count(code: &str, word: &str) -> usize {
+    code.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|w| *w == word).count()
+}
+
+#[test]
+fn comments_and_strings_are_no_code() {
+    let source = "unsafe { a } // unsafe\n/* unsafe */ let x = \"unsafe \\\" unsafe\"; let y = r#\"unsafe \" \"#; let q = '\"'; unsafe fn f() {}\n\
+                  #![deny(unsafe_op_in_unsafe_fn)]";
+    assert_eq!(count(&code(source), "unsafe"), 2, "{}", code(source));
+}
+
+#[test]
+fn every_unsafe_is_in_the_list_that_was_read() {
+    let page = fs::read_to_string(root().join("docs/UNSAFE.md")).unwrap();
+    // Headings: ## `path` (number of times the word stands in its code)
+    let listed: BTreeMap<String, usize> = page
+        .lines()
+        .filter_map(|line| {
+            let (path, count) = line.strip_prefix("## `")?.split_once("` (")?;
+            Some((path.to_owned(), count.strip_suffix(')')?.parse().ok()?))
+        })
+        .collect();
+    let found: BTreeMap<String, usize> = sources()
+        .iter()
+        .map(|(path, source)| (path.clone(), count(&code(source), "unsafe")))
+        .filter(|(_, count)| *count > 0)
+        .collect();
+    assert!(found.contains_key("float-core/src/simd.rs"), "the search finds nothing");
+    for (path, count) in &found {
+        let read = listed.get(path).copied().unwrap_or(0);
+        assert!(
+            read == *count,
+            "{path} has {count} times `unsafe`, and docs/UNSAFE.md has {read}: read what is new, write down on what it relies, and \
+             correct the number in the heading"
+        );
+    }
+    for path in listed.keys() {
+        assert!(found.contains_key(path), "docs/UNSAFE.md lists {path}, which has no `unsafe` any more");
+    }
+}
+
+#[test]
+fn every_property_takes_its_cases_from_one_place() {
+    let mut properties = 0;
+    for (path, source) in sources() {
+        if path == "testkit/src/property.rs" || path == "tests/tests/sources.rs" {
+            continue;
+        }
+        let code = code(&source);
+        let number = |after: &str| after.starts_with(|c: char| c.is_ascii_digit());
+        let own = ["with_cases(", "TestRunner::new(ProptestConfig", "TestRunner::default()"]
+            .iter()
+            .any(|own| code.contains(own))
+            || code.contains("proptest") && code.split("cases: ").skip(1).any(number);
+        assert!(!own, "{path} sets the number of its cases: take testkit::property::cases");
+        for block in code.split("proptest!").skip(1) {
+            // `proptest! {` only: not the import, not the closure form.
+            let Some(inside) = block.trim_start().strip_prefix('{') else { continue };
+            properties += 1;
+            let inside = inside.trim_start();
+            let takes = ["#![proptest_config(testkit::property::cases", "#![proptest_config(crate::property::cases"];
+            assert!(
+                takes.iter().any(|from| inside.starts_with(from)),
+                "{path}: a block of properties does not begin with #![proptest_config(testkit::property::cases(n))]"
+            );
+        }
+    }
+    assert!(properties > 80, "{properties} blocks of properties found: the search is wrong");
+}
+
+#[test]
+fn no_seed_is_set_for_everybody() {
+    for name in ["config", "config.toml"] {
+        let set = fs::read_to_string(root().join(".cargo").join(name)).unwrap_or_default();
+        assert!(
+            !set.contains("PROPTEST"),
+            ".cargo/{name} sets variables of proptest for everybody; .ci/run does so for itself"
+        );
+    }
+    let ci = fs::read_to_string(root().join(".ci/run")).unwrap();
+    assert!(ci.contains("export PROPTEST_RNG_SEED="), "the gate draws other cases in every run");
+}
