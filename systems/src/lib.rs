@@ -31,6 +31,7 @@ pub mod eval_scales;
 pub mod flip;
 pub mod frame_points;
 pub(crate) mod free_space;
+pub mod halt;
 pub mod identity;
 pub mod layout;
 pub mod log;

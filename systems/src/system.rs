@@ -4,6 +4,7 @@
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
 use crate::data::Dataset;
+use crate::halt::Halt;
 use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
 use render_core::camera::Camera;
@@ -152,6 +153,8 @@ pub struct Query {
     pub appearance: Appearance,
     /// At which time, `0..=1`. Systems of scenes that stand still know one time only.
     pub time: f64,
+    /// Ends the work early: layers are those of nothing then, from some ray on.
+    pub halt: Halt,
 }
 
 /// Pixels an appearance is fitted to.
@@ -169,6 +172,8 @@ pub struct Fit<'a> {
     pub lr: f64,
     /// Seed of the pixels of each step.
     pub seed: u64,
+    /// Ends the fit early, with the code as it is.
+    pub halt: &'a Halt,
 }
 
 /// A render that takes some of its skips only: what the table of skips compares.

@@ -211,6 +211,9 @@ pub(crate) struct Train {
     /// Minutes between checkpoints (default: 5)
     #[arg(long, value_name = "MIN", value_parser = seconds)]
     pub(crate) checkpoint_minutes: Option<f64>,
+    /// How long the last checkpoint and the results are tried to be written where the disk is full or gone, seconds (default: 60)
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) disk_wait: Option<f64>,
     /// Light of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
     /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
     #[arg(long, value_name = "LIGHT")]

@@ -98,6 +98,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
     let session = Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads };
+    session.show().begin()?;
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Prepare(args) => prepare::run(&session, &args, cli.threads),

@@ -37,9 +37,12 @@ use std::path::Path;
 use std::sync::Arc;
 use systems::RunError;
 
+/// What is said when a signal comes.
+const CLOSING: &str = "interrupt heard: closing; again to stop at once";
+
 /// Serve the page until a signal comes.
 pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
-    let interrupt = interrupt::flag()?;
+    let interrupt = interrupt::listen(Box::new(|_| crate::show::note(CLOSING)))?;
     let stage = if args.what.is_dir() {
         if !follow::is_run(&args.what) {
             return Err(refusal(

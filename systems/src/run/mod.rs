@@ -8,34 +8,42 @@
 //! checkpoint/        see `checkpoint`
 //! photo_points.safetensors   points found in the photos, where the dataset has none (see `photo_points`)
 //! eval.json eval.csv scores of the held-out views
+//! eval_views.json    views measured so far, while an evaluation goes on or was stopped
 //! renders/           held-out views: render, truth, error map, depth
 //! appearance/        one view in the light of a few training photos, where the system has several
 //! masks/             static masks of a few training photos, where the system finds them
 //! summary.json       plan, time per part, memory, skip table: what the report is made of
 //! report.html        all of it, self-contained
+//! finished.json      written last: the step that all of this is of
 //! .lock              held by the process that writes here (see `lock`)
 //! ```
 
 mod capture;
 mod datasets;
 mod filmed;
+mod home;
 mod host;
+mod keeper;
+mod kept;
 mod lock;
 mod mask_meaning;
 mod measured;
+mod patience;
 mod place;
 mod planned;
 mod showcase;
+mod whole;
 
 use crate::checkpoint::{self, Checkpoint};
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{EvalAppearance, Evaluation, Measures};
+use crate::halt::Halt;
 use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{available_bytes, human};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
-use crate::output::{Disk, Storage, read_json, write_file};
+use crate::output::{self, Disk, Storage, read_json, write_file};
 use crate::photo_points::provide;
 use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
@@ -44,10 +52,13 @@ use crate::summary::{SceneSummary, Summary};
 use crate::system::{System, SystemError};
 use crate::train::{Ended, Reason, Schedule, Stop, train};
 use datasets::datasets;
+use home::Home;
 use host::RunHost;
+use keeper::{Keeper, first_files};
 pub use lock::FolderLock;
 use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
+use patience::insist;
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
 use scene_io::{Scene, refuse_blank_masks};
@@ -102,6 +113,10 @@ pub struct Run<'a> {
     dataset: String,
     /// The right to write into the folder, where this run has taken it.
     lock: Option<FolderLock>,
+    /// Which folder it is.
+    home: Home,
+    /// Ends pictures early.
+    pub(crate) halt: Halt,
 }
 
 impl<'a> Run<'a> {
@@ -198,15 +213,15 @@ impl<'a> Run<'a> {
             resumed_at: None,
             dataset,
             lock,
+            home: Home::of(folder),
+            halt: observer.halt(),
         };
         run.check_memory(observer)?;
         // A light that the system has not is found out now, too.
         run.protocol()?;
-        let text = toml::to_string_pretty(&run.config)
-            .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
-        write_file(parts.storage, &folder.join(place::CONFIG), text.as_bytes())?;
-        let names: String = run.held_out.views().iter().map(|v| format!("{}\n", v.name)).collect();
-        write_file(parts.storage, &folder.join("heldout.txt"), names.as_bytes())?;
+        for (name, text) in first_files(&run.config, &run.held_out)? {
+            write_file(parts.storage, &folder.join(name), text.as_bytes())?;
+        }
         MetricsLog::create(&folder.join("metrics.csv"))?;
         Ok(run)
     }
@@ -227,6 +242,8 @@ impl<'a> Run<'a> {
             return Err(RunError::NoCheckpoint(folder.into()));
         }
         let lock = take_lock(folder, observer)?;
+        // Left by processes that were killed: whoever holds the lock is alone.
+        output::sweep(folder);
         Ok(Self { lock, ..Self::open(folder, request, parts, observer)? })
     }
 
@@ -249,7 +266,7 @@ impl<'a> Run<'a> {
         request.agree_with(&config)?;
         let spec = request.scene.as_deref().unwrap_or(&config.scene);
         let mut data = config.data.clone();
-        let names = folder.join("heldout.txt");
+        let names = folder.join(home::HELD_OUT);
         if data.holdout.as_ref().is_some_and(|h| h.starts_with("names:")) && names.exists() {
             // The names as they were, wherever the file has gone.
             data.holdout = Some(format!("names:{}", names.display()));
@@ -288,6 +305,8 @@ impl<'a> Run<'a> {
             resumed_at: Some(meta.step),
             dataset,
             lock: None,
+            home: Home::of(folder),
+            halt: observer.halt(),
         })
     }
 
@@ -299,16 +318,20 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether there is nothing left to do before `stop`: it is reached, and the held-out views are measured as of now.
+    /// Whether there is nothing left to do before `stop`: it is reached, the held-out views are measured as of now, and every
+    /// file that a run promises is there.
     pub fn is_finished(&self, stop: Stop) -> bool {
         let measured = || read_json::<Evaluation>(&self.folder.join("eval.json")).ok().flatten();
         stop.reached(self.step, self.seconds)
             && (self.held_out.is_empty() || measured().is_some_and(|evaluation| evaluation.steps == self.step))
+            && self.is_marked()
+            && self.missing().is_empty()
     }
 
     /// Train until the schedule or `interrupt` stops it; at the end measure the held-out views and write the report. Where
-    /// the observer asks to stop while they are measured, the run ends as [`Reason::Interrupted`] with the views measured so
-    /// far.
+    /// the observer asks to stop while that is done, the run ends as [`Reason::Interrupted`] with the views measured so far.
+    /// What a full disk refuses is tried again for [`Schedule::disk_wait`]; results that stay unwritten are named in the
+    /// evaluation.
     ///
     /// # Errors
     /// [`RunError::Busy`], and see [`train`]; the newest checkpoint stays usable.
@@ -322,35 +345,63 @@ impl<'a> Run<'a> {
         if self.lock.is_none() {
             self.lock = take_lock(&self.folder, observer)?;
         }
+        self.halt = observer.halt();
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
         planned::write(self.parts.storage, &self.folder, schedule, observer);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));
-        let mut host = RunHost {
+        let keeper = Keeper {
             folder: &self.folder,
+            home: &mut self.home,
+            lock: &mut self.lock,
             storage: self.parts.storage,
+            schedule,
             config: &self.config,
             dataset: &self.dataset,
             held_out: &self.held_out,
-            terms,
-            observer,
-            evaluation: None,
         };
+        let mut host = RunHost { keeper, terms, observer: &mut *observer, evaluation: None, unsaved: false };
         let start = (self.step, self.seconds);
         let mut ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
-        let evaluation = host.evaluation.take();
-        if evaluation.as_ref().is_some_and(|evaluation| evaluation.left > 0) {
+        let mut evaluation = host.evaluation.take();
+        host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer)?;
+        if evaluation.as_ref().is_some_and(|evaluation| evaluation.stopped) {
             ended.reason = Reason::Interrupted;
         }
         (self.step, self.seconds) = (ended.step, ended.seconds);
-        self.write_summary()?;
+        let written = insist(schedule.disk_wait, observer, |_| log.flush());
+        let written = written.and_then(|()| self.write_rest(schedule, &mut ended, observer));
+        match (written, &mut evaluation) {
+            // The scores are to be seen whatever else is wrong.
+            (Err(error @ RunError::Write { .. }), Some(evaluation)) => {
+                evaluation.unwritten.push(error.with_reason());
+            }
+            (written, _) => written?,
+        }
+        Ok((ended, evaluation))
+    }
+
+    /// What comes after scores: summary, showcase, report.
+    fn write_rest(
+        &self,
+        schedule: &Schedule,
+        ended: &mut Ended,
+        observer: &mut dyn Observer,
+    ) -> Result<(), RunError> {
+        // A run that had only its end to do over keeps what is known of its training.
+        let known = Summary::read(&self.folder).is_ok_and(|s| s.steps == self.step && self.resumed_at == Some(self.step));
+        if !known {
+            insist(schedule.disk_wait, observer, |_| self.write_summary())?;
+        }
         if ended.reason != Reason::Interrupted {
             self.write_showcase(observer)?;
+            if observer.stop_asked() {
+                ended.reason = Reason::Interrupted;
+            }
         }
-        report::write(self.parts.storage, &self.folder)?;
-        Ok((ended, evaluation))
+        insist(schedule.disk_wait, observer, |_| report::write(self.parts.storage, &self.folder))
     }
 
     /// One line about the memory the run needs.

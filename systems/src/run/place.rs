@@ -1,6 +1,6 @@
 //! Whether a folder may become a run folder: it is empty, or it is a run folder already.
 
-use super::{lock, planned};
+use super::{home, kept, lock, planned, whole};
 use crate::bake;
 use crate::checkpoint;
 use crate::crop;
@@ -18,9 +18,11 @@ use std::path::{Path, PathBuf};
 pub(super) const CONFIG: &str = "config.toml";
 
 /// What a run writes into its folder.
-const OWN: [&str; 18] = [
+const OWN: [&str; 20] = [
     CONFIG,
-    "heldout.txt",
+    home::HELD_OUT,
+    kept::FILE,
+    whole::FILE,
     planned::FILE,
     "metrics.csv",
     "checkpoint",
