@@ -109,7 +109,14 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
 
 /// A query for colour, opacity and depth.
 pub fn plain_query(background: [f32; 3], error_budget: f32) -> Query {
-    Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean, time: 0.0, halt: Halt::NEVER }
+    Query {
+        background,
+        layers: LayerRequest::default(),
+        error_budget,
+        appearance: Appearance::Mean,
+        time: 0.0,
+        halt: Halt::NEVER,
+    }
 }
 
 #[cfg(test)]

@@ -467,6 +467,39 @@ pub fn take_u64(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>,
     }
 }
 
+/// Counters a run may have: whatever is counted is counted exactly, and one more is no overflow.
+const MOST_COUNTED: u64 = 1 << 53;
+
+/// Counters of a checkpoint that go on counting: none is larger than a run can count.
+///
+/// # Errors
+/// As [`take_u64`], and for a number that no run has counted to.
+pub fn take_counts(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>, SystemError> {
+    let counts = take_u64(tensors, name, len)?;
+    match counts.iter().position(|&count| count > MOST_COUNTED) {
+        Some(i) => {
+            let problem = format!("entry {i} is {}; no run counts that far", counts[i]);
+            Err(SystemError::State { name: name.into(), problem })
+        }
+        None => Ok(counts),
+    }
+}
+
+/// Floats of a checkpoint that are numbers: neither NaN nor infinite.
+///
+/// # Errors
+/// As [`take_f32`], and for an entry that is no number.
+pub fn take_numbers(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<f32>, SystemError> {
+    let numbers = take_f32(tensors, name, len)?;
+    match numbers.iter().position(|x| !x.is_finite()) {
+        Some(i) => {
+            let problem = format!("entry {i} is {}; a number is expected", numbers[i]);
+            Err(SystemError::State { name: name.into(), problem })
+        }
+        None => Ok(numbers),
+    }
+}
+
 /// The moments of a part, to a checkpoint.
 pub fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
     out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
@@ -481,7 +514,7 @@ pub fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
 pub fn take_adam(state: &TensorMap, name: &str, old: &Adam) -> Result<Adam, SystemError> {
     let m = take_f32(state, &format!("adam.{name}.m"), old.len())?;
     let v = take_f32(state, &format!("adam.{name}.v"), old.len())?;
-    let steps = take_u64(state, &format!("adam.{name}.steps"), 1)?[0];
+    let steps = take_counts(state, &format!("adam.{name}.steps"), 1)?[0];
     Adam::restore(old.config(), m, v, steps)
         .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
 }

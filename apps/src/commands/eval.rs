@@ -35,7 +35,9 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     show.finish();
     conclude(Some(&evaluation), &args.run);
     if evaluation.stopped {
-        line("the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here");
+        line(
+            "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here",
+        );
         return Ok(Done::Interrupted);
     }
     if !evaluation.unwritten.is_empty() {

@@ -84,7 +84,9 @@ impl Wished {
             eval_at: if self.eval_at.is_empty() { own.eval_at } else { self.eval_at },
             eval_every: self.eval_every.or(own.eval_every),
             checkpoint_every: self.checkpoint_minutes.map_or(own.checkpoint_every, minutes),
-            disk_wait: self.disk_wait.map_or(own.disk_wait, |s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
+            disk_wait: self
+                .disk_wait
+                .map_or(own.disk_wait, |s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
             ..own
         }
     }
@@ -106,11 +108,7 @@ pub(super) fn train(
         if let Some(evaluation) = &evaluation {
             line(evaluation.table().trim_end());
         }
-        line(format_args!(
-            "stopped at step {}; {}",
-            ended.step,
-            go_on(session, run)
-        ));
+        line(format_args!("stopped at step {}; {}", ended.step, go_on(session, run)));
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));

@@ -225,7 +225,8 @@ pub fn evaluate_from(
         let truth = over_background(&image, query.background);
         let own = protocol.light(system, (data, index), (&image, &truth), (query, seed));
         if own.is_none() && protocol.fit_steps.is_some() {
-            own_notes.push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
+            own_notes
+                .push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
         }
         let appearance = own.unwrap_or_else(|| query.appearance.clone());
         let canonical = if points.wants(index) { Canonical::Compute } else { query.layers.canonical };
@@ -264,14 +265,8 @@ pub fn evaluate_from(
         if halt.raised() {
             break;
         }
-        let seen = Seen {
-            index,
-            score: &score,
-            notes: &own_notes,
-            rendered: &rendered,
-            picture: &picture,
-            truth: &truth,
-        };
+        let seen =
+            Seen { index, score: &score, notes: &own_notes, rendered: &rendered, picture: &picture, truth: &truth };
         let next = each(seen)?;
         notes.append(&mut own_notes);
         points.keep(index, std::mem::take(&mut rendered.layers.canonical));

@@ -3,10 +3,10 @@
 //! Scores belong to one checkpoint and one way to measure; anything else in the file is not looked at. It goes away with the
 //! evaluation that needed it.
 
+use crate::checkpoint;
 use crate::error::RunError;
 use crate::eval::{Known, Measures, Terms};
 use crate::output::{Storage, read_json, write_file};
-use crate::checkpoint;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -72,5 +72,8 @@ fn key(digest: &str, step: u64, terms: &Terms<'_>) -> String {
     let lpips = matches!(terms.measures, Measures::All(Some(_)));
     let (budget, background) = (terms.query.error_budget, terms.query.background);
     let version = env!("CARGO_PKG_VERSION");
-    format!("{version} step {step} {digest} {protocol} budget {budget:?} on {background:?} seed {} lpips {lpips}", terms.seed)
+    format!(
+        "{version} step {step} {digest} {protocol} budget {budget:?} on {background:?} seed {} lpips {lpips}",
+        terms.seed
+    )
 }

@@ -258,11 +258,11 @@ impl<'a> Run<'a> {
         parts: Parts<'a>,
         observer: &mut dyn Observer,
     ) -> Result<Self, RunError> {
-        let Checkpoint { meta, state, warnings } = checkpoint::load_newest(folder)?;
+        let Checkpoint { mut meta, state, warnings } = checkpoint::load_newest(folder)?;
         for warning in &warnings {
             observer.event(Event::Warning(warning));
         }
-        let config = meta.config;
+        let config = meta.config.clone();
         request.agree_with(&config)?;
         let spec = request.scene.as_deref().unwrap_or(&config.scene);
         let mut data = config.data.clone();
@@ -287,8 +287,24 @@ impl<'a> Run<'a> {
         if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {
             provide::again(folder, &mut scene, (&mut train, &mut held_out))?;
         }
-        let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
-        system.load_state(&state)?;
+        let build = || (parts.build)(&config.system, &scene, &train, &options);
+        let (mut system, mut plan) = build()?;
+        let mut loaded = system.load_state(&state);
+        drop(state);
+        // Arrays that do not fit the run: the one before may.
+        let mut problems = Vec::new();
+        while let Err(error) = loaded {
+            problems.push(format!("checkpoint step-{:08}: {error}", meta.step));
+            let older = checkpoint::load_below(folder, Some(meta.step), problems.clone())?;
+            if older.meta.config != config || older.meta.dataset != meta.dataset {
+                return Err(RunError::AllCheckpointsBroken { folder: folder.into(), problems });
+            }
+            let step = older.meta.step;
+            observer.event(Event::Warning(&format!("{}; using step {step} instead", problems[problems.len() - 1])));
+            (system, plan) = build()?;
+            loaded = system.load_state(&older.state);
+            meta = older.meta;
+        }
         Ok(Self {
             parts,
             folder: folder.into(),
@@ -384,14 +400,10 @@ impl<'a> Run<'a> {
     }
 
     /// What comes after scores: summary, showcase, report.
-    fn write_rest(
-        &self,
-        schedule: &Schedule,
-        ended: &mut Ended,
-        observer: &mut dyn Observer,
-    ) -> Result<(), RunError> {
+    fn write_rest(&self, schedule: &Schedule, ended: &mut Ended, observer: &mut dyn Observer) -> Result<(), RunError> {
         // A run that had only its end to do over keeps what is known of its training.
-        let known = Summary::read(&self.folder).is_ok_and(|s| s.steps == self.step && self.resumed_at == Some(self.step));
+        let known =
+            Summary::read(&self.folder).is_ok_and(|s| s.steps == self.step && self.resumed_at == Some(self.step));
         if !known {
             insist(schedule.disk_wait, observer, |_| self.write_summary())?;
         }

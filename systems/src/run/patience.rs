@@ -34,7 +34,11 @@ pub(super) fn insist<T>(
             return Err(error);
         }
         if !said {
-            let line = format!("{}: trying again for {:.0} s: make room meanwhile", error.with_reason(), left.as_secs_f64().ceil());
+            let line = format!(
+                "{}: trying again for {:.0} s: make room meanwhile",
+                error.with_reason(),
+                left.as_secs_f64().ceil()
+            );
             observer.event(Event::Warning(&line));
             said = true;
         }
@@ -66,8 +70,7 @@ mod tests {
             Err(full())
         });
         assert!(tried.is_err() && tries == 1);
-        let tried: Result<(), _> =
-            insist(Duration::from_secs(60), &mut Silent, |_| Err(RunError::Option("no".into())));
+        let tried: Result<(), _> = insist(Duration::from_secs(60), &mut Silent, |_| Err(RunError::Option("no".into())));
         assert_eq!(tried.unwrap_err().to_string(), "no");
     }
 }
