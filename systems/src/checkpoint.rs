@@ -129,7 +129,7 @@ pub fn save(
         Err(RunError::Write { source, .. }) if is_full(&source) && make_room(&folder, step) => write()?,
         written => written?,
     }
-    prune(&folder);
+    let _ = prune(&folder);
     Ok(path)
 }
 
@@ -140,9 +140,12 @@ fn is_full(error: &io::Error) -> bool {
 
 /// Remove what no run needs, and the older checkpoint where the newer one is whole; `false` where there is nothing to remove.
 fn make_room(folder: &Path, step: u64) -> bool {
+    let had_orphans = prune(folder);
     let earlier: Vec<u64> = steps(folder).into_iter().filter(|&other| other != step).collect();
     let whole = earlier.last().is_some_and(|&newest| load(folder, newest).is_ok());
-    let Some((_, older)) = earlier.split_last().filter(|(_, older)| whole && !older.is_empty()) else { return false };
+    let Some((_, older)) = earlier.split_last().filter(|(_, older)| whole && !older.is_empty()) else {
+        return had_orphans;
+    };
     for step in older {
         // The JSON file first: what is left of a checkpoint then is none.
         let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
@@ -284,20 +287,23 @@ fn step_of(path: &Path, extension: &str) -> Option<u64> {
     path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }
 
-/// Remove all but the newest checkpoints, and what killed processes left. Failing to remove costs disk space only.
-fn prune(folder: &Path) {
+/// Remove all but the newest checkpoints, and what killed processes left; whether there was such. Failing to remove costs disk
+/// space only.
+fn prune(folder: &Path) -> bool {
     let steps = steps(folder);
     let kept = &steps[steps.len().saturating_sub(KEPT)..];
     for step in &steps[..steps.len() - kept.len()] {
         let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
     }
+    let mut had_orphans = false;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         let orphan = step_of(&path, "safetensors").is_some_and(|step| !kept.contains(&step));
         if orphan || output::is_temporary(&path) {
-            let _ = fs::remove_file(path);
+            had_orphans |= fs::remove_file(path).is_ok();
         }
     }
+    had_orphans
 }
 
 /// SHA-256 in hexadecimal.

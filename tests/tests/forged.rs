@@ -100,8 +100,16 @@ impl<'a> Forge<'a> {
         let mut places = Vec::new();
         leaves(&whole, &mut String::new(), &mut places);
         let extremes = [
-            json!(0), json!(-1), json!(u64::MAX), json!(i64::MIN), json!(1_u64 << 40), json!(1e300), json!(-1e300),
-            json!(1e-300), json!("x"), json!(null),
+            json!(0),
+            json!(-1),
+            json!(u64::MAX),
+            json!(i64::MIN),
+            json!(1_u64 << 40),
+            json!(1e300),
+            json!(-1e300),
+            json!(1e-300),
+            json!("x"),
+            json!(null),
         ];
         for place in places {
             for extreme in &extremes {
@@ -239,6 +247,6 @@ fn forged_checkpoints_of_photos() {
 
 #[test]
 fn forged_checkpoints_of_moving_scenes() {
-    let names = ["d-nerf", "t-nerf", "tineuvox", "nerfies", "hypernerf", "nsff"];
+    let names = ["ngp", "t-nerf", "d-nerf", "nerfies", "hypernerf", "tineuvox"];
     check(&names.map(|name| (name, GRID)), moving, &systems::dynamic::build, false);
 }

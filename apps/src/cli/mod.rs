@@ -134,7 +134,7 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u64>,
     /// Frames of the animation
-    #[arg(long, default_value_t = 48, value_name = "N")]
+    #[arg(long, default_value_t = 48, value_name = "N", value_parser = frame_count)]
     pub(crate) frames: usize,
     /// Method
     #[arg(long, value_name = "NAME")]

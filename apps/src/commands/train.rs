@@ -176,7 +176,7 @@ pub(super) fn conclude(evaluation: Option<&Evaluation>, folder: &Path) {
 /// Why a finished run was left as it is, and how to go on with it.
 fn already_finished(session: &Session, run: &Run<'_>, stop: Stop) {
     let (stopped, further) = match stop {
-        Stop::Steps(n) => (format!("{n} steps"), ["--steps".into(), (2 * n.max(run.step)).to_string()]),
+        Stop::Steps(n) => (format!("{n} steps"), ["--steps".into(), n.max(run.step).saturating_mul(2).to_string()]),
         Stop::Seconds(s) => {
             (format!("{s} s of training"), ["--seconds".into(), format!("{:.0}", 2.0 * s.max(run.seconds).ceil())])
         }

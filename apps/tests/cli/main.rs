@@ -7,6 +7,7 @@ mod choice;
 mod chromium;
 mod commands;
 mod dynamic;
+mod numbers;
 mod prepare;
 mod progress;
 mod resume;

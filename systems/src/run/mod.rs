@@ -138,6 +138,7 @@ impl<'a> Run<'a> {
         if let Some(step) = checkpoint::newest_step(folder) {
             return Err(RunError::RunExists { folder: folder.into(), step });
         }
+        output::sweep(folder);
         // Found out now, not after an hour of training.
         let probe = folder.join(".writable");
         write_file(parts.storage, &probe, b"yes")?;

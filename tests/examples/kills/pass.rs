@@ -214,6 +214,8 @@ fn disturb(
         _ => Moment::After(dice.below(900)),
     };
     let room_left = dice.below(400_000);
+    // A disk cannot be made read-only while files are open on it, and a folder cannot be sealed before it is there.
+    let is_protected = fault == Fault::ReadOnly && dice.below(2) == 0 && room.protect(true);
     let mut running = ground.apps.start(case.app, words)?;
     await_moment(&mut running, moment, place);
     let answer = match fault {
@@ -253,22 +255,31 @@ fn disturb(
             answer
         }
         Fault::ReadOnly => {
-            // Not while a file is being written: then a moment later.
-            let mut is_protected = room.protect(true);
-            while !is_protected && !running.is_over() {
-                std::thread::sleep(Duration::from_millis(2));
-                is_protected = room.protect(true);
+            let is_sealed = !is_protected && Room::seal(&run, true);
+            if dice.below(2) == 0 {
+                std::thread::sleep(Duration::from_millis(50 + dice.below(700)));
+                lift(room, (is_protected, is_sealed), &run)?;
             }
             let answer = running.end();
-            if is_protected && !room.protect(false) {
-                return Err("the disk cannot be made writable again".into());
-            }
+            lift(room, (is_protected, is_sealed), &run)?;
             let answer = answer?;
             may_have_failed(&answer)?;
             answer
         }
     };
     before.check(&run, case.steps).map_err(|problem| format!("after {fault} in `{}`: {problem}", answer.words))
+}
+
+/// Make a disk or a folder writable again.
+fn lift(room: &Room, (is_protected, is_sealed): (bool, bool), run: &Path) -> Result<(), String> {
+    // Files that were made meanwhile were never sealed, and a folder may be gone.
+    if is_sealed {
+        Room::seal(run, false);
+    }
+    match is_protected && !room.protect(false) {
+        true => Err("the disk cannot be made writable again".into()),
+        false => Ok(()),
+    }
 }
 
 /// With a disk that is full or read-only a command succeeds or says in one line what is wrong.

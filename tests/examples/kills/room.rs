@@ -47,9 +47,14 @@ impl Room {
         let _ = fs::remove_file(self.path.join("filler"));
     }
 
-    /// Make it read-only or not. `false` where that could not be done: a file is open for writing.
+    /// Make the disk read-only or not. `false` where that could not be done: a file is open for writing.
     pub(crate) fn protect(&self, is_protected: bool) -> bool {
         did("mount", &["-o", if is_protected { "remount,ro" } else { "remount,rw" }], &self.path)
+    }
+
+    /// Make what lies in a folder unchangeable or not, also while files are open there. `false` where that cannot be done.
+    pub(crate) fn seal(folder: &Path, is_sealed: bool) -> bool {
+        did("chattr", &["-R", if is_sealed { "+i" } else { "-i" }], folder)
     }
 }
 
