@@ -15,7 +15,17 @@ pub(crate) struct Case {
 
 const GRID: &[&str] = &["log2_table=10", "batch_samples=2048", "occupancy=16", "levels=4"];
 const NETWORK: &[&str] = &["width=16", "depth=2", "coarse=8", "fine=8", "batch_rays=32"];
-const MIP_360: &[&str] = &["width=16", "depth=2", "proposal_width=16", "proposal_depth=2", "batch_rays=32"];
+const MIP_360: &[&str] = &[
+    "width=16",
+    "depth=2",
+    "proposal_width=16",
+    "proposal_depth=2",
+    "bottleneck=16",
+    "view_width=16",
+    "samples=8",
+    "proposal_samples=8",
+    "batch_rays=32",
+];
 const WARPED: &[&str] =
     &["log2_table=10", "batch_samples=1024", "occupancy=16", "levels=4", "warp_width=16", "warp_depth=2"];
 const SPLATS: &[&str] = &["max_splats=400"];

@@ -26,6 +26,14 @@ pub(crate) fn kept(run: &Path) -> BTreeMap<PathBuf, SystemTime> {
     out
 }
 
+/// Pictures of views that are compared with each other (where points went between two moments): both are rendered again for that.
+pub(crate) fn compared(run: &Path) -> Vec<String> {
+    let read = || -> Option<Value> { serde_json::from_slice(&fs::read(run.join("eval.json")).ok()?).ok() };
+    let views = read().and_then(|value| value["views"].as_array().cloned()).unwrap_or_default();
+    let compared = views.iter().filter(|view| view["motion"]["flow_error"].is_number());
+    compared.filter_map(|view| Some(format!("{}.png", view["files"].as_str()?))).collect()
+}
+
 /// Numbers that tell how long something took, and nothing else.
 const TIMES: [&str; 7] =
     ["render_seconds", "seconds", "seconds_full", "seconds_saved", "timings", "memory", "resumed_at"];

@@ -62,7 +62,6 @@ pub(crate) struct Answer {
     pub(crate) out: String,
     pub(crate) err: String,
     pub(crate) words: String,
-    pub(crate) seconds: f64,
 }
 
 impl Running {
@@ -93,11 +92,10 @@ impl Running {
             }
             std::thread::sleep(LOOK);
         }
-        let seconds = self.since.elapsed().as_secs_f64();
         let output = self.child.wait_with_output().map_err(|e| format!("{}: {e}", self.words))?;
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         let (out, err) = (text(&output.stdout), text(&output.stderr));
-        let answer = Answer { code: code_of(output.status), out, err, words: self.words, seconds };
+        let answer = Answer { code: code_of(output.status), out, err, words: self.words };
         match answer.err.contains("panicked") || answer.err.contains("abort") {
             true => Err(format!("`{}` panicked: {}", answer.words, answer.err)),
             false => Ok(answer),
