@@ -50,7 +50,7 @@ pub(crate) fn run(count: u64, seed: u64, first: u64) -> ExitCode {
     for ((word, fault), times) in &table {
         println!("{word:8} {fault:16} {times}");
     }
-    println!("slowest end after a signal: {slowest:.1} s");
+    println!("most work from a signal to the end: {slowest:.1} s of a core");
     let seconds = begun.elapsed().as_secs_f64();
     println!("{count} passes, {} failed {failures:?}, seed {seed}, {seconds:.0} s", failures.len());
     if failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }

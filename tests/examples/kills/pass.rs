@@ -14,8 +14,8 @@ use std::time::Duration;
 const MOST: u64 = 3;
 /// Tries to end after the disturbances: none more than one is needed, but for a training without a checkpoint.
 const TRIES: usize = 3;
-/// Longest time from a signal to the end of a command, seconds, on a busy machine.
-const SOON: f64 = 20.0;
+/// Most work from a signal to the end of a command, seconds of a core.
+const SOON: f64 = 5.0;
 
 /// What is done to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +82,7 @@ impl Dice {
 #[derive(Default)]
 pub(crate) struct Done {
     pub(crate) faults: Vec<(Fault, &'static str)>,
-    /// Longest time from a signal to the end, seconds.
+    /// Most work from a signal to the end, seconds of a core.
     pub(crate) slowest: f64,
 }
 
@@ -222,17 +222,17 @@ fn disturb(
     let answer = match fault {
         Fault::Interrupt | Fault::Terminate | Fault::Kill => {
             let was_over = running.is_over();
-            let since = std::time::Instant::now();
+            let since = running.worked();
             running.signal(match fault {
                 Fault::Interrupt => "INT",
                 Fault::Terminate => "TERM",
                 _ => "KILL",
             });
             let answer = running.end()?;
-            let seconds = since.elapsed().as_secs_f64();
+            let seconds = answer.worked - since;
             done.slowest = done.slowest.max(if was_over { 0.0 } else { seconds });
             if seconds > SOON {
-                return Err(format!("{seconds:.1} s from {fault} to the end of `{}`", answer.words));
+                return Err(format!("{seconds:.1} s of work from {fault} to the end of `{}`", answer.words));
             }
             match (fault, answer.code) {
                 (_, Some(0)) | (Fault::Kill, None) => {}

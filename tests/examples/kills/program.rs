@@ -40,7 +40,7 @@ impl Apps {
         command.env_remove("WILDFIELD_LPIPS").args(words).stdin(Stdio::null());
         let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let words = format!("{app} {}", words.join(" "));
-        Ok(Running { child: child.map_err(|e| format!("{words}: {e}"))?, words, since: Instant::now() })
+        Ok(Running { child: child.map_err(|e| format!("{words}: {e}"))?, words, since: Instant::now(), worked: 0.0 })
     }
 
     /// Run one to its end.
@@ -54,6 +54,8 @@ pub(crate) struct Running {
     child: Child,
     words: String,
     since: Instant,
+    /// Work done when last looked at, seconds of a core.
+    worked: f64,
 }
 
 /// What became of a command.
@@ -62,11 +64,21 @@ pub(crate) struct Answer {
     pub(crate) out: String,
     pub(crate) err: String,
     pub(crate) words: String,
+    /// See [`Running::worked`].
+    pub(crate) worked: f64,
 }
 
 impl Running {
     pub(crate) fn is_over(&mut self) -> bool {
+        self.worked = work_of(self.child.id()).unwrap_or(self.worked);
         !matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Seconds of a core that it has worked: those of the clock where the system does not say. A busy machine does not make them
+    /// more.
+    pub(crate) fn worked(&mut self) -> f64 {
+        let _ = self.is_over();
+        if cfg!(target_os = "linux") { self.worked } else { self.since.elapsed().as_secs_f64() }
     }
 
     /// Wait until `is_due`, or the command is over.
@@ -92,15 +104,28 @@ impl Running {
             }
             std::thread::sleep(LOOK);
         }
+        let worked = self.worked();
         let output = self.child.wait_with_output().map_err(|e| format!("{}: {e}", self.words))?;
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         let (out, err) = (text(&output.stdout), text(&output.stderr));
-        let answer = Answer { code: code_of(output.status), out, err, words: self.words };
+        let answer = Answer { code: code_of(output.status), out, err, words: self.words, worked };
         match answer.err.contains("panicked") || answer.err.contains("abort") {
             true => Err(format!("`{}` panicked: {}", answer.words, answer.err)),
             false => Ok(answer),
         }
     }
+}
+
+/// Seconds of a core that a process has worked; `None` where the system does not say, or once it is gone.
+fn work_of(id: u32) -> Option<f64> {
+    /// Ticks of the clock that processes are measured with, a second.
+    const TICKS: f64 = 100.0;
+    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    // After the name, which may hold anything.
+    let numbers: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = |i: usize| numbers.get(i)?.parse::<f64>().ok();
+    let worked = ticks(11)? + ticks(12)?;
+    (worked > 0.0).then_some(worked / TICKS)
 }
 
 fn code_of(status: ExitStatus) -> Option<i32> {
