@@ -1,4 +1,7 @@
-//! Ctrl-C and SIGTERM: the first asks to stop and is answered at once, the second stops at once.
+//! Ctrl-C and SIGTERM: the first is answered by a line at once, the second ends the program at once.
+//!
+//! What the first one does depends on how far the program is. While it only reads, nothing can be lost, and it ends there and then.
+//! From [`listen`] on it raises a flag: work looks at it between a few rays, keeps what it has, and ends.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -7,60 +10,80 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
+/// Exit code of a program that was asked to stop, by either signal.
+pub(crate) const CODE: u8 = 130;
+
 /// How soon the first signal is answered.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// How long a program that ends at once waits for a file that is being written.
+const FILES_WAIT: Duration = Duration::from_secs(1);
 
 /// What is said when a signal has come.
-pub(crate) const HEARD: &str = "stopping; what is done is kept (once more ends it at once)";
+const HEARD: &str = "interrupt heard: stopping; what is done is kept; again to stop at once";
+const ENDED: &str = "interrupt heard: ended; there was nothing to lose yet";
 
-/// Says that a signal was heard.
-type Answer = Box<dyn Fn() + Send>;
+/// Says a line.
+type Say = Box<dyn Fn(&str) + Send>;
 
 /// One for the process, however many commands ask for it.
 static INTERRUPT: OnceLock<Interrupt> = OnceLock::new();
 
 struct Interrupt {
     raised: Arc<AtomicBool>,
-    answered: AtomicBool,
-    /// Of the newest listener.
-    answer: Mutex<Option<Answer>>,
+    manner: Mutex<Manner>,
 }
 
-/// A flag that the first signal raises.
-///
-/// # Errors
-/// Where handlers of signals cannot be had.
-pub(crate) fn flag() -> Result<Arc<AtomicBool>> {
+/// How the first signal is answered.
+struct Manner {
+    say: Say,
+    /// What is done is kept; before, the program ends at once.
+    gently: bool,
+    answered: bool,
+}
+
+fn of_process(say: Say) -> Result<&'static Interrupt> {
     if let Some(interrupt) = INTERRUPT.get() {
-        return Ok(interrupt.raised.clone());
+        interrupt.manner.lock().unwrap_or_else(PoisonError::into_inner).say = say;
+        return Ok(interrupt);
     }
     let raised = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         // In this order: a signal first looks whether one came before.
-        flag::register_conditional_shutdown(signal, 130, raised.clone())?;
+        flag::register_conditional_shutdown(signal, CODE.into(), raised.clone())?;
         flag::register(signal, raised.clone())?;
     }
-    let interrupt = Interrupt { raised, answered: AtomicBool::new(false), answer: Mutex::new(None) };
-    Ok(INTERRUPT.get_or_init(|| interrupt).raised.clone())
+    let interrupt = Interrupt { raised, manner: Mutex::new(Manner { say, gently: false, answered: false }) };
+    let interrupt = INTERRUPT.get_or_init(|| interrupt);
+    let wait = || {
+        while !answered() {
+            std::thread::sleep(LOOK_EVERY);
+        }
+    };
+    std::thread::Builder::new().name("interrupt".into()).spawn(wait)?;
+    Ok(interrupt)
 }
 
-/// The flag of [`flag`]; when it is raised, `answer` is called once, at once, from another thread or by [`answered`].
+/// From now on a signal ends the program at once, with a line and with no file half-written.
 ///
 /// # Errors
-/// As [`flag`], and where there is no thread to be had.
-pub(crate) fn listen(answer: Answer) -> Result<Arc<AtomicBool>> {
-    let raised = flag()?;
-    let Some(interrupt) = INTERRUPT.get() else { return Ok(raised) };
-    let first = interrupt.answer.lock().unwrap_or_else(PoisonError::into_inner).replace(answer).is_none();
-    if first {
-        let wait = || {
-            while !answered() {
-                std::thread::sleep(LOOK_EVERY);
-            }
-        };
-        std::thread::Builder::new().name("interrupt".into()).spawn(wait)?;
-    }
-    Ok(raised)
+/// Where handlers of signals, or a thread, cannot be had.
+pub(crate) fn begin(say: Say) -> Result<()> {
+    of_process(say).map(|_| ())
+}
+
+/// From now on a first signal raises the flag; `say` says so, once, at once, from another thread or by [`answered`].
+///
+/// # Errors
+/// As [`begin`].
+pub(crate) fn listen(say: Say) -> Result<Arc<AtomicBool>> {
+    let interrupt = of_process(say)?;
+    interrupt.manner.lock().unwrap_or_else(PoisonError::into_inner).gently = true;
+    Ok(interrupt.raised.clone())
+}
+
+/// The flag that the first signal raises; `None` before anything listens.
+pub(crate) fn raised() -> Option<Arc<AtomicBool>> {
+    INTERRUPT.get().map(|interrupt| interrupt.raised.clone())
 }
 
 /// Whether the flag is raised; the first to ask after that gives the answer.
@@ -70,11 +93,13 @@ pub(crate) fn answered() -> bool {
         return false;
     }
     // The lock is held while it answers: nobody goes on before that is done.
-    let answer = interrupt.answer.lock().unwrap_or_else(PoisonError::into_inner);
-    if !interrupt.answered.swap(true, Ordering::Relaxed)
-        && let Some(answer) = answer.as_ref()
-    {
-        answer();
+    let mut manner = interrupt.manner.lock().unwrap_or_else(PoisonError::into_inner);
+    if !std::mem::replace(&mut manner.answered, true) {
+        (manner.say)(if manner.gently { HEARD } else { ENDED });
+        if !manner.gently {
+            systems::output::close_files(FILES_WAIT);
+            std::process::exit(CODE.into());
+        }
     }
     true
 }

@@ -1,6 +1,7 @@
 //! The binaries: they parse, call `systems`, and show.
 //!
-//! Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (the checkpoint is written; `view` ends with 0, as there is no other end). Results go to standard
+//! Exit codes: 0 done, 1 failed or not all written, 2 wrong usage, 130 stopped by SIGINT or SIGTERM (what is done is kept; `view` ends with 0, as there is no
+//! other end). Results go to standard
 //! output, progress and errors to standard error.
 
 mod app;
@@ -46,7 +47,7 @@ fn run(app: &'static app::App) -> ExitCode {
     let cli = cli::Cli::read(app, std::env::args_os()).unwrap_or_else(|e| e.exit());
     match commands::run(app, cli) {
         Ok(commands::Done::Finished) => ExitCode::SUCCESS,
-        Ok(commands::Done::Interrupted) => ExitCode::from(130),
+        Ok(commands::Done::Interrupted) => ExitCode::from(interrupt::CODE),
         Ok(commands::Done::Refused) => ExitCode::FAILURE,
         Err(error) => {
             show::error(error.as_ref());

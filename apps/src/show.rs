@@ -8,6 +8,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
+use systems::halt::Halt;
 use systems::progress::{Event, Observer, Part};
 use systems::train::Progress;
 
@@ -79,13 +80,22 @@ impl Show {
         Self { style, last: None, step: 0 }
     }
 
-    /// From now on a first Ctrl-C asks to stop, and is answered at once; before, it ends the program.
+    /// From now on Ctrl-C ends the program at once, with a line: nothing has begun that could be lost.
+    ///
+    /// # Errors
+    /// Where signals cannot be listened to.
+    pub(crate) fn begin(&self) -> std::io::Result<()> {
+        let said = self.style.clone();
+        interrupt::begin(Box::new(move |line| said.say("interrupted", line)))
+    }
+
+    /// From now on a first Ctrl-C asks to stop, and is answered at once.
     ///
     /// # Errors
     /// Where signals cannot be listened to.
     pub(crate) fn listen(&self) -> std::io::Result<Arc<AtomicBool>> {
         let said = self.style.clone();
-        interrupt::listen(Box::new(move || said.say("interrupted", interrupt::HEARD)))
+        interrupt::listen(Box::new(move |line| said.say("interrupted", line)))
     }
 
     /// Take the bar away, so that results start on a clean line. The next part of some work brings it back.
@@ -211,6 +221,10 @@ impl Observer for Show {
             }
             _ => {}
         }
+    }
+
+    fn halt(&self) -> Halt {
+        interrupt::raised().map_or(Halt::NEVER, Halt::on)
     }
 
     fn stop_asked(&self) -> bool {

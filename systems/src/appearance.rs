@@ -165,7 +165,8 @@ impl Run<'_> {
             )));
         }
         let (steps, lr, seed) = (FIT_STEPS, FIT_LR, self.config.seed);
-        let code = self.system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed });
+        let code =
+            self.system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed, halt: &self.halt });
         code.ok_or_else(|| {
             RunError::Option(format!("{option}: `{}` fits no codes; use `mean` or `image:NAME`", self.system.name()))
         })

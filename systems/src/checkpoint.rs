@@ -3,7 +3,10 @@
 //! `checkpoint/step-NNNNNNNN.safetensors` holds the arrays of [`System::state`], `step-NNNNNNNN.json` the step, the
 //! training seconds, the seed, the dataset's hash, the configuration, and size and SHA-256 of the array file. The JSON
 //! file is written last: a checkpoint without it does not exist. Random numbers are functions of (seed, step), so the
-//! two are the whole state of the generator. The last two checkpoints are kept.
+//! two are the whole state of the generator. The last two checkpoints are kept; where the disk is full the older one makes room for
+//! a new one, once the newer one was read and found whole.
+//!
+//! Nothing of a file is believed: sizes are compared before anything is read, and every number is held against what a run can be.
 
 use crate::error::RunError;
 use crate::options::RunConfig;
@@ -15,10 +18,17 @@ use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Checkpoints kept.
 const KEPT: usize = 2;
+/// Longest JSON file that is read, bytes: a configuration has some thousand.
+const LONGEST_JSON: u64 = 16 << 20;
+/// Steps a run may have: beyond, counting them is not exact any more.
+const MOST_STEPS: u64 = 1 << 53;
+/// How random numbers are made.
+const GENERATOR: &str = "philox4x32-10";
 /// Version of the layout of the two files.
 const FORMAT: u32 = 1;
 
@@ -79,7 +89,8 @@ pub fn folder(run: &Path) -> PathBuf {
     run.join("checkpoint")
 }
 
-/// Write a checkpoint of `system` after `step` steps, then remove all but the last two. Returns the path of its JSON file.
+/// Write a checkpoint of `system` after `step` steps, then remove all but the last two. Returns the path of its JSON file. On a
+/// full disk the older of two checkpoints makes room, if the newer one is whole.
 ///
 /// # Errors
 /// [`RunError::Write`]; earlier checkpoints are untouched.
@@ -103,17 +114,44 @@ pub fn save(
         format: FORMAT,
         step,
         seconds,
-        rng: RngMeta { generator: "philox4x32-10".into(), seed: config.seed, counter: step },
+        rng: RngMeta { generator: GENERATOR.into(), seed: config.seed, counter: step },
         dataset: dataset.into(),
         tensors: TensorsMeta { file: array_file.clone(), bytes: arrays.len() as u64, sha256: sha256(&arrays) },
         config: config.clone(),
     };
     let text = serde_json::to_string_pretty(&meta).expect("a plain struct serialises");
-    write_file(storage, &folder.join(&array_file), &arrays)?;
     let path = folder.join(format!("{stem}.json"));
-    write_file(storage, &path, text.as_bytes())?;
-    prune(&folder);
+    let write = || {
+        write_file(storage, &folder.join(&array_file), &arrays)?;
+        write_file(storage, &path, text.as_bytes())
+    };
+    match write() {
+        Err(RunError::Write { source, .. }) if is_full(&source) && make_room(&folder, step) => write()?,
+        written => written?,
+    }
+    let _ = prune(&folder);
     Ok(path)
+}
+
+/// Whether a disk, or somebody's share of it, is full.
+fn is_full(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
+}
+
+/// Remove what no run needs, and the older checkpoint where the newer one is whole; `false` where there is nothing to remove.
+fn make_room(folder: &Path, step: u64) -> bool {
+    let had_orphans = prune(folder);
+    let earlier: Vec<u64> = steps(folder).into_iter().filter(|&other| other != step).collect();
+    let whole = earlier.last().is_some_and(|&newest| load(folder, newest).is_ok());
+    let Some((_, older)) = earlier.split_last().filter(|(_, older)| whole && !older.is_empty()) else {
+        return had_orphans;
+    };
+    for step in older {
+        // The JSON file first: what is left of a checkpoint then is none.
+        let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
+        let _ = fs::remove_file(folder.join(format!("step-{step:08}.safetensors")));
+    }
+    true
 }
 
 /// Newest step with a JSON file, readable or not; `None` when there is no checkpoint.
@@ -126,9 +164,13 @@ pub fn newest_step(run: &Path) -> Option<u64> {
 /// # Errors
 /// [`RunError::NoCheckpoint`], [`RunError::AllCheckpointsBroken`].
 pub fn load_newest(run: &Path) -> Result<Checkpoint, RunError> {
+    load_below(run, None, Vec::new())
+}
+
+/// As [`load_newest`], of the checkpoints before `step` where there is one; `problems` are those found so far, a line each.
+pub(crate) fn load_below(run: &Path, step: Option<u64>, mut problems: Vec<String>) -> Result<Checkpoint, RunError> {
     let folder = folder(run);
-    let mut problems = Vec::new();
-    for step in steps(&folder).into_iter().rev() {
+    for step in steps(&folder).into_iter().rev().filter(|&other| step.is_none_or(|step| other < step)) {
         match load(&folder, step) {
             Ok((meta, state)) => {
                 let warnings = problems.iter().map(|p| format!("{p}; using step {step} instead")).collect();
@@ -144,8 +186,12 @@ pub fn load_newest(run: &Path) -> Result<Checkpoint, RunError> {
 }
 
 fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
-    let text =
-        fs::read_to_string(folder.join(format!("step-{step:08}.json"))).map_err(|e| format!("JSON file: {e}"))?;
+    let path = folder.join(format!("step-{step:08}.json"));
+    let size = fs::metadata(&path).map_err(|e| format!("JSON file: {e}"))?.len();
+    if size > LONGEST_JSON {
+        return Err(format!("JSON file: {size} bytes; at most {LONGEST_JSON} are read"));
+    }
+    let text = fs::read_to_string(&path).map_err(|e| format!("JSON file: {e}"))?;
     let meta: Meta = serde_json::from_str(&text).map_err(|e| format!("JSON file is broken: {e}"))?;
     if meta.format != FORMAT {
         return Err(format!("layout version {} (this program reads {FORMAT})", meta.format));
@@ -153,9 +199,14 @@ fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
     if meta.step != step {
         return Err(format!("JSON file is of step {}", meta.step));
     }
+    plausible(&meta)?;
     let file = Path::new(&meta.tensors.file);
-    if file.components().count() != 1 {
+    if file.components().count() != 1 || file.file_name().is_none() {
         return Err(format!("array file `{}` lies outside the checkpoint folder", meta.tensors.file));
+    }
+    let size = fs::metadata(folder.join(file)).map_err(|e| format!("array file `{}`: {e}", meta.tensors.file))?.len();
+    if size != meta.tensors.bytes {
+        return Err(format!("array file is truncated or replaced: {size} bytes, expected {}", meta.tensors.bytes));
     }
     let bytes = fs::read(folder.join(file)).map_err(|e| format!("array file `{}`: {e}", meta.tensors.file))?;
     if bytes.len() as u64 != meta.tensors.bytes {
@@ -170,6 +221,39 @@ fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
     }
     let state = deserialise(&bytes)?;
     Ok((meta, state))
+}
+
+/// What a run's own JSON file never says, as a line.
+fn plausible(meta: &Meta) -> Result<(), String> {
+    let Meta { step, seconds, rng, config, .. } = meta;
+    let refused = |field: &str, value: &dyn std::fmt::Display, want: &str| {
+        Err(format!("JSON file: `{field}` is {value}, expected {want}"))
+    };
+    if *step > MOST_STEPS {
+        return refused("step", step, &format!("{MOST_STEPS} at most"));
+    }
+    if !(seconds.is_finite() && *seconds >= 0.0) {
+        return refused("seconds", seconds, "a number from 0 on");
+    }
+    if rng.generator != GENERATOR {
+        return refused("rng.generator", &rng.generator, GENERATOR);
+    }
+    if rng.counter != *step {
+        return refused("rng.counter", &rng.counter, &format!("the step, {step}"));
+    }
+    if rng.seed != config.seed {
+        return refused("rng.seed", &rng.seed, &format!("that of the configuration, {}", config.seed));
+    }
+    if !(0.0..=1.0).contains(&config.error_budget) {
+        return refused("config.error_budget", &config.error_budget, "a number from 0 to 1");
+    }
+    if config.data.scales.is_some_and(|n| !(1..=12).contains(&n)) {
+        return refused("config.data.scales", &config.data.scales.unwrap_or(0), "1 to 12");
+    }
+    if config.data.longest_side == Some(0) {
+        return refused("config.data.longest_side", &0, "1 pixel at least");
+    }
+    Ok(())
 }
 
 /// SHA-256 of the arrays of the checkpoint of `step`, as its JSON file says; `None` where there is no such file.
@@ -203,20 +287,23 @@ fn step_of(path: &Path, extension: &str) -> Option<u64> {
     path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }
 
-/// Remove all but the newest checkpoints, and what killed processes left. Failing to remove costs disk space only.
-fn prune(folder: &Path) {
+/// Remove all but the newest checkpoints, and what killed processes left; whether there was such. Failing to remove costs disk
+/// space only.
+fn prune(folder: &Path) -> bool {
     let steps = steps(folder);
     let kept = &steps[steps.len().saturating_sub(KEPT)..];
     for step in &steps[..steps.len() - kept.len()] {
         let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
     }
+    let mut had_orphans = false;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         let orphan = step_of(&path, "safetensors").is_some_and(|step| !kept.contains(&step));
         if orphan || output::is_temporary(&path) {
-            let _ = fs::remove_file(path);
+            had_orphans |= fs::remove_file(path).is_ok();
         }
     }
+    had_orphans
 }
 
 /// SHA-256 in hexadecimal.

@@ -102,6 +102,33 @@ pub enum RunError {
         /// Hash now.
         now: String,
     },
+    /// Files that a finished run has are not there.
+    #[error(
+        "`{}` is not whole: {} missing; `train --resume --out {}` makes what can be made again",
+        folder.display(), listed(files), folder.display()
+    )]
+    Missing {
+        /// The run folder.
+        folder: PathBuf,
+        /// Names in it.
+        files: Vec<String>,
+    },
+    /// Results are known and could not be written.
+    #[error("what is printed above is not in `{}`: {}", folder.display(), listed(problems))]
+    Unwritten {
+        /// The run folder.
+        folder: PathBuf,
+        /// A line for each file.
+        problems: Vec<String>,
+    },
+    /// An array of a checkpoint cannot be used.
+    #[error("`{}`: {source}", path.display())]
+    State {
+        /// The file of the arrays.
+        path: PathBuf,
+        /// Which array, and why.
+        source: SystemError,
+    },
     /// An option that cannot work.
     #[error("{0}")]
     Option(String),
@@ -116,7 +143,23 @@ pub enum RunError {
     Scene(#[from] scene_io::SceneError),
 }
 
+/// The first few of many.
+fn listed(names: &[String]) -> String {
+    const SHOWN: usize = 4;
+    let more = names.len().saturating_sub(SHOWN);
+    let shown = names[..names.len() - more].join(", ");
+    if more > 0 { format!("{shown} and {more} more") } else { shown }
+}
+
 impl RunError {
+    /// The line with what the system said.
+    pub(crate) fn with_reason(&self) -> String {
+        match self {
+            Self::Write { source, .. } | Self::Read { source, .. } => format!("{self}: {source}"),
+            _ => self.to_string(),
+        }
+    }
+
     /// For `map_err`: writing `path` failed.
     pub fn write(path: impl AsRef<Path>) -> impl FnOnce(io::Error) -> Self {
         let path = path.as_ref().to_path_buf();

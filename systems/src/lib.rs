@@ -34,6 +34,7 @@ pub mod flip;
 pub mod frame_memory;
 pub mod frame_points;
 pub(crate) mod free_space;
+pub mod halt;
 pub mod identity;
 pub mod layout;
 pub mod log;

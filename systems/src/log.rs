@@ -67,11 +67,17 @@ impl Row {
     }
 }
 
-/// An open `metrics.csv`. Each row is on its way to the disk before [`MetricsLog::write`] returns.
+/// An open `metrics.csv`. Each row is on its way to the disk before [`MetricsLog::write`] returns; all are kept in memory, too:
+/// what could not be written is written with the next row, and a file that was removed is made again.
 #[derive(Debug)]
 pub struct MetricsLog {
     path: PathBuf,
-    file: File,
+    rows: Vec<Row>,
+    /// `None` once the file must be written anew.
+    file: Option<File>,
+    /// Rows that are in the file, and the length of the file with them.
+    written: usize,
+    bytes: u64,
 }
 
 impl MetricsLog {
@@ -80,9 +86,7 @@ impl MetricsLog {
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(path: &Path) -> Result<Self, RunError> {
-        let mut file = File::create(path).map_err(RunError::write(path))?;
-        writeln!(file, "{COLUMNS}").map_err(RunError::write(path))?;
-        Ok(Self { path: path.to_path_buf(), file })
+        Self::of(path, Vec::new())
     }
 
     /// Continue the file of a run resumed at `step`: rows past it, and a last line cut short, are dropped. A missing
@@ -91,26 +95,82 @@ impl MetricsLog {
     /// # Errors
     /// [`RunError::Read`], [`RunError::Write`], [`RunError::Content`] when the columns are others.
     pub fn resume(path: &Path, step: u64) -> Result<Self, RunError> {
-        if !path.exists() {
-            return Self::create(path);
-        }
-        let mut text = format!("{COLUMNS}\n");
-        for row in read(path)?.iter().filter(|r| r.step <= step) {
-            text += &row.line();
-            text.push('\n');
-        }
-        write_file(&Disk, path, text.as_bytes())?;
-        let file = OpenOptions::new().append(true).open(path).map_err(RunError::write(path))?;
-        Ok(Self { path: path.to_path_buf(), file })
+        let rows = if path.exists() { read(path)? } else { Vec::new() };
+        Self::of(path, rows.into_iter().filter(|row| row.step <= step).collect())
+    }
+
+    fn of(path: &Path, rows: Vec<Row>) -> Result<Self, RunError> {
+        let mut log = Self { path: path.to_path_buf(), rows, file: None, written: 0, bytes: 0 };
+        log.flush()?;
+        Ok(log)
     }
 
     /// Append a row.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::Write`]; the row is kept and written with the next one.
     pub fn write(&mut self, row: &Row) -> Result<(), RunError> {
-        // One write call a row: a kill leaves whole rows.
-        self.file.write_all(format!("{}\n", row.line()).as_bytes()).map_err(RunError::write(&self.path))
+        self.rows.push(*row);
+        self.flush()
+    }
+
+    /// Put the PSNR of the held-out views, dB, beside the last row where it is of `step`, into a row of its own otherwise.
+    ///
+    /// # Errors
+    /// As [`MetricsLog::write`].
+    pub fn measured(&mut self, (step, seconds): (u64, f64), psnr: f64) -> Result<(), RunError> {
+        match self.rows.last_mut() {
+            Some(row) if row.step == step => {
+                row.psnr_test = Some(psnr);
+                self.file = None;
+            }
+            _ => self.rows.push(Row { step, seconds, psnr_test: Some(psnr), ..Row::default() }),
+        }
+        self.flush()
+    }
+
+    /// Write what is not in the file yet.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub fn flush(&mut self) -> Result<(), RunError> {
+        let text = |rows: &[Row]| rows.iter().map(|row| format!("{}\n", row.line())).collect::<String>();
+        match &mut self.file {
+            Some(file) if is_at(file, &self.path) => {
+                let more = text(&self.rows[self.written..]);
+                // One write call a row: a kill leaves whole rows.
+                if let Err(error) = file.write_all(more.as_bytes()) {
+                    // A part of a row is none.
+                    let _ = file.set_len(self.bytes);
+                    return Err(RunError::write(&self.path)(error));
+                }
+                self.bytes += more.len() as u64;
+            }
+            _ => {
+                self.file = None;
+                let all = format!("{COLUMNS}\n{}", text(&self.rows));
+                write_file(&Disk, &self.path, all.as_bytes())?;
+                let file = OpenOptions::new().append(true).open(&self.path);
+                self.file = Some(file.map_err(RunError::write(&self.path))?);
+                self.bytes = all.len() as u64;
+            }
+        }
+        self.written = self.rows.len();
+        Ok(())
+    }
+}
+
+/// Whether an open file is the one at a path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let (Ok(open), Ok(there)) = (file.metadata(), fs::metadata(path)) else { return false };
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        (open.dev(), open.ino()) == (there.dev(), there.ino())
+    }
+    #[cfg(not(unix))]
+    {
+        open.len() == there.len()
     }
 }
 
@@ -153,6 +213,25 @@ mod tests {
         assert_eq!(rows.iter().map(|r| r.step).collect::<Vec<_>>(), [10, 20, 21]);
         assert_eq!(rows[0], Row { step: 10, seconds: 0.5, loss: Some(0.25), ..Row::default() });
         assert_eq!(rows[2].psnr_test, Some(31.5));
+    }
+
+    #[test]
+    fn a_file_that_is_removed_comes_back_with_all_its_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("runs/metrics.csv");
+        fs::create_dir(folder.path().join("runs")).unwrap();
+        let mut log = MetricsLog::create(&path).unwrap();
+        let row = |step| Row { step, ..Row::default() };
+        log.write(&row(1)).unwrap();
+        fs::remove_dir_all(folder.path().join("runs")).unwrap();
+        assert!(matches!(log.write(&row(2)), Err(RunError::Write { .. })));
+        fs::create_dir(folder.path().join("runs")).unwrap();
+        log.write(&row(3)).unwrap();
+        assert_eq!(read(&path).unwrap(), [1, 2, 3].map(row));
+        log.measured((3, 0.5), 20.0).unwrap();
+        log.measured((4, 0.5), 21.0).unwrap();
+        let psnrs: Vec<_> = read(&path).unwrap().iter().map(|r| (r.step, r.psnr_test)).collect();
+        assert_eq!(psnrs, [(1, None), (2, None), (3, Some(20.0)), (4, Some(21.0))]);
     }
 
     #[test]

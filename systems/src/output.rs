@@ -7,6 +7,8 @@ use serde::de::DeserializeOwned;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{PoisonError, RwLock};
+use std::time::{Duration, Instant};
 
 /// Where bytes go. [`Disk`] is the file system; a test may put a full disk in its place.
 pub trait Storage: Send + Sync {
@@ -48,6 +50,7 @@ impl StorageFile for File {
 /// # Errors
 /// [`RunError::Write`] naming `path`.
 pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    let _writing = WRITING.read().unwrap_or_else(PoisonError::into_inner);
     let temporary = temporary_name(path);
     let written = (|| {
         // A link that somebody put there would lead the bytes elsewhere.
@@ -68,6 +71,36 @@ pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<()
         let _ = fs::remove_file(&temporary);
         RunError::Write { path: path.to_path_buf(), source }
     })
+}
+
+/// Held by whoever writes a file.
+static WRITING: RwLock<()> = RwLock::new(());
+
+/// Wait until no file is half-written, for `most` at most: for a process that ends at once and leaves nothing behind. From then on
+/// nothing more is written.
+pub fn close_files(most: Duration) {
+    let since = Instant::now();
+    while since.elapsed() < most {
+        if let Ok(guard) = WRITING.try_write() {
+            // For good.
+            std::mem::forget(guard);
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Remove what [`write_file`] left in a run folder when its process was killed.
+pub(crate) fn sweep(run: &Path) {
+    let below = fs::read_dir(run).into_iter().flatten().flatten().map(|e| e.path()).filter(|p| p.is_dir());
+    for folder in std::iter::once(run.to_path_buf()).chain(below) {
+        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if is_temporary(&path) && !path.is_dir() {
+                let _ = fs::remove_file(path);
+            }
+        }
+    }
 }
 
 /// What a JSON file of a run holds; `None` where there is no such file.

@@ -1,5 +1,6 @@
 //! What a run tells the people (or programs) that watch it.
 
+use crate::halt::Halt;
 use crate::train::Progress;
 use std::path::Path;
 use std::time::Instant;
@@ -100,6 +101,11 @@ impl<'a> Meter<'a> {
 pub trait Observer {
     /// Called as things happen; returns quickly.
     fn event(&mut self, event: Event<'_>);
+
+    /// Raised when somebody asks to stop: for work that cannot ask this observer.
+    fn halt(&self) -> Halt {
+        Halt::NEVER
+    }
 
     /// Whether somebody has asked to stop (Ctrl-C). Long work looks between its parts, and ends with what it has.
     fn stop_asked(&self) -> bool {

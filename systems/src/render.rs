@@ -1,5 +1,6 @@
 //! A camera to a picture: whole images of layers, strip by strip.
 
+use crate::halt::Halt;
 use crate::system::{Appearance, LayerRequest, Layers, Query, System};
 use glam::{DVec2, Vec3};
 use render_core::camera::Camera;
@@ -20,7 +21,7 @@ pub struct Rendered {
     pub layers: Layers,
 }
 
-/// Render what `camera` sees.
+/// Render what `camera` sees. Once the query's [`Halt`] is raised the rest of the picture shows nothing.
 pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     let (width, height) = (camera.width, camera.height);
     if let Some(layers) = system.render_view(camera, query) {
@@ -39,6 +40,9 @@ pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     let mut radii: Vec<f32> = Vec::with_capacity(STRIP + k);
     let mut seen: Vec<usize> = Vec::with_capacity(STRIP / k + 1);
     for pixel in 0..pixels {
+        if rays.is_empty() && query.halt.raised() {
+            break;
+        }
         let corner = DVec2::new((pixel % width as usize) as f64, (pixel / width as usize) as f64);
         let before = rays.len();
         rays.extend(places.iter().filter_map(|&place| prepared.ray(corner + place)));
@@ -105,7 +109,14 @@ fn average(strip: &Layers, rays: Range<usize>, layers: &mut Layers, pixel: usize
 
 /// A query for colour, opacity and depth.
 pub fn plain_query(background: [f32; 3], error_budget: f32) -> Query {
-    Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean, time: 0.0 }
+    Query {
+        background,
+        layers: LayerRequest::default(),
+        error_budget,
+        appearance: Appearance::Mean,
+        time: 0.0,
+        halt: Halt::NEVER,
+    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! layers come out in the **scene's** frame and units: a system normalises inside.
 
 use crate::data::Dataset;
+use crate::halt::Halt;
 use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
 use render_core::camera::Camera;
@@ -152,6 +153,8 @@ pub struct Query {
     pub appearance: Appearance,
     /// At which time, `0..=1`. Systems of scenes that stand still know one time only.
     pub time: f64,
+    /// Ends the work early: layers are those of nothing then, from some ray on.
+    pub halt: Halt,
 }
 
 /// Pixels an appearance is fitted to.
@@ -169,6 +172,8 @@ pub struct Fit<'a> {
     pub lr: f64,
     /// Seed of the pixels of each step.
     pub seed: u64,
+    /// Ends the fit early, with the code as it is.
+    pub halt: &'a Halt,
 }
 
 /// A render that takes some of its skips only: what the table of skips compares.
@@ -467,6 +472,39 @@ pub fn take_u64(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>,
     }
 }
 
+/// Counters a run may have: whatever is counted is counted exactly, and one more is no overflow.
+const MOST_COUNTED: u64 = 1 << 53;
+
+/// Counters of a checkpoint that go on counting: none is larger than a run can count.
+///
+/// # Errors
+/// As [`take_u64`], and for a number that no run has counted to.
+pub fn take_counts(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>, SystemError> {
+    let counts = take_u64(tensors, name, len)?;
+    match counts.iter().position(|&count| count > MOST_COUNTED) {
+        Some(i) => {
+            let problem = format!("entry {i} is {}; no run counts that far", counts[i]);
+            Err(SystemError::State { name: name.into(), problem })
+        }
+        None => Ok(counts),
+    }
+}
+
+/// Floats of a checkpoint that are numbers: neither NaN nor infinite.
+///
+/// # Errors
+/// As [`take_f32`], and for an entry that is no number.
+pub fn take_numbers(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<f32>, SystemError> {
+    let numbers = take_f32(tensors, name, len)?;
+    match numbers.iter().position(|x| !x.is_finite()) {
+        Some(i) => {
+            let problem = format!("entry {i} is {}; a number is expected", numbers[i]);
+            Err(SystemError::State { name: name.into(), problem })
+        }
+        None => Ok(numbers),
+    }
+}
+
 /// The moments of a part, to a checkpoint.
 pub fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
     out.push(f32_tensor(format!("adam.{name}.m"), adam.first_moment()));
@@ -481,7 +519,7 @@ pub fn push_adam<'a>(out: &mut Vec<Tensor<'a>>, name: &str, adam: &'a Adam) {
 pub fn take_adam(state: &TensorMap, name: &str, old: &Adam) -> Result<Adam, SystemError> {
     let m = take_f32(state, &format!("adam.{name}.m"), old.len())?;
     let v = take_f32(state, &format!("adam.{name}.v"), old.len())?;
-    let steps = take_u64(state, &format!("adam.{name}.steps"), 1)?[0];
+    let steps = take_counts(state, &format!("adam.{name}.steps"), 1)?[0];
     Adam::restore(old.config(), m, v, steps)
         .map_err(|e| SystemError::State { name: format!("adam.{name}"), problem: e.to_string() })
 }

@@ -44,13 +44,24 @@ pub struct Schedule {
     pub checkpoint_every: Duration,
     /// Training seconds between rows of `metrics.csv`.
     pub row_every: f64,
+    /// How long what a run ends with is tried to be written where that fails: a full disk may have room again.
+    pub disk_wait: Duration,
 }
+
+/// Wall time between two tries to write a checkpoint midway.
+const RETRY: Duration = Duration::from_secs(5);
 
 impl Schedule {
     /// Evaluation at the end only, a checkpoint every 5 minutes, a row a second.
     pub fn new(stop: Stop) -> Self {
-        let checkpoint_every = Duration::from_secs(300);
-        Self { stop, eval_at: Vec::new(), eval_every: None, checkpoint_every, row_every: 1.0 }
+        Self {
+            stop,
+            eval_at: Vec::new(),
+            eval_every: None,
+            checkpoint_every: Duration::from_secs(300),
+            row_every: 1.0,
+            disk_wait: Duration::from_secs(60),
+        }
     }
 }
 
@@ -79,10 +90,19 @@ pub struct Progress {
     pub memory_mb: Option<f64>,
 }
 
-/// When the held-out views are measured.
+/// What became of a checkpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Saved {
+    /// It is on the disk.
+    Written,
+    /// It is in memory only: to be tried again soon.
+    Later,
+}
+
+/// When the held-out views are measured, or a checkpoint is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occasion {
-    /// For the curve.
+    /// For the curve; in case the process ends.
     Midway,
     /// The result.
     End,
@@ -96,11 +116,11 @@ pub trait Host {
     /// Stops the run.
     fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError>;
 
-    /// Write a checkpoint of `at` = (steps, training seconds).
+    /// Write a checkpoint of `at` = (steps, training seconds). Midway it may come later, at the end it must be written.
     ///
     /// # Errors
     /// Stops the run.
-    fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError>;
+    fn save(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Saved, RunError>;
 
     /// Tell people what they should act on.
     fn warn(&mut self, line: &str);
@@ -201,7 +221,8 @@ impl Pace {
 /// it should stop does no step.
 ///
 /// # Errors
-/// Whatever a step, an evaluation, a checkpoint or the log fails with; earlier checkpoints stay.
+/// Whatever a step, an evaluation or the last checkpoint fails with; earlier checkpoints stay. A row that cannot be written is one
+/// warning, and stays in `log`.
 pub fn train(
     system: &mut dyn System,
     data: &Dataset,
@@ -215,7 +236,8 @@ pub fn train(
     let mut eval_at: Vec<f64> = schedule.eval_at.iter().copied().filter(|&at| at > seconds).collect();
     eval_at.sort_by(|a, b| b.total_cmp(a));
     let (mut window, mut pace, mut watch) = (Window::default(), Pace::default(), TransientWatch::default());
-    let mut saved_at = Instant::now();
+    let (mut saved_at, mut save_after) = (Instant::now(), schedule.checkpoint_every);
+    let mut logged = true;
     let mut latest = Progress { step, seconds, ..Progress::default() };
     let reason = loop {
         if schedule.stop.reached(step, seconds) {
@@ -259,7 +281,7 @@ pub fn train(
                 row.psnr_test = host.evaluate(system, (step, seconds), Occasion::Midway)?;
                 latest.psnr_test = row.psnr_test;
             }
-            log.write(&row)?;
+            note(log.write(&row), &mut logged, host);
             latest.loss = row.loss;
             latest.psnr_train = row.psnr_train;
             latest.rays_per_s = row.rays_per_s;
@@ -268,23 +290,40 @@ pub fn train(
             window = Window::default();
         }
         host.progress(&latest);
-        if saved_at.elapsed() >= schedule.checkpoint_every {
-            host.save(system, (step, seconds))?;
+        if saved_at.elapsed() >= save_after {
+            save_after = match host.save(system, (step, seconds), Occasion::Midway)? {
+                Saved::Written => schedule.checkpoint_every,
+                Saved::Later => RETRY,
+            };
             saved_at = Instant::now();
         }
     };
     // A run that was interrupted before its first step can be resumed, too.
     if step > start || (step == 0 && reason == Reason::Interrupted) {
-        host.save(system, (step, seconds))?;
+        let _ = host.save(system, (step, seconds), Occasion::End)?;
     }
     let mut psnr_test = None;
     if reason == Reason::Finished {
         psnr_test = host.evaluate(system, (step, seconds), Occasion::End)?;
     }
     if step > start {
-        log.write(&Row { psnr_test, ..window.row(step, seconds) })?;
+        note(log.write(&Row { psnr_test, ..window.row(step, seconds) }), &mut logged, host);
+    } else if let Some(psnr) = psnr_test {
+        note(log.measured((step, seconds), psnr), &mut logged, host);
     }
     latest.psnr_test = psnr_test.or(latest.psnr_test);
     host.progress(&latest);
     Ok(Ended { step, seconds, psnr_test, reason })
+}
+
+/// Say once that rows cannot be written. No training ends over its curve.
+fn note(written: Result<(), RunError>, was_well: &mut bool, host: &mut dyn Host) {
+    match written {
+        Err(error) if *was_well => {
+            host.warn(&format!("{}: rows are kept in memory until they can be written", error.with_reason()));
+            *was_well = false;
+        }
+        Err(_) => {}
+        Ok(()) => *was_well = true,
+    }
 }

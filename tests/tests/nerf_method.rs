@@ -447,7 +447,15 @@ fn a_fit_finds_the_light_of_a_picture() {
     let before = state_of(&system);
     let light: Arc<[f32]> = Arc::from([1.5, -1.0, 0.8]);
     let truth = shown_in(&system, &rays, Appearance::Code(light)).rgb;
-    let fit = Fit { rays: &rays, rgb: &truth, background: [1.0; 3], steps: 300, lr: 0.05, seed: 1 };
+    let fit = Fit {
+        rays: &rays,
+        rgb: &truth,
+        background: [1.0; 3],
+        steps: 300,
+        lr: 0.05,
+        seed: 1,
+        halt: &systems::halt::Halt::NEVER,
+    };
     let code = system.fit_appearance(&fit).unwrap();
     let error = |appearance| {
         let got = shown_in(&system, &rays, appearance).rgb;

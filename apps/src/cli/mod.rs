@@ -154,7 +154,7 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u64>,
     /// Frames of the animation
-    #[arg(long, default_value_t = 48, value_name = "N")]
+    #[arg(long, default_value_t = 48, value_name = "N", value_parser = frame_count)]
     pub(crate) frames: usize,
     /// Method
     #[arg(long, value_name = "NAME")]
@@ -231,6 +231,9 @@ pub(crate) struct Train {
     /// Minutes between checkpoints (default: 5)
     #[arg(long, value_name = "MIN", value_parser = seconds)]
     pub(crate) checkpoint_minutes: Option<f64>,
+    /// How long the last checkpoint and the results are tried to be written where the disk is full or gone, seconds (default: 60)
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) disk_wait: Option<f64>,
     /// Light of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
     /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
     #[arg(long, value_name = "LIGHT")]

@@ -3,11 +3,20 @@
 use super::{Done, Failure, Session, train::conclude};
 use crate::cli::Eval;
 use crate::show::line;
+use systems::RunError;
+use systems::progress::{Event, Observer};
 
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let lpips = session.lpips()?;
     let mut show = session.show();
-    let mut run = session.open_to_write(&args.run, &mut show)?;
+    let mut run = match session.open_to_write(&args.run, &mut show) {
+        // Scores can be read without a file.
+        Err(error @ RunError::Write { .. }) => {
+            show.event(Event::Warning(&format!("{error}: scores are printed and not written")));
+            session.open(&args.run, &mut show)?
+        }
+        run => run?,
+    };
     run.measure_in(args.eval_appearance.clone());
     run.render_within(args.error_budget);
     show.listen()?;
@@ -25,9 +34,14 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let evaluation = run.evaluate(lpips.as_ref(), &mut show)?;
     show.finish();
     conclude(Some(&evaluation), &args.run);
-    if evaluation.left > 0 {
-        line("the scores in the run are those of the last evaluation that was finished");
+    if evaluation.stopped {
+        line(
+            "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here",
+        );
         return Ok(Done::Interrupted);
+    }
+    if !evaluation.unwritten.is_empty() {
+        return Err(RunError::Unwritten { folder: args.run.clone(), problems: evaluation.unwritten }.into());
     }
     Ok(Done::Finished)
 }

@@ -109,6 +109,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     }
     let session =
         Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads, memory: cli.memory };
+    session.show().begin()?;
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Prepare(args) => prepare::run(&session, &args, cli.threads),

@@ -147,16 +147,13 @@ impl Watcher {
             bar.set_style(style);
             bar
         });
-        Ok(Self { kind, bar, last: None, stage: String::new(), stop: interrupt::flag()? })
+        let said = bar.clone();
+        let stop = interrupt::listen(Box::new(move |line| say(said.as_ref(), kind, "interrupted", line)))?;
+        Ok(Self { kind, bar, last: None, stage: String::new(), stop })
     }
 
     fn say(&self, event: &str, text: &str) {
-        match (&self.bar, self.kind) {
-            (Some(bar), _) => bar.suspend(|| note(text)),
-            (None, ProgressKind::Json) => note(&serde_json::json!({ "event": event, "text": text }).to_string()),
-            (None, ProgressKind::Off) if event != "warning" => {}
-            (None, _) => note(text),
-        }
+        say(self.bar.as_ref(), self.kind, event, text);
     }
 
     fn part(&mut self, stage: &str, done: usize, of: usize, eta: Option<f64>) {
@@ -191,6 +188,17 @@ impl Watcher {
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// A line of standard error.
+fn say(bar: Option<&ProgressBar>, kind: ProgressKind, event: &str, text: &str) {
+    match (bar, kind) {
+        (Some(bar), _) => bar.suspend(|| note(text)),
+        (None, ProgressKind::Json) => note(&serde_json::json!({ "event": event, "text": text }).to_string()),
+        // What asks for an action, or answers one.
+        (None, ProgressKind::Off) if !["warning", "interrupted"].contains(&event) => {}
+        (None, _) => note(text),
     }
 }
 

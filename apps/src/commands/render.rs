@@ -178,6 +178,10 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         let time = time.at(i, cameras.len());
         let query = Query { appearance, time, ..query.clone() };
         let view = subject.draw(&camera, &query)?;
+        if show.stop_asked() {
+            // It is not whole.
+            break;
+        }
         // One scale for all frames, from the first, with room on both sides.
         let range = *depth_range.get_or_insert_with(|| {
             let [near, far] = picture::depth_range(&[&view]);

@@ -5,6 +5,7 @@ use crate::cli::Train;
 use crate::show::{Show, line};
 use std::path::Path;
 use std::time::Duration;
+use systems::RunError;
 use systems::eval::{Evaluation, Measured};
 use systems::options::{DataOptions, Request};
 use systems::run::{Run, planned_schedule};
@@ -20,6 +21,7 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         eval_at: args.eval_at,
         eval_every: args.eval_every,
         checkpoint_minutes: args.checkpoint_minutes,
+        disk_wait: args.disk_wait,
     };
     let request = Request {
         scene: args.scene.as_deref().map(scene_spec),
@@ -64,6 +66,7 @@ struct Wished {
     eval_at: Vec<f64>,
     eval_every: Option<u64>,
     checkpoint_minutes: Option<f64>,
+    disk_wait: Option<f64>,
 }
 
 impl Wished {
@@ -83,6 +86,9 @@ impl Wished {
             eval_at: if self.eval_at.is_empty() { own.eval_at } else { self.eval_at },
             eval_every: self.eval_every.or(own.eval_every),
             checkpoint_every: self.checkpoint_minutes.map_or(own.checkpoint_every, minutes),
+            disk_wait: self
+                .disk_wait
+                .map_or(own.disk_wait, |s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
             ..own
         }
     }
@@ -104,17 +110,28 @@ pub(super) fn train(
         if let Some(evaluation) = &evaluation {
             line(evaluation.table().trim_end());
         }
-        line(format_args!(
-            "stopped at step {}; continue with: {}",
-            ended.step,
-            resume_command(session, &run.folder, None)
-        ));
+        line(format_args!("stopped at step {}; {}", ended.step, go_on(session, run)));
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));
-    run.write_animation(&interrupt)?;
+    let unwritten = evaluation.as_ref().map(|evaluation| evaluation.unwritten.clone()).unwrap_or_default();
+    // Scores are said before anything else may fail.
+    let concluded = if unwritten.is_empty() { run.conclude(&interrupt) } else { Ok(Reason::Finished) };
+    show.finish();
     conclude(evaluation.as_ref(), &run.folder);
+    if !unwritten.is_empty() {
+        return Err(RunError::Unwritten { folder: run.folder.clone(), problems: unwritten }.into());
+    }
+    if concluded? == Reason::Interrupted {
+        line(format_args!("stopped before the report was whole; {}", go_on(session, run)));
+        return Ok(Done::Interrupted);
+    }
     Ok(Done::Finished)
+}
+
+/// What to type to go on with a run that was stopped.
+fn go_on(session: &Session, run: &Run<'_>) -> String {
+    format!("continue with: {}", resume_command(session, &run.folder, None))
 }
 
 /// What will be done, before it is done.
@@ -164,7 +181,7 @@ pub(super) fn conclude(evaluation: Option<&Evaluation>, folder: &Path) {
 /// Why a finished run was left as it is, and how to go on with it.
 fn already_finished(session: &Session, run: &Run<'_>, stop: Stop) {
     let (stopped, further) = match stop {
-        Stop::Steps(n) => (format!("{n} steps"), ["--steps".into(), (2 * n.max(run.step)).to_string()]),
+        Stop::Steps(n) => (format!("{n} steps"), ["--steps".into(), n.max(run.step).saturating_mul(2).to_string()]),
         Stop::Seconds(s) => {
             (format!("{s} s of training"), ["--seconds".into(), format!("{:.0}", 2.0 * s.max(run.seconds).ceil())])
         }

@@ -48,6 +48,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use systems::RunError;
 
+/// What is said when a signal comes.
+const CLOSING: &str = "interrupt heard: closing; again to stop at once";
+
 /// Read a message of the page, and go on with it as the server does: the camera of the picture; `None` where there is none.
 ///
 /// # Errors
@@ -62,7 +65,7 @@ pub(crate) fn camera_of(message: &[u8]) -> Result<Option<Camera>, String> {
 
 /// Serve the page until a signal comes.
 pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
-    let interrupt = interrupt::flag()?;
+    let interrupt = interrupt::listen(Box::new(|_| crate::show::note(CLOSING)))?;
     let stage = if args.what.is_dir() {
         if !follow::is_run(&args.what) {
             return Err(refusal(

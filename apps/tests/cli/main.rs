@@ -11,6 +11,7 @@ mod dynamic;
 mod hostile;
 mod huge;
 mod memory;
+mod numbers;
 mod prepare;
 mod progress;
 mod resume;

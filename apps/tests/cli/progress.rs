@@ -118,4 +118,69 @@ mod stopped {
         assert_eq!(answer.code, 130, "{}{}", answer.out, answer.err);
         assert_eq!(std::fs::read(run.join("eval.json")).unwrap(), before);
     }
+
+    #[test]
+    fn a_view_that_takes_minutes_is_given_up_at_once_and_the_views_before_it_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let (scene, run) = (folder.path().join("scene"), folder.path().join("run"));
+        let options = TabletopOptions { width: 600, height: 600, train: 2, test: 2, rays: 1, ..Default::default() };
+        write_blender(&tabletop(&options), &scene).unwrap();
+        // So many samples a ray that a view takes many times as long as is waited here.
+        let slow = ["--system", "nerf", "--set", "width=256", "--set", "coarse=128", "--set", "fine=256"];
+        let words = ["train", text(&scene), "--out", text(&run), "--steps", "1", "--progress", "off"];
+        let renders = run.join("renders");
+        let running = Running::start(&[&words[..], &slow, &["--set", "batch_rays=16"]].concat())
+            .until("the evaluation begins", || renders.exists());
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        let since = std::time::Instant::now();
+        let answer = running.interrupted();
+        let seconds = since.elapsed().as_secs_f64();
+        println!("{seconds:.2} s from the signal to the end");
+        assert_eq!(answer.code, 130, "{}{}", answer.out, answer.err);
+        assert!(answer.err.contains("interrupt heard: stopping"), "{}", answer.err);
+        assert!(answer.out.contains("continue with: "), "{}", answer.out);
+        assert!(seconds < 10.0, "{seconds} s");
+        assert!(files_in(&renders) == 0 && checkpoints(&run) == [1]);
+    }
+
+    #[test]
+    fn views_that_were_measured_are_not_measured_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let (scene, run, whole) = (folder.path().join("scene"), folder.path().join("run"), folder.path().join("whole"));
+        let options = TabletopOptions { width: 24, height: 24, train: 6, test: 90, rays: 1, ..Default::default() };
+        write_blender(&tabletop(&options), &scene).unwrap();
+        let words = |run: &Path| {
+            let words = ["train", text(&scene), "--out", text(run), "--steps", "2", "--progress", "off"];
+            [&words[..], &SMALL].concat().iter().map(ToString::to_string).collect::<Vec<_>>()
+        };
+        let own = words(&run);
+        let own: Vec<&str> = own.iter().map(String::as_str).collect();
+        let renders = run.join("renders");
+        let answer = Running::start(&own).until("views are measured", || files_in(&renders) >= 12).interrupted();
+        assert_eq!(answer.code, 130, "{}{}", answer.out, answer.err);
+        let times = || -> Vec<_> {
+            let kept: Value = serde_json::from_slice(&std::fs::read(run.join("eval_views.json")).unwrap()).unwrap();
+            let kept = kept["views"].as_object().unwrap().values();
+            let path = |view: &Value| renders.join(format!("{}.png", view["score"]["files"].as_str().unwrap()));
+            kept.map(|view| (path(view), std::fs::metadata(path(view)).unwrap().modified().unwrap())).collect()
+        };
+        let before = times();
+        assert!(before.len() >= 2, "{before:?}");
+        assert_eq!(nerf(&["train", "--resume", "--out", text(&run), "--progress", "off"]).code, 0);
+        for (path, time) in before {
+            assert_eq!(std::fs::metadata(&path).unwrap().modified().unwrap(), time, "{}", path.display());
+        }
+        assert!(!run.join("eval_views.json").exists());
+        let other = words(&whole);
+        assert_eq!(nerf(&other.iter().map(String::as_str).collect::<Vec<_>>()).code, 0);
+        let scores = |run: &Path| -> Vec<(Value, Value)> {
+            let all: Value = serde_json::from_slice(&std::fs::read(run.join("eval.json")).unwrap()).unwrap();
+            let views = all["views"].as_array().unwrap().iter();
+            views
+                .map(|view| (view["psnr"].clone(), view["ssim"].clone()))
+                .chain([(all["psnr"].clone(), all["ssim"].clone())])
+                .collect()
+        };
+        assert_eq!(scores(&run), scores(&whole), "the same bits as of an evaluation that nobody stopped");
+    }
 }

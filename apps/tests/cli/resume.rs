@@ -88,7 +88,7 @@ fn a_spoilt_checkpoint_is_one_warning_and_the_one_before_is_used() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_disk_is_one_clear_line_and_costs_no_checkpoint() {
+fn a_disk_that_is_full_for_a_moment_is_a_warning_and_one_that_stays_so_is_one_clear_line() {
     let (folder, scene) = dataset();
     let run = folder.path().join("run");
     assert_eq!(nerf(&words(&scene, &run, "2")).code, 0);
@@ -96,11 +96,19 @@ fn a_full_disk_is_one_clear_line_and_costs_no_checkpoint() {
     // Every byte to the next checkpoint meets a full disk.
     std::os::unix::fs::symlink("/dev/full", run.join("checkpoint/step-00000004.safetensors.tmp")).unwrap();
     let answer = nerf(&["train", "--resume", "--out", text(&run), "--steps", "4", "--progress", "off"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let warning = answer.err.lines().find(|line| line.starts_with("warning: ")).unwrap_or_default();
+    assert!(warning.contains("No space left on device") && warning.contains("trying again"), "{}", answer.err);
+    // Nothing can be written where a folder is.
+    let blocked = run.join("checkpoint/step-00000006.safetensors.tmp");
+    fs::create_dir(&blocked).unwrap();
+    let resume = ["train", "--resume", "--out", text(&run), "--steps", "6", "--progress", "off", "--disk-wait", "0.1"];
+    let answer = nerf(&resume);
     assert_eq!(answer.code, 1);
-    assert!(error_line(&answer).contains("step-00000004"), "{}", answer.err);
-    assert!(answer.err.contains("caused by: No space left on device"), "{}", answer.err);
+    assert!(error_line(&answer).contains("step-00000006"), "{}", answer.err);
     assert_eq!(fs::read(run.join("checkpoint/step-00000002.safetensors")).unwrap(), before);
-    let answer = nerf(&["train", "--resume", "--out", text(&run), "--steps", "4", "--progress", "off"]);
+    fs::remove_dir(&blocked).unwrap();
+    let answer = nerf(&resume);
     assert_eq!(answer.code, 0, "with room again: {}", answer.err);
 }
 

@@ -55,6 +55,9 @@ pub(super) fn pictures(
         }
         let camera = small(all[k * all.len() / count], left / (count - k) as f64);
         let layers = render(system, &camera, &query).layers;
+        if query.halt.raised() {
+            return None;
+        }
         left -= f64::from(camera.width) * f64::from(camera.height);
         out.push(Picture { camera, layers, is_aside: count >= ASIDE && k % ASIDE == ASIDE / 2 });
     }

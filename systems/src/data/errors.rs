@@ -6,7 +6,7 @@
 
 use super::batch::Drawn;
 use super::{Batch, Dataset};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
 use field_core::rng::Rng;
 use scene_io::SceneError;
 
@@ -91,9 +91,15 @@ impl ErrorMap {
 
     /// Put back what [`ErrorMap::state`] gave.
     pub(crate) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let error = take_f32(state, "errors.tiles", self.error.len())?;
+        let error = take_numbers(state, "errors.tiles", self.error.len())?;
         let ends = crate::system::take_u64(state, "errors.sums", self.ends.len())?;
-        (self.error, self.ends) = (error, ends.into_iter().map(f64::from_bits).collect());
+        let ends: Vec<f64> = ends.into_iter().map(f64::from_bits).collect();
+        let sums = |ends: &[f64]| ends.iter().all(|end| end.is_finite() && *end >= 0.0) && ends.is_sorted();
+        if !sums(&ends) || error.iter().any(|e| *e < 0.0) {
+            let problem = "sums of errors neither fall nor are below 0".into();
+            return Err(SystemError::State { name: "errors.sums".into(), problem });
+        }
+        (self.error, self.ends) = (error, ends);
         Ok(())
     }
 }

@@ -1,7 +1,9 @@
 //! What a checkpoint holds of a deformation.
 
 use super::Deform;
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32, take_u64, u64_tensor};
+use crate::system::{
+    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_numbers, u64_tensor,
+};
 
 impl Deform {
     /// Everything the next step depends on.
@@ -24,9 +26,9 @@ impl Deform {
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
     pub(crate) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let params = take_f32(state, "deform.networks", self.params.len())?;
-        let codes = take_f32(state, "deform.moments", self.codes.len())?;
-        let steps = take_u64(state, "deform.steps", 1)?[0];
+        let params = take_numbers(state, "deform.networks", self.params.len())?;
+        let codes = take_numbers(state, "deform.moments", self.codes.len())?;
+        let steps = take_counts(state, "deform.steps", 1)?[0];
         let adam = take_adam(state, "deform.networks", &self.adam)?;
         let code_adam = take_adam(state, "deform.moments", &self.code_adam)?;
         (self.params, self.codes, self.steps) = (params, codes, steps);

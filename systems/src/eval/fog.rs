@@ -1,6 +1,7 @@
 //! Fog before a camera: opacity where the points say that nothing is.
 
 use crate::data::View;
+use crate::halt::Halt;
 use crate::layout::nearest_point;
 use crate::render::plain_query;
 use crate::system::System;
@@ -18,9 +19,9 @@ const CHUNK: usize = 1 << 16;
 
 /// Mean opacity nearer than nine tenths of the depth of the nearest point that a view shows (but for strays). `None` where it
 /// shows too few.
-pub(super) fn fog(system: &dyn System, view: &View) -> Option<f64> {
+pub(super) fn fog(system: &dyn System, view: &View, halt: &Halt) -> Option<f64> {
     let nearest = nearest_point(&view.camera, &view.points)?;
-    opacity_before(system, &view.camera, BEFORE * nearest, view.time)
+    before(system, (&view.camera, view.time), BEFORE * nearest, halt)
 }
 
 /// Mean opacity, over the pixels of a picture, of all that lies nearer than `depth` along the axis of `camera`, world units.
@@ -30,9 +31,13 @@ pub(super) fn fog(system: &dyn System, view: &View) -> Option<f64> {
 /// `None` for a picture without pixels.
 #[must_use]
 pub fn opacity_before(system: &dyn System, camera: &Camera, depth: f64, time: f64) -> Option<f64> {
+    before(system, (camera, time), depth, &Halt::NEVER)
+}
+
+fn before(system: &dyn System, (camera, time): (&Camera, f64), depth: f64, halt: &Halt) -> Option<f64> {
     match system.render_before(camera, depth, &plain_query([0.0; 3], 0.0)) {
         Some(opacity) => mean(&opacity),
-        None => mean(&along_rays(system, camera, depth, time)),
+        None => mean(&along_rays(system, (camera, time), depth, halt)),
     }
 }
 
@@ -40,8 +45,8 @@ fn mean(opacity: &[f32]) -> Option<f64> {
     (!opacity.is_empty()).then(|| opacity.iter().copied().map(f64::from).sum::<f64>() / opacity.len() as f64)
 }
 
-/// Opacity before `depth` of some rays, by their densities.
-fn along_rays(system: &dyn System, camera: &Camera, depth: f64, time: f64) -> Vec<f32> {
+/// Opacity before `depth` of some rays, by their densities; of fewer once `halt` is raised.
+fn along_rays(system: &dyn System, (camera, time): (&Camera, f64), depth: f64, halt: &Halt) -> Vec<f32> {
     let step = camera.width.max(camera.height).div_ceil(PIXELS).max(1);
     let axis = camera.optical_axis();
     let pixels = (step / 2..camera.height).step_by(step as usize);
@@ -55,6 +60,9 @@ fn along_rays(system: &dyn System, camera: &Camera, depth: f64, time: f64) -> Ve
         .collect();
     let mut out = Vec::with_capacity(rays.len());
     for rays in rays.chunks(CHUNK / SAMPLES) {
+        if halt.raised() {
+            break;
+        }
         let points: Vec<[f64; 3]> = rays
             .iter()
             .enumerate()
@@ -172,8 +180,8 @@ mod tests {
         let nearest = nearest_point(camera, &data.view(0).points).unwrap();
         assert!(before(0.5 * nearest) < 1e-6, "{}", before(0.5 * nearest));
         assert!(before(100.0 * nearest) > 0.05, "{}", before(100.0 * nearest));
-        assert!(fog(system.as_ref(), data.view(0)).is_some_and(|fog| fog < 0.02));
+        assert!(fog(system.as_ref(), data.view(0), &Halt::NEVER).is_some_and(|fog| fog < 0.02));
         let (_, data) = made::capture(made::Points::None);
-        assert_eq!(fog(system.as_ref(), data.view(0)), None);
+        assert_eq!(fog(system.as_ref(), data.view(0), &Halt::NEVER), None);
     }
 }

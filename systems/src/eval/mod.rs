@@ -156,6 +156,12 @@ pub struct Evaluation {
     /// Views that were not measured because somebody asked to stop; such an evaluation is not written to `eval.json`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub left: usize,
+    /// Whether somebody asked to stop before all was measured and written down; not part of the file.
+    #[serde(skip)]
+    pub stopped: bool,
+    /// What could not be written, a line each; not part of the file.
+    #[serde(skip)]
+    pub unwritten: Vec<String>,
     /// Steps trained.
     pub steps: u64,
     /// Training seconds, evaluation not counted.
@@ -175,12 +181,23 @@ fn is_zero(n: &usize) -> bool {
     *n == 0
 }
 
+/// A view that was measured before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Known {
+    /// Its scores.
+    pub score: ViewScore,
+    /// What was said of it.
+    pub notes: Vec<String>,
+}
+
 /// A view with everything that was seen of it.
 pub struct Seen<'a> {
     /// View of the dataset.
     pub index: usize,
     /// Its scores.
     pub score: &'a ViewScore,
+    /// What a reader of them should know.
+    pub notes: &'a [String],
     /// All layers.
     pub rendered: &'a Rendered,
     /// The colour layer, 8 bit.
@@ -190,7 +207,8 @@ pub struct Seen<'a> {
 }
 
 /// Render and measure every view of `data`; `each` sees them as they come, whole, before views are compared with each other.
-/// Where it breaks, the views after are left out, and means are over those measured.
+/// Where it breaks, the views after are left out, and means are over those measured. Once the query's halt is raised the view at
+/// hand is left out, too: it is not whole.
 ///
 /// # Errors
 /// [`RunError::Scene`] when an image cannot be read, [`RunError::Option`] for views that are too narrow to have halves where
@@ -199,7 +217,23 @@ pub fn evaluate(
     system: &dyn System,
     data: &Dataset,
     terms: &Terms<'_>,
+    at: (u64, f64),
+    each: impl FnMut(Seen<'_>) -> Result<ControlFlow<()>, RunError>,
+) -> Result<Evaluation, RunError> {
+    evaluate_from(system, data, terms, at, &|_| None, each)
+}
+
+/// [`evaluate`] without the views that are `known`: those are taken as they were measured, and `each` does not see them. A view
+/// that others are compared with is measured again.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_from(
+    system: &dyn System,
+    data: &Dataset,
+    terms: &Terms<'_>,
     (steps, seconds): (u64, f64),
+    known: &dyn Fn(usize) -> Option<Known>,
     mut each: impl FnMut(Seen<'_>) -> Result<ControlFlow<()>, RunError>,
 ) -> Result<Evaluation, RunError> {
     let Terms { query, protocol, measures, seed } = *terms;
@@ -212,22 +246,36 @@ pub fn evaluate(
     };
     let still = data.moments() <= 1;
     for index in 0..data.len() {
+        if query.halt.raised() {
+            break;
+        }
+        if let Some(known) = if points.wants(index) { None } else { known(index) } {
+            notes.extend(known.notes);
+            views.push(known.score);
+            continue;
+        }
+        let mut own_notes = Vec::new();
         let view = data.view(index);
         let image = data.image(index)?;
         let truth = over_background(&image, query.background);
-        let own = protocol.light(system, (data, index), (&image, &truth), (query.background, seed));
+        let own = protocol.light(system, (data, index), (&image, &truth), (query, seed));
         if own.is_none() && protocol.fit_steps.is_some() {
-            notes.push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
+            own_notes
+                .push(format!("{}: no pixel of its left half is used: rendered in the mean appearance", view.name));
         }
         let appearance = own.unwrap_or_else(|| query.appearance.clone());
         let canonical = if points.wants(index) { Canonical::Compute } else { query.layers.canonical };
         let layers = LayerRequest { canonical, median: Median::Skip, ..query.layers };
+        let halt = &query.halt;
         let query = Query { appearance, time: view.time, layers, ..query.clone() };
         let clock = std::time::Instant::now();
         let mut rendered = render(system, &view.camera, &query);
         let render_seconds = clock.elapsed().as_secs_f64();
+        if halt.raised() {
+            break;
+        }
         let picture = colour(&rendered);
-        let mut note = |note: &str| notes.push(format!("{}: {note}", view.name));
+        let mut note = |note: &str| own_notes.push(format!("{}: {note}", view.name));
         let object = data.is_cut_out().then(|| object_mask(&image)).flatten();
         let mut scored = |picture: &RgbImage, truth: &RgbImage, mask: Option<&[u8]>, object: Option<&[u8]>| ViewScore {
             psnr_object: object.and_then(|object| inside(picture, truth, object)),
@@ -247,9 +295,15 @@ pub fn evaluate(
             score.motion = MotionScore::of(view, &rendered, (&picture, &truth), mask)?;
         }
         if matches!(measures, Measures::All(_)) && still {
-            score.fog = fog::fog(system, view);
+            score.fog = fog::fog(system, view, halt);
         }
-        let next = each(Seen { index, score: &score, rendered: &rendered, picture: &picture, truth: &truth })?;
+        if halt.raised() {
+            break;
+        }
+        let seen =
+            Seen { index, score: &score, notes: &own_notes, rendered: &rendered, picture: &picture, truth: &truth };
+        let next = each(seen)?;
+        notes.append(&mut own_notes);
         points.keep(index, std::mem::take(&mut rendered.layers.canonical));
         views.push(score);
         if next.is_break() {
@@ -284,6 +338,8 @@ pub fn evaluate(
         notes,
         views,
         left,
+        stopped: left > 0,
+        unwritten: Vec::new(),
         skips: None,
     })
 }

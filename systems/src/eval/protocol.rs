@@ -175,7 +175,7 @@ impl Protocol {
         system: &dyn System,
         (data, view): (&Dataset, usize),
         (photo, truth): (&Image, &RgbImage),
-        (background, seed): ([f32; 3], u64),
+        (query, seed): (&Query, u64),
     ) -> Option<Appearance> {
         let code = match (&self.appearance, self.fit_steps, self.fit_lr) {
             (Some(EvalAppearance::Fit), Some(steps), Some(lr)) => {
@@ -184,7 +184,8 @@ impl Protocol {
                 if rays.is_empty() {
                     return None;
                 }
-                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed })
+                let (background, halt) = (query.background, &query.halt);
+                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed, halt })
             }
             (Some(EvalAppearance::Encode(Part::Whole)), ..) => system.encode_appearance(photo),
             (Some(EvalAppearance::Encode(Part::Left)), ..) => system.encode_appearance(&half::left(photo)),

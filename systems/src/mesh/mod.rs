@@ -106,7 +106,9 @@ pub fn look(
         }
         views.push(DepthView::new(camera, *place, &draw(camera)?, background));
     }
-    let _ = go_on(all.len(), all.len());
+    if !go_on(all.len(), all.len()) {
+        return Ok(None);
+    }
     Ok(Some(views))
 }
 

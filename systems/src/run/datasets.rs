@@ -3,38 +3,35 @@
 //! Measured are the test views; with `--validation` the views that it takes from those trained on, and then nothing looks at a
 //! test view. Every file about a split is written before the first step.
 
+use super::home::HELD_OUT;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::Measured;
 use crate::options::DataOptions;
-use crate::output::{Storage, write_file};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Names of the frames that `--holdout` or the dataset holds out, and of those that `--validation` does.
-const HELD_OUT: &str = "heldout.txt";
-const VALIDATION: &str = "validation.txt";
+/// Names of the frames that `--validation` holds out.
+pub(super) const VALIDATION: &str = "validation.txt";
 
-/// Write down which frames are held out.
-pub(super) fn write_names(
-    (storage, folder): (&dyn Storage, &Path),
+/// The files that say which frames are held out: names and content.
+pub(super) fn name_files(
     scene: &Scene,
     data: &DataOptions,
     measured: &Dataset,
-) -> Result<(), RunError> {
+) -> Result<Vec<(&'static str, String)>, RunError> {
     let lines = |names: &mut dyn Iterator<Item = &str>| names.map(|name| format!("{name}\n")).collect::<String>();
-    let split = Measured::of(measured);
-    let mut measured = measured.views().iter().map(|view| view.name.as_str());
-    let names = lines(&mut measured);
-    if split == Measured::Validation {
-        write_file(storage, &folder.join(VALIDATION), names.as_bytes())?;
-    }
+    let names = lines(&mut measured.views().iter().map(|view| view.name.as_str()));
     let held_out = match data.validation()? {
-        None => names,
+        None => names.clone(),
         Some(_) => lines(&mut scene.split(Split::Test).map(|i| scene.frames[i].name.as_str())),
     };
-    write_file(storage, &folder.join(HELD_OUT), held_out.as_bytes())
+    let mut files = vec![(HELD_OUT, held_out)];
+    if Measured::of(measured) == Measured::Validation {
+        files.push((VALIDATION, names));
+    }
+    Ok(files)
 }
 
 /// How a run's dataset is read again: names that were in files as the run wrote them down, wherever the files have gone.

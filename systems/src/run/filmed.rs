@@ -9,6 +9,7 @@ use crate::render::render;
 use crate::report::{self, ANIMATION};
 use crate::system::Query;
 use crate::time_path::TimePath;
+use crate::train::Reason;
 use render_core::camera::Camera;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -50,6 +51,20 @@ const TRIAL_SIDE: u32 = 48;
 const LONGEST_SECONDS: f64 = 20.0;
 
 impl Run<'_> {
+    /// The end of a training: the report with its animation, and the mark that says that all is done. Where `stop` is raised before,
+    /// the rest is left to the next `--resume`.
+    ///
+    /// # Errors
+    /// As [`Run::write_animation`], and [`RunError::Missing`] where a file that the run promises is not there.
+    pub fn conclude(&self, stop: &AtomicBool) -> Result<Reason, RunError> {
+        self.write_animation(stop)?;
+        if stop.load(Ordering::Relaxed) {
+            return Ok(Reason::Interrupted);
+        }
+        self.mark()?;
+        Ok(Reason::Finished)
+    }
+
     /// Write the report again, with a short animation along the path that fits the scene. Nothing where the system draws too slowly
     /// for that, where there are no photos, or once `stop` is raised.
     ///
@@ -77,7 +92,11 @@ impl Run<'_> {
                 return Ok(());
             }
             let query = Query { time: whole.at(i, film.cameras.len()), ..query.clone() };
-            pictures.push(colour(&render(self.system.as_ref(), &limited(camera, Some(SIDE)), &query)));
+            let view = render(self.system.as_ref(), &limited(camera, Some(SIDE)), &query);
+            if stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            pictures.push(colour(&view));
         }
         write_file(self.parts.storage, &self.folder.join(ANIMATION), &gif_bytes(&pictures, PER_SECOND)?)?;
         report::write(self.parts.storage, &self.folder)

@@ -1,41 +1,37 @@
 //! What the training loop asks of a run: measure, save, say how far it is.
 
+use super::keeper::Keeper;
 use super::measured::measure_and_write;
 use crate::checkpoint;
-use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{Evaluation, Measures, Terms, evaluate};
-use crate::options::RunConfig;
-use crate::output::Storage;
 use crate::progress::{Event, Meter, Observer};
 use crate::system::System;
-use crate::train::{Host, Occasion, Progress};
+use crate::train::{Host, Occasion, Progress, Saved};
 use std::ops::ControlFlow;
-use std::path::Path;
 
 /// Connects the training loop to the folder and the observer.
 pub(super) struct RunHost<'r> {
-    pub(super) folder: &'r Path,
-    pub(super) storage: &'r dyn Storage,
-    pub(super) config: &'r RunConfig,
-    pub(super) dataset: &'r str,
-    pub(super) held_out: &'r Dataset,
+    pub(super) keeper: Keeper<'r>,
     pub(super) terms: Terms<'r>,
     pub(super) observer: &'r mut dyn Observer,
     pub(super) evaluation: Option<Evaluation>,
+    /// Whether the checkpoint that was due last could not be written.
+    pub(super) unsaved: bool,
 }
 
 impl Host for RunHost<'_> {
     fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError> {
-        if self.held_out.is_empty() {
+        let held_out = self.keeper.held_out;
+        if held_out.is_empty() {
             return Ok(None);
         }
         let psnr = match occasion {
             Occasion::Midway => {
-                let mut meter = Meter::new("held-out view", self.held_out.len());
+                let mut meter = Meter::new("held-out view", held_out.len());
                 let observer = &mut *self.observer;
                 let terms = Terms { measures: Measures::Psnr, ..self.terms };
-                let evaluation = evaluate(system, self.held_out, &terms, at, |_| {
+                let evaluation = evaluate(system, held_out, &terms, at, |_| {
                     meter.advance(observer);
                     Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
                 })?;
@@ -46,11 +42,12 @@ impl Host for RunHost<'_> {
                 evaluation.psnr
             }
             Occasion::End => {
-                let place = (self.storage, self.folder);
-                let evaluation = measure_and_write(place, (system, self.held_out), &self.terms, at, self.observer)?;
-                let (psnr, left) = (evaluation.psnr, evaluation.left);
-                self.evaluation = Some(evaluation);
-                if left > 0 {
+                self.keeper.keep_up(system, at, self.observer)?;
+                let place = (self.keeper.storage, self.keeper.folder);
+                let measured = measure_and_write(place, (system, held_out), &self.terms, at, self.observer)?;
+                let (psnr, stopped) = (measured.psnr, measured.stopped);
+                self.evaluation = Some(measured);
+                if stopped {
                     return Ok(None);
                 }
                 psnr
@@ -60,10 +57,34 @@ impl Host for RunHost<'_> {
         Ok(psnr)
     }
 
-    fn save(&mut self, system: &dyn System, at: (u64, f64)) -> Result<(), RunError> {
-        let path = checkpoint::save(self.storage, self.folder, system, at, self.config, self.dataset)?;
-        self.observer.event(Event::Saved { step: at.0, path: &path });
-        Ok(())
+    fn save(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Saved, RunError> {
+        if occasion == Occasion::End {
+            self.keeper.insist(system, at, self.observer)?;
+            return Ok(Saved::Written);
+        }
+        match self.keeper.save(system, at, self.observer) {
+            Ok(()) => {
+                if std::mem::take(&mut self.unsaved) {
+                    self.observer.event(Event::Note("the checkpoint could be written after all"));
+                }
+                Ok(Saved::Written)
+            }
+            Err(error @ RunError::Write { .. }) => {
+                if !std::mem::replace(&mut self.unsaved, true) {
+                    let last = match checkpoint::newest_step(self.keeper.folder) {
+                        Some(step) => format!("on the disk is step {step}"),
+                        None => "nothing is on the disk yet".into(),
+                    };
+                    let line = format!(
+                        "{}: training goes on in memory and tries again every few seconds; {last}",
+                        error.with_reason()
+                    );
+                    self.observer.event(Event::Warning(&line));
+                }
+                Ok(Saved::Later)
+            }
+            Err(error) => Err(error),
+        }
     }
 
     fn warn(&mut self, line: &str) {

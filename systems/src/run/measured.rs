@@ -1,9 +1,12 @@
 //! The held-out views of a run, measured and written down.
 
 use super::Run;
+use super::kept::{self, KeptViews, PICTURES};
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::eval::{EvalAppearance, Evaluation, Measures, Protocol, Terms, evaluate, need_halves};
+use crate::eval::{
+    EvalAppearance, Evaluation, Known, Measures, Protocol, Terms, ViewScore, evaluate_from, need_halves,
+};
 use crate::eval_scales::{ScaleTable, evaluate_scales};
 use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
@@ -15,35 +18,51 @@ use crate::skips;
 use crate::summary::Summary;
 use crate::system::{Query, System};
 use losses::metrics::Lpips;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::Path;
 
 impl Run<'_> {
     /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report. Where
-    /// the observer asks to stop, the views measured so far come back, and only their pictures are written.
+    /// the observer asks to stop, the views measured so far come back, and only their pictures are written; the next call goes
+    /// on from there. What cannot be written is in [`Evaluation::unwritten`]: the scores come back nevertheless.
     ///
     /// # Errors
     /// [`RunError::Option`] without held-out views or for a light that the system has not, [`RunError::Busy`], unreadable
     /// images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
-        let _lock = self.write_lock(observer)?;
+        let _lock = match self.write_lock(observer) {
+            // Nothing can be written here: nobody is in the way.
+            Err(RunError::Write { .. }) => None,
+            lock => lock?,
+        };
         let (protocol, query) = self.protocol()?;
-        let evaluation = measure_and_write(
+        let mut evaluation = measure_and_write(
             (self.parts.storage, &self.folder),
             (self.system.as_ref(), &self.held_out),
             &self.terms((&protocol, &query), Measures::All(lpips)),
             (self.step, self.seconds),
             observer,
         )?;
-        if evaluation.left > 0 {
+        if evaluation.stopped {
             return Ok(evaluation);
         }
-        if !self.folder.join(Summary::FILE).exists() {
-            self.write_summary()?;
+        if evaluation.unwritten.is_empty() {
+            // A training that was stopped on its way to the end goes on with its own views, if they are these.
+            if self.is_marked() {
+                kept::forget(&self.folder);
+            }
+            let mut rest = || -> Result<(), RunError> {
+                if !self.folder.join(Summary::FILE).exists() {
+                    self.write_summary()?;
+                }
+                self.write_showcase(observer)?;
+                report::write(self.parts.storage, &self.folder)
+            };
+            note_unwritten(rest(), &mut evaluation.unwritten)?;
         }
-        self.write_showcase(observer)?;
-        report::write(self.parts.storage, &self.folder)?;
+        evaluation.stopped = observer.stop_asked();
         Ok(evaluation)
     }
 
@@ -79,9 +98,9 @@ impl Run<'_> {
         self.eval_appearance = appearance.or_else(|| self.config.eval_appearance.clone());
     }
 
-    /// How views are rendered where nothing else is said: in the mean of all lights.
+    /// How views are rendered where nothing else is said: in the mean of all lights, until somebody asks to stop.
     pub fn query(&self) -> Query {
-        plain_query(self.config.background.colour(), self.error_budget)
+        Query { halt: self.halt.clone(), ..plain_query(self.config.background.colour(), self.error_budget) }
     }
 
     /// In which light held-out views are measured, and how they are rendered.
@@ -101,7 +120,8 @@ impl Run<'_> {
     }
 }
 
-/// All metrics of all held-out views, with their pictures, on disk. Where the observer asks to stop, the pictures alone.
+/// All metrics of all held-out views, with their pictures, on disk. Where the observer asks to stop, the pictures alone, and the
+/// scores of these views for the next time. A file that cannot be written is no reason to have no scores.
 pub(super) fn measure_and_write(
     (storage, folder): (&dyn Storage, &Path),
     (system, data): (&dyn System, &Dataset),
@@ -110,30 +130,57 @@ pub(super) fn measure_and_write(
     observer: &mut dyn Observer,
 ) -> Result<Evaluation, RunError> {
     let renders = folder.join("renders");
-    make_folder(&renders)?;
+    let mut unwritten = Vec::new();
+    note_unwritten(make_folder(&renders), &mut unwritten)?;
     let stems: Vec<String> =
         data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
+    let kept = RefCell::new(KeptViews::of(folder, at.0, terms));
+    let known = |index: usize| kept.borrow().view(index, &renders, &stems[index]);
     let mut meter = Meter::new("held-out view", data.len());
-    let mut evaluation = evaluate(system, data, terms, at, |seen| {
+    let mut evaluation = evaluate_from(system, data, terms, at, &known, |seen| {
         let stem = &stems[seen.index];
-        let write = |suffix: &str, picture: &image::RgbImage| {
-            write_png(storage, &renders.join(format!("{stem}{suffix}.png")), picture)
+        let [depth_image, error] =
+            [depth(seen.rendered, depth_range(&[seen.rendered])), error_map(seen.picture, seen.truth)];
+        let pictures = PICTURES.into_iter().zip([seen.picture, seen.truth, &error, &depth_image]);
+        let written = pictures.into_iter().try_for_each(|(ending, picture)| {
+            let path = renders.join(format!("{stem}{ending}.png"));
+            write_png(storage, &path, picture).or_else(|_| {
+                // The folder may have gone.
+                make_folder(&renders)?;
+                write_png(storage, &path, picture)
+            })
+        });
+        let known = || Known {
+            score: ViewScore { files: Some(stem.clone()), ..seen.score.clone() },
+            notes: seen.notes.to_vec(),
         };
-        write("", seen.picture)?;
-        write("_truth", seen.truth)?;
-        write("_error", &error_map(seen.picture, seen.truth))?;
-        write("_depth", &depth(seen.rendered, depth_range(&[seen.rendered])))?;
-        meter.advance(observer);
+        let written = written.and_then(|()| kept.borrow_mut().keep(storage, seen.index, known()));
+        note_unwritten(written, &mut unwritten)?;
+        meter.reach(seen.index + 1, observer);
         Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
     for (score, stem) in evaluation.views.iter_mut().zip(stems) {
         score.files = Some(stem);
     }
-    if evaluation.left > 0 {
-        return Ok(evaluation);
+    if evaluation.left == 0 {
+        evaluation.skips = skips::measure(system, data, terms.query);
+        evaluation.stopped = terms.query.halt.raised();
     }
-    evaluation.skips = skips::measure(system, data, terms.query);
-    write_file(storage, &folder.join("eval.json"), evaluation.json().as_bytes())?;
-    write_file(storage, &folder.join("eval.csv"), evaluation.csv().as_bytes())?;
+    if !evaluation.stopped {
+        let scores = [("eval.json", evaluation.json()), ("eval.csv", evaluation.csv())];
+        for (name, text) in scores {
+            note_unwritten(write_file(storage, &folder.join(name), text.as_bytes()), &mut unwritten)?;
+        }
+    }
+    evaluation.unwritten = unwritten;
     Ok(evaluation)
+}
+
+/// Note a file that could not be written; other errors are errors.
+pub(super) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
+    match written {
+        Err(error @ RunError::Write { .. }) => unwritten.push(error.with_reason()),
+        other => other?,
+    }
+    Ok(())
 }

@@ -9,35 +9,43 @@
 //! checkpoint/        see `checkpoint`
 //! photo_points.safetensors   points found in the photos, where the dataset has none (see `photo_points`)
 //! eval.json eval.csv scores of the held-out views
+//! eval_views.json    views measured so far, while an evaluation goes on or was stopped
 //! renders/           held-out views: render, truth, error map, depth
 //! appearance/        one view in the light of a few training photos, where the system has several
 //! masks/             static masks of a few training photos, where the system finds them
 //! summary.json       plan, time per part, memory, skip table: what the report is made of
 //! report.html        all of it, self-contained
+//! finished.json      written last: the step that all of this is of
 //! .lock              held by the process that writes here (see `lock`)
 //! ```
 
 mod capture;
 mod datasets;
 mod filmed;
+mod home;
 mod host;
+mod keeper;
+mod kept;
 mod lock;
 mod mask_meaning;
 mod measured;
 mod memory;
+mod patience;
 mod place;
 mod planned;
 mod showcase;
+mod whole;
 
 use crate::checkpoint::{self, Checkpoint};
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{EvalAppearance, Evaluation, Measures};
+use crate::halt::Halt;
 use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{ExpectedMemory, limit};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
-use crate::output::{Disk, Storage, read_json, write_file};
+use crate::output::{self, Disk, Storage, read_json, write_file};
 use crate::photo_points::provide;
 use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
@@ -46,10 +54,13 @@ use crate::summary::{SceneSummary, Summary};
 use crate::system::{System, SystemError};
 use crate::train::{Ended, Reason, Schedule, Stop, train};
 use datasets::datasets;
+use home::Home;
 use host::RunHost;
+use keeper::{Keeper, first_files};
 pub use lock::FolderLock;
 use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
+use patience::insist;
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
 use scene_io::{Scene, refuse_blank_masks};
@@ -106,6 +117,10 @@ pub struct Run<'a> {
     expected: ExpectedMemory,
     /// The right to write into the folder, where this run has taken it.
     lock: Option<FolderLock>,
+    /// Which folder it is.
+    home: Home,
+    /// Ends pictures early.
+    pub(crate) halt: Halt,
 }
 
 impl<'a> Run<'a> {
@@ -127,6 +142,7 @@ impl<'a> Run<'a> {
         if let Some(step) = checkpoint::newest_step(folder) {
             return Err(RunError::RunExists { folder: folder.into(), step });
         }
+        output::sweep(folder);
         // Found out now, not after an hour of training.
         let probe = folder.join(".writable");
         write_file(parts.storage, &probe, b"yes")?;
@@ -203,14 +219,15 @@ impl<'a> Run<'a> {
             dataset,
             expected: ExpectedMemory::default(),
             lock,
+            home: Home::of(folder),
+            halt: observer.halt(),
         };
         run.fit_memory(request, observer)?;
         // A light that the system has not is found out now, too.
         run.protocol()?;
-        let text = toml::to_string_pretty(&run.config)
-            .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
-        write_file(parts.storage, &folder.join(place::CONFIG), text.as_bytes())?;
-        datasets::write_names((parts.storage, folder), &run.scene, &run.config.data, &run.held_out)?;
+        for (name, text) in first_files(&run.config, &run.scene, &run.held_out)? {
+            write_file(parts.storage, &folder.join(name), text.as_bytes())?;
+        }
         MetricsLog::create(&folder.join("metrics.csv"))?;
         Ok(run)
     }
@@ -231,6 +248,8 @@ impl<'a> Run<'a> {
             return Err(RunError::NoCheckpoint(folder.into()));
         }
         let lock = take_lock(folder, observer)?;
+        // Left by processes that were killed: whoever holds the lock is alone.
+        output::sweep(folder);
         let mut run = Self { lock, ..Self::open(folder, request, parts, observer)? };
         if request.rehearsal {
             run.fit_memory(request, observer)?;
@@ -249,11 +268,11 @@ impl<'a> Run<'a> {
         parts: Parts<'a>,
         observer: &mut dyn Observer,
     ) -> Result<Self, RunError> {
-        let Checkpoint { meta, state, warnings } = checkpoint::load_newest(folder)?;
+        let Checkpoint { mut meta, state, warnings } = checkpoint::load_newest(folder)?;
         for warning in &warnings {
             observer.event(Event::Warning(warning));
         }
-        let config = meta.config;
+        let config = meta.config.clone();
         request.agree_with(&config)?;
         let spec = request.scene.as_deref().unwrap_or(&config.scene);
         let data = datasets::as_named(folder, &config.data);
@@ -273,8 +292,24 @@ impl<'a> Run<'a> {
         if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {
             provide::again(folder, &mut scene, (&mut train, &mut held_out))?;
         }
-        let (mut system, plan) = (parts.build)(&config.system, &scene, &train, &options)?;
-        system.load_state(&state)?;
+        let build = || (parts.build)(&config.system, &scene, &train, &options);
+        let (mut system, mut plan) = build()?;
+        let mut loaded = system.load_state(&state);
+        drop(state);
+        // Arrays that do not fit the run: the one before may.
+        let mut problems = Vec::new();
+        while let Err(error) = loaded {
+            problems.push(format!("checkpoint step-{:08}: {error}", meta.step));
+            let older = checkpoint::load_below(folder, Some(meta.step), problems.clone())?;
+            if older.meta.config != config || older.meta.dataset != meta.dataset {
+                return Err(RunError::AllCheckpointsBroken { folder: folder.into(), problems });
+            }
+            let step = older.meta.step;
+            observer.event(Event::Warning(&format!("{}; using step {step} instead", problems[problems.len() - 1])));
+            (system, plan) = build()?;
+            loaded = system.load_state(&older.state);
+            meta = older.meta;
+        }
         Ok(Self {
             parts,
             folder: folder.into(),
@@ -292,6 +327,8 @@ impl<'a> Run<'a> {
             dataset,
             expected: ExpectedMemory::default(),
             lock: None,
+            home: Home::of(folder),
+            halt: observer.halt(),
         })
     }
 
@@ -303,16 +340,20 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether there is nothing left to do before `stop`: it is reached, and the held-out views are measured as of now.
+    /// Whether there is nothing left to do before `stop`: it is reached, the held-out views are measured as of now, and every
+    /// file that a run promises is there.
     pub fn is_finished(&self, stop: Stop) -> bool {
         let measured = || read_json::<Evaluation>(&self.folder.join("eval.json")).ok().flatten();
         stop.reached(self.step, self.seconds)
             && (self.held_out.is_empty() || measured().is_some_and(|evaluation| evaluation.steps == self.step))
+            && self.is_marked()
+            && self.missing().is_empty()
     }
 
     /// Train until the schedule or `interrupt` stops it; at the end measure the held-out views and write the report. Where
-    /// the observer asks to stop while they are measured, the run ends as [`Reason::Interrupted`] with the views measured so
-    /// far.
+    /// the observer asks to stop while that is done, the run ends as [`Reason::Interrupted`] with the views measured so far.
+    /// What a full disk refuses is tried again for [`Schedule::disk_wait`]; results that stay unwritten are named in the
+    /// evaluation.
     ///
     /// # Errors
     /// [`RunError::Busy`], and see [`train`]; the newest checkpoint stays usable.
@@ -326,35 +367,60 @@ impl<'a> Run<'a> {
         if self.lock.is_none() {
             self.lock = take_lock(&self.folder, observer)?;
         }
+        self.halt = observer.halt();
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?;
         planned::write(self.parts.storage, &self.folder, schedule, observer);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));
-        let mut host = RunHost {
+        let keeper = Keeper {
             folder: &self.folder,
+            home: &mut self.home,
+            lock: &mut self.lock,
             storage: self.parts.storage,
+            schedule,
             config: &self.config,
             dataset: &self.dataset,
+            scene: &self.scene,
             held_out: &self.held_out,
-            terms,
-            observer,
-            evaluation: None,
         };
+        let mut host = RunHost { keeper, terms, observer: &mut *observer, evaluation: None, unsaved: false };
         let start = (self.step, self.seconds);
         let mut ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
-        let evaluation = host.evaluation.take();
-        if evaluation.as_ref().is_some_and(|evaluation| evaluation.left > 0) {
+        let mut evaluation = host.evaluation.take();
+        host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer)?;
+        if evaluation.as_ref().is_some_and(|evaluation| evaluation.stopped) {
             ended.reason = Reason::Interrupted;
         }
         (self.step, self.seconds) = (ended.step, ended.seconds);
-        self.write_summary()?;
+        let written = insist(schedule.disk_wait, observer, |_| log.flush());
+        let written = written.and_then(|()| self.write_rest(schedule, &mut ended, observer));
+        match (written, &mut evaluation) {
+            // The scores are to be seen whatever else is wrong.
+            (Err(error @ RunError::Write { .. }), Some(evaluation)) => {
+                evaluation.unwritten.push(error.with_reason());
+            }
+            (written, _) => written?,
+        }
+        Ok((ended, evaluation))
+    }
+
+    /// What comes after scores: summary, showcase, report.
+    fn write_rest(&self, schedule: &Schedule, ended: &mut Ended, observer: &mut dyn Observer) -> Result<(), RunError> {
+        // A run that had only its end to do over keeps what is known of its training.
+        let known =
+            Summary::read(&self.folder).is_ok_and(|s| s.steps == self.step && self.resumed_at == Some(self.step));
+        if !known {
+            insist(schedule.disk_wait, observer, |_| self.write_summary())?;
+        }
         if ended.reason != Reason::Interrupted {
             self.write_showcase(observer)?;
+            if observer.stop_asked() {
+                ended.reason = Reason::Interrupted;
+            }
         }
-        report::write(self.parts.storage, &self.folder)?;
-        Ok((ended, evaluation))
+        insist(schedule.disk_wait, observer, |_| report::write(self.parts.storage, &self.folder))
     }
 
     fn write_summary(&self) -> Result<(), RunError> {

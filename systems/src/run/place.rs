@@ -1,6 +1,6 @@
 //! Whether a folder may become a run folder: it is empty, or it is a run folder already.
 
-use super::{lock, planned};
+use super::{datasets, home, kept, lock, planned, whole};
 use crate::bake;
 use crate::checkpoint;
 use crate::crop;
@@ -18,10 +18,12 @@ use std::path::{Path, PathBuf};
 pub(super) const CONFIG: &str = "config.toml";
 
 /// What a run writes into its folder.
-const OWN: [&str; 19] = [
+const OWN: [&str; 21] = [
     CONFIG,
-    "heldout.txt",
-    "validation.txt",
+    home::HELD_OUT,
+    datasets::VALIDATION,
+    kept::FILE,
+    whole::FILE,
     planned::FILE,
     "metrics.csv",
     "checkpoint",

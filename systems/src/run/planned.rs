@@ -55,7 +55,9 @@ pub fn planned_schedule(folder: &Path) -> Option<Schedule> {
     let positive = |x: &f64| x.is_finite() && *x > 0.0;
     let stop = said.steps.map(Stop::Steps).or(said.seconds.filter(positive).map(Stop::Seconds))?;
     let plain = Schedule::new(stop);
-    let every = said.checkpoint_seconds.filter(positive).and_then(|s| Duration::try_from_secs_f64(s).ok());
+    // A time too long for a clock never comes.
+    let every =
+        said.checkpoint_seconds.filter(positive).map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
     Some(Schedule {
         eval_at: said.eval_at.into_iter().filter(positive).collect(),
         eval_every: said.eval_every.filter(|n| *n > 0),
@@ -102,8 +104,16 @@ mod tests {
     #[test]
     fn a_file_that_says_the_stop_alone_is_read() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join(FILE), r#"{"seconds":300.0,"checkpoint_seconds":1e300}"#).unwrap();
+        std::fs::write(folder.path().join(FILE), r#"{"seconds":300.0}"#).unwrap();
         assert_eq!(planned_schedule(folder.path()), Some(Schedule::new(Stop::Seconds(300.0))));
+    }
+
+    #[test]
+    fn a_checkpoint_that_never_comes_is_remembered_as_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let never = Schedule { checkpoint_every: Duration::MAX, ..Schedule::new(Stop::Steps(3)) };
+        write(&Disk, folder.path(), &never, &mut Silent);
+        assert_eq!(planned_schedule(folder.path()), Some(never));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::config::SplatConfig;
 use super::density::Density;
 use super::optimiser::Optimiser;
-use crate::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use crate::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use optim::NonFiniteGuard;
 use splat_core::Gaussians;
 
@@ -37,11 +37,11 @@ pub(super) fn take(
     let refused = |e: splat_core::SplatError| SystemError::State { name: name(""), problem: e.to_string() };
     let mut cloud = Gaussians::new(n, config.sh_degree).map_err(refused)?;
     for (field, numbers) in cloud.fields_mut() {
-        numbers.copy_from_slice(&take_f32(state, &name(field.name()), numbers.len())?);
+        numbers.copy_from_slice(&take_numbers(state, &name(field.name()), numbers.len())?);
     }
     let optimiser = Optimiser::take(state, &cloud)?;
     let density = Density::take(state, config, n)?;
-    let counters = take_u64(state, "splats.steps", 4)?;
+    let counters = take_counts(state, "splats.steps", 4)?;
     let guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
     Ok((cloud, optimiser, density, (counters[0], guard)))
 }

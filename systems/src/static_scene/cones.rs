@@ -2,7 +2,7 @@
 
 use crate::data::{Batch, Dataset};
 use crate::space::{InternalRay, Space};
-use crate::system::{Layers, SkipRow};
+use crate::system::{Layers, Query, SkipRow};
 use rayon::prelude::*;
 use render_core::ray::Ray;
 use std::ops::Range;
@@ -56,10 +56,11 @@ pub(super) fn crossing(
     (rays, hit)
 }
 
-/// The layers of rays, tile by tile in parallel: `render` appends those of a tile's rays, given with the radii of their cones.
+/// The layers of rays, tile by tile in parallel: `render` appends those of a tile's rays, given with the radii of their cones. Nothing where the query's halt is raised.
 pub(super) fn render_tiles<S: Default>(
     rays: &[Ray],
     radii: &[f32],
+    query: &Query,
     render: impl Fn((&[Ray], &[f32]), &mut S, &mut Layers) + Sync + Send,
 ) -> Layers {
     let parts: Vec<Layers> = rays
@@ -68,7 +69,10 @@ pub(super) fn render_tiles<S: Default>(
         .map_init(S::default, |scratch, (rays, radii)| {
             let mut out = Layers::default();
             for cones in rays.chunks(TILE).zip(radii.chunks(TILE)) {
-                render(cones, scratch, &mut out);
+                match query.halt.raised() {
+                    true => out.extend(Layers::nothing(cones.0.len(), query)),
+                    false => render(cones, scratch, &mut out),
+                }
             }
             out
         })

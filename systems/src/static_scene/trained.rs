@@ -1,6 +1,6 @@
 //! Parameters that learn: with their moments, the count of gradients that were no numbers, and all of it in a checkpoint.
 
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use float_core::Simd;
 use optim::{Adam, AdamConfig, NonFiniteGuard};
 
@@ -52,9 +52,9 @@ impl Trained {
     /// [`SystemError::State`] naming the array that is missing or has another shape.
     pub(super) fn restored(&self, tensors: &TensorMap) -> Result<Self, SystemError> {
         let n = self.params.len();
-        let params = take_f32(tensors, "networks", n)?;
-        let (m, v) = (take_f32(tensors, "adam.m", n)?, take_f32(tensors, "adam.v", n)?);
-        let counters = take_u64(tensors, "counters", 4)?;
+        let params = take_numbers(tensors, "networks", n)?;
+        let (m, v) = (take_numbers(tensors, "adam.m", n)?, take_numbers(tensors, "adam.v", n)?);
+        let counters = take_counts(tensors, "counters", 4)?;
         let adam = Adam::restore(self.adam.config(), m, v, counters[0])
             .map_err(|e| SystemError::State { name: "adam".into(), problem: e.to_string() })?;
         Ok(Self { params, adam, guard: NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]) })

@@ -3,7 +3,7 @@
 
 use crate::data::Batch;
 use crate::method::Codes;
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -78,7 +78,7 @@ impl CodeTable {
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let rows = take_f32(state, &format!("{}.codes", self.name), self.rows.len())?;
+        let rows = take_numbers(state, &format!("{}.codes", self.name), self.rows.len())?;
         self.adam = take_adam(state, self.name, &self.adam)?;
         self.rows = rows;
         Ok(())

@@ -12,7 +12,7 @@ use super::glance::{Glance, Kept, Picture};
 use super::thumbnail::Thumbnail;
 use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Outcome, Relit, SecondLight};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::conv::{Encoder, EncoderConfig, Size};
 use field_core::rng::Rng;
 use optim::{Adam, AdamConfig};
@@ -296,8 +296,8 @@ impl PhotoEncoder {
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let params = take_f32(state, "encoder.network", self.params.len())?;
-        let rows = take_f32(state, "encoder.codes", self.rows.len())?;
+        let params = take_numbers(state, "encoder.network", self.params.len())?;
+        let rows = take_numbers(state, "encoder.codes", self.rows.len())?;
         self.follows.as_mut().map_or(Ok(()), |follows| follows.table.load_state(state))?;
         self.adam = take_adam(state, "encoder", &self.adam)?;
         (self.params, self.rows) = (params, rows);

@@ -1,6 +1,6 @@
 //! A small network over the pixels of a batch, with its moments: what image-space parts are made of.
 
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32};
+use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
@@ -190,7 +190,7 @@ impl Net {
     }
 
     pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let params = take_f32(state, &format!("{}.network", self.name), self.params.len())?;
+        let params = take_numbers(state, &format!("{}.network", self.name), self.params.len())?;
         self.adam = take_adam(state, self.name, &self.adam)?;
         self.params = params;
         self.pack();

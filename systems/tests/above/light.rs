@@ -18,6 +18,7 @@ use systems::camera_path::{PathKind, cameras};
 use systems::data::Dataset;
 use systems::eval::masks::{MaskOptions, MaskTable};
 use systems::eval::{EvalAppearance, Evaluation, Protocol, Scored};
+use systems::halt::Halt;
 use systems::options::{Background, DataOptions, Plan, Request, RunOptions};
 use systems::output::Disk;
 use systems::run::{Parts, Run};
@@ -60,7 +61,8 @@ impl System for Lit {
     fn step(&mut self, data: &Dataset, _: u64) -> Result<StepStats, SystemError> {
         for view in 0..data.len() {
             let (rays, rgb) = pixels(data, view, &*data.image(view)?);
-            let fit = Fit { rays: &rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 1.0, seed: 0 };
+            let fit =
+                Fit { rays: &rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 1.0, seed: 0, halt: &Halt::NEVER };
             if let Some(code) = self.fit_appearance(&fit) {
                 self.codes[3 * view..][..3].copy_from_slice(&code);
             }

@@ -111,6 +111,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
         error_budget: plan.error_budget,
         appearance: Appearance::Mean,
         time: 0.0,
+        halt: systems::halt::Halt::NEVER,
     };
     let terms = Terms { query: &query, protocol: &protocol, measures: Measures::Psnr, seed: 0 };
     // One mask in so many is wrong about the lower half: it is there all the same.

@@ -60,6 +60,7 @@ pub(crate) const QUERY: Query = Query {
     error_budget: 0.0,
     appearance: systems::system::Appearance::Mean,
     time: 0.0,
+    halt: systems::halt::Halt::NEVER,
 };
 
 /// Every number that the next step depends on is finite.

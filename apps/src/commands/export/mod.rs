@@ -192,6 +192,9 @@ impl Job<'_> {
     /// The surface that the photos' cameras see.
     fn fused(&mut self) -> Result<(Mesh, String), Stopped> {
         self.look()?;
+        if self.show.stop_asked() {
+            return Err(self.stopped("the mesh was not written"));
+        }
         let options = MeshOptions {
             crop: self.crop.bounds,
             resolution: self.args.resolution.map(usize::from),
@@ -259,6 +262,9 @@ impl Job<'_> {
                 return Err(Stopped::Interrupted);
             }
             let cloud = frame_points(run.system.as_ref(), view, &run.query(), !args.rough);
+            if show.stop_asked() {
+                continue;
+            }
             points += cloud.positions.len();
             write_points(&folder.join(format!("frame_{i:06}.ply")), &cloud)?;
             meter.advance(show);

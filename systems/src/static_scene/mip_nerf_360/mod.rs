@@ -339,7 +339,7 @@ impl System for MipNerf360 {
         let into = |cones: (&[Ray], &[f32]), tile: &mut _, out: &mut Layers| {
             fits(self.render_into(&ops, cones, query, tile, out));
         };
-        let mut layers = cones::render_tiles(rays, radii, into);
+        let mut layers = cones::render_tiles(rays, radii, query, into);
         add_canonical(self, rays, query, &mut layers);
         layers
     }

@@ -3,6 +3,7 @@
 use super::render::render_trial;
 use super::{Ngp, NgpConfig};
 use crate::data::Dataset;
+use crate::halt::Halt;
 use crate::method::Method;
 use crate::options::{Background, RunOptions};
 use crate::plan::build;
@@ -118,7 +119,14 @@ pub(super) fn random_rays(seed: u64) -> Vec<Ray> {
 }
 
 pub(super) fn query(background: [f32; 3], error_budget: f32) -> Query {
-    Query { background, layers: LayerRequest::default(), error_budget, appearance: Appearance::Mean, time: 0.0 }
+    Query {
+        background,
+        layers: LayerRequest::default(),
+        error_budget,
+        appearance: Appearance::Mean,
+        time: 0.0,
+        halt: Halt::NEVER,
+    }
 }
 
 /// The sum over all samples of a ray, one at a time, straight from the definition.

@@ -261,6 +261,7 @@ impl Ngp {
                 error_budget: 1.0 / 255.0,
                 appearance: crate::system::Appearance::Mean,
                 time: seen.time,
+                halt: crate::halt::Halt::NEVER,
             };
             let depth = self.render(&rays, &query).depth;
             let internal = |(ray, t): (&Ray, f32)| {

@@ -52,6 +52,9 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
     let mut grad = vec![0.0; mlp.packed_grad_len()];
     let mut columns: Vec<u32> = Vec::new();
     for step in 0..pixels.steps {
+        if pixels.halt.raised() {
+            break;
+        }
         let draw = rng.substream(step);
         let chosen: Vec<usize> = match count <= BATCH {
             true => (0..count).collect(),

@@ -135,7 +135,7 @@ impl Occupy {
     /// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
     /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nobody needs.
     pub(super) fn settings(config: &NgpConfig, updates: u64) -> Settings {
-        let settled = (updates * config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
+        let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
         let last = config.occupancy_threshold;
         let first = (0.5 * config.density_bias.clamp(-80.0, 80.0).exp() * config.step_min).min(last);
         Settings {

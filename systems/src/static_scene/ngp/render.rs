@@ -134,8 +134,11 @@ pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial
     let code = ngp.appearance_code(&query.appearance).unwrap_or_default();
     let moments = ngp.field.moments_at(query.time);
     let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty), code, moments };
-    let tasks: Vec<(Layers, Ledger)> =
-        rays.par_chunks(TASK).map_init(Scratch::default, |scratch, rays| job.render(rays, scratch)).collect();
+    let task = |scratch: &mut Scratch, rays: &[Ray]| match query.halt.raised() {
+        true => (Layers::nothing(rays.len(), query), Ledger::default()),
+        false => job.render(rays, scratch),
+    };
+    let tasks: Vec<(Layers, Ledger)> = rays.par_chunks(TASK).map_init(Scratch::default, task).collect();
     let (mut out, mut ledger) = Default::default();
     for (layers, part) in tasks {
         Layers::extend(&mut out, layers);

@@ -1,10 +1,12 @@
 //! What a checkpoint holds.
 
-use super::Ngp;
 use super::occupy::Occupy;
 use super::proposal::ProposalField;
 use super::table::{Table, TableTrainer};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32, take_u64, u64_tensor};
+use super::{MAX_STRETCH, Ngp};
+use crate::system::{
+    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_f32, take_numbers, u64_tensor,
+};
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
 
@@ -62,15 +64,23 @@ struct ProposalState {
 /// All arrays are read and checked before the first is put in its place.
 pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError> {
     let f = &ngp.field;
-    let counters = take_u64(tensors, "counters", 5)?;
+    let counters = take_counts(tensors, "counters", 5)?;
     // Its resolution is that of the step.
     let table = Table::new(&ngp.config, counters[2])?;
     let mut trainer = TableTrainer::new(&table);
-    let grid = take_f32(tensors, "field.grid", table.params_len())?;
-    let density = take_f32(tensors, "field.density", f.density_params.len())?;
-    let colour = take_f32(tensors, "field.colour", f.colour_params.len())?;
+    let grid = take_numbers(tensors, "field.grid", table.params_len())?;
+    let density = take_numbers(tensors, "field.density", f.density_params.len())?;
+    let colour = take_numbers(tensors, "field.colour", f.colour_params.len())?;
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
-    let stretch = take_f32(tensors, "step.stretch", 1)?[0];
+    let stretch = take_numbers(tensors, "step.stretch", 1)?[0];
+    let refused = |name: &str, problem: String| Err(SystemError::State { name: name.into(), problem });
+    let most = ngp.config.batch_rays;
+    if counters[0] == 0 || counters[0] > most as u64 {
+        return refused("counters", format!("{} rays a step; 1 to {most} expected (`batch_rays`)", counters[0]));
+    }
+    if !(1.0..=MAX_STRETCH).contains(&stretch) {
+        return refused("step.stretch", format!("{stretch}; 1 to {MAX_STRETCH} expected"));
+    }
     let adam = |name: String, old: &Adam| take_adam(tensors, &name, old);
     let grid_adam: Vec<Adam> =
         trainer.adams().iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
@@ -79,8 +89,8 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let proposal = |(i, old): (usize, &ProposalField)| {
         let grid_adam = old.trainer.adam.iter().enumerate();
         Ok(ProposalState {
-            grid: take_f32(tensors, &format!("proposal.{i}.grid"), old.grid_params.len())?,
-            network: take_f32(tensors, &format!("proposal.{i}.network"), old.mlp_params.len())?,
+            grid: take_numbers(tensors, &format!("proposal.{i}.grid"), old.grid_params.len())?,
+            network: take_numbers(tensors, &format!("proposal.{i}.network"), old.mlp_params.len())?,
             grid_adam: grid_adam
                 .map(|(l, old)| adam(format!("proposal.{i}.grid.{l}"), old))
                 .collect::<Result<_, _>>()?,
@@ -90,7 +100,7 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let proposals = ngp.proposals.iter().flat_map(|p| &p.fields).enumerate().map(proposal);
     let proposals: Vec<ProposalState> = proposals.collect::<Result<_, SystemError>>()?;
     let head = f.head.as_ref().map(|old| {
-        Ok::<_, SystemError>((take_f32(tensors, "field.head", old.params.len())?, adam("head".into(), &old.adam)?))
+        Ok::<_, SystemError>((take_numbers(tensors, "field.head", old.params.len())?, adam("head".into(), &old.adam)?))
     });
     let head = head.transpose()?;
     let occupancy = OccupancyGrid::from_state(Occupy::settings(&ngp.config, counters[1]), &thickness, counters[1])

@@ -97,6 +97,9 @@ pub(super) fn fit<R: Recipe>(system: &TwoLevel<R>, pixels: &Fit<'_>) -> Option<V
     let rng = Rng::new(pixels.seed, FITTED);
     let (mut active, mut colours) = (Vec::new(), Vec::new());
     for step in 0..pixels.steps {
+        if pixels.halt.raised() {
+            break;
+        }
         let draw = rng.substream(step);
         let chosen: Vec<usize> = match count <= BATCH {
             true => (0..count).collect(),

@@ -203,7 +203,7 @@ impl<R: Recipe> System for TwoLevel<R> {
         let into = |cones: (&[Ray], &[f32]), tile: &mut _, out: &mut Layers| {
             self.render_into(&ops, cones, query, &code, tile, out);
         };
-        let mut layers = cones::render_tiles(rays, radii, into);
+        let mut layers = cones::render_tiles(rays, radii, query, into);
         add_canonical(self, rays, query, &mut layers);
         layers
     }

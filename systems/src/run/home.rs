@@ -1,0 +1,91 @@
+//! Whether the run folder is still the one that the run began in.
+//!
+//! A folder that is removed or moved away on the way costs nothing but what lay in it: it is made again with everything that the run
+//! still knows. Another folder at its place is taken only where it is empty or holds nothing but a run's first files.
+
+use super::lock::FolderLock;
+use super::{place, planned};
+use crate::checkpoint;
+use crate::error::RunError;
+use crate::output::{Storage, make_folder, write_file};
+use crate::progress::{Event, Observer};
+use crate::train::Schedule;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What tells one folder from another: device and number; `None` where the system has no such numbers.
+type Id = Option<(u64, u64)>;
+
+/// Names of the two files that say what a run is.
+pub(super) const HELD_OUT: &str = "heldout.txt";
+
+/// A run folder, and which one it was.
+#[derive(Debug)]
+pub(super) struct Home {
+    folder: PathBuf,
+    id: Id,
+}
+
+impl Home {
+    /// The folder as it is now.
+    pub(super) fn of(folder: &Path) -> Self {
+        Self { folder: folder.into(), id: id_of(folder).flatten() }
+    }
+
+    /// Whether the folder is there and the same.
+    pub(super) fn stands(&self) -> bool {
+        id_of(&self.folder).is_some_and(|id| id == self.id)
+    }
+
+    /// Make the folder again where it is gone: `texts` are its first files, names and content. `true` where that was needed.
+    ///
+    /// # Errors
+    /// [`RunError::Write`] where it cannot be made, or where something else lies there now.
+    pub(super) fn restore(
+        &mut self,
+        lock: &mut Option<FolderLock>,
+        storage: &dyn Storage,
+        texts: &[(&str, String)],
+        schedule: &Schedule,
+        observer: &mut dyn Observer,
+    ) -> Result<bool, RunError> {
+        if self.stands() {
+            return Ok(false);
+        }
+        let foreign = |why: String| RunError::Write { path: self.folder.clone(), source: io::Error::other(why) };
+        if checkpoint::newest_step(&self.folder).is_some() {
+            return Err(foreign("another run lies there now: the folder was replaced while this one went on".into()));
+        }
+        place::refuse_foreign(&self.folder).map_err(|e| foreign(e.to_string()))?;
+        make_folder(&self.folder)?;
+        // The old lock is on a file that nobody can reach any more.
+        *lock = FolderLock::take(&self.folder)?;
+        for (name, text) in texts {
+            write_file(storage, &self.folder.join(name), text.as_bytes())?;
+        }
+        planned::write(storage, &self.folder, schedule, observer);
+        self.id = id_of(&self.folder).flatten();
+        let line = format!(
+            "`{}` was removed or replaced while the run went on: it is made again; what lay in it before is gone",
+            self.folder.display()
+        );
+        observer.event(Event::Warning(&line));
+        Ok(true)
+    }
+}
+
+/// `None` where there is no folder.
+fn id_of(folder: &Path) -> Option<Id> {
+    let found = fs::metadata(folder).ok().filter(fs::Metadata::is_dir)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        Some(Some((found.dev(), found.ino())))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = found;
+        Some(None)
+    }
+}
