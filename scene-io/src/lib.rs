@@ -21,6 +21,7 @@ mod hash;
 mod images_folder;
 mod instant_ngp;
 mod json;
+mod limits;
 mod llff;
 mod load;
 mod mask_files;

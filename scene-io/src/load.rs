@@ -2,6 +2,7 @@
 
 use crate::assemble::{Assembled, assemble};
 use crate::detect::{Found, detect};
+use crate::error::one_line;
 use crate::reading::{Need, Reading};
 use crate::{
     Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, endonerf,
@@ -77,6 +78,9 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
         notes.push("no alpha, and no near and far in the file: not taken for an object on an empty background".into());
     }
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes);
+    time::tell(&frames, &mut notes);
+    // Names in files may hold line ends, and what terminals obey.
+    notes.iter_mut().for_each(|note| *note = one_line(note).into_owned());
     if let Err(error) = split {
         // With broken frames left out, an empty split may only be their consequence: they are named first.
         let mut errors = problems.iter().filter(|p| p.severity == Severity::Error).cloned();
@@ -88,7 +92,6 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
         all.push(error.into_problem());
         return Ok((scene, all));
     }
-    time::tell(&frames, &mut notes);
     Ok((Scene { name: name_of(&root), root, dialect, frames, points, layout, bounds, notes }, problems))
 }
 
