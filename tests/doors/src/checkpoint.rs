@@ -144,9 +144,10 @@ fn make(scene: &scene_io::Scene) -> Made {
     let set: toml::Table = toml::toml! {
         log2_table = 8
         levels = 2
-        occupancy = 8
-        rays = 16
-        hidden = 16
+        occupancy = 16
+        batch_rays = 16
+        batch_samples = 256
+        width = 16
     };
     let request = Request { scene: Some("two".into()), system: Some("ngp".into()), set, ..Request::default() };
     let mut run = Run::create(folder.path(), &request, disk_parts(&load, &build, "ngp"), &mut Silent)

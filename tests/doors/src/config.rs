@@ -39,6 +39,10 @@ fn try_config(config: &RunConfig) {
 }
 
 fn try_word(word: &str) {
+    // What somebody types is shown as it is.
+    if word.contains(char::is_control) {
+        return;
+    }
     match parse_set(word) {
         Ok((key, _)) => assert!(!key.is_empty()),
         Err(line) => sound::one_line(&line),

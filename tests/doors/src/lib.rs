@@ -37,43 +37,72 @@ pub struct Door {
     pub seeds: fn() -> Vec<(String, Vec<u8>)>,
 }
 
-/// A door to a folder of a dataset.
-macro_rules! dataset {
-    ($name:literal, $scene:path) => {
-        Door { name: $name, open: || dialects::open($scene), seeds: || seeds::of_scene($scene) }
+/// Opens doors, one function each: a fuzz target holds the code of its own door and no other.
+pub mod open {
+    use crate::{Try, checkpoint, config, dialects, path, run_files, scenes, splats, viewer};
+
+    macro_rules! doors {
+        ($($name:ident: $open:expr;)*) => {
+            $(
+                #[doc = concat!("The door `", stringify!($name), "`.")]
+                #[must_use]
+                pub fn $name() -> Try {
+                    $open
+                }
+            )*
+        };
+    }
+
+    doors! {
+        camera_path: path::open();
+        checkpoint: checkpoint::open();
+        config: config::open();
+        dialect_blender: dialects::open(scenes::blender);
+        dialect_colmap_binary: dialects::open(scenes::colmap_binary);
+        dialect_colmap_text: dialects::open(scenes::colmap_text);
+        dialect_endonerf: dialects::open(scenes::endonerf);
+        dialect_hdr_hexplane: dialects::open(scenes::hdr_hexplane);
+        dialect_instant_ngp: dialects::open(scenes::instant_ngp);
+        dialect_llff: dialects::open(scenes::llff);
+        dialect_nerfies: dialects::open(scenes::nerfies);
+        dialect_nerfstudio: dialects::open(scenes::nerfstudio);
+        dialect_nr_nerf: dialects::open(scenes::nr_nerf);
+        maps: dialects::open(scenes::maps);
+        priors: dialects::open(scenes::priors);
+        run_files: run_files::open();
+        splat_ply: Box::new(|bytes| drop(splats::read("fuzz.ply", bytes)));
+        splat_splat: Box::new(splats::records);
+        splat_spz: Box::new(splats::gzip);
+        viewer: viewer::open();
+    }
+}
+
+macro_rules! door {
+    ($name:ident, $seeds:expr) => {
+        Door { name: stringify!($name), open: open::$name, seeds: $seeds }
     };
 }
 
 /// All doors, by name.
 pub const DOORS: [Door; 20] = [
-    Door { name: "camera_path", open: path::open, seeds: seeds::camera_path },
-    Door { name: "checkpoint", open: checkpoint::open, seeds: checkpoint::seeds },
-    Door { name: "config", open: config::open, seeds: seeds::config },
-    dataset!("dialect_blender", scenes::blender),
-    dataset!("dialect_colmap_binary", scenes::colmap_binary),
-    dataset!("dialect_colmap_text", scenes::colmap_text),
-    dataset!("dialect_endonerf", scenes::endonerf),
-    dataset!("dialect_hdr_hexplane", scenes::hdr_hexplane),
-    dataset!("dialect_instant_ngp", scenes::instant_ngp),
-    dataset!("dialect_llff", scenes::llff),
-    dataset!("dialect_nerfies", scenes::nerfies),
-    dataset!("dialect_nerfstudio", scenes::nerfstudio),
-    dataset!("dialect_nr_nerf", scenes::nr_nerf),
-    dataset!("maps", scenes::maps),
-    dataset!("priors", scenes::priors),
-    Door { name: "run_files", open: run_files::open, seeds: seeds::run_files },
-    Door { name: "splat_ply", open: || Box::new(|bytes| drop(splats::read("fuzz.ply", bytes))), seeds: Vec::new },
-    Door { name: "splat_splat", open: || Box::new(splats::records), seeds: Vec::new },
-    Door { name: "splat_spz", open: || Box::new(splats::gzip), seeds: Vec::new },
-    Door { name: "viewer", open: viewer::open, seeds: seeds::viewer },
+    door!(camera_path, seeds::camera_path),
+    door!(checkpoint, checkpoint::seeds),
+    door!(config, seeds::config),
+    door!(dialect_blender, || seeds::of_scene(scenes::blender)),
+    door!(dialect_colmap_binary, || seeds::of_scene(scenes::colmap_binary)),
+    door!(dialect_colmap_text, || seeds::of_scene(scenes::colmap_text)),
+    door!(dialect_endonerf, || seeds::of_scene(scenes::endonerf)),
+    door!(dialect_hdr_hexplane, || seeds::of_scene(scenes::hdr_hexplane)),
+    door!(dialect_instant_ngp, || seeds::of_scene(scenes::instant_ngp)),
+    door!(dialect_llff, || seeds::of_scene(scenes::llff)),
+    door!(dialect_nerfies, || seeds::of_scene(scenes::nerfies)),
+    door!(dialect_nerfstudio, || seeds::of_scene(scenes::nerfstudio)),
+    door!(dialect_nr_nerf, || seeds::of_scene(scenes::nr_nerf)),
+    door!(maps, || seeds::of_scene(scenes::maps)),
+    door!(priors, || seeds::of_scene(scenes::priors)),
+    door!(run_files, seeds::run_files),
+    door!(splat_ply, Vec::new),
+    door!(splat_splat, Vec::new),
+    door!(splat_spz, Vec::new),
+    door!(viewer, seeds::viewer),
 ];
-
-/// The door of a name.
-///
-/// # Panics
-/// Where there is none.
-#[must_use]
-pub fn open(name: &str) -> Try {
-    let door = DOORS.iter().find(|door| door.name == name).unwrap_or_else(|| panic!("there is no door `{name}`"));
-    (door.open)()
-}

@@ -137,6 +137,7 @@ const WORDS: [&str; 100] = [
 /// Changes the `size` bytes at the start of `data`, at most to `data.len()`; returns how many there are then. `plain` is the
 /// fuzzer's own way with bytes.
 pub fn mutate(data: &mut [u8], size: usize, seed: u32, plain: impl FnOnce(&mut [u8], usize, usize) -> usize) -> usize {
+    let size = size.min(data.len());
     let mut random = Random(u64::from(seed) << 1 | 1);
     let start = data[..size].iter().position(|b| *b == b'{').unwrap_or(size);
     if start <= 2 && random.below(8) > 0 {

@@ -1,9 +1,9 @@
 //! What a checkpoint holds.
 
-use super::Ngp;
 use super::occupy::Occupy;
 use super::proposal::ProposalField;
 use super::table::{Table, TableTrainer};
+use super::{MAX_STRETCH, Ngp};
 use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_f32, take_u64, u64_tensor};
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
@@ -71,6 +71,10 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     let colour = take_f32(tensors, "field.colour", f.colour_params.len())?;
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
     let stretch = take_f32(tensors, "step.stretch", 1)?[0];
+    if !(1.0..=MAX_STRETCH).contains(&stretch) {
+        let problem = format!("holds {stretch}, and steps are 1 to {MAX_STRETCH} times as long as the settings say");
+        return Err(SystemError::State { name: "step.stretch".into(), problem });
+    }
     let adam = |name: String, old: &Adam| take_adam(tensors, &name, old);
     let grid_adam: Vec<Adam> =
         trainer.adams().iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
