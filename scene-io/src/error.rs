@@ -112,7 +112,8 @@ impl Problem {
 
 /// Text as one line that is safe to print: line ends and other control characters, which files may hold in names and
 /// terminals obey, are shown as escapes.
-pub(crate) fn one_line(text: &str) -> Cow<'_, str> {
+#[must_use]
+pub fn one_line(text: &str) -> Cow<'_, str> {
     let breaks = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
     if !text.contains(breaks) {
         return text.into();

@@ -49,7 +49,7 @@ mod unposed;
 pub use check::{Depth, DepthSummary, Report, check};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
-pub use error::{ErrorKind, Place, Problem, SceneError, Severity};
+pub use error::{ErrorKind, Place, Problem, SceneError, Severity, one_line};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
