@@ -1,42 +1,35 @@
-//! What must hold of any bytes that are read as splats.
+//! The doors of `tests/doors`, opened by libFuzzer.
 
-use scene_io::{SplatFile, SplatOptions, encode_splats, parse_splats};
-use splat_core::Gaussians;
-use std::path::Path;
+pub use doors;
+pub use libfuzzer_sys;
 
-/// Reads bytes under a name. What is read is whole and finite, holds no more Gaussians than the bytes can, and comes
-/// back from each format: from PLY bit for bit, from the others in the same number.
-pub fn read(name: &str, bytes: &[u8]) -> Option<SplatFile> {
-    let file = match parse_splats(Path::new(name), bytes) {
-        Ok(file) => file,
-        Err(error) => {
-            let line = error.to_string();
-            assert!(!line.contains('\n') && line.contains(name), "{line}");
-            return None;
-        }
+use doors::Try;
+use std::cell::RefCell;
+
+/// A fuzz target: the door of a name.
+#[macro_export]
+macro_rules! door {
+    ($name:ident) => {
+        $crate::libfuzzer_sys::fuzz_target!(|bytes: &[u8]| $crate::try_door($crate::doors::open::$name, bytes));
+        $crate::libfuzzer_sys::fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+            $crate::doors::mutate(&mut data[..max_size], size, seed, $crate::libfuzzer_sys::fuzzer_mutate)
+        });
     };
-    let cloud = &file.cloud;
-    cloud.check().expect("fields of one length");
-    assert!(cloud.fields().iter().all(|(_, numbers)| numbers.iter().all(|x| x.is_finite())), "a number is not finite");
-    let options = SplatOptions { widening: file.widening.unwrap_or_default(), fractional_bits: None };
-    let again = written("a.ply", cloud, &options).expect("PLY holds any finite numbers");
-    assert!(bits(&again.cloud) == bits(cloud), "PLY changes numbers");
-    assert!(again.notes.is_empty(), "PLY loses something: {:?}", again.notes);
-    for name in ["a.splat", "a.spz"] {
-        // Numbers out of reach of a format are refused.
-        if let Some(again) = written(name, cloud, &options) {
-            assert_eq!(again.cloud.len(), cloud.len(), "{name}");
-            assert_eq!(again.widening, (name == "a.spz").then_some(options.widening));
-        }
-    }
-    Some(file)
 }
 
-fn written(name: &str, cloud: &Gaussians, options: &SplatOptions) -> Option<SplatFile> {
-    let (bytes, _) = encode_splats(Path::new(name), cloud, options).ok()?;
-    Some(parse_splats(Path::new(name), &bytes).expect("what is written is read"))
+thread_local! {
+    static OPEN: RefCell<Option<Try>> = const { RefCell::new(None) };
 }
 
-fn bits(cloud: &Gaussians) -> Vec<Vec<u32>> {
-    cloud.fields().iter().map(|(_, numbers)| numbers.iter().map(|x| x.to_bits()).collect()).collect()
+/// Tries bytes at a door, which is opened by the first of them and stays open.
+pub fn try_door(open: fn() -> Try, bytes: &[u8]) {
+    OPEN.with_borrow_mut(|door| {
+        let door = door.get_or_insert_with(|| {
+            // One thread, this one: the same inputs take the same way, and nothing waits for another thread.
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+            pool.build_global().expect("the only pool");
+            open()
+        });
+        door(bytes);
+    });
 }

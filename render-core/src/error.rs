@@ -134,6 +134,29 @@ pub enum CameraError {
         /// Its value.
         value: f64,
     },
+    /// A parameter is finite, and no camera has such a one.
+    OutOfRange {
+        /// Which.
+        parameter: &'static str,
+        /// Its value.
+        value: f64,
+        /// Smallest that is taken for a camera of this image size.
+        least: f64,
+        /// Largest.
+        most: f64,
+    },
+}
+
+impl CameraError {
+    /// The parameter that is wrong and its value, where there is one.
+    #[must_use]
+    pub fn parameter(&self) -> Option<(&'static str, f64)> {
+        match *self {
+            Self::Focal { parameter, value } | Self::OutOfRange { parameter, value, .. } => Some((parameter, value)),
+            Self::Omega { value } => Some(("omega", value)),
+            Self::NonFinite { .. } | Self::ParameterCount { .. } | Self::EmptyImage { .. } => None,
+        }
+    }
 }
 
 impl fmt::Display for CameraError {
@@ -146,6 +169,9 @@ impl fmt::Display for CameraError {
             Self::Focal { parameter, value } => write!(f, "focal length {parameter} = {value}, expected more than 0"),
             Self::EmptyImage { width, height } => write!(f, "image size {width} x {height} holds no pixel"),
             Self::Omega { value } => write!(f, "omega = {value} of the FOV model, expected an angle in (-pi, pi)"),
+            Self::OutOfRange { parameter, value, least, most } => {
+                write!(f, "camera parameter {parameter} = {value:e}, expected {least:e} to {most:e}")
+            }
         }
     }
 }

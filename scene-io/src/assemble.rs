@@ -3,6 +3,7 @@
 //! Every dialect ends here, so that all treat missing, duplicate and wrongly sized images alike.
 
 use crate::files::with_image_extension;
+use crate::limits::{check_camera, is_depth_range};
 use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{Plan, foreign, same_shape, wrong_size};
@@ -105,7 +106,12 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
     if !same_shape(said, is) {
         return Looked::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
     }
-    let camera = raw.intrinsics.camera(said, raw.lens, raw.pose).resized(is.0, is.1);
+    let camera = raw.intrinsics.camera(said, raw.lens, raw.pose);
+    let (file, place) = &raw.listed;
+    if let Err(problem) = check_camera(&camera, file, place) {
+        return Looked::Bad(Box::new(problem.frame(&raw.name)));
+    }
+    let camera = camera.resized(is.0, is.1);
     let mask = match find_mask(raw, &path, reading, options) {
         Ok(mask) => mask,
         Err(problem) => return Looked::Bad(Box::new(problem)),
@@ -135,7 +141,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         camera,
         split: raw.split,
         time: raw.time,
-        z_bounds: raw.z_bounds,
+        z_bounds: raw.z_bounds.filter(|range| is_depth_range(*range)),
         sharpness: raw.sharpness,
     };
     Looked::Frame {

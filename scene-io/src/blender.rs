@@ -7,6 +7,7 @@
 //! `transforms_train_clutter.json`: there it is the truth about the clutter (white), which is for scoring only.
 
 use crate::json::Document;
+use crate::limits::is_depth_range;
 use crate::options::{LoadOptions, Masks, TrainPhotos};
 use crate::reading::{DialectSplits, MaskFolder, Reading};
 use crate::transforms::raw_frame;
@@ -80,7 +81,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
     }
     reading.layout_needs_alpha = near.is_none() && far.is_none();
     let (near, far) = (near.unwrap_or(2.0), far.unwrap_or(6.0));
-    if near > 0.0 && far > near {
+    if is_depth_range([near, far]) && far > near {
         reading.layout = LayoutHint::Object { near, far };
     } else {
         let problem = Problem::new(train, "must be above 0 and below far", "correct near and far, or remove both");

@@ -3,6 +3,7 @@
 //! A [`Problem`] names the file, the place in it, the value found and what to do. Readers collect problems as they go;
 //! [`crate::load`] fails on the first of severity [`Severity::Error`], [`crate::check`] lists all of them.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -109,8 +110,31 @@ impl Problem {
     }
 }
 
+/// Text as one line that is safe to print: line ends and other control characters, which files may hold in names and
+/// terminals obey, are shown as escapes.
+#[must_use]
+pub fn one_line(text: &str) -> Cow<'_, str> {
+    let breaks = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
+    if !text.contains(breaks) {
+        return text.into();
+    }
+    let mut out = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if breaks(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    out.into()
+}
+
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut line = String::new();
+        self.write(&mut line)?;
+        f.write_str(&one_line(&line))
+    }
+}
+
+impl Problem {
+    fn write(&self, f: &mut impl fmt::Write) -> fmt::Result {
         write!(f, "{}", self.file.display())?;
         match self.place {
             Place::File => {}

@@ -5,6 +5,7 @@
 //! lies in, which becomes [`crate::Scene::bounds`] in the file's own frame; poses are left as they are.
 
 use crate::json::{Document, Object};
+use crate::limits::is_point;
 use crate::options::MissingImages;
 use crate::reading::{DialectSplits, Reading};
 use crate::transforms::raw_frame;
@@ -58,6 +59,10 @@ fn bounds(top: &Object<'_>) -> Result<(Option<Bounds>, f64), Problem> {
     }
     let Some(side) = side else { return Ok((None, 1.0)) };
     let corner = |sign: f64| (DVec3::splat(0.5 + sign * side / 2.0) - offset) / scale;
+    if !is_point(corner(-1.0)) || !is_point(corner(1.0)) {
+        let what = format!("the box from {} to {} lies outside of any scene", corner(-1.0), corner(1.0));
+        return Err(top.problem("aabb_scale", what, "correct `aabb_scale`, `scale` and `offset`, or remove them"));
+    }
     Ok((Some(Bounds { min: corner(-1.0), max: corner(1.0) }), side))
 }
 

@@ -2,6 +2,7 @@
 
 use crate::assemble::{Assembled, assemble};
 use crate::detect::{Found, detect};
+use crate::error::one_line;
 use crate::reading::{Need, Reading};
 use crate::validation;
 use crate::{
@@ -80,6 +81,9 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes).and_then(|()| {
         options.validation.as_ref().map_or(Ok(()), |v| validation::apply(&root, &mut frames, v, &mut notes))
     });
+    time::tell(&frames, &mut notes);
+    // Names in files may hold line ends, and what terminals obey.
+    notes.iter_mut().for_each(|note| *note = one_line(note).into_owned());
     if let Err(error) = split {
         // With broken frames left out, an empty split may only be their consequence: they are named first.
         let mut errors = problems.iter().filter(|p| p.severity == Severity::Error).cloned();
@@ -91,7 +95,6 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
         all.push(error.into_problem());
         return Ok((scene, all));
     }
-    time::tell(&frames, &mut notes);
     Ok((Scene { name: name_of(&root), root, dialect, frames, points, layout, bounds, notes }, problems))
 }
 

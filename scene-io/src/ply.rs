@@ -1,6 +1,7 @@
 //! Vertices of PLY files: ASCII and both binary forms, any properties. Coloured points are read here, splats in
 //! [`crate::splats`].
 
+use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;
 use std::path::Path;
@@ -110,8 +111,8 @@ pub(crate) fn read_points(path: &Path) -> Result<Vec<Point>, SceneError> {
     let mut points = Vec::with_capacity(vertices.count);
     vertices.rows(|values, place| {
         let xyz = DVec3::new(values[x], values[y], values[z]);
-        if !xyz.is_finite() {
-            return Err(vertices.wrong(place, &format!("the point {xyz} is not finite")));
+        if !is_point(xyz) {
+            return Err(vertices.wrong(place, &format!("the point {xyz} is not finite, or out of range")));
         }
         let rgb = match colour {
             [Some(r), Some(g), Some(b)] => [r, g, b].map(|i| {

@@ -541,3 +541,30 @@ fn holdout_words_are_parsed() {
     }
     says(&Holdout::parse("names:/nowhere/x").unwrap_err(), &["/nowhere/x", "check the path"]);
 }
+
+#[test]
+fn numbers_that_no_camera_can_have_are_refused_with_field_and_value() {
+    for (from, to, part) in [
+        ("\"cx\": 4.0", "\"cx\": 1e308", "`frames[0]: cx` = 1e308"),
+        ("\"cy\": 3.0", "\"cy\": -1e300", "`frames[0]: cy` = -1e300"),
+        ("\"fl_x\": 10.0", "\"fl_x\": 1e-300", "`frames[0]: fx` = 1e-300"),
+        ("\"fl_y\": 11.0", "\"k2\": 1e100, \"fl_y\": 11.0", "`frames[0]: k2` = 1e100"),
+        ("1.5]", "1e200]", "`frames[1]: centre x` = 1e200"),
+    ] {
+        ngp_says((from, to), &[part, "no camera can have this", "expected"]);
+    }
+    ngp_says(("\"aabb_scale\": 1", "\"aabb_scale\": 1e300"), &["`aabb_scale` = 1e300", "outside of any scene"]);
+}
+
+#[test]
+fn line_ends_and_escapes_in_names_stay_on_one_line() {
+    let dataset = Dataset::ngp(3);
+    dataset.edit("transforms.json", "./images/001.png", "./images/a\\n\\u001b[2J\\u2028b.png");
+    let options = LoadOptions { missing_images: Some(MissingImages::Refuse), ..LoadOptions::default() };
+    let text = refused(&dataset, &options).to_string();
+    assert!(text.contains(r"frame `images/a\n\u{1b}[2J\u{2028}b.png`"), "{text}");
+    // Skipped ones are named in a note.
+    let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
+    assert!(scene.notes.iter().any(|note| note.contains(r"a\n\u{1b}[2J")), "{:?}", scene.notes);
+    assert!(scene.notes.iter().all(|note| !note.contains(char::is_control)));
+}

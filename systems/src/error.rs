@@ -3,6 +3,7 @@
 //! [`source`]: std::error::Error::source
 
 use crate::system::SystemError;
+use scene_io::one_line;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -27,7 +28,7 @@ pub enum RunError {
         source: io::Error,
     },
     /// A file of the run holds something else than it should.
-    #[error("`{}`: {problem}", path.display())]
+    #[error("{}", one_line(&format!("`{}`: {problem}", path.display())))]
     Content {
         /// The file.
         path: PathBuf,
@@ -38,7 +39,10 @@ pub enum RunError {
     #[error("`{}` holds no checkpoint: train into it first (`train SCENE --out {}`)", .0.display(), .0.display())]
     NoCheckpoint(PathBuf),
     /// Checkpoints are there and none can be used.
-    #[error("none of the {} checkpoints of `{}` can be used: {}", problems.len(), folder.display(), problems.join("; "))]
+    #[error(
+        "none of the {} checkpoints of `{}` can be used: {}",
+        problems.len(), folder.display(), one_line(&problems.join("; "))
+    )]
     AllCheckpointsBroken {
         /// The run folder.
         folder: PathBuf,

@@ -19,6 +19,7 @@ mod derivative;
 mod distortion;
 mod fov;
 mod lens;
+mod limits;
 mod polynomial;
 mod prepared;
 mod table;
@@ -57,7 +58,8 @@ impl Camera {
         Self { width, height, fx, fy, cx, cy, lens: Lens::PINHOLE, pose }
     }
 
-    /// Whether this is a camera that can see: image size, focal lengths, principal point and lens parameters.
+    /// Whether this is a camera that can see: image size, focal lengths, principal point, lens parameters and centre are
+    /// finite, and such as a camera can have (`fx` = 1e308 is not).
     ///
     /// # Errors
     /// [`CameraError`] naming the first parameter that is wrong.
@@ -66,7 +68,9 @@ impl Camera {
             return Err(CameraError::EmptyImage { width: self.width, height: self.height });
         }
         let intrinsics = [("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy)];
-        for (parameter, value) in intrinsics.into_iter().chain(self.lens.parameters()) {
+        let c = self.pose.c;
+        let centre = [("centre x", c.x), ("centre y", c.y), ("centre z", c.z)];
+        for (parameter, value) in intrinsics.into_iter().chain(self.lens.parameters()).chain(centre) {
             if !value.is_finite() {
                 return Err(CameraError::NonFinite { parameter });
             }
@@ -78,7 +82,7 @@ impl Camera {
         }
         match self.lens {
             Lens::Fov { omega } if omega.abs() >= core::f64::consts::PI => Err(CameraError::Omega { value: omega }),
-            _ => Ok(()),
+            _ => limits::check(self),
         }
     }
 

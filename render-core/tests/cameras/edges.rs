@@ -197,6 +197,26 @@ fn cameras_that_cannot_see_are_refused_by_name() {
 }
 
 #[test]
+fn cameras_with_numbers_that_no_camera_has_are_refused_with_the_range() {
+    let good = Camera::pinhole(64, 48, 50.0, 50.0, 32.0, 24.0, Pose::IDENTITY);
+    let error = |camera: Camera| camera.check().unwrap_err().to_string();
+    assert_eq!(error(Camera { cx: 1e308, ..good }), "camera parameter cx = 1e308, expected -6.4e7 to 6.4e7");
+    assert_eq!(error(Camera { fy: 1e-9, ..good }), "camera parameter fy = 1e-9, expected 6.4e-3 to 6.4e7");
+    assert_eq!(error(Camera { fx: 1e9, ..good }), "camera parameter fx = 1e9, expected 6.4e-3 to 6.4e7");
+    let lens = Lens::Fisheye { k: [0.0, 0.0, -1e200, 0.0] };
+    assert_eq!(error(Camera { lens, ..good }), "camera parameter k3 = -1e200, expected -1e12 to 1e12");
+    let pose = Pose { c: DVec3::new(0.0, 3e40, 0.0), ..Pose::IDENTITY };
+    assert_eq!(error(Camera { pose, ..good }), "camera parameter centre y = 3e40, expected -1e12 to 1e12");
+    let pose = Pose { c: DVec3::new(0.0, 0.0, f64::NAN), ..Pose::IDENTITY };
+    assert_eq!(error(Camera { pose, ..good }), "camera parameter centre z is NaN or infinite");
+    // A long lens far off the middle, a fisheye, a camera on a map in millimetres: all good.
+    let pose = Pose { c: DVec3::new(4e9, -5e9, 1e6), ..Pose::IDENTITY };
+    for camera in [Camera { fx: 6e4, fy: 6e4, cx: -3e4, pose, ..good }, Camera { fx: 0.1, fy: 0.1, ..good }] {
+        assert_eq!(camera.check(), Ok(()));
+    }
+}
+
+#[test]
 fn cone_radius_of_a_pinhole_is_the_pixel_pitch() {
     let camera = Camera::pinhole(64, 48, 50.0, 50.0, 32.0, 24.0, Pose::IDENTITY);
     let prepared = camera.prepare();

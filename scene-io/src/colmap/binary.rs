@@ -3,6 +3,7 @@
 
 use super::scene::pose_of;
 use super::{Model, ModelImage, lens};
+use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -159,9 +160,9 @@ pub(super) fn points(path: &Path) -> Result<HashMap<u64, Point>, SceneError> {
         reader.f64()?;
         let track = reader.count("track entries", 8)?;
         reader.take(8 * track)?;
-        if !xyz.is_finite() {
+        if !is_point(xyz) {
             reader.at = start;
-            return Err(reader.error(format!("point {id} at {xyz} is not finite")));
+            return Err(reader.error(format!("point {id} at {xyz} is not finite, or out of range")));
         }
         points.insert(id, Point { xyz, rgb });
     }

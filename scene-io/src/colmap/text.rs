@@ -2,6 +2,7 @@
 
 use super::scene::pose_of;
 use super::{Model, ModelImage, lens};
+use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -130,8 +131,8 @@ pub(super) fn points(path: &Path) -> Result<HashMap<u64, Point>, SceneError> {
         let id: u64 = line.parse("POINT3D_ID")?;
         let xyz = DVec3::from(line.numbers(["X", "Y", "Z"])?);
         let rgb = [line.parse("R")?, line.parse("G")?, line.parse("B")?];
-        if !xyz.is_finite() {
-            return Err(line.error("X Y Z", Some(&xyz.to_string()), "is not finite"));
+        if !is_point(xyz) {
+            return Err(line.error("X Y Z", Some(&xyz.to_string()), "is not finite, or out of range"));
         }
         points.insert(id, Point { xyz, rgb });
     }

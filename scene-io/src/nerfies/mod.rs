@@ -25,6 +25,7 @@ mod ids;
 
 use crate::depth::{DepthPlace, DepthSource};
 use crate::json::Document;
+use crate::limits::is_point;
 use crate::options::LoadOptions;
 use crate::reading::{DialectSplits, MaskFolder, Need, RawFrame, Reading};
 use crate::{AlphaMeaning, Bounds, ErrorKind, FrameIds, Point, Problem, SceneError, Split, files, npy};
@@ -261,7 +262,12 @@ fn extents(root: &Path, authors: &AuthorsFrame, reading: &mut Reading) {
         Ok(Some(corners)) if corners.len() == 2 => {
             let world = |corner: &[f64]| DVec3::from_slice(corner) / *scale + *center;
             let (a, b) = (world(&corners[0]), world(&corners[1]));
-            reading.bounds = Some(Bounds { min: a.min(b), max: a.max(b) });
+            if is_point(a) && is_point(b) {
+                reading.bounds = Some(Bounds { min: a.min(b), max: a.max(b) });
+            } else {
+                let problem = Problem::new(&file, "lies outside of any scene", "correct it, or `scale` of scene.json");
+                reading.problems.push(problem.field("bbox").value(format!("{corners:?}")).warning());
+            }
         }
         Ok(None) => {}
         Ok(Some(_)) => {
@@ -294,12 +300,13 @@ fn points(root: &Path, reading: &mut Reading) -> Result<(), SceneError> {
         return Err(SceneError::new(ErrorKind::Format, problem.field("shape").value(format!("{:?}", array.shape))));
     };
     let (rows, _) = array.data.as_chunks::<3>();
-    let points = rows.iter().map(|row| DVec3::from_array(*row)).filter(|p| p.is_finite());
+    let points = rows.iter().map(|row| DVec3::from_array(*row)).filter(|p| is_point(*p));
     reading.points = points.map(|xyz| Point { xyz, rgb: [128; 3] }).collect();
     reading.notes.push(format!("{} points of the background, which stands still", reading.points.len()));
     let lost = rows.len() - reading.points.len();
     if lost > 0 {
-        let problem = Problem::new(&file, format!("{lost} points are not finite"), "they are left out");
+        let problem =
+            Problem::new(&file, format!("{lost} points are not finite, or out of range"), "they are left out");
         reading.problems.push(problem.warning());
     }
     Ok(())

@@ -52,7 +52,9 @@ pub(crate) fn read(path: &Path, optics: &Camera) -> Result<Vec<Camera>, RunError
         let (pose, _) = Pose::from_matrix(&rows, Axes::Gl).map_err(|e| wrong(format!("{place}: {e}")))?;
         let camera = with_optics(optics, &json, item)
             .ok_or_else(|| wrong(format!("`{field}[{i}]`: width, height and focal length must be positive numbers, and sides at most 65535 pixels")))?;
-        cameras.push(Camera { pose, ..camera });
+        let camera = Camera { pose, ..camera };
+        camera.check().map_err(|e| wrong(format!("`{field}[{i}]`: no camera can have this: {e}")))?;
+        cameras.push(camera);
     }
     if cameras.is_empty() {
         return Err(wrong(format!("`{field}` is empty: there is nothing to render")));
@@ -154,6 +156,8 @@ mod tests {
             (r#"{"frames": [{}]}"#, "`frames[0].transform_matrix`"),
             (r#"{"frames": [{"transform_matrix": [[0,0,0,0],[0,0,0,0],[0,0,0,0]]}]}"#, "`frames[0].transform_matrix`"),
             (r#"{"fl_x": 0, "frames": [{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"#, "focal length"),
+            (r#"{"cx": 1e308, "frames": [{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"#, "cx = 1e308"),
+            (r#"{"frames": [{"transform_matrix": [[1,0,0,1e90],[0,1,0,0],[0,0,1,0]]}]}"#, "centre x = 1e90"),
         ] {
             let error = parse(text).unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");

@@ -8,10 +8,10 @@ const MEASURED_PIXEL: u64 = 190;
 /// The same for LPIPS: what the layers of its network hold.
 const LPIPS_PIXEL: u64 = 420;
 /// Bytes of the report's pictures, of its animation, and of files while they are written.
-const REPORT: u64 = 6 << 20;
+const REPORT: u64 = 8 << 20;
 
 /// A rehearsal sees some steps, not all: one part in so many is added to what it saw.
-const HEADROOM: u64 = 16;
+const HEADROOM: u64 = 8;
 
 /// What a run will need, by part. All in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

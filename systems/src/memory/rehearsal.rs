@@ -5,6 +5,7 @@
 //! touched: its bits do not depend on the rehearsal.
 
 use crate::data::Dataset;
+use crate::halt::Halt;
 use crate::render::plain_query;
 use crate::system::System;
 use std::time::{Duration, Instant};
@@ -18,14 +19,14 @@ const RAYS: usize = 1 << 14;
 
 /// Train a copy of a run's system for some steps, and render a strip of a picture with it. Returns the bytes the copy has come
 /// to hold. What goes wrong in it will go wrong again in the training, and is reported there.
-pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset) -> u64 {
+pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> u64 {
     let start = Instant::now();
     for step in 0..STEPS {
-        if copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
+        if halt.raised() || copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
             break;
         }
     }
-    if let Some(view) = views.views().first() {
+    if let Some(view) = views.views().first().filter(|_| !halt.raised()) {
         let query = plain_query([0.0; 3], 0.0);
         if copy.render_view(&view.camera, &query).is_none() {
             let camera = view.camera.prepare();

@@ -7,6 +7,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 /// Width and height of a plot, in SVG units.
 const SIZE: (u32, u32) = (560, 280);
 const GREY: RGBColor = RGBColor(100, 116, 139);
+/// Points beyond this are left out: nothing measured is, and an axis could not be divided.
+const MOST: f64 = 1e15;
 const FAINT: RGBColor = RGBColor(226, 232, 240);
 
 /// A curve: points (x, y), ascending in x.
@@ -38,10 +40,9 @@ pub(super) enum Scale {
 /// A plot over training seconds; `None` when no curve has a point.
 pub(super) fn plot(title: &str, unit: &str, scale: Scale, curves: &[Curve]) -> Option<String> {
     let transform = |y: f64| if scale == Scale::Log { y.log10() } else { y };
-    let curves: Vec<(&Curve, Vec<(f64, f64)>)> = curves
-        .iter()
-        .map(|c| (c, c.points.iter().map(|&(x, y)| (x, transform(y))).filter(|(_, y)| y.is_finite()).collect()))
-        .collect();
+    let drawn = |(x, y): &(f64, f64)| (0.0..=MOST).contains(x) && y.abs() <= MOST;
+    let curves: Vec<(&Curve, Vec<(f64, f64)>)> =
+        curves.iter().map(|c| (c, c.points.iter().map(|&(x, y)| (x, transform(y))).filter(drawn).collect())).collect();
     let all = || curves.iter().flat_map(|(_, points)| points);
     let most = |f: fn(f64, f64) -> f64, of: fn(&(f64, f64)) -> f64| all().map(of).reduce(f);
     let (low, high) = (most(f64::min, |p| p.1)?, most(f64::max, |p| p.1)?);
@@ -144,6 +145,9 @@ mod tests {
         assert!(plot("a", "b", Scale::Linear, &[curve(vec![(1.0, 5.0), (2.0, 5.0)])]).is_some());
         let svg = plot("a", "b", Scale::Log, &[curve(vec![(1.0, 0.0), (2.0, 1e-3), (3.0, f64::NAN)])]).unwrap();
         assert_eq!(svg.matches("<circle").count(), 1);
+        let far = vec![(f64::INFINITY, 1.0), (1.0, 1e308), (f64::NAN, 1.0), (-5.0, 1.0), (1e300, 1.0), (2.0, 3.0)];
+        let svg = plot("a", "b", Scale::Linear, &[curve(far)]).unwrap();
+        assert_eq!(svg.matches("<circle").count(), 1, "numbers that were never measured");
     }
 
     #[test]

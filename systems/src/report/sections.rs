@@ -108,7 +108,8 @@ pub(super) fn curves(rows: &[Row]) -> String {
 pub(super) fn pictures(e: &Evaluation, folder: &Path) -> String {
     let mut out = String::new();
     for view in chosen(&e.views) {
-        let Some(stem) = &view.files else { continue };
+        // A name, no way out of the folder.
+        let Some(stem) = view.files.as_ref().filter(|stem| !stem.contains(['/', '\\'])) else { continue };
         let figures: String = [("", "render"), ("_truth", "truth"), ("_error", "error"), ("_depth", "depth")]
             .iter()
             .filter_map(|(suffix, caption)| {

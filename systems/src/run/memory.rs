@@ -112,7 +112,7 @@ impl Run<'_> {
     fn by_rehearsal(&self, request: &Request) -> Result<ExpectedMemory, RunError> {
         self.train.decode()?;
         let (mut copy, _) = self.build()?;
-        let held = rehearse(copy.as_mut(), &self.train);
+        let held = rehearse(copy.as_mut(), &self.train, &self.halt);
         let needs = self.needs(request, held);
         let peak = resident_bytes().map_or(2 * held + needs.photos, |held| held.peak);
         Ok(ExpectedMemory::by_rehearsal(&needs, peak))

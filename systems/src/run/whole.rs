@@ -1,10 +1,10 @@
 //! Whether a run is whole: every file that it promises is there, and something says that all of them were made.
 
 use super::kept::PICTURES;
-use super::{Run, home, place};
+use super::{Run, datasets, home, place};
 use crate::checkpoint;
 use crate::error::RunError;
-use crate::eval::{Evaluation, masks};
+use crate::eval::{Evaluation, Measured, masks};
 use crate::output::{read_json, write_file};
 use crate::report::{self, AppearanceRow};
 use crate::summary::Summary;

@@ -1,0 +1,4 @@
+//! NeRF's and D-NeRF's form.
+#![no_main]
+
+fuzz::door!(dialect_blender);

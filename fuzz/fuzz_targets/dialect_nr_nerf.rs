@@ -1,0 +1,4 @@
+//! `precomputed.json`.
+#![no_main]
+
+fuzz::door!(dialect_nr_nerf);

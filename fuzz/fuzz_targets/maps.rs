@@ -1,0 +1,4 @@
+//! Depth maps and masks: `.npy`, PNG, EXR.
+#![no_main]
+
+fuzz::door!(maps);

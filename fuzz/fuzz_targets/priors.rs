@@ -1,0 +1,4 @@
+//! Segments, features, flow beside photos.
+#![no_main]
+
+fuzz::door!(priors);

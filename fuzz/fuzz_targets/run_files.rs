@@ -1,0 +1,4 @@
+//! Files of a run folder that are read again.
+#![no_main]
+
+fuzz::door!(run_files);

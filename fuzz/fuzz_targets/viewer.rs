@@ -1,0 +1,4 @@
+//! Messages of the viewer's page.
+#![no_main]
+
+fuzz::door!(viewer);
