@@ -74,7 +74,8 @@ impl Rail {
         let length = self.length();
         let at = match self.ends {
             Ends::Closed if length > 0.0 => at - length * m64::floor(at / length),
-            _ => at.clamp(0.0, length),
+            // Not `clamp`: a way too long to be a number has no upper end.
+            _ => at.max(0.0).min(length),
         };
         let i = self.at.partition_point(|x| *x <= at).saturating_sub(1).min(self.poses.len() - 1);
         let (a, b) = (&self.poses[i], &self.poses[(i + 1) % self.poses.len()]);
