@@ -47,7 +47,7 @@ impl KeptViews {
     pub(super) fn view(&self, index: usize, renders: &Path, stem: &str) -> Option<Known> {
         let known = self.content.as_ref()?.views.get(&index)?;
         let has = |ending: &&str| renders.join(format!("{stem}{ending}.png")).exists();
-        PICTURES.iter().all(|ending| has(&ending)).then(|| known.clone())
+        PICTURES.iter().all(has).then(|| known.clone())
     }
 
     /// Keep a view.
