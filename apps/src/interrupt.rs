@@ -92,7 +92,7 @@ pub(crate) fn answered() -> bool {
     if !interrupt.raised.load(Ordering::Relaxed) {
         return false;
     }
-    // The lock is held while it answers: nobody goes on before that is done.
+    // The lock is held while it answers: no thread goes on before that is done.
     let mut manner = interrupt.manner.lock().unwrap_or_else(PoisonError::into_inner);
     if !std::mem::replace(&mut manner.answered, true) {
         (manner.say)(if manner.gently { HEARD } else { ENDED });

@@ -156,7 +156,7 @@ pub struct Evaluation {
     /// Views that were not measured because somebody asked to stop; such an evaluation is not written to `eval.json`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub left: usize,
-    /// Whether somebody asked to stop before all was measured and written down; not part of the file.
+    /// Whether a stop was asked for before all was measured and written down; not part of the file.
     #[serde(skip)]
     pub stopped: bool,
     /// What could not be written, a line each; not part of the file.

@@ -59,7 +59,7 @@ impl Home {
         }
         place::refuse_foreign(&self.folder).map_err(|e| foreign(e.to_string()))?;
         make_folder(&self.folder)?;
-        // The old lock is on a file that nobody can reach any more.
+        // The old lock is on a file that has no name any more.
         *lock = FolderLock::take(&self.folder)?;
         for (name, text) in texts {
             write_file(storage, &self.folder.join(name), text.as_bytes())?;

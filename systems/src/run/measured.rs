@@ -33,7 +33,7 @@ impl Run<'_> {
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
         let _lock = match self.write_lock(observer) {
-            // Nothing can be written here: nobody is in the way.
+            // Nothing can be written here, so there is no other writer.
             Err(RunError::Write { .. }) => None,
             lock => lock?,
         };
@@ -98,7 +98,7 @@ impl Run<'_> {
         self.eval_appearance = appearance.or_else(|| self.config.eval_appearance.clone());
     }
 
-    /// How views are rendered where nothing else is said: in the mean of all lights, until somebody asks to stop.
+    /// How views are rendered where nothing else is said: in the mean of all lights, until a stop is asked for.
     pub fn query(&self) -> Query {
         Query { halt: self.halt.clone(), ..plain_query(self.config.background.colour(), self.error_budget) }
     }

@@ -89,9 +89,12 @@ impl Running {
     }
 
     /// Send a signal: `INT`, `TERM`, `KILL`.
-    pub(crate) fn signal(&self, name: &str) {
+    pub(crate) fn signal(&mut self, name: &str) {
+        if self.is_over() {
+            return;
+        }
         let id = self.child.id().to_string();
-        // Where it has ended by itself there is nothing to end.
+        // Until it is waited for, its number is its own: at worst there is nothing left to end.
         let _ = Command::new("kill").args([&format!("-{name}"), &id]).stderr(Stdio::null()).status();
     }
 
