@@ -263,7 +263,8 @@ fn a_run_folder_that_is_removed_on_the_way_is_made_again_with_all_that_is_known(
     start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
     let below = tempfile::tempdir().unwrap();
     let folder = below.path().join("run");
-    let places: [(fn(&Path), bool); 3] = [
+    type Then = fn(&Path);
+    let places: [(Then, bool); 3] = [
         (|_| {}, true),
         (|folder| fs::create_dir(folder).unwrap(), true),
         (
