@@ -14,7 +14,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 /// without subsampling it takes 510 MB (300 of coefficients, 150 of pixels, twice the file), as 16-bit PNG with alpha 600 MB.
 const LEAST: u64 = 1 << 30;
 /// Decoding takes no more than this where nobody says so: some files then still wait, but more threads would hardly be faster.
-const MOST: u64 = 4 << 30;
+const MOST: u64 = 2 << 30;
 
 /// A number of bytes that decoding may take at one time, over all threads.
 ///
@@ -66,7 +66,7 @@ impl DecodeMemory {
     }
 
     /// A quarter of the memory that is available now, because a run needs the rest for photos, field and optimiser; at least
-    /// 1 GiB, at most 4 GiB. 1 GiB where the system does not say what is available.
+    /// 1 GiB, at most 2 GiB. 1 GiB where the system does not say what is available.
     #[must_use]
     pub fn default_limit() -> u64 {
         available_bytes().map_or(LEAST, |bytes| (bytes / 4).clamp(LEAST, MOST))

@@ -70,9 +70,10 @@ impl Cloud {
     /// [`RunError::Scene`] naming the file and what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let file = read_splats(path)?;
-        // Sorting by place makes a second cloud, and positions and sizes are copied to find its extent.
+        // Sorting by place makes a second cloud, drawing what is kept of each Gaussian a third; positions and sizes are copied to
+        // find its extent.
         let n = file.cloud.len() as u64;
-        let more = n * (4 * (14 + 3 * rest_len(file.cloud.degree()) as u64) + 64);
+        let more = n * (2 * 4 * (14 + 3 * rest_len(file.cloud.degree()) as u64) + 64);
         if let Some(available) = available_bytes().filter(|available| more > *available) {
             let (more, available) = (human(more), human(available));
             let problem =
