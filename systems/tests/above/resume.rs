@@ -55,6 +55,7 @@ fn a_folder_that_is_in_use_is_refused_to_writers_and_open_to_readers() {
         assert!(busy(second.train(&schedule, None, watch, &AtomicBool::new(false)).unwrap_err()));
         assert!(busy(second.evaluate(None, watch).unwrap_err()));
         assert!(busy(Run::open_to_write(folder.path(), &request(), parts, watch).map(|_| ()).unwrap_err()));
+        run.conclude(&AtomicBool::new(false)).unwrap();
         assert!(run.is_finished(Stop::Steps(5)) && !run.is_finished(Stop::Steps(9)));
         drop(run);
         second.train(&schedule, None, watch, &AtomicBool::new(false)).unwrap();
