@@ -215,6 +215,8 @@ impl SplatConfig {
             (!(0.0..=1.0).contains(&self.dssim)).then(|| ("dssim", self.dssim.to_string(), "must be 0 to 1")),
             (self.max_splats == 0 || self.max_splats > MOST)
                 .then(|| ("max_splats", self.max_splats.to_string(), "must be 1 to 50 million")),
+            (self.start_count > MOST)
+                .then(|| ("start_count", self.start_count.to_string(), "must be at most 50 million")),
             (self.start == StartKind::Random && self.start_count == 0)
                 .then(|| ("start_count", "0".into(), "must be at least 1 where they start at random")),
             (self.densify_every == 0).then(|| ("densify_every", "0".into(), "must be at least 1")),

@@ -1,7 +1,7 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
 use crate::space::SpaceKind;
-use crate::system::SystemError;
+use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use optim::{LearningRate, Schedule, Warmup};
 use serde::{Deserialize, Serialize};
 
@@ -99,6 +99,13 @@ impl MipNerfConfig {
     /// # Errors
     /// [`SystemError::Config`] naming the field.
     pub fn check(&self) -> Result<(), SystemError> {
+        at_most(&[
+            ("width", self.width, MOST_UNITS),
+            ("depth", self.depth, MOST_LAYERS),
+            ("coarse", self.coarse, MOST_UNITS),
+            ("fine", self.fine, MOST_UNITS),
+            ("batch_rays", self.batch_rays, MOST_RAYS),
+        ])?;
         let refuse = |field, value: f64, problem: &str| {
             Err(SystemError::Config { field, value: value.to_string(), problem: problem.into() })
         };

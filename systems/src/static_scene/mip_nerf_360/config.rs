@@ -1,7 +1,7 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
 use crate::space::SpaceKind;
-use crate::system::SystemError;
+use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use optim::{LearningRate, Schedule, Warmup};
 use render_core::quadrature::LastInterval;
 use serde::{Deserialize, Serialize};
@@ -147,6 +147,17 @@ impl MipNerf360Config {
     /// # Errors
     /// [`SystemError::Config`] naming the field.
     pub fn check(&self) -> Result<(), SystemError> {
+        at_most(&[
+            ("width", self.width, MOST_UNITS),
+            ("depth", self.depth, MOST_LAYERS),
+            ("proposal_width", self.proposal_width, MOST_UNITS),
+            ("proposal_depth", self.proposal_depth, MOST_LAYERS),
+            ("bottleneck", self.bottleneck, MOST_UNITS),
+            ("view_width", self.view_width, MOST_UNITS),
+            ("octaves", self.octaves, MOST_LAYERS),
+            ("direction_octaves", self.direction_octaves, MOST_LAYERS),
+            ("batch_rays", self.batch_rays, MOST_RAYS),
+        ])?;
         let positive = |field, value: f64| {
             if value > 0.0 && value.is_finite() {
                 Ok(())

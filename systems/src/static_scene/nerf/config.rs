@@ -2,7 +2,7 @@
 
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::MixtureKind;
-use crate::system::SystemError;
+use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use serde::{Deserialize, Serialize};
 
 /// Settings of [`Nerf`](super::Nerf). As published, but for `batch_rays`.
@@ -81,6 +81,13 @@ impl NerfConfig {
     /// # Errors
     /// [`SystemError::Config`] naming the field.
     pub fn check(&self) -> Result<(), SystemError> {
+        at_most(&[
+            ("width", self.width, MOST_UNITS),
+            ("depth", self.depth, MOST_LAYERS),
+            ("coarse", self.coarse, MOST_UNITS),
+            ("fine", self.fine, MOST_UNITS),
+            ("batch_rays", self.batch_rays, MOST_RAYS),
+        ])?;
         let positive = |field, value: f64| {
             if value > 0.0 && value.is_finite() {
                 return Ok(());

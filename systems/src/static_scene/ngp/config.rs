@@ -2,7 +2,7 @@
 
 use super::occupy;
 use crate::space::SpaceKind;
-use crate::system::SystemError;
+use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, SystemError, at_most};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::encoding::window;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};
@@ -324,6 +324,15 @@ impl NgpConfig {
                 Err(bad(field, value, "must be positive and finite"))
             }
         };
+        at_most(&[
+            ("width", self.width, MOST_UNITS),
+            ("geometry", self.geometry, MOST_UNITS),
+            ("head_width", self.head_width, MOST_UNITS),
+            ("colour_layers", self.colour_layers, MOST_LAYERS),
+            ("levels", self.levels, MOST_LAYERS),
+            ("batch_rays", self.batch_rays, MOST_RAYS),
+            ("batch_samples", self.batch_samples, MOST_SAMPLES),
+        ])?;
         positive("radius", self.radius)?;
         positive("near", f64::from(self.near))?;
         if self.near > 1e6 {
