@@ -140,19 +140,20 @@ pub fn mutate(data: &mut [u8], size: usize, seed: u32, plain: impl FnOnce(&mut [
     let size = size.min(data.len());
     let mut random = Random(u64::from(seed) << 1 | 1);
     let start = data[..size].iter().position(|b| *b == b'{').unwrap_or(size);
-    if start <= 2 && random.below(8) > 0 {
-        if let Ok(mut value) = serde_json::from_slice::<Value>(&data[start..size]) {
-            for _ in 0..=random.below(3) {
-                change(&mut value, &mut random);
+    if start <= 2
+        && random.below(8) > 0
+        && let Ok(mut value) = serde_json::from_slice::<Value>(&data[start..size])
+    {
+        for _ in 0..=random.below(3) {
+            change(&mut value, &mut random);
+        }
+        let text = value.to_string();
+        if let Some(place) = data.get_mut(start..start + text.len()) {
+            place.copy_from_slice(text.as_bytes());
+            if start > 0 && random.below(4) == 0 {
+                data[start - 1] = b'0' + random.below(32) as u8;
             }
-            let text = value.to_string();
-            if let Some(place) = data.get_mut(start..start + text.len()) {
-                place.copy_from_slice(text.as_bytes());
-                if start > 0 && random.below(4) == 0 {
-                    data[start - 1] = b'0' + random.below(32) as u8;
-                }
-                return start + text.len();
-            }
+            return start + text.len();
         }
     }
     let most = data.len();
