@@ -60,7 +60,7 @@ fn bounds(top: &Object<'_>) -> Result<(Option<Bounds>, f64), Problem> {
     let Some(side) = side else { return Ok((None, 1.0)) };
     let corner = |sign: f64| (DVec3::splat(0.5 + sign * side / 2.0) - offset) / scale;
     if !is_point(corner(-1.0)) || !is_point(corner(1.0)) {
-        let what = format!("the box from {} to {} lies outside of any scene", corner(-1.0), corner(1.0));
+        let what = "with `scale` and `offset` this puts the box outside of any scene";
         return Err(top.problem("aabb_scale", what, "correct `aabb_scale`, `scale` and `offset`, or remove them"));
     }
     Ok((Some(Bounds { min: corner(-1.0), max: corner(1.0) }), side))

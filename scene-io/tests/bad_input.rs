@@ -553,7 +553,7 @@ fn numbers_that_no_camera_can_have_are_refused_with_field_and_value() {
     ] {
         ngp_says((from, to), &[part, "no camera can have this", "expected"]);
     }
-    ngp_says(("\"aabb_scale\": 1", "\"aabb_scale\": 1e300"), &["`aabb_scale` = 1e300", "outside of any scene"]);
+    ngp_says(("\"aabb_scale\": 1", "\"aabb_scale\": 1e300"), &["`aabb_scale` = 1e+300", "outside of any scene"]);
 }
 
 #[test]
