@@ -4,12 +4,14 @@ use super::{available_bytes, human, limit, resident_bytes};
 use std::fmt;
 
 /// Bytes a pixel of a held-out view takes while it is measured: its layers, pictures, and the planes of PSNR and SSIM.
-const MEASURED_PIXEL: u64 = 190;
+const MEASURED_PIXEL: u64 = 48;
 /// The same for LPIPS: what the layers of its network hold.
 const LPIPS_PIXEL: u64 = 420;
 /// Bytes of the report's pictures, of its animation, and of files while they are written.
-const REPORT: u64 = 8 << 20;
+const REPORT: u64 = 6 << 20;
 
+/// Scratch of a system that has not trained yet, as a share of what it holds: of `ngp` at its usual sizes.
+const SCRATCH: (u64, u64) = (3, 2);
 /// A rehearsal sees some steps, not all: one part in so many is added to what it saw.
 const HEADROOM: u64 = 8;
 
@@ -54,14 +56,13 @@ impl Needs {
 }
 
 impl ExpectedMemory {
-    /// From formulas: nothing was tried yet. `held` bytes are held by the process now, the system as it was made among them, and
-    /// `made` bytes of that are the system.
-    pub(crate) fn by_formula(needs: &Needs, held: u64, made: u64) -> Self {
+    /// From formulas: nothing was tried yet. `held` bytes are held by the process now, the system as it was made among them.
+    pub(crate) fn by_formula(needs: &Needs, held: u64) -> Self {
         Self {
             photos: needs.photos + needs.held_out,
-            system: needs.system + needs.growth,
+            system: needs.system + needs.system * SCRATCH.0 / SCRATCH.1 + needs.growth,
             evaluation: needs.evaluation(),
-            rest: held.saturating_sub(made) + needs.state,
+            rest: held.saturating_sub(needs.system) + needs.state,
             rehearsed: false,
         }
     }

@@ -7,37 +7,54 @@
 use crate::data::Dataset;
 use crate::halt::Halt;
 use crate::render::plain_query;
-use crate::system::System;
+use crate::system::{Query, System};
+use render_core::camera::Camera;
 use std::time::{Duration, Instant};
 
 /// Steps at most: batches have grown to their size by then.
 const STEPS: u64 = 8;
 /// No further step after this time.
 const ENOUGH: Duration = Duration::from_secs(3);
-/// Rays that are rendered: more than one strip of a picture.
+/// Rays that are rendered at most: those of a strip of a picture.
 const RAYS: usize = 1 << 14;
+/// Rays that are rendered first; then four times as many, and so on, while that is quick.
+const FIRST_RAYS: usize = 64;
+/// No more rays after this time.
+const QUICK: Duration = Duration::from_millis(500);
 
-/// Train a copy of a run's system for some steps, and render a strip of a picture with it. Returns the bytes the copy has come
-/// to hold. What goes wrong in it will go wrong again in the training, and is reported there.
-pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> u64 {
+/// Train a copy of a run's system for some steps, and render a strip of a picture with it. What goes wrong in it
+/// will go wrong again in the training, and is reported there.
+pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) {
     let start = Instant::now();
     for step in 0..STEPS {
         if halt.raised() || copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
             break;
         }
     }
-    if let Some(view) = views.views().first().filter(|_| !halt.raised()) {
-        let query = plain_query([0.0; 3], 0.0);
-        if copy.render_view(&view.camera, &query).is_none() {
-            let camera = view.camera.prepare();
-            let pixels = (0..view.camera.height).flat_map(|y| (0..view.camera.width).map(move |x| (x, y)));
-            // From the middle of the picture, where there is most to see.
-            let skipped = (view.camera.width as usize * view.camera.height as usize).saturating_sub(RAYS) / 2;
-            let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
-            let (rays, radii): (Vec<_>, Vec<_>) =
-                centres.filter_map(|at| Some((camera.ray(at)?, camera.cone_radius(at).unwrap_or(0.0) as f32))).unzip();
-            copy.render_cones(&rays, &radii, &query);
-        }
+    if let Some(view) = views.views().first() {
+        render_some(copy, &view.camera, halt);
     }
-    copy.memory_bytes() as u64
+}
+
+/// What a thread needs for its part of a picture is there after some rays: not all of a strip, where rays take long.
+fn render_some(copy: &dyn System, camera: &Camera, halt: &Halt) {
+    let query = Query { halt: halt.clone(), ..plain_query([0.0; 3], 0.0) };
+    if copy.render_view(camera, &query).is_some() {
+        return;
+    }
+    let prepared = camera.prepare();
+    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
+    // From the middle of the picture, where there is most to see.
+    let skipped = (camera.width as usize * camera.height as usize).saturating_sub(RAYS) / 2;
+    let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
+    let (rays, radii): (Vec<_>, Vec<_>) =
+        centres.filter_map(|at| Some((prepared.ray(at)?, prepared.cone_radius(at).unwrap_or(0.0) as f32))).unzip();
+    let (start, mut count) = (Instant::now(), FIRST_RAYS.min(rays.len()));
+    while !halt.raised() {
+        copy.render_cones(&rays[..count], &radii[..count], &query);
+        if count == rays.len() || start.elapsed() > QUICK {
+            break;
+        }
+        count = (4 * count).min(rays.len());
+    }
 }

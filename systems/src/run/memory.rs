@@ -84,7 +84,7 @@ impl Run<'_> {
         }
     }
 
-    fn needs(&self, request: &Request, system: u64) -> Needs {
+    fn needs(&self, request: &Request, system: &dyn System) -> Needs {
         let photos = self.train.memory_bytes();
         let bytes = |data: &TensorData<'_>| match data {
             TensorData::F32(x) => 4 * x.len(),
@@ -96,25 +96,25 @@ impl Run<'_> {
             held_out: self.held_out.memory_bytes().min(self.config.data.image_bytes().saturating_sub(photos)),
             pixels: views.iter().map(|v| u64::from(v.camera.width) * u64::from(v.camera.height)).max().unwrap_or(0),
             lpips: request.lpips,
-            system,
-            growth: self.system.growth_bytes() as u64,
+            system: system.memory_bytes() as u64,
+            growth: system.growth_bytes() as u64,
             state: self.system.state().iter().map(|t| bytes(&t.data) as u64).sum(),
         }
     }
 
     fn by_formula(&self, request: &Request) -> ExpectedMemory {
-        let made = self.system.memory_bytes() as u64;
-        let held = resident_bytes().map_or(made, |held| held.now);
-        ExpectedMemory::by_formula(&self.needs(request, made), held, made)
+        let needs = self.needs(request, self.system.as_ref());
+        let held = resident_bytes().map_or(needs.system, |held| held.now);
+        ExpectedMemory::by_formula(&needs, held)
     }
 
     /// Build the system once more and train the copy for some steps: the run's own stays as it is.
     fn by_rehearsal(&self, request: &Request) -> Result<ExpectedMemory, RunError> {
         self.train.decode()?;
         let (mut copy, _) = self.build()?;
-        let held = rehearse(copy.as_mut(), &self.train, &self.halt);
-        let needs = self.needs(request, held);
-        let peak = resident_bytes().map_or(2 * held + needs.photos, |held| held.peak);
+        rehearse(copy.as_mut(), &self.train, &self.halt);
+        let needs = self.needs(request, copy.as_ref());
+        let peak = resident_bytes().map_or(2 * needs.system + needs.photos, |held| held.peak);
         Ok(ExpectedMemory::by_rehearsal(&needs, peak))
     }
 
