@@ -19,8 +19,8 @@ const ENOUGH: Duration = Duration::from_secs(3);
 const RAYS: usize = 1 << 14;
 /// Rays that are rendered first; then four times as many, and so on, while that is quick.
 const FIRST_RAYS: usize = 64;
-/// No more rays after this time.
-const QUICK: Duration = Duration::from_millis(500);
+/// No more rays where they would take longer than this.
+const QUICK: Duration = Duration::from_secs(4);
 
 /// Train a copy of a run's system for some steps, and render a strip of a picture with it. What goes wrong in it
 /// will go wrong again in the training, and is reported there.
@@ -36,7 +36,7 @@ pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) {
     }
 }
 
-/// What a thread needs for its part of a picture is there after some rays: not all of a strip, where rays take long.
+/// Rays of a strip, fewer where they take long: networks as published need for one tile what they need for all.
 fn render_some(copy: &dyn System, camera: &Camera, halt: &Halt) {
     let query = Query { halt: halt.clone(), ..plain_query([0.0; 3], 0.0) };
     if copy.render_view(camera, &query).is_some() {
@@ -49,10 +49,11 @@ fn render_some(copy: &dyn System, camera: &Camera, halt: &Halt) {
     let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
     let (rays, radii): (Vec<_>, Vec<_>) =
         centres.filter_map(|at| Some((prepared.ray(at)?, prepared.cone_radius(at).unwrap_or(0.0) as f32))).unzip();
-    let (start, mut count) = (Instant::now(), FIRST_RAYS.min(rays.len()));
+    let mut count = FIRST_RAYS.min(rays.len());
     while !halt.raised() {
+        let start = Instant::now();
         copy.render_cones(&rays[..count], &radii[..count], &query);
-        if count == rays.len() || start.elapsed() > QUICK {
+        if count == rays.len() || 4 * start.elapsed() > QUICK {
             break;
         }
         count = (4 * count).min(rays.len());
