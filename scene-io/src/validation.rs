@@ -157,7 +157,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+        #![proptest_config(testkit::property::cases(64))]
 
         #[test]
         fn every_nth_of_the_training_frames_is_held_out(n in 2_usize..150, step in 2_usize..20, tests in 0_usize..9) {

@@ -2,6 +2,7 @@
 
 use crate::error::RunError;
 use crate::output::{Disk, write_file};
+use crate::run::refuse_foreign;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -148,6 +149,11 @@ impl MetricsLog {
             }
             _ => {
                 self.file = None;
+                // The folder may have been replaced meanwhile: nothing is written among files of others.
+                refuse_foreign(self.path.parent().unwrap_or(Path::new("."))).map_err(|error| RunError::Write {
+                    path: self.path.clone(),
+                    source: std::io::Error::other(error.to_string()),
+                })?;
                 let all = format!("{COLUMNS}\n{}", text(&self.rows));
                 write_file(&Disk, &self.path, all.as_bytes())?;
                 let file = OpenOptions::new().append(true).open(&self.path);

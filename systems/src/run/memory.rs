@@ -98,7 +98,7 @@ impl Run<'_> {
             lpips: request.lpips,
             system: system.memory_bytes() as u64,
             growth: system.growth_bytes() as u64,
-            state: self.system.state().iter().map(|t| bytes(&t.data) as u64).sum(),
+            state: system.state().iter().map(|t| bytes(&t.data) as u64).sum(),
         }
     }
 

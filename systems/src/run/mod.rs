@@ -61,6 +61,7 @@ pub use lock::FolderLock;
 use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
 use patience::insist;
+pub(crate) use place::refuse_foreign;
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
 use scene_io::{Scene, refuse_blank_masks};

@@ -53,7 +53,7 @@ pub fn config(folder: &Path) -> Option<RunConfig> {
 ///
 /// # Errors
 /// [`RunError::ForeignFiles`] naming one of them, the first by name.
-pub(super) fn refuse_foreign(folder: &Path) -> Result<(), RunError> {
+pub(crate) fn refuse_foreign(folder: &Path) -> Result<(), RunError> {
     if config(folder).is_some() || checkpoint::newest_step(folder).is_some() {
         return Ok(());
     }

@@ -59,6 +59,7 @@ fn a_folder_that_is_in_use_is_refused_to_writers_and_open_to_readers() {
         assert!(run.is_finished(Stop::Steps(5)) && !run.is_finished(Stop::Steps(9)));
         drop(run);
         second.train(&schedule, None, watch, &AtomicBool::new(false)).unwrap();
+        second.conclude(&AtomicBool::new(false)).unwrap();
         assert!(second.is_finished(Stop::Steps(9)));
     });
     let planned = planned_schedule(folder.path()).unwrap();

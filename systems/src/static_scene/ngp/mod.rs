@@ -84,8 +84,8 @@ const STRETCH_RATE: f32 = 1.05;
 /// Rays of the first batch, before anybody knows how many samples a ray has.
 const FIRST_RAYS: usize = 256;
 
-/// Bytes of a parameter of a voxel grid: itself, a gradient for each of three distances, two moments.
-const TABLE_BYTES: usize = 4 * (1 + 3 + 2);
+/// Bytes of a parameter of a voxel grid: itself, a gradient for each of three distances, two moments; a checkpoint's copy.
+const TABLE_BYTES: usize = 4 * (1 + 3 + 2 + 3);
 
 /// Adam of the paper: sparse gradients need a small epsilon.
 const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, eps: 1e-15, decay: Decay::None };
