@@ -13,7 +13,7 @@ const REPORT: u64 = 6 << 20;
 /// Scratch of a system that has not trained yet, as a share of what it holds: of `ngp` at its usual sizes.
 const SCRATCH: (u64, u64) = (3, 2);
 /// A rehearsal sees some steps, not all: one part in so many is added to what it saw.
-const HEADROOM: u64 = 8;
+const HEADROOM: u64 = 6;
 
 /// What a run will need, by part. All in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

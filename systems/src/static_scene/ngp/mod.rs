@@ -394,10 +394,13 @@ impl System for Ngp {
     }
 
     fn growth_bytes(&self) -> usize {
-        // Voxels double in number; the last of them are made while those before are there.
+        if self.config.voxels == 0 {
+            return 0;
+        }
+        // Voxels double in number; the last of them are made while those before are there, and the pages of these come back late.
         let Ok(last) = Table::new(&self.config, u64::MAX) else { return 0 };
         let (now, last) = (self.field.grid_params.len(), last.params_len());
-        if last > now { TABLE_BYTES * (last - now) + 4 * last } else { 0 }
+        TABLE_BYTES * last.saturating_sub(now) + 8 * last
     }
 
     fn skips(&self) -> Vec<SkipRow> {
