@@ -6,7 +6,7 @@
 //! that nobody wrote; `tests/replay.rs` calls them with the corpus of the fuzzers, so that what was mended stays mended.
 //!
 //! Most doors are folders: there the first byte of the input says which file of a small valid folder is replaced by what
-//! follows the second byte, and the second byte how the folder is read; see [`folder`]. Both are printable in the corpus:
+//! follows the second byte, and the second byte how the folder is read; see `folder.rs`. Both are printable in the corpus:
 //! they are counted from `0`.
 
 mod checkpoint;
