@@ -205,7 +205,16 @@ fn leaves(value: &Value, path: &mut String, out: &mut Vec<String>) {
 }
 
 fn still() -> Scene {
-    tabletop(&TabletopOptions { width: 12, height: 12, train: 4, test: 0, rays: 1, ..TabletopOptions::default() })
+    table(12)
+}
+
+/// The encoder of photos needs 16 pixels on each side.
+fn photos() -> Scene {
+    table(16)
+}
+
+fn table(pixels: u32) -> Scene {
+    tabletop(&TabletopOptions { width: pixels, height: pixels, train: 4, test: 0, rays: 1, ..TabletopOptions::default() })
 }
 
 fn moving() -> Scene {
@@ -213,19 +222,20 @@ fn moving() -> Scene {
 }
 
 fn check(systems: &[(&str, &[&str])], scene: fn() -> Scene, build: &Build<'_>, json: bool) {
-    std::panic::set_hook(Box::new(|_| {}));
     let before = resident_bytes().map_or(0, |r| r.peak);
     let (mut problems, mut tried) = (Vec::new(), 0);
     for (name, set) in systems {
         let mut forge = Forge::new(name, scene(), build, set);
+        // Panics of what is tried are counted; those of the test itself are to be seen.
+        std::panic::set_hook(Box::new(|_| {}));
         if json {
             forge.numbers();
         }
         forge.arrays();
+        let _ = std::panic::take_hook();
         tried += forge.tried;
         problems.append(&mut forge.problems);
     }
-    let _ = std::panic::take_hook();
     let more = resident_bytes().map_or(0, |r| r.peak).saturating_sub(before);
     println!("{tried} forged checkpoints, {} problems, {} MB more", problems.len(), more / 1_000_000);
     assert!(problems.is_empty(), "{} of {tried}:\n{}", problems.len(), problems.join("\n"));
@@ -240,10 +250,9 @@ fn forged_checkpoints_of_still_scenes() {
 }
 
 #[test]
-#[ignore = "open: failed on 2026-11-24 and the message was lost; a forged checkpoint that does not hold, or the set-up of the test"]
 fn forged_checkpoints_of_photos() {
     let names = ["robust-nerf", "nerf-w", "ha-nerf", "sf-nerf", "hugs"];
-    check(&names.map(|name| (name, GRID)), still, &systems::wild::build, false);
+    check(&names.map(|name| (name, GRID)), photos, &systems::wild::build, false);
 }
 
 #[test]
