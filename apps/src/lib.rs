@@ -47,7 +47,11 @@ fn run(app: &'static app::App) -> ExitCode {
     let cli = cli::Cli::read(app, std::env::args_os()).unwrap_or_else(|e| e.exit());
     match commands::run(app, cli) {
         Ok(commands::Done::Finished) => ExitCode::SUCCESS,
-        Ok(commands::Done::Interrupted) => ExitCode::from(interrupt::CODE),
+        Ok(commands::Done::Interrupted) => {
+            // Work may have seen the flag before the thread that answers it did.
+            interrupt::answered();
+            ExitCode::from(interrupt::CODE)
+        }
         Ok(commands::Done::Refused) => ExitCode::FAILURE,
         Err(error) => {
             show::error(error.as_ref());

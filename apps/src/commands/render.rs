@@ -154,6 +154,7 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let mut videographer = Videographer::new(args.video, args.fps)?;
     let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
     let Some(shots) = subject.shots(args.path.as_ref(), frames, time, (&interrupt, &fits))? else {
+        crate::interrupt::answered();
         line("stopped before the first frame");
         return Ok(Done::Interrupted);
     };
@@ -212,6 +213,7 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     }
     if preview.is_empty() {
         show.finish();
+        crate::interrupt::answered();
         line(format_args!("stopped before the first of {} frames", cameras.len()));
         return Ok(Done::Interrupted);
     }

@@ -239,9 +239,6 @@ fn disturb(
                 // Before the program has begun to listen.
                 (_, None) if answer.out.is_empty() && answer.err.is_empty() => {}
                 (Fault::Interrupt | Fault::Terminate, Some(130)) if answer.err.contains("interrupt heard") => {}
-                // It ended before that line was out, and says so itself.
-                (Fault::Interrupt | Fault::Terminate, Some(130))
-                    if format!("{}{}", answer.out, answer.err).contains("stopped") => {}
                 _ => return Err(unexpected(&answer)),
             }
             answer

@@ -12,7 +12,7 @@
 //! trainings and files are tests of the package `tests`.
 
 use float_core::Simd;
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -88,27 +88,36 @@ pub fn run_at_each_level(list: &str, test: &str, groups: &[Group]) {
         assert_eq!(format!("{:?}", Simd::best().level()), name, "the cap does not hold");
         return run(&format!("{list} at {name}"), groups);
     }
-    let mut failed = Vec::new();
-    for simd in Simd::available() {
-        let name = format!("{:?}", simd.level());
-        let mut child = Command::new(std::env::current_exe().expect("the path of this test"))
-            .args(["--exact", test, "--nocapture"])
-            .env(LEVEL, &name)
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("this test as a process of its own");
-        // A test of another name would not run, and pass: the last line of the list must have come.
-        let mut ended = false;
-        for line in BufReader::new(child.stdout.take().expect("a pipe")).lines().map_while(Result::ok) {
-            ended |= line.starts_with("stress: ") && line.contains(&format!("({list} at {name}, "));
-            drop(writeln!(std::io::stdout(), "{line}"));
-        }
-        let status = child.wait().expect("the end of a process that was started");
-        if !(status.success() && ended) {
-            failed.push(name);
-        }
-    }
+    // All at once: a list has long stretches on one thread.
+    let held: Vec<(String, bool)> = std::thread::scope(|scope| {
+        let start = |simd: Simd| {
+            let name = format!("{:?}", simd.level());
+            scope.spawn(|| {
+                let held = list_at(list, test, &name);
+                (name, held)
+            })
+        };
+        let started: Vec<_> = Simd::available().map(start).collect();
+        started.into_iter().map(|level| level.join().expect("a list is run by a process of its own")).collect()
+    });
+    let failed: Vec<&str> = held.iter().filter(|(_, held)| !held).map(|(name, _)| name.as_str()).collect();
     assert!(failed.is_empty(), "{list} failed at {}", failed.join(", "));
+}
+
+/// Whether `list` holds in a process at the level `name`. Its lines are shown together when it has ended.
+fn list_at(list: &str, test: &str, name: &str) -> bool {
+    let child = Command::new(std::env::current_exe().expect("the path of this test"))
+        .args(["--exact", test, "--nocapture"])
+        .env(LEVEL, name)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("this test as a process of its own");
+    let answer = child.wait_with_output().expect("the end of a process that was started");
+    let text = String::from_utf8_lossy(&answer.stdout);
+    drop(std::io::stdout().lock().write_all(text.as_bytes()));
+    // A test of another name would not run, and pass: the last line of the list must have come.
+    let last = format!("({list} at {name}, ");
+    answer.status.success() && text.lines().any(|line| line.starts_with("stress: ") && line.contains(&last))
 }
 
 /// Names the level to a process of [`run_at_each_level`].

@@ -8,15 +8,16 @@
 //!
 //! Nothing of a file is believed: sizes are compared before anything is read, and every number is held against what a run can be.
 
+mod arrays;
+
 use crate::error::RunError;
 use crate::options::RunConfig;
 use crate::output::{self, Storage, write_file};
-use crate::system::{System, Tensor, TensorData, TensorMap};
-use safetensors::tensor::{Dtype, TensorView};
+use crate::system::{System, TensorMap};
+use arrays::deserialise;
+pub(crate) use arrays::serialise;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::borrow::Cow;
-use std::collections::HashMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -313,31 +314,4 @@ pub fn sha256(bytes: &[u8]) -> String {
 
 pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
-pub(crate) fn serialise(state: &[Tensor<'_>]) -> Vec<u8> {
-    let views = state.iter().map(|t| {
-        let (dtype, bytes): (_, &[u8]) = match &t.data {
-            TensorData::F32(x) => (Dtype::F32, bytemuck::cast_slice(x)),
-            TensorData::U64(x) => (Dtype::U64, bytemuck::cast_slice(x)),
-        };
-        let view = TensorView::new(dtype, t.shape.clone(), bytes)
-            .unwrap_or_else(|e| panic!("state array `{}` does not fill its shape {:?}: {e}", t.name, t.shape));
-        (t.name.as_str(), view)
-    });
-    safetensors::serialize(views, None::<HashMap<String, String>>).expect("valid views serialise")
-}
-
-fn deserialise(bytes: &[u8]) -> Result<TensorMap, String> {
-    let file = safetensors::SafeTensors::deserialize(bytes).map_err(|e| format!("array file: {e}"))?;
-    let mut state = TensorMap::new();
-    for (name, view) in file.tensors() {
-        let data = match view.dtype() {
-            Dtype::F32 => TensorData::F32(Cow::Owned(bytemuck::pod_collect_to_vec(view.data()))),
-            Dtype::U64 => TensorData::U64(Cow::Owned(bytemuck::pod_collect_to_vec(view.data()))),
-            other => return Err(format!("array `{name}` has type {other:?}, expected F32 or U64")),
-        };
-        state.insert(name.clone(), Tensor { name, shape: view.shape().to_vec(), data });
-    }
-    Ok(state)
 }
