@@ -174,14 +174,15 @@ fn is_path_end(name: &str, end: &str) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::{Image, ImageSource};
     use proptest::prelude::*;
     use render_core::camera::{Camera, Pose};
     use std::sync::Arc;
 
-    fn frames(names: &[(&str, Split)]) -> Vec<Frame> {
+    /// Frames of one pixel with these names and splits.
+    pub(crate) fn frames(names: &[(&str, Split)]) -> Vec<Frame> {
         let image = Arc::new(Image::rgb(1, 1, vec![0; 3]).unwrap());
         let camera = Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY);
         let frame = |(name, split): &(&str, Split)| Frame {
@@ -191,7 +192,7 @@ mod tests {
         names.iter().map(frame).collect()
     }
 
-    fn split_of(frames: &[Frame]) -> Vec<Split> {
+    pub(crate) fn split_of(frames: &[Frame]) -> Vec<Split> {
         frames.iter().map(|f| f.split).collect()
     }
 

@@ -79,29 +79,13 @@ fn named(root: &Path, frames: &[Frame], names: &[String]) -> Result<Vec<usize>, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Image, ImageSource};
+    use crate::splits::tests::{frames, split_of};
     use Split::{Test, Train, Unused, Val};
     use proptest::prelude::*;
-    use render_core::camera::{Camera, Pose};
-    use std::sync::Arc;
-
-    fn frames(names: &[(&str, Split)]) -> Vec<Frame> {
-        let image = Arc::new(Image::rgb(1, 1, vec![0; 3]).unwrap());
-        let camera = Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY);
-        let frame = |(name, split): &(&str, Split)| Frame {
-            split: *split,
-            ..Frame::new(*name, ImageSource::Memory(Arc::clone(&image)), camera)
-        };
-        names.iter().map(frame).collect()
-    }
 
     fn run(frames: &mut [Frame], word: &str) -> Result<Vec<String>, SceneError> {
         let mut notes = Vec::new();
         apply(Path::new("scene"), frames, &Validation::parse(word)?, &mut notes).map(|()| notes)
-    }
-
-    fn splits(frames: &[Frame]) -> Vec<Split> {
-        frames.iter().map(|f| f.split).collect()
     }
 
     #[test]
@@ -109,18 +93,18 @@ mod tests {
         let all = [("d", Train), ("a", Test), ("b", Train), ("c", Train), ("e", Val), ("f", Train)];
         let mut f = frames(&all);
         let notes = run(&mut f, "every:2").unwrap(); // Of b, c, d, f: b and d.
-        assert_eq!(splits(&f), [Val, Test, Val, Train, Unused, Train]);
+        assert_eq!(split_of(&f), [Val, Test, Val, Train, Unused, Train]);
         assert!(notes[0].contains("2 frames") && notes[0].contains("of 4 training frames"), "{notes:?}");
         assert!(notes[0].contains("1 test frames are not looked at"), "{notes:?}");
         let mut f = frames(&all);
         run(&mut f, "every:2+1").unwrap();
-        assert_eq!(splits(&f), [Train, Test, Train, Val, Unused, Val]);
+        assert_eq!(split_of(&f), [Train, Test, Train, Val, Unused, Val]);
         let mut f = frames(&all);
         run(&mut f, "dataset").unwrap();
-        assert_eq!(splits(&f), [Train, Test, Train, Train, Val, Train]);
+        assert_eq!(split_of(&f), [Train, Test, Train, Train, Val, Train]);
         let mut f = frames(&all);
         assert!(run(&mut f, "none").unwrap().is_empty());
-        assert_eq!(splits(&f), all.map(|(_, split)| split));
+        assert_eq!(split_of(&f), all.map(|(_, split)| split));
     }
 
     #[test]
@@ -130,7 +114,7 @@ mod tests {
             let file = folder.path().join("names.txt");
             std::fs::write(&file, names).unwrap();
             let mut f = frames(&[("train/r_0", Train), ("train/r_1", Train), ("test/r_0", Test), ("test/r_9", Test)]);
-            run(&mut f, &format!("names:{}", file.display())).map(|_| splits(&f))
+            run(&mut f, &format!("names:{}", file.display())).map(|_| split_of(&f))
         };
         assert_eq!(named("train/r_1.png\n").unwrap(), [Train, Val, Test, Test]);
         assert_eq!(named("r_0\n").unwrap(), [Val, Train, Test, Test], "the training frame of that name");
@@ -164,12 +148,12 @@ mod tests {
             let names: Vec<String> = (0..n + tests).map(|i| format!("{i:04}")).collect();
             let split = |i| if i % 3 == 1 && i / 3 < tests { Test } else { Train };
             let mut f = frames(&names.iter().enumerate().map(|(i, n)| (n.as_str(), split(i))).collect::<Vec<_>>());
-            let before = splits(&f);
+            let before = split_of(&f);
             let all = before.iter().filter(|s| **s == Train).count();
             run(&mut f, &format!("every:{step}")).unwrap();
             prop_assert_eq!(f.iter().filter(|f| f.split == Val).count(), all.div_ceil(step));
             let kept = |(a, b): (&Split, Split)| *a == b || (*a, b) == (Train, Val);
-            prop_assert!(before.iter().zip(splits(&f)).all(kept));
+            prop_assert!(before.iter().zip(split_of(&f)).all(kept));
         }
     }
 }
