@@ -294,7 +294,8 @@ proptest! {
         let (want, want_bar) = full(Simd::SCALAR, &pair, 0.2);
         for simd in Simd::available() {
             let (got, got_bar) = full(simd, &pair, 0.2);
-            prop_assert!((got.loss - want.loss).abs() <= 1e-6 * want.loss, "{got:?} {want:?}");
+            // Where contrast is low, variances are small differences: what sums up to 1 are rounded by, over `C2 = 9e-4`.
+            prop_assert!((got.loss - want.loss).abs() <= 1e-6 * (want.loss + 1.0), "{got:?} {want:?}");
             prop_assert!((0.0..=2.0).contains(&got.dssim));
             compare("levels", &got_bar, &want_bar, Tolerance::new(1e-4, 0.0)).unwrap();
         }

@@ -147,7 +147,10 @@ proptest! {
         merged.0.remove(at + 1);
         merged.1[at] += merged.1.remove(at + 1);
         let (before, after) = (loss(&fine, &proposal), loss(&fine, &merged));
-        prop_assert!(after <= before * (1.0 + 1e-6) + 1e-12, "{before} {after}");
+        // The merged weight is rounded, so each bound is by up to eps of itself: a term `(w - bound)^2 / w` by twice its root times
+        // `eps sqrt(w)`, all of them by twice the root of the loss times eps, as weights sum to one.
+        let rounding = 2.0 * f64::from(f32::EPSILON) * before.sqrt();
+        prop_assert!(after <= before * (1.0 + 1e-6) + rounding + 1e-12, "{before} {after}");
     }
 
     #[test]

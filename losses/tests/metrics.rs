@@ -145,7 +145,8 @@ proptest! {
         let (a, b, full) = (image(&a, shape), image(&b, shape), vec![1.0; shape[0] * shape[1]]);
         let want = ssim(&a, &b, SsimVariant::REFERENCE).unwrap();
         for variant in [MaskedSsim::DyCheck, MaskedSsim::Corrected] {
-            prop_assert!((masked_ssim(&a, &b, &full, variant).unwrap() - want).abs() <= 1e-12);
+            // Variances are differences of sums up to 1: some ten roundings of those over `C2 = 9e-4`.
+            prop_assert!((masked_ssim(&a, &b, &full, variant).unwrap() - want).abs() <= 1e-11);
         }
         prop_assert!((masked_mse(&a, &b, &full).unwrap() - mse(&a, &b).unwrap()).abs() <= 1e-15);
     }

@@ -4,7 +4,9 @@
 //! that ragged ends cost nothing extra and padding is written as zeros on the way.
 
 use super::{PANEL, reaches};
-use float_core::{Simd, SimdLevel};
+use float_core::Simd;
+#[cfg(target_arch = "x86_64")]
+use float_core::SimdLevel;
 
 /// `panel[s][f] = x[f][s]` for `f < rows`, `s < count`; zero for the other `f < width` and `s < PANEL`. `x` begins at the
 /// panel's first sample and has rows of `stride`, `panel` rows of `ps >= width`; `width` is a multiple of 16.
