@@ -20,6 +20,10 @@ pub(crate) struct Array {
 
 /// Longest header that is read, bytes; that of a plain array is a line.
 const HEADER: usize = 1 << 20;
+/// Characters of a header that an error quotes.
+const QUOTED: usize = 120;
+/// Most dimensions of an array.
+const DIMENSIONS: usize = 8;
 /// Bytes of values read at one time; a multiple of all their sizes.
 const CHUNK: usize = 1 << 16;
 
@@ -76,7 +80,10 @@ fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(
         let at = header.find(&format!("'{key}'"))? + key.len() + 2;
         Some(header[at..].trim_start().strip_prefix(':')?.trim_start())
     };
-    let bad_header = || wrong(start, format!("its header cannot be read: {}", header.trim()));
+    let bad_header = || {
+        let some: String = header.trim().chars().take(QUOTED).collect();
+        wrong(start, format!("its header cannot be read: {some}"))
+    };
     let descr = field("descr").and_then(|f| f.strip_prefix('\'')?.split('\'').next()).ok_or_else(bad_header)?;
     let fortran = match field("fortran_order").ok_or_else(bad_header)? {
         f if f.starts_with("True") => true,
@@ -90,6 +97,10 @@ fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(
         .filter(|d| !d.is_empty())
         .map(|d| d.parse::<usize>().map_err(|_| bad_header()))
         .collect::<Result<Vec<_>, _>>()?;
+    if shape.len() > DIMENSIONS {
+        let what = format!("has {} dimensions, and at most {DIMENSIONS} are read", shape.len());
+        return Err(wrong(start, what));
+    }
     let (big, kind) = match descr.split_at_checked(1) {
         Some(("<" | "|" | "=", kind)) => (false, kind),
         Some((">", kind)) => (true, kind),
@@ -100,7 +111,10 @@ fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(
         "u2" | "i2" | "f2" => 2,
         "u4" | "i4" | "f4" => 4,
         "u8" | "i8" | "f8" => 8,
-        _ => return Err(wrong(start, format!("holds values of type `{descr}`, and only numbers are read"))),
+        _ => {
+            let some: String = descr.chars().take(QUOTED).collect();
+            return Err(wrong(start, format!("holds values of type `{some}`, and only numbers are read")));
+        }
     };
     let body = length - end as u64;
     let count = shape.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));

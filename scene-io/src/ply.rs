@@ -1,6 +1,7 @@
 //! Vertices of PLY files: ASCII and both binary forms, any properties. Coloured points are read here, splats in
 //! [`crate::splats`].
 
+use crate::decode_memory::DecodeMemory;
 use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;
@@ -108,6 +109,11 @@ pub(crate) fn read_points(path: &Path) -> Result<Vec<Point>, SceneError> {
     };
     let colour = [find(["red", "r"]), find(["green", "g"]), find(["blue", "b"])];
     vertices.check_length()?;
+    let _held = DecodeMemory::of_process().reserve(
+        path,
+        &format!("its {} points", vertices.count),
+        (vertices.count as u64).saturating_mul(size_of::<Point>() as u64),
+    )?;
     let mut points = Vec::with_capacity(vertices.count);
     vertices.rows(|values, place| {
         let xyz = DVec3::new(values[x], values[y], values[z]);

@@ -133,6 +133,27 @@ impl Gaussians {
             (Field::Rest, &mut self.rest),
         ]
     }
+
+    /// Keep the first `n` Gaussians, in place; nothing happens where there are no more.
+    ///
+    /// # Panics
+    /// Where fields have other lengths than [`Gaussians::check`] asks for.
+    pub fn truncate(&mut self, n: usize) {
+        let before = self.n;
+        if n >= before {
+            return;
+        }
+        let fields =
+            [&mut self.mean, &mut self.log_scale, &mut self.wxyz, &mut self.logit, &mut self.dc, &mut self.rest];
+        for field in fields {
+            let rows = field.len() / before;
+            for row in 1..rows {
+                field.copy_within(row * before..row * before + n, row * n);
+            }
+            field.truncate(rows * n);
+        }
+        self.n = n;
+    }
 }
 
 /// A field of [`Gaussians`].

@@ -54,7 +54,7 @@ impl Refusal {
                 .into(),
             Self::Origin => "this viewer talks to its own page only".into(),
             Self::Twice(name) => format!("the header `{name}` came more than once; send it once"),
-            Self::Body => "this viewer takes no body with a request".into(),
+            Self::Body => "requests with a body are not accepted".into(),
         }
     }
 }

@@ -89,8 +89,8 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
     })?;
     if !server.address.ip().is_loopback() {
         crate::show::note(&format!(
-            "warning: `--host {}`: everybody who reaches this machine can look at this, keep it busy and replace its crop, \
-             without a password and in plain text; `--host 127.0.0.1` keeps it here",
+            "warning: `--host {}`: anyone who can reach this machine can view the scene, use its CPU and overwrite the saved crop: there \
+             is no password and no encryption; `--host 127.0.0.1` allows this machine only",
             args.host
         ));
     }

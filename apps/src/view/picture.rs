@@ -45,12 +45,7 @@ impl Painter {
     /// Size of a picture that is drawn in time, and so waits for nobody.
     pub(crate) fn quick_size(&mut self, draw: &Draw, drawer: Drawer) -> (u32, u32) {
         let (width, height) = self.pace(draw, drawer).size(draw.full_size());
-        let share = (SMALL as f64 / (f64::from(width) * f64::from(height))).sqrt();
-        if share >= 1.0 {
-            (width, height)
-        } else {
-            scaled((width, height), (f64::from(width.max(height)) * share) as u32)
-        }
+        at_most_small((width, height))
     }
 
     fn pace(&mut self, draw: &Draw, drawer: Drawer) -> &mut Pace {
@@ -183,6 +178,17 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
     }
 }
 
+/// The size in its shape that has at most [`SMALL`] pixels.
+fn at_most_small(size: (u32, u32)) -> (u32, u32) {
+    let area = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
+    if area(size) <= SMALL {
+        return size;
+    }
+    let longest = f64::from(size.0.max(size.1)) * (SMALL as f64 / area(size) as f64).sqrt();
+    // The shorter side is rounded, and may be too long by half a pixel.
+    (1..=longest as u32).rev().map(|side| scaled(size, side)).find(|size| area(*size) <= SMALL).unwrap_or((1, 1))
+}
+
 /// The message that holds a photo or what is made of it.
 ///
 /// # Errors
@@ -241,4 +247,24 @@ fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, String> {
         .write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
         .map_err(|e| format!("the picture cannot be encoded: {e}"))?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_pictures_are_small_in_every_shape() {
+        for side in 1..=LARGEST_PICTURE {
+            for size in [(LARGEST_PICTURE, side), (side, LARGEST_PICTURE)] {
+                let (width, height) = at_most_small(size);
+                let area = u64::from(width) * u64::from(height);
+                assert!(area <= SMALL && width > 0 && height > 0, "{size:?}: {width}x{height}");
+                assert!(
+                    area * 100 >= 98 * SMALL.min(u64::from(size.0) * u64::from(size.1)),
+                    "{size:?}: {width}x{height}"
+                );
+            }
+        }
+    }
 }

@@ -13,6 +13,7 @@ use super::save::save;
 use super::scene::Scene3d;
 use super::seat::Seat;
 use super::stage::{Shown, Stage};
+use super::turn::turn;
 use axum::extract::ws::{Message as Frame, WebSocket};
 use serde_json::json;
 use std::sync::Arc;
@@ -163,6 +164,9 @@ fn draw_all(
     out: &Out,
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
+        // A mask is drawn at the size of its photo, whatever that is; the photo itself is only decoded.
+        let pixels = if draw.layer == Layer::Photo { 0 } else { u32::MAX };
+        let Some(_turn) = turn((pixels, pixels), Drawer::Scene, &|| desk.is_newest(number)) else { return Ok(true) };
         let file = picture::photo(scene, draw)?;
         desk.met(number);
         return Ok(out.send(file));

@@ -43,7 +43,10 @@ fn from_array(path: &Path, array: &npy::Array) -> Result<DepthMap, SceneError> {
         let problem = Problem::new(path, "is no depth map", "save it as [height][width]");
         return Err(SceneError::new(ErrorKind::Format, problem.field("shape").value(format!("{shape:?}"))));
     };
-    let size = |n: usize| u32::try_from(n).map_err(|_| wrong(path, format!("no picture is {n} pixels long"), ""));
+    let size = |n: usize| {
+        u32::try_from(n)
+            .map_err(|_| wrong(path, format!("a side of {n} pixels is too long"), "save a smaller depth map"))
+    };
     Ok(DepthMap { width: size(width)?, height: size(height)?, z: array.data.iter().map(|z| *z as f32).collect() })
 }
 

@@ -1,6 +1,12 @@
 //! The headers of JPEG files: size, components, and whether the whole file is there.
 
 use std::io::{BufRead, Seek};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+/// Bytes of an `APPn` segment that every reader reads to its end.
+const SHORTEST: u16 = 14;
 
 /// What the headers up to the first scan say.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,16 +34,16 @@ impl Frame {
             while marker[0] == 0xff {
                 reader.read_exact(&mut marker[..1]).ok()?;
             }
-            if matches!(marker[0], 0x01 | 0xd0..=0xd7) {
-                continue;
-            }
-            if marker[0] == 0xd9 {
+            // Of these, only before a scan, each reader makes something else: fill bytes, or segments with a length.
+            if matches!(marker[0], 0x00 | 0x01 | 0xd0..=0xd7 | 0xd9) {
                 return None;
             }
             let mut length = [0; 2];
             reader.read_exact(&mut length).ok()?;
             let length = u16::from_be_bytes(length).checked_sub(2)?;
             match marker[0] {
+                // Too short for what it is: readers go on at different bytes.
+                0xe0..=0xef if length < SHORTEST => return None,
                 // C4, C8 and CC are tables, the other Cx start a frame; C2, C6, CA and CE are progressive.
                 kind @ (0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf) => {
                     let mut segment = vec![0; usize::from(length)];
@@ -69,6 +75,21 @@ impl Frame {
     /// A frame of which only the size is known: as if it took most.
     pub(super) fn unknown(width: u32, height: u32) -> Self {
         Self { width, height, sampling: vec![(4, 4); 4], in_scans: true }
+    }
+
+    /// Whether the decoder finds no more in the whole file than this: no coefficients kept to the end, no more components. A file can
+    /// show two readers two pictures.
+    pub(super) fn covers(&self, bytes: &[u8]) -> bool {
+        let any_size = DecoderOptions::default().set_max_width(usize::MAX).set_max_height(usize::MAX);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), any_size);
+        // What it cannot read it does not decode.
+        if decoder.decode_headers().is_err() {
+            return true;
+        }
+        decoder.info().is_none_or(|found| {
+            let kept = !found.sof.is_sequential_dct();
+            usize::from(found.components) <= self.sampling.len() && (self.in_scans || !kept)
+        })
     }
 
     /// Whether the picture is grey.
@@ -145,6 +166,36 @@ mod tests {
     fn headers_are_read_without_decoding() {
         let frame = Frame::read(&mut Cursor::new(jpeg())).unwrap();
         assert_eq!((frame.width, frame.height, frame.sampling.len(), frame.in_scans), (37, 21, 3, false));
+    }
+
+    #[test]
+    fn headers_that_readers_take_differently_are_not_believed() {
+        let bytes = jpeg();
+        let with = |start: &[u8]| [&bytes[..2], start, &bytes[2..]].concat();
+        for start in [
+            [0xff, 0x00].as_slice(),
+            &[0xff, 0x01],
+            &[0xff, 0xd3],
+            &[0xff, 0xe0, 0, 6, b'J', b'F', b'I', b'F'],
+            &[0xff, 0xe1, 0, 2],
+        ] {
+            assert_eq!(Frame::read(&mut Cursor::new(with(start))), None, "{start:?}");
+        }
+        // Fill bytes are the same to all.
+        assert!(Frame::read(&mut Cursor::new(with(&[0xff, 0xff]))).is_some());
+    }
+
+    #[test]
+    fn what_the_decoder_finds_is_held_against_the_headers() {
+        let bytes = jpeg();
+        let frame = Frame::read(&mut Cursor::new(&bytes)).unwrap();
+        assert!(frame.covers(&bytes) && Frame::unknown(37, 21).covers(&bytes));
+        assert!(!Frame { sampling: vec![(1, 1)], ..frame.clone() }.covers(&bytes), "three components");
+        // The same file, said to come in scans.
+        let at = bytes.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap();
+        let mut in_scans = bytes.clone();
+        in_scans[at + 1] = 0xc2;
+        assert!(!frame.covers(&in_scans) && Frame::unknown(37, 21).covers(&in_scans));
     }
 
     #[test]

@@ -25,11 +25,13 @@ pub(crate) struct Plan {
     colour: ColorType,
     /// Bytes of memory while it is decoded, beside the pixels.
     work: u64,
+    /// Of a JPEG: what `work` was counted from.
+    frame: Option<Frame>,
 }
 
 impl Plan {
-    /// Reads the headers of a file. What that takes is bounded by a few MB, but for broken JPEG files: those are read whole, once
-    /// there is room.
+    /// Reads the headers of a file. What that takes is little, but for the EXIF chunk of PNG files (16 MiB at most) and for JPEG files
+    /// with odd headers, which are read whole: both once there is room.
     pub(crate) fn of(path: &Path) -> Result<Self, SceneError> {
         let (mut reader, length) = open(path)?;
         let reading = |e| SceneError::io(path, "read the image", e);
@@ -37,6 +39,7 @@ impl Plan {
         let guess = ImageReader::new(&mut reader).with_guessed_format().map_err(reading)?;
         let format = guess.format();
         reader.rewind().map_err(reading)?;
+        let mut jpeg = None;
         let (size, colour, work) = match format {
             Some(ImageFormat::Jpeg) => {
                 // The decoder would read the whole file to answer this.
@@ -44,16 +47,21 @@ impl Plan {
                     Some(frame) => frame,
                     None => {
                         reader.rewind().map_err(reading)?;
-                        let _held = DecodeMemory::of_process().reserve(path, "the headers", 3 * length)?;
+                        let _held =
+                            DecodeMemory::of_process().reserve(path, "the headers", length.saturating_mul(3))?;
                         let (width, height) = decoder(reader, format, 0).map_err(failed)?.dimensions();
                         Frame::unknown(width, height)
                     }
                 };
                 let colour = if frame.is_grey() { ColorType::L8 } else { ColorType::Rgb8 };
                 // The file, the decoder's copy of it, and profiles and EXIF taken out of that.
-                ((frame.width, frame.height), colour, frame.work_bytes().saturating_add(3 * length))
+                let frame = jpeg.insert(frame);
+                let work = frame.work_bytes().saturating_add(length.saturating_mul(3));
+                ((frame.width, frame.height), colour, work)
             }
             Some(ImageFormat::Png) => {
+                let most = length.min(png::CHUNKS);
+                let _held = DecodeMemory::of_process().reserve(path, "the headers", most)?;
                 let headers = png::Headers::read(reader).map_err(failed)?;
                 (headers.size, headers.colour, headers.work_bytes())
             }
@@ -83,7 +91,7 @@ impl Plan {
             }
         };
         let (width, height) = size;
-        Ok(Self { path: path.into(), format, width, height, colour, work: work.saturating_add(TABLES) })
+        Ok(Self { path: path.into(), format, width, height, colour, work: work.saturating_add(TABLES), frame: jpeg })
     }
 
     /// 3 or 4: of the image as [`super::decode::decode`] gives it.
@@ -155,6 +163,13 @@ impl Plan {
                     let what = format!("the JPEG is cut off: its {} bytes hold no end marker", bytes.len());
                     return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, REMEDY)));
                 }
+                if !self.frame.as_ref().is_some_and(|frame| frame.covers(&bytes)) {
+                    let what = "the JPEG shows two readers two pictures, of which one needs more memory";
+                    return Err(SceneError::new(
+                        ErrorKind::Image,
+                        Problem::new(path, what, "save it again as a plain JPEG"),
+                    ));
+                }
                 let decoder = decoder(Cursor::new(bytes.as_slice()), self.format, self.work).map_err(failed)?;
                 same(decoder.dimensions(), decoder.color_type())?;
                 DynamicImage::from_decoder(decoder).map_err(failed)
@@ -176,7 +191,7 @@ pub(super) fn orientation(path: &Path) -> Option<u8> {
     let orientation = match format {
         Some(ImageFormat::Png) => png::Headers::read(reader).ok()?.orientation(),
         _ => {
-            let _held = DecodeMemory::of_process().reserve(path, "the headers", 3 * length).ok()?;
+            let _held = DecodeMemory::of_process().reserve(path, "the headers", length.saturating_mul(3)).ok()?;
             decoder(reader, format, 0).ok()?.orientation().ok()
         }
     };

@@ -10,7 +10,7 @@ use png::{BitDepth, Decoder, Reader, Transformations};
 use std::io::{BufRead, Seek};
 
 /// What chunks beside the pixels may take: palettes and EXIF.
-const CHUNKS: u64 = 16 << 20;
+pub(super) const CHUNKS: u64 = 16 << 20;
 
 /// What the headers of a file say.
 pub(super) struct Headers<R: BufRead + Seek> {

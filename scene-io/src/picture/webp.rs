@@ -17,7 +17,7 @@ impl Frames {
     /// Looks through the chunks from the start of the file; what is no WebP has no frames.
     pub(super) fn read(reader: &mut (impl Read + Seek)) -> Self {
         let mut frames = Self::default();
-        let mut at = 12;
+        let (mut at, mut end_of_frame) = (12, None);
         for _ in 0..CHUNKS {
             let mut start = [0; 18];
             if reader.seek(SeekFrom::Start(at)).is_err() {
@@ -49,12 +49,19 @@ impl Frames {
                 }
                 // A frame of an animation: 16 bytes, then chunks again.
                 b"ANMF" => {
+                    end_of_frame = Some(at + 8 + length + length % 2);
                     at += 8 + 16;
                     continue;
                 }
                 _ => {}
             }
             at += 8 + length + length % 2;
+            // Readers that have no use for a frame go on behind it, whatever the chunks in it say of their lengths.
+            if let Some(end) = end_of_frame
+                && at >= end
+            {
+                (at, end_of_frame) = (end, None);
+            }
         }
         Self { lossy: 1 << 28, lossless: 1 << 28 }
     }
@@ -62,7 +69,7 @@ impl Frames {
     /// Bytes that decoding a file of `file` bytes takes beside the pixels, `pixels` of them in the header.
     pub(super) fn work_bytes(&self, file: u64, pixels: u64, alpha: bool, animated: bool) -> u64 {
         // The compressed bytes and a copy of them, and one luma and two quarter chroma planes.
-        let lossy = if self.lossy > 0 { 2 * file + self.lossy * 3 / 2 } else { 0 };
+        let lossy = if self.lossy > 0 { file.saturating_mul(2) + self.lossy * 3 / 2 } else { 0 };
         // Transparency beside a lossy picture is a lossless one, of which one channel is taken.
         let transparency = if self.lossy > 0 && alpha { 6 * pixels } else { 0 };
         // Where they are not decoded in place; and transforms, which are at most a quarter of the pixels each.
@@ -98,6 +105,10 @@ mod tests {
         assert_eq!(frames(&[chunk(b"VP8L", &lossless)]), Frames { lossy: 0, lossless: 6000 });
         let animated = chunk(b"ANMF", &[&[0; 16][..], &chunk(b"ALPH", &[0; 3]), &chunk(b"VP8 ", &lossy)].concat());
         assert_eq!(frames(&[header, animated, chunk(b"VP8L", &lossless)]), Frames { lossy: 112 * 64, lossless: 6000 });
+        // A chunk in a frame that says it reaches over what follows the frame.
+        let long = [b"ALPH".as_slice(), &200_u32.to_le_bytes()].concat();
+        let hiding = chunk(b"ANMF", &[&[0; 16][..], &long].concat());
+        assert_eq!(frames(&[hiding, chunk(b"VP8 ", &lossy)]), alone);
         assert_eq!(frames(&[]), Frames::default());
         assert_eq!(frames(&vec![chunk(b"EXIF", &[]); CHUNKS]).lossy, 1 << 28);
     }

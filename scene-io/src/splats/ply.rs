@@ -54,7 +54,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
         filling.push(row);
         Ok(())
     })?;
-    Ok(SplatFile { cloud: filling.finish(path, &mut notes)?, widening: None, notes })
+    Ok(SplatFile { cloud: filling.finish(&mut notes), widening: None, notes })
 }
 
 impl Columns {

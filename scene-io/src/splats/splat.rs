@@ -59,7 +59,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
     if turned > 0 {
         notes.push(format!("{} without direction taken as none", count(turned, "rotation", "rotations")));
     }
-    Ok(SplatFile { cloud: filling.finish(path, &mut notes)?, widening: None, notes })
+    Ok(SplatFile { cloud: filling.finish(&mut notes), widening: None, notes })
 }
 
 /// A cloud that fits, in the order to be written: what covers most comes first, for viewers that show files while they

@@ -15,6 +15,7 @@ mod dialects;
 mod folder;
 mod mutate;
 mod path;
+mod photos;
 mod run_files;
 mod scenes;
 mod seeds;
@@ -39,7 +40,7 @@ pub struct Door {
 
 /// Opens doors, one function each: a fuzz target holds the code of its own door and no other.
 pub mod open {
-    use crate::{Try, checkpoint, config, dialects, path, run_files, scenes, splats, viewer};
+    use crate::{Try, checkpoint, config, dialects, path, photos, run_files, scenes, splats, viewer};
 
     macro_rules! doors {
         ($($name:ident: $open:expr;)*) => {
@@ -68,6 +69,7 @@ pub mod open {
         dialect_nerfstudio: dialects::open(scenes::nerfstudio);
         dialect_nr_nerf: dialects::open(scenes::nr_nerf);
         maps: dialects::open(scenes::maps);
+        photo: photos::open();
         priors: dialects::open(scenes::priors);
         run_files: run_files::open();
         splat_ply: Box::new(|bytes| drop(splats::read("fuzz.ply", bytes)));
@@ -84,7 +86,7 @@ macro_rules! door {
 }
 
 /// All doors, by name.
-pub const DOORS: [Door; 20] = [
+pub const DOORS: [Door; 21] = [
     door!(camera_path, seeds::camera_path),
     door!(checkpoint, checkpoint::seeds),
     door!(config, seeds::config),
@@ -99,6 +101,7 @@ pub const DOORS: [Door; 20] = [
     door!(dialect_nerfstudio, || seeds::of_scene(scenes::nerfstudio)),
     door!(dialect_nr_nerf, || seeds::of_scene(scenes::nr_nerf)),
     door!(maps, || seeds::of_scene(scenes::maps)),
+    door!(photo, photos::seeds),
     door!(priors, || seeds::of_scene(scenes::priors)),
     door!(run_files, seeds::run_files),
     door!(splat_ply, Vec::new),

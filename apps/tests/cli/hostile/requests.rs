@@ -69,7 +69,7 @@ fn requests_that_say_two_things_are_refused() {
         (with("").replace("Host: HOST\r\n", ""), "403: this viewer does not answer to that name"),
         ("GET / HTTP/1.0\r\n\r\n".into(), "403: this viewer does not answer to that name"),
         ("CONNECT evil.example:80 HTTP/1.1\r\nHost: HOST\r\n\r\n".into(), "403: "),
-        ("GET / HTTP/1.1\r\nHost: HOST\r\nContent-Length: 4\r\n\r\nbody".into(), "413: this viewer takes no body"),
+        ("GET / HTTP/1.1\r\nHost: HOST\r\nContent-Length: 4\r\n\r\nbody".into(), "413: requests with a body"),
     ] {
         let answer = answer(&viewer, &request);
         assert!(answer.contains(part) && answer.starts_with("HTTP/1."), "{request}: {answer}");

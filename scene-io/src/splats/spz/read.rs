@@ -61,7 +61,7 @@ pub(in super::super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, Sce
     if header.degree > MAX_DEGREE {
         notes.push(format!("colours above degree {MAX_DEGREE} left out"));
     }
-    let cloud = header.unpack(path, bytes)?.finish(path, &mut notes)?;
+    let cloud = header.unpack(path, bytes)?.finish(&mut notes);
     let widening = if header.flags & ANTIALIASED == 0 { Widening::Keeps } else { Widening::Dims };
     Ok(SplatFile { cloud, widening: Some(widening), notes })
 }

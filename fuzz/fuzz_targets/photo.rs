@@ -1,0 +1,4 @@
+//! Photos: JPEG, PNG, WebP, GIF, EXR.
+#![no_main]
+
+fuzz::door!(photo);
