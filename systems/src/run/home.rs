@@ -59,8 +59,13 @@ impl Home {
         }
         place::refuse_foreign(&self.folder).map_err(|e| foreign(e.to_string()))?;
         make_folder(&self.folder)?;
-        // The old lock is on a file that has no name any more.
-        *lock = FolderLock::take(&self.folder)?;
+        // The old lock is on a file that has no name any more, or it is what an earlier try took here.
+        *lock = None;
+        *lock = FolderLock::take(&self.folder).map_err(|error| match error {
+            // Whoever is there may go again.
+            RunError::Busy { .. } => foreign(error.to_string()),
+            error => error,
+        })?;
         for (name, text) in texts {
             write_file(storage, &self.folder.join(name), text.as_bytes())?;
         }
