@@ -13,6 +13,7 @@ use crate::train::Schedule;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What tells one folder from another: device and number; `None` where the system has no such numbers.
 type Id = Option<(u64, u64)>;
@@ -20,22 +21,23 @@ type Id = Option<(u64, u64)>;
 /// Names of the two files that say what a run is.
 pub(super) const HELD_OUT: &str = "heldout.txt";
 
-/// A run folder, and which one it was.
-#[derive(Debug)]
-pub(super) struct Home {
+/// A run folder, and which one it is. Clones know when it was made again.
+#[derive(Clone, Debug)]
+pub(crate) struct Home {
     folder: PathBuf,
-    id: Id,
+    id: Arc<Mutex<Id>>,
 }
 
 impl Home {
     /// The folder as it is now.
-    pub(super) fn of(folder: &Path) -> Self {
-        Self { folder: folder.into(), id: id_of(folder).flatten() }
+    pub(crate) fn of(folder: &Path) -> Self {
+        Self { folder: folder.into(), id: Arc::new(Mutex::new(id_of(folder).flatten())) }
     }
 
     /// Whether the folder is there and the same.
-    pub(super) fn stands(&self) -> bool {
-        id_of(&self.folder).is_some_and(|id| id == self.id)
+    pub(crate) fn stands(&self) -> bool {
+        let own = *self.id.lock().unwrap_or_else(PoisonError::into_inner);
+        id_of(&self.folder).is_some_and(|id| id == own)
     }
 
     /// Make the folder again where it is gone: `texts` are its first files, names and content. `true` where that was needed.
@@ -43,7 +45,7 @@ impl Home {
     /// # Errors
     /// [`RunError::Write`] where it cannot be made, or where something else lies there now.
     pub(super) fn restore(
-        &mut self,
+        &self,
         lock: &mut Option<FolderLock>,
         storage: &dyn Storage,
         texts: &[(&str, String)],
@@ -70,7 +72,7 @@ impl Home {
             write_file(storage, &self.folder.join(name), text.as_bytes())?;
         }
         planned::write(storage, &self.folder, schedule, observer);
-        self.id = id_of(&self.folder).flatten();
+        *self.id.lock().unwrap_or_else(PoisonError::into_inner) = id_of(&self.folder).flatten();
         let line = format!(
             "`{}` was removed or replaced while the run went on: it is made again; what lay in it before is gone",
             self.folder.display()

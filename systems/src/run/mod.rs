@@ -54,7 +54,6 @@ use crate::summary::{SceneSummary, Summary};
 use crate::system::{System, SystemError};
 use crate::train::{Ended, Reason, Schedule, Stop, train};
 use datasets::datasets;
-use home::Home;
 use host::RunHost;
 use keeper::{Keeper, first_files};
 pub use lock::FolderLock;
@@ -62,6 +61,7 @@ use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
 use patience::insist;
 pub(crate) use place::refuse_foreign;
+pub(crate) use home::Home;
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
 use scene_io::{Scene, refuse_blank_masks};
@@ -370,14 +370,14 @@ impl<'a> Run<'a> {
         }
         self.halt = observer.halt();
         let path = self.folder.join("metrics.csv");
-        let mut log = MetricsLog::resume(&path, self.step)?;
+        let mut log = MetricsLog::resume(&path, self.step)?.within(self.home.clone());
         planned::write(self.parts.storage, &self.folder, schedule, observer);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));
         let keeper = Keeper {
             folder: &self.folder,
-            home: &mut self.home,
+            home: &self.home,
             lock: &mut self.lock,
             storage: self.parts.storage,
             schedule,
