@@ -300,7 +300,7 @@ fn prune(folder: &Path) -> bool {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         let orphan = step_of(&path, "safetensors").is_some_and(|step| !kept.contains(&step));
-        if orphan || output::is_temporary(&path) {
+        if orphan || output::temporary_of(&path).is_some() {
             had_orphans |= fs::remove_file(path).is_ok();
         }
     }

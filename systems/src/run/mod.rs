@@ -45,7 +45,7 @@ use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{ExpectedMemory, limit};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
-use crate::output::{self, Disk, Storage, read_json, write_file};
+use crate::output::{Disk, Storage, read_json, write_file};
 use crate::photo_points::provide;
 use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
@@ -143,9 +143,9 @@ impl<'a> Run<'a> {
         if let Some(step) = checkpoint::newest_step(folder) {
             return Err(RunError::RunExists { folder: folder.into(), step });
         }
-        output::sweep(folder);
+        place::sweep(folder);
         // Found out now, not after an hour of training.
-        let probe = folder.join(".writable");
+        let probe = folder.join(place::PROBE);
         write_file(parts.storage, &probe, b"yes")?;
         std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
@@ -250,7 +250,7 @@ impl<'a> Run<'a> {
         }
         let lock = take_lock(folder, observer)?;
         // Left by processes that were killed: whoever holds the lock is alone.
-        output::sweep(folder);
+        place::sweep(folder);
         let mut run = Self { lock, ..Self::open(folder, request, parts, observer)? };
         if request.rehearsal {
             run.fit_memory(request, observer)?;
