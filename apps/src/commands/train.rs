@@ -51,6 +51,9 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         next_steps(session, &run.folder);
         return Ok(Done::Finished);
     }
+    if args.resume {
+        run.fit_memory(&request, &mut show)?;
+    }
     let done = train(session, &mut run, &schedule, &mut show)?;
     if done == Done::Finished {
         next_steps(session, &run.folder);

@@ -251,11 +251,7 @@ impl<'a> Run<'a> {
         let lock = take_lock(folder, observer)?;
         // Left by processes that were killed: whoever holds the lock is alone.
         place::sweep(folder);
-        let mut run = Self { lock, ..Self::open(folder, request, parts, observer)? };
-        if request.rehearsal {
-            run.fit_memory(request, observer)?;
-        }
-        Ok(run)
+        Ok(Self { lock, ..Self::open(folder, request, parts, observer)? })
     }
 
     /// Open the run in `folder` at its newest usable checkpoint, to read it. What `request` says must agree with the run.
