@@ -386,13 +386,14 @@ impl<'a> Run<'a> {
         let start = (self.step, self.seconds);
         let mut ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
         let mut evaluation = host.evaluation.take();
-        host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer)?;
+        let kept = host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer);
         if evaluation.as_ref().is_some_and(|evaluation| evaluation.stopped) {
             ended.reason = Reason::Interrupted;
         }
         (self.step, self.seconds) = (ended.step, ended.seconds);
-        let written = insist(schedule.disk_wait, observer, |_| log.flush());
-        let written = written.and_then(|()| self.write_rest(schedule, &mut ended, observer));
+        let written = kept
+            .and_then(|()| insist(schedule.disk_wait, observer, |_| log.flush()))
+            .and_then(|()| self.write_rest(schedule, &mut ended, observer));
         match (written, &mut evaluation) {
             // The scores are to be seen whatever else is wrong.
             (Err(error @ RunError::Write { .. }), Some(evaluation)) => {

@@ -1,6 +1,9 @@
 //! What goes wrong after the last step: stops, folders that go away, files that somebody deleted.
 
 use crate::common::{Watch, request, sky_scene, with_parts};
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
 use systems::eval::masks::{self, MaskTable};
 use systems::options::Request;
 use systems::output::Disk;
@@ -40,4 +43,35 @@ fn masks_that_a_stop_cut_short_are_made_again() {
         let (ended, _) = run.train(&schedule, None, watch, &Default::default()).unwrap();
         assert_eq!((ended.reason, shown()), (Reason::Finished, 6));
     });
+}
+
+/// Puts a folder of somebody else at the place of a run's once a held-out view is measured.
+struct Replacer<'a> {
+    folder: &'a Path,
+    is_done: bool,
+}
+
+impl Observer for Replacer<'_> {
+    fn event(&mut self, event: Event<'_>) {
+        if matches!(event, Event::Part(part) if part.what == "held-out view") && !self.is_done {
+            self.is_done = true;
+            fs::remove_dir_all(self.folder).unwrap();
+            fs::create_dir(self.folder).unwrap();
+            fs::write(self.folder.join("letter.txt"), "mine").unwrap();
+        }
+    }
+}
+
+#[test]
+fn scores_are_said_where_the_folder_is_replaced_while_they_are_measured() {
+    let below = tempfile::tempdir().unwrap();
+    let folder = below.path().join("run");
+    let schedule = Schedule { disk_wait: Duration::ZERO, ..Schedule::new(Stop::Steps(3)) };
+    let evaluation = with_parts(&Disk, &sky_scene(8, 16, false), |parts| {
+        let mut replacer = Replacer { folder: &folder, is_done: false };
+        let mut run = Run::create(&folder, &request(), parts, &mut replacer).unwrap();
+        run.train(&schedule, None, &mut replacer, &Default::default()).unwrap().1.unwrap()
+    });
+    assert!(evaluation.psnr.is_some() && !evaluation.unwritten.is_empty(), "{:?}", evaluation.unwritten);
+    assert!(!folder.join("config.toml").exists());
 }
