@@ -365,6 +365,7 @@ impl<'a> Run<'a> {
             self.lock = take_lock(&self.folder, observer)?;
         }
         self.halt = observer.halt();
+        self.write_lost()?;
         let path = self.folder.join("metrics.csv");
         let mut log = MetricsLog::resume(&path, self.step)?.within(self.home.clone());
         planned::write(self.parts.storage, &self.folder, schedule, observer);

@@ -75,3 +75,25 @@ fn scores_are_said_where_the_folder_is_replaced_while_they_are_measured() {
     assert!(evaluation.psnr.is_some() && !evaluation.unwritten.is_empty(), "{:?}", evaluation.unwritten);
     assert!(!folder.join("config.toml").exists());
 }
+
+#[test]
+fn first_files_that_somebody_removed_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = ["config.toml", "heldout.txt"];
+    let texts = || names.map(|name| fs::read_to_string(folder.path().join(name)).unwrap());
+    let schedule = Schedule::new(Stop::Steps(3));
+    let watch = &mut Watch::default();
+    with_parts(&Disk, &sky_scene(8, 16, false), |parts| {
+        let mut run = Run::create(folder.path(), &request(), parts, watch).unwrap();
+        run.train(&schedule, None, watch, &Default::default()).unwrap();
+        run.conclude(&Default::default()).unwrap();
+        drop(run);
+        let before = texts();
+        names.iter().for_each(|name| fs::remove_file(folder.path().join(name)).unwrap());
+        let mut run = Run::open_to_write(folder.path(), &Request::default(), parts, watch).unwrap();
+        assert!(!run.is_finished(schedule.stop));
+        run.train(&schedule, None, watch, &Default::default()).unwrap();
+        run.conclude(&Default::default()).unwrap();
+        assert!(run.is_finished(schedule.stop) && texts() == before);
+    });
+}
