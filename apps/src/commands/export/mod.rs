@@ -256,15 +256,14 @@ impl Job<'_> {
         let mut points = 0;
         let mut meter = Meter::new("photo", views.len());
         for (i, view) in views.iter().enumerate() {
-            if show.stop_asked() {
+            let cloud =
+                (!show.stop_asked()).then(|| frame_points(run.system.as_ref(), view, &run.query(), !args.rough));
+            // What a stop came upon is not whole.
+            let Some(cloud) = cloud.filter(|_| !show.stop_asked()) else {
                 show.finish();
                 line(format_args!("stopped after {i} of {} photos, which are in {}", views.len(), folder.display()));
                 return Err(Stopped::Interrupted);
-            }
-            let cloud = frame_points(run.system.as_ref(), view, &run.query(), !args.rough);
-            if show.stop_asked() {
-                continue;
-            }
+            };
             points += cloud.positions.len();
             write_points(&folder.join(format!("frame_{i:06}.ply")), &cloud)?;
             meter.advance(show);
