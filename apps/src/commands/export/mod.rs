@@ -164,7 +164,9 @@ impl Job<'_> {
     }
 
     fn splats(&mut self, path: &Path) -> Result<(), Stopped> {
-        let SplatFile { cloud, widening, .. } = self.subject.gaussians(self.args.time, &mut self.show)?;
+        let Some(SplatFile { cloud, widening, .. }) = self.subject.gaussians(self.args.time, &mut self.show)? else {
+            return Err(self.stopped(&format!("{} was not written", path.display())));
+        };
         let cloud = self.crop.cloud(&cloud)?;
         let options = SplatOptions { widening: widening.unwrap_or_default(), ..SplatOptions::default() };
         for note in write_splats(path, &cloud, &options)? {
