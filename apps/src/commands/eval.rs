@@ -24,6 +24,9 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
         let table = run.evaluate_scales(scales, &mut show)?;
         show.finish();
         line(table.table().trim_end());
+        if !table.unwritten.is_empty() {
+            return Err(RunError::Unwritten { folder: args.run.clone(), problems: table.unwritten }.into());
+        }
         let done = table.scales.len();
         if done < scales as usize {
             line(format_args!("stopped after {done} of {scales} scales: nothing was written but pictures"));

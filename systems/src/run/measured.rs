@@ -2,6 +2,7 @@
 
 use super::Run;
 use super::kept::{self, KeptViews, PICTURES};
+use super::lock::FolderLock;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{
@@ -32,11 +33,7 @@ impl Run<'_> {
     /// images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
-        let _lock = match self.write_lock(observer) {
-            // Nothing can be written here, so there is no other writer.
-            Err(RunError::Write { .. }) => None,
-            lock => lock?,
-        };
+        let _lock = self.lock_if_writable(observer)?;
         let (protocol, query) = self.protocol()?;
         let mut evaluation = measure_and_write(
             (self.parts.storage, &self.folder),
@@ -66,17 +63,26 @@ impl Run<'_> {
         Ok(evaluation)
     }
 
-    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures.
+    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures. What cannot be written
+    /// is in [`ScaleTable::unwritten`].
     ///
     /// # Errors
     /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
     pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
         self.need_held_out()?;
-        let _lock = self.write_lock(observer)?;
+        let _lock = self.lock_if_writable(observer)?;
         let place = (self.parts.storage, self.folder.as_path());
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(None));
         evaluate_scales(place, self.system.as_ref(), &self.held_out, &terms, scales, observer)
+    }
+
+    /// As [`Run::write_lock`]; none where nothing can be written, so that there is no other writer.
+    fn lock_if_writable(&self, observer: &mut dyn Observer) -> Result<Option<FolderLock>, RunError> {
+        match self.write_lock(observer) {
+            Err(RunError::Write { .. }) => Ok(None),
+            lock => lock,
+        }
     }
 
     fn need_held_out(&self) -> Result<(), RunError> {
@@ -177,7 +183,7 @@ pub(super) fn measure_and_write(
 }
 
 /// Note a file that could not be written; other errors are errors.
-pub(super) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
+pub(crate) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
     match written {
         Err(error @ RunError::Write { .. }) => unwritten.push(error.with_reason()),
         other => other?,

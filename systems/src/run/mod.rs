@@ -62,6 +62,7 @@ pub use mask_meaning::{MaskMeaning, mask_meaning};
 use patience::insist;
 pub(crate) use place::refuse_foreign;
 pub(crate) use home::Home;
+pub(crate) use measured::note_unwritten;
 pub use place::{clear, config};
 pub use planned::{planned_schedule, planned_stop};
 use scene_io::{Scene, refuse_blank_masks};

@@ -1,12 +1,12 @@
 //! What goes wrong after the last step: stops, folders that go away, files that somebody deleted.
 
-use crate::common::{Watch, request, sky_scene, with_parts};
-use std::fs;
+use crate::common::{Watch, request, sky_scene, start, with_parts};
+use std::{fs, io};
 use std::path::Path;
 use std::time::Duration;
 use systems::eval::masks::{self, MaskTable};
 use systems::options::Request;
-use systems::output::Disk;
+use systems::output::{Disk, Storage, StorageFile};
 use systems::progress::{Event, Observer};
 use systems::run::Run;
 use systems::train::{Reason, Schedule, Stop};
@@ -96,4 +96,28 @@ fn first_files_that_somebody_removed_come_back() {
         run.conclude(&Default::default()).unwrap();
         assert!(run.is_finished(schedule.stop) && texts() == before);
     });
+}
+
+/// Takes nothing.
+struct Full;
+
+impl Storage for Full {
+    fn create(&self, _: &Path) -> io::Result<Box<dyn StorageFile>> {
+        Err(io::ErrorKind::StorageFull.into())
+    }
+}
+
+#[test]
+fn scores_at_all_scales_are_said_where_nothing_can_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    start(folder.path(), &Disk, Stop::Steps(3), &mut Watch::default()).unwrap();
+    // A lock that cannot be taken.
+    fs::remove_file(folder.path().join(".lock")).unwrap();
+    fs::create_dir(folder.path().join(".lock")).unwrap();
+    let table = with_parts(&Full, &sky_scene(8, 16, false), |parts| {
+        let run = Run::open(folder.path(), &Request::default(), parts, &mut Watch::default()).unwrap();
+        run.evaluate_scales(2, &mut Watch::default()).unwrap()
+    });
+    assert!(table.scales.len() == 2 && table.scales.iter().all(|scale| scale.psnr.is_some()));
+    assert!(table.unwritten.iter().any(|line| line.contains("eval_scales.json")), "{:?}", table.unwritten);
 }
