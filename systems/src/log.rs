@@ -157,7 +157,8 @@ impl MetricsLog {
             _ => {
                 self.file = None;
                 // The folder may have been replaced meanwhile: nothing is written among files of others, or of another run.
-                let other = |why: String| RunError::Write { path: self.path.clone(), source: std::io::Error::other(why) };
+                let other =
+                    |why: String| RunError::Write { path: self.path.clone(), source: std::io::Error::other(why) };
                 if self.home.as_ref().is_some_and(|home| !home.stands()) {
                     return Err(other("the run folder was removed or replaced".into()));
                 }

@@ -37,14 +37,17 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let evaluation = run.evaluate(lpips.as_ref(), &mut show)?;
     show.finish();
     conclude(Some(&evaluation), &args.run);
-    if evaluation.stopped {
-        line(
-            "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here",
-        );
-        return Ok(Done::Interrupted);
-    }
     if !evaluation.unwritten.is_empty() {
         return Err(RunError::Unwritten { folder: args.run.clone(), problems: evaluation.unwritten }.into());
+    }
+    if evaluation.stopped {
+        line(match evaluation.written {
+            true => "stopped before the report was whole: the scores are in the run, and `eval` again makes the rest",
+            false => {
+                "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here"
+            }
+        });
+        return Ok(Done::Interrupted);
     }
     Ok(Done::Finished)
 }

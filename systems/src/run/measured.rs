@@ -23,6 +23,9 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+/// The scores, in the run folder.
+const EVAL: &str = "eval.json";
+
 impl Run<'_> {
     /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report. Where
     /// the observer asks to stop, the views measured so far come back, and only their pictures are written; the next call goes
@@ -55,11 +58,12 @@ impl Run<'_> {
                     self.write_summary()?;
                 }
                 self.write_showcase(observer)?;
+                // Later, everything is there.
+                evaluation.stopped = observer.stop_asked();
                 report::write(self.parts.storage, &self.folder)
             };
             note_unwritten(rest(), &mut evaluation.unwritten)?;
         }
-        evaluation.stopped = observer.stop_asked();
         Ok(evaluation)
     }
 
@@ -173,9 +177,11 @@ pub(super) fn measure_and_write(
         evaluation.stopped = terms.query.halt.raised();
     }
     if !evaluation.stopped {
-        let scores = [("eval.json", evaluation.json()), ("eval.csv", evaluation.csv())];
+        let scores = [(EVAL, evaluation.json()), ("eval.csv", evaluation.csv())];
         for (name, text) in scores {
+            let before = unwritten.len();
             note_unwritten(write_file(storage, &folder.join(name), text.as_bytes()), &mut unwritten)?;
+            evaluation.written |= name == EVAL && unwritten.len() == before;
         }
     }
     evaluation.unwritten = unwritten;

@@ -1,9 +1,9 @@
 //! What goes wrong after the last step: stops, folders that go away, files that somebody deleted.
 
 use crate::common::{Watch, request, sky_scene, start, with_parts};
-use std::{fs, io};
 use std::path::Path;
 use std::time::Duration;
+use std::{fs, io};
 use systems::eval::masks::{self, MaskTable};
 use systems::options::Request;
 use systems::output::{Disk, Storage, StorageFile};
@@ -120,4 +120,23 @@ fn scores_at_all_scales_are_said_where_nothing_can_be_written() {
     });
     assert!(table.scales.len() == 2 && table.scales.iter().all(|scale| scale.psnr.is_some()));
     assert!(table.unwritten.iter().any(|line| line.contains("eval_scales.json")), "{:?}", table.unwritten);
+}
+
+#[test]
+fn a_stop_after_the_scores_are_written_is_one_of_the_rest_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    with_parts(&Disk, &sky_scene(8, 16, true), |parts| {
+        let mut run = Run::create(folder.path(), &request(), parts, &mut Watch::default()).unwrap();
+        let schedule = Schedule::new(Stop::Steps(3));
+        run.train(&schedule, None, &mut Watch::default(), &Default::default()).unwrap();
+        run.conclude(&Default::default()).unwrap();
+        for (what, written) in [("held-out view", false), ("mask", true)] {
+            fs::remove_file(folder.path().join("masks/masks.json")).unwrap();
+            let mut stopper = Stopper { what, asks: false };
+            let evaluation = run.evaluate(None, &mut stopper).unwrap();
+            assert_eq!((evaluation.stopped, evaluation.written), (true, written), "{what}");
+            let evaluation = run.evaluate(None, &mut Watch::default()).unwrap();
+            assert_eq!((evaluation.stopped, evaluation.written), (false, true), "{what}");
+        }
+    });
 }
