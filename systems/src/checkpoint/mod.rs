@@ -90,7 +90,7 @@ pub fn folder(run: &Path) -> PathBuf {
     run.join("checkpoint")
 }
 
-/// Write a checkpoint of `system` after `step` steps, then remove all but the last two. Returns the path of its JSON file. On a
+/// Write a checkpoint of `system` after `step` steps, then remove all but the last two up to this one. Returns the path of its JSON file. On a
 /// full disk the older of two checkpoints makes room, if the newer one is whole.
 ///
 /// # Errors
@@ -130,7 +130,7 @@ pub fn save(
         Err(RunError::Write { source, .. }) if is_full(&source) && make_room(&folder, step) => write()?,
         written => written?,
     }
-    let _ = prune(&folder);
+    let _ = prune(&folder, step);
     Ok(path)
 }
 
@@ -141,7 +141,7 @@ fn is_full(error: &io::Error) -> bool {
 
 /// Remove what no run needs, and the older checkpoint where the newer one is whole; `false` where there is nothing to remove.
 fn make_room(folder: &Path, step: u64) -> bool {
-    let had_orphans = prune(folder);
+    let had_orphans = prune(folder, step);
     let earlier: Vec<u64> = steps(folder).into_iter().filter(|&other| other != step).collect();
     let whole = earlier.last().is_some_and(|&newest| load(folder, newest).is_ok());
     let Some((_, older)) = earlier.split_last().filter(|(_, older)| whole && !older.is_empty()) else {
@@ -288,12 +288,13 @@ fn step_of(path: &Path, extension: &str) -> Option<u64> {
     path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }
 
-/// Remove all but the newest checkpoints, and what killed processes left; whether there was such. Failing to remove costs disk
-/// space only.
-fn prune(folder: &Path) -> bool {
+/// Remove all but the newest checkpoints of a run that is at `step`, and what killed processes left; whether there was such.
+/// Checkpoints of later steps could not be used: the run went on from one before them. Failing to remove costs disk space only.
+fn prune(folder: &Path, step: u64) -> bool {
     let steps = steps(folder);
-    let kept = &steps[steps.len().saturating_sub(KEPT)..];
-    for step in &steps[..steps.len() - kept.len()] {
+    let reached = &steps[..steps.partition_point(|&other| other <= step)];
+    let kept = &reached[reached.len().saturating_sub(KEPT)..];
+    for step in steps.iter().filter(|step| !kept.contains(step)) {
         let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
     }
     let mut had_orphans = false;
