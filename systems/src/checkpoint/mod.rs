@@ -13,7 +13,7 @@ mod arrays;
 use crate::error::RunError;
 use crate::options::RunConfig;
 use crate::output::{self, Storage, write_file};
-use crate::system::{System, TensorMap};
+use crate::system::{MOST_COUNTED, System, TensorMap};
 use arrays::deserialise;
 pub(crate) use arrays::serialise;
 use serde::{Deserialize, Serialize};
@@ -26,8 +26,6 @@ use std::path::{Path, PathBuf};
 const KEPT: usize = 2;
 /// Longest JSON file that is read, bytes: a configuration has some thousand.
 const LONGEST_JSON: u64 = 16 << 20;
-/// Steps a run may have: beyond, counting them is not exact any more.
-const MOST_STEPS: u64 = 1 << 53;
 /// How random numbers are made.
 const GENERATOR: &str = "philox4x32-10";
 /// Version of the layout of the two files.
@@ -230,8 +228,8 @@ fn plausible(meta: &Meta) -> Result<(), String> {
     let refused = |field: &str, value: &dyn std::fmt::Display, want: &str| {
         Err(format!("JSON file: `{field}` is {value}, expected {want}"))
     };
-    if *step > MOST_STEPS {
-        return refused("step", step, &format!("{MOST_STEPS} at most"));
+    if *step > MOST_COUNTED {
+        return refused("step", step, &format!("{MOST_COUNTED} at most"));
     }
     if !(seconds.is_finite() && *seconds >= 0.0) {
         return refused("seconds", seconds, "a number from 0 on");

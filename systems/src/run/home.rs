@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// What tells one folder from another: device and number; `None` where the system has no such numbers.
 type Id = Option<(u64, u64)>;
 
-/// Names of the two files that say what a run is.
+/// The file that says which frames are held out.
 pub(super) const HELD_OUT: &str = "heldout.txt";
 
 /// A run folder, and which one it is. Clones know when it was made again.
