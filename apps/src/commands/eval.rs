@@ -11,8 +11,8 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let mut show = session.show();
     let mut run = match session.open_to_write(&args.run, &mut show) {
         // Scores can be read without a file.
-        Err(error @ RunError::Write { .. }) => {
-            show.event(Event::Warning(&format!("{error}: scores are printed and not written")));
+        Err(ref error @ RunError::Write { ref source, .. }) => {
+            show.event(Event::Warning(&format!("{error} ({source}): scores are printed but not saved")));
             session.open(&args.run, &mut show)?
         }
         run => run?,

@@ -19,7 +19,6 @@ pub(crate) use arrays::serialise;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// Checkpoints kept.
@@ -125,16 +124,11 @@ pub fn save(
         write_file(storage, &path, text.as_bytes())
     };
     match write() {
-        Err(RunError::Write { source, .. }) if is_full(&source) && make_room(&folder, step) => write()?,
+        Err(error) if error.is_full() && make_room(&folder, step) => write()?,
         written => written?,
     }
     let _ = prune(&folder, step);
     Ok(path)
-}
-
-/// Whether a disk, or somebody's share of it, is full.
-fn is_full(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
 }
 
 /// Remove what no run needs, and the older checkpoint where the newer one is whole; `false` where there is nothing to remove.

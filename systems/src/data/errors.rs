@@ -95,9 +95,8 @@ impl ErrorMap {
         let ends = crate::system::take_u64(state, "errors.sums", self.ends.len())?;
         let ends: Vec<f64> = ends.into_iter().map(f64::from_bits).collect();
         let sums = |ends: &[f64]| ends.iter().all(|end| end.is_finite() && *end >= 0.0) && ends.is_sorted();
-        let refused = |name: &str, want: &str| {
-            Err(SystemError::State { name: name.into(), problem: format!("expected {want}") })
-        };
+        let refused =
+            |name: &str, want: &str| Err(SystemError::State { name: name.into(), problem: format!("expected {want}") });
         if error.iter().any(|e| *e < 0.0) {
             return refused("errors.tiles", "errors that are not negative");
         }

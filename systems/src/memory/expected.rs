@@ -123,12 +123,7 @@ mod tests {
 
     #[test]
     fn the_parts_add_up_and_are_named() {
-        let parts = ExpectedMemory {
-            photos: 1_000_000,
-            system: 2_000_000,
-            evaluation: 3_000_000,
-            rest: 4_000_000,
-        };
+        let parts = ExpectedMemory { photos: 1_000_000, system: 2_000_000, evaluation: 3_000_000, rest: 4_000_000 };
         let line = parts.to_string();
         assert!(
             line.starts_with(

@@ -197,7 +197,7 @@ fn a_disk_that_is_full_for_a_while_costs_no_step() {
         run.train(&schedule, None, &mut watch, &Default::default()).unwrap();
     });
     let said: Vec<&String> = watch.warnings.iter().filter(|line| line.contains("training goes on")).collect();
-    assert!(said.len() == 1 && said[0].contains("on the disk is step"), "{:?}", watch.warnings);
+    assert!(said.len() == 1 && said[0].contains("on disk: step"), "{:?}", watch.warnings);
     assert_eq!(arrays(folder.path(), 20), arrays(whole.path(), 20));
 }
 
