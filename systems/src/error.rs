@@ -108,7 +108,7 @@ pub enum RunError {
     },
     /// Files that a finished run has are not there.
     #[error(
-        "`{}` is not whole: {} missing; `train --resume --out {}` makes what can be made again",
+        "`{}` is incomplete, missing: {}; `train --resume --out {}` makes what can be made again",
         folder.display(), listed(files), folder.display()
     )]
     Missing {
@@ -118,7 +118,7 @@ pub enum RunError {
         files: Vec<String>,
     },
     /// Results are known and could not be written.
-    #[error("what is printed above is not in `{}`: {}", folder.display(), listed(problems))]
+    #[error("the results printed above could not be saved in `{}`: {}", folder.display(), listed(problems))]
     Unwritten {
         /// The run folder.
         folder: PathBuf,
@@ -156,6 +156,12 @@ fn listed(names: &[String]) -> String {
 }
 
 impl RunError {
+    /// Whether a file could not be written because a disk, or somebody's share of it, is full.
+    pub(crate) fn is_full(&self) -> bool {
+        let full = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded];
+        matches!(self, Self::Write { source, .. } if full.contains(&source.kind()))
+    }
+
     /// The line with what the system said.
     pub(crate) fn with_reason(&self) -> String {
         match self {

@@ -11,6 +11,7 @@ use crate::names::stem;
 use crate::output::{Storage, make_folder, write_file};
 use crate::picture::write_png;
 use crate::progress::{Meter, Observer};
+use crate::run::note_unwritten;
 use crate::system::System;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -39,6 +40,9 @@ pub struct ScaleTable {
     pub split: Measured,
     /// Full size first.
     pub scales: Vec<ScaleScore>,
+    /// What could not be written, a line each; not part of the file.
+    #[serde(skip)]
+    pub unwritten: Vec<String>,
 }
 
 impl ScaleTable {
@@ -60,7 +64,8 @@ impl ScaleTable {
 }
 
 /// Render and measure all views of `data` at `scales` scales; the pictures go to `renders/scale_2` and so on. An observer that
-/// asks to stop gets the scales that are done; they are not written to `eval_scales.json`.
+/// asks to stop gets the scales that are done; they are not written to `eval_scales.json`. A file that cannot be written is no
+/// reason to have no scores.
 pub(crate) fn evaluate_scales(
     (storage, folder): (&dyn Storage, &Path),
     system: &dyn System,
@@ -75,22 +80,24 @@ pub(crate) fn evaluate_scales(
             "`--scales {scales}`: the smallest held-out side is {smallest} pixels; the smallest scale needs one at least"
         )));
     }
-    let mut rows = Vec::new();
+    let (mut rows, mut unwritten) = (Vec::new(), Vec::new());
     let mut meter = Meter::new("held-out view", data.len() * scales as usize);
     for level in 0..scales {
         let (data, pixel) = (data.at_level(level), 1 << level);
         let renders = folder.join("renders").join(format!("scale_{pixel}"));
-        make_folder(&renders)?;
+        note_unwritten(make_folder(&renders), &mut unwritten)?;
         let scores = evaluate(system, &data, terms, (0, 0.0), |seen| {
             let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
-            write_png(storage, &renders.join(format!("{name}.png")), seen.picture)?;
-            write_png(storage, &renders.join(format!("{name}_truth.png")), seen.truth)?;
+            for (ending, picture) in [("", seen.picture), ("_truth", seen.truth)] {
+                let written = write_png(storage, &renders.join(format!("{name}{ending}.png")), picture);
+                note_unwritten(written, &mut unwritten)?;
+            }
             meter.advance(observer);
             Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
         })?;
         // A scale that was begun and not finished has no mean.
         if scores.left > 0 {
-            return Ok(ScaleTable { split: Measured::of(&data), scales: rows });
+            return Ok(ScaleTable { split: Measured::of(&data), scales: rows, unwritten });
         }
         let seconds: f64 = scores.views.iter().map(|v| v.render_seconds).sum();
         let camera = &data.view(0).camera;
@@ -102,9 +109,10 @@ pub(crate) fn evaluate_scales(
             render_seconds: seconds / data.len() as f64,
         });
     }
-    let table = ScaleTable { split: Measured::of(data), scales: rows };
+    let mut table = ScaleTable { split: Measured::of(data), scales: rows, unwritten };
     let mut text = serde_json::to_string_pretty(&table).expect("a plain struct serialises");
     text.push('\n');
-    write_file(storage, &folder.join("eval_scales.json"), text.as_bytes())?;
+    let written = write_file(storage, &folder.join("eval_scales.json"), text.as_bytes());
+    note_unwritten(written, &mut table.unwritten)?;
     Ok(table)
 }

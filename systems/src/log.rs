@@ -2,7 +2,7 @@
 
 use crate::error::RunError;
 use crate::output::{Disk, write_file};
-use crate::run::refuse_foreign;
+use crate::run::{Home, refuse_foreign};
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -79,6 +79,8 @@ pub struct MetricsLog {
     /// Rows that are in the file, and the length of the file with them.
     written: usize,
     bytes: u64,
+    /// The run folder, where the rows are of a run.
+    home: Option<Home>,
 }
 
 impl MetricsLog {
@@ -101,9 +103,14 @@ impl MetricsLog {
     }
 
     fn of(path: &Path, rows: Vec<Row>) -> Result<Self, RunError> {
-        let mut log = Self { path: path.to_path_buf(), rows, file: None, written: 0, bytes: 0 };
+        let mut log = Self { path: path.to_path_buf(), rows, file: None, written: 0, bytes: 0, home: None };
         log.flush()?;
         Ok(log)
+    }
+
+    /// From now on the file is made again in this folder only, not in another that took its place.
+    pub(crate) fn within(self, home: Home) -> Self {
+        Self { home: Some(home), ..self }
     }
 
     /// Append a row.
@@ -149,11 +156,13 @@ impl MetricsLog {
             }
             _ => {
                 self.file = None;
-                // The folder may have been replaced meanwhile: nothing is written among files of others.
-                refuse_foreign(self.path.parent().unwrap_or(Path::new("."))).map_err(|error| RunError::Write {
-                    path: self.path.clone(),
-                    source: std::io::Error::other(error.to_string()),
-                })?;
+                // The folder may have been replaced meanwhile: nothing is written among files of others, or of another run.
+                let other =
+                    |why: String| RunError::Write { path: self.path.clone(), source: std::io::Error::other(why) };
+                if self.home.as_ref().is_some_and(|home| !home.stands()) {
+                    return Err(other("the run folder was removed or replaced".into()));
+                }
+                refuse_foreign(self.path.parent().unwrap_or(Path::new("."))).map_err(|e| other(e.to_string()))?;
                 let all = format!("{COLUMNS}\n{}", text(&self.rows));
                 write_file(&Disk, &self.path, all.as_bytes())?;
                 let file = OpenOptions::new().append(true).open(&self.path);
@@ -238,6 +247,28 @@ mod tests {
         log.measured((4, 0.5), 21.0).unwrap();
         let psnrs: Vec<_> = read(&path).unwrap().iter().map(|r| (r.step, r.psnr_test)).collect();
         assert_eq!(psnrs, [(1, None), (2, None), (3, Some(20.0)), (4, Some(21.0))]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_file_of_another_run_that_took_the_folders_place_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, moved) = (folder.path().join("run"), folder.path().join("moved"));
+        fs::create_dir(&run).unwrap();
+        let path = run.join("metrics.csv");
+        let row = |step| Row { step, ..Row::default() };
+        let mut log = MetricsLog::create(&path).unwrap().within(Home::of(&run));
+        log.write(&row(1)).unwrap();
+        fs::rename(&run, &moved).unwrap();
+        fs::create_dir(&run).unwrap();
+        MetricsLog::create(&path).unwrap().write(&row(7)).unwrap();
+        assert!(matches!(log.write(&row(2)), Err(RunError::Write { .. })));
+        assert_eq!(read(&path).unwrap(), [row(7)]);
+        // Moved back, it is the same again.
+        fs::remove_dir_all(&run).unwrap();
+        fs::rename(&moved, &run).unwrap();
+        log.write(&row(3)).unwrap();
+        assert_eq!(read(&path).unwrap(), [1, 2, 3].map(row));
     }
 
     #[test]

@@ -90,19 +90,6 @@ pub fn close_files(most: Duration) {
     }
 }
 
-/// Remove what [`write_file`] left in a run folder when its process was killed.
-pub(crate) fn sweep(run: &Path) {
-    let below = fs::read_dir(run).into_iter().flatten().flatten().map(|e| e.path()).filter(|p| p.is_dir());
-    for folder in std::iter::once(run.to_path_buf()).chain(below) {
-        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
-            let path = entry.path();
-            if is_temporary(&path) && !path.is_dir() {
-                let _ = fs::remove_file(path);
-            }
-        }
-    }
-}
-
 /// What a JSON file of a run holds; `None` where there is no such file.
 ///
 /// # Errors
@@ -120,14 +107,17 @@ pub fn make_folder(path: &Path) -> Result<(), RunError> {
     fs::create_dir_all(path).map_err(RunError::write(path))
 }
 
-/// Whether a name is one of [`write_file`]'s temporaries, left by a process that was killed.
-pub(crate) fn is_temporary(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == "tmp")
+/// What [`write_file`] adds to a name.
+const TEMPORARY: &str = ".tmp";
+
+/// The name that a file was to have, where its own is one of [`write_file`]'s temporaries, left by a process that was killed.
+pub(crate) fn temporary_of(path: &Path) -> Option<&str> {
+    path.file_name()?.to_str()?.strip_suffix(TEMPORARY)
 }
 
 fn temporary_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".tmp");
+    name.push(TEMPORARY);
     path.with_file_name(name)
 }
 

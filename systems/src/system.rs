@@ -496,7 +496,7 @@ pub fn take_u64(tensors: &TensorMap, name: &str, len: usize) -> Result<Vec<u64>,
 }
 
 /// Counters a run may have: whatever is counted is counted exactly, and one more is no overflow.
-const MOST_COUNTED: u64 = 1 << 53;
+pub(crate) const MOST_COUNTED: u64 = 1 << 53;
 
 /// Counters of a checkpoint that go on counting: none is larger than a run can count.
 ///

@@ -8,10 +8,11 @@ use systems::progress::{Event, Observer};
 use systems::run::Run;
 use systems::system::{Query, Splats};
 
-/// The cloud of a run at a time. A baked one is kept in the run folder, where the viewer finds it.
-pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Splats, Failure> {
+/// The cloud of a run at a time; `None` where a stop was asked for. A baked one is kept in the run folder, where the viewer finds
+/// it.
+pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Option<Splats>, Failure> {
     if let Some(splats) = run.system.splats() {
-        return Ok(splats);
+        return Ok(Some(splats));
     }
     let is_still = run.train.moments() <= 1;
     let kept = if is_still { load(&run.folder, run.step) } else { None };
@@ -21,7 +22,7 @@ pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Splats
             show.event(Event::Note("baking the field into Gaussians"));
             let query = Query { time, ..run.query() };
             let made = bake(run.system.as_ref(), &run.train, &query, &BakeOptions::DEFAULT, &|| !show.stop_asked())?;
-            let baked = made.ok_or("baking was stopped")?;
+            let Some(baked) = made else { return Ok(None) };
             if is_still && let Err(e) = store(&Disk, &run.folder, run.step, &baked) {
                 // Only the next export and the viewer would have been faster.
                 crate::show::note(&format!("the baked cloud is not kept: {e}"));
@@ -34,5 +35,5 @@ pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Splats
         let n = baked.splats.gaussians.len();
         line(format_args!("{n} Gaussians baked from `{}`: {psnr:.1} dB against its own pictures", run.system.name()));
     }
-    Ok(baked.splats)
+    Ok(Some(baked.splats))
 }

@@ -11,8 +11,8 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let mut show = session.show();
     let mut run = match session.open_to_write(&args.run, &mut show) {
         // Scores can be read without a file.
-        Err(error @ RunError::Write { .. }) => {
-            show.event(Event::Warning(&format!("{error}: scores are printed and not written")));
+        Err(ref error @ RunError::Write { ref source, .. }) => {
+            show.event(Event::Warning(&format!("{error} ({source}): scores are printed but not saved")));
             session.open(&args.run, &mut show)?
         }
         run => run?,
@@ -24,6 +24,9 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
         let table = run.evaluate_scales(scales, &mut show)?;
         show.finish();
         line(table.table().trim_end());
+        if !table.unwritten.is_empty() {
+            return Err(RunError::Unwritten { folder: args.run.clone(), problems: table.unwritten }.into());
+        }
         let done = table.scales.len();
         if done < scales as usize {
             line(format_args!("stopped after {done} of {scales} scales: nothing was written but pictures"));
@@ -34,14 +37,17 @@ pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let evaluation = run.evaluate(lpips.as_ref(), &mut show)?;
     show.finish();
     conclude(Some(&evaluation), &args.run);
-    if evaluation.stopped {
-        line(
-            "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here",
-        );
-        return Ok(Done::Interrupted);
-    }
     if !evaluation.unwritten.is_empty() {
         return Err(RunError::Unwritten { folder: args.run.clone(), problems: evaluation.unwritten }.into());
+    }
+    if evaluation.stopped {
+        line(match evaluation.written {
+            true => "stopped before the report was whole: the scores are in the run, and `eval` again makes the rest",
+            false => {
+                "the scores in the run are those of the last evaluation that was finished; `eval` again goes on from here"
+            }
+        });
+        return Ok(Done::Interrupted);
     }
     Ok(Done::Finished)
 }

@@ -213,7 +213,6 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     }
     if preview.is_empty() {
         show.finish();
-        crate::interrupt::answered();
         line(format_args!("stopped before the first of {} frames", cameras.len()));
         return Ok(Done::Interrupted);
     }

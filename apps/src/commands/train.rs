@@ -51,6 +51,9 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         next_steps(session, &run.folder);
         return Ok(Done::Finished);
     }
+    if args.resume {
+        run.fit_memory(&request, &mut show)?;
+    }
     let done = train(session, &mut run, &schedule, &mut show)?;
     if done == Done::Finished {
         next_steps(session, &run.folder);
@@ -106,15 +109,18 @@ pub(super) fn train(
     let interrupt = show.listen()?;
     let (ended, evaluation) = run.train(schedule, lpips.as_ref(), show, &interrupt)?;
     show.finish();
+    let unwritten = evaluation.as_ref().map(|evaluation| evaluation.unwritten.clone()).unwrap_or_default();
     if ended.reason == Reason::Interrupted {
         if let Some(evaluation) = &evaluation {
             line(evaluation.table().trim_end());
+        }
+        if !unwritten.is_empty() {
+            return Err(RunError::Unwritten { folder: run.folder.clone(), problems: unwritten }.into());
         }
         line(format_args!("stopped at step {}; {}", ended.step, go_on(session, run)));
         return Ok(Done::Interrupted);
     }
     line(format_args!("trained {} steps in {:.1} s", ended.step, ended.seconds));
-    let unwritten = evaluation.as_ref().map(|evaluation| evaluation.unwritten.clone()).unwrap_or_default();
     // Scores are said before anything else may fail.
     let concluded = if unwritten.is_empty() { run.conclude(&interrupt) } else { Ok(Reason::Finished) };
     show.finish();

@@ -139,6 +139,13 @@ fn a_limit_plans_smaller_and_is_kept() {
         assert!(found.peak <= limit << 20, "{system}: {} under {limit} MiB", human(found.peak));
         assert!(found.printed <= limit << 20 && found.printed < free.printed);
         assert!(found.out.contains("less memory than planned for"), "{}", found.out);
+        // What was planned for the limit goes on under it; where nothing is left to do, nothing is looked at.
+        let again = run(&format!("{system}-limited"));
+        let words = ["train", "--resume", "--out", text(&again), "--memory", &limit_text];
+        for (more, said) in [(&["--steps", "12"][..], "resumed at step 10"), (&[][..], "is finished")] {
+            let answer = nerf(&[&words[..], more].concat());
+            assert!(answer.code == 0 && answer.out.contains(said), "{more:?}: {} {}", answer.out, answer.err);
+        }
     }
     // What nothing can be made of is refused before anything is trained.
     let refused = run("refused");

@@ -13,21 +13,18 @@ mod arrays;
 use crate::error::RunError;
 use crate::options::RunConfig;
 use crate::output::{self, Storage, write_file};
-use crate::system::{System, TensorMap};
+use crate::system::{MOST_COUNTED, System, TensorMap};
 use arrays::deserialise;
 pub(crate) use arrays::serialise;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// Checkpoints kept.
 const KEPT: usize = 2;
 /// Longest JSON file that is read, bytes: a configuration has some thousand.
 const LONGEST_JSON: u64 = 16 << 20;
-/// Steps a run may have: beyond, counting them is not exact any more.
-const MOST_STEPS: u64 = 1 << 53;
 /// How random numbers are made.
 const GENERATOR: &str = "philox4x32-10";
 /// Version of the layout of the two files.
@@ -90,7 +87,7 @@ pub fn folder(run: &Path) -> PathBuf {
     run.join("checkpoint")
 }
 
-/// Write a checkpoint of `system` after `step` steps, then remove all but the last two. Returns the path of its JSON file. On a
+/// Write a checkpoint of `system` after `step` steps, then remove all but the last two up to this one. Returns the path of its JSON file. On a
 /// full disk the older of two checkpoints makes room, if the newer one is whole.
 ///
 /// # Errors
@@ -127,21 +124,16 @@ pub fn save(
         write_file(storage, &path, text.as_bytes())
     };
     match write() {
-        Err(RunError::Write { source, .. }) if is_full(&source) && make_room(&folder, step) => write()?,
+        Err(error) if error.is_full() && make_room(&folder, step) => write()?,
         written => written?,
     }
-    let _ = prune(&folder);
+    let _ = prune(&folder, step);
     Ok(path)
-}
-
-/// Whether a disk, or somebody's share of it, is full.
-fn is_full(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
 }
 
 /// Remove what no run needs, and the older checkpoint where the newer one is whole; `false` where there is nothing to remove.
 fn make_room(folder: &Path, step: u64) -> bool {
-    let had_orphans = prune(folder);
+    let had_orphans = prune(folder, step);
     let earlier: Vec<u64> = steps(folder).into_iter().filter(|&other| other != step).collect();
     let whole = earlier.last().is_some_and(|&newest| load(folder, newest).is_ok());
     let Some((_, older)) = earlier.split_last().filter(|(_, older)| whole && !older.is_empty()) else {
@@ -230,8 +222,8 @@ fn plausible(meta: &Meta) -> Result<(), String> {
     let refused = |field: &str, value: &dyn std::fmt::Display, want: &str| {
         Err(format!("JSON file: `{field}` is {value}, expected {want}"))
     };
-    if *step > MOST_STEPS {
-        return refused("step", step, &format!("{MOST_STEPS} at most"));
+    if *step > MOST_COUNTED {
+        return refused("step", step, &format!("{MOST_COUNTED} at most"));
     }
     if !(seconds.is_finite() && *seconds >= 0.0) {
         return refused("seconds", seconds, "a number from 0 on");
@@ -288,19 +280,20 @@ fn step_of(path: &Path, extension: &str) -> Option<u64> {
     path.file_stem()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }
 
-/// Remove all but the newest checkpoints, and what killed processes left; whether there was such. Failing to remove costs disk
-/// space only.
-fn prune(folder: &Path) -> bool {
+/// Remove all but the newest checkpoints of a run that is at `step`, and what killed processes left; whether there was such.
+/// Checkpoints of later steps could not be used: the run went on from one before them. Failing to remove costs disk space only.
+fn prune(folder: &Path, step: u64) -> bool {
     let steps = steps(folder);
-    let kept = &steps[steps.len().saturating_sub(KEPT)..];
-    for step in &steps[..steps.len() - kept.len()] {
+    let reached = &steps[..steps.partition_point(|&other| other <= step)];
+    let kept = &reached[reached.len().saturating_sub(KEPT)..];
+    for step in steps.iter().filter(|step| !kept.contains(step)) {
         let _ = fs::remove_file(folder.join(format!("step-{step:08}.json")));
     }
     let mut had_orphans = false;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         let orphan = step_of(&path, "safetensors").is_some_and(|step| !kept.contains(&step));
-        if orphan || output::is_temporary(&path) {
+        if orphan || output::temporary_of(&path).is_some() {
             had_orphans |= fs::remove_file(path).is_ok();
         }
     }

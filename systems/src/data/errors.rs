@@ -95,9 +95,13 @@ impl ErrorMap {
         let ends = crate::system::take_u64(state, "errors.sums", self.ends.len())?;
         let ends: Vec<f64> = ends.into_iter().map(f64::from_bits).collect();
         let sums = |ends: &[f64]| ends.iter().all(|end| end.is_finite() && *end >= 0.0) && ends.is_sorted();
-        if !sums(&ends) || error.iter().any(|e| *e < 0.0) {
-            let problem = "sums of errors neither fall nor are below 0".into();
-            return Err(SystemError::State { name: "errors.sums".into(), problem });
+        let refused =
+            |name: &str, want: &str| Err(SystemError::State { name: name.into(), problem: format!("expected {want}") });
+        if error.iter().any(|e| *e < 0.0) {
+            return refused("errors.tiles", "errors that are not negative");
+        }
+        if !sums(&ends) {
+            return refused("errors.sums", "sums that never decrease and are not negative");
         }
         (self.error, self.ends) = (error, ends);
         Ok(())
@@ -159,6 +163,24 @@ mod tests {
         assert_eq!(map.draw(0.24), (0, TILE, 0));
         assert_eq!(map.draw(0.26), (1, 0, TILE));
         assert_eq!(map.draw(0.999), (1, 0, TILE));
+    }
+
+    #[test]
+    fn what_no_map_holds_is_refused_by_the_name_of_its_array() {
+        let state = |tiles: [f32; 6], sums: [f64; 6]| -> TensorMap {
+            let sums = sums.map(f64::to_bits).to_vec();
+            let arrays = [f32_tensor("errors.tiles", &tiles), crate::system::u64_tensor("errors.sums", sums)];
+            arrays.into_iter().map(|array| (array.name.clone(), array.into_owned())).collect()
+        };
+        let mut own = map(&[0.0; 6]);
+        own.load_state(&state([1.0; 6], [1.0; 6])).unwrap();
+        let rising = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
+        let negative = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0];
+        let falling = [1.0, 0.0, 2.0, 3.0, 4.0, 5.0];
+        for (name, tiles, sums) in [("errors.tiles", negative, rising), ("errors.sums", [0.0; 6], falling)] {
+            let error = own.load_state(&state(tiles, sums)).unwrap_err();
+            assert!(matches!(&error, SystemError::State { name: of, .. } if of == name), "{error}");
+        }
     }
 
     #[test]

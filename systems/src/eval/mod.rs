@@ -159,6 +159,9 @@ pub struct Evaluation {
     /// Whether a stop was asked for before all was measured and written down; not part of the file.
     #[serde(skip)]
     pub stopped: bool,
+    /// Whether `eval.json` holds these scores; not part of the file.
+    #[serde(skip)]
+    pub written: bool,
     /// What could not be written, a line each; not part of the file.
     #[serde(skip)]
     pub unwritten: Vec<String>,
@@ -339,6 +342,7 @@ pub fn evaluate_from(
         views,
         left,
         stopped: left > 0,
+        written: false,
         unwritten: Vec::new(),
         skips: None,
     })

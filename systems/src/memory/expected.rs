@@ -26,8 +26,6 @@ pub struct ExpectedMemory {
     pub evaluation: u64,
     /// The program itself, the scene, what decoding and planning took, and what a checkpoint takes while it is written.
     pub rest: u64,
-    /// What was seen in a rehearsal is in it; otherwise it comes from formulas alone.
-    pub rehearsed: bool,
 }
 
 /// What the parts are made of.
@@ -63,7 +61,6 @@ impl ExpectedMemory {
             system: needs.system + needs.system * SCRATCH.0 / SCRATCH.1 + needs.growth,
             evaluation: needs.evaluation(),
             rest: held.saturating_sub(needs.system) + needs.state,
-            rehearsed: false,
         }
     }
 
@@ -75,7 +72,7 @@ impl ExpectedMemory {
         // What it may hold by its formulas, of what was seen.
         let system = (needs.system + needs.growth).min(seen.saturating_sub(photos));
         let rest = seen.saturating_sub(photos + system);
-        Self { photos, system, evaluation: needs.evaluation(), rest, rehearsed: true }
+        Self { photos, system, evaluation: needs.evaluation(), rest }
     }
 
     /// All parts together.
@@ -126,13 +123,7 @@ mod tests {
 
     #[test]
     fn the_parts_add_up_and_are_named() {
-        let parts = ExpectedMemory {
-            photos: 1_000_000,
-            system: 2_000_000,
-            evaluation: 3_000_000,
-            rest: 4_000_000,
-            rehearsed: false,
-        };
+        let parts = ExpectedMemory { photos: 1_000_000, system: 2_000_000, evaluation: 3_000_000, rest: 4_000_000 };
         let line = parts.to_string();
         assert!(
             line.starts_with(

@@ -13,29 +13,31 @@ use crate::train::Schedule;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What tells one folder from another: device and number; `None` where the system has no such numbers.
 type Id = Option<(u64, u64)>;
 
-/// Names of the two files that say what a run is.
+/// The file that says which frames are held out.
 pub(super) const HELD_OUT: &str = "heldout.txt";
 
-/// A run folder, and which one it was.
-#[derive(Debug)]
-pub(super) struct Home {
+/// A run folder, and which one it is. Clones know when it was made again.
+#[derive(Clone, Debug)]
+pub(crate) struct Home {
     folder: PathBuf,
-    id: Id,
+    id: Arc<Mutex<Id>>,
 }
 
 impl Home {
     /// The folder as it is now.
-    pub(super) fn of(folder: &Path) -> Self {
-        Self { folder: folder.into(), id: id_of(folder).flatten() }
+    pub(crate) fn of(folder: &Path) -> Self {
+        Self { folder: folder.into(), id: Arc::new(Mutex::new(id_of(folder).flatten())) }
     }
 
     /// Whether the folder is there and the same.
-    pub(super) fn stands(&self) -> bool {
-        id_of(&self.folder).is_some_and(|id| id == self.id)
+    pub(crate) fn stands(&self) -> bool {
+        let own = *self.id.lock().unwrap_or_else(PoisonError::into_inner);
+        id_of(&self.folder).is_some_and(|id| id == own)
     }
 
     /// Make the folder again where it is gone: `texts` are its first files, names and content. `true` where that was needed.
@@ -43,7 +45,7 @@ impl Home {
     /// # Errors
     /// [`RunError::Write`] where it cannot be made, or where something else lies there now.
     pub(super) fn restore(
-        &mut self,
+        &self,
         lock: &mut Option<FolderLock>,
         storage: &dyn Storage,
         texts: &[(&str, String)],
@@ -59,13 +61,18 @@ impl Home {
         }
         place::refuse_foreign(&self.folder).map_err(|e| foreign(e.to_string()))?;
         make_folder(&self.folder)?;
-        // The old lock is on a file that has no name any more.
-        *lock = FolderLock::take(&self.folder)?;
+        // The old lock is on a file that has no name any more, or it is what an earlier try took here.
+        *lock = None;
+        *lock = FolderLock::take(&self.folder).map_err(|error| match error {
+            // Whoever is there may go again.
+            RunError::Busy { .. } => foreign(error.to_string()),
+            error => error,
+        })?;
         for (name, text) in texts {
             write_file(storage, &self.folder.join(name), text.as_bytes())?;
         }
         planned::write(storage, &self.folder, schedule, observer);
-        self.id = id_of(&self.folder).flatten();
+        *self.id.lock().unwrap_or_else(PoisonError::into_inner) = id_of(&self.folder).flatten();
         let line = format!(
             "`{}` was removed or replaced while the run went on: it is made again; what lay in it before is gone",
             self.folder.display()

@@ -72,11 +72,11 @@ impl Host for RunHost<'_> {
             Err(error @ RunError::Write { .. }) => {
                 if !std::mem::replace(&mut self.unsaved, true) {
                     let last = match checkpoint::newest_step(self.keeper.folder) {
-                        Some(step) => format!("on the disk is step {step}"),
-                        None => "nothing is on the disk yet".into(),
+                        Some(step) => format!("Newest checkpoint on disk: step {step}"),
+                        None => "No checkpoint is on disk yet".into(),
                     };
                     let line = format!(
-                        "{}: training goes on in memory and tries again every few seconds; {last}",
+                        "{}: training goes on; the checkpoint is tried again every few seconds. {last}",
                         error.with_reason()
                     );
                     self.observer.event(Event::Warning(&line));

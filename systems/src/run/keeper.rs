@@ -19,7 +19,7 @@ use std::path::Path;
 /// What a run writes besides its results, and where.
 pub(super) struct Keeper<'r> {
     pub(super) folder: &'r Path,
-    pub(super) home: &'r mut Home,
+    pub(super) home: &'r Home,
     pub(super) lock: &'r mut Option<FolderLock>,
     pub(super) storage: &'r dyn Storage,
     pub(super) schedule: &'r Schedule,

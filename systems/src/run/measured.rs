@@ -2,6 +2,7 @@
 
 use super::Run;
 use super::kept::{self, KeptViews, PICTURES};
+use super::lock::FolderLock;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::{
@@ -22,6 +23,9 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+/// The scores, in the run folder.
+const EVAL: &str = "eval.json";
+
 impl Run<'_> {
     /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report. Where
     /// the observer asks to stop, the views measured so far come back, and only their pictures are written; the next call goes
@@ -32,11 +36,7 @@ impl Run<'_> {
     /// images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
-        let _lock = match self.write_lock(observer) {
-            // Nothing can be written here, so there is no other writer.
-            Err(RunError::Write { .. }) => None,
-            lock => lock?,
-        };
+        let _lock = self.lock_if_writable(observer)?;
         let (protocol, query) = self.protocol()?;
         let mut evaluation = measure_and_write(
             (self.parts.storage, &self.folder),
@@ -58,25 +58,35 @@ impl Run<'_> {
                     self.write_summary()?;
                 }
                 self.write_showcase(observer)?;
+                // Later, everything is there.
+                evaluation.stopped = observer.stop_asked();
                 report::write(self.parts.storage, &self.folder)
             };
             note_unwritten(rest(), &mut evaluation.unwritten)?;
         }
-        evaluation.stopped = observer.stop_asked();
         Ok(evaluation)
     }
 
-    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures.
+    /// Measure the held-out views at full, half, quarter … size; writes `eval_scales.json` and the pictures. What cannot be written
+    /// is in [`ScaleTable::unwritten`].
     ///
     /// # Errors
     /// As [`Run::evaluate`], and [`RunError::Option`] for more scales than the images have.
     pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
         self.need_held_out()?;
-        let _lock = self.write_lock(observer)?;
+        let _lock = self.lock_if_writable(observer)?;
         let place = (self.parts.storage, self.folder.as_path());
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(None));
         evaluate_scales(place, self.system.as_ref(), &self.held_out, &terms, scales, observer)
+    }
+
+    /// As [`Run::write_lock`]; none where nothing can be written, so that there is no other writer.
+    fn lock_if_writable(&self, observer: &mut dyn Observer) -> Result<Option<FolderLock>, RunError> {
+        match self.write_lock(observer) {
+            Err(RunError::Write { .. }) => Ok(None),
+            lock => lock,
+        }
     }
 
     fn need_held_out(&self) -> Result<(), RunError> {
@@ -167,9 +177,11 @@ pub(super) fn measure_and_write(
         evaluation.stopped = terms.query.halt.raised();
     }
     if !evaluation.stopped {
-        let scores = [("eval.json", evaluation.json()), ("eval.csv", evaluation.csv())];
+        let scores = [(EVAL, evaluation.json()), ("eval.csv", evaluation.csv())];
         for (name, text) in scores {
+            let before = unwritten.len();
             note_unwritten(write_file(storage, &folder.join(name), text.as_bytes()), &mut unwritten)?;
+            evaluation.written |= name == EVAL && unwritten.len() == before;
         }
     }
     evaluation.unwritten = unwritten;
@@ -177,7 +189,7 @@ pub(super) fn measure_and_write(
 }
 
 /// Note a file that could not be written; other errors are errors.
-pub(super) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
+pub(crate) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
     match written {
         Err(error @ RunError::Write { .. }) => unwritten.push(error.with_reason()),
         other => other?,

@@ -11,6 +11,15 @@ use crate::system::{System, TensorData};
 /// Share of what is available above which the machine may get slow.
 const TIGHT: f64 = 0.9;
 
+/// By how much a run needs too much.
+fn beyond(excess: u64) -> String {
+    let excess = human(excess);
+    match limit() {
+        Some(limit) => format!("{excess} more than `--memory` allows ({})", human(limit)),
+        None => format!("{excess} more than the machine can give now"),
+    }
+}
+
 impl Run<'_> {
     /// What the run will need, as far as it is known before its first step.
     pub fn expected_memory(&self) -> ExpectedMemory {
@@ -18,11 +27,13 @@ impl Run<'_> {
     }
 
     /// Find out what the run will need. Where there is a limit and it needs more, settings that the user did not choose
-    /// are reduced, in a new run.
+    /// are reduced, in a new run. One that has begun goes on whatever is found: it was planned with what it has, and its own
+    /// arrays are counted beside those of the rehearsal.
     ///
     /// # Errors
-    /// [`RunError::Untrainable`] where it needs more than there is, [`RunError::System`] where a smaller system cannot be made.
-    pub(super) fn fit_memory(&mut self, request: &Request, observer: &mut dyn Observer) -> Result<(), RunError> {
+    /// [`RunError::Untrainable`] where a new run needs more than there is, [`RunError::System`] where a smaller system cannot be
+    /// made.
+    pub fn fit_memory(&mut self, request: &Request, observer: &mut dyn Observer) -> Result<(), RunError> {
         let mut reduced = Vec::new();
         let mut expected = self.by_formula(request);
         while limit().is_some() && expected.excess().is_some() && self.make_smaller(request, &mut reduced)? {
@@ -44,6 +55,15 @@ impl Run<'_> {
             self.plan.push(format!("less memory than planned for (`--memory`): {}", list.join(", ")));
         }
         match expected.excess() {
+            Some(excess) if self.resumed_at.is_some() => {
+                let line = format!(
+                    "the run may need {}, {}: it goes on as it was planned",
+                    human(expected.total()),
+                    beyond(excess)
+                );
+                observer.event(Event::Warning(&line));
+                Ok(())
+            }
             Some(excess) => Err(RunError::Untrainable(self.too_much(&expected, excess))),
             None => {
                 self.warn_if_tight(&expected, observer);
@@ -53,21 +73,13 @@ impl Run<'_> {
     }
 
     fn too_much(&self, expected: &ExpectedMemory, excess: u64) -> String {
-        let (total, excess) = (human(expected.total()), human(excess));
-        let (photos, system) = (human(expected.photos), human(expected.system));
+        let [total, photos, system] = [expected.total(), expected.photos, expected.system].map(human);
+        let needs =
+            format!("the run needs {total} (photos {photos}, {} {system}), {}", self.config.system, beyond(excess));
         let way_out = "give `--longest-side PX`, `--image-memory MIB` or smaller settings with `--set`";
         match limit() {
-            Some(limit) => format!(
-                "the run needs {total} (photos {photos}, {} {system}), {excess} more than `--memory` allows ({}): {way_out}, or \
-                 allow more",
-                self.config.system,
-                human(limit)
-            ),
-            None => format!(
-                "the run needs {total} (photos {photos}, {} {system}), {excess} more than the machine can give now: \
-                 `--memory MIB` plans a smaller one; or {way_out}",
-                self.config.system
-            ),
+            Some(_) => format!("{needs}: {way_out}, or allow more"),
+            None => format!("{needs}: `--memory MIB` plans a smaller one; or {way_out}"),
         }
     }
 

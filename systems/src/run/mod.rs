@@ -45,7 +45,7 @@ use crate::identity::dataset_hash;
 use crate::log::MetricsLog;
 use crate::memory::{ExpectedMemory, limit};
 use crate::options::{DataOptions, IMAGE_MEMORY_MIB, Plan, Request, RunConfig, RunOptions};
-use crate::output::{self, Disk, Storage, read_json, write_file};
+use crate::output::{Disk, Storage, read_json, write_file};
 use crate::photo_points::provide;
 use crate::plan::{self, keep_training_points};
 use crate::progress::{Event, Observer};
@@ -54,12 +54,13 @@ use crate::summary::{SceneSummary, Summary};
 use crate::system::{System, SystemError};
 use crate::train::{Ended, Reason, Schedule, Stop, train};
 use datasets::datasets;
-use home::Home;
+pub(crate) use home::Home;
 use host::RunHost;
 use keeper::{Keeper, first_files};
 pub use lock::FolderLock;
 use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
+pub(crate) use measured::note_unwritten;
 use patience::insist;
 pub(crate) use place::refuse_foreign;
 pub use place::{clear, config};
@@ -143,9 +144,9 @@ impl<'a> Run<'a> {
         if let Some(step) = checkpoint::newest_step(folder) {
             return Err(RunError::RunExists { folder: folder.into(), step });
         }
-        output::sweep(folder);
+        place::sweep(folder);
         // Found out now, not after an hour of training.
-        let probe = folder.join(".writable");
+        let probe = folder.join(place::PROBE);
         write_file(parts.storage, &probe, b"yes")?;
         std::fs::remove_file(&probe).map_err(RunError::write(&probe))?;
 
@@ -250,12 +251,8 @@ impl<'a> Run<'a> {
         }
         let lock = take_lock(folder, observer)?;
         // Left by processes that were killed: whoever holds the lock is alone.
-        output::sweep(folder);
-        let mut run = Self { lock, ..Self::open(folder, request, parts, observer)? };
-        if request.rehearsal {
-            run.fit_memory(request, observer)?;
-        }
-        Ok(run)
+        place::sweep(folder);
+        Ok(Self { lock, ..Self::open(folder, request, parts, observer)? })
     }
 
     /// Open the run in `folder` at its newest usable checkpoint, to read it. What `request` says must agree with the run.
@@ -369,15 +366,16 @@ impl<'a> Run<'a> {
             self.lock = take_lock(&self.folder, observer)?;
         }
         self.halt = observer.halt();
+        self.write_lost()?;
         let path = self.folder.join("metrics.csv");
-        let mut log = MetricsLog::resume(&path, self.step)?;
+        let mut log = MetricsLog::resume(&path, self.step)?.within(self.home.clone());
         planned::write(self.parts.storage, &self.folder, schedule, observer);
         self.train.decode()?;
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(lpips));
         let keeper = Keeper {
             folder: &self.folder,
-            home: &mut self.home,
+            home: &self.home,
             lock: &mut self.lock,
             storage: self.parts.storage,
             schedule,
@@ -390,13 +388,14 @@ impl<'a> Run<'a> {
         let start = (self.step, self.seconds);
         let mut ended = train(self.system.as_mut(), &self.train, schedule, start, &mut log, &mut host, interrupt)?;
         let mut evaluation = host.evaluation.take();
-        host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer)?;
+        let kept = host.keeper.keep_up(self.system.as_ref(), (ended.step, ended.seconds), host.observer);
         if evaluation.as_ref().is_some_and(|evaluation| evaluation.stopped) {
             ended.reason = Reason::Interrupted;
         }
         (self.step, self.seconds) = (ended.step, ended.seconds);
-        let written = insist(schedule.disk_wait, observer, |_| log.flush());
-        let written = written.and_then(|()| self.write_rest(schedule, &mut ended, observer));
+        let written = kept
+            .and_then(|()| insist(schedule.disk_wait, observer, |_| log.flush()))
+            .and_then(|()| self.write_rest(schedule, &mut ended, observer));
         match (written, &mut evaluation) {
             // The scores are to be seen whatever else is wrong.
             (Err(error @ RunError::Write { .. }), Some(evaluation)) => {

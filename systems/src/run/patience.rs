@@ -34,11 +34,8 @@ pub(super) fn insist<T>(
             return Err(error);
         }
         if !said {
-            let line = format!(
-                "{}: trying again for {:.0} s: make room meanwhile",
-                error.with_reason(),
-                left.as_secs_f64().ceil()
-            );
+            let room = if error.is_full() { "; please free some space" } else { "" };
+            let line = format!("{}; trying again for {:.0} s{room}", error.with_reason(), left.as_secs_f64().ceil());
             observer.event(Event::Warning(&line));
             said = true;
         }
@@ -70,6 +67,8 @@ mod tests {
             Err(full())
         });
         assert!(tried.is_err() && tries == 1);
+        let denied = RunError::Write { path: "a".into(), source: io::ErrorKind::PermissionDenied.into() };
+        assert!(full().is_full() && !denied.is_full());
         let tried: Result<(), _> = insist(Duration::from_secs(60), &mut Silent, |_| Err(RunError::Option("no".into())));
         assert_eq!(tried.unwrap_err().to_string(), "no");
     }

@@ -7,6 +7,7 @@ use crate::crop;
 use crate::error::RunError;
 use crate::eval::masks;
 use crate::options::RunConfig;
+use crate::output::temporary_of;
 use crate::photo_points::provide;
 use crate::report::{self, AppearanceRow};
 use crate::summary::Summary;
@@ -16,6 +17,9 @@ use std::path::{Path, PathBuf};
 
 /// The configuration of a run in its folder.
 pub(super) const CONFIG: &str = "config.toml";
+
+/// Written and removed again, to see whether anything can be written.
+pub(super) const PROBE: &str = ".writable";
 
 /// What a run writes into its folder.
 const OWN: [&str; 21] = [
@@ -86,9 +90,61 @@ pub fn clear(folder: &Path) -> Result<(), RunError> {
     Ok(())
 }
 
+/// Remove what [`write_file`](crate::output::write_file) left in a run folder when its process was killed: of files that a run
+/// writes, in folders that a run makes. Links are not followed.
+pub(super) fn sweep(run: &Path) {
+    let is_own = |name: &str| name == PROBE || OWN.contains(&name);
+    for entry in fs::read_dir(run).into_iter().flatten().flatten() {
+        let (path, Ok(what)) = (entry.path(), entry.file_type()) else { continue };
+        if what.is_file() && temporary_of(&path).is_some_and(is_own) {
+            let _ = fs::remove_file(path);
+        } else if what.is_dir() && entry.file_name().to_str().is_some_and(is_own) {
+            sweep_below(&path);
+        }
+    }
+}
+
+/// The same in a folder of a run, where names come from photos.
+fn sweep_below(folder: &Path) {
+    let is_own = |name: &str| [".json", ".safetensors", ".png"].iter().any(|ending| name.ends_with(ending));
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (path, Ok(what)) = (entry.path(), entry.file_type()) else { continue };
+        if what.is_file() && temporary_of(&path).is_some_and(is_own) {
+            let _ = fs::remove_file(path);
+        } else if what.is_dir() {
+            sweep_below(&path);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_killed_processes_left_is_swept_and_what_others_keep_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let (place, data) = (folder.path().join("run"), folder.path().join("data"));
+        let own = [
+            "config.toml.tmp",
+            "checkpoint/step-00000003.json.tmp",
+            "renders/scale_2/a.png.tmp",
+            "masks/side_by_side/a.png.tmp",
+        ];
+        let others = ["letter.tmp", "photos/a.png.tmp", "checkpoint/letter.tmp", "masks/a.png", "metrics.csv"];
+        for name in own.iter().chain(&others) {
+            let path = place.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, b"").unwrap();
+        }
+        fs::create_dir(&data).unwrap();
+        fs::write(data.join("a.png.tmp"), b"").unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&data, place.join("appearance")).unwrap();
+        sweep(&place);
+        assert!(own.iter().all(|name| !place.join(name).exists()));
+        assert!(others.iter().all(|name| place.join(name).exists()) && data.join("a.png.tmp").exists());
+    }
 
     #[test]
     fn an_empty_folder_and_hidden_files_are_no_obstacle_and_other_files_are() {

@@ -56,13 +56,14 @@ impl Run<'_> {
         if observer.stop_asked() {
             return Ok(());
         }
-        // Masks that somebody asked for at this step are at least as many.
-        if MaskTable::read(&self.folder.join(masks::FOLDER))?.is_some_and(|table| table.steps == self.step) {
-            return Ok(());
-        }
         let photos = self.train.views().iter().filter(|v| v.level == 0).count();
         let options = MaskOptions { every: photos.div_ceil(SHOWN).max(1), empty: EmptyClass::default() };
         let place = self.folder.join(masks::FOLDER);
+        // Masks of this step that somebody asked for will do, if they are as many: those of a stop on the way are fewer.
+        let enough = |table: MaskTable| table.steps == self.step && table.views.len() >= photos.div_ceil(options.every);
+        if MaskTable::read(&place)?.is_some_and(enough) {
+            return Ok(());
+        }
         let at = (self.parts.storage, place.as_path());
         write_masks(at, (self.system.as_ref(), self.step), (&self.scene, &self.train), options, observer)?;
         Ok(())

@@ -1,5 +1,6 @@
 //! Whether a run is whole: every file that it promises is there, and something says that all of them were made.
 
+use super::keeper::first_files;
 use super::kept::PICTURES;
 use super::{Run, datasets, home, place};
 use crate::checkpoint;
@@ -19,6 +20,20 @@ struct Finished {
 }
 
 impl Run<'_> {
+    /// Write those of a run's first files that are not there any more: nothing else makes them again.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub(super) fn write_lost(&self) -> Result<(), RunError> {
+        for (name, text) in first_files(&self.config, &self.scene, &self.held_out)? {
+            let path = self.folder.join(name);
+            if !path.is_file() {
+                write_file(self.parts.storage, &path, text.as_bytes())?;
+            }
+        }
+        Ok(())
+    }
+
     /// Whether all that follows the training was done at this step.
     pub(super) fn is_marked(&self) -> bool {
         let said = read_json::<Finished>(&self.folder.join(FILE)).ok().flatten();

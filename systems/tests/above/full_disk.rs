@@ -3,7 +3,7 @@
 use crate::common::{Watch, arrays, request, resume, sky_scene, start, with_parts};
 use std::fs::{self, File};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -190,29 +190,51 @@ fn a_disk_that_is_full_for_a_while_costs_no_step() {
     let folder = tempfile::tempdir().unwrap();
     let left = Arc::new(AtomicU64::new(u64::MAX));
     let storage = Filling { left: left.clone() };
-    let mut watch = Filler { left, at: [4, 12], size, warnings: Vec::new() };
+    let mut watch = Filler { left, at: [4, 12], size, removes: None, warnings: Vec::new() };
     let schedule = Schedule { checkpoint_every: Duration::ZERO, ..impatient(20) };
     with_parts(&storage, &sky_scene(8, 16, false), |parts| {
         let mut run = Run::create(folder.path(), &request(), parts, &mut watch).unwrap();
         run.train(&schedule, None, &mut watch, &Default::default()).unwrap();
     });
     let said: Vec<&String> = watch.warnings.iter().filter(|line| line.contains("training goes on")).collect();
-    assert!(said.len() == 1 && said[0].contains("on the disk is step"), "{:?}", watch.warnings);
+    assert!(said.len() == 1 && said[0].contains("on disk: step"), "{:?}", watch.warnings);
     assert_eq!(arrays(folder.path(), 20), arrays(whole.path(), 20));
 }
 
-/// Fills a disk after one step and gives room again after another.
+#[test]
+fn a_run_folder_that_is_removed_on_a_full_disk_is_made_again_once_there_is_room() {
+    let whole = tempfile::tempdir().unwrap();
+    start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
+    let below = tempfile::tempdir().unwrap();
+    let folder = below.path().join("run");
+    let left = Arc::new(AtomicU64::new(u64::MAX));
+    let storage = Filling { left: left.clone() };
+    let mut watch = Filler { left, at: [4, 12], size: 0, removes: Some(folder.clone()), warnings: Vec::new() };
+    let schedule = Schedule { checkpoint_every: Duration::ZERO, ..impatient(20) };
+    with_parts(&storage, &sky_scene(8, 16, false), |parts| {
+        let mut run = Run::create(&folder, &request(), parts, &mut watch).unwrap();
+        run.train(&schedule, None, &mut watch, &Default::default()).unwrap();
+    });
+    assert!(watch.warnings.iter().any(|line| line.contains("training goes on")), "{:?}", watch.warnings);
+    assert_eq!(arrays(&folder, 20), arrays(whole.path(), 20));
+}
+
+/// Fills a disk after one step, when it may remove a folder, too, and gives room again after another.
 struct Filler {
     left: Arc<AtomicU64>,
     at: [u64; 2],
     size: u64,
+    removes: Option<PathBuf>,
     warnings: Vec<String>,
 }
 
 impl Observer for Filler {
     fn event(&mut self, event: Event<'_>) {
         match event {
-            Event::Step(progress) if progress.step == self.at[0] => self.left.store(self.size / 2, Ordering::Relaxed),
+            Event::Step(progress) if progress.step == self.at[0] => {
+                self.left.store(self.size / 2, Ordering::Relaxed);
+                self.removes.iter().for_each(|folder| fs::remove_dir_all(folder).unwrap());
+            }
             Event::Step(progress) if progress.step == self.at[1] => self.left.store(u64::MAX, Ordering::Relaxed),
             Event::Warning(line) => self.warnings.push(line.into()),
             _ => {}

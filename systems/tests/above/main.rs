@@ -5,6 +5,7 @@ mod bake;
 mod common;
 mod data;
 mod full_disk;
+mod late;
 mod light;
 mod mesh;
 mod objects;

@@ -165,13 +165,27 @@ fn the_last_two_checkpoints_are_kept() {
     two_checkpoints(folder.path());
     fs::write(folder.path().join("checkpoint/step-00000025.safetensors.tmp"), b"left by a killed process").unwrap();
     resume(folder.path(), Stop::Steps(30), &mut Watch::default()).unwrap();
-    let mut names: Vec<String> = fs::read_dir(folder.path().join("checkpoint"))
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
+    assert_eq!(checkpoint_files(folder.path()), files_of([20, 30]));
+}
+
+fn checkpoint_files(run: &Path) -> Vec<String> {
+    let entries = fs::read_dir(run.join("checkpoint")).unwrap();
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
-    let want = [20, 30].map(|s| [format!("step-{s:08}.json"), format!("step-{s:08}.safetensors")]).concat();
-    assert_eq!(names, want);
+    names
+}
+
+fn files_of(steps: [u64; 2]) -> Vec<String> {
+    steps.map(|s| [format!("step-{s:08}.json"), format!("step-{s:08}.safetensors")]).concat()
+}
+
+#[test]
+fn a_broken_checkpoint_costs_no_good_one_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    two_checkpoints(folder.path());
+    fs::write(folder.path().join("checkpoint/step-00000020.safetensors"), b"nothing").unwrap();
+    resume(folder.path(), Stop::Steps(12), &mut Watch::default()).unwrap();
+    assert_eq!(checkpoint_files(folder.path()), files_of([10, 12]));
 }
 
 #[test]

@@ -25,11 +25,10 @@ pub(crate) struct Apps(PathBuf);
 
 impl Apps {
     /// Make them in `folder`.
-    #[cfg(unix)]
     pub(crate) fn in_folder(folder: &Path) -> Result<Self, String> {
         let own = std::env::current_exe().map_err(|e| e.to_string())?;
         for name in ["nerf-static", "nerf-dynamic", "nerf-wild"] {
-            std::os::unix::fs::symlink(&own, folder.join(name)).map_err(|e| e.to_string())?;
+            link(&own, &folder.join(name)).map_err(|e| e.to_string())?;
         }
         Ok(Self(folder.into()))
     }
@@ -47,6 +46,17 @@ impl Apps {
     pub(crate) fn run(&self, app: &str, words: &[String]) -> Result<Answer, String> {
         self.start(app, words)?.end()
     }
+}
+
+#[cfg(unix)]
+fn link(to: &Path, at: &Path) -> std::io::Result<()> {
+    std::os::unix::fs::symlink(to, at)
+}
+
+/// Not asked for: there are no signals, so there is no campaign.
+#[cfg(not(unix))]
+fn link(_: &Path, _: &Path) -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
 }
 
 /// A command that goes on.

@@ -164,7 +164,9 @@ impl Job<'_> {
     }
 
     fn splats(&mut self, path: &Path) -> Result<(), Stopped> {
-        let SplatFile { cloud, widening, .. } = self.subject.gaussians(self.args.time, &mut self.show)?;
+        let Some(SplatFile { cloud, widening, .. }) = self.subject.gaussians(self.args.time, &mut self.show)? else {
+            return Err(self.stopped(&format!("{} was not written", path.display())));
+        };
         let cloud = self.crop.cloud(&cloud)?;
         let options = SplatOptions { widening: widening.unwrap_or_default(), ..SplatOptions::default() };
         for note in write_splats(path, &cloud, &options)? {
@@ -256,15 +258,14 @@ impl Job<'_> {
         let mut points = 0;
         let mut meter = Meter::new("photo", views.len());
         for (i, view) in views.iter().enumerate() {
-            if show.stop_asked() {
+            let cloud =
+                (!show.stop_asked()).then(|| frame_points(run.system.as_ref(), view, &run.query(), !args.rough));
+            // What a stop came upon is not whole.
+            let Some(cloud) = cloud.filter(|_| !show.stop_asked()) else {
                 show.finish();
                 line(format_args!("stopped after {i} of {} photos, which are in {}", views.len(), folder.display()));
                 return Err(Stopped::Interrupted);
-            }
-            let cloud = frame_points(run.system.as_ref(), view, &run.query(), !args.rough);
-            if show.stop_asked() {
-                continue;
-            }
+            };
             points += cloud.positions.len();
             write_points(&folder.join(format!("frame_{i:06}.ply")), &cloud)?;
             meter.advance(show);

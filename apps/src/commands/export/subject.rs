@@ -59,15 +59,17 @@ impl Subject {
         }
     }
 
-    /// The Gaussians to write: those of a cloud, or a field baked into some.
-    pub(super) fn gaussians(&self, time: f64, show: &mut Show) -> Result<SplatFile, Failure> {
+    /// The Gaussians to write: those of a cloud, or a field baked into some; `None` where a stop was asked for meanwhile.
+    pub(super) fn gaussians(&self, time: f64, show: &mut Show) -> Result<Option<SplatFile>, Failure> {
         match self {
             Self::Run(run) => {
                 let cloud = super::super::baked::splats(run, time, show)?;
-                let widening = Some(cloud.rules.widening);
-                Ok(SplatFile { cloud: cloud.gaussians, widening, notes: Vec::new() })
+                Ok(cloud.map(|cloud| {
+                    let widening = Some(cloud.rules.widening);
+                    SplatFile { cloud: cloud.gaussians, widening, notes: Vec::new() }
+                }))
             }
-            Self::File { read, .. } => Ok(SplatFile::clone(read)),
+            Self::File { read, .. } => Ok(Some(SplatFile::clone(read))),
         }
     }
 
