@@ -384,6 +384,15 @@ pub trait System: Send + Sync {
         Ok(None)
     }
 
+    /// Look at a training view as it will be looked at between steps and for masks, one ray for each square of `stride` pixels a
+    /// side, and forget what was seen. False for a system that never looks. For rehearsals: what it takes is to be seen.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when the image cannot be read.
+    fn look(&self, _data: &Dataset, _view: usize, _stride: u32) -> Result<bool, SystemError> {
+        Ok(false)
+    }
+
     /// Density at points of the scene's frame at a time, 1 / world unit. `out` has one entry a point. A cloud of Gaussians
     /// ([`System::splats`]) has opacity on a picture and no density: 0.
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]);

@@ -7,6 +7,8 @@ use std::fmt;
 const MEASURED_PIXEL: u64 = 48;
 /// The same for LPIPS: what the layers of its network hold.
 const LPIPS_PIXEL: u64 = 420;
+/// Bytes a pixel of a photo takes while a system looks at it: its ray, what the field shows there, twice, and what is made of it.
+const LOOKED_PIXEL: u64 = 240;
 /// Bytes of the report's pictures, of its animation, and of files while they are written.
 const REPORT: u64 = 6 << 20;
 
@@ -37,6 +39,8 @@ pub(crate) struct Needs {
     pub(crate) held_out: u64,
     /// Pixels of the largest held-out view; 0 where none is measured.
     pub(crate) pixels: u64,
+    /// Pixels of the largest photo that the system looks at as a whole between steps; 0 where it does not.
+    pub(crate) looked: u64,
     /// LPIPS will be measured.
     pub(crate) lpips: bool,
     /// What the system holds (after a rehearsal: with its scratch), and what it may hold later on top.
@@ -49,7 +53,8 @@ pub(crate) struct Needs {
 impl Needs {
     fn evaluation(&self) -> u64 {
         let pixel = MEASURED_PIXEL + if self.lpips { LPIPS_PIXEL } else { 0 };
-        REPORT + self.pixels * pixel
+        // One after the other.
+        REPORT + (self.pixels * pixel).max(self.looked * LOOKED_PIXEL)
     }
 }
 
@@ -115,7 +120,8 @@ mod tests {
 
     #[test]
     fn what_comes_after_a_rehearsal_is_added() {
-        let needs = Needs { photos: 100, held_out: 5, pixels: 0, lpips: false, system: 600, growth: 7, state: 30 };
+        let needs =
+            Needs { photos: 100, held_out: 5, pixels: 0, looked: 0, lpips: false, system: 600, growth: 7, state: 30 };
         let expected = ExpectedMemory::by_rehearsal(&needs, 2000);
         assert_eq!(expected.total(), 2000 + 2000 / HEADROOM + 30 + 7 + 5 + REPORT);
         assert_eq!((expected.photos, expected.system), (105, 607));

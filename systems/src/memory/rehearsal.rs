@@ -7,8 +7,9 @@
 use crate::data::Dataset;
 use crate::halt::Halt;
 use crate::render::plain_query;
-use crate::system::{Query, System};
+use crate::system::{Fit, Query, System};
 use render_core::camera::Camera;
+use render_core::ray::Ray;
 use std::time::{Duration, Instant};
 
 /// Steps at most: batches have grown to their size by then.
@@ -22,9 +23,12 @@ const FIRST_RAYS: usize = 64;
 /// No more rays where they would take longer than this.
 const QUICK: Duration = Duration::from_secs(4);
 
-/// Train a copy of a run's system for some steps, and render a strip of a picture with it. What goes wrong in it
-/// will go wrong again in the training, and is reported there.
-pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) {
+/// Training views that are looked at.
+const LOOKS: usize = 3;
+
+/// Train a copy of a run's system for some steps, render a strip of a picture with it, and let it look at some photos where it
+/// does. What goes wrong in it will go wrong again in the training, and is reported there. Whether it looks at photos.
+pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> bool {
     let start = Instant::now();
     for step in 0..STEPS {
         if halt.raised() || copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
@@ -34,6 +38,38 @@ pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) {
     if let Some(view) = views.views().first() {
         render_some(copy, &view.camera, halt);
     }
+    if let Some(view) = views.views().first() {
+        fit_once(copy, &view.camera, halt);
+    }
+    let start = Instant::now();
+    let mut looks = false;
+    for (i, view) in views.views().iter().enumerate().take(LOOKS) {
+        if halt.raised() || start.elapsed() > ENOUGH {
+            break;
+        }
+        let pixels = f64::from(view.camera.width) * f64::from(view.camera.height);
+        // As many rays as a strip has: buffers are of a few hundred.
+        let stride = (pixels / RAYS as f64).sqrt().ceil().max(1.0) as u32;
+        looks |= copy.look(views, i, stride).unwrap_or(false);
+    }
+    looks
+}
+
+/// Rays of a strip from the middle of the picture, where there is most to see, and the radii of their cones.
+fn strip(camera: &Camera) -> (Vec<Ray>, Vec<f32>) {
+    let prepared = camera.prepare();
+    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
+    let skipped = (camera.width as usize * camera.height as usize).saturating_sub(RAYS) / 2;
+    let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
+    centres.filter_map(|at| Some((prepared.ray(at)?, prepared.cone_radius(at).unwrap_or(0.0) as f32))).unzip()
+}
+
+/// One step of fitting an appearance, as each held-out view begins with it: the samples of all its rays are kept meanwhile, and a
+/// field that has hardly trained has samples everywhere.
+fn fit_once(copy: &dyn System, camera: &Camera, halt: &Halt) {
+    let (rays, _) = strip(camera);
+    let rgb = vec![[0.5; 3]; rays.len()];
+    copy.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt });
 }
 
 /// Rays of a strip, fewer where they take long: networks as published need for one tile what they need for all.
@@ -42,13 +78,7 @@ fn render_some(copy: &dyn System, camera: &Camera, halt: &Halt) {
     if copy.render_view(camera, &query).is_some() {
         return;
     }
-    let prepared = camera.prepare();
-    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
-    // From the middle of the picture, where there is most to see.
-    let skipped = (camera.width as usize * camera.height as usize).saturating_sub(RAYS) / 2;
-    let centres = pixels.skip(skipped).take(RAYS).map(|(x, y)| glam::dvec2(x.into(), y.into()) + 0.5);
-    let (rays, radii): (Vec<_>, Vec<_>) =
-        centres.filter_map(|at| Some((prepared.ray(at)?, prepared.cone_radius(at).unwrap_or(0.0) as f32))).unzip();
+    let (rays, radii) = strip(camera);
     let mut count = FIRST_RAYS.min(rays.len());
     while !halt.raised() {
         let start = Instant::now();

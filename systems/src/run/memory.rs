@@ -1,6 +1,7 @@
 //! The memory of a run: what it will need, and settings that make do with what there is.
 
 use super::Run;
+use crate::data::Dataset;
 use crate::error::RunError;
 use crate::memory::{ExpectedMemory, Needs, Reduced, available_bytes, human, limit, reduce, rehearse, resident_bytes};
 use crate::options::{Request, RunOptions};
@@ -102,11 +103,11 @@ impl Run<'_> {
             TensorData::F32(x) => 4 * x.len(),
             TensorData::U64(x) => 8 * x.len(),
         };
-        let views = self.held_out.views();
         Needs {
             photos,
             held_out: self.held_out.memory_bytes().min(self.config.data.image_bytes().saturating_sub(photos)),
-            pixels: views.iter().map(|v| u64::from(v.camera.width) * u64::from(v.camera.height)).max().unwrap_or(0),
+            pixels: most_pixels(&self.held_out),
+            looked: 0,
             lpips: request.lpips,
             system: system.memory_bytes() as u64,
             growth: system.growth_bytes() as u64,
@@ -124,8 +125,9 @@ impl Run<'_> {
     fn by_rehearsal(&self, request: &Request) -> Result<ExpectedMemory, RunError> {
         self.train.decode()?;
         let (mut copy, _) = self.build()?;
-        rehearse(copy.as_mut(), &self.train, &self.halt);
-        let needs = self.needs(request, copy.as_ref());
+        let looks = rehearse(copy.as_mut(), &self.train, &self.halt);
+        let mut needs = self.needs(request, copy.as_ref());
+        needs.looked = if looks { most_pixels(&self.train) } else { 0 };
         let peak = resident_bytes().map_or(2 * needs.system + needs.photos, |held| held.peak);
         Ok(ExpectedMemory::by_rehearsal(&needs, peak))
     }
@@ -153,4 +155,9 @@ impl Run<'_> {
         self.system = self.build()?.0;
         Ok(true)
     }
+}
+
+/// Pixels of the largest view.
+fn most_pixels(data: &Dataset) -> u64 {
+    data.views().iter().map(|v| u64::from(v.camera.width) * u64::from(v.camera.height)).max().unwrap_or(0)
 }

@@ -96,6 +96,14 @@ pub(crate) trait Surveys {
         Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
     }
 
+    /// See [`crate::system::System::look`].
+    fn look_once(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        let Some(method) = self.method() else { return Ok(false) };
+        let shown = self.show(data, view, stride)?;
+        drop((method.visibility(&shown.seen(view)), method.uncertainty(&shown.seen(view))));
+        Ok(true)
+    }
+
     /// See [`crate::system::System::uncertainty`].
     fn uncertainty_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
         let Some(method) = self.method() else { return Ok(None) };

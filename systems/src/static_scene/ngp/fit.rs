@@ -17,6 +17,8 @@ use optim::{Adam, AdamConfig};
 /// Pixels the fit knows of, and those of one of its steps.
 const PIXELS: usize = 1 << 14;
 const BATCH: usize = 1 << 10;
+/// Rays that are sampled at one time: a field that has hardly trained has hundreds of samples along each.
+const RAYS: usize = 256;
 /// Samples that bring less than this to their pixel are left out, colour units.
 const FAINT: f32 = 1e-3;
 /// Stream of the pixels of each step.
@@ -118,8 +120,8 @@ fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
     };
     let mut kept = Kept { offsets: vec![0], ..Kept::default() };
     let mut chunk = Chunk::new(&ngp.field);
-    for first in (0..n).step_by(2048) {
-        let span = first..(first + 2048).min(n);
+    for first in (0..n).step_by(RAYS) {
+        let span = first..(first + RAYS).min(n);
         chunk.sample(&ctx, span.clone());
         chunk.each_ray(&ctx, span, |pixel, ray| {
             for (i, &w) in ray.w.iter().enumerate().filter(|(_, w)| **w > FAINT) {

@@ -344,6 +344,10 @@ impl System for Ngp {
         self.uncertainty_of(data, view)
     }
 
+    fn look(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        self.look_once(data, view, stride)
+    }
+
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
         points::density(self, points, time, out);
     }

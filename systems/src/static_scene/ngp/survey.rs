@@ -11,7 +11,7 @@ use crate::system::SystemError;
 use rayon::prelude::*;
 
 /// Pixels of one task.
-const TASK: usize = 2048;
+const TASK: usize = 256;
 
 /// Samples that a ray looks at, in the mean at most, in units of [`NgpConfig::samples_per_ray`](super::NgpConfig::samples_per_ray):
 /// where nothing is opaque yet, a survey of all photos with the steps of training costs as much as a thousand steps of training.

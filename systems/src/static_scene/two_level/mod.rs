@@ -228,6 +228,10 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.uncertainty_of(data, view)
     }
 
+    fn look(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        self.look_once(data, view, stride)
+    }
+
     fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
         let d = vec![[0.0, 0.0, 1.0]; points.len()];
         self.evaluate(points, &d, |i, sigma, _| out[i] = sigma);
