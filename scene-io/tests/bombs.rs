@@ -123,7 +123,7 @@ fn a_progressive_jpeg_counts_its_coefficients() {
     let (report, peak) = within(4 << 30, || check(folder.path(), &LoadOptions::default(), Depth::Pixels));
     assert_eq!(report.problems.len(), 2, "{report}");
     for (problem, name) in report.problems.iter().zip(["0.jpg", "1.jpg"]) {
-        one_line(&problem.to_string(), &[name, "26000x26000 pixels takes 6.09 GB", "`--memory`"]);
+        one_line(&problem.to_string(), &[name, "26000x26000 pixels takes 6.09 GB", "`--memory 11608`"]);
     }
     assert!(peak < 10 * MB, "{peak}");
 }
@@ -139,7 +139,7 @@ fn a_jpeg_that_shows_two_pictures_is_not_believed() {
         let two = [&progressive[..at], fill, &progressive[at..], &vec![0; 0xffc2], &plain].concat();
         let folder = dataset(&[two], (26_000, 26_000));
         let (result, peak) = within(2 << 30, || decode_photo(&folder.path().join("0.jpg")));
-        one_line(&result.unwrap_err().to_string(), &["0.jpg", "memory"]);
+        one_line(&result.unwrap_err().to_string(), &["0.jpg"]);
         assert!(peak < 20 * MB, "{peak}");
     }
 }
