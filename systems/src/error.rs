@@ -156,7 +156,7 @@ fn listed(names: &[String]) -> String {
 }
 
 impl RunError {
-    /// Whether a file could not be written because a disk, or somebody's share of it, is full.
+    /// Whether a file could not be written because a disk, or the user's share of it, is full.
     pub(crate) fn is_full(&self) -> bool {
         let full = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded];
         matches!(self, Self::Write { source, .. } if full.contains(&source.kind()))

@@ -107,6 +107,15 @@ pub fn make_folder(path: &Path) -> Result<(), RunError> {
     fs::create_dir_all(path).map_err(RunError::write(path))
 }
 
+/// Note a file that could not be written; other errors are errors.
+pub(crate) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
+    match written {
+        Err(error @ RunError::Write { .. }) => unwritten.push(error.with_reason()),
+        other => other?,
+    }
+    Ok(())
+}
+
 /// What [`write_file`] adds to a name.
 const TEMPORARY: &str = ".tmp";
 

@@ -154,7 +154,6 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let mut videographer = Videographer::new(args.video, args.fps)?;
     let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
     let Some(shots) = subject.shots(args.path.as_ref(), frames, time, (&interrupt, &fits))? else {
-        crate::interrupt::answered();
         line("stopped before the first frame");
         return Ok(Done::Interrupted);
     };

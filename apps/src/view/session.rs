@@ -13,7 +13,7 @@ use super::save::save;
 use super::scene::Scene3d;
 use super::seat::Seat;
 use super::stage::{Shown, Stage};
-use super::turn::turn;
+use super::turn::large_turn;
 use axum::extract::ws::{Message as Frame, WebSocket};
 use serde_json::json;
 use std::sync::Arc;
@@ -165,8 +165,10 @@ fn draw_all(
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
         // A mask is drawn at the size of its photo, whatever that is; the photo itself is only decoded.
-        let pixels = if draw.layer == Layer::Photo { 0 } else { u32::MAX };
-        let Some(_turn) = turn((pixels, pixels), Drawer::Scene, &|| desk.is_newest(number)) else { return Ok(true) };
+        let turn = (draw.layer != Layer::Photo).then(|| large_turn(Drawer::Scene, &|| desk.is_newest(number)));
+        if let Some(None) = turn {
+            return Ok(true);
+        }
         let file = picture::photo(scene, draw)?;
         desk.met(number);
         return Ok(out.send(file));

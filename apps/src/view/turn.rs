@@ -22,9 +22,11 @@ pub(crate) struct Turn {
 
 /// Wait for the turn to draw a picture of this size; `None` when `go_on` says no before it has come. A small one has it at once.
 pub(crate) fn turn((width, height): (u32, u32), drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
-    if u64::from(width) * u64::from(height) <= SMALL {
-        return Some(Turn { _held: None });
-    }
+    if u64::from(width) * u64::from(height) <= SMALL { Some(Turn { _held: None }) } else { large_turn(drawer, go_on) }
+}
+
+/// The same for a picture of any size.
+pub(crate) fn large_turn(drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
     let place = if drawer == Drawer::Cloud { &BY_CLOUD } else { &BY_SCENE };
     while go_on() {
         match place.try_lock() {

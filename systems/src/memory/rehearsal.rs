@@ -36,10 +36,9 @@ pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> b
         }
     }
     if let Some(view) = views.views().first() {
-        render_some(copy, &view.camera, halt);
-    }
-    if let Some(view) = views.views().first() {
-        fit_once(copy, &view.camera, halt);
+        let (rays, radii) = strip(&view.camera);
+        render_some(copy, &view.camera, (&rays, &radii), halt);
+        fit_once(copy, &rays, halt);
     }
     let start = Instant::now();
     let mut looks = false;
@@ -66,19 +65,17 @@ fn strip(camera: &Camera) -> (Vec<Ray>, Vec<f32>) {
 
 /// One step of fitting an appearance, as each held-out view begins with it: the samples of all its rays are kept meanwhile, and a
 /// field that has hardly trained has samples everywhere.
-fn fit_once(copy: &dyn System, camera: &Camera, halt: &Halt) {
-    let (rays, _) = strip(camera);
+fn fit_once(copy: &dyn System, rays: &[Ray], halt: &Halt) {
     let rgb = vec![[0.5; 3]; rays.len()];
-    copy.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt });
+    copy.fit_appearance(&Fit { rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt });
 }
 
 /// Rays of a strip, fewer where they take long: networks as published need for one tile what they need for all.
-fn render_some(copy: &dyn System, camera: &Camera, halt: &Halt) {
+fn render_some(copy: &dyn System, camera: &Camera, (rays, radii): (&[Ray], &[f32]), halt: &Halt) {
     let query = Query { halt: halt.clone(), ..plain_query([0.0; 3], 0.0) };
     if copy.render_view(camera, &query).is_some() {
         return;
     }
-    let (rays, radii) = strip(camera);
     let mut count = FIRST_RAYS.min(rays.len());
     while !halt.raised() {
         let start = Instant::now();

@@ -10,7 +10,7 @@ use crate::eval::{
 };
 use crate::eval_scales::{ScaleTable, evaluate_scales};
 use crate::names::stem;
-use crate::output::{Storage, make_folder, write_file};
+use crate::output::{Storage, make_folder, note_unwritten, write_file};
 use crate::picture::{depth, depth_range, error_map, write_png};
 use crate::progress::{Meter, Observer};
 use crate::render::plain_query;
@@ -186,13 +186,4 @@ pub(super) fn measure_and_write(
     }
     evaluation.unwritten = unwritten;
     Ok(evaluation)
-}
-
-/// Note a file that could not be written; other errors are errors.
-pub(crate) fn note_unwritten(written: Result<(), RunError>, unwritten: &mut Vec<String>) -> Result<(), RunError> {
-    match written {
-        Err(error @ RunError::Write { .. }) => unwritten.push(error.with_reason()),
-        other => other?,
-    }
-    Ok(())
 }

@@ -60,7 +60,6 @@ use keeper::{Keeper, first_files};
 pub use lock::FolderLock;
 use losses::metrics::Lpips;
 pub use mask_meaning::{MaskMeaning, mask_meaning};
-pub(crate) use measured::note_unwritten;
 use patience::insist;
 pub(crate) use place::refuse_foreign;
 pub use place::{clear, config};

@@ -59,7 +59,7 @@ impl Run<'_> {
         let photos = self.train.views().iter().filter(|v| v.level == 0).count();
         let options = MaskOptions { every: photos.div_ceil(SHOWN).max(1), empty: EmptyClass::default() };
         let place = self.folder.join(masks::FOLDER);
-        // Masks of this step that somebody asked for will do, if they are as many: those of a stop on the way are fewer.
+        // Masks of this step, written by `masks`, will do if there are as many; those of an interrupted run are fewer.
         let enough = |table: MaskTable| table.steps == self.step && table.views.len() >= photos.div_ceil(options.every);
         if MaskTable::read(&place)?.is_some_and(enough) {
             return Ok(());

@@ -58,10 +58,16 @@ fn impatient(steps: u64) -> Schedule {
     Schedule { disk_wait: Duration::ZERO, ..Schedule::new(Stop::Steps(steps)) }
 }
 
+/// A run of 20 steps that nothing disturbed.
+fn undisturbed() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    start(folder.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
+    folder
+}
+
 #[test]
 fn a_full_disk_leaves_the_earlier_checkpoint_usable() {
-    let whole = tempfile::tempdir().unwrap();
-    start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
+    let whole = undisturbed();
     // Room for nothing, for a part of the arrays, and for the arrays but not the JSON file.
     let size = arrays(whole.path(), 20).len() as u64;
     for room in [0, size / 2, size + 100] {
@@ -184,8 +190,7 @@ fn whichever_write_fails_a_resumed_run_has_the_same_bits_and_scores() {
 
 #[test]
 fn a_disk_that_is_full_for_a_while_costs_no_step() {
-    let whole = tempfile::tempdir().unwrap();
-    start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
+    let whole = undisturbed();
     let size = arrays(whole.path(), 20).len() as u64;
     let folder = tempfile::tempdir().unwrap();
     let left = Arc::new(AtomicU64::new(u64::MAX));
@@ -203,9 +208,7 @@ fn a_disk_that_is_full_for_a_while_costs_no_step() {
 
 #[test]
 fn a_run_folder_that_is_removed_on_a_full_disk_is_made_again_once_there_is_room() {
-    let whole = tempfile::tempdir().unwrap();
-    start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
-    let below = tempfile::tempdir().unwrap();
+    let (whole, below) = (undisturbed(), tempfile::tempdir().unwrap());
     let folder = below.path().join("run");
     let left = Arc::new(AtomicU64::new(u64::MAX));
     let storage = Filling { left: left.clone() };
@@ -281,9 +284,7 @@ impl Observer for Remover<'_> {
 
 #[test]
 fn a_run_folder_that_is_removed_on_the_way_is_made_again_with_all_that_is_known() {
-    let whole = tempfile::tempdir().unwrap();
-    start(whole.path(), &Disk, Stop::Steps(20), &mut Watch::default()).unwrap();
-    let below = tempfile::tempdir().unwrap();
+    let (whole, below) = (undisturbed(), tempfile::tempdir().unwrap());
     let folder = below.path().join("run");
     type Then = fn(&Path);
     let places: [(Then, bool); 3] = [

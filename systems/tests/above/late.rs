@@ -1,4 +1,4 @@
-//! What goes wrong after the last step: stops, folders that go away, files that somebody deleted.
+//! What goes wrong after the last step: interrupts, removed folders, deleted files.
 
 use crate::common::{Watch, request, sky_scene, start, with_parts};
 use std::path::Path;
@@ -45,7 +45,7 @@ fn masks_that_a_stop_cut_short_are_made_again() {
     });
 }
 
-/// Puts a folder of somebody else at the place of a run's once a held-out view is measured.
+/// Replaces the run folder by a folder with other files once a held-out view is measured.
 struct Replacer<'a> {
     folder: &'a Path,
     is_done: bool,
@@ -77,7 +77,7 @@ fn scores_are_said_where_the_folder_is_replaced_while_they_are_measured() {
 }
 
 #[test]
-fn first_files_that_somebody_removed_come_back() {
+fn first_files_that_were_removed_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let names = ["config.toml", "heldout.txt"];
     let texts = || names.map(|name| fs::read_to_string(folder.path().join(name)).unwrap());

@@ -161,15 +161,17 @@ fn only_broken_checkpoints_are_an_error_that_names_them_all() {
 
 #[test]
 fn the_last_two_checkpoints_are_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    two_checkpoints(folder.path());
-    fs::write(folder.path().join("checkpoint/step-00000025.safetensors.tmp"), b"left by a killed process").unwrap();
-    resume(folder.path(), Stop::Steps(30), &mut Watch::default()).unwrap();
-    assert_eq!(checkpoint_files(folder.path()), files_of([20, 30]));
+    assert_eq!(after_resume("step-00000025.safetensors.tmp", 30), files_of([20, 30]));
 }
 
-fn checkpoint_files(run: &Path) -> Vec<String> {
-    let entries = fs::read_dir(run.join("checkpoint")).unwrap();
+/// The files in the checkpoint folder of a run with checkpoints of 10 and 20 steps, one file of it broken, that went on to `steps`.
+fn after_resume(broken: &str, steps: u64) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    two_checkpoints(folder.path());
+    let checkpoints = folder.path().join("checkpoint");
+    fs::write(checkpoints.join(broken), b"cut off").unwrap();
+    resume(folder.path(), Stop::Steps(steps), &mut Watch::default()).unwrap();
+    let entries = fs::read_dir(checkpoints).unwrap();
     let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
@@ -181,11 +183,7 @@ fn files_of(steps: [u64; 2]) -> Vec<String> {
 
 #[test]
 fn a_broken_checkpoint_costs_no_good_one_its_place() {
-    let folder = tempfile::tempdir().unwrap();
-    two_checkpoints(folder.path());
-    fs::write(folder.path().join("checkpoint/step-00000020.safetensors"), b"nothing").unwrap();
-    resume(folder.path(), Stop::Steps(12), &mut Watch::default()).unwrap();
-    assert_eq!(checkpoint_files(folder.path()), files_of([10, 12]));
+    assert_eq!(after_resume("step-00000020.safetensors", 12), files_of([10, 12]));
 }
 
 #[test]
