@@ -44,6 +44,9 @@ impl Embedding {
     ///
     /// # Errors
     /// [`FieldError::Shape`]; [`FieldError::Index`] names the first index without a vector.
+    ///
+    /// # Panics
+    /// May do so where `count * width` does not fit `usize`.
     pub fn encode(&self, table: &[f32], index: &[u32], out: &mut [f32]) -> Result<(), FieldError> {
         self.check(table.len(), index, out.len())?;
         let n = index.len();
@@ -58,6 +61,9 @@ impl Embedding {
     /// `grad[index[i]][c] += out_bar[c][i]`, samples in order.
     ///
     /// # Errors
+    /// As [`encode`](Self::encode).
+    ///
+    /// # Panics
     /// As [`encode`](Self::encode).
     pub fn encode_backward(&self, index: &[u32], out_bar: &[f32], grad: &mut [f32]) -> Result<(), FieldError> {
         self.check(grad.len(), index, out_bar.len())?;
@@ -74,6 +80,9 @@ impl Embedding {
     ///
     /// # Errors
     /// [`FieldError::Shape`].
+    ///
+    /// # Panics
+    /// As [`encode`](Self::encode).
     pub fn mean(&self, table: &[f32], mean: &mut [f32]) -> Result<(), FieldError> {
         check_len("table", table.len(), self.params_len())?;
         check_len("mean", mean.len(), self.width)?;

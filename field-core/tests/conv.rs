@@ -210,6 +210,9 @@ fn wrong_shapes_are_refused_by_name() {
     assert_eq!(run(&params[1..], &x, size, &mut y), "`params` holds 739 values, expected 740");
     assert_eq!(run(&params, &x[1..], size, &mut y), "`x` holds 89 values, expected 90");
     assert_eq!(run(&params, &x, size, &mut y[1..]), "`y` holds 149 values, expected 150");
+    let wraps = 1 << (usize::BITS / 2);
+    let error = resize(&[1.0], 1, Size::one(1, 1), (wraps, wraps), &mut []).unwrap_err();
+    assert_eq!(error, FieldError::Shape { what: "y", want: usize::MAX, got: 0 });
     let message = "`height` is 3, expected more pixels than the padding mirrors";
     assert_eq!(run(&params, &x, Size::one(3, 6), &mut y), message);
     let large = Conv2d::new(1, 1, 9, 1, Padding::Zero(1)).unwrap();

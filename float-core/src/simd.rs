@@ -121,8 +121,14 @@ pub trait Vector:
     /// All lanes `x`.
     fn splat(x: f32) -> Self;
     /// The first `LANES` numbers of `x`.
+    ///
+    /// # Panics
+    /// Where `x` is shorter than `LANES`.
     fn load(x: &[f32]) -> Self;
     /// Write to the first `LANES` numbers of `out`.
+    ///
+    /// # Panics
+    /// Where `out` is shorter than `LANES`.
     fn store(self, out: &mut [f32]);
     /// [`Vector::load`] without the length check, for inner loops whose bounds are checked once outside.
     ///
@@ -151,7 +157,9 @@ pub trait Vector:
     /// `self * 2^n` for integral `n` in `[-126, 127]`: builds the power from exponent bits.
     fn scale_by_pow2(self, n: Self) -> Self;
     /// `table[index[lane] * stride + offset]` for each lane, indices truncated from the integers in `index`.
-    /// Panics where an index is past the end.
+    ///
+    /// # Panics
+    /// Where `index` is shorter than `LANES`, or an index is past the end; above the scalar level also past `i32::MAX`.
     fn gather(table: &[f32], index: &[u32]) -> Self;
     /// Sum of the lanes, in a fixed tree order.
     fn sum(self) -> f32;

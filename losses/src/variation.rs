@@ -205,5 +205,7 @@ fn check_lattice(x: &[f32], dims: &[usize], axes: &[usize], kernel: Kernel) -> R
     let want = dims.iter().try_fold(1_usize, |n, &dim| n.checked_mul(dim)).unwrap_or(usize::MAX);
     same("x", want, x.len())?;
     // The first axis that is not there tells how many dimensions it wants.
-    axes.iter().find(|&&axis| axis >= dims.len()).map_or(Ok(()), |&axis| same("dims", axis + 1, dims.len()))
+    axes.iter()
+        .find(|&&axis| axis >= dims.len())
+        .map_or(Ok(()), |&axis| same("dims", axis.saturating_add(1), dims.len()))
 }

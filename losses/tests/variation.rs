@@ -208,6 +208,7 @@ fn nothing_and_wrong_shapes() {
     let wraps = [1 << (usize::BITS / 2), 1 << (usize::BITS / 2)];
     assert_eq!(lattice(&[], &wraps, &[0], Kernel::L1), Err(shape("x", usize::MAX, 0)));
     assert_eq!(lattice(&[0.0; 6], &[2, 3], &[2], Kernel::L1), Err(shape("dims", 3, 2)));
+    assert_eq!(lattice(&[1.0], &[], &[usize::MAX], Kernel::L1), Err(shape("dims", usize::MAX, 0)));
     assert_eq!(lattice_backward(&[0.0; 6], &[2, 3], &[1], Kernel::L1, 1.0, &mut [0.0; 5]), Err(shape("x_bar", 6, 5)));
     assert_eq!(between(&[0.0; 2], &[0.0], Kernel::L1), Err(shape("b", 2, 1)));
     assert_eq!(slow_backward(&[0.0; 2], Kernel::L1, 1.0, &mut [0.0]), Err(shape("a_bar", 2, 1)));

@@ -93,7 +93,7 @@ impl Adam {
     /// Moments at 0, no steps taken.
     ///
     /// # Panics
-    /// If a constant is outside its range.
+    /// If a constant is outside its range, or there is no memory for the moments.
     #[must_use]
     pub fn new(len: usize, config: AdamConfig) -> Self {
         check(config);
@@ -191,7 +191,7 @@ impl Adam {
     /// * `params` `[len]`, changed; `grad` `[len]`, taken; `touched` `[touched_len(len)]` words, cleared
     ///
     /// # Panics
-    /// As [`Adam::step`].
+    /// As [`Adam::step`]; if `touched` does not hold that many words.
     #[must_use = "the count of non-finite gradients belongs to a `NonFiniteGuard`"]
     pub fn step_touched(
         &mut self,

@@ -19,7 +19,7 @@ impl Ema {
     /// An average of nothing yet: zeros.
     ///
     /// # Panics
-    /// If `decay` is not in `[0, 1)`.
+    /// If `decay` is not in `[0, 1)`, or there is no memory for `len` numbers.
     #[must_use]
     pub fn new(len: usize, decay: f64) -> Self {
         assert!((0.0..1.0).contains(&decay), "Ema: decay {decay}");

@@ -41,6 +41,9 @@ impl Bilateral {
     ///
     /// # Errors
     /// [`RenderError::Shape`] where lengths disagree, [`RenderError::NonFinite`] for a deviation that is not positive.
+    ///
+    /// # Panics
+    /// If there is no memory for a window of `radius`. May do so where `width * height` does not fit `usize`.
     pub fn apply(self, d: &[f32], [width, height]: [usize; 2], out: &mut [f32]) -> Result<(), RenderError> {
         check_len("d", width * height, d.len())?;
         check_len("out", d.len(), out.len())?;

@@ -83,7 +83,7 @@ pub fn resample_fenceposts(s: &[f32], w: &[f32], u: &[f32], cdf: &mut [f64], out
 /// * `out` `[n + 1]` out, the same unit; no centres give no fenceposts: then it must be empty
 ///
 /// # Panics
-/// When the lengths disagree.
+/// When the lengths disagree, or with two centres or more when `low` is above `high` or one of them is NaN.
 ///
 /// # Source
 /// Barron et al., "Mip-NeRF 360", 2022, released code (`sample_intervals`).

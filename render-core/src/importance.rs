@@ -31,6 +31,9 @@ pub struct HiddenCounts {
 
 impl HiddenCounts {
     /// Of no frames yet, over pictures of `pixels` pixels.
+    ///
+    /// # Panics
+    /// If there is no memory for `pixels` numbers.
     #[must_use]
     pub fn new(pixels: usize) -> Self {
         Self { counts: vec![0; pixels] }

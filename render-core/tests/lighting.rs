@@ -332,6 +332,10 @@ fn bad_maps_are_refused() {
     let text = |map: &[f32], w, h| project_equirect(map, w, h).unwrap_err().to_string();
     assert_eq!(text(&[0.0; 5], 2, 1), "`map` holds 5 values, expected 6");
     assert_eq!(text(&[], 0, 0), "`map` holds 0 values, expected 3");
+    assert_eq!(text(&[1.0; 3], 0, 5), "`map` holds 3 values, expected 0");
+    assert_eq!(text(&[1.0; 3], 1, 0), "`map` holds 3 values, expected 0");
+    let wraps = 1 << (usize::BITS / 2);
+    assert_eq!(text(&[], wraps, wraps), format!("`map` holds 0 values, expected {}", usize::MAX));
     assert_eq!(text(&[0.0, 0.0, f32::NAN], 1, 1), "`map[2]` is NaN or infinite");
 }
 

@@ -365,4 +365,5 @@ fn state_comes_back() {
     assert_eq!(OccupancyGrid::new(settings(20, 1)).unwrap_err(), GridError::Resolution(20));
     assert_eq!(OccupancyGrid::new(settings(16, 0)).unwrap_err(), GridError::Cascades(0));
     assert_eq!(OccupancyGrid::new(settings(1024, 4)).unwrap_err(), GridError::Cells(1 << 32));
+    assert_eq!(OccupancyGrid::new(settings(1 << 22, 1)).unwrap_err(), GridError::Cells(u64::MAX));
 }

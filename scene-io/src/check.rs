@@ -103,6 +103,9 @@ pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
 
 impl Report {
     /// A report on a scene, from whatever source, and problems met while reading it.
+    ///
+    /// # Panics
+    /// If a picture in memory has no pixels, or holds less than its size says.
     #[must_use]
     pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
         problems.extend(geometry(&scene));

@@ -110,6 +110,9 @@ impl Bars {
 
 impl Perturbation {
     /// What happens to training view `view` of `width x height` pixels; nothing to the first one.
+    ///
+    /// # Panics
+    /// In builds that check for overflow: when `view` is above 2^57.
     #[must_use]
     pub fn of(view: usize, width: u32, height: u32, what: Disturbance, seed: u64) -> Option<Self> {
         if view == 0 {

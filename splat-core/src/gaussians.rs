@@ -53,6 +53,9 @@ impl Gaussians {
     ///
     /// # Errors
     /// [`SplatError::Degree`] above [`MAX_DEGREE`].
+    ///
+    /// # Panics
+    /// If there is no memory for `n` Gaussians.
     pub fn new(n: usize, degree: usize) -> Result<Self, SplatError> {
         if degree > MAX_DEGREE {
             return Err(SplatError::Degree { got: degree });

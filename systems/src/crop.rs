@@ -59,6 +59,9 @@ pub struct Traits {
 
 impl Traits {
     /// Of a cloud.
+    ///
+    /// # Panics
+    /// When fields of the cloud disagree in length.
     #[must_use]
     pub fn of(cloud: &Gaussians) -> Self {
         let n = cloud.len();
@@ -171,6 +174,9 @@ impl Crop {
     }
 
     /// Whether Gaussian `i` of a cloud stays.
+    ///
+    /// # Panics
+    /// When there is no such Gaussian, or `traits` are of another cloud.
     #[must_use]
     pub fn keeps(&self, cloud: &Gaussians, traits: &Traits, i: usize) -> bool {
         let below = |limit: Option<f64>, x: f32| limit.is_none_or(|limit| f64::from(x) <= limit);
@@ -184,6 +190,9 @@ impl Crop {
     ///
     /// # Errors
     /// [`SplatError`] for a cloud whose fields disagree in length.
+    ///
+    /// # Panics
+    /// When fields of the cloud disagree in length, or `traits` are of another cloud.
     pub fn rows(&self, cloud: &Gaussians, traits: &Traits) -> Result<Rows, SplatError> {
         Rows::keep(cloud.len(), |i| self.keeps(cloud, traits, i))
     }
@@ -192,6 +201,9 @@ impl Crop {
     ///
     /// # Errors
     /// As [`Crop::rows`].
+    ///
+    /// # Panics
+    /// As [`Traits::of`].
     pub fn cloud(&self, cloud: &Gaussians) -> Result<Gaussians, SplatError> {
         if self.keeps_everything() {
             return Ok(cloud.clone());

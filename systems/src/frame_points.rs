@@ -23,6 +23,9 @@ const SIGMA_PIXELS: f32 = 3.0;
 const SIGMA_RANGE: f64 = 0.05;
 
 /// What `view` sees, with confidence (opacity); `smooth` filters its depth.
+///
+/// # Panics
+/// As [`render`].
 pub fn frame_points(system: &dyn System, view: &View, query: &Query, smooth: bool) -> PointCloud {
     let query = Query { time: view.time, layers: LayerRequest::default(), ..query.clone() };
     let picture = render(system, &view.camera, &query);

@@ -39,6 +39,9 @@ impl<'a> Codes<'a> {
     }
 
     /// The code of an appearance.
+    ///
+    /// # Panics
+    /// As [`Codes::of`].
     #[must_use]
     pub fn code_of(self, appearance: &Appearance) -> Vec<f32> {
         match appearance {

@@ -96,6 +96,9 @@ pub fn error_map(rendered: &RgbImage, truth: &RgbImage) -> RgbImage {
 }
 
 /// An 8-bit image of the dataset over a background colour.
+///
+/// # Panics
+/// If the image has fewer than three channels.
 pub fn over_background(image: &scene_io::Image, background: [f32; 3]) -> RgbImage {
     let channels = usize::from(image.channels);
     let mut out = RgbImage::new(image.width, image.height);

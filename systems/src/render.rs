@@ -22,6 +22,9 @@ pub struct Rendered {
 }
 
 /// Render what `camera` sees. Once the query's [`Halt`] is raised the rest of the picture shows nothing.
+///
+/// # Panics
+/// If the system gives fewer values than rays.
 pub fn render(system: &dyn System, camera: &Camera, query: &Query) -> Rendered {
     let (width, height) = (camera.width, camera.height);
     if let Some(layers) = system.render_view(camera, query) {

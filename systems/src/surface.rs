@@ -25,6 +25,9 @@ pub const POINT_OPACITY: f32 = 0.5;
 /// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
 /// of the training views lose half their light, inside `crop`. Of a cloud of Gaussians: the centres of at most `count`, without
 /// normals. Where the observer asks to stop, the points of the views seen so far.
+///
+/// # Panics
+/// If the system gives fewer values than rays.
 pub fn points(
     system: &dyn System,
     data: &Dataset,
@@ -66,6 +69,9 @@ pub fn points(
 }
 
 /// Centres of Gaussians that are more opaque than not, the most opaque first, in their colour at degree 0.
+///
+/// # Panics
+/// When fields of the cloud disagree in length.
 pub fn centres(splats: &Splats, crop: &CropBox, count: usize) -> PointCloud {
     let cloud = &splats.gaussians;
     let n = cloud.len();

@@ -176,6 +176,11 @@ pub struct Fit<'a> {
     pub halt: &'a Halt,
 }
 
+impl Fit<'_> {
+    /// Bytes of samples that a fit keeps at most, about: where mist has samples everywhere it knows of fewer pixels.
+    pub(crate) const KEPT_BYTES: usize = 1 << 26;
+}
+
 /// A render that takes some of its skips only: what the table of skips compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trial {

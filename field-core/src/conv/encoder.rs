@@ -136,6 +136,9 @@ impl Encoder {
     ///
     /// # Errors
     /// [`FieldError::Shape`] for other lengths, [`FieldError::Config`] for images below [`Encoder::min_side`].
+    ///
+    /// # Panics
+    /// May do so where a product of the extents does not fit `usize`.
     #[expect(clippy::too_many_arguments, reason = "inputs, outputs and what is kept between")]
     pub fn forward(
         &self,
@@ -169,6 +172,9 @@ impl Encoder {
     /// `acts` as [`Encoder::forward`] left them, `codes_bar` as codes, the others as what they are gradients of.
     ///
     /// # Errors
+    /// As [`Encoder::forward`].
+    ///
+    /// # Panics
     /// As [`Encoder::forward`].
     #[expect(clippy::too_many_arguments, reason = "inputs, what was kept, the gradient that comes and those that go")]
     pub fn backward(

@@ -122,6 +122,9 @@ impl Conv2d {
     ///
     /// # Errors
     /// [`FieldError::Shape`] for other lengths; as [`Conv2d::output_size`].
+    ///
+    /// # Panics
+    /// If there is no memory for the padded image. May do so where a product of the extents does not fit `usize`.
     pub fn forward(
         &self,
         simd: Simd,
@@ -162,6 +165,9 @@ impl Conv2d {
     /// `y_bar` as `y`, `params_bar` as `params`, `x_bar` as `x`.
     ///
     /// # Errors
+    /// As [`Conv2d::forward`].
+    ///
+    /// # Panics
     /// As [`Conv2d::forward`].
     #[expect(clippy::too_many_arguments, reason = "inputs, the gradient that comes and those that go")]
     pub fn backward(

@@ -69,16 +69,16 @@ impl Size {
         Self { images: 1, height, width }
     }
 
-    /// Pixels of one image.
+    /// Pixels of one image; the most that can be counted where there are more.
     #[must_use]
     pub const fn pixels(self) -> usize {
-        self.height * self.width
+        self.height.saturating_mul(self.width)
     }
 
-    /// Numbers of the batch.
+    /// Numbers of the batch; the most that can be counted where there are more.
     #[must_use]
     pub const fn len(self, channels: usize) -> usize {
-        self.images * channels * self.pixels()
+        self.images.saturating_mul(channels).saturating_mul(self.pixels())
     }
 }
 

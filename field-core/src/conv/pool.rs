@@ -11,6 +11,9 @@ use crate::error::check_len;
 ///
 /// # Errors
 /// [`FieldError::Shape`] for other lengths, [`FieldError::Config`] for images without pixels.
+///
+/// # Panics
+/// May do so where a product of the extents does not fit `usize`.
 pub fn global_mean(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Result<(), FieldError> {
     adaptive_mean(x, channels, size, (1, 1), y)
 }
@@ -18,6 +21,9 @@ pub fn global_mean(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Res
 /// Gradient of [`global_mean`]: adds into `x_bar`.
 ///
 /// # Errors
+/// As [`global_mean`].
+///
+/// # Panics
 /// As [`global_mean`].
 pub fn global_mean_backward(y_bar: &[f32], channels: usize, size: Size, x_bar: &mut [f32]) -> Result<(), FieldError> {
     adaptive_mean_backward(y_bar, channels, size, (1, 1), x_bar)
@@ -36,6 +42,9 @@ pub const fn max_pool_size(size: Size) -> Size {
 ///
 /// # Errors
 /// [`FieldError::Shape`] for other lengths.
+///
+/// # Panics
+/// May do so where a product of the extents does not fit `usize`.
 pub fn max_pool(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Result<(), FieldError> {
     let to = check_max_pool(x.len(), "x", y.len(), "y", channels, size)?;
     for (map, y) in y.chunks_mut(to.pixels().max(1)).enumerate() {
@@ -49,6 +58,9 @@ pub fn max_pool(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Result
 /// Gradient of [`max_pool`]: adds to the pixel that was largest, the first one where several are.
 ///
 /// # Errors
+/// As [`max_pool`].
+///
+/// # Panics
 /// As [`max_pool`].
 pub fn max_pool_backward(
     x: &[f32],
@@ -101,6 +113,9 @@ fn largest(x: &[f32], map: usize, width: usize, i: usize, j: usize) -> usize {
 ///
 /// # Errors
 /// [`FieldError::Shape`] for other lengths, [`FieldError::Config`] for images without pixels or a grid without cells.
+///
+/// # Panics
+/// May do so where a product of the extents does not fit `usize`.
 pub fn adaptive_mean(
     x: &[f32],
     channels: usize,
@@ -123,6 +138,9 @@ pub fn adaptive_mean(
 /// Gradient of [`adaptive_mean`]: adds into `x_bar`.
 ///
 /// # Errors
+/// As [`adaptive_mean`].
+///
+/// # Panics
 /// As [`adaptive_mean`].
 pub fn adaptive_mean_backward(
     y_bar: &[f32],
@@ -160,7 +178,7 @@ fn check_adaptive(
         }
     }
     check_len(what_x, x, size.len(channels))?;
-    check_len(what_y, y, size.images * channels * cells.0 * cells.1)
+    check_len(what_y, y, size.images.saturating_mul(channels).saturating_mul(cells.0).saturating_mul(cells.1))
 }
 
 /// The pixels of one cell.

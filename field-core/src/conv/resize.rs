@@ -33,7 +33,7 @@ fn check(
         }
     }
     check_len(x.0, x.1, size.len(channels))?;
-    check_len(y.0, y.1, size.images * channels * to.0 * to.1)
+    check_len(y.0, y.1, size.images.saturating_mul(channels).saturating_mul(to.0).saturating_mul(to.1))
 }
 
 /// Resample maps to `to = (height, width)`, bilinearly between pixel centres (at `+ 0.5`); no smoothing when shrinking.
@@ -43,6 +43,9 @@ fn check(
 ///
 /// # Errors
 /// [`FieldError::Shape`] for other lengths, [`FieldError::Config`] for a side of 0.
+///
+/// # Panics
+/// May do so where a product of the extents does not fit `usize`.
 pub fn resize(x: &[f32], channels: usize, size: Size, to: (usize, usize), y: &mut [f32]) -> Result<(), FieldError> {
     check(size, to, channels, ("x", x.len()), ("y", y.len()))?;
     for (map, y) in y.chunks_exact_mut(to.0 * to.1).enumerate() {
@@ -64,6 +67,9 @@ pub fn resize(x: &[f32], channels: usize, size: Size, to: (usize, usize), y: &mu
 /// Gradient of [`resize`]: adds into `x_bar`.
 ///
 /// # Errors
+/// As [`resize`].
+///
+/// # Panics
 /// As [`resize`].
 pub fn resize_backward(
     y_bar: &[f32],

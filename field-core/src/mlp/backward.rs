@@ -16,7 +16,8 @@ impl Mlp {
     /// * `scratch` [`Mlp::backward_scratch_len`] numbers
     ///
     /// # Panics
-    /// Where a buffer is shorter than that.
+    /// Where a buffer is shorter than that, `grad` is longer, a stride is below `n`, or `packed` was packed for another network
+    /// or precision.
     #[expect(clippy::too_many_arguments, reason = "two matrices with strides")]
     pub fn backward(
         &self,

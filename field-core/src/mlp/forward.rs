@@ -13,7 +13,7 @@ impl Mlp {
     /// * `acts` at least [`Mlp::activations_len`]`(n)` numbers (written; opaque)
     ///
     /// # Panics
-    /// Where a buffer is shorter than that.
+    /// Where a buffer is shorter than that, a stride is below `n`, or `packed` was packed for another network or precision.
     #[expect(clippy::too_many_arguments, reason = "two matrices with strides")]
     pub fn forward(
         &self,
@@ -33,7 +33,7 @@ impl Mlp {
     /// [`Mlp::forward`] that keeps nothing: `scratch` holds [`Mlp::infer_scratch_len`] numbers, whatever `n`.
     ///
     /// # Panics
-    /// Where a buffer is too short.
+    /// Where a buffer is too short, a stride is below `n`, or `packed` was packed for another network or precision.
     #[expect(clippy::too_many_arguments, reason = "two matrices with strides")]
     pub fn infer(
         &self,

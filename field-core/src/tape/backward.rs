@@ -18,6 +18,9 @@ impl Tape<'_> {
     /// # Errors
     /// [`TapeError::Length`] when `grad` or a seed has the wrong length, [`TapeError::ForeignNode`], or what the backward
     /// pass of a custom operation refuses.
+    ///
+    /// # Panics
+    /// If the backward pass of a custom operation does.
     pub fn backward(&mut self, seeds: &[(Node, &[f32])], grad: &mut [f32]) -> Result<(), TapeError> {
         const OP: &str = "backward";
         if grad.len() != self.params.len() {
@@ -63,6 +66,9 @@ impl Tape<'_> {
     /// [`backward`](Self::backward) of one number: `loss` is `[1 x 1]`, its seed 1.
     ///
     /// # Errors
+    /// As [`backward`](Self::backward).
+    ///
+    /// # Panics
     /// As [`backward`](Self::backward).
     pub fn backward_from(&mut self, loss: Node, grad: &mut [f32]) -> Result<(), TapeError> {
         self.backward(&[(loss, &[1.0])], grad)

@@ -20,7 +20,7 @@ impl<'v> View<'v> {
     /// Row `r`, one number a sample.
     ///
     /// # Panics
-    /// When there is no such row.
+    /// When there is no such row, or `data` ends before it does.
     #[must_use]
     pub fn row(&self, r: usize) -> &'v [f32] {
         assert!(r < self.rows, "row {r} of a matrix of {} rows", self.rows);
@@ -69,12 +69,18 @@ pub trait CustomOp: Sync {
     fn shape(&self, inputs: &[Shape]) -> Result<Shape, TapeError>;
 
     /// Numbers that `forward` leaves for `backward` beside the output, such as hidden activations.
+    ///
+    /// # Panics
+    /// May do so for inputs that [`shape`](Self::shape) refuses.
     fn saved_len(&self, inputs: &[Shape]) -> usize {
         let _ = inputs;
         0
     }
 
     /// Numbers that `backward` needs to work with.
+    ///
+    /// # Panics
+    /// May do so for inputs that [`shape`](Self::shape) refuses.
     fn scratch_len(&self, inputs: &[Shape]) -> usize {
         let _ = inputs;
         0
@@ -85,6 +91,9 @@ pub trait CustomOp: Sync {
     ///
     /// # Errors
     /// What the pair refuses.
+    ///
+    /// # Panics
+    /// May do so for inputs that [`shape`](Self::shape) refuses, and for slices of other lengths than these.
     fn forward(&self, inputs: &[View<'_>], out: &mut [f32], saved: &mut [f32]) -> Result<(), TapeError>;
 
     /// Add the gradient of each input to `bars`, one for each input. `scratch` holds
@@ -92,6 +101,9 @@ pub trait CustomOp: Sync {
     ///
     /// # Errors
     /// What the pair refuses.
+    ///
+    /// # Panics
+    /// May do so for inputs that [`shape`](Self::shape) refuses, and for slices of other lengths than these.
     fn backward(
         &self,
         inputs: &[View<'_>],
@@ -107,6 +119,9 @@ pub trait CustomOp: Sync {
     ///
     /// # Errors
     /// [`TapeError::NoTangent`] unless the operation has a tangent rule.
+    ///
+    /// # Panics
+    /// May do so for inputs that [`shape`](Self::shape) refuses.
     fn tangent<'a>(
         &'a self,
         tape: &mut Tape<'a>,

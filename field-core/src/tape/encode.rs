@@ -38,6 +38,9 @@ pub trait Encoder: Sync {
     ///
     /// # Errors
     /// What the pair refuses.
+    ///
+    /// # Panics
+    /// May do so where lengths disagree.
     fn backward(
         &self,
         simd: Simd,
@@ -51,6 +54,9 @@ pub trait Encoder: Sync {
     ///
     /// # Errors
     /// What the pair refuses.
+    ///
+    /// # Panics
+    /// May do so where lengths disagree.
     fn tangent(&self, simd: Simd, at: (&[f32], &[f32]), x_dot: &[f32], out_dot: &mut [f32]) -> Result<(), FieldError>;
 
     /// Gradients of [`tangent`](Self::tangent) with respect to the table and to `x`. With respect to `x_dot` it is
@@ -58,6 +64,9 @@ pub trait Encoder: Sync {
     ///
     /// # Errors
     /// What the pair refuses.
+    ///
+    /// # Panics
+    /// May do so where lengths disagree.
     fn tangent_backward(
         &self,
         simd: Simd,

@@ -79,6 +79,9 @@ impl Tape<'_> {
     ///
     /// # Errors
     /// [`TapeError::Shape`], [`TapeError::ForeignNode`].
+    ///
+    /// # Panics
+    /// If there is no memory for so many rows.
     pub fn broadcast_features(&mut self, x: Node, rows: usize) -> Result<Node, TapeError> {
         let got = self.entry("broadcast_features", x)?.shape;
         self.expect("broadcast_features", "x", x, Shape::new(1, got.cols))?;
@@ -89,6 +92,9 @@ impl Tape<'_> {
     ///
     /// # Errors
     /// [`TapeError::Shape`], [`TapeError::ForeignNode`].
+    ///
+    /// # Panics
+    /// If there is no memory for so many columns.
     pub fn broadcast_samples(&mut self, x: Node, cols: usize) -> Result<Node, TapeError> {
         let got = self.entry("broadcast_samples", x)?.shape;
         self.expect("broadcast_samples", "x", x, Shape::new(got.rows, 1))?;

@@ -162,10 +162,10 @@ impl Shape {
         Self { rows, cols }
     }
 
-    /// Numbers held.
+    /// Numbers held; the most that can be counted where there are more.
     #[must_use]
     pub const fn len(self) -> usize {
-        self.rows * self.cols
+        self.rows.saturating_mul(self.cols)
     }
 
     /// Whether no number is held.
@@ -190,6 +190,9 @@ pub struct Node {
 }
 
 /// A record of operations over one tile of samples. See the [module](self) for what it does and an example.
+///
+/// # Panics
+/// Functions that record nodes do so past `2^32 - 1` of them, and where there is no memory for a result.
 pub struct Tape<'a> {
     arena: &'a mut Arena,
     params: &'a [f32],
@@ -250,6 +253,9 @@ impl<'a> Tape<'a> {
     ///
     /// # Errors
     /// [`TapeError::Rows`] when there is no such row.
+    ///
+    /// # Panics
+    /// As [`fill`](Self::fill).
     pub fn unit_row(&mut self, rows: usize, cols: usize, row: usize) -> Result<Node, TapeError> {
         if row >= rows {
             return Err(TapeError::Rows { start: row, end: row + 1, rows });
@@ -294,6 +300,9 @@ impl<'a> Tape<'a> {
     ///
     /// # Errors
     /// [`TapeError::Inputs`], [`TapeError::ForeignNode`], or what the operation refuses.
+    ///
+    /// # Panics
+    /// If the operation does, or there is no memory for what it makes.
     pub fn custom(&mut self, op: &'a dyn CustomOp, inputs: &[Node]) -> Result<Node, TapeError> {
         let name = op.name();
         if inputs.is_empty() || inputs.len() > MAX_INPUTS {

@@ -10,6 +10,9 @@ use float_core::Simd;
 ///
 /// Its tangent records the layers one by one ([`layers`]), for each direction again; where Jacobians are
 /// the rule rather than the exception, record the layers in the first place.
+///
+/// # Panics
+/// Recording it does so where `packed` was packed for another network or precision.
 #[derive(Clone, Copy, Debug)]
 pub struct MlpOp<'m> {
     /// The network.

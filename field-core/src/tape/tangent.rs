@@ -22,6 +22,9 @@ impl Tape<'_> {
     /// # Errors
     /// [`TapeError::Shape`], [`TapeError::ForeignNode`], and [`TapeError::NoTangent`] when the way from a seed to an output
     /// leads through a custom operation without tangent rule.
+    ///
+    /// # Panics
+    /// If the tangent rule of a custom operation does, or there is no memory for the tangents.
     pub fn jvp<const K: usize>(&mut self, outputs: [Node; K], seeds: &[(Node, Node)]) -> Result<[Node; K], TapeError> {
         let mut tangents = outputs;
         self.jvp_into(&outputs, seeds, &mut tangents)?;
@@ -32,6 +35,9 @@ impl Tape<'_> {
     ///
     /// # Errors
     /// As [`jvp`](Self::jvp), and [`TapeError::Length`] unless `tangents` is as long as `outputs`.
+    ///
+    /// # Panics
+    /// As [`jvp`](Self::jvp).
     pub fn jvp_into(
         &mut self,
         outputs: &[Node],
@@ -77,6 +83,9 @@ impl Tape<'_> {
     ///
     /// # Errors
     /// As [`jvp`](Self::jvp); [`TapeError::Shape`] unless both have the same samples.
+    ///
+    /// # Panics
+    /// As [`jvp`](Self::jvp).
     pub fn jacobian(&mut self, output: Node, input: Node) -> Result<Node, TapeError> {
         let Shape { rows, cols } = self.entry("jacobian", output)?.shape;
         let inputs = self.entry("jacobian", input)?.shape;

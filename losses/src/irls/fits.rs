@@ -74,6 +74,9 @@ impl Irls {
     ///
     /// # Errors
     /// [`LossError::Shape`] where lengths disagree, else as [`Irls::minimise`].
+    ///
+    /// # Panics
+    /// If there is no memory for `k * k` numbers.
     pub fn linear(&self, a: &[f64], y: &[f64], parameters: &mut [f64]) -> Result<Report, LossError> {
         let k = parameters.len();
         same("a", y.len() * k, a.len())?;

@@ -28,6 +28,9 @@ pub enum Solved {
 ///
 /// # Errors
 /// [`LossError::Shape`] where lengths disagree.
+///
+/// # Panics
+/// If there is no memory for `k * k` numbers.
 pub fn solve_linear(a: &[f64], y: &[f64], w: &[f64], parameters: &mut [f64]) -> Result<Solved, LossError> {
     let k = parameters.len();
     same("a", y.len() * k, a.len())?;

@@ -60,6 +60,9 @@ pub fn open_levels(window: &[f32]) -> usize {
 /// `sum(Y[l][m]^2, m) = (2 l + 1) / 4 pi` it is `sum(sqrt((2 l + 1) / 4 pi) * |c[l]|, l >= from)`.
 ///
 /// * `c` `[degrees^2]` coefficients of one channel in an orthonormal real basis, degree by degree
+///
+/// # Panics
+/// May do so where the square of `from` does not fit `usize`.
 #[must_use]
 pub fn harmonics_bound(c: &[f32], from: usize) -> f64 {
     let mut bound = 0.0;

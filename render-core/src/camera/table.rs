@@ -20,6 +20,9 @@ pub struct RayTable {
 
 impl RayTable {
     /// The table of a camera; its pose does not matter.
+    ///
+    /// # Panics
+    /// If there is no memory for `width * height` directions.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
         let prepared = camera.prepare();

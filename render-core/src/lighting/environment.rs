@@ -21,7 +21,11 @@ use float_core::m64;
 /// # Source
 /// Ramamoorthi and Hanrahan, 2001, eq. 3.
 pub fn project_equirect(map: &[f32], width: usize, height: usize) -> Result<Lighting<f64>, RenderError> {
-    check_len("map", (width * height * 3).max(3), map.len())?;
+    // More than can be counted is more than the map has.
+    let want = width.saturating_mul(height).saturating_mul(3);
+    check_len("map", want, map.len())?;
+    // It must not be empty.
+    check_len("map", want.max(3), map.len())?;
     if let Some(index) = map.iter().position(|x| !x.is_finite()) {
         return Err(RenderError::NonFinite { what: "map", index });
     }

@@ -67,7 +67,8 @@ impl OccupancyGrid {
     /// A span that is empty or not a number, or a zero or non-finite direction, has no samples.
     ///
     /// # Panics
-    /// When a step of the rule is not positive, or the span is longer than `2^23` shortest steps.
+    /// When a step of the rule is not positive, the longest is below the shortest, or the span is longer than `2^23` shortest
+    /// steps.
     #[inline]
     pub fn march(
         &self,

@@ -113,7 +113,7 @@ impl OccupancyGrid {
         if !(1..=16).contains(&cascades) {
             return Err(GridError::Cascades(cascades));
         }
-        let cells = u64::from(resolution).pow(3).saturating_mul(u64::from(cascades));
+        let cells = u64::from(resolution).saturating_pow(3).saturating_mul(u64::from(cascades));
         if cells > 1 << 31 {
             return Err(GridError::Cells(cells));
         }

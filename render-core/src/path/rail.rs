@@ -96,6 +96,9 @@ impl Rail {
     }
 
     /// `n` poses at constant speed.
+    ///
+    /// # Panics
+    /// If there is no memory for `n` poses.
     #[must_use]
     pub fn poses(&self, n: usize) -> Vec<Pose> {
         (0..n).map(|i| self.pose(self.place(i, n))).collect()

@@ -17,6 +17,9 @@ pub enum Ends {
 /// `n` poses on a smooth curve through `keys`, evenly spaced in the parameter (equally many between two keys).
 ///
 /// Centres follow a Catmull-Rom spline, rotations the shortest arc. Empty when `keys` is.
+///
+/// # Panics
+/// If there is no memory for `n` poses.
 #[must_use]
 pub fn through(keys: &[Pose], n: usize, ends: Ends) -> Vec<Pose> {
     let k = keys.len();

@@ -33,7 +33,7 @@ pub struct DilateScratch {
 /// merge of three sorted lists, the window's maximum by a queue of candidates.
 ///
 /// # Panics
-/// When the lengths disagree, or `half_width` is negative.
+/// When the lengths disagree, or `half_width` is negative or NaN.
 ///
 /// # Source
 /// Mip-NeRF 360, appendix C.

@@ -34,6 +34,9 @@ pub fn weights(tau: &[f64], last: LastInterval) -> Ray {
 }
 
 /// Composited value of one ray: `values` is `[n][channels]`, sample by sample.
+///
+/// # Panics
+/// Where `ray.trans` is not longer than `ray.w`.
 #[must_use]
 pub fn colour<const C: usize>(ray: &Ray, values: &[[f64; C]], background: [f64; C]) -> [f64; C] {
     core::array::from_fn(|c| {

@@ -49,7 +49,7 @@ const NAMED: usize = 5;
 /// Only training photos are compared, and none of a scene that moves: its photos differ for good reason.
 ///
 /// # Panics
-/// When there are more thumbs than frames.
+/// When there are more thumbs than frames, or a thumb has not a grey value for each pixel.
 #[must_use]
 pub fn look(scene: &Scene, thumbs: &[Option<Thumb>]) -> Vec<Problem> {
     assert!(thumbs.len() <= scene.frames.len(), "{} thumbs for {} frames", thumbs.len(), scene.frames.len());

@@ -31,6 +31,9 @@ impl Thumb {
     }
 
     /// Reduce a decoded photo.
+    ///
+    /// # Panics
+    /// If the photo has no pixels, or holds less than its size says.
     #[must_use]
     pub fn of(image: &Image) -> Self {
         let (width, height) = fitted(image, SIDE);
@@ -44,6 +47,9 @@ impl Thumb {
     }
 
     /// The value at a place in pixels of this picture, between pixel centres; `None` outside and where a pixel is ignored.
+    ///
+    /// # Panics
+    /// If the picture has no pixels, or `grey` has not a value for each.
     #[must_use]
     pub fn at(&self, u: f64, v: f64) -> Option<f32> {
         let (x, y) = (u - 0.5, v - 0.5);

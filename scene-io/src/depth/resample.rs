@@ -5,6 +5,9 @@ use super::{DepthMap, is_known};
 impl DepthMap {
     /// The map at another size: each pixel takes the depth that is known nearest to its centre, of those inside the area it
     /// covers; a hole where none is. Depths are never mixed: the mean of a surface and what is behind it is neither.
+    ///
+    /// # Panics
+    /// If `z` is shorter than the size says.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if (width, height) == (self.width, self.height) {

@@ -85,6 +85,9 @@ impl Image {
 
     /// The image at another size: each pixel is the mean of the area it covers, colours weighted with their opacity. A pixel
     /// of the mask is used where half of its area is.
+    ///
+    /// # Panics
+    /// If `data` or `mask` is shorter than the size says, or there are fewer than three channels.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if (width, height) == (self.width, self.height) { self.clone() } else { resize::scaled(self, width, height) }

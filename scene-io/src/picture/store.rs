@@ -131,7 +131,7 @@ impl ImageStore {
     /// was made.
     ///
     /// # Panics
-    /// If `index` is not below [`ImageStore::len`].
+    /// If `index` is not below [`ImageStore::len`], or a picture in memory holds less than its size says.
     pub fn get(&self, index: usize) -> Result<Arc<Image>, SceneError> {
         let entry = &self.entries[index];
         if let Some(image) = self.lock().touch(index) {

@@ -21,7 +21,7 @@ impl Features {
     /// border's. Bilinear between the centres of the grid's cells.
     ///
     /// # Panics
-    /// If `out` has not [`Features::channels`] entries.
+    /// If `out` has not [`Features::channels`] entries, or the grid has no cells.
     pub fn sample(&self, x: f64, y: f64, out: &mut [f32]) {
         assert_eq!(out.len(), self.channels, "a vector of features has {} entries", self.channels);
         let (x0, x1, fx) = between(x, self.width);
@@ -35,6 +35,9 @@ impl Features {
     }
 
     /// The grid at another size, `[channels][height][width]`, sampled at the centres of its cells.
+    ///
+    /// # Panics
+    /// If the grid has no cells, and the new one has some.
     #[must_use]
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let pixels = width * height;

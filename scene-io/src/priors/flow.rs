@@ -51,6 +51,9 @@ const EDGE: f64 = 2.0;
 impl Flow {
     /// The same for pictures of another size, both of them: a pixel has the mean way of those that it covers. It is seen where
     /// they all are and go the same way; at an edge nobody knows which side it shows.
+    ///
+    /// # Panics
+    /// If `way` or `seen` is smaller than the size says.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if (width, height) == (self.width, self.height) {

@@ -20,6 +20,9 @@ pub enum Segments {
 
 impl Segments {
     /// The segments at another size, each pixel as the nearest of the old ones.
+    ///
+    /// # Panics
+    /// As [`LabelMap::resized`].
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         match self {
@@ -42,6 +45,9 @@ pub struct LabelMap {
 
 impl LabelMap {
     /// The map at another size, each pixel as the nearest of the old ones.
+    ///
+    /// # Panics
+    /// If there are labels, but fewer than the size says.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if self.labels.is_empty() {

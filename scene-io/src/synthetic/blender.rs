@@ -17,6 +17,9 @@ use std::path::Path;
 /// # Errors
 /// A frame that is no picture in memory, or whose camera has another lens, focal length or principal point than the
 /// format can say (one horizontal angle for each split, the axis in the middle); files that cannot be written.
+///
+/// # Panics
+/// If a picture, depth map or flow in memory has not as many values as its size says.
 pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
     for split in [Split::Train, Split::Val, Split::Test] {
         let frames: Vec<&Frame> = scene.split(split).map(|i| &scene.frames[i]).collect();

@@ -130,7 +130,8 @@ impl Mcmc {
             let s = source as usize;
             let (logit, smaller) = *given[s].get_or_insert_with(|| {
                 let (o, factor) = share(opacity(cloud, s), (at[s] + 1).min(SHARE_MAX));
-                let o = o.clamp(self.opacity_dead, 1.0 - f64::from(f32::EPSILON));
+                let most = 1.0 - f64::from(f32::EPSILON);
+                let o = o.clamp(self.opacity_dead.min(most), most);
                 ((m64::ln(o) - m64::ln_1p(-o)) as f32, m64::ln(factor))
             });
             out.logit[i] = logit;

@@ -20,6 +20,9 @@ pub struct Pull {
 
 impl Pull {
     /// Of `n` Gaussians that no view has shown yet.
+    ///
+    /// # Panics
+    /// If there is no memory for `n` Gaussians.
     #[must_use]
     pub fn new(n: usize) -> Self {
         let zeros = || alloc::vec![0.0; n];

@@ -89,6 +89,9 @@ impl Rows {
     ///
     /// # Errors
     /// [`SplatError::Shape`] naming `what`.
+    ///
+    /// # Panics
+    /// May do so where `components` times the rows does not fit `usize`.
     pub fn apply(
         &self,
         what: &'static str,

@@ -30,6 +30,9 @@ impl Projection {
     ///
     /// # Errors
     /// [`SplatError::Shape`].
+    ///
+    /// # Panics
+    /// May do so where [`footprints`](Self::footprints) are not in the order in which [`project`](Self::project) left them.
     #[expect(clippy::too_many_arguments, reason = "the forward pass's inputs and their gradients")]
     pub fn backward<const K: usize>(
         &self,

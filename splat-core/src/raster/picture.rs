@@ -56,6 +56,9 @@ impl<const K: usize> Raster<K> {
     ///
     /// # Errors
     /// [`SplatError`] where the numbers of ellipses and features differ, rules are out of range, or there is too much to count.
+    ///
+    /// # Panics
+    /// If there is no memory for the picture's tiles. May do so where their number does not fit `u32`.
     pub fn draw(
         &mut self,
         simd: Simd,

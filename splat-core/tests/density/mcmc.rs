@@ -200,6 +200,8 @@ fn empty_clouds_and_wrong_constants() {
     assert!(matches!(wrong.relocate(&none, STREAM), Err(SplatError::Value { what: "opacity_dead", .. })));
     assert!(matches!(MCMC.stir(&mut none, f64::NAN, STREAM), Err(SplatError::Value { what: "lr", .. })));
     assert!(matches!(MCMC.regularise(&some(3, 0), &mut none), Err(SplatError::Shape { what: "grad", .. })));
+    let nearly_one = Mcmc { opacity_dead: 0.999_999_99, ..MCMC };
+    assert!(nearly_one.add(&some(1, 0), 2, STREAM).unwrap().cloud.logit.iter().all(|x| x.is_finite()));
     let moves: Vec<u64> = (0..30_000).filter(|&s| MCMC.moves_at(s)).collect();
     assert_eq!((moves[0], moves[moves.len() - 1]), (600, 24_900));
 }

@@ -65,6 +65,9 @@ pub struct Baked {
 ///
 /// # Errors
 /// [`RunError::System`] for options that cannot work.
+///
+/// # Panics
+/// If the system gives fewer values than rays.
 pub fn bake(
     system: &dyn System,
     data: &Dataset,
@@ -88,6 +91,9 @@ pub fn bake(
 ///
 /// # Errors
 /// As [`bake`].
+///
+/// # Panics
+/// When fields of the baked cloud disagree in length.
 pub fn relight(
     baked: &Baked,
     system: &dyn System,

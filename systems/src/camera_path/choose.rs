@@ -55,6 +55,9 @@ impl Film {
 ///
 /// # Errors
 /// [`RunError::Option`] when the cameras define no such path; [`RunError::Read`], [`RunError::Content`] for files.
+///
+/// # Panics
+/// If there is no memory for so many cameras.
 pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
     let rig = rig(scene, data, None)?;
     along(kind, (scene, data, &rig), frames, None).map(|found| found.0)
@@ -66,6 +69,9 @@ pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<us
 ///
 /// # Errors
 /// As [`cameras`], and those of drawing.
+///
+/// # Panics
+/// As [`cameras`] and [`Sight::share`].
 pub fn film(
     kind: Option<&PathKind>,
     (scene, data): (&Scene, &Dataset),

@@ -49,6 +49,9 @@ impl<'a> Sight<'a> {
     ///
     /// # Errors
     /// Those of `draw`.
+    ///
+    /// # Panics
+    /// If a picture of `draw` lacks pixels.
     pub fn new(data: &Dataset, draw: &'a Draw<'a>) -> Result<Self, RunError> {
         let all: Vec<usize> = (0..data.len()).filter(|&i| data.view(i).level == 0).collect();
         let poses: Vec<Pose> = all.iter().map(|&i| data.view(i).camera.pose).collect();
@@ -82,6 +85,9 @@ impl<'a> Sight<'a> {
     ///
     /// # Errors
     /// Those of drawing.
+    ///
+    /// # Panics
+    /// As [`Sight::new`].
     pub fn share(&self, camera: &Camera, time: f64) -> Result<f64, RunError> {
         let small = limited(camera, Some(SIDE));
         let view = (self.draw)(&small, time)?;

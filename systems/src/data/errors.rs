@@ -114,6 +114,9 @@ impl Dataset {
     ///
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
+    ///
+    /// # Panics
+    /// If `map` was made for other views.
     pub fn draw_by_error(
         &self,
         seed: u64,

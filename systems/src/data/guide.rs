@@ -69,6 +69,9 @@ impl Dataset {
     ///
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
+    ///
+    /// # Panics
+    /// If `guide` is of other views.
     pub fn draw_guided(
         &self,
         seed: u64,

@@ -62,7 +62,7 @@ impl Dataset {
     /// None today; kept so that reading ahead may fail.
     ///
     /// # Panics
-    /// When an index in `frames` is not one of `scene.frames`.
+    /// When an index in `frames` is not one of `scene.frames`, or `store` has no such frame.
     pub fn new(scene: &Scene, store: Arc<ImageStore>, frames: Vec<usize>) -> Result<Self, SceneError> {
         Self::with_levels(scene, store, frames, 0..1)
     }
@@ -75,7 +75,7 @@ impl Dataset {
     /// As [`Dataset::new`].
     ///
     /// # Panics
-    /// As [`Dataset::new`].
+    /// As [`Dataset::new`]. In builds that check for overflow also: when a level is 32 or more.
     pub fn with_levels(
         scene: &Scene,
         store: Arc<ImageStore>,
@@ -91,6 +91,9 @@ impl Dataset {
     }
 
     /// The views of this dataset at one level; see [`Dataset::with_levels`].
+    ///
+    /// # Panics
+    /// In builds that check for overflow: when `level` is 32 or more.
     #[must_use]
     pub fn at_level(&self, level: u32) -> Self {
         let listed = |v: &View| Listed { frame: v.frame, source: v.source.clone(), points: v.points.clone() };

@@ -31,6 +31,9 @@ pub struct Patches {
 
 impl Patches {
     /// Pixels of a patch.
+    ///
+    /// # Panics
+    /// In builds that check for overflow: when there are more than a `u32` counts.
     #[must_use]
     pub fn pixels(self) -> usize {
         (self.side * self.side) as usize
@@ -40,6 +43,9 @@ impl Patches {
     /// axes) and the place.
     ///
     /// A window lies wholly inside where the photo is large enough, and repeats the last pixel otherwise.
+    ///
+    /// # Panics
+    /// If `size` is 0.
     #[must_use]
     pub fn place(self, i: u32, size: u32, [span, offset]: [f32; 2]) -> u32 {
         match self.shape {
@@ -63,6 +69,9 @@ impl Dataset {
     ///
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
+    ///
+    /// # Panics
+    /// As [`Patches::pixels`].
     pub fn draw_patches(
         &self,
         seed: u64,

@@ -100,6 +100,9 @@ impl View {
     }
 
     /// Rays of all pixels of the rows `rows`, row by row; `None` where the lens has no preimage.
+    ///
+    /// # Panics
+    /// The iterator does where a row lies outside the image.
     pub fn rays(&self, rows: std::ops::Range<u32>) -> impl Iterator<Item = Option<Ray>> + '_ {
         rows.flat_map(move |y| (0..self.camera.width).map(move |x| self.ray(x, y)))
     }

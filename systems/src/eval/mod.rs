@@ -216,6 +216,9 @@ pub struct Seen<'a> {
 /// # Errors
 /// [`RunError::Scene`] when an image cannot be read, [`RunError::Option`] for views that are too narrow to have halves where
 /// those are scored, and whatever `each` fails with.
+///
+/// # Panics
+/// As [`render`].
 pub fn evaluate(
     system: &dyn System,
     data: &Dataset,
@@ -230,6 +233,9 @@ pub fn evaluate(
 /// that others are compared with is measured again.
 ///
 /// # Errors
+/// As [`evaluate`].
+///
+/// # Panics
 /// As [`evaluate`].
 pub fn evaluate_from(
     system: &dyn System,

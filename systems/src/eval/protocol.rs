@@ -123,6 +123,9 @@ impl Protocol {
     ///
     /// # Errors
     /// [`RunError::Option`] for a light that the system has not.
+    ///
+    /// # Panics
+    /// If [`EvalAppearance::Encode`] is asked for and `train` has no view.
     pub fn new(asked: Option<&EvalAppearance>, system: &dyn System, train: &Dataset) -> Result<Self, RunError> {
         let has_codes = system.appearance_code(&Appearance::Mean).is_some();
         let appearance = match (asked, has_codes) {

@@ -4,12 +4,14 @@
 //! mod.rs         what the process holds and may take, as the system counts it; the limit of `--memory`
 //! expected.rs    what a run will need: the line that is printed before the start
 //! rehearsal.rs   a few steps of a copy of the system, to see what training really takes
+//! work.rs        how much the process has worked: what a rehearsal ends by
 //! smaller.rs     settings that are reduced where a limit is too low for those planned
 //! ```
 
 mod expected;
 mod rehearsal;
 mod smaller;
+mod work;
 
 pub use expected::ExpectedMemory;
 pub(crate) use expected::Needs;

@@ -6,15 +6,17 @@
 
 use crate::data::Dataset;
 use crate::halt::Halt;
+use crate::memory::work::Work;
 use crate::render::plain_query;
 use crate::system::{Fit, Query, System};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Steps at most: batches have grown to their size by then.
-const STEPS: u64 = 8;
-/// No further step after this time.
+/// Steps at most: batches have grown to their size, empty space was looked for again, and the buffers of most chunks have met
+/// a large one.
+const STEPS: u64 = 40;
+/// No further step after this work.
 const ENOUGH: Duration = Duration::from_secs(3);
 /// Rays that are rendered at most: those of a strip of a picture.
 const RAYS: usize = 1 << 14;
@@ -29,9 +31,9 @@ const LOOKS: usize = 3;
 /// Train a copy of a run's system for some steps, render a strip of a picture with it, and let it look at some photos where it
 /// does. What goes wrong in it will go wrong again in the training, and is reported there. Whether it looks at photos.
 pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> bool {
-    let start = Instant::now();
+    let work = Work::begin();
     for step in 0..STEPS {
-        if halt.raised() || copy.step(views, step).is_err() || start.elapsed() > ENOUGH {
+        if halt.raised() || copy.step(views, step).is_err() || work.done() > ENOUGH {
             break;
         }
     }
@@ -40,10 +42,10 @@ pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> b
         render_some(copy, &view.camera, (&rays, &radii), halt);
         fit_once(copy, &rays, halt);
     }
-    let start = Instant::now();
+    let work = Work::begin();
     let mut looks = false;
     for (i, view) in views.views().iter().enumerate().take(LOOKS) {
-        if halt.raised() || start.elapsed() > ENOUGH {
+        if halt.raised() || work.done() > ENOUGH {
             break;
         }
         let pixels = f64::from(view.camera.width) * f64::from(view.camera.height);
@@ -78,9 +80,9 @@ fn render_some(copy: &dyn System, camera: &Camera, (rays, radii): (&[Ray], &[f32
     }
     let mut count = FIRST_RAYS.min(rays.len());
     while !halt.raised() {
-        let start = Instant::now();
+        let work = Work::begin();
         copy.render_cones(&rays[..count], &radii[..count], &query);
-        if count == rays.len() || 4 * start.elapsed() > QUICK {
+        if count == rays.len() || 4 * work.done() > QUICK {
             break;
         }
         count = (4 * count).min(rays.len());

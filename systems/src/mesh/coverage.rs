@@ -22,6 +22,9 @@ pub struct Coverage {
 
 impl Coverage {
     /// Compare `mesh` with what `views` show inside `crop`.
+    ///
+    /// # Panics
+    /// If a triangle names a vertex that does not exist, or a view is smaller than its camera's.
     #[must_use]
     pub fn of(mesh: &Mesh, views: &[DepthView], crop: &CropBox) -> Self {
         let of_view = |view: &DepthView| {

@@ -5,6 +5,7 @@
 
 use super::quadric::{DIM, Point, Quadric, minus};
 use super::topology::{borders, compact};
+use crate::halt::Halt;
 use glam::{DVec3, Vec3};
 use losses::metrics::quantise_value;
 use scene_io::export::Mesh;
@@ -21,10 +22,10 @@ const TURN: f64 = 0.2;
 const THIN: f64 = 0.02;
 
 /// Collapse edges until at most `target` triangles are left, or none can go. `cell` is the length that errors are measured in;
-/// `colours`, one a vertex, become the mesh's.
-pub(super) fn decimate(mesh: &mut Mesh, colours: &[Vec3], cell: f64, target: usize) {
+/// `colours`, one a vertex, become the mesh's. More are left where `halt` is raised on the way.
+pub(super) fn decimate(mesh: &mut Mesh, colours: &[Vec3], (cell, target): (f64, usize), halt: &Halt) {
     let mut work = Work::new(mesh, colours, cell);
-    work.run(target);
+    work.run(target, halt);
     work.write(mesh);
 }
 
@@ -144,12 +145,12 @@ impl Work {
         }
     }
 
-    fn run(&mut self, target: usize) {
+    fn run(&mut self, target: usize, halt: &Halt) {
         while self.left > target {
             let before = self.left;
-            self.empty_heap(target);
+            self.empty_heap(target, halt);
             // What could not go may go now that other things have moved.
-            if self.left <= target || self.left == before {
+            if self.left <= target || self.left == before || halt.raised() {
                 return;
             }
             self.push_all();
@@ -165,8 +166,8 @@ impl Work {
         edges.into_iter().for_each(|[a, b]| self.push(a, b));
     }
 
-    fn empty_heap(&mut self, target: usize) {
-        while self.left > target {
+    fn empty_heap(&mut self, target: usize, halt: &Halt) {
+        while self.left > target && !halt.raised() {
             let Some(Reverse((_, a, b, age_a, age_b))) = self.heap.pop() else { return };
             if self.age[a as usize] != age_a || self.age[b as usize] != age_b || !self.stays_a_surface(a, b) {
                 continue;
@@ -294,7 +295,7 @@ mod tests {
         let mut mesh = ball(48);
         let (volume, before) = (mesh.volume(), mesh.triangles.len());
         let grey = vec![Vec3::splat(0.5); mesh.vertices.len()];
-        decimate(&mut mesh, &grey, 2.6 / 48.0, 800);
+        decimate(&mut mesh, &grey, (2.6 / 48.0, 800), &Halt::NEVER);
         let left = mesh.triangles.len();
         assert!(before > 5000 && (780..=800).contains(&left), "{left} of {before}");
         assert_eq!(mesh.open_edges(), 0);
@@ -303,7 +304,7 @@ mod tests {
             assert!((DVec3::from(*v).length() - 1.0).abs() < 0.01);
         }
         let mut again = ball(48);
-        decimate(&mut again, &grey, 2.6 / 48.0, 800);
+        decimate(&mut again, &grey, (2.6 / 48.0, 800), &Halt::NEVER);
         assert_eq!(again, mesh);
     }
 
@@ -322,7 +323,7 @@ mod tests {
         }
         let dark = |v: &[f64; 3]| v[0] < 8.5 && v[1] < 8.5;
         let colours: Vec<Vec3> = mesh.vertices.iter().map(|v| if dark(v) { Vec3::ZERO } else { Vec3::ONE }).collect();
-        decimate(&mut mesh, &colours, 1.0, 120);
+        decimate(&mut mesh, &colours, (1.0, 120), &Halt::NEVER);
         assert!(mesh.triangles.len() <= 120);
         assert!((mesh.area() - f64::from(n * n)).abs() < 1e-6, "the border holds: {}", mesh.area());
         for (v, c) in mesh.vertices.iter().zip(&mesh.colours) {
@@ -336,11 +337,11 @@ mod tests {
     #[test]
     fn nothing_and_unreachable_targets_are_legal() {
         let mut none = Mesh::default();
-        decimate(&mut none, &[], 1.0, 0);
+        decimate(&mut none, &[], (1.0, 0), &Halt::NEVER);
         assert_eq!(none, Mesh::default());
         let mut small = ball(8);
         let grey = vec![Vec3::ZERO; small.vertices.len()];
-        decimate(&mut small, &grey, 0.3, 0);
+        decimate(&mut small, &grey, (0.3, 0), &Halt::NEVER);
         assert!(!small.triangles.is_empty() && small.open_edges() == 0);
     }
 }

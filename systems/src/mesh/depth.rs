@@ -51,6 +51,9 @@ pub struct DepthView {
 
 impl DepthView {
     /// The depth of a picture that `camera`, a pinhole, took on `background`.
+    ///
+    /// # Panics
+    /// If the picture is smaller than the camera's, or lacks a layer.
     #[must_use]
     pub fn new(camera: &Camera, place: Place, picture: &Rendered, background: [f32; 3]) -> Self {
         let (w, layers) = (camera.width as usize, &picture.layers);

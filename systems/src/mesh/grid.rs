@@ -4,6 +4,7 @@
 //! blocks and samples are counted from the box's smallest corner.
 
 use super::depth::{DepthView, Place, known};
+use crate::halt::Halt;
 use crate::surface::CropBox;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -124,8 +125,8 @@ struct Ready<'a> {
 }
 
 impl Grid {
-    /// Fuse what `views` show into `blocks`.
-    pub(super) fn fuse(views: &[DepthView], lattice: Lattice, blocks: &[[usize; 3]]) -> Self {
+    /// Fuse what `views` show into `blocks`; into some of them where `halt` is raised on the way.
+    pub(super) fn fuse(views: &[DepthView], lattice: Lattice, blocks: &[[usize; 3]], halt: &Halt) -> Self {
         let ready: Vec<Ready<'_>> = views
             .iter()
             .map(|view| Ready {
@@ -136,7 +137,8 @@ impl Grid {
                 photo: view.place == Place::Photo,
             })
             .collect();
-        let blocks: Vec<Block> = blocks.par_iter().map(|&at| fused(&ready, &lattice, at)).collect();
+        let of_block = |&at: &[usize; 3]| (!halt.raised()).then(|| fused(&ready, &lattice, at));
+        let blocks: Vec<Block> = blocks.par_iter().filter_map(of_block).collect();
         let index = blocks.iter().enumerate().map(|(i, block)| (block.at, i)).collect();
         Self { lattice, blocks, index }
     }

@@ -22,6 +22,7 @@ mod smooth;
 mod topology;
 
 use crate::error::RunError;
+use crate::halt::Halt;
 use crate::render::Rendered;
 use crate::surface::CropBox;
 use coverage::Coverage;
@@ -89,6 +90,9 @@ pub struct Fused {
 ///
 /// # Errors
 /// What `draw` fails with; [`RunError::Option`] without a camera.
+///
+/// # Panics
+/// If a picture of `draw` lacks pixels.
 pub fn look(
     draw: &Draw<'_>,
     photos: &[Camera],
@@ -118,11 +122,14 @@ pub fn seen_box(views: &[DepthView]) -> Option<CropBox> {
     region::Agreed::new(views, None).crop()
 }
 
-/// The surface that `views` show.
+/// The surface that `views` show; `None` where `halt` is raised on the way.
 ///
 /// # Errors
 /// [`RunError::Option`] where no view shows a surface inside the box, and where the grid would be too large.
-pub fn fuse(views: &[DepthView], options: &MeshOptions) -> Result<Fused, RunError> {
+///
+/// # Panics
+/// If a side of the box is no number, or its first corner is beyond the second.
+pub fn fuse(views: &[DepthView], options: &MeshOptions, halt: &Halt) -> Result<Option<Fused>, RunError> {
     let agreed = region::Agreed::new(views, options.crop.as_ref());
     let nothing = || {
         RunError::Option(match options.crop {
@@ -148,7 +155,10 @@ pub fn fuse(views: &[DepthView], options: &MeshOptions) -> Result<Fused, RunErro
         }
         None => fitting(views, &crop, footprint.clamp(longest / MOST_CELLS, longest / LEAST_CELLS), options.triangles),
     };
-    let grid = grid::Grid::fuse(views, lattice, &blocks);
+    let grid = grid::Grid::fuse(views, lattice, &blocks, halt);
+    if halt.raised() {
+        return Ok(None);
+    }
     let photos = views.iter().filter(|v| v.place == Place::Photo).count();
     let mut mesh = extract::extract(&grid, PHOTOS.min(photos.max(1) as u8));
     let (cell, reach) = (lattice.cell, lattice.reach());
@@ -156,32 +166,44 @@ pub fn fuse(views: &[DepthView], options: &MeshOptions) -> Result<Fused, RunErro
 
     topology::part_fans(&mut mesh);
     let dropped = topology::drop_small(&mut mesh, PIECE);
+    if halt.raised() {
+        return Ok(None);
+    }
     let closed = holes::fill(&mut mesh, views, LOOP * longest, 2.0 * reach);
     smooth::smooth(&mut mesh, SMOOTH);
     let raw = mesh.triangles.len();
+    if halt.raised() {
+        return Ok(None);
+    }
     let colours = paint::paint(&mesh, views, reach);
-    finish(&mut mesh, &colours, cell, options.triangles);
+    finish(&mut mesh, &colours, (cell, options.triangles), halt);
+    if halt.raised() {
+        return Ok(None);
+    }
     let coverage = Coverage::of(&mesh, views, &crop);
-    Ok(Fused { mesh, crop, cell, raw, dropped, closed, coverage })
+    Ok(Some(Fused { mesh, crop, cell, raw, dropped, closed, coverage }))
 }
 
 /// At most `triangles` triangles, with colours and normals. `cell` is the length that errors are measured in.
-fn finish(mesh: &mut Mesh, colours: &[Vec3], cell: f64, triangles: usize) {
+fn finish(mesh: &mut Mesh, colours: &[Vec3], (cell, triangles): (f64, usize), halt: &Halt) {
     if mesh.triangles.len() > triangles {
-        decimate::decimate(mesh, colours, cell, triangles);
+        decimate::decimate(mesh, colours, (cell, triangles), halt);
     } else {
         mesh.colours = colours.iter().map(|c| c.to_array().map(quantise_value)).collect();
     }
     mesh.smooth_normals();
 }
 
-/// `mesh`, with colours, thinned out to at most `triangles`.
-pub fn thin_out(mesh: &mut Mesh, triangles: usize) {
+/// `mesh`, with colours, thinned out to at most `triangles`; to more where `halt` is raised on the way.
+///
+/// # Panics
+/// If a triangle names a vertex that does not exist.
+pub fn thin_out(mesh: &mut Mesh, triangles: usize, halt: &Halt) {
     let colours: Vec<Vec3> = mesh.colours.iter().map(|c| Vec3::from(c.map(|x| f32::from(x) / 255.0))).collect();
     let edges = (mesh.triangles.len() * 3).max(1) as f64;
     let cell = (mesh.area() / edges).sqrt();
     if mesh.triangles.len() > triangles && cell > 0.0 {
-        decimate::decimate(mesh, &colours, cell, triangles);
+        decimate::decimate(mesh, &colours, (cell, triangles), halt);
         mesh.smooth_normals();
     }
 }
@@ -260,7 +282,9 @@ mod tests {
     #[test]
     fn a_sphere_seen_from_all_sides_is_closed_and_where_it_is() {
         let views = all_around(&sphere(1.0), 24, 96);
-        let fused = fuse(&views, &MeshOptions { crop: None, resolution: None, triangles: 4000 }).unwrap();
+        let fused = fuse(&views, &MeshOptions { crop: None, resolution: None, triangles: 4000 }, &Halt::NEVER)
+            .unwrap()
+            .unwrap();
         let Fused { mesh, cell, coverage, .. } = &fused;
         assert_eq!(mesh.open_edges(), 0);
         assert!(mesh.triangles.len() <= 4000 && fused.raw > 4000, "{} of {}", mesh.triangles.len(), fused.raw);
@@ -287,7 +311,9 @@ mod tests {
                 seen(&sphere(1.0), DVec3::new(2.0 * turn.cos(), 2.0 * turn.sin(), 3.0), 80)
             })
             .collect();
-        let fused = fuse(&views, &MeshOptions { crop: None, resolution: Some(48), triangles: 100_000 }).unwrap();
+        let fused = fuse(&views, &MeshOptions { crop: None, resolution: Some(48), triangles: 100_000 }, &Halt::NEVER)
+            .unwrap()
+            .unwrap();
         assert!(fused.mesh.open_edges() > 0);
         let lowest = fused.mesh.vertices.iter().map(|v| v[2]).fold(9.0, f64::min);
         assert!((-0.35..0.1).contains(&lowest), "{lowest}");
@@ -299,11 +325,13 @@ mod tests {
         let views = all_around(&sphere(1.0), 12, 48);
         let crop = [[-2.0, -2.0, 0.0], [2.0; 3]];
         let options = MeshOptions { crop: Some(crop), resolution: Some(40), triangles: 100_000 };
-        let fused = fuse(&views, &options).unwrap();
+        let fused = fuse(&views, &options, &Halt::NEVER).unwrap().unwrap();
         assert!(fused.crop == crop && fused.mesh.vertices.iter().all(|v| v[2] > -0.02));
+        let raised = Halt::on(std::sync::Arc::new(true.into()));
+        assert_eq!(fuse(&views, &options, &raised).unwrap(), None);
         let empty = MeshOptions { crop: Some([[5.0; 3], [6.0; 3]]), ..options };
-        assert!(fuse(&views, &empty).unwrap_err().to_string().contains("`--box`"));
-        assert!(fuse(&[], &MeshOptions { crop: None, ..options }).is_err());
+        assert!(fuse(&views, &empty, &Halt::NEVER).unwrap_err().to_string().contains("`--box`"));
+        assert!(fuse(&[], &MeshOptions { crop: None, ..options }, &Halt::NEVER).is_err());
     }
 
     #[test]

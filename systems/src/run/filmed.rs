@@ -23,6 +23,9 @@ impl Run<'_> {
     ///
     /// # Errors
     /// As [`film`].
+    ///
+    /// # Panics
+    /// As [`film`].
     pub fn film(
         &self,
         path: Option<&PathKind>,

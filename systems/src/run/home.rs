@@ -40,6 +40,28 @@ impl Home {
         id_of(&self.folder).is_some_and(|id| id == own)
     }
 
+    /// Refuse to write where something else lies at the folder's place now. One that is gone may be made again.
+    ///
+    /// # Errors
+    /// [`RunError::Write`] naming the folder.
+    pub(super) fn refuse_others(&self) -> Result<(), RunError> {
+        if self.stands() {
+            return Ok(());
+        }
+        let why = match checkpoint::newest_step(&self.folder) {
+            Some(_) => "another run lies there now: the folder was replaced while this one went on".into(),
+            None => match place::refuse_foreign(&self.folder) {
+                Ok(()) => return Ok(()),
+                Err(error) => error.to_string(),
+            },
+        };
+        Err(self.unwritable(why))
+    }
+
+    fn unwritable(&self, why: String) -> RunError {
+        RunError::Write { path: self.folder.clone(), source: io::Error::other(why) }
+    }
+
     /// Make the folder again where it is gone: `texts` are its first files, names and content. `true` where that was needed.
     ///
     /// # Errors
@@ -55,17 +77,13 @@ impl Home {
         if self.stands() {
             return Ok(false);
         }
-        let foreign = |why: String| RunError::Write { path: self.folder.clone(), source: io::Error::other(why) };
-        if checkpoint::newest_step(&self.folder).is_some() {
-            return Err(foreign("another run lies there now: the folder was replaced while this one went on".into()));
-        }
-        place::refuse_foreign(&self.folder).map_err(|e| foreign(e.to_string()))?;
+        self.refuse_others()?;
         make_folder(&self.folder)?;
         // The old lock is on a file that has no name any more, or it is what an earlier try took here.
         *lock = None;
         *lock = FolderLock::take(&self.folder).map_err(|error| match error {
             // Whoever is there may go again.
-            RunError::Busy { .. } => foreign(error.to_string()),
+            RunError::Busy { .. } => self.unwritable(error.to_string()),
             error => error,
         })?;
         for (name, text) in texts {

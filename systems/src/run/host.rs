@@ -43,7 +43,7 @@ impl Host for RunHost<'_> {
             }
             Occasion::End => {
                 self.keeper.keep_up(system, at, self.observer)?;
-                let place = (self.keeper.storage, self.keeper.folder);
+                let place = (self.keeper.storage, self.keeper.folder, self.keeper.home);
                 let measured = measure_and_write(place, (system, held_out), &self.terms, at, self.observer)?;
                 let (psnr, stopped) = (measured.psnr, measured.stopped);
                 self.evaluation = Some(measured);

@@ -1,6 +1,7 @@
 //! The held-out views of a run, measured and written down.
 
 use super::Run;
+use super::home::Home;
 use super::kept::{self, KeptViews, PICTURES};
 use super::lock::FolderLock;
 use crate::data::Dataset;
@@ -39,7 +40,7 @@ impl Run<'_> {
         let _lock = self.lock_if_writable(observer)?;
         let (protocol, query) = self.protocol()?;
         let mut evaluation = measure_and_write(
-            (self.parts.storage, &self.folder),
+            (self.parts.storage, &self.folder, &self.home),
             (self.system.as_ref(), &self.held_out),
             &self.terms((&protocol, &query), Measures::All(lpips)),
             (self.step, self.seconds),
@@ -133,7 +134,7 @@ impl Run<'_> {
 /// All metrics of all held-out views, with their pictures, on disk. Where the observer asks to stop, the pictures alone, and the
 /// scores of these views for the next time. A file that cannot be written is no reason to have no scores.
 pub(super) fn measure_and_write(
-    (storage, folder): (&dyn Storage, &Path),
+    (storage, folder, home): (&dyn Storage, &Path, &Home),
     (system, data): (&dyn System, &Dataset),
     terms: &Terms<'_>,
     at: (u64, f64),
@@ -141,7 +142,7 @@ pub(super) fn measure_and_write(
 ) -> Result<Evaluation, RunError> {
     let renders = folder.join("renders");
     let mut unwritten = Vec::new();
-    note_unwritten(make_folder(&renders), &mut unwritten)?;
+    note_unwritten(home.refuse_others().and_then(|()| make_folder(&renders)), &mut unwritten)?;
     let stems: Vec<String> =
         data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
     let kept = RefCell::new(KeptViews::of(folder, at.0, terms));
@@ -153,6 +154,7 @@ pub(super) fn measure_and_write(
             [depth(seen.rendered, depth_range(&[seen.rendered])), error_map(seen.picture, seen.truth)];
         let pictures = PICTURES.into_iter().zip([seen.picture, seen.truth, &error, &depth_image]);
         let written = pictures.into_iter().try_for_each(|(ending, picture)| {
+            home.refuse_others()?;
             let path = renders.join(format!("{stem}{ending}.png"));
             write_png(storage, &path, picture).or_else(|_| {
                 // The folder may have gone.
@@ -180,7 +182,8 @@ pub(super) fn measure_and_write(
         let scores = [(EVAL, evaluation.json()), ("eval.csv", evaluation.csv())];
         for (name, text) in scores {
             let before = unwritten.len();
-            note_unwritten(write_file(storage, &folder.join(name), text.as_bytes()), &mut unwritten)?;
+            let written = home.refuse_others().and_then(|()| write_file(storage, &folder.join(name), text.as_bytes()));
+            note_unwritten(written, &mut unwritten)?;
             evaluation.written |= name == EVAL && unwritten.len() == before;
         }
     }

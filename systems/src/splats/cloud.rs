@@ -85,6 +85,9 @@ impl Cloud {
     }
 
     /// A cloud of the scene's frame.
+    ///
+    /// # Panics
+    /// When fields of the cloud disagree in length.
     #[must_use]
     pub fn new(mut cloud: Gaussians, rules: Rules) -> Self {
         if let Ok(placed) = by_place(&cloud).and_then(|rows| rows.follow(&cloud)) {
@@ -99,6 +102,9 @@ impl Cloud {
     }
 
     /// A cloud of a training or a bake, drawn by its own rules.
+    ///
+    /// # Panics
+    /// As [`Cloud::new`].
     #[must_use]
     pub fn exact(splats: Splats) -> Self {
         let rules = splats.rules;
@@ -265,6 +271,9 @@ impl Cloud {
     ///
     /// # Errors
     /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.
+    ///
+    /// # Panics
+    /// If there is no memory for so many cameras.
     pub fn cameras(
         &self,
         kind: &PathKind,

@@ -123,6 +123,9 @@ impl Rates {
 
 impl SplatConfig {
     /// As published, for a scene around `centre` whose cameras extend over `radius`; schedules for `horizon` steps.
+    ///
+    /// # Panics
+    /// In builds that check for overflow: when `horizon` is above 10^15.
     #[must_use]
     pub fn published(centre: [f64; 3], radius: f64, horizon: u64) -> Self {
         // The published schedules are for 30 000 steps.

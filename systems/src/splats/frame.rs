@@ -74,6 +74,9 @@ impl Frame {
     }
 
     /// A cloud of the scene's frame: positions and sizes; rotations, opacities and colours are the same in both.
+    ///
+    /// # Panics
+    /// If `mean` holds more than three numbers for each Gaussian.
     pub fn cloud_to_internal(&self, cloud: &mut Gaussians) {
         let centre = self.centre;
         map(cloud, -self.scale.ln(), |axis, x| (x - centre[axis]) / self.scale);
@@ -81,6 +84,9 @@ impl Frame {
 
     /// An internal cloud in the scene's frame, as it is exported. Positions are `f32`: a scene at a million units is exported to
     /// a sixteenth of one.
+    ///
+    /// # Panics
+    /// As [`Frame::cloud_to_internal`].
     pub fn cloud_to_world(&self, cloud: &mut Gaussians) {
         let centre = self.centre;
         map(cloud, self.scale.ln(), |axis, x| x * self.scale + centre[axis]);

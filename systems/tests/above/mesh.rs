@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
+use systems::halt::Halt;
 use systems::mesh::raster::draw as drawn;
 use systems::mesh::{Fused, MeshOptions, fuse, look, seen_box, seen_points};
 use systems::render::{Rendered, plain_query};
@@ -45,7 +46,7 @@ fn the_table_top_becomes_a_mesh_where_it_is_and_open_only_underneath() {
 
     let triangles = 20_000;
     let Fused { mesh, cell, raw, coverage, .. } =
-        fuse(&views, &MeshOptions { crop: None, resolution: None, triangles }).unwrap();
+        fuse(&views, &MeshOptions { crop: None, resolution: None, triangles }, &Halt::NEVER).unwrap().unwrap();
     assert!(mesh.triangles.len() <= triangles && raw > triangles, "{} of {raw}", mesh.triangles.len());
     let share = coverage.share().unwrap();
     let most = 4.0 * cell;

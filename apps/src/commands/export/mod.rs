@@ -202,8 +202,10 @@ impl Job<'_> {
             resolution: self.args.resolution.map(usize::from),
             triangles: self.args.triangles.unwrap_or(TRIANGLES),
         };
-        let Fused { mesh, crop, cell, raw, dropped, closed, coverage } =
-            fuse(self.views.as_deref().unwrap_or_default(), &options)?;
+        let Some(fused) = fuse(self.views.as_deref().unwrap_or_default(), &options, &self.show.halt())? else {
+            return Err(self.stopped("the mesh was not written"));
+        };
+        let Fused { mesh, crop, cell, raw, dropped, closed, coverage } = fused;
         say_box(&crop);
         line(format_args!(
             "cells of {cell:.4}: {raw} triangles, {dropped} of small pieces left out, {closed} holes closed"
@@ -239,7 +241,10 @@ impl Job<'_> {
         self.show.finish();
         say_box(&crop);
         if let Some(triangles) = self.args.triangles {
-            thin_out(&mut mesh, triangles);
+            thin_out(&mut mesh, triangles, &self.show.halt());
+            if self.show.stop_asked() {
+                return Err(self.stopped("the mesh was not written"));
+            }
         }
         if mesh.triangles.is_empty() {
             line("the mesh is empty: give a lower `--level`");

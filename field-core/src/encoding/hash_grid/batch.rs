@@ -80,6 +80,9 @@ impl HashGrid {
     ///
     /// # Errors
     /// [`FieldError::Shape`].
+    ///
+    /// # Panics
+    /// May do so if `touched` was made for another grid.
     pub fn encode_backward(
         &self,
         simd: Simd,
@@ -98,6 +101,9 @@ impl HashGrid {
     ///
     /// # Errors
     /// [`FieldError::Shape`].
+    ///
+    /// # Panics
+    /// May do so if `touched` was made for another grid.
     pub fn tangent_backward(
         &self,
         simd: Simd,

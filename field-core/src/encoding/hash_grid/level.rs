@@ -48,6 +48,9 @@ impl Level {
     /// Entry, counted from the start of the level, of the vertex at integer coordinates `v`.
     ///
     /// The definition, for tests and tools: the kernels compute the same numbers sixteen at a time.
+    ///
+    /// # Panics
+    /// May do so where `entries` was set to 0, which no level of a grid has.
     #[must_use]
     pub fn entry(&self, v: [u32; 3]) -> u32 {
         match self.addressing {

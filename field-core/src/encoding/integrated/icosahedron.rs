@@ -11,6 +11,9 @@ const SAME: f64 = 1e-4;
 ///
 /// `sum p p^T = (count / 3) I`, so that no direction of space is favoured. mip-NeRF 360 uses `parts = 2`.
 ///
+/// # Panics
+/// If there is no memory for `5 parts^2 + 1` vectors.
+///
 /// # Source
 /// Barron et al., "Mip-NeRF 360", 2022, appendix, and its released code (`geopoly.generate_basis`).
 #[must_use]

@@ -66,7 +66,7 @@ pub fn weights(tau_s: &[f64], tau_d: &[f64], m: &[f64]) -> Ray {
 /// Composited colour of one ray: `values_s`, `values_d` are `[n][channels]`, sample by sample.
 ///
 /// # Panics
-/// Where there are fewer values than weights.
+/// Where there are fewer values than weights, or the lists of `ray` do not fit together.
 #[must_use]
 pub fn colour<const C: usize>(
     ray: &Ray,

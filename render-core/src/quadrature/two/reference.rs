@@ -49,7 +49,7 @@ pub struct Pixel<const C: usize> {
 /// Composited values of one ray: `values_s`, `values_t` are `[n][channels]`, sample by sample.
 ///
 /// # Panics
-/// Where there are fewer values than weights.
+/// Where there are fewer values than weights, or the lists of `ray` do not fit together.
 #[must_use]
 pub fn pixel<const C: usize>(
     ray: &Ray,

@@ -82,6 +82,9 @@ impl Moment {
 
     /// Where a camera shows a surface point of another moment (or this one), pixels, and whether it is seen there. `None`
     /// behind the camera.
+    ///
+    /// # Panics
+    /// As [`Moment::place`].
     #[must_use]
     pub fn find(&self, hit: &MomentHit, camera: &Camera) -> (Option<DVec2>, Sight) {
         self.find_prepared(hit, &camera.prepare())
@@ -120,6 +123,9 @@ impl Moment {
     }
 
     /// Exact flow from what `camera` shows of this moment to what `other_camera` shows of another one.
+    ///
+    /// # Panics
+    /// If `other` lacks a thing that is seen, being of another scene.
     #[must_use]
     pub fn flow_to(&self, camera: &Camera, other: &Self, other_camera: &Camera) -> FlowMap {
         let prepared = other_camera.prepare();

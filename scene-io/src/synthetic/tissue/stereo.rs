@@ -67,7 +67,7 @@ impl TissueMoment {
     /// What a matcher makes of frame `number` of a seed: z depth of what is seen (tool included), mm; 0 = missing.
     ///
     /// # Panics
-    /// If the camera does not stand at the origin looking along -z.
+    /// If the camera does not stand at the origin looking along -z, or its lens has no ray for a pixel.
     #[must_use]
     pub fn stereo(&self, camera: &Camera, stereo: &Stereo, seed: u64, number: usize) -> DepthMap {
         let prepared = camera.prepare();

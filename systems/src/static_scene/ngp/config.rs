@@ -217,6 +217,9 @@ impl NgpConfig {
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.
+    ///
+    /// # Panics
+    /// If there is no memory for so many layers; [`NgpConfig::check`] refuses them.
     pub fn density_mlp(&self, inputs: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
             inputs,
@@ -235,6 +238,9 @@ impl NgpConfig {
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.
+    ///
+    /// # Panics
+    /// As [`NgpConfig::density_mlp`].
     pub fn colour_mlp(&self, code: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
             inputs: self.geometry + self.sh_degree * self.sh_degree + code,

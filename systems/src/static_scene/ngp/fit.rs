@@ -13,12 +13,15 @@ use crate::method::Codes;
 use crate::system::{Appearance, Fit, System};
 use field_core::rng::Rng;
 use optim::{Adam, AdamConfig};
+use rayon::prelude::*;
 
 /// Pixels the fit knows of, and those of one of its steps.
 const PIXELS: usize = 1 << 14;
 const BATCH: usize = 1 << 10;
 /// Rays that are sampled at one time: a field that has hardly trained has hundreds of samples along each.
 const RAYS: usize = 256;
+/// Pixels of a step whose colours are asked for at one time.
+const GROUP: usize = 64;
 /// Samples that bring less than this to their pixel are left out, colour units.
 const FAINT: f32 = 1e-3;
 /// Stream of the pixels of each step.
@@ -45,14 +48,10 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
     if count == 0 {
         return Some(code);
     }
-    let field = &ngp.field;
-    let mlp = &field.colour;
-    let (inputs, rows) = (mlp.inputs(), mlp.inputs() - code.len());
     let mut adam = Adam::new(code.len(), AdamConfig::DEFAULT);
     let rng = Rng::new(pixels.seed, FITTED);
-    let [mut x, mut acts, mut rgb, mut rgb_bar, mut x_bar, mut scratch] = [const { Vec::new() }; 6];
-    let mut grad = vec![0.0; mlp.packed_grad_len()];
-    let mut columns: Vec<u32> = Vec::new();
+    let mut rooms: Vec<Room> = Vec::new();
+    rooms.resize_with(BATCH.min(count).div_ceil(GROUP), Room::default);
     for step in 0..pixels.steps {
         if pixels.halt.raised() {
             break;
@@ -62,10 +61,45 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
             true => (0..count).collect(),
             false => (0..BATCH as u64).map(|i| (draw.u64_at(i) % count as u64) as usize).collect(),
         };
+        let share = 1.0 / (3 * chosen.len()) as f32;
+        let groups = rooms.par_iter_mut().zip(chosen.par_chunks(GROUP));
+        groups.for_each(|(room, chosen)| room.slope(ngp, &kept, chosen, (&code, share)));
+        // Always in this order, whoever was ready first.
+        let bar: Vec<f32> = (0..code.len()).map(|k| rooms.iter().map(|room| room.bar[k]).sum()).collect();
+        let third = (3 * step / pixels.steps.max(1)) as i32;
+        // Entries that are not finite stay as they are.
+        let _ = adam.step(ngp.field.simd, pixels.lr * 0.1_f64.powi(third), &mut code, &bar);
+    }
+    Some(code)
+}
+
+/// Buffers for the gradient of some pixels, kept from step to step.
+#[derive(Default)]
+struct Room {
+    columns: Vec<u32>,
+    x: Vec<f32>,
+    acts: Vec<f32>,
+    rgb: Vec<f32>,
+    rgb_bar: Vec<f32>,
+    x_bar: Vec<f32>,
+    grad: Vec<f32>,
+    scratch: Vec<f32>,
+    /// With respect to the code.
+    bar: Vec<f32>,
+}
+
+impl Room {
+    /// The gradient of half the squared errors of the pixels `chosen`, times `share`, with respect to `code`: into
+    /// [`Room::bar`].
+    fn slope(&mut self, ngp: &Ngp, kept: &Kept, chosen: &[usize], (code, share): (&[f32], f32)) {
+        let Self { columns, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
+        let field = &ngp.field;
+        let mlp = &field.colour;
+        let (inputs, rows) = (mlp.inputs(), mlp.inputs() - code.len());
         columns.clear();
         chosen.iter().for_each(|&p| columns.extend(kept.offsets[p]..kept.offsets[p + 1]));
         let n = columns.len();
-        let x = sized(&mut x, inputs * n);
+        let x = sized(x, inputs * n);
         for (j, &i) in columns.iter().enumerate() {
             for (k, value) in kept.input[i as usize * rows..][..rows].iter().enumerate() {
                 x[k * n + j] = *value;
@@ -74,38 +108,46 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         for (k, value) in code.iter().enumerate() {
             x[(rows + k) * n..][..n].fill(*value);
         }
-        let acts = sized(&mut acts, mlp.activations_len(n));
-        let rgb = sized(&mut rgb, 3 * n);
+        let acts = sized(acts, mlp.activations_len(n));
+        let rgb = sized(rgb, 3 * n);
         mlp.forward(field.simd, &field.colour_packed, x, n, n, rgb, n, acts);
-        let rgb_bar = sized(&mut rgb_bar, 3 * n);
+        let rgb_bar = sized(rgb_bar, 3 * n);
         let mut first = 0;
-        for &p in &chosen {
+        for &p in chosen {
             let w = &kept.w[kept.offsets[p] as usize..kept.offsets[p + 1] as usize];
             for c in 0..3 {
                 let value: f32 = rgb[c * n + first..].iter().zip(w).map(|(rgb, w)| rgb * w).sum();
-                // Half the mean squared error.
-                let slope = (value - kept.rest[p][c]) / (3 * chosen.len()) as f32;
+                let slope = (value - kept.rest[p][c]) * share;
                 rgb_bar[c * n + first..].iter_mut().zip(w).for_each(|(bar, w)| *bar = slope * w);
             }
             first += w.len();
         }
-        let x_bar = sized(&mut x_bar, inputs * n);
+        let x_bar = sized(x_bar, inputs * n);
         x_bar.fill(0.0);
-        let scratch = sized(&mut scratch, mlp.backward_scratch_len());
+        let grad = sized(grad, mlp.packed_grad_len());
         grad.fill(0.0);
+        let scratch = sized(scratch, mlp.backward_scratch_len());
         let out = Some((&mut *x_bar, n));
-        mlp.backward(field.simd, &field.colour_packed, acts, rgb_bar, n, n, out, &mut grad, scratch);
-        let bar: Vec<f32> = (0..code.len()).map(|k| x_bar[(rows + k) * n..][..n].iter().sum()).collect();
-        let third = (3 * step / pixels.steps.max(1)) as i32;
-        // Entries that are not finite stay as they are.
-        let _ = adam.step(field.simd, pixels.lr * 0.1_f64.powi(third), &mut code, &bar);
+        mlp.backward(field.simd, &field.colour_packed, acts, rgb_bar, n, n, out, grad, scratch);
+        bar.clear();
+        bar.extend((0..code.len()).map(|k| x_bar[(rows + k) * n..][..n].iter().sum::<f32>()));
     }
-    Some(code)
 }
 
-/// Samples that carry weight along at most [`PIXELS`] of the rays.
+/// Samples that carry weight along at most [`PIXELS`] of the rays, along fewer where there is mist.
 fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
-    let every = pixels.rays.len().div_ceil(PIXELS).max(1);
+    let most = Fit::KEPT_BYTES / (4 * (ngp.field.colour.inputs() - dims + 1));
+    let mut every = pixels.rays.len().div_ceil(PIXELS).max(1);
+    loop {
+        match keep_some(ngp, pixels, dims, (every, most)) {
+            Some(kept) => return kept,
+            None => every *= 2,
+        }
+    }
+}
+
+/// The same of every so many rays; `None` where these are more than `most` samples. One ray always has few enough.
+fn keep_some(ngp: &Ngp, pixels: &Fit<'_>, dims: usize, (every, most): (usize, usize)) -> Option<Kept> {
     let rays: Vec<_> = pixels.rays.iter().step_by(every).copied().collect();
     let truth: Vec<[f32; 3]> = pixels.rgb.iter().step_by(every).copied().collect();
     let inputs = ngp.not_random(Batch::of_rays(&rays, &truth), pixels.background);
@@ -131,6 +173,9 @@ fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
             kept.offsets.push(kept.w.len() as u32);
             kept.rest.push([0, 1, 2].map(|c| inputs.truth[pixel][c] - ray.trans_end * pixels.background[c]));
         });
+        if kept.w.len() > most && n > 1 {
+            return None;
+        }
     }
-    kept
+    Some(kept)
 }

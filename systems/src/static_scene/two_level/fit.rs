@@ -19,6 +19,7 @@ use optim::{Adam, AdamConfig};
 use rayon::prelude::*;
 use render_core::quadrature::{LastInterval, Samples, weights};
 use render_core::ray::Ray;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Pixels the fit knows of, and those of one of its steps.
 const PIXELS: usize = 1 << 13;
@@ -175,11 +176,31 @@ impl Cut<'_> {
     }
 }
 
-/// Samples that carry weight along at most [`PIXELS`] of the rays.
+/// Samples that carry weight along at most [`PIXELS`] of the rays, along fewer where there is mist.
 fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: usize) -> Kept {
-    let every = pixels.rays.len().div_ceil(PIXELS).max(1);
+    let most = Fit::KEPT_BYTES / (4 * (cut.hidden.outputs + 1));
+    let mut every = pixels.rays.len().div_ceil(PIXELS).max(1);
+    loop {
+        match keep_some(system, cut, pixels, dims, (every, most)) {
+            Some(kept) => return kept,
+            None => every *= 2,
+        }
+    }
+}
+
+/// The same of every so many rays; `None` where these are more than `most` samples. One tile always has few enough.
+fn keep_some<R: Recipe>(
+    system: &TwoLevel<R>,
+    cut: &Cut<'_>,
+    pixels: &Fit<'_>,
+    dims: usize,
+    (every, most): (usize, usize),
+) -> Option<Kept> {
     let chosen: Vec<(&Ray, [f32; 3])> = pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
     let ops = system.ops();
+    // Whoever sees that they are too many, all of them are thrown away.
+    let total = AtomicUsize::new(0);
+    let too_many = || chosen.len() > TILE && total.load(Ordering::Relaxed) > most;
     let parts: Vec<Kept> = chosen
         .par_chunks(TILE)
         .map_init(Tile::default, |tile, chosen| {
@@ -187,12 +208,16 @@ fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: 
             let (rays, truth): (Vec<InternalRay>, Vec<[f32; 3]>) =
                 rays.zip(chosen.iter().map(|c| c.1)).filter(|(ray, _)| ray.end > ray.start).unzip();
             let mut kept = Kept::default();
-            if !rays.is_empty() {
+            if !rays.is_empty() && !too_many() {
                 recorded(keep_tile(system, &ops, cut, (&rays, &truth), (pixels.background, dims), tile, &mut kept));
             }
+            total.fetch_add(kept.w.len(), Ordering::Relaxed);
             kept
         })
         .collect();
+    if too_many() {
+        return None;
+    }
     let mut all = Kept::default();
     for part in parts {
         all.counts.extend(part.counts);
@@ -200,7 +225,7 @@ fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: 
         all.hidden.extend(part.hidden);
         all.rest.extend(part.rest);
     }
-    all
+    Some(all)
 }
 
 fn keep_tile<R: Recipe>(
