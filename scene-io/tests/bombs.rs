@@ -7,7 +7,8 @@ use counting::{alone, peak_of};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use scene_io::{
-    DecodeMemory, Depth, ErrorKind, ImageStore, LoadOptions, StoreOptions, check, decode_photo, load, read_splats,
+    DecodeMemory, Depth, Disturbance, ErrorKind, ImageStore, LoadOptions, StoreOptions, check, decode_photo, load,
+    read_splats,
 };
 use std::fs;
 use std::io::Write;
@@ -125,6 +126,19 @@ fn a_progressive_jpeg_counts_its_coefficients() {
     for (problem, name) in report.problems.iter().zip(["0.jpg", "1.jpg"]) {
         one_line(&problem.to_string(), &[name, "26000x26000 pixels takes 6.09 GB", "`--memory 11608`"]);
     }
+    assert!(peak < 10 * MB, "{peak}");
+}
+
+#[test]
+fn a_photo_that_cannot_be_decoded_is_refused_before_anything_is_made_of_its_size() {
+    let _alone = alone();
+    let folder = dataset(&vec![jpeg(false, 65_500, 65_500); 8], (65_500, 65_500));
+    let (error, peak) = within(1 << 30, || {
+        let scene = load(folder.path(), &LoadOptions::default()).unwrap();
+        let scene = scene_io::perturb(scene, Disturbance::Both, 0);
+        ImageStore::new(&scene.frames, StoreOptions::default()).unwrap_err().to_string()
+    });
+    one_line(&error, &["0.jpg", "65500x65500 pixels takes", "`--memory"]);
     assert!(peak < 10 * MB, "{peak}");
 }
 

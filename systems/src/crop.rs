@@ -200,14 +200,12 @@ impl Crop {
     /// What stays of a cloud of the scene's frame.
     ///
     /// # Errors
-    /// As [`Crop::rows`].
-    ///
-    /// # Panics
-    /// As [`Traits::of`].
+    /// [`SplatError`] for a cloud whose fields disagree in length.
     pub fn cloud(&self, cloud: &Gaussians) -> Result<Gaussians, SplatError> {
         if self.keeps_everything() {
             return Ok(cloud.clone());
         }
+        cloud.check()?;
         self.rows(cloud, &Traits::of(cloud))?.follow(cloud)
     }
 

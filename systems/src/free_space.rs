@@ -142,7 +142,12 @@ fn cross(grid: &OccupancyGrid, o: [f32; 3], p: [f32; 3], lines: &mut [u16]) {
             let count = &mut lines[grid.cell(k, x) as usize];
             *count = count.saturating_add(1);
         }
-        t += grid.cell_side(k) / PER_CELL;
+        let next = t + grid.cell_side(k) / PER_CELL;
+        // A line so long that a cell is less than rounding has no cells to count.
+        if next <= t {
+            return;
+        }
+        t = next;
     }
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 use render_core::bounds::{depth_ranges, percentile, robust_box, visible_depths};
 use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, rms_distance};
-use scene_io::{LayoutHint, Scene};
+use scene_io::{DepthMap, LayoutHint, Scene};
 
 /// An object is told by so many points at least; this share of them at each end of an axis may be strays; the cube is so much
 /// larger than the rest.
@@ -32,6 +32,8 @@ const NEAR_PLANE: f64 = 0.9;
 const WIDEST: f64 = 64.0;
 /// Extent of an unbounded scene without points, internal units.
 const UNKNOWN_EXTENT: f64 = 16.0;
+/// Measured depths that are looked at, of all photos together.
+const DEPTHS: usize = 1 << 24;
 /// Points nearer than this percentile decide where an unbounded scene ends.
 const FAR_PERCENTILE: f64 = 0.98;
 
@@ -247,7 +249,12 @@ fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
         return None;
     }
     let maps = data.views().iter().filter_map(|view| view.source.read_depth().ok().flatten());
-    let mut z: Vec<f64> = maps.flat_map(|map| map.z).filter(|&z| z > 0.0).map(f64::from).collect();
+    let most = (DEPTHS / data.len().max(1)).max(1);
+    let some = |map: DepthMap| {
+        let every = map.z.len().div_ceil(most).max(1);
+        map.z.into_iter().step_by(every).filter(|&z| z > 0.0).map(f64::from).collect::<Vec<f64>>()
+    };
+    let mut z: Vec<f64> = maps.flat_map(some).collect();
     z.sort_unstable_by(f64::total_cmp);
     let (near, far) = (0.9 * percentile(&z, 0.03)?, 1.1 * percentile(&z, 0.999)?);
     let camera = data.views().first()?.camera;

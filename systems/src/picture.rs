@@ -129,7 +129,9 @@ pub fn side_by_side(pictures: &[&RgbImage]) -> RgbImage {
 }
 
 /// `picture` as a PNG file in memory.
-#[expect(clippy::missing_panics_doc, reason = "writing into memory does not fail")]
+///
+/// # Panics
+/// If the picture has no pixels.
 pub fn png_bytes(picture: &RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
@@ -140,7 +142,9 @@ pub fn png_bytes(picture: &RgbImage) -> Vec<u8> {
 }
 
 /// `mask` as a grey PNG file in memory.
-#[expect(clippy::missing_panics_doc, reason = "writing into memory does not fail")]
+///
+/// # Panics
+/// If the picture has no pixels.
 pub fn grey_png_bytes(mask: &GrayImage) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);

@@ -55,6 +55,9 @@ fn perturbed(spec: &str) -> Result<Option<(Disturbance, &str)>, RunError> {
     let Some((what, inner)) = rest.split_once(':').filter(|(_, inner)| !inner.is_empty()) else {
         return Err(RunError::Option(format!("`{spec}`: write `{PERTURBED}c:SCENE`, `o:` or `co:`")));
     };
+    if inner.starts_with(PERTURBED) {
+        return Err(RunError::Option(format!("`{PERTURBED}`: stands twice; `{PERTURBED}co:SCENE` does both")));
+    }
     let what = what.parse().map_err(|e| RunError::Option(format!("`{spec}`: {e}")))?;
     Ok(Some((what, inner)))
 }
@@ -103,8 +106,9 @@ mod tests {
         assert!(scene.split(scene_io::Split::Test).all(|i| scene.frames[i].perturbation.is_none()));
         let report = check("perturbed:o:synthetic:plaza", &data, Depth::Headers).unwrap();
         assert!(report.notes.iter().any(|n| n.contains("occluders, seed 0")), "{report}");
-        for wrong in ["perturbed:", "perturbed:c", "perturbed:c:", "perturbed:x:synthetic:tabletop"] {
-            assert!(matches!(load(wrong, &data), Err(RunError::Option(_))), "{wrong}");
+        let often = format!("{}synthetic:tabletop", "perturbed:c:".repeat(100_000));
+        for wrong in ["perturbed:", "perturbed:c", "perturbed:c:", "perturbed:x:synthetic:tabletop", &often] {
+            assert!(matches!(load(wrong, &data), Err(RunError::Option(_))), "{:.40}", wrong);
         }
     }
 }

@@ -153,12 +153,12 @@ fn which_frames(word: &str) -> String {
 
 /// A scene as the run remembers it: embedded scenes by name, files by absolute path, what is done to them before it.
 fn scene_spec(scene: &str) -> String {
-    if let Some((what, inner)) = scene.strip_prefix(systems::source::PERTURBED).and_then(|rest| rest.split_once(':')) {
-        return format!("{}{what}:{}", systems::source::PERTURBED, scene_spec(inner));
-    }
-    match scene.starts_with(systems::source::SYNTHETIC) {
+    // What is done to it stands before it, up to a colon.
+    let rest = scene.strip_prefix(systems::source::PERTURBED).and_then(|rest| rest.split_once(':'));
+    let (before, inner) = scene.split_at(rest.map_or(0, |(_, inner)| scene.len() - inner.len()));
+    match inner.starts_with(systems::source::SYNTHETIC) {
         true => scene.into(),
-        false => absolute(Path::new(scene)).display().to_string(),
+        false => format!("{before}{}", absolute(Path::new(inner)).display()),
     }
 }
 

@@ -164,6 +164,8 @@ impl Entry {
         let (native, channels) = match &frame.image {
             ImageSource::File(path) => {
                 let plan = Plan::of(path).map_err(|e| e.in_frame(&frame.name))?;
+                // What can never be decoded is found out before anything is made of its size.
+                plan.check(plan.bytes_in_8_bit()).map_err(|e| e.in_frame(&frame.name))?;
                 (plan.size(), plan.channels())
             }
             ImageSource::Memory(image) => ((image.width, image.height), image.channels),

@@ -14,6 +14,8 @@ use scene_io::{LayoutHint, Scene};
 const SIZES: [f64; 5] = [1.0, 0.75, 0.55, 0.4, 0.25];
 /// Frames looked at for each.
 const PLACES: usize = 16;
+/// Depths of points before cameras that are looked at.
+const SEEN: usize = 1 << 24;
 
 /// Frames of a spiral, and a line about it; `None` where the cameras have none.
 pub(super) fn spiral(
@@ -55,9 +57,11 @@ fn depths(scene: &Scene, poses: &[Pose]) -> Option<[f64; 2]> {
     if let LayoutHint::Object { near, far } = scene.layout {
         return Some([near, far]);
     }
+    let every = scene.points.len().saturating_mul(poses.len()).div_ceil(SEEN).max(1);
     let mut seen: Vec<f64> = scene
         .points
         .iter()
+        .step_by(every)
         .flat_map(|point| poses.iter().map(|pose| pose.to_camera(point.xyz).z))
         .filter(|&z| z > 0.0)
         .collect();

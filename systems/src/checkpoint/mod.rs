@@ -179,12 +179,7 @@ pub(crate) fn load_below(run: &Path, step: Option<u64>, mut problems: Vec<String
 }
 
 fn load(folder: &Path, step: u64) -> Result<(Meta, TensorMap), String> {
-    let path = folder.join(format!("step-{step:08}.json"));
-    let size = fs::metadata(&path).map_err(|e| format!("JSON file: {e}"))?.len();
-    if size > LONGEST_JSON {
-        return Err(format!("JSON file: {size} bytes; at most {LONGEST_JSON} are read"));
-    }
-    let text = fs::read_to_string(&path).map_err(|e| format!("JSON file: {e}"))?;
+    let text = read_json(&folder.join(format!("step-{step:08}.json")))?;
     let meta: Meta = serde_json::from_str(&text).map_err(|e| format!("JSON file is broken: {e}"))?;
     if meta.format != FORMAT {
         return Err(format!("layout version {} (this program reads {FORMAT})", meta.format));
@@ -249,9 +244,18 @@ fn plausible(meta: &Meta) -> Result<(), String> {
     Ok(())
 }
 
+/// The text of a JSON file, unless it is longer than any that was written here.
+fn read_json(path: &Path) -> Result<String, String> {
+    let size = fs::metadata(path).map_err(|e| format!("JSON file: {e}"))?.len();
+    if size > LONGEST_JSON {
+        return Err(format!("JSON file: {size} bytes; at most {LONGEST_JSON} are read"));
+    }
+    fs::read_to_string(path).map_err(|e| format!("JSON file: {e}"))
+}
+
 /// SHA-256 of the arrays of the checkpoint of `step`, as its JSON file says; `None` where there is no such file.
 pub fn digest(run: &Path, step: u64) -> Option<String> {
-    let text = fs::read_to_string(folder(run).join(format!("step-{step:08}.json"))).ok()?;
+    let text = read_json(&folder(run).join(format!("step-{step:08}.json"))).ok()?;
     let meta: Meta = serde_json::from_str(&text).ok()?;
     Some(meta.tensors.sha256)
 }

@@ -5,17 +5,20 @@
 //! expected.rs    what a run will need: the line that is printed before the start
 //! rehearsal.rs   a few steps of a copy of the system, to see what training really takes
 //! work.rs        how much the process has worked: what a rehearsal ends by
+//! room.rs        refuses what no machine like this one could hold, before it is made
 //! smaller.rs     settings that are reduced where a limit is too low for those planned
 //! ```
 
 mod expected;
 mod rehearsal;
+mod room;
 mod smaller;
 mod work;
 
 pub use expected::ExpectedMemory;
 pub(crate) use expected::Needs;
 pub(crate) use rehearsal::rehearse;
+pub(crate) use room::room_for;
 pub(crate) use smaller::{Reduced, reduce};
 
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -60,3 +60,21 @@ pub(super) fn ncc(a: &Patch, b: &Patch) -> f32 {
     }
     sums.iter().sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene_io::Image;
+
+    #[test]
+    fn a_patch_that_ends_at_the_border_up_to_rounding_is_one() {
+        let data = (0..640 * 480 * 3).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let level = Level::of(&Image::rgb(640, 480, data).unwrap());
+        // The corner lies inside by the sum of the sides, and on the last row by the sum of the places.
+        let turn = DMat2::from_cols_array(&[1.0, 0.040_475_770_831_108_09, 0.0, 1.103_980_660_438_537_6]);
+        let at = DVec2::new(320.0, 474.492_980_957_031_25);
+        let found = patch(&level, 1.0, at, &turn).unwrap();
+        assert!(found.iter().all(|v| v.is_finite()));
+        assert!(patch(&level, 1.0, at + DVec2::Y, &turn).is_none());
+    }
+}

@@ -122,7 +122,7 @@ impl Photo {
 }
 
 impl Level {
-    fn of(image: &Image) -> Self {
+    pub(super) fn of(image: &Image) -> Self {
         let grey = |p: &[u8]| {
             let luma = 0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2]);
             // Around an object there is an even grey.
@@ -171,10 +171,11 @@ impl Level {
         x >= reach && y >= reach && x + reach < (self.width - 1) as f32 && y + reach < (self.height - 1) as f32
     }
 
-    /// Between the four pixels about `(x, y)`, centres at whole numbers, in units of 1 / [`UNIT`]: a place that is surrounded.
+    /// Between the four pixels about `(x, y)`, centres at whole numbers, in units of 1 / [`UNIT`]: a place that is surrounded,
+    /// up to rounding.
     #[inline]
     pub(super) fn sample(&self, x: f32, y: f32) -> f32 {
-        let (i, j) = (x as usize, y as usize);
+        let (i, j) = ((x as usize).min(self.width - 2), (y as usize).min(self.height - 2));
         let (u, v) = (x - i as f32, y - j as f32);
         let upper = &self.data[j * self.width + i..][..2];
         let lower = &self.data[(j + 1) * self.width + i..][..2];

@@ -61,7 +61,8 @@ impl Flat {
             if !(x >= 0.5 && y >= 0.5 && x <= w as f32 - 0.5 && y <= h as f32 - 0.5) {
                 return;
             }
-            let nearest = y as usize * w + x as usize;
+            // Numbers of rows above 2^24 are rounded.
+            let nearest = (y as usize).min(h - 1) * w + (x as usize).min(w - 1);
             if image.mask.as_ref().is_some_and(|m| m[nearest] < 128) {
                 return;
             }

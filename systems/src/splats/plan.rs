@@ -7,6 +7,7 @@ use super::splat::Splat;
 use super::start::{Start, StartOptions, scene_box};
 use crate::data::Dataset;
 use crate::free_space::free_space_line;
+use crate::memory::room_for;
 use crate::options::{Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, settings, table};
 use crate::system::{System, SystemError};
@@ -15,6 +16,8 @@ use scene_io::Scene;
 
 /// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
 const COARSE_PIXELS: u64 = 65_536;
+/// Numbers of a Gaussian, of the highest degree.
+const NUMBERS: usize = 59;
 /// Steps that the schedules are for.
 const HORIZON: u64 = 10_000;
 
@@ -49,6 +52,8 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         value: config.max_splats.to_string(),
         problem: e.to_string(),
     };
+    let started = config.start_count.min(config.max_splats);
+    room_for("start_count", started, started.saturating_mul(NUMBERS))?;
     let mut start = match config.start {
         StartKind::Points => Start::from_points(&scene.points, &frame, &options).map_err(refused)?,
         StartKind::Random => Start::default(),

@@ -25,6 +25,7 @@ use super::cones::{self, Footprint, TILE, Which, crossing};
 use super::trained::Trained;
 use crate::canonical::add_canonical;
 use crate::data::{Batch, Dataset};
+use crate::memory::room_for;
 use crate::options::Background;
 use crate::space::{InternalRay, Space};
 use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
@@ -118,6 +119,7 @@ impl MipNerf360 {
         config.check()?;
         let shapes = Shapes::new(&config)?;
         let n = shapes.param_count();
+        room_for("width", config.width, n)?;
         let mut params = vec![0.0; n];
         shapes.init(Rng::new(seed, INIT), &mut params);
         let mut system = Self {

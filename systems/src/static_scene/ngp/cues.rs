@@ -99,13 +99,17 @@ const REFINE_RAYS: u64 = 150_000;
 /// Shares of the depths at the ends of their range (EndoNeRF's own).
 const NEAREST: f64 = 0.03;
 const FURTHEST: f64 = 0.999;
+/// Measured depths that the range is found from, of all photos together.
+const KNOWN: usize = 1 << 24;
 
 impl Cues {
     /// Those of the training views, where any has depth.
     pub(super) fn read(config: CueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
         let views: Vec<Vec<f32>> =
             (0..data.len()).into_par_iter().map(|i| distances(space, data, i)).collect::<Result<_, _>>()?;
-        let mut known: Vec<f64> = views.iter().flatten().filter(|&&t| t > 0.0).map(|&t| f64::from(t)).collect();
+        let pixels: usize = views.iter().map(Vec::len).sum();
+        let some = views.iter().flatten().step_by(pixels.div_ceil(KNOWN).max(1));
+        let mut known: Vec<f64> = some.filter(|&&t| t > 0.0).map(|&t| f64::from(t)).collect();
         known.sort_unstable_by(f64::total_cmp);
         let [Some(near), Some(middle), Some(far)] = [NEAREST, 0.5, FURTHEST].map(|share| percentile(&known, share))
         else {
@@ -221,7 +225,7 @@ impl Cues {
 fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneError> {
     let view = data.view(i);
     let (width, height) = (view.camera.width, view.camera.height);
-    let mut out = vec![0.0; (width * height) as usize];
+    let mut out = vec![0.0; width as usize * height as usize];
     let Some(map) = view.source.read_depth()? else { return Ok(out) };
     let (map, axis) = (map.resized(width, height), view.camera.optical_axis());
     for (k, (out, &z)) in out.iter_mut().zip(&map.z).enumerate() {

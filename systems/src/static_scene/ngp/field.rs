@@ -4,6 +4,7 @@ use super::NgpConfig;
 use super::head::Head;
 use super::table::Table;
 use crate::deform::{Deform, DeformScratch, Moments, Points};
+use crate::memory::room_for;
 use crate::space::InternalRay;
 use crate::system::SystemError;
 use field_core::FieldError;
@@ -144,6 +145,8 @@ impl Field {
         let density = config.density_mlp(grid.out_rows() + seen)?;
         let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let rng = Rng::new(seed, INIT);
+        let (setting, value) = grid.size_setting(config);
+        room_for(setting, value, grid.params_len())?;
         let mut grid_params = vec![0.0; grid.params_len()];
         if let Table::Hash(..) = grid {
             Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);

@@ -52,6 +52,14 @@ impl Table {
         }
     }
 
+    /// The setting that it grows with most, and its value.
+    pub(super) fn size_setting(&self, config: &NgpConfig) -> (&'static str, usize) {
+        match self {
+            Self::Hash(..) => ("log2_table", config.log2_table as usize),
+            Self::Voxels(..) => ("voxels", config.voxels),
+        }
+    }
+
     /// Rows that the network sees.
     pub(super) fn out_rows(&self) -> usize {
         match self {

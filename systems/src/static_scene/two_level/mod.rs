@@ -27,6 +27,7 @@ use super::parts::Part;
 use super::trained::Trained;
 use crate::canonical::add_canonical;
 use crate::data::Dataset;
+use crate::memory::room_for;
 use crate::method::{Method, Pixel};
 use crate::options::Background;
 use crate::space::Space;
@@ -107,6 +108,7 @@ impl<R: Recipe> TwoLevel<R> {
         let head = transient.map(|dims| Head::new(shapes.width(), dims, n, config.mixture())).transpose()?;
         let networks = R::NETWORKS * n;
         let total = networks + head.as_ref().map_or(0, Head::param_count);
+        room_for("width", shapes.width(), total)?;
         let mut params = vec![0.0; total];
         let rng = Rng::new(seed, INIT);
         for (i, params) in params[..networks].chunks_exact_mut(n).enumerate() {
