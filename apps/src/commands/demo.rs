@@ -21,15 +21,17 @@ const ANIMATION: &str = "animation";
 pub(crate) fn run(session: &Session, args: Demo) -> Result<Done, Failure> {
     let app = session.app;
     remove_earlier_demo(&args.out)?;
+    let stop = Stop::Steps(args.steps.unwrap_or(app.demo_steps));
     let request = Request {
         scene: Some(app.demo_scene.into()),
         system: args.system.or_else(|| app.demo_system.map(str::to_string)),
         set: settings(args.set, args.field, None),
+        stop: Some(stop),
         rehearsal: true,
         lpips: session.measures_lpips(),
         ..Request::default()
     };
-    let schedule = Schedule::new(Stop::Steps(args.steps.unwrap_or(app.demo_steps)));
+    let schedule = Schedule::new(stop);
     let mut show = session.show();
     let mut run = Run::create(&args.out, &request, session.parts(), &mut show)?;
     write_file(&Disk, &args.out.join(MARK), b"")?;

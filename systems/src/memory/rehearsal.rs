@@ -9,6 +9,7 @@ use crate::halt::Halt;
 use crate::memory::work::Work;
 use crate::render::plain_query;
 use crate::system::{Fit, Query, System};
+use crate::train::Stop;
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 use std::time::Duration;
@@ -30,9 +31,13 @@ const LOOKS: usize = 3;
 
 /// Train a copy of a run's system for some steps, render a strip of a picture with it, and let it look at some photos where it
 /// does. What goes wrong in it will go wrong again in the training, and is reported there. Whether it looks at photos.
-pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, halt: &Halt) -> bool {
+pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, stop: Option<Stop>, halt: &Halt) -> bool {
     let work = Work::begin();
     for step in 0..STEPS {
+        // No more than the training itself will do.
+        if stop.is_some_and(|stop| stop.reached(step, work.done().as_secs_f64())) {
+            break;
+        }
         if halt.raised() || copy.step(views, step).is_err() || work.done() > ENOUGH {
             break;
         }

@@ -125,7 +125,7 @@ impl Run<'_> {
     fn by_rehearsal(&self, request: &Request) -> Result<ExpectedMemory, RunError> {
         self.train.decode()?;
         let (mut copy, _) = self.build()?;
-        let looks = rehearse(copy.as_mut(), &self.train, &self.halt);
+        let looks = rehearse(copy.as_mut(), &self.train, request.stop, &self.halt);
         let mut needs = self.needs(request, copy.as_ref());
         needs.looked = if looks { most_pixels(&self.train) } else { 0 };
         let peak = resident_bytes().map_or(2 * needs.system + needs.photos, |held| held.peak);
