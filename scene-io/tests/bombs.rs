@@ -136,7 +136,7 @@ fn a_photo_that_cannot_be_decoded_is_refused_before_anything_is_made_of_its_size
     let (error, peak) = within(1 << 30, || {
         let scene = load(folder.path(), &LoadOptions::default()).unwrap();
         let scene = scene_io::perturb(scene, Disturbance::Both, 0);
-        ImageStore::new(&scene.frames, StoreOptions::default()).unwrap_err().to_string()
+        ImageStore::new(&scene.frames, StoreOptions::default()).unwrap().check_sizes().unwrap_err().to_string()
     });
     one_line(&error, &["0.jpg", "65500x65500 pixels takes", "`--memory"]);
     assert!(peak < 10 * MB, "{peak}");

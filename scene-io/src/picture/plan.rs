@@ -131,18 +131,10 @@ impl Plan {
         self.bytes(u64::from(self.colour != ColorType::L8))
     }
 
-    /// Refuses an image whose `bytes` can never be reserved.
-    pub(crate) fn check(&self, bytes: u64) -> Result<(), SceneError> {
-        DecodeMemory::of_process().check(&self.path, &self.what(), bytes)
-    }
-
-    fn what(&self) -> String {
-        format!("its {}x{} pixels", self.width, self.height)
-    }
-
     /// Reserves `bytes` for work on this image.
     pub(crate) fn reserve(&self, bytes: u64) -> Result<Reserved<'static>, SceneError> {
-        DecodeMemory::of_process().reserve(&self.path, &self.what(), bytes)
+        let what = format!("its {}x{} pixels", self.width, self.height);
+        DecodeMemory::of_process().reserve(&self.path, &what, bytes)
     }
 
     /// Decodes the file to whatever it holds. Memory must have been reserved. The EXIF orientation is not applied.

@@ -73,6 +73,20 @@ impl ImageStore {
         Ok(Self { entries, budget_bytes: options.budget_bytes, cache: Mutex::default() })
     }
 
+    /// Refuse images whose pixels alone are more than decoding may take: to be asked before anything is made of their size.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Memory`] naming the first.
+    pub fn check_sizes(&self) -> Result<(), SceneError> {
+        self.entries.iter().try_for_each(|entry| {
+            let ImageSource::File(path) = &entry.image else { return Ok(()) };
+            let (width, height) = entry.native;
+            let bytes = u64::from(width).saturating_mul(height.into()).saturating_mul(entry.channels.into());
+            let checked = DecodeMemory::of_process().check(path, &format!("its {width}x{height} pixels"), bytes);
+            checked.map_err(|e| e.in_frame(&entry.name))
+        })
+    }
+
     /// Number of images.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -164,8 +178,6 @@ impl Entry {
         let (native, channels) = match &frame.image {
             ImageSource::File(path) => {
                 let plan = Plan::of(path).map_err(|e| e.in_frame(&frame.name))?;
-                // What can never be decoded is found out before anything is made of its size.
-                plan.check(plan.bytes_in_8_bit()).map_err(|e| e.in_frame(&frame.name))?;
                 (plan.size(), plan.channels())
             }
             ImageSource::Memory(image) => ((image.width, image.height), image.channels),

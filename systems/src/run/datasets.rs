@@ -50,6 +50,7 @@ pub(super) fn as_named(folder: &Path, data: &DataOptions) -> DataOptions {
 pub(super) fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
     let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
     let store = Arc::new(ImageStore::new(&scene.frames, options)?);
+    store.check_sizes()?;
     let train: Vec<usize> = scene.split(Split::Train).collect();
     if train.is_empty() {
         return Err(RunError::Untrainable(format!(
