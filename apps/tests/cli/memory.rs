@@ -131,7 +131,7 @@ fn a_limit_plans_smaller_and_is_kept() {
     for system in ["ngp", "splat"] {
         let words = ["--system", system, "--steps", "10"];
         let free = taken("nerf-static", text(&scene), &run(&format!("{system}-free")), &words);
-        let limit = mib(free.printed) * 4 / 5;
+        let limit = mib(free.printed) * 9 / 10;
         let limit_text = limit.to_string();
         let limited = [&words[..], &["--memory", &limit_text]].concat();
         let found = taken("nerf-static", text(&scene), &run(&format!("{system}-limited")), &limited);
