@@ -47,6 +47,8 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Dur
     shown.mark_changed();
     training.mark_changed();
     fast.mark_changed();
+    // What is said of a scene means nothing before the scene; which of several ready branches is taken is random.
+    let mut greeted = false;
     let mut ask = tokio::time::interval(patience / 3);
     // A page that was late to read one message is not asked several times at once.
     ask.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -76,14 +78,15 @@ pub(crate) async fn talk(mut socket: WebSocket, stage: Arc<Stage>, patience: Dur
             _ = ask.tick() => Some(Frame::Ping(Vec::new().into())),
             () = sleep_until(heard + patience) => break,
             Ok(()) = shown.changed() => {
+                greeted = true;
                 desk.again();
                 Some(Frame::Text(shown.borrow_and_update().text().into()))
             }
-            Ok(()) = training.changed() => {
+            Ok(()) = training.changed(), if greeted => {
                 let text = training.borrow_and_update().clone();
                 (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
             }
-            Ok(()) = fast.changed() => {
+            Ok(()) = fast.changed(), if greeted => {
                 let text = fast.borrow_and_update().clone();
                 (!text.is_empty()).then(|| Frame::Text(text.as_ref().into()))
             }
