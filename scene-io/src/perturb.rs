@@ -18,7 +18,7 @@
 
 use crate::priors::{BitMask, TruthMask};
 use crate::random::random;
-use crate::{DecodeMemory, Image, Scene, Split};
+use crate::{Image, Scene, Split};
 use std::sync::Arc;
 
 /// Bars of an occluder.
@@ -183,15 +183,9 @@ pub fn perturb(mut scene: Scene, what: Disturbance, seed: u64) -> Scene {
     for (view, index) in training.iter().enumerate() {
         let frame = &mut scene.frames[*index];
         let (width, height) = (frame.camera.width, frame.camera.height);
-        // A photo of so many pixels is refused where it is read.
-        if 3 * u64::from(width) * u64::from(height) > DecodeMemory::of_process().limit() {
-            continue;
-        }
         let perturbation = Perturbation::of(view, width, height, what, seed);
         if what != Disturbance::Colour {
-            let bars = perturbation.as_ref().and_then(|p| p.bars);
-            let mask = bars.map_or_else(|| BitMask::new(width, height), |bars| bars.mask());
-            frame.transient = Some(TruthMask::Memory(Arc::new(mask)));
+            frame.transient = Some(TruthMask::Bars(perturbation.as_ref().and_then(|p| p.bars)));
         }
         frame.perturbation = perturbation.map(Arc::new);
     }

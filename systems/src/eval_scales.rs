@@ -11,6 +11,7 @@ use crate::names::stem;
 use crate::output::{Storage, make_folder, note_unwritten, write_file};
 use crate::picture::write_png;
 use crate::progress::{Meter, Observer};
+use crate::run::Home;
 use crate::system::System;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -66,7 +67,7 @@ impl ScaleTable {
 /// asks to stop gets the scales that are done; they are not written to `eval_scales.json`. A file that cannot be written is no
 /// reason to have no scores.
 pub(crate) fn evaluate_scales(
-    (storage, folder): (&dyn Storage, &Path),
+    (storage, folder, home): (&dyn Storage, &Path, &Home),
     system: &dyn System,
     data: &Dataset,
     terms: &Terms<'_>,
@@ -84,11 +85,12 @@ pub(crate) fn evaluate_scales(
     for level in 0..scales {
         let (data, pixel) = (data.at_level(level), 1 << level);
         let renders = folder.join("renders").join(format!("scale_{pixel}"));
-        note_unwritten(make_folder(&renders), &mut unwritten)?;
+        note_unwritten(home.guard(|| make_folder(&renders)), &mut unwritten)?;
         let scores = evaluate(system, &data, terms, (0, 0.0), |seen| {
             let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
             for (ending, picture) in [("", seen.picture), ("_truth", seen.truth)] {
-                let written = write_png(storage, &renders.join(format!("{name}{ending}.png")), picture);
+                let path = renders.join(format!("{name}{ending}.png"));
+                let written = home.guard(|| write_png(storage, &path, picture));
                 note_unwritten(written, &mut unwritten)?;
             }
             meter.advance(observer);
@@ -111,7 +113,7 @@ pub(crate) fn evaluate_scales(
     let mut table = ScaleTable { split: Measured::of(data), scales: rows, unwritten };
     let mut text = serde_json::to_string_pretty(&table).expect("a plain struct serialises");
     text.push('\n');
-    let written = write_file(storage, &folder.join("eval_scales.json"), text.as_bytes());
+    let written = home.guard(|| write_file(storage, &folder.join("eval_scales.json"), text.as_bytes()));
     note_unwritten(written, &mut table.unwritten)?;
     Ok(table)
 }

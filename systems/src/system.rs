@@ -177,8 +177,22 @@ pub struct Fit<'a> {
 }
 
 impl Fit<'_> {
-    /// Bytes of samples that a fit keeps at most, about: where mist has samples everywhere it knows of fewer pixels.
-    pub(crate) const KEPT_BYTES: usize = 1 << 26;
+    /// Bytes of samples that a fit keeps at most, about.
+    const KEPT_BYTES: usize = 1 << 26;
+
+    /// The samples along at most `pixels` of the rays, `numbers` of four bytes each. Where mist has samples everywhere, a fit keeps
+    /// those of fewer rays. `keep(every, most)` keeps the samples of every `every`-th ray, or gives `None` where these are more than
+    /// `most`; of one ray it must keep them.
+    pub(crate) fn keep<K>(&self, pixels: usize, numbers: usize, keep: impl Fn(usize, usize) -> Option<K>) -> K {
+        let most = Self::KEPT_BYTES / (4 * numbers);
+        let mut every = self.rays.len().div_ceil(pixels).max(1);
+        loop {
+            match keep(every, most) {
+                Some(kept) => return kept,
+                None => every *= 2,
+            }
+        }
+    }
 }
 
 /// A render that takes some of its skips only: what the table of skips compares.

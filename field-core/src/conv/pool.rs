@@ -178,7 +178,7 @@ fn check_adaptive(
         }
     }
     check_len(what_x, x, size.len(channels))?;
-    check_len(what_y, y, size.images.saturating_mul(channels).saturating_mul(cells.0).saturating_mul(cells.1))
+    check_len(what_y, y, Size { height: cells.0, width: cells.1, ..size }.len(channels))
 }
 
 /// The pixels of one cell.

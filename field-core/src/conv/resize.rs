@@ -33,7 +33,7 @@ fn check(
         }
     }
     check_len(x.0, x.1, size.len(channels))?;
-    check_len(y.0, y.1, size.images.saturating_mul(channels).saturating_mul(to.0).saturating_mul(to.1))
+    check_len(y.0, y.1, Size { height: to.0, width: to.1, ..size }.len(channels))
 }
 
 /// Resample maps to `to = (height, width)`, bilinearly between pixel centres (at `+ 0.5`); no smoothing when shrinking.

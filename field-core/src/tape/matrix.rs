@@ -81,7 +81,7 @@ impl Tape<'_> {
     /// [`TapeError::Shape`], [`TapeError::ForeignNode`].
     ///
     /// # Panics
-    /// If there is no memory for so many rows.
+    /// If there is no memory for a matrix of `rows` rows.
     pub fn broadcast_features(&mut self, x: Node, rows: usize) -> Result<Node, TapeError> {
         let got = self.entry("broadcast_features", x)?.shape;
         self.expect("broadcast_features", "x", x, Shape::new(1, got.cols))?;
@@ -94,7 +94,7 @@ impl Tape<'_> {
     /// [`TapeError::Shape`], [`TapeError::ForeignNode`].
     ///
     /// # Panics
-    /// If there is no memory for so many columns.
+    /// If there is no memory for a matrix of `cols` columns.
     pub fn broadcast_samples(&mut self, x: Node, cols: usize) -> Result<Node, TapeError> {
         let got = self.entry("broadcast_samples", x)?.shape;
         self.expect("broadcast_samples", "x", x, Shape::new(got.rows, 1))?;

@@ -1,6 +1,7 @@
 //! Truth about photos, for scoring: what does not belong to the place, what moves. And masks that leave nothing to train on.
 
 use super::bits::BitMask;
+use crate::perturb::Bars;
 use crate::picture::{same_shape, with_mask};
 use crate::{ErrorKind, Frame, MaskPolarity, Problem, SceneError, Split};
 use rayon::prelude::*;
@@ -19,6 +20,8 @@ pub enum TruthMask {
     File(PathBuf),
     /// Known already, at the photo's native size.
     Memory(Arc<BitMask>),
+    /// What a perturbation puts in front of the photo; `None` where that is nothing.
+    Bars(Option<Bars>),
 }
 
 impl Frame {
@@ -61,6 +64,8 @@ impl Frame {
     fn read_truth(&self, truth: &TruthMask) -> Result<BitMask, SceneError> {
         match truth {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
+            TruthMask::Bars(Some(bars)) => Ok(bars.mask()),
+            TruthMask::Bars(None) => Ok(BitMask::new(self.camera.width, self.camera.height)),
             TruthMask::File(path) => with_mask(path, |mut grey, (width, height)| {
                 if grey.iter().all(|v| *v <= 1) {
                     grey.iter_mut().for_each(|v| *v *= 255);

@@ -57,7 +57,7 @@ impl Film {
 /// [`RunError::Option`] when the cameras define no such path; [`RunError::Read`], [`RunError::Content`] for files.
 ///
 /// # Panics
-/// If there is no memory for so many cameras.
+/// If there is no memory for the cameras of all frames.
 pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
     let rig = rig(scene, data, None)?;
     along(kind, (scene, data, &rig), frames, None).map(|found| found.0)

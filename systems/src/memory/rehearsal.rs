@@ -35,10 +35,8 @@ pub(crate) fn rehearse(copy: &mut dyn System, views: &Dataset, stop: Option<Stop
     let work = Work::begin();
     for step in 0..STEPS {
         // No more than the training itself will do.
-        if stop.is_some_and(|stop| stop.reached(step, work.done().as_secs_f64())) {
-            break;
-        }
-        if halt.raised() || copy.step(views, step).is_err() || work.done() > ENOUGH {
+        let trained = stop.is_some_and(|stop| stop.reached(step, work.done().as_secs_f64()));
+        if trained || halt.raised() || copy.step(views, step).is_err() || work.done() > ENOUGH {
             break;
         }
     }

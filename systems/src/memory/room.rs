@@ -6,8 +6,8 @@ use crate::system::SystemError;
 /// Bytes of a parameter: itself, its gradient, two moments.
 const BYTES: u64 = 16;
 
-/// Refuse a system with so many parameters where the machine has no memory for them. `--memory` makes do with smaller settings
-/// once the system is there; this is about systems that cannot be made at all.
+/// Refuse a system whose parameters do not fit into the machine's memory. `--memory` reduces settings once the system is made; this
+/// is about systems that cannot be made at all.
 ///
 /// # Errors
 /// [`SystemError::Config`] naming `field`, the setting that the parameters grow with.

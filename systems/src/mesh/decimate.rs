@@ -23,7 +23,7 @@ const THIN: f64 = 0.02;
 
 /// Collapse edges until at most `target` triangles are left, or none can go. `cell` is the length that errors are measured in;
 /// `colours`, one a vertex, become the mesh's. More are left where `halt` is raised on the way.
-pub(super) fn decimate(mesh: &mut Mesh, colours: &[Vec3], (cell, target): (f64, usize), halt: &Halt) {
+pub(super) fn decimate(mesh: &mut Mesh, colours: &[Vec3], cell: f64, target: usize, halt: &Halt) {
     let mut work = Work::new(mesh, colours, cell);
     work.run(target, halt);
     work.write(mesh);
@@ -295,7 +295,7 @@ mod tests {
         let mut mesh = ball(48);
         let (volume, before) = (mesh.volume(), mesh.triangles.len());
         let grey = vec![Vec3::splat(0.5); mesh.vertices.len()];
-        decimate(&mut mesh, &grey, (2.6 / 48.0, 800), &Halt::NEVER);
+        decimate(&mut mesh, &grey, 2.6 / 48.0, 800, &Halt::NEVER);
         let left = mesh.triangles.len();
         assert!(before > 5000 && (780..=800).contains(&left), "{left} of {before}");
         assert_eq!(mesh.open_edges(), 0);
@@ -304,7 +304,7 @@ mod tests {
             assert!((DVec3::from(*v).length() - 1.0).abs() < 0.01);
         }
         let mut again = ball(48);
-        decimate(&mut again, &grey, (2.6 / 48.0, 800), &Halt::NEVER);
+        decimate(&mut again, &grey, 2.6 / 48.0, 800, &Halt::NEVER);
         assert_eq!(again, mesh);
     }
 
@@ -323,7 +323,7 @@ mod tests {
         }
         let dark = |v: &[f64; 3]| v[0] < 8.5 && v[1] < 8.5;
         let colours: Vec<Vec3> = mesh.vertices.iter().map(|v| if dark(v) { Vec3::ZERO } else { Vec3::ONE }).collect();
-        decimate(&mut mesh, &colours, (1.0, 120), &Halt::NEVER);
+        decimate(&mut mesh, &colours, 1.0, 120, &Halt::NEVER);
         assert!(mesh.triangles.len() <= 120);
         assert!((mesh.area() - f64::from(n * n)).abs() < 1e-6, "the border holds: {}", mesh.area());
         for (v, c) in mesh.vertices.iter().zip(&mesh.colours) {
@@ -337,11 +337,11 @@ mod tests {
     #[test]
     fn nothing_and_unreachable_targets_are_legal() {
         let mut none = Mesh::default();
-        decimate(&mut none, &[], (1.0, 0), &Halt::NEVER);
+        decimate(&mut none, &[], 1.0, 0, &Halt::NEVER);
         assert_eq!(none, Mesh::default());
         let mut small = ball(8);
         let grey = vec![Vec3::ZERO; small.vertices.len()];
-        decimate(&mut small, &grey, (0.3, 0), &Halt::NEVER);
+        decimate(&mut small, &grey, 0.3, 0, &Halt::NEVER);
         assert!(!small.triangles.is_empty() && small.open_edges() == 0);
     }
 }

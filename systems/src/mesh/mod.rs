@@ -176,7 +176,7 @@ pub fn fuse(views: &[DepthView], options: &MeshOptions, halt: &Halt) -> Result<O
         return Ok(None);
     }
     let colours = paint::paint(&mesh, views, reach);
-    finish(&mut mesh, &colours, (cell, options.triangles), halt);
+    finish(&mut mesh, &colours, cell, options.triangles, halt);
     if halt.raised() {
         return Ok(None);
     }
@@ -185,9 +185,9 @@ pub fn fuse(views: &[DepthView], options: &MeshOptions, halt: &Halt) -> Result<O
 }
 
 /// At most `triangles` triangles, with colours and normals. `cell` is the length that errors are measured in.
-fn finish(mesh: &mut Mesh, colours: &[Vec3], (cell, triangles): (f64, usize), halt: &Halt) {
+fn finish(mesh: &mut Mesh, colours: &[Vec3], cell: f64, triangles: usize, halt: &Halt) {
     if mesh.triangles.len() > triangles {
-        decimate::decimate(mesh, colours, (cell, triangles), halt);
+        decimate::decimate(mesh, colours, cell, triangles, halt);
     } else {
         mesh.colours = colours.iter().map(|c| c.to_array().map(quantise_value)).collect();
     }
@@ -203,7 +203,7 @@ pub fn thin_out(mesh: &mut Mesh, triangles: usize, halt: &Halt) {
     let edges = (mesh.triangles.len() * 3).max(1) as f64;
     let cell = (mesh.area() / edges).sqrt();
     if mesh.triangles.len() > triangles && cell > 0.0 {
-        decimate::decimate(mesh, &colours, (cell, triangles), halt);
+        decimate::decimate(mesh, &colours, cell, triangles, halt);
         mesh.smooth_normals();
     }
 }

@@ -44,7 +44,7 @@ impl Home {
     ///
     /// # Errors
     /// [`RunError::Write`] naming the folder.
-    pub(super) fn refuse_others(&self) -> Result<(), RunError> {
+    fn refuse_others(&self) -> Result<(), RunError> {
         if self.stands() {
             return Ok(());
         }
@@ -56,6 +56,15 @@ impl Home {
             },
         };
         Err(self.unwritable(why))
+    }
+
+    /// What `write` gives, unless something else lies at the folder's place now.
+    ///
+    /// # Errors
+    /// As [`Home::refuse_others`], and those of `write`.
+    pub(crate) fn guard<T>(&self, write: impl FnOnce() -> Result<T, RunError>) -> Result<T, RunError> {
+        self.refuse_others()?;
+        write()
     }
 
     fn unwritable(&self, why: String) -> RunError {

@@ -76,7 +76,7 @@ impl Run<'_> {
     pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
         self.need_held_out()?;
         let _lock = self.lock_if_writable(observer)?;
-        let place = (self.parts.storage, self.folder.as_path());
+        let place = (self.parts.storage, self.folder.as_path(), &self.home);
         let (protocol, query) = self.protocol()?;
         let terms = self.terms((&protocol, &query), Measures::All(None));
         evaluate_scales(place, self.system.as_ref(), &self.held_out, &terms, scales, observer)
@@ -142,7 +142,7 @@ pub(super) fn measure_and_write(
 ) -> Result<Evaluation, RunError> {
     let renders = folder.join("renders");
     let mut unwritten = Vec::new();
-    note_unwritten(home.refuse_others().and_then(|()| make_folder(&renders)), &mut unwritten)?;
+    note_unwritten(home.guard(|| make_folder(&renders)), &mut unwritten)?;
     let stems: Vec<String> =
         data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
     let kept = RefCell::new(KeptViews::of(folder, at.0, terms));
@@ -154,12 +154,13 @@ pub(super) fn measure_and_write(
             [depth(seen.rendered, depth_range(&[seen.rendered])), error_map(seen.picture, seen.truth)];
         let pictures = PICTURES.into_iter().zip([seen.picture, seen.truth, &error, &depth_image]);
         let written = pictures.into_iter().try_for_each(|(ending, picture)| {
-            home.refuse_others()?;
             let path = renders.join(format!("{stem}{ending}.png"));
-            write_png(storage, &path, picture).or_else(|_| {
-                // The folder may have gone.
-                make_folder(&renders)?;
-                write_png(storage, &path, picture)
+            home.guard(|| {
+                write_png(storage, &path, picture).or_else(|_| {
+                    // The folder may have gone.
+                    make_folder(&renders)?;
+                    write_png(storage, &path, picture)
+                })
             })
         });
         let known = || Known {
@@ -182,7 +183,7 @@ pub(super) fn measure_and_write(
         let scores = [(EVAL, evaluation.json()), ("eval.csv", evaluation.csv())];
         for (name, text) in scores {
             let before = unwritten.len();
-            let written = home.refuse_others().and_then(|()| write_file(storage, &folder.join(name), text.as_bytes()));
+            let written = home.guard(|| write_file(storage, &folder.join(name), text.as_bytes()));
             note_unwritten(written, &mut unwritten)?;
             evaluation.written |= name == EVAL && unwritten.len() == before;
         }

@@ -273,7 +273,7 @@ impl Cloud {
     /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.
     ///
     /// # Panics
-    /// If there is no memory for so many cameras.
+    /// If there is no memory for the cameras of all frames.
     pub fn cameras(
         &self,
         kind: &PathKind,

@@ -13,11 +13,10 @@ use crate::plan::{Ground, NO_PARALLAX, settings, table};
 use crate::system::{System, SystemError};
 use glam::DVec3;
 use scene_io::Scene;
+use splat_core::Gaussians;
 
 /// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
 const COARSE_PIXELS: u64 = 65_536;
-/// Numbers of a Gaussian, of the highest degree.
-const NUMBERS: usize = 59;
 /// Steps that the schedules are for.
 const HORIZON: u64 = 10_000;
 
@@ -52,13 +51,14 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         value: config.max_splats.to_string(),
         problem: e.to_string(),
     };
-    let started = config.start_count.min(config.max_splats);
-    room_for("start_count", started, started.saturating_mul(NUMBERS))?;
     let mut start = match config.start {
         StartKind::Points => Start::from_points(&scene.points, &frame, &options).map_err(refused)?,
         StartKind::Random => Start::default(),
     };
     if start.cloud.is_empty() {
+        let count = config.start_count.min(config.max_splats);
+        let one = Gaussians::new(0, config.sh_degree).map_err(refused)?.numbers();
+        room_for("start_count", count, count.saturating_mul(one))?;
         let sight = Sight::new(data)?;
         start = Start::random(scene_box(&layout, data), &frame, &options, |x| sight.of(x)).map_err(refused)?;
     }

@@ -219,7 +219,7 @@ impl NgpConfig {
     /// [`SystemError::Config`] for an empty layer.
     ///
     /// # Panics
-    /// If there is no memory for so many layers; [`NgpConfig::check`] refuses them.
+    /// If there is no memory for the layers; [`NgpConfig::check`] refuses them.
     pub fn density_mlp(&self, inputs: usize) -> Result<Mlp, SystemError> {
         Mlp::new(&MlpConfig {
             inputs,

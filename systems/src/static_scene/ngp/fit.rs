@@ -43,7 +43,8 @@ struct Kept {
 /// See [`System::fit_appearance`].
 pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
     let mut code = ngp.appearance_code(&Appearance::Mean)?;
-    let kept = keep(ngp, pixels, code.len());
+    let numbers = ngp.field.colour.inputs() - code.len() + 1;
+    let kept = pixels.keep(PIXELS, numbers, |every, most| keep(ngp, pixels, code.len(), every, most));
     let count = kept.rest.len();
     if count == 0 {
         return Some(code);
@@ -63,7 +64,7 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         };
         let share = 1.0 / (3 * chosen.len()) as f32;
         let groups = rooms.par_iter_mut().zip(chosen.par_chunks(GROUP));
-        groups.for_each(|(room, chosen)| room.slope(ngp, &kept, chosen, (&code, share)));
+        groups.for_each(|(room, chosen)| room.slope(ngp, &kept, chosen, &code, share));
         // Always in this order, whoever was ready first.
         let bar: Vec<f32> = (0..code.len()).map(|k| rooms.iter().map(|room| room.bar[k]).sum()).collect();
         let third = (3 * step / pixels.steps.max(1)) as i32;
@@ -91,7 +92,7 @@ struct Room {
 impl Room {
     /// The gradient of half the squared errors of the pixels `chosen`, times `share`, with respect to `code`: into
     /// [`Room::bar`].
-    fn slope(&mut self, ngp: &Ngp, kept: &Kept, chosen: &[usize], (code, share): (&[f32], f32)) {
+    fn slope(&mut self, ngp: &Ngp, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
         let Self { columns, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
         let field = &ngp.field;
         let mlp = &field.colour;
@@ -134,20 +135,8 @@ impl Room {
     }
 }
 
-/// Samples that carry weight along at most [`PIXELS`] of the rays, along fewer where there is mist.
-fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize) -> Kept {
-    let most = Fit::KEPT_BYTES / (4 * (ngp.field.colour.inputs() - dims + 1));
-    let mut every = pixels.rays.len().div_ceil(PIXELS).max(1);
-    loop {
-        match keep_some(ngp, pixels, dims, (every, most)) {
-            Some(kept) => return kept,
-            None => every *= 2,
-        }
-    }
-}
-
-/// The same of every so many rays; `None` where these are more than `most` samples. One ray always has few enough.
-fn keep_some(ngp: &Ngp, pixels: &Fit<'_>, dims: usize, (every, most): (usize, usize)) -> Option<Kept> {
+/// Samples that carry weight along every `every`-th ray; `None` where these are more than `most`.
+fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize, every: usize, most: usize) -> Option<Kept> {
     let rays: Vec<_> = pixels.rays.iter().step_by(every).copied().collect();
     let truth: Vec<[f32; 3]> = pixels.rgb.iter().step_by(every).copied().collect();
     let inputs = ngp.not_random(Batch::of_rays(&rays, &truth), pixels.background);

@@ -83,7 +83,8 @@ pub(super) fn fit<R: Recipe>(system: &TwoLevel<R>, pixels: &Fit<'_>) -> Option<V
     let mut code = system.appearance_code(&Appearance::Mean)?;
     let (colour, range) = system.shapes.colour();
     let cut = Cut::new(colour, &system.network(1)[range])?;
-    let kept = keep(system, &cut, pixels, code.len());
+    let kept =
+        pixels.keep(PIXELS, cut.hidden.outputs + 1, |every, most| keep(system, &cut, pixels, code.len(), every, most));
     let count = kept.rest.len();
     if count == 0 {
         return Some(code);
@@ -176,29 +177,18 @@ impl Cut<'_> {
     }
 }
 
-/// Samples that carry weight along at most [`PIXELS`] of the rays, along fewer where there is mist.
-fn keep<R: Recipe>(system: &TwoLevel<R>, cut: &Cut<'_>, pixels: &Fit<'_>, dims: usize) -> Kept {
-    let most = Fit::KEPT_BYTES / (4 * (cut.hidden.outputs + 1));
-    let mut every = pixels.rays.len().div_ceil(PIXELS).max(1);
-    loop {
-        match keep_some(system, cut, pixels, dims, (every, most)) {
-            Some(kept) => return kept,
-            None => every *= 2,
-        }
-    }
-}
-
-/// The same of every so many rays; `None` where these are more than `most` samples. One tile always has few enough.
-fn keep_some<R: Recipe>(
+/// Samples that carry weight along every `every`-th ray; `None` where these are more than `most` and of more than one tile.
+fn keep<R: Recipe>(
     system: &TwoLevel<R>,
     cut: &Cut<'_>,
     pixels: &Fit<'_>,
     dims: usize,
-    (every, most): (usize, usize),
+    every: usize,
+    most: usize,
 ) -> Option<Kept> {
     let chosen: Vec<(&Ray, [f32; 3])> = pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
     let ops = system.ops();
-    // Whoever sees that they are too many, all of them are thrown away.
+    // Whichever tile sees that they are too many, all of them are thrown away.
     let total = AtomicUsize::new(0);
     let too_many = || chosen.len() > TILE && total.load(Ordering::Relaxed) > most;
     let parts: Vec<Kept> = chosen
