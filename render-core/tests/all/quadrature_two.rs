@@ -1,10 +1,8 @@
 //! Joint compositing of two parts against its `f64` reference, its gradients against differences, and its properties.
 
-mod rays;
-
+use crate::rays::{any_tau, close, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
-use rays::{any_tau, close, pattern};
 use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
     composite_two_backward, reference,
@@ -87,7 +85,7 @@ fn colour_only(colour: &[f32]) -> CompositeTwoBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `tau(i)` are the optical depths of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut tau: impl FnMut(usize) -> [f32; 2]) -> Self {
-        let offsets = rays::offsets(lengths);
+        let offsets = crate::rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let depths: Vec<[f32; 2]> = (0..n).map(&mut tau).collect();
@@ -106,7 +104,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        rays::range(&self.offsets, r)
+        crate::rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> TwoSamples<'_> {

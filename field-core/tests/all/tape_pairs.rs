@@ -1,7 +1,6 @@
 //! The ready-made operations: encodings and fused networks on the tape.
 
-mod tape_twin;
-
+use crate::tape_twin::{close, narrow, numbers};
 use field_core::encoding::dense_grid::DenseGrid;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
@@ -13,7 +12,6 @@ use field_core::tape::{
     Arena, CustomOp, Encoder, EncodingOp, HashGridTable, MlpOp, Shape, Tape, TapeError, Windowed, layers,
 };
 use float_core::Simd;
-use tape_twin::{close, narrow, numbers};
 
 const N: usize = 21;
 

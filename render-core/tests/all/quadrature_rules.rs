@@ -1,11 +1,9 @@
 //! The rules between samples: against the `f64` reference, the reference against closed forms and differences, and what
 //! linear density must do.
 
-mod rays;
-
+use crate::rays::pattern;
 use float_core::Simd;
 use proptest::prelude::*;
-use rays::pattern;
 use render_core::quadrature::{
     IntervalsBar, LastInterval, Points, PointsBar, Rule, Samples, Values, intervals, intervals_backward, reference,
     weights,
@@ -26,7 +24,7 @@ struct Batch {
 
 impl Batch {
     fn new(lengths: &[usize], samples: &[(f32, f32)]) -> Self {
-        let offsets = rays::offsets(lengths);
+        let offsets = crate::rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = n + 3;
         Self {

@@ -1,10 +1,8 @@
 //! The blend of a static and a dynamic part against its `f64` reference, its gradients against differences, and its properties.
 
-mod rays;
-
+use crate::rays::{any_tau, close, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
-use rays::{any_tau, close, pattern};
 use render_core::quadrature::blend::{
     BlendSamples, BlendTrans, BlendValues, CompositeBlend, CompositeBlendBar, CompositeBlendGrads, composite_blend,
     composite_blend_backward, reference,
@@ -100,7 +98,7 @@ fn colour_only(colour: &[f32]) -> CompositeBlendBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `sample(i)` is `tau_s, tau_d, m` of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut sample: impl FnMut(usize) -> [f32; 3]) -> Self {
-        let offsets = rays::offsets(lengths);
+        let offsets = crate::rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let samples: Vec<[f32; 3]> = (0..n).map(&mut sample).collect();
@@ -119,7 +117,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        rays::range(&self.offsets, r)
+        crate::rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> BlendSamples<'_> {

@@ -1,8 +1,6 @@
 //! The image encoder against its `f64` twin, and its properties.
 
-mod conv_twin;
-
-use conv_twin::{encode, encode_backward, layers};
+use crate::conv_twin::{encode, encode_backward, layers};
 use field_core::conv::{Encoder, EncoderConfig, Size, Workspace};
 use field_core::rng::Rng;
 use float_core::Simd;

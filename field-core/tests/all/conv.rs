@@ -1,8 +1,6 @@
 //! Convolutions, pooling and resampling against loops written from their definitions, and their properties.
 
-mod conv_twin;
-
-use conv_twin::Layer;
+use crate::conv_twin::Layer;
 use field_core::FieldError;
 use field_core::conv::{
     Conv2d, Padding, Size, Workspace, adaptive_mean, adaptive_mean_backward, global_mean, global_mean_backward,

@@ -1,9 +1,7 @@
 //! Gradients through derivatives of fields: normals and Jacobians.
 
-mod tape_twin;
-
+use crate::tape_twin::{Program, Step, TIGHT, Unary, check, close, differences, narrow, numbers};
 use field_core::tape::{Arena, Tape};
-use tape_twin::{Program, Step, TIGHT, Unary, check, close, differences, narrow, numbers};
 
 const HIDDEN: usize = 12;
 const OCTAVES: usize = 3;

@@ -1,9 +1,7 @@
 //! Random expression graphs: value, gradient, tangent and gradient of the tangent against the f64 twin.
 
-mod tape_twin;
-
+use crate::tape_twin::{Program, Step, Tolerance, Unary, check, numbers};
 use proptest::prelude::*;
-use tape_twin::{Program, Step, Tolerance, Unary, check, numbers};
 
 /// Rounding of up to ten chained operations on numbers of order 1.
 const CHAINED: Tolerance = Tolerance { value: 1e-5, gradient: 3e-4, second: 1e-3 };

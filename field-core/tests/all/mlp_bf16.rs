@@ -1,9 +1,8 @@
 //! Networks whose products take bf16: every SIMD level against the scalar one, and both precisions against f64.
-mod mlp_twin;
 
+use crate::mlp_twin::{distances, noise, run, twin, weights, wide};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, PANEL, Packed, Precision};
 use float_core::{Bf16, Simd};
-use mlp_twin::{distances, noise, run, twin, weights, wide};
 use proptest::prelude::*;
 
 fn config(inputs: usize, hidden: &[usize], outputs: usize, act: Activation, skips: &[usize]) -> MlpConfig {

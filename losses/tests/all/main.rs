@@ -1,0 +1,23 @@
+//! The tests of this crate in one program: built and linked once. `cargo test -p losses --test all MODULE::` runs one file of them.
+
+mod background;
+mod depth;
+mod distortion;
+mod dssim;
+mod elastic;
+mod heuristics;
+mod interlevel;
+mod irls;
+mod kernels;
+mod lpips;
+mod metrics;
+mod opacity;
+mod photometric;
+mod robust_kernels;
+mod segmentation;
+mod settled;
+mod superpixels;
+mod trimmed;
+mod uncertainty;
+mod variation;
+mod visibility;

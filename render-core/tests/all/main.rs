@@ -1,0 +1,20 @@
+//! The tests of this crate in one program: built and linked once. `cargo test -p render-core --test all MODULE::` runs one file of them.
+
+mod bilateral;
+mod budget;
+mod convergence;
+mod frustum;
+mod histogram;
+mod importance;
+mod lighting;
+mod occupancy;
+mod proposal;
+mod quadrature;
+mod quadrature_blend;
+mod quadrature_physics;
+mod quadrature_rules;
+mod quadrature_two;
+#[path = "../rays/mod.rs"]
+mod rays;
+mod sample;
+mod sample_linear;

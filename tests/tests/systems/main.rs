@@ -1,0 +1,18 @@
+//! Whole systems: trained, resumed, compared.
+
+mod dynamic_systems;
+mod e2e_static;
+mod left_out;
+mod mip_nerf;
+mod mip_nerf_360;
+mod nerf_method;
+mod nerf_published;
+mod sf_nerf;
+mod splat_pictures;
+mod splat_start;
+mod splat_threads;
+mod splat_training;
+mod wild_auto;
+mod wild_ha_nerf;
+mod wild_methods;
+mod wild_mlp;
