@@ -343,7 +343,7 @@ fn features_are_continuous_across_cell_faces() {
 
 #[test]
 fn two_points_in_one_cell_touch_the_same_eight_rows() {
-    let config = HashGridConfig { levels: 3, log2_table: 14, growth: Growth::Factor(2.0), ..Default::default() };
+    let config = HashGridConfig { levels: 3, log2_table: 10, growth: Growth::Factor(2.0), ..Default::default() };
     let grid = HashGrid::new(config).unwrap();
     for level in 0..3 {
         let scale = grid.levels()[level].scale;

@@ -91,7 +91,7 @@ impl OccupancyGrid {
         let side = self.cell_side(0);
         while lattice.t < way.t_end && marched.samples < max_samples {
             let p: [f32; 3] = core::array::from_fn(|a| ray.o[a] + lattice.t * ray.d[a]);
-            let k = self.cascade(max_abs(p), lattice.dt() * way.length);
+            let k = self.cascade(p, lattice.dt() * way.length);
             let (id, x) = self.locate(p, k);
             marched.tests += 1;
             // The largest block around the cell, 1, 4 or 16 cells wide, that is known to be all empty or all full.

@@ -266,7 +266,7 @@ impl OccupancyGrid {
         if m.is_nan() || m > self.half_extent() {
             return false;
         }
-        let id = self.locate(p, self.cascade(m, dt)).0;
+        let id = self.locate(p, self.cascade(p, dt)).0;
         self.bits[id as usize / 64] >> (id % 64) & 1 == 1
     }
 
@@ -274,12 +274,14 @@ impl OccupancyGrid {
         self.settings.resolution.pow(3)
     }
 
-    /// Cascade of a point with largest coordinate `m` and of a sample of length `dt`.
+    /// Cascade of a point and of a sample of length `dt`.
     #[inline(always)]
-    fn cascade(&self, m: f32, dt: f32) -> u32 {
-        // The smallest k with m < 2^k and 2 dt < 2^(k + 1) / resolution: read off the exponent of the larger.
-        let x = m.max(dt * self.settings.resolution as f32);
-        ((x.to_bits() >> 23) as i32 - 126).clamp(0, self.settings.cascades as i32 - 1) as u32
+    fn cascade(&self, p: [f32; 3], dt: f32) -> u32 {
+        // The smallest k with -2^k <= p < 2^k, as cells hold their lower faces and not their upper ones, and with
+        // 2 dt < 2^(k + 1) / resolution. Numbers that are not negative have the order of their bits: the exponent of the largest tells.
+        let [x, y, z] = p.map(|p| (p.to_bits() & !SIGN).saturating_sub(p.to_bits() >> 31));
+        let largest = x.max(y).max(z).max((dt * self.settings.resolution as f32).to_bits());
+        ((largest >> 23) as i32 - 126).clamp(0, self.settings.cascades as i32 - 1) as u32
     }
 
     /// Number and place of the cell of cascade `k` that holds `p`.
@@ -293,6 +295,9 @@ impl OccupancyGrid {
         (k * self.cascade_cells() + axis[x[0] as usize][0] + axis[x[1] as usize][1] + axis[x[2] as usize][2], x)
     }
 }
+
+/// The bit of a number's sign.
+const SIGN: u32 = 1 << 31;
 
 /// Largest coordinate, sign aside; NaN when the first is.
 #[inline(always)]

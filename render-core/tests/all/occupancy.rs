@@ -106,15 +106,16 @@ proptest! {
                 prop_assert!((0.01..=0.08).contains(&dt));
                 prop_assert!((pair[1].0 - t - dt).abs() <= 1e-6 * (1.0 + t), "{:?}", pair);
             }
+            let length = ray.d.iter().map(|x| x * x).sum::<f32>().sqrt();
             let (taken, _) = samples(&grid, ray, &rule, jitter);
             let mut rest = all.iter();
             for sample in &taken {
                 prop_assert!(rest.any(|s| s == sample), "{:?} is not on the lattice", sample);
-                prop_assert!(grid.occupied(at(ray, sample.0), sample.1));
+                prop_assert!(grid.occupied(at(ray, sample.0), sample.1 * length), "{:?} of {:?}", sample, ray);
             }
             // What was passed by is empty where it matters: in the cascade of its place, whatever the step.
             for sample in all.iter().filter(|s| !taken.contains(s)) {
-                prop_assert!(!grid.occupied(at(ray, sample.0), 0.0));
+                prop_assert!(!grid.occupied(at(ray, sample.0), 0.0), "{:?} of {:?}", sample, ray);
             }
         }
     }
