@@ -1,6 +1,6 @@
 //! MLP kernels in both precisions: forward, and forward with backward, in samples a second, on one thread and on two. Before
 //! each network its errors against f64 are printed: a speed without its error is no figure.
-#[path = "../tests/mlp_twin/mod.rs"]
+#[path = "../tests/all/mlp_twin.rs"]
 mod mlp_twin;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};

@@ -1,16 +1,16 @@
 //! The tests of this crate in one program: built and linked once. `cargo test -p field-core --test all MODULE::` runs one file of them.
+//! Those that count allocations have programs of their own.
 
 mod conv;
 mod conv_encoder;
-#[path = "../conv_twin/mod.rs"]
 mod conv_twin;
 mod deform;
+mod encodings;
 mod hash_grid;
 mod integrated;
 mod lie;
 mod mlp;
 mod mlp_bf16;
-#[path = "../mlp_twin/mod.rs"]
 mod mlp_twin;
 mod multi_distance;
 mod planes;
@@ -19,5 +19,4 @@ mod tape_graphs;
 mod tape_ops;
 mod tape_pairs;
 mod tape_second_order;
-#[path = "../tape_twin/mod.rs"]
 mod tape_twin;

@@ -1,6 +1,6 @@
 //! Errors, empty tiles, shared memory, repeated passes, custom operations.
 
-use crate::tape_twin::{close, narrow, numbers};
+use crate::tape_twin::{self, close, narrow, numbers};
 use field_core::tape::{Arena, Bar, CustomOp, Demand, Node, Shape, Tape, TapeError, View};
 
 /// Optical depths along rays of equal length to weights: `w_i = exp(-sum_{j<i} tau_j) (1 - exp(-tau_i))`, with the sums
@@ -75,7 +75,7 @@ fn a_custom_pair_composites_along_rays() {
         }
         total
     };
-    let want = crate::tape_twin::differences(std::slice::from_ref(&tau), &|at| render(&at[0]));
+    let want = tape_twin::differences(std::slice::from_ref(&tau), &|at| render(&at[0]));
     let op = Weights { per_ray };
     let mut arena = Arena::new();
     let mut tape = Tape::new(&mut arena, &[]);

@@ -1,6 +1,6 @@
 //! Every operation of the tape: value, gradient, tangent, gradient of the tangent, against the f64 twin.
 
-use crate::tape_twin::{Program, Step, TIGHT, Tolerance, Unary, check, numbers};
+use crate::tape_twin::{self, Program, Step, TIGHT, Tolerance, Unary, check, numbers};
 
 /// One step over leaves of the given shapes, at random points in `[low, high)`.
 #[track_caller]
@@ -174,7 +174,7 @@ fn trunc_exp_clamps_the_derivative_and_not_the_value() {
     let (value, slope) = program.output(&x, &[vec![1.0; 4]]);
     let mut arena = field_core::tape::Arena::new();
     let mut tape = field_core::tape::Tape::new(&mut arena, &[]);
-    let node = tape.input(1, 4, &crate::tape_twin::narrow(&x[0])).unwrap();
+    let node = tape.input(1, 4, &tape_twin::narrow(&x[0])).unwrap();
     let seed = tape.fill(1, 4, 1.0);
     let y = tape.trunc_exp(node).unwrap();
     let [y_dot] = tape.jvp([y], &[(node, seed)]).unwrap();
@@ -324,7 +324,7 @@ fn all_simd_levels_agree() {
         ],
     );
     let leaves: Vec<Vec<f32>> =
-        [35, 7, 185].iter().zip(1..).map(|(&len, s)| crate::tape_twin::narrow(&numbers(s, len, -1.0, 1.0))).collect();
+        [35, 7, 185].iter().zip(1..).map(|(&len, s)| tape_twin::narrow(&numbers(s, len, -1.0, 1.0))).collect();
     let mut results: Vec<Vec<f32>> = Vec::new();
     for level in float_core::Simd::available() {
         let mut arena = field_core::tape::Arena::with_simd(level);
@@ -342,6 +342,6 @@ fn all_simd_levels_agree() {
     for other in &results[1..] {
         let want: Vec<f64> = results[0].iter().map(|&x| x.into()).collect();
         // Fused rounding of sums over 37 samples.
-        crate::tape_twin::close("level", other, &want, Tolerance { value: 1e-6, ..TIGHT }.value);
+        tape_twin::close("level", other, &want, Tolerance { value: 1e-6, ..TIGHT }.value);
     }
 }

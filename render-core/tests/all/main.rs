@@ -2,6 +2,7 @@
 
 mod bilateral;
 mod budget;
+mod cameras;
 mod convergence;
 mod frustum;
 mod histogram;
@@ -14,7 +15,7 @@ mod quadrature_blend;
 mod quadrature_physics;
 mod quadrature_rules;
 mod quadrature_two;
-#[path = "../rays/mod.rs"]
 mod rays;
 mod sample;
 mod sample_linear;
+mod space;

@@ -1,6 +1,6 @@
 //! The quadrature against its `f64` reference, its gradient against differences, and the properties it must have.
 
-use crate::rays::{any_tau, close, pattern};
+use crate::rays::{self, any_tau, close, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
 use render_core::quadrature::{
@@ -33,7 +33,7 @@ struct Picture {
 impl Batch {
     /// Rays of the given lengths; `f(i)` is the optical depth of sample `i`, the colours are a fixed pattern.
     fn new(lengths: &[usize], mut tau: impl FnMut(usize) -> f32) -> Self {
-        let offsets = crate::rays::offsets(lengths);
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = n + 3;
         Self {

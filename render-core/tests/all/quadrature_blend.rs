@@ -1,6 +1,6 @@
 //! The blend of a static and a dynamic part against its `f64` reference, its gradients against differences, and its properties.
 
-use crate::rays::{any_tau, close, pattern};
+use crate::rays::{self, any_tau, close, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
 use render_core::quadrature::blend::{
@@ -98,7 +98,7 @@ fn colour_only(colour: &[f32]) -> CompositeBlendBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `sample(i)` is `tau_s, tau_d, m` of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut sample: impl FnMut(usize) -> [f32; 3]) -> Self {
-        let offsets = crate::rays::offsets(lengths);
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let samples: Vec<[f32; 3]> = (0..n).map(&mut sample).collect();
@@ -117,7 +117,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        crate::rays::range(&self.offsets, r)
+        rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> BlendSamples<'_> {

@@ -1,7 +1,7 @@
 //! The rules between samples: against the `f64` reference, the reference against closed forms and differences, and what
 //! linear density must do.
 
-use crate::rays::pattern;
+use crate::rays::{self, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
 use render_core::quadrature::{
@@ -24,7 +24,7 @@ struct Batch {
 
 impl Batch {
     fn new(lengths: &[usize], samples: &[(f32, f32)]) -> Self {
-        let offsets = crate::rays::offsets(lengths);
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = n + 3;
         Self {

@@ -1,6 +1,6 @@
 //! Joint compositing of two parts against its `f64` reference, its gradients against differences, and its properties.
 
-use crate::rays::{any_tau, close, pattern};
+use crate::rays::{self, any_tau, close, pattern};
 use float_core::Simd;
 use proptest::prelude::*;
 use render_core::quadrature::two::{
@@ -85,7 +85,7 @@ fn colour_only(colour: &[f32]) -> CompositeTwoBar<'_> {
 impl Batch {
     /// Rays of the given lengths; `tau(i)` are the optical depths of sample `i`, everything else is a fixed pattern.
     fn new(lengths: &[usize], mut tau: impl FnMut(usize) -> [f32; 2]) -> Self {
-        let offsets = crate::rays::offsets(lengths);
+        let offsets = rays::offsets(lengths);
         let n = offsets[lengths.len()] as usize;
         let stride = [n + 3, n + 1];
         let depths: Vec<[f32; 2]> = (0..n).map(&mut tau).collect();
@@ -104,7 +104,7 @@ impl Batch {
     }
 
     fn range(&self, r: usize) -> Range<usize> {
-        crate::rays::range(&self.offsets, r)
+        rays::range(&self.offsets, r)
     }
 
     fn samples(&self) -> TwoSamples<'_> {

@@ -1,6 +1,7 @@
 //! Ellipses on the picture against the specification and against what they are for.
 
-use crate::common::{cloud, shoot, view};
+use crate::common::{self, cloud, shoot, view};
+use crate::twin;
 use float_core::Simd;
 use proptest::prelude::*;
 use splat_core::{Gaussians, Projection, Rules, SplatError, View, Widening};
@@ -15,7 +16,7 @@ fn project(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Projection 
 fn ellipses_are_those_of_the_specification() {
     for widening in [Widening::Keeps, Widening::Dims] {
         let (rules, g, view) = (Rules { widening, ..Rules::DEFAULT }, cloud(4, 500, 3), view([64, 48]));
-        let want = crate::twin::project(&crate::twin::flat(&g), g.len(), 3, &view, &rules);
+        let want = twin::project(&twin::flat(&g), g.len(), 3, &view, &rules);
         for simd in Simd::available() {
             let p = project(simd, &g, &view, &rules);
             assert!(p.footprints.len() > 300);
@@ -81,7 +82,7 @@ fn tiles_are_a_superset_with_little_to_spare() {
         let g = cloud(60 + seed, 300, 0);
         let shot = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
         listed += shot.drawn.pairs;
-        let ellipses = crate::twin::of_footprints(&shot.p);
+        let ellipses = twin::of_footprints(&shot.p);
         let [columns, rows] = view.size.map(|n| n.div_ceil(16));
         for e in &ellipses {
             for tile in 0..columns * rows {
@@ -133,7 +134,7 @@ fn one_that_is_not_finite_is_not_seen_and_changes_no_other() {
                     let mut shot = shoot(simd, &g, &view, &Rules::DEFAULT);
                     assert!(seen || shot.p.footprints.iter().all(|f| f.index != 17), "{bad} in {field}, {row}");
                     assert!(shot.planes.iter().all(|x| x.is_finite()));
-                    let bar = crate::common::bars(1, view.size);
+                    let bar = common::bars(1, view.size);
                     let grad = shot.gradients(simd, &g, &view, &Rules::DEFAULT, &bar);
                     assert!(
                         grad.fields().iter().all(|(_, x)| x.iter().all(|x| x.is_finite())),
@@ -141,7 +142,7 @@ fn one_that_is_not_finite_is_not_seen_and_changes_no_other() {
                     );
                     if !seen {
                         let without: Vec<usize> = (0..40).filter(|&i| i != 17).collect();
-                        let rest = shoot(simd, &crate::common::reordered(&clean, &without), &view, &Rules::DEFAULT);
+                        let rest = shoot(simd, &common::reordered(&clean, &without), &view, &Rules::DEFAULT);
                         assert_eq!(shot.planes, rest.planes);
                     }
                 }
@@ -198,10 +199,10 @@ proptest! {
                 prop_assert!(numbers.iter().all(|x| x.is_finite()), "{:?}", f);
                 prop_assert!(f.conic[0] > 0.0 && f.conic[2] > 0.0 && f.z > rules.near && f.opacity <= 1.0, "{:?}", f);
             }
-            let want = crate::twin::draw(&crate::twin::of_footprints(&shot.p), view.size, &rules);
+            let want = twin::draw(&twin::of_footprints(&shot.p), view.size, &rules);
             let (worst, _) = want.worst(&shot.planes);
             prop_assert!(worst < 2.0, "{:?}: {} of rounding", simd.level(), worst);
-            let bar = crate::common::bars(3, view.size);
+            let bar = common::bars(3, view.size);
             let grad = shot.gradients(simd, &g, &view, &rules, &bar);
             // Beyond scales of 1e8 products of gradients may overflow; `density::keep_in_range` ends at ten times the scene.
             let huge = |i: u32| (0..3).any(|k| g.log_scale[k * g.len() + i as usize] > 20.0);
@@ -225,8 +226,8 @@ fn large_ones_beside_the_picture_reach_all_of_it() {
         g.mean[a] = (0..3).map(|b| view.r[b][a] * (camera[b] - view.t[b])).sum();
         g.log_scale[a] = 0.85;
     }
-    let want = crate::twin::project(&crate::twin::flat(&g), 1, 0, &view, &Rules::DEFAULT);
-    let want = crate::twin::draw(&want, view.size, &Rules::DEFAULT);
+    let want = twin::project(&twin::flat(&g), 1, 0, &view, &Rules::DEFAULT);
+    let want = twin::draw(&want, view.size, &Rules::DEFAULT);
     let got = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
     let (worst, _) = want.worst(&got.planes);
     assert!(worst < 2.0, "{worst} of rounding: {:?}", got.p.footprints);

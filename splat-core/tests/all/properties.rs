@@ -1,6 +1,7 @@
 //! What holds for every picture, whatever is in it.
 
 use crate::common::{bars, cloud, reordered, shoot, view};
+use crate::twin;
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::{Drawn, Gaussians, Projection, Raster, Rules, TILE, View};
@@ -263,7 +264,7 @@ fn gradients_are_linear_in_those_of_the_picture() {
         let mut shot = shoot(simd, &g, &view, &RULES);
         let (one, two) = (bars(1, view.size), bars(2, view.size));
         let both: Vec<f32> = one.iter().zip(&two).map(|(a, b)| 2.0 * a - 0.5 * b).collect();
-        let mut of = |bar: &[f32]| crate::twin::flat(&shot.gradients(simd, &g, &view, &RULES, bar));
+        let mut of = |bar: &[f32]| twin::flat(&shot.gradients(simd, &g, &view, &RULES, bar));
         let (one, two, both) = (of(&one), of(&two), of(&both));
         let scale = both.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         for ((a, b), both) in one.iter().zip(&two).zip(&both) {

@@ -1,6 +1,7 @@
 //! The rasteriser against the specification.
 
 use crate::common::{bars, cloud, shoot, view};
+use crate::twin;
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::{Gaussians, Raster, Rules, View, Widening};
@@ -15,11 +16,7 @@ fn pictures_are_those_of_the_specification() {
     for seed in 0..12 {
         let rules = rules(seed);
         let (g, view) = (cloud(seed, 60 + 40 * seed as usize, seed as usize % 4), view([37, 50]));
-        let want = crate::twin::draw(
-            &crate::twin::project(&crate::twin::flat(&g), g.len(), g.degree(), &view, &rules),
-            view.size,
-            &rules,
-        );
+        let want = twin::draw(&twin::project(&twin::flat(&g), g.len(), g.degree(), &view, &rules), view.size, &rules);
         for simd in Simd::available() {
             let got = shoot(simd, &g, &view, &rules).planes;
             let (worst, unclear) = want.worst(&got);
@@ -37,9 +34,9 @@ fn middles_are_where_half_of_the_light_is_left() {
         let (g, view) = (cloud(40 + seed, 30 + 20 * seed as usize, 1), view([21, 18]));
         for simd in Simd::available() {
             let shot = shoot(simd, &g, &view, &rules);
-            let ellipses = crate::twin::of_footprints(&shot.p);
+            let ellipses = twin::of_footprints(&shot.p);
             for (i, got) in shot.middles(simd, &view, &rules).into_iter().enumerate() {
-                let left = |k: usize| crate::twin::left(&ellipses[..k], [i % view.size[0], i / view.size[0]], &rules);
+                let left = |k: usize| twin::left(&ellipses[..k], [i % view.size[0], i / view.size[0]], &rules);
                 let want = (1..=ellipses.len()).find(|&k| left(k) <= 0.5);
                 // Rounding may decide otherwise where exactly a half is left.
                 if want.is_some_and(|k| (left(k) - 0.5).abs() < 1e-5 || (left(k - 1) - 0.5).abs() < 1e-5) {
@@ -70,14 +67,13 @@ fn middles_of_nothing_and_of_the_wrong_size() {
 /// decision is too near to difference over.
 fn worst_gradient(g: &Gaussians, view: &View, rules: &Rules, simd: Simd) -> Option<(f64, String)> {
     let bar = bars(7, view.size);
-    let picture =
-        |p: &[f64]| crate::twin::draw(&crate::twin::project(p, g.len(), g.degree(), view, rules), view.size, rules);
-    let at = crate::twin::flat(g);
+    let picture = |p: &[f64]| twin::draw(&twin::project(p, g.len(), g.degree(), view, rules), view.size, rules);
+    let at = twin::flat(g);
     if picture(&at).margin() < 1e-5 {
         return None;
     }
     let loss = |p: &[f64]| picture(p).planes.iter().zip(&bar).map(|(a, b)| a * f64::from(*b)).sum::<f64>();
-    let got = crate::twin::flat(&shoot(simd, g, view, rules).gradients(simd, g, view, rules, &bar));
+    let got = twin::flat(&shoot(simd, g, view, rules).gradients(simd, g, view, rules, &bar));
     let scale = got.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let mut worst = (0.0, String::new());
     for k in 0..at.len() {
@@ -209,12 +205,12 @@ fn many_features_are_those_of_the_specification() {
         let of = |i: u32| -> [f32; K] { core::array::from_fn(|k| Rng::new(i.into(), k as u64).normal_at(0)) };
         let features: Vec<[f32; K]> = p.footprints.iter().map(|f| of(f.index)).collect();
         // What each pixel takes of each ellipse, front to back: what is left before it, less what is left behind it.
-        let ellipses = crate::twin::of_footprints(&p);
-        assert!(crate::twin::draw(&ellipses, view.size, &rules).margin() > 1e-6, "a decision too near to compare");
+        let ellipses = twin::of_footprints(&p);
+        assert!(twin::draw(&ellipses, view.size, &rules).margin() > 1e-6, "a decision too near to compare");
         let left: Vec<Vec<f64>> = (0..=ellipses.len())
             .map(|n| {
                 let at = |i: usize| [i % view.size[0], i / view.size[0]];
-                (0..pixels).map(|i| crate::twin::left(&ellipses[..n], at(i), &rules)).collect()
+                (0..pixels).map(|i| twin::left(&ellipses[..n], at(i), &rules)).collect()
             })
             .collect();
         let mut bar = vec![0.0_f32; (K + 1) * pixels];

@@ -1,5 +1,4 @@
 //! The specification, `testkit::reference::splats`, of this crate's types.
-#![allow(dead_code, reason = "each test takes what it needs")]
 
 use splat_core::{Footprint, Gaussians, Projection, Rules, View, Widening};
 use testkit::reference::splats;

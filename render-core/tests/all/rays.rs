@@ -1,5 +1,4 @@
 //! Batches of rays that tests of quadrature share.
-#![allow(dead_code, reason = "each test takes what it needs")]
 
 use proptest::prelude::*;
 use std::ops::Range;

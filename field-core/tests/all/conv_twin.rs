@@ -1,5 +1,4 @@
 //! Convolutions written from their definition in `f64`: slow and obvious.
-#![allow(dead_code, reason = "each user takes what it needs")]
 
 use field_core::conv::{EncoderConfig, Padding, Size};
 

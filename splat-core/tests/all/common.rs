@@ -1,5 +1,4 @@
 //! Clouds, a camera, and one picture with its gradients.
-#![allow(dead_code, reason = "each test takes what it needs")]
 
 use field_core::rng::Rng;
 use float_core::Simd;
