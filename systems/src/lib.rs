@@ -29,8 +29,6 @@ pub mod dynamic;
 pub mod error;
 pub mod eval;
 pub mod eval_scales;
-#[cfg(feature = "flip")]
-pub mod flip;
 pub mod frame_memory;
 pub mod frame_points;
 pub(crate) mod free_space;

@@ -2,7 +2,7 @@
 #![cfg(target_os = "linux")]
 
 use crate::tools::{dataset, error_line, nerf, prepared, text};
-use scene_io::synthetic::{TabletopOptions, tabletop, write_blender};
+use scene_io::synthetic::{OrbitOptions, TabletopOptions, tabletop, write_blender, write_orbit};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -70,11 +70,14 @@ fn each_holds(program: &str, scene: &str, systems: &[&str], words: &[&str]) {
 
 #[test]
 fn static_systems_take_no_more_memory_than_they_say() {
-    let (_folder, scene) = dataset();
-    // Networks as published train a few rays a step here: the test is about memory.
+    let (folder, scene) = dataset();
     each_holds("nerf-static", text(&scene), &["ngp"], &TEN);
+    // Networks as published train a few rays a step and render one small view here: the test is about memory.
+    let small = folder.path().join("small");
+    let options = TabletopOptions { width: 16, height: 16, train: 4, test: 1, rays: 1, ..TabletopOptions::default() };
+    write_blender(&tabletop(&options), &small).unwrap();
     let few = ["--set", "batch_rays=32", "--steps", "3"];
-    each_holds("nerf-static", text(&scene), &["nerf", "mip-nerf", "mip-nerf-360"], &few);
+    each_holds("nerf-static", text(&small), &["nerf", "mip-nerf", "mip-nerf-360"], &few);
 }
 
 #[test]
@@ -87,12 +90,15 @@ fn wild_systems_take_no_more_memory_than_they_say() {
 
 #[test]
 fn moving_systems_take_no_more_memory_than_they_say() {
-    let small = ["--longest-side", "32", "--steps", "10"];
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let options = OrbitOptions { width: 32, height: 32, train: 8, test: 1, rays: 1, ..OrbitOptions::default() };
+    write_orbit(&options, &scene).unwrap();
     let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "endo-nerf", "ngp"];
-    each_holds("nerf-dynamic", "synthetic:orbit", &systems, &small);
+    each_holds("nerf-dynamic", text(&scene), &systems, &["--steps", "4"]);
     // Its voxels come to their full number within the few steps.
-    let grown = [&small[..], &["--set", "voxels_every=2"]].concat();
-    each_holds("nerf-dynamic", "synthetic:orbit", &["tineuvox"], &grown);
+    let grown = [&TEN[..], &["--set", "voxels_every=2"]].concat();
+    each_holds("nerf-dynamic", text(&scene), &["tineuvox"], &grown);
 }
 
 /// Every Gaussian that is pulled at all grows two.

@@ -94,7 +94,7 @@ pub(super) fn ssim_inside(picture: &RgbImage, truth: &RgbImage, mask: &[u8]) -> 
 
 #[cfg(feature = "flip")]
 fn flip(picture: &RgbImage, truth: &RgbImage, note: &mut dyn FnMut(&str)) -> Option<f64> {
-    match crate::flip::mean_flip(truth.width(), truth.height(), truth.as_raw(), picture.as_raw()) {
+    match flip::mean_flip(truth.width(), truth.height(), truth.as_raw(), picture.as_raw()) {
         Ok(x) => Some(x),
         Err(e) => {
             note(&format!("no FLIP: {e}"));

@@ -1,8 +1,6 @@
 //! Files beside the photos: segments, features, truth masks, and what is refused.
 
-mod common;
-
-use common::{Dataset, colmap_binary};
+use crate::common::{Dataset, colmap_binary};
 use scene_io::{
     Depth, ImageStore, LoadOptions, MaskPolarity, Masks, Scene, Segments, Split, StoreOptions, check, load,
     refuse_blank_masks,
@@ -237,7 +235,7 @@ fn pictures_that_belong_to_photos_are_no_photos() {
     }
     labels(&dataset, "images/a.segs.png", 16, 12, |_, _| 1);
     labels(&dataset, "images/b.mask.png", 16, 12, |_, _| 65_535);
-    dataset.write("poses_bounds.npy", common::poses_bounds(3));
+    dataset.write("poses_bounds.npy", crate::common::poses_bounds(3));
     let scene = scene(&dataset);
     let names: Vec<&str> = scene.frames.iter().map(|f| f.name.as_str()).collect();
     assert_eq!(names, ["a.png", "b.png", "c.png"]);

@@ -1,7 +1,5 @@
 //! Tiny datasets written for a test, to be spoiled by it.
 
-#![allow(dead_code, reason = "each test binary uses a part")]
-
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 

@@ -1,9 +1,7 @@
 //! Photo formats: WebP is read; HEIC, AVIF and raw photos are refused with the command that converts them; a photo that is
 //! turned by EXIF only says so where its size shows it.
 
-mod common;
-
-use common::{Dataset, gradient};
+use crate::common::{Dataset, gradient};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use scene_io::{Depth, ErrorKind, ImageStore, LoadOptions, MissingImages, StoreOptions, check, load};
@@ -85,7 +83,7 @@ fn a_photo_that_is_there_in_another_format_is_named() {
 
     // A folder of nothing else.
     let dataset = Dataset::new();
-    dataset.write("poses_bounds.npy", common::poses_bounds(3));
+    dataset.write("poses_bounds.npy", crate::common::poses_bounds(3));
     (0..3).for_each(|i| drop(dataset.write(&format!("images/{i}.heic"), b"")));
     let text = refusal(&dataset, &LoadOptions::default());
     assert!(text.contains("images/0.heic") && text.contains("mogrify -format jpg"), "{text}");

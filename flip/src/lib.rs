@@ -1,5 +1,9 @@
-//! FLIP: the difference a person sees when two pictures alternate in place. Feature `flip`; needs a C++ compiler to
-//! build, because it binds the reference implementation.
+//! FLIP: the difference a person sees when two pictures alternate in place.
+//!
+//! It binds the reference implementation, which needs a C++ compiler to build: empty without the feature `reference`. A crate of its
+//! own, so that it is built and tested without building what uses it once more.
+#![cfg(feature = "reference")]
+#![forbid(unsafe_code)]
 
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8};
 

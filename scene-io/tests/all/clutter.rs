@@ -1,8 +1,6 @@
 //! Splits by name and list: cluttered and clean photos, Phototourism's tables.
 
-mod common;
-
-use common::{Dataset, colmap_binary, ngp_json};
+use crate::common::{Dataset, colmap_binary, ngp_json};
 use scene_io::{Dialect, Holdout, LoadOptions, Scene, Split, TrainPhotos, load};
 
 fn clean() -> LoadOptions {

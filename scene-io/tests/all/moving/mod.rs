@@ -1,14 +1,12 @@
 //! Moving scenes: what each dialect gives, and what odd ones are promised: one line each.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod depth;
 mod endonerf;
 mod nerfies;
 mod nr_nerf;
 mod times;
 
-use common::{Dataset, npy, poses_bounds, still_poses};
+use crate::common::{Dataset, npy, poses_bounds, still_poses};
 use glam::DVec3;
 use proptest::prelude::*;
 use scene_io::{

@@ -1,8 +1,6 @@
 //! Spoiled datasets: each gives one clear line that names the file, the place, the value and what to do.
 
-mod common;
-
-use common::{Dataset, colmap_binary, gradient, ngp_frame, ngp_json, poses_bounds};
+use crate::common::{Dataset, colmap_binary, gradient, ngp_frame, ngp_json, poses_bounds};
 use scene_io::{
     Depth, DepthPlace, ErrorKind, Holdout, ImageStore, LoadOptions, MaskPolarity, MissingImages, SceneError, Severity,
     Split, StoreOptions, check, load,

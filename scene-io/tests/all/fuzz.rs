@@ -1,8 +1,6 @@
 //! Files cut off or with bytes changed: an error or a scene, never a panic, and cut files are never taken for whole.
 
-mod common;
-
-use common::{Dataset, colmap_binary, ngp_json, npy, poses_bounds};
+use crate::common::{Dataset, colmap_binary, ngp_json, npy, poses_bounds};
 use proptest::prelude::*;
 use scene_io::colmap::Model;
 use scene_io::{Depth, ImageStore, LoadOptions, StoreOptions, check, load, load_cameras};
