@@ -1,7 +1,8 @@
 //! FLIP: the difference a person sees when two pictures alternate in place.
 //!
 //! It binds the reference implementation, which needs a C++ compiler to build: empty without the feature `reference`. A crate of its
-//! own, so that it is built and tested without building what uses it once more.
+//! own, so that it is tested without building what uses it once more.
+
 #![cfg(feature = "reference")]
 #![forbid(unsafe_code)]
 

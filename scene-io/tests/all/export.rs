@@ -1,4 +1,5 @@
 //! What is exported is read again as it was.
+
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Lens, Pose};
 use scene_io::export::{MeshGrid, Ply, marching_cubes, write_colmap, write_mesh, write_transforms};

@@ -1,4 +1,5 @@
 //! Every published dataset we have, in its own layout. Skipped, and said so, where the data is not there.
+
 use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Lens, Pose};
 use scene_io::colmap::Model;

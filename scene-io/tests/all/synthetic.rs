@@ -1,4 +1,5 @@
 //! Drawn scenes written to files and read back: by the loader where there is one, by plain readers where not.
+
 use scene_io::synthetic::{
     OrbitMotion, OrbitOptions, Sight, TissueDepth, TissueOptions, TissueTool, orbit, orbit_views, tissue_truth,
     write_orbit, write_tissue,
