@@ -1,11 +1,12 @@
 //! What one app is and another is not. Commands and words are shared.
 
+use engine::RunError;
+use engine::data::Dataset;
+use engine::options::{DataOptions, Plan, RunOptions};
+use engine::run::DefaultSystem;
+use engine::system::{System, SystemError};
 use scene_io::Scene;
-use systems::RunError;
 use systems::claims::Claim;
-use systems::data::Dataset;
-use systems::options::{DataOptions, Plan, RunOptions};
-use systems::system::{System, SystemError};
 
 /// Makes a system for a scene and says what it decided.
 pub(crate) type BuildFn = fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError>;
@@ -21,8 +22,8 @@ pub(crate) struct App {
     pub(crate) about: &'static str,
     /// Its systems, and what each does otherwise than the paper it is named after.
     pub(crate) claims: &'static [Claim],
-    /// System taken when none is named; [`systems::plan::CHOSEN`]: chosen from the scene.
-    pub(crate) default_system: &'static str,
+    /// System taken when none is named.
+    pub(crate) default_system: DefaultSystem<'static>,
     /// Reads scenes.
     pub(crate) load: LoadFn,
     /// Makes systems.
@@ -53,8 +54,8 @@ pub(crate) static STATIC: App = App {
     name: "nerf-static",
     about: "Radiance fields of static scenes, reconstructed on the CPU",
     claims: &systems::plan::CLAIMS,
-    default_system: systems::plan::CHOSEN,
-    load: systems::source::load,
+    default_system: DefaultSystem::Chosen(systems::plan::choose),
+    load: engine::source::load,
     build: systems::plan::build,
     demo_scene: "synthetic:tabletop",
     demo_system: Some("ngp"),
@@ -69,7 +70,7 @@ pub(crate) static DYNAMIC: App = App {
     name: "nerf-dynamic",
     about: "Radiance fields of scenes that move: a video in, any viewpoint at any time out",
     claims: &systems::dynamic::CLAIMS,
-    default_system: "d-nerf",
+    default_system: DefaultSystem::Named("d-nerf"),
     load: systems::dynamic::load,
     build: systems::dynamic::build,
     demo_scene: "synthetic:orbit",
@@ -85,8 +86,8 @@ pub(crate) static WILD: App = App {
     name: "nerf-wild",
     about: "Radiance fields from photos of many people: the place, without the passers-by, in any photo's light",
     claims: &systems::wild::CLAIMS,
-    default_system: "auto",
-    load: systems::source::load,
+    default_system: DefaultSystem::Named("auto"),
+    load: engine::source::load,
     build: systems::wild::build,
     demo_scene: "synthetic:plaza",
     demo_system: None,

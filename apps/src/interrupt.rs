@@ -97,7 +97,7 @@ pub(crate) fn answered() -> bool {
     if !std::mem::replace(&mut manner.answered, true) {
         (manner.say)(if manner.gently { HEARD } else { ENDED });
         if !manner.gently {
-            systems::output::close_files(FILES_WAIT);
+            engine::output::close_files(FILES_WAIT);
             std::process::exit(CODE.into());
         }
     }

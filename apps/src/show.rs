@@ -2,15 +2,15 @@
 
 use crate::cli::ProgressKind;
 use crate::interrupt;
+use engine::halt::Halt;
+use engine::progress::{Event, Observer, Part};
+use engine::train::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::error::Error;
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-use systems::halt::Halt;
-use systems::progress::{Event, Observer, Part};
-use systems::train::Progress;
 
 /// One line for the person, causes below.
 pub(crate) fn error(error: &dyn Error) {

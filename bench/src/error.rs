@@ -1,8 +1,8 @@
 //! Why a benchmark stopped.
 
+use engine::RunError;
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use systems::RunError;
 
 /// A failure, in one line.
 #[derive(Debug, thiserror::Error)]

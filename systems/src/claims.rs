@@ -4,7 +4,7 @@
 //! [`crate::dynamic::CLAIMS`]). From there it goes into `--help`, the lines of the plan, the tables of `nerf-bench`; README and
 //! documents are compared with it by tests.
 
-use crate::system::SystemError;
+use engine::system::SystemError;
 
 /// A system's name, and how far it is the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +73,8 @@ pub fn listing(claims: &[Claim]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::RunOptions;
     use crate::plan::made::{Points, capture};
+    use engine::options::RunOptions;
 
     /// Names that are no paper's.
     const OWN: [&str; 2] = ["auto", "plain"];

@@ -5,9 +5,9 @@
 //! before all of its points: each camera has a near plane of its own. Without this, few photos are explained by a fog before each
 //! camera.
 
-use crate::data::Dataset;
 use crate::layout::nearest_depth;
 use crate::space::Space;
+use engine::data::Dataset;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::camera::Prepared;

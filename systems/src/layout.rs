@@ -1,9 +1,10 @@
 //! What kind of place a scene is, from its cameras and points: the box, the forward view, or the open world.
 
-use crate::data::Dataset;
 use crate::space::{Space, SpaceKind};
+use engine::data::Dataset;
+use engine::scene_points::nearest_point;
 use glam::DVec3;
-use render_core::bounds::{depth_ranges, percentile, robust_box, visible_depths};
+use render_core::bounds::{depth_ranges, percentile, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, rms_distance};
 use scene_io::{DepthMap, LayoutHint, Scene};
@@ -18,11 +19,7 @@ const OBJECT_MARGIN: f64 = 1.15;
 const FEWEST_PLACE_POINTS: usize = 100;
 const PLACE_PERCENTILE: f64 = 0.95;
 const SMALL_PLACE: f64 = 0.5;
-/// The nearest points of a photo: this share of its points may be strays, and so many in any case; fewer points say nothing.
-/// What is nearer than this part of their depth does not belong to the place.
-const NEAR_STRAY: f64 = 0.02;
-const NEAR_STRAYS: usize = 2;
-const NEAR_POINTS: usize = 20;
+/// What is nearer than this part of the depth of a photo's nearest points does not belong to the place.
 pub(crate) const NEAR_SHARE: f64 = 0.7;
 /// Forward-facing: the mean of the unit viewing directions is at least this long (all within about 26 degrees).
 const SAME_WAY: f64 = 0.9;
@@ -195,14 +192,6 @@ fn reach(scene: &Scene, centre: DVec3, radius: f64) -> Vec<f64> {
 /// `None` where it shows too few.
 pub(crate) fn nearest_depth(camera: &Camera, points: &[DVec3]) -> Option<f64> {
     nearest_point(camera, points).map(|depth| NEAR_SHARE * depth)
-}
-
-/// Depth along the axis of the nearest points in a camera's picture, but for strays: at least two, and one in fifty. `None`
-/// where there are too few.
-pub(crate) fn nearest_point(camera: &Camera, points: &[DVec3]) -> Option<f64> {
-    let depths = visible_depths(camera, points);
-    let strays = ((depths.len() as f64 * NEAR_STRAY).ceil() as usize).max(NEAR_STRAYS);
-    (depths.len() >= NEAR_POINTS).then(|| depths[strays])
 }
 
 /// The nearest and the farthest depth that the file states for a training photo, world units: LLFF's bounds. `None` where it states

@@ -15,8 +15,8 @@
 //!
 //! A field without a method does none of this and pays for none of it.
 
-use crate::data::{Batch, Dataset, Patches};
-use crate::system::{Appearance, SystemError, Tensor, TensorMap};
+use engine::data::{Batch, Dataset, Patches};
+use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
 
 /// A code for each training view, `[views][dims]`.
@@ -313,5 +313,33 @@ pub trait Method: Send + Sync {
     /// Bytes held.
     fn memory_bytes(&self) -> usize {
         0
+    }
+}
+
+/// Mean weight of the transient part over the pixels that count; 0 for none.
+pub(crate) fn mean_transient(pixels: &[Pixel], batch: &Batch) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (pixel, &weight) in pixels.iter().zip(&batch.weight) {
+        sum += f64::from(weight * pixel.transient);
+        count += f64::from(weight);
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use render_core::ray::Ray;
+
+    #[test]
+    fn pixels_that_do_not_count_are_not_counted() {
+        let mut batch = Batch::of_rays(&[Ray { o: DVec3::ZERO, d: DVec3::Z }; 3], &[[0.0; 3]; 3]);
+        let pixels = [0.1, 0.9, 0.4].map(|transient| Pixel { transient, ..Pixel::default() });
+        batch.weight = vec![1.0, 0.0, 3.0];
+        assert!((mean_transient(&pixels, &batch) - 1.3 / 4.0).abs() < 1e-6);
+        batch.weight = vec![0.0; 3];
+        assert_eq!(mean_transient(&pixels, &batch), 0.0);
+        assert_eq!(mean_transient(&[], &batch), 0.0);
     }
 }

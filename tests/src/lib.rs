@@ -2,15 +2,15 @@
 //! them.
 #![expect(clippy::missing_panics_doc, reason = "these are assertions of tests")]
 
+use engine::data::Dataset;
+use engine::options::{Background, Plan, RunOptions, parse_set};
+use engine::render::{plain_query, render};
+use engine::system::{LayerRequest, Normals, Query, System, SystemError, TensorMap};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::ops::Range;
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, Plan, RunOptions, parse_set};
 use systems::plan::build;
-use systems::render::{plain_query, render};
-use systems::system::{LayerRequest, Normals, Query, System, SystemError, TensorMap};
 
 /// The table top in pictures of `size` pixels a side: 20 to train on, 2 held out.
 #[must_use]

@@ -1,20 +1,20 @@
 //! Checkpoints whose numbers were changed and whose checksums were made to fit: a line that says what is wrong, or a run that works;
 //! never a panic, never more memory than a run of this size needs.
 
+use engine::RunError;
+use engine::checkpoint::sha256;
+use engine::memory::resident_bytes;
+use engine::options::{DataOptions, Request, parse_set};
+use engine::output::Disk;
+use engine::progress::Silent;
+use engine::run::{Build, DefaultSystem, Parts, Run};
+use engine::train::{Schedule, Stop};
 use scene_io::Scene;
 use scene_io::synthetic::{OrbitOptions, TabletopOptions, orbit, tabletop};
 use serde_json::{Value, json};
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use systems::RunError;
-use systems::checkpoint::sha256;
-use systems::memory::resident_bytes;
-use systems::options::{DataOptions, Request, parse_set};
-use systems::output::Disk;
-use systems::progress::Silent;
-use systems::run::{Build, Parts, Run};
-use systems::train::{Schedule, Stop};
 
 /// A run of all these may hold so much more than it did, bytes.
 const MOST_MORE: u64 = 1 << 30;
@@ -61,7 +61,7 @@ impl<'a> Forge<'a> {
 
     fn with_parts<R>(&self, work: impl FnOnce(Parts<'_>) -> R) -> R {
         let load = |_: &str, _: &DataOptions| -> Result<Scene, RunError> { Ok(self.scene.clone()) };
-        work(Parts { load: &load, build: self.build, storage: &Disk, default_system: self.name })
+        work(Parts { load: &load, build: self.build, storage: &Disk, default_system: DefaultSystem::Named(self.name) })
     }
 
     fn file(&self, ending: &str) -> PathBuf {
@@ -72,12 +72,12 @@ impl<'a> Forge<'a> {
     fn go_on(&self) -> Result<(), RunError> {
         self.with_parts(|parts| -> Result<(), RunError> {
             let mut run = Run::open(self.run(), &Request::default(), parts, &mut Silent)?;
-            let data = systems::data::Dataset::new(&run.scene, store(&run.scene), train_views(&run.scene))?;
+            let data = engine::data::Dataset::new(&run.scene, store(&run.scene), train_views(&run.scene))?;
             let step = run.step;
             run.system.step(&data, step)?;
             let view = data.view(0);
             let query = run.query();
-            let _ = systems::render::render(run.system.as_ref(), &view.camera, &query);
+            let _ = engine::render::render(run.system.as_ref(), &view.camera, &query);
             Ok(())
         })
     }

@@ -1,6 +1,8 @@
 //! A training step of `ngp` allocates nothing once its buffers have grown. Alone in its file: the counter sees the whole
 //! process.
 
+use engine::data::Dataset;
+use engine::options::RunOptions;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -10,8 +12,6 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use systems::data::Dataset;
-use systems::options::RunOptions;
 
 /// Counts allocations while [`COUNTING`], and keeps where they come from.
 struct Counter;
@@ -92,7 +92,7 @@ fn a_step_of_ngp_allocates_nothing() {
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     let data = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
     let set = ["log2_table=12", "batch_samples=4096", "batch_rays=256", "occupancy=32"];
-    let set = set.iter().map(|s| systems::options::parse_set(s).unwrap()).collect();
+    let set = set.iter().map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 3, background: None, error_budget: None, set };
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

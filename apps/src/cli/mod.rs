@@ -9,13 +9,14 @@ use crate::app::App;
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use engine::appearance::LightPath;
+use engine::camera_path::PathKind;
+use engine::eval::EvalAppearance;
+use engine::options::Purpose;
+use engine::run::DefaultSystem;
+use engine::time_path::TimePath;
 use std::ffi::OsString;
 use std::path::PathBuf;
-use systems::appearance::LightPath;
-use systems::camera_path::PathKind;
-use systems::eval::EvalAppearance;
-use systems::plan::Purpose;
-use systems::time_path::TimePath;
 use words::{at_least_two, budget, frame_count, moment, seconds, triangle_count};
 
 #[derive(Debug, Parser)]
@@ -118,8 +119,8 @@ impl Cli {
 /// The systems of an app, for `--help`: no name of a paper without what is done otherwise here.
 fn systems_of(app: &App) -> String {
     let default = match app.default_system {
-        systems::plan::CHOSEN => "without it `ngp` or `splat`, whichever suits the scene".into(),
-        name => format!("without it `{name}`"),
+        DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
+        DefaultSystem::Named(name) => format!("without it `{name}`"),
     };
     format!(
         "Method ({default}). What each does otherwise than the paper it is named after:\n\n{}",
@@ -163,7 +164,7 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "KIND", value_parser = ["ngp", "mlp"])]
     pub(crate) field: Option<String>,
     /// Any setting of the system
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
 }
 
@@ -254,7 +255,7 @@ pub(crate) struct Train {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_splats: Option<u32>,
     /// Any setting of the system
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = systems::options::parse_set)]
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
     /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop
     #[arg(long)]

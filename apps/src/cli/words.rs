@@ -1,9 +1,9 @@
 //! Values of the words: lists of choices, and numbers in their range.
 
 use clap::ValueEnum;
+use engine::options::Background;
+use engine::time_path::TimePath;
 use losses::metrics::EmptyClass;
-use systems::options::Background;
-use systems::time_path::TimePath;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressKind {

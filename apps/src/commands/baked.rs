@@ -2,11 +2,11 @@
 
 use super::Failure;
 use crate::show::{Show, line};
+use engine::output::Disk;
+use engine::progress::{Event, Observer};
+use engine::run::Run;
+use engine::system::{Query, Splats};
 use systems::bake::{BakeOptions, bake, load, store};
-use systems::output::Disk;
-use systems::progress::{Event, Observer};
-use systems::run::Run;
-use systems::system::{Query, Splats};
 
 /// The cloud of a run at a time; `None` where a stop was asked for. A baked one is kept in the run folder, where the viewer finds
 /// it.

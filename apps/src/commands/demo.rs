@@ -4,13 +4,13 @@ use super::train::{next_steps, train};
 use super::{Done, Failure, Session, render, settings};
 use crate::cli::Demo;
 use crate::show::line;
+use engine::RunError;
+use engine::options::Request;
+use engine::output::{Disk, write_file};
+use engine::run::{self, FolderLock, Run};
+use engine::train::{Schedule, Stop};
 use std::fs;
 use std::path::Path;
-use systems::RunError;
-use systems::options::Request;
-use systems::output::{Disk, write_file};
-use systems::run::{self, FolderLock, Run};
-use systems::train::{Schedule, Stop};
 
 /// Marks a run folder as that of a demo, which the next demo may replace.
 const MARK: &str = ".demo";

@@ -3,8 +3,8 @@
 use super::{Done, Failure, Session, train::conclude};
 use crate::cli::Eval;
 use crate::show::line;
-use systems::RunError;
-use systems::progress::{Event, Observer};
+use engine::RunError;
+use engine::progress::{Event, Observer};
 
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
     let lpips = session.lpips()?;

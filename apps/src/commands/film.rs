@@ -3,12 +3,12 @@
 use super::Failure;
 use crate::cli::VideoWord;
 use crate::show::line;
+use engine::RunError;
+use engine::camera_path::Film;
+use engine::video::{Ffmpeg, Video, VideoFormat};
 use image::RgbImage;
 use render_core::camera::Camera;
 use std::path::{Path, PathBuf};
-use systems::RunError;
-use systems::camera_path::Film;
-use systems::video::{Ffmpeg, Video, VideoFormat};
 
 /// Name of the video without its ending.
 const NAME: &str = "preview";

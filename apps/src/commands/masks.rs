@@ -3,9 +3,9 @@
 use super::{Done, Failure, Session};
 use crate::cli::Masks;
 use crate::show::line;
-use systems::eval::masks;
-use systems::eval::masks::{FILE, MaskOptions, SIDE_BY_SIDE};
-use systems::progress::Observer;
+use engine::eval::masks;
+use engine::eval::masks::{FILE, MaskOptions, SIDE_BY_SIDE};
+use engine::progress::Observer;
 
 pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
     let mut show = session.show();

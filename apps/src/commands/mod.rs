@@ -14,13 +14,13 @@ mod train;
 use crate::app::App;
 use crate::cli::{Cli, Command, Data, ProgressKind};
 use crate::show::Show;
+use engine::RunError;
+use engine::lpips_file::{load_lpips, lpips_path};
+use engine::options::DataOptions;
+use engine::run::{Parts, Run};
 use losses::metrics::Lpips;
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use systems::RunError;
-use systems::lpips_file::{load_lpips, lpips_path};
-use systems::options::DataOptions;
-use systems::run::{Parts, Run};
 
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,17 +61,17 @@ impl Session {
 
     /// Scenes from files and the embedded ones, systems by the app's plan, files to the disk.
     fn parts(&self) -> Parts<'static> {
-        systems::run::disk_parts(&self.app.load, &self.app.build, self.app.default_system)
+        engine::run::disk_parts(&self.app.load, &self.app.build, self.app.default_system)
     }
 
     /// The run in a folder, at its newest checkpoint.
     fn open(&self, folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
-        Run::open(folder, &systems::options::Request::default(), self.parts(), show)
+        Run::open(folder, &engine::options::Request::default(), self.parts(), show)
     }
 
     /// The same, for work that writes into the folder: nothing else does so meanwhile.
     fn open_to_write(&self, folder: &Path, show: &mut Show) -> Result<Run<'static>, RunError> {
-        Run::open_to_write(folder, &systems::options::Request::default(), self.parts(), show)
+        Run::open_to_write(folder, &engine::options::Request::default(), self.parts(), show)
     }
 
     pub(crate) fn show(&self) -> Show {
@@ -105,7 +105,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
     if let Some(mib) = cli.memory {
-        systems::memory::set_limit(mib << 20);
+        engine::memory::set_limit(mib << 20);
     }
     let session =
         Session { app, progress: cli.progress, lpips: cli.lpips_weights, threads: cli.threads, memory: cli.memory };
@@ -154,9 +154,9 @@ fn which_frames(word: &str) -> String {
 /// A scene as the run remembers it: embedded scenes by name, files by absolute path, what is done to them before it.
 fn scene_spec(scene: &str) -> String {
     // What is done to it stands before it, up to a colon.
-    let rest = scene.strip_prefix(systems::source::PERTURBED).and_then(|rest| rest.split_once(':'));
+    let rest = scene.strip_prefix(engine::source::PERTURBED).and_then(|rest| rest.split_once(':'));
     let (before, inner) = scene.split_at(rest.map_or(0, |(_, inner)| scene.len() - inner.len()));
-    match inner.starts_with(systems::source::SYNTHETIC) {
+    match inner.starts_with(engine::source::SYNTHETIC) {
         true => scene.into(),
         false => format!("{before}{}", absolute(Path::new(inner)).display()),
     }

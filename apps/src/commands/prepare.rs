@@ -6,6 +6,7 @@ use crate::cli::{Cli, Command, Prepare, ProgressKind};
 use crate::interrupt;
 use crate::show::{clock, line, note};
 use ::prepare::{Event, PrepareError, Request, Summary, Toolbox, UnknownCameras, Watch};
+use engine::RunError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use scene_io::{ErrorKind, SceneError};
 use std::error::Error;
@@ -14,7 +15,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use systems::RunError;
 
 /// Photos without a camera that are named.
 const SHOWN: usize = 20;

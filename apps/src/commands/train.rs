@@ -3,13 +3,13 @@
 use super::{Done, Failure, Session, data_options, scene_spec, settings};
 use crate::cli::Train;
 use crate::show::{Show, line};
+use engine::RunError;
+use engine::eval::{Evaluation, Measured};
+use engine::options::{DataOptions, Request};
+use engine::run::{Run, planned_schedule};
+use engine::train::{Reason, Schedule, Stop};
 use std::path::Path;
 use std::time::Duration;
-use systems::RunError;
-use systems::eval::{Evaluation, Measured};
-use systems::options::{DataOptions, Request};
-use systems::run::{Run, planned_schedule};
-use systems::train::{Reason, Schedule, Stop};
 
 /// Training time where neither steps nor seconds are given: most scenes have settled.
 const DEFAULT_SECONDS: f64 = 300.0;
@@ -181,7 +181,7 @@ pub(super) fn conclude(evaluation: Option<&Evaluation>, folder: &Path) {
             line(format_args!("note: {note}"));
         }
     }
-    line(format_args!("report: {}", folder.join(systems::report::FILE).display()));
+    line(format_args!("report: {}", folder.join(engine::report::FILE).display()));
 }
 
 /// Why a finished run was left as it is, and how to go on with it.

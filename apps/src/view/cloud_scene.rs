@@ -4,16 +4,16 @@ use super::cropped::Cropped;
 use super::protocol::{Layer, Light};
 use super::run_scene::title;
 use super::scene::{Description, Photo, Scene3d};
+use engine::RunError;
+use engine::crop::Crop;
+use engine::render::Rendered;
+use engine::system::{Appearance, Layers, Query};
 use image::RgbImage;
 use render_core::camera::Camera;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use systems::RunError;
-use systems::crop::Crop;
-use systems::render::Rendered;
 use systems::splats::Cloud;
-use systems::system::{Appearance, Layers, Query};
 
 /// A cloud and what it is called.
 pub(crate) struct CloudScene {

@@ -1,10 +1,10 @@
 //! A cloud and the part of it that a crop leaves: the newest crop's part is kept, so that a camera that moves finds it again.
 
+use engine::crop::{Crop, Traits};
+use engine::surface::CropBox;
 use serde::Serialize;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use systems::crop::{Crop, Traits};
 use systems::splats::Cloud;
-use systems::surface::CropBox;
 
 /// Share of what shows that the sliders' box holds, at both ends of each axis.
 const ENDS: f64 = 0.01;

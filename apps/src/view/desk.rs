@@ -1,9 +1,9 @@
 //! What one page wants drawn: the newest picture counts, older wishes are forgotten.
 
 use super::protocol::{Draw, Pick};
+use engine::crop::Crop;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use systems::crop::Crop;
 
 /// Wishes of one page, between its connection and the thread that draws for it.
 #[derive(Default)]

@@ -10,16 +10,16 @@
 //! Until a cloud is there the field itself is drawn, small.
 
 use super::cropped::Cropped;
+use engine::data::Dataset;
+use engine::output::Disk;
+use engine::render::plain_query;
+use engine::system::{Appearance, Query, System};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 use systems::bake::{BakeOptions, Baked, bake, load, relight, store};
-use systems::data::Dataset;
-use systems::output::Disk;
-use systems::render::plain_query;
 use systems::splats::Cloud;
-use systems::system::{Appearance, Query, System};
 
 /// A light or a moment is baked once it has been wanted for so long without a change.
 const SETTLED: Duration = Duration::from_millis(500);

@@ -7,14 +7,14 @@ use super::training;
 use crate::app::App;
 use crate::commands::Failure;
 use crate::show;
+use engine::RunError;
+use engine::checkpoint::{load_newest, newest_step};
+use engine::options::Request;
+use engine::progress::{Observer, Silent};
+use engine::run::{Run, disk_parts};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use systems::RunError;
-use systems::checkpoint::{load_newest, newest_step};
-use systems::options::Request;
-use systems::progress::{Observer, Silent};
-use systems::run::{Run, disk_parts};
 
 /// Time between two looks at the folder.
 const EVERY: Duration = Duration::from_secs(1);

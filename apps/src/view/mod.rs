@@ -37,6 +37,7 @@ use crate::interrupt;
 use crate::show::line;
 use cloud_scene::CloudScene;
 use connections::Patience;
+use engine::RunError;
 use follow::Follower;
 use protocol::Message;
 use render_core::camera::Camera;
@@ -46,7 +47,6 @@ use stage::{Shown, Stage};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use systems::RunError;
 
 /// What is said when a signal comes.
 const CLOSING: &str = "interrupt heard: closing; again to stop at once";

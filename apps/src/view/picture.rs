@@ -6,14 +6,14 @@ use super::pace::{Pace, scaled};
 use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
 use super::turn::{SMALL, turn};
+use engine::frame_memory;
+use engine::picture::{self, png_bytes};
+use engine::render::{Rendered, plain_query};
+use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::time::{Duration, Instant};
-use systems::frame_memory;
-use systems::picture::{self, png_bytes};
-use systems::render::{Rendered, plain_query};
 use systems::splats::Cloud;
-use systems::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 
 /// Error of a pixel from skipped work: one step of an 8-bit picture.
 const ERROR_BUDGET: f32 = 1.0 / 255.0;

@@ -6,10 +6,10 @@
 //! Nothing of a message is trusted: [`Message::read`] takes any bytes, and what it lets through has sizes, places and times within
 //! the bounds below. Fields that are not known are refused.
 
+use engine::crop::Crop;
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::{Camera, Pose};
 use serde::Deserialize;
-use systems::crop::Crop;
 
 /// Bytes a message of the page may have: many times what any needs.
 pub(crate) const LARGEST_MESSAGE: usize = 16 << 10;

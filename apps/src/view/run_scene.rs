@@ -5,6 +5,14 @@ use super::fast::{Fast, Source, Tell};
 use super::protocol::{Layer, Light};
 use super::scene::{Description, Photo, Scene3d};
 use crate::app::App;
+use engine::checkpoint::Checkpoint;
+use engine::crop::Crop;
+use engine::data::Dataset;
+use engine::options::{RunConfig, RunOptions};
+use engine::picture::over_background;
+use engine::render::{Rendered, render};
+use engine::run::Run;
+use engine::system::{Appearance, Layers, Query, System, SystemError};
 use glam::DVec3;
 use image::RgbImage;
 use render_core::camera::{Camera, Pose};
@@ -12,14 +20,6 @@ use render_core::rig::{focus_point, mean_centre, mean_pose, mean_up, rms_distanc
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
-use systems::checkpoint::Checkpoint;
-use systems::crop::Crop;
-use systems::data::Dataset;
-use systems::options::{RunConfig, RunOptions};
-use systems::picture::over_background;
-use systems::render::{Rendered, render};
-use systems::run::Run;
-use systems::system::{Appearance, Layers, Query, System, SystemError};
 
 /// Seconds that a band of a picture should take: so long may a new camera wait for an old one.
 const BAND: f64 = 0.04;

@@ -1,9 +1,9 @@
 //! Keeping a crop: the only file that a page can have written. Its name is fixed, its place is beside what is shown.
 
 use super::scene::Scene3d;
+use engine::crop::Crop;
+use engine::output::Disk;
 use std::sync::{Arc, Mutex, PoisonError};
-use systems::crop::Crop;
-use systems::output::Disk;
 
 /// One at a time: all go through one temporary name.
 static TURN: Mutex<()> = Mutex::new(());

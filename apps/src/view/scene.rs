@@ -2,15 +2,15 @@
 
 use super::cropped::Cropped;
 use super::protocol::{Layer, Light};
+use engine::crop::Crop;
+use engine::render::Rendered;
+use engine::system::{Appearance, Layers, Query};
 use glam::DQuat;
 use image::RgbImage;
 use render_core::camera::Camera;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
-use systems::crop::Crop;
-use systems::render::Rendered;
-use systems::system::{Appearance, Layers, Query};
 
 /// Something that pictures can be drawn of, from any camera.
 pub(crate) trait Scene3d: Send + Sync {

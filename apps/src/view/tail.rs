@@ -1,9 +1,9 @@
 //! The `metrics.csv` of a training that another process may still be writing: only what is new is read.
 
+use engine::log::Row;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::PathBuf;
-use systems::log::Row;
 
 /// A growing file of rows.
 #[derive(Debug)]
@@ -65,9 +65,9 @@ impl Tail {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use engine::log::COLUMNS;
     use std::fs;
     use std::io::Write;
-    use systems::log::COLUMNS;
 
     fn steps(tail: &mut Tail) -> Vec<u64> {
         tail.read();

@@ -1,13 +1,13 @@
 //! How a training goes, for the page: the curve, where it stands, how long it still takes.
 
+use engine::log::Row;
+use engine::run::planned_stop;
+use engine::summary::Summary;
+use engine::train::Stop;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
-use systems::log::Row;
-use systems::run::planned_stop;
-use systems::summary::Summary;
-use systems::train::Stop;
 
 /// Points of the curve that are sent: more than a page has pixels for is waste.
 const POINTS: usize = 400;

@@ -1,8 +1,8 @@
 //! Messages as they are written: flat, and without a field that is not known.
 
 use super::protocol::{self, Eye, Layer, Light};
+use engine::crop::Crop;
 use serde::Deserialize;
-use systems::crop::Crop;
 
 /// As [`protocol::Draw`].
 #[derive(Deserialize)]

@@ -2,13 +2,13 @@
 #![cfg(target_os = "linux")]
 
 use crate::tools::{dataset, error_line, nerf, prepared, text};
+use engine::memory::human;
 use scene_io::synthetic::{OrbitOptions, TabletopOptions, tabletop, write_blender, write_orbit};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
-use systems::memory::human;
 
 /// What was printed before the start, and the most that the process held until it ended, bytes.
 struct Taken {

@@ -7,10 +7,10 @@ use crate::measure::{Case, interleaved};
 use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series};
 use crate::table::{Cell, Table};
+use engine::options::DataOptions;
+use engine::render::{plain_query, render};
+use engine::system::System;
 use render_core::camera::Camera;
-use systems::options::DataOptions;
-use systems::render::{plain_query, render};
-use systems::system::System;
 
 /// Colour units; the first is the full sum.
 const BUDGETS: [(f32, &str); 7] = [

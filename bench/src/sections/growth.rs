@@ -9,10 +9,10 @@ use crate::measure::{Case, interleaved, log_slope, median};
 use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series};
 use crate::table::{Cell, Table};
+use engine::render::{plain_query, render};
+use engine::system::System;
 use field_core::encoding::hash_grid::HashGridConfig;
 use std::time::Instant;
-use systems::render::{plain_query, render};
-use systems::system::System;
 
 /// Something that grows, and the cost of one unit of work at each size: size, seconds.
 struct Curve {

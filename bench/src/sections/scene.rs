@@ -3,16 +3,16 @@
 use super::{Bench, Extent, say};
 use crate::error::BenchError;
 use crate::measure::median;
+use engine::eval::Evaluation;
+use engine::options::{DataOptions, Request};
+use engine::progress::{Event, Observer};
+use engine::run::{Build, DefaultSystem, Load, Run, disk_parts};
+use engine::train::{Ended, Schedule, Stop};
 use losses::metrics::Lpips;
 use scene_io::Scene;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use systems::eval::Evaluation;
-use systems::options::{DataOptions, Request};
-use systems::progress::{Event, Observer};
-use systems::run::{Build, Load, Run, disk_parts};
-use systems::train::{Ended, Schedule, Stop};
 use tempfile::TempDir;
 
 /// What is trained.
@@ -32,7 +32,7 @@ impl Subject {
 
 /// The embedded scene.
 pub(crate) fn embedded() -> Subject {
-    let scene = format!("{}tabletop", systems::source::SYNTHETIC);
+    let scene = format!("{}tabletop", engine::source::SYNTHETIC);
     Subject { name: "tabletop".into(), request: Request { scene: Some(scene), ..Request::default() } }
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn train<'a>(job: Job<'a>, prepare: impl FnOnce(&mut Run<'a>)) -> Res
 pub(crate) fn begin<'a>(job: Job<'a>) -> Result<(Run<'a>, Watch<'a>, TempDir), BenchError> {
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let mut watch = Watch::new(job.name);
-    let parts = disk_parts(job.load, job.build, "ngp");
+    let parts = disk_parts(job.load, job.build, DefaultSystem::Named("ngp"));
     let run = Run::create(&folder.path().join("run"), job.request, parts, &mut watch)?;
     Ok((run, watch, folder))
 }
@@ -102,9 +102,9 @@ pub(crate) fn train_seconds<'a>(
 /// How a subject of the static systems is trained.
 pub(crate) fn job<'a>(bench: &Bench, subject: &'a Subject, schedule: Schedule) -> Job<'a> {
     // In quick runs the embedded scene is small.
-    let small = subject.request.scene.as_deref().is_some_and(|s| s.starts_with(systems::source::SYNTHETIC))
+    let small = subject.request.scene.as_deref().is_some_and(|s| s.starts_with(engine::source::SYNTHETIC))
         && bench.extent == Extent::Quick;
-    let load: &Load<'static> = if small { &|_, _| Ok(small_tabletop()) } else { &systems::source::load };
+    let load: &Load<'static> = if small { &|_, _| Ok(small_tabletop()) } else { &engine::source::load };
     let Subject { name, request } = subject;
     Job { name, request, load, build: &systems::plan::build, schedule, lpips: None }
 }

@@ -7,8 +7,8 @@ use crate::goals::Goal;
 use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series, Style};
 use crate::table::Table;
+use engine::options::DataOptions;
 use std::path::Path;
-use systems::options::DataOptions;
 
 /// A scene, its settings, and what others and the plan expect of it.
 pub(super) struct Protocol {

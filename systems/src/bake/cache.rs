@@ -4,15 +4,15 @@
 //! that cannot be read is no error: the field is baked again.
 
 use super::Baked;
-use crate::checkpoint::{digest, read_arrays, serialise, sha256};
-use crate::error::RunError;
-use crate::output::{Storage, write_file};
-use crate::system::{Splats, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
+use engine::checkpoint::{digest, read_arrays, serialise, sha256};
+use engine::error::RunError;
+use engine::output::{Storage, write_file};
+use engine::system::{Splats, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
 use splat_core::{Gaussians, MAX_DEGREE, Rules, Widening};
 use std::path::Path;
 
 /// Name of the file in the run folder.
-pub const FILE: &str = "baked.safetensors";
+pub use engine::run::BAKED as FILE;
 
 /// Changes whenever a bake of the same checkpoint gives something else.
 const VERSION: u64 = 1;
@@ -76,7 +76,7 @@ pub fn store(storage: &dyn Storage, run: &Path, step: u64, baked: &Baked) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::Disk;
+    use engine::output::Disk;
     use std::fs;
 
     /// A run folder that has a checkpoint, as far as the key looks.

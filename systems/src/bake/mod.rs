@@ -15,11 +15,11 @@ mod shots;
 
 pub use cache::{FILE, load, store};
 
-use crate::data::Dataset;
-use crate::error::RunError;
 use crate::splats::Cloud;
 use crate::splats::refine::{Learns, RefineOptions, refine};
-use crate::system::{Query, Splats, System};
+use engine::data::Dataset;
+use engine::error::RunError;
+use engine::system::{Query, Splats, System};
 use losses::metrics::psnr_of_mse;
 use shots::{Picture, pictures};
 use splat_core::density::{Rows, opacity};

@@ -7,9 +7,9 @@
 
 use super::BakeOptions;
 use super::shots::Picture;
-use crate::error::RunError;
-use crate::splats::neighbours::mean_squared_distances;
-use crate::surface::POINT_OPACITY;
+use engine::error::RunError;
+use engine::neighbours::mean_squared_distances;
+use engine::surface::POINT_OPACITY;
 use glam::{DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 use splat_core::{Gaussians, SH_0};
@@ -213,8 +213,8 @@ fn gaussians(cells: &[Cell], side: f64, degree: usize) -> Result<Gaussians, spla
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::plain_query;
-    use crate::system::Layers;
+    use engine::render::plain_query;
+    use engine::system::Layers;
     use render_core::camera::{Camera, Pose};
 
     /// A grey wall at depth 4 on the left, sky on the right, and nothing in the last row.

@@ -1,9 +1,9 @@
 //! Pictures of a field from training cameras: small enough that all together are no more rays than asked for.
 
-use crate::data::Dataset;
-use crate::render::render;
 use crate::splats::refine::Shot;
-use crate::system::{LayerRequest, Layers, Query, System};
+use engine::data::Dataset;
+use engine::render::render;
+use engine::system::{LayerRequest, Layers, Query, System};
 use render_core::camera::{Camera, Lens};
 
 /// Cameras at most: more say little that is new.

@@ -5,7 +5,7 @@ use super::moments::{Moments, TimeNetwork};
 use super::times::Times;
 use super::{Deform, pass, refuse};
 use crate::static_scene::parts;
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::planes::Planes;
 use field_core::init::Init;

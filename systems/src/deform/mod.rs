@@ -27,8 +27,8 @@ pub(crate) use pass::{DeformGrad, DeformScratch, Points};
 pub(crate) use regular::StillWork;
 pub(crate) use times::Times;
 
-use crate::data::Dataset;
-use crate::system::{SkipRow, SystemError};
+use engine::data::Dataset;
+use engine::system::{SkipRow, SystemError};
 use field_core::encoding::frequency::Frequency;
 use field_core::encoding::planes::Planes;
 use field_core::encoding::window;

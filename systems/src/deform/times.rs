@@ -1,6 +1,6 @@
 //! The moments of the training views, and what lies between them.
 
-use crate::data::Dataset;
+use engine::data::Dataset;
 
 /// Distinct times of the training views, ascending, and which of them each view shows.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, PlanesOfTime, SeenBy, Sees, Warp};
 use crate::static_scene::ngp::CueConfig;
-use crate::system::SystemError;
+use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
 /// How a moment is told to the networks.

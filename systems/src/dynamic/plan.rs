@@ -3,16 +3,16 @@
 use super::config::DynamicConfig;
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::claims::{Claim, names};
-use crate::data::Dataset;
 use crate::deform::Deform;
-use crate::error::RunError;
-use crate::options::{DataOptions, Plan, RunOptions};
 use crate::plan::{
     Ground, NGP, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
     refuse_unknown, set_near, settings, split, table,
 };
 use crate::static_scene::ngp::NgpConfig;
-use crate::system::{System, SystemError};
+use engine::data::Dataset;
+use engine::error::RunError;
+use engine::options::{DataOptions, Plan, RunOptions};
+use engine::system::{System, SystemError};
 use scene_io::Scene;
 
 /// A system: what its name claims, its settings, and those of its field.
@@ -49,9 +49,9 @@ pub const SYSTEMS: [&str; KNOWN.len()] = names(&CLAIMS);
 /// The scene a word or path names; images that say nothing of time are in the order of time.
 ///
 /// # Errors
-/// As [`crate::source::load`].
+/// As [`engine::source::load`].
 pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
-    let mut scene = crate::source::load(spec, data)?;
+    let mut scene = engine::source::load(spec, data)?;
     scene.time_by_order();
     Ok(scene)
 }

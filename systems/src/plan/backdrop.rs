@@ -1,8 +1,8 @@
 //! Whether the photos stand before one plain colour: a thing on a white sheet, a render on black.
 
-use crate::data::Dataset;
-use crate::options::Background;
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::options::Background;
+use engine::system::SystemError;
 
 /// A pixel is of the backdrop's colour within so many of 255 steps of each channel.
 const NEAR: u8 = 12;

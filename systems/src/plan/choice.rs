@@ -5,57 +5,16 @@
 use super::backdrop::backdrop;
 use super::ground::{has_alpha, percent};
 use super::settings::table;
-use crate::data::{Dataset, View};
-use crate::options::RunOptions;
 use crate::splats::SplatConfig;
-use crate::system::SystemError;
-use crate::train::Stop;
+use engine::data::{Dataset, View};
+use engine::options::{Choice, Purpose, RunOptions};
+use engine::system::SystemError;
+use engine::train::Stop;
 use scene_io::Scene;
-use std::str::FromStr;
-
-/// The system's name where the plan chooses: never that of a run.
-pub const CHOSEN: &str = "chosen";
 
 /// The two that are chosen between.
 const FIELD: &str = "ngp";
 const CLOUD: &str = "splat";
-
-/// What a reconstruction is for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Purpose {
-    /// Looking at it from new places.
-    #[default]
-    Viewing,
-    /// Points, meshes, densities.
-    Geometry,
-}
-
-impl FromStr for Purpose {
-    type Err = String;
-
-    fn from_str(word: &str) -> Result<Self, String> {
-        match word {
-            "viewing" => Ok(Self::Viewing),
-            "geometry" => Ok(Self::Geometry),
-            other => Err(format!("`{other}`: write `viewing` or `geometry`")),
-        }
-    }
-}
-
-/// A system and why it was taken.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Choice {
-    /// Its name.
-    pub system: &'static str,
-    /// The reason, with figures.
-    pub line: String,
-}
-
-impl Choice {
-    fn new(system: &'static str, why: String) -> Self {
-        Self { system, line: format!("system: {system} ({why})") }
-    }
-}
 
 /// Points cover the pictures from this share of their parts on.
 const COVERED: f64 = 0.5;
@@ -99,7 +58,7 @@ impl Facts {
     fn choose(&self, purpose: Purpose) -> Choice {
         let size = self.longest_side;
         if purpose == Purpose::Geometry {
-            return Choice::new(FIELD, "for geometry: a cloud of Gaussians has no density".into());
+            return Choice::new(FIELD, "for geometry: a cloud of Gaussians has no density");
         }
         let steps = self.steps;
         let few = |least: f64| {
@@ -115,7 +74,7 @@ impl Facts {
         let share = percent(self.covered);
         let points = self.points;
         if points == 0 {
-            return Choice::new(FIELD, "no points for a cloud to begin at".into());
+            return Choice::new(FIELD, "no points for a cloud to begin at");
         }
         if self.covered < COVERED {
             let why =
@@ -169,13 +128,14 @@ pub fn choose(
     scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
-    (purpose, stop): (Purpose, Option<Stop>),
+    purpose: Purpose,
+    stop: Option<Stop>,
 ) -> Result<Choice, SystemError> {
     if let Some((system, key)) = implied(&run.set)? {
         return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
     }
     if data.views().iter().any(|view| view.level > 0) {
-        return Ok(Choice::new(FIELD, "photos at several scales".into()));
+        return Ok(Choice::new(FIELD, "photos at several scales"));
     }
     Ok(Facts::of(scene, data, stop)?.choose(purpose))
 }

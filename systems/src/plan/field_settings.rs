@@ -4,11 +4,11 @@
 use super::ground::Ground;
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
-use crate::data::Dataset;
 use crate::free_space::free_space_line;
-use crate::options::Background;
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
+use engine::data::Dataset;
+use engine::options::Background;
 
 /// Settings of `ngp` for a scene, each decision with its line. Where space has no end, what one photo alone shows must not find a
 /// place right before its camera: rays begin at `near`, what lies before points is empty, and rays end at the sky.

@@ -2,15 +2,15 @@
 
 use super::backdrop::Backdrop;
 use super::parallax::check_parallax;
-use crate::data::Dataset;
 use crate::deform::Deform;
 use crate::layout::{Layout, layout};
 use crate::method::Method;
-use crate::options::{Background, RunOptions};
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
 use crate::static_scene::ngp::{Ngp, NgpConfig};
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions};
+use engine::system::SystemError;
 use float_core::Simd;
 use scene_io::Scene;
 

@@ -1,6 +1,6 @@
 //! Small captures for tests: cameras on a ring around a floor of points.
 
-use crate::data::Dataset;
+use engine::data::Dataset;
 use field_core::rng::Rng;
 use glam::{DMat3, DVec3};
 use render_core::camera::Camera;

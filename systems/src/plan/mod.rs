@@ -4,8 +4,7 @@
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
 //! * `known`: the systems by name, and what each does otherwise than its paper;
 //! * `choice`: which system is taken where none is named;
-//! * `backdrop`: whether the photos stand before one plain colour;
-//! * `points`: which reconstructed points training may use.
+//! * `backdrop`: whether the photos stand before one plain colour.
 
 mod backdrop;
 mod choice;
@@ -17,12 +16,11 @@ pub(crate) mod made;
 mod near;
 mod ngp_settings;
 mod parallax;
-mod points;
 mod settings;
 #[cfg(test)]
 mod tests;
 
-pub use choice::{CHOSEN, Purpose, choose};
+pub use choice::choose;
 pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, space};
 pub(crate) use known::NGP;
@@ -30,15 +28,14 @@ pub use known::{CLAIMS, SYSTEMS};
 pub(crate) use near::set_near;
 pub(crate) use ngp_settings::{Shown, ngp_settings};
 pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
-pub(crate) use points::{keep_training_points, visible_points};
 pub(crate) use settings::{no_such_system, refuse_unknown, settings, split, table};
 
 use crate::claims::claim;
-use crate::data::Dataset;
-use crate::options::{Plan, RunOptions};
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
 use crate::static_scene::mip_nerf_360::{MipNerf360, MipNerf360Config};
-use crate::system::{System, SystemError};
+use engine::data::Dataset;
+use engine::options::{Plan, RunOptions};
+use engine::system::{System, SystemError};
 use scene_io::Scene;
 
 /// Build the system `name` for a scene.

@@ -2,10 +2,10 @@
 
 use super::ground::Ground;
 use super::ngp_settings::Shown;
-use crate::data::Dataset;
 use crate::layout::{NEAR_SHARE, nearest_depth, stated_depths};
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::NgpConfig;
+use engine::data::Dataset;
 use glam::DVec3;
 
 /// With neither points nor depths rays begin at this share of the nearest camera's distance from the centre.

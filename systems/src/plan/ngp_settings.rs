@@ -1,9 +1,9 @@
 //! Settings of the fast field from the layout and the number of pixels.
 
-use crate::data::Dataset;
 use crate::layout::Layout;
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
+use engine::data::Dataset;
 
 /// Cells of the finest level to a pixel's footprint.
 const CELLS_PER_PIXEL: f64 = 2.0;

@@ -1,9 +1,9 @@
 //! Whether the training cameras see depth by parallax, and what accepts that they do not.
 
-use crate::data::Dataset;
 use crate::layout::stands_still;
-use crate::options::RunOptions;
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::options::RunOptions;
+use engine::system::SystemError;
 use render_core::pose::Pose;
 
 /// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.

@@ -1,8 +1,8 @@
 //! Settings of any system as a table, and what `--set` says over them.
 
 use super::parallax::NO_PARALLAX;
-use crate::options::RunOptions;
-use crate::system::SystemError;
+use engine::options::RunOptions;
+use engine::system::SystemError;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -15,7 +15,7 @@ pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'sta
 
 /// Whether a name of `--set` is read elsewhere, whatever the system.
 fn elsewhere(key: &str) -> bool {
-    key == NO_PARALLAX || key == crate::photo_points::provide::SETTING
+    key == NO_PARALLAX || key == engine::photo_points::provide::SETTING
 }
 
 /// Refuse names of `--set` that are none of `known`.

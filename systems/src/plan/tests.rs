@@ -1,9 +1,10 @@
 use super::made::{Points, RING, SIDE, capture, frames, scene};
 use super::*;
 use crate::layout::NEAR_SHARE;
-use crate::options::Background;
 use crate::static_scene::ngp::NgpConfig;
-use crate::train::Stop;
+use engine::options::Background;
+use engine::options::Purpose;
+use engine::train::Stop;
 use glam::DVec3;
 use scene_io::{Scene, TrackPoint};
 
@@ -164,7 +165,7 @@ fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
 #[test]
 fn a_setting_of_one_system_alone_implies_it() {
     let (scene, data) = capture(Points::None);
-    let chosen = |set| choose(&scene, &data, &run(set), (Purpose::Geometry, Some(Stop::Steps(9)))).map(|c| c.system);
+    let chosen = |set| choose(&scene, &data, &run(set), Purpose::Geometry, Some(Stop::Steps(9))).map(|c| c.system);
     assert_eq!(chosen(toml::Table::new()).unwrap(), "ngp");
     assert_eq!(chosen(toml::toml! { max_splats = 100 }).unwrap(), "splat");
     assert_eq!(chosen(toml::toml! { log2_table = 12 }).unwrap(), "ngp");
@@ -181,7 +182,7 @@ fn points_all_over_the_pictures_make_a_cloud() {
     let set = || run(toml::Table::new());
     let chosen = |points, purpose| {
         let (scene, data) = capture(points);
-        choose(&scene, &data, &set(), (purpose, None)).unwrap()
+        choose(&scene, &data, &set(), purpose, None).unwrap()
     };
     assert_eq!(chosen(Points::None, Purpose::Viewing).system, "ngp");
     assert_eq!(chosen(Points::WithTracks, Purpose::Geometry).system, "ngp");

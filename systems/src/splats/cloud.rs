@@ -3,12 +3,12 @@
 use super::frame::Frame;
 use super::look::{Kept, Look};
 use super::upright;
-use crate::camera_path::{PathKind, from_file};
-use crate::error::RunError;
-use crate::memory::{available_bytes, human};
-use crate::picture::limited;
-use crate::render::{Rendered, plain_query};
-use crate::system::{Query, Splats};
+use engine::camera_path::{PathKind, from_file};
+use engine::error::RunError;
+use engine::memory::{available_bytes, human};
+use engine::picture::limited;
+use engine::render::{Rendered, plain_query};
+use engine::system::{Query, Splats};
 use float_core::Simd;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};

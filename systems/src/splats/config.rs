@@ -1,6 +1,6 @@
 //! Settings of the system, each with what it does; all of them can be given as `--set name=value`.
 
-use crate::system::SystemError;
+use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 use splat_core::{MAX_DEGREE, Rules, Widening};
 

@@ -1,7 +1,7 @@
 //! When Gaussians come and go during a training, and what else has to follow.
 
 use super::config::{DensityKind, SplatConfig};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
 use splat_core::density::{Adc, Mcmc, Pull, Rows, by_place, keep_in_range, without_non_finite};
 use splat_core::{Footprint, Gaussians, Record, SplatError};

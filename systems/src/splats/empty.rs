@@ -2,10 +2,10 @@
 //! floats before its camera.
 
 use super::frame::Frame;
-use crate::data::Dataset;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::Space;
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::system::SystemError;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::occupancy::{OccupancyGrid, Settings};
@@ -67,8 +67,8 @@ impl FreeSpace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::RunOptions;
     use crate::plan::{build, made};
+    use engine::options::RunOptions;
     use scene_io::{Point, Scene};
 
     /// A place before a camera that points are seen through: halfway to one that it shows.

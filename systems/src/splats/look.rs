@@ -3,7 +3,7 @@
 use super::flat::Canvas;
 use super::frame::Frame;
 use super::photo::view;
-use crate::system::{Canonical, Layers, Median, Normals, Query, SkipRow};
+use engine::system::{Canonical, Layers, Median, Normals, Query, SkipRow};
 use float_core::Simd;
 use glam::DVec2;
 use rayon::prelude::*;

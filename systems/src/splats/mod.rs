@@ -17,7 +17,6 @@ mod flat;
 pub mod frame;
 mod look;
 mod memory;
-pub(crate) mod neighbours;
 mod optimiser;
 mod photo;
 mod plan;

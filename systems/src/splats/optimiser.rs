@@ -1,7 +1,7 @@
 //! Adam over a cloud: a rate for each kind of parameter, and rows that come and go.
 
 use super::config::Rates;
-use crate::system::{SystemError, Tensor, TensorMap, push_adam, take_adam};
+use engine::system::{SystemError, Tensor, TensorMap, push_adam, take_adam};
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
 use splat_core::density::{Fresh, Rows};

@@ -2,7 +2,7 @@
 
 use super::flat::Flat;
 use super::frame::Frame;
-use crate::data::Dataset;
+use engine::data::Dataset;
 use rayon::prelude::*;
 use render_core::camera::Camera;
 use scene_io::{Image, SceneError};

@@ -5,7 +5,7 @@ use super::frame::Frame;
 use super::optimiser::Optimiser;
 use super::photo::{Photo, view};
 use super::step::{Lens, PARTS, Pass};
-use crate::system::{Splats, SystemError};
+use engine::system::{Splats, SystemError};
 use field_core::rng::Rng;
 use float_core::Simd;
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! What photos say of a place before anything is reconstructed: whether it can be matter, and which colour is seen there.
 
-use crate::data::Dataset;
+use engine::data::Dataset;
 use glam::DVec3;
 use render_core::camera::Prepared;
 use scene_io::{Image, SceneError};

@@ -11,10 +11,10 @@
 //! see them.
 
 use super::frame::Frame;
-use super::neighbours::mean_squared_distances;
-use crate::data::Dataset;
 use crate::layout::Layout;
 use crate::plan::space;
+use engine::data::Dataset;
+use engine::neighbours::mean_squared_distances;
 use field_core::rng::Rng;
 use glam::DVec3;
 use rayon::prelude::*;

@@ -3,7 +3,7 @@
 use super::config::SplatConfig;
 use super::density::Density;
 use super::optimiser::Optimiser;
-use crate::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
+use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use optim::NonFiniteGuard;
 use splat_core::Gaussians;
 

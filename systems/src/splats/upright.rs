@@ -4,7 +4,7 @@
 //! come from structure from motion (y points down) unless they clearly do not; files that are drawn by hand or aligned have z up.
 
 use super::cloud::Cloud;
-use crate::render::plain_query;
+use engine::render::plain_query;
 use glam::{DQuat, DVec3};
 use render_core::camera::Camera;
 use splat_core::Gaussians;
@@ -104,7 +104,7 @@ pub(super) fn best(cloud: &Cloud, cameras: &[Camera]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera_path::PathKind;
+    use engine::camera_path::PathKind;
     use field_core::rng::Rng;
     use splat_core::Rules;
 

@@ -1,8 +1,8 @@
 //! The cones of pixels: which of them cross the space, and pictures made of tiles of them.
 
-use crate::data::{Batch, Dataset};
 use crate::space::{InternalRay, Space};
-use crate::system::{Layers, Query, SkipRow};
+use engine::data::{Batch, Dataset};
+use engine::system::{Layers, Query, SkipRow};
 use rayon::prelude::*;
 use render_core::ray::Ray;
 use std::ops::Range;

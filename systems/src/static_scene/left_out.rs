@@ -1,8 +1,8 @@
 //! Training pixels that are drawn but not rendered, counted for the table of skips. Their weight in the loss is 0, so leaving
 //! them out is exact.
 
-use crate::data::Batch;
-use crate::system::SkipRow;
+use engine::data::Batch;
+use engine::system::SkipRow;
 
 /// Pixels drawn, and those of them that are not rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

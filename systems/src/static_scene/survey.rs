@@ -1,8 +1,8 @@
 //! Surveys: all training views as a field renders them, for its method to judge the photos by. Written once for all fields.
 
-use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel, ViewSeen};
-use crate::system::SystemError;
+use engine::data::{Batch, Dataset};
+use engine::system::SystemError;
 
 /// A training view, rendered in its own light with all that stood in it.
 pub(crate) struct Shown {
@@ -90,13 +90,13 @@ pub(crate) trait Surveys {
         Ok(())
     }
 
-    /// See [`crate::system::System::visibility`].
+    /// See [`engine::system::System::visibility`].
     fn visibility_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
         let Some(method) = self.method() else { return Ok(None) };
         Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
     }
 
-    /// See [`crate::system::System::look`].
+    /// See [`engine::system::System::look`].
     fn look_once(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
         let Some(method) = self.method() else { return Ok(false) };
         let shown = self.show(data, view, stride)?;
@@ -104,7 +104,7 @@ pub(crate) trait Surveys {
         Ok(true)
     }
 
-    /// See [`crate::system::System::uncertainty`].
+    /// See [`engine::system::System::uncertainty`].
     fn uncertainty_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
         let Some(method) = self.method() else { return Ok(None) };
         Ok(method.uncertainty(&self.show(data, view, 1)?.seen(view)))

@@ -1,6 +1,6 @@
 //! Parameters that learn: with their moments, the count of gradients that were no numbers, and all of it in a checkpoint.
 
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use float_core::Simd;
 use optim::{Adam, AdamConfig, NonFiniteGuard};
 

@@ -1,7 +1,7 @@
 //! Which settings of methods cannot work.
 
 use super::config::{FieldKind, WildConfig};
-use crate::system::SystemError;
+use engine::system::SystemError;
 
 /// Least of what errors are measured by, colour units: thousands of times below the steps of 8-bit colours. With much smaller
 /// ones derivatives overflow.

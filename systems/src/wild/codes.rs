@@ -1,9 +1,9 @@
 //! A free code for each training photo, learnt with everything else (NeRF in the Wild, section 4.1: generative latent
 //! optimisation).
 
-use crate::data::Batch;
 use crate::method::Codes;
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use engine::data::Batch;
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;
 use field_core::rng::Rng;
 use float_core::Simd;

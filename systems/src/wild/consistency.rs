@@ -10,8 +10,8 @@
 
 use super::config::WildConfig;
 use super::glance::{Glance, Kept, Picture};
-use crate::data::{Patches, Shape};
 use crate::method::{Codes, Relit, SecondLight};
+use engine::data::{Patches, Shape};
 use field_core::conv::Size;
 use field_core::rng::Rng;
 use losses::codes::{TwoModes, mode_seeking, mode_seeking_backward, view_consistency, view_consistency_backward};
@@ -105,8 +105,8 @@ fn is_known(code: &[f32]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Batch;
     use crate::wild::{AppearanceKind, FieldKind, OccluderKind};
+    use engine::data::Batch;
     use field_core::conv::{Encoder, EncoderConfig};
     use glam::DVec3;
     use render_core::ray::Ray;

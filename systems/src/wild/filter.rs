@@ -13,7 +13,7 @@
 use super::config::Freeze;
 use super::net::Net;
 use super::slopes::Slopes;
-use crate::system::{SystemError, Tensor, TensorMap};
+use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
 use field_core::rng::Rng;

@@ -7,8 +7,8 @@
 //! * features that were found again in other photos are not on an occluder: where the marked part of a photo has as many as
 //!   half of what the rest has, it is the scene.
 
-use crate::data::Dataset;
-use crate::same_place::{Marks, SamePlace};
+use engine::data::Dataset;
+use engine::same_place::{Marks, SamePlace};
 use losses::heuristics::Extent;
 use rayon::prelude::*;
 use render_core::camera::Camera;

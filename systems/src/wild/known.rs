@@ -2,7 +2,7 @@
 
 use super::config::{AppearanceKind, OccluderKind};
 use crate::claims::{Claim, claim, names};
-use crate::system::SystemError;
+use engine::system::SystemError;
 
 const MARTIN_BRUALLA: &str = "Martin-Brualla et al., 2021";
 const CHEN_HA: &str = "Chen et al., 2022";

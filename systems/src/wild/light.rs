@@ -3,9 +3,9 @@
 use super::codes::CodeTable;
 use super::config::{AppearanceKind, WildConfig};
 use super::encoder::PhotoEncoder;
-use crate::data::{Batch, Dataset, Patches, Shape};
 use crate::method::{Codes, Drawing, Outcome, Relit, SecondLight};
-use crate::system::{SystemError, Tensor, TensorMap};
+use engine::data::{Batch, Dataset, Patches, Shape};
+use engine::system::{SystemError, Tensor, TensorMap};
 
 /// Where the codes of photos come from.
 pub(super) enum Light {

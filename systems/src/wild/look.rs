@@ -15,13 +15,13 @@ use super::light::Light;
 use super::nerf_w::NerfW;
 use super::photo_judge::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use super::survey_stride;
-use crate::data::Dataset;
 use crate::method::{Method, Pixel, ViewSeen};
-use crate::options::RunOptions;
 use crate::plan::{Ground, field_settings};
 use crate::static_scene::ngp::{Ngp, NgpConfig};
 use crate::static_scene::survey::Surveys;
-use crate::system::{System, SystemError};
+use engine::data::Dataset;
+use engine::options::RunOptions;
+use engine::system::{System, SystemError};
 use losses::heuristics::Extent;
 
 /// Steps of the short training, and of the second one.
@@ -269,7 +269,7 @@ mod tests {
         let pixels = [Pixel { rgb: [0.5; 3], ..Pixel::default() }; 4];
         let truth = [[1.0; 3], [0.99; 3], [0.4; 3], [1.0, 1.0, 0.9]];
         let seen = seen(&pixels, &truth, &[1.0; 4]);
-        assert_eq!(evidence(&seen, Backdrop::new(crate::options::Background::White)), [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(evidence(&seen, Backdrop::new(engine::options::Background::White)), [0.0, 0.0, 1.0, 1.0]);
         assert_eq!(evidence(&seen, Backdrop::default()), [1.0; 4]);
     }
 

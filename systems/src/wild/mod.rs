@@ -53,8 +53,8 @@ pub use config::{AppearanceKind, FeatureKind, FieldKind, Freeze, KernelKind, Occ
 pub use known::{CLAIMS, SYSTEMS};
 pub use plan::build;
 
-use crate::data::Dataset;
 use crate::method::PixelBar;
+use engine::data::Dataset;
 use losses::kernel::Kernel;
 
 /// The squared error of a pixel, mean over channels, times `weight`, and its derivative.

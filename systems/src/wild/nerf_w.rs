@@ -18,9 +18,9 @@ use super::config::{OccluderKind, WildConfig};
 use super::light::Light;
 use super::likelihood::{self, Unlikely};
 use super::robust;
-use crate::data::{Batch, Dataset};
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
-use crate::system::{SystemError, Tensor, TensorMap};
+use engine::data::{Batch, Dataset};
+use engine::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 use losses::uncertainty::Likelihood;
 

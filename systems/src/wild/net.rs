@@ -1,6 +1,6 @@
 //! A small network over the pixels of a batch, with its moments: what image-space parts are made of.
 
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;

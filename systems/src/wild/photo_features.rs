@@ -1,7 +1,7 @@
 //! Features of the photos of a data set: arrays of a self-supervised network, in files beside them.
 
-use crate::data::Dataset;
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::system::SystemError;
 use scene_io::{Features, Scene};
 use std::collections::HashMap;
 use std::sync::Arc;

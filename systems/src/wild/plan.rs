@@ -11,12 +11,12 @@ use super::photo_judge::Backdrop;
 use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
-use crate::data::Dataset;
 use crate::method::Method;
-use crate::options::{Plan, RunOptions};
 use crate::plan::{Ground, NO_PARALLAX, field_settings, refuse_unknown, settings, split, table};
 use crate::static_scene::nerf::NerfConfig;
-use crate::system::{System, SystemError};
+use engine::data::Dataset;
+use engine::options::{Plan, RunOptions};
+use engine::system::{System, SystemError};
 use scene_io::Scene;
 use serde::Serialize;
 

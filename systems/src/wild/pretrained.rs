@@ -3,9 +3,9 @@
 
 use super::config::{Freeze, OccluderKind, WildConfig};
 use super::filter::Filter;
-use crate::checkpoint;
-use crate::error::RunError;
-use crate::system::{SystemError, TensorData, TensorMap};
+use engine::checkpoint;
+use engine::error::RunError;
+use engine::system::{SystemError, TensorData, TensorMap};
 use std::path::{Path, PathBuf};
 
 /// What the filter begins with.

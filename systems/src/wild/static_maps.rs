@@ -1,7 +1,7 @@
 //! Which parts of each training photo are static: one bit for each square of pixels.
 
-use crate::data::Batch;
-use crate::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
+use engine::data::Batch;
+use engine::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
 use losses::heuristics::Extent;
 
 /// A map for each training view; empty until they are found.

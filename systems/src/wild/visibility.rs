@@ -7,9 +7,9 @@
 use super::codes::CodeTable;
 use super::config::WildConfig;
 use super::net::Net;
-use crate::data::{Batch, Dataset};
 use crate::method::{Outcome, ViewSeen};
-use crate::system::{SystemError, Tensor, TensorMap};
+use engine::data::{Batch, Dataset};
+use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
 use field_core::rng::Rng;

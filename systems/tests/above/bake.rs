@@ -2,6 +2,9 @@
 //! nothing.
 
 use crate::common::train_split;
+use engine::data::Dataset;
+use engine::render::{plain_query, render};
+use engine::system::{Appearance, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use glam::DVec3;
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
@@ -9,10 +12,7 @@ use scene_io::{Dialect, Frame, Image, ImageSource, LayoutHint, Scene};
 use std::cell::Cell;
 use std::sync::Arc;
 use systems::bake::{BakeOptions, Baked, bake, relight};
-use systems::data::Dataset;
-use systems::render::{plain_query, render};
 use systems::splats::Cloud;
-use systems::system::{Appearance, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 
 const OPTIONS: BakeOptions = BakeOptions { rays: 40_000, most: 8000, steps: 150, degree: 1, seed: 0 };
 

@@ -1,5 +1,13 @@
 //! A small but real system, and a small scene, for tests of what stands above systems.
 
+use engine::RunError;
+use engine::data::{Batch, Dataset};
+use engine::options::{Background, DataOptions, Plan, Request, RunOptions};
+use engine::output::{Disk, Storage};
+use engine::progress::{Event, Observer};
+use engine::run::{DefaultSystem, Parts, Run};
+use engine::system::{Layers, Normals, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorData, TensorMap};
+use engine::train::{Ended, Progress, Schedule, Stop};
 use field_core::rng::Rng;
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -10,14 +18,6 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use systems::RunError;
-use systems::data::{Batch, Dataset};
-use systems::options::{Background, DataOptions, Plan, Request, RunOptions};
-use systems::output::{Disk, Storage};
-use systems::progress::{Event, Observer};
-use systems::run::{Parts, Run};
-use systems::system::{Layers, Normals, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorData, TensorMap};
-use systems::train::{Ended, Progress, Schedule, Stop};
 
 /// Cells along each axis of a face of the cube of directions.
 const SIDE: usize = 16;
@@ -255,7 +255,7 @@ pub(crate) fn with_parts<R>(storage: &dyn Storage, scene: &Scene, work: impl FnO
     let load = |_: &str, _: &DataOptions| -> Result<Scene, RunError> { Ok(scene.clone()) };
     let build =
         |name: &str, scene: &Scene, data: &Dataset, options: &RunOptions| Sky::build(name, scene, data, options);
-    work(Parts { load: &load, build: &build, storage, default_system: "sky" })
+    work(Parts { load: &load, build: &build, storage, default_system: DefaultSystem::Named("sky") })
 }
 
 /// What `train sky --seed 5` asks for.

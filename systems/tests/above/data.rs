@@ -1,10 +1,10 @@
 //! Batches: which pixels they hold, and that they are the same whoever computes them.
 
 use crate::common::{sky_scene, train_split};
+use engine::data::{Batch, Dataset};
 use render_core::camera::Camera;
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
-use systems::data::{Batch, Dataset};
 
 const ROOM: u64 = 1 << 30;
 

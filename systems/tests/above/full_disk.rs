@@ -1,19 +1,19 @@
 //! A disk that fills up costs what was being written and nothing else.
 
 use crate::common::{Watch, arrays, request, resume, sky_scene, start, with_parts};
+use engine::RunError;
+use engine::checkpoint::newest_step;
+use engine::options::Request;
+use engine::output::{Disk, Storage, StorageFile, write_file};
+use engine::progress::{Event, Observer};
+use engine::run::Run;
+use engine::train::{Schedule, Stop};
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use systems::RunError;
-use systems::checkpoint::newest_step;
-use systems::options::Request;
-use systems::output::{Disk, Storage, StorageFile, write_file};
-use systems::progress::{Event, Observer};
-use systems::run::Run;
-use systems::train::{Schedule, Stop};
 
 /// A file system with `left` bytes.
 struct Filling {
@@ -321,7 +321,7 @@ fn a_run_folder_that_is_removed_on_the_way_is_made_again_with_all_that_is_known(
             for name in ["config.toml", "heldout.txt", "eval.json", "summary.json", "report.html", "finished.json"] {
                 assert!(folder.join(name).is_file(), "{name}");
             }
-            assert!(systems::log::read(&folder.join("metrics.csv")).unwrap().len() >= 20);
+            assert!(engine::log::read(&folder.join("metrics.csv")).unwrap().len() >= 20);
         }
     }
 }

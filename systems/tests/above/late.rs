@@ -1,15 +1,15 @@
 //! What goes wrong after the last step: interrupts, removed folders, deleted files.
 
 use crate::common::{Watch, request, sky_scene, start, with_parts};
+use engine::eval::masks::{self, MaskTable};
+use engine::options::Request;
+use engine::output::{Disk, Storage, StorageFile};
+use engine::progress::{Event, Observer};
+use engine::run::Run;
+use engine::train::{Reason, Schedule, Stop};
 use std::path::Path;
 use std::time::Duration;
 use std::{fs, io};
-use systems::eval::masks::{self, MaskTable};
-use systems::options::Request;
-use systems::output::{Disk, Storage, StorageFile};
-use systems::progress::{Event, Observer};
-use systems::run::Run;
-use systems::train::{Reason, Schedule, Stop};
 
 /// Asks to stop once a part of some work is done.
 struct Stopper {

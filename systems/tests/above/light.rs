@@ -2,6 +2,20 @@
 //! that knows the sky and has one code, three offsets of colour, for each photo.
 
 use crate::common::Watch;
+use engine::RunError;
+use engine::appearance::{LightPath, Lighting};
+use engine::camera_path::{PathKind, cameras};
+use engine::data::Dataset;
+use engine::eval::masks::{MaskOptions, MaskTable};
+use engine::eval::{EvalAppearance, Evaluation, Protocol, Scored};
+use engine::halt::Halt;
+use engine::options::{Background, DataOptions, Plan, Request, RunOptions};
+use engine::output::Disk;
+use engine::run::{DefaultSystem, Parts, Run};
+use engine::system::{
+    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32,
+};
+use engine::train::{Schedule, Stop};
 use glam::{DVec2, DVec3};
 use image::RgbImage;
 use render_core::camera::Camera;
@@ -12,20 +26,6 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use systems::RunError;
-use systems::appearance::{LightPath, Lighting};
-use systems::camera_path::{PathKind, cameras};
-use systems::data::Dataset;
-use systems::eval::masks::{MaskOptions, MaskTable};
-use systems::eval::{EvalAppearance, Evaluation, Protocol, Scored};
-use systems::halt::Halt;
-use systems::options::{Background, DataOptions, Plan, Request, RunOptions};
-use systems::output::Disk;
-use systems::run::{Parts, Run};
-use systems::system::{
-    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32,
-};
-use systems::train::{Schedule, Stop};
 
 const STRANGER: [u8; 3] = [255, 0, 255];
 
@@ -227,7 +227,7 @@ fn paint(scene: &mut Scene, frame: usize, columns: std::ops::Range<u32>, rgb: [u
 
 fn with_parts<R>(scene: &Scene, work: impl FnOnce(Parts<'_>) -> R) -> R {
     let load = |_: &str, _: &DataOptions| -> Result<Scene, RunError> { Ok(scene.clone()) };
-    work(Parts { load: &load, build: &Lit::build, storage: &Disk, default_system: "lit" })
+    work(Parts { load: &load, build: &Lit::build, storage: &Disk, default_system: DefaultSystem::Named("lit") })
 }
 
 fn request(system: &str, light: Option<&str>) -> Request {

@@ -1,14 +1,14 @@
 //! Meshes out of exact pictures of the table top: where the surface is, and open only where nobody looked.
 
+use engine::halt::Halt;
+use engine::mesh::raster::draw as drawn;
+use engine::mesh::{Fused, MeshOptions, fuse, look, seen_box, seen_points};
+use engine::render::{Rendered, plain_query};
+use engine::system::Layers;
 use glam::{DVec2, DVec3, Vec3};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
-use systems::halt::Halt;
-use systems::mesh::raster::draw as drawn;
-use systems::mesh::{Fused, MeshOptions, fuse, look, seen_box, seen_points};
-use systems::render::{Rendered, plain_query};
-use systems::system::Layers;
 
 /// What a field that has learnt everything would render.
 fn exact(truth: &Tabletop, camera: &Camera) -> Rendered {

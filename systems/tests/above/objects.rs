@@ -1,6 +1,13 @@
 //! Photos from which masks cut out an object: alpha, layout, empty space, scores; and what their points tell without masks.
 
 use crate::common::{Sky, Watch, request};
+use engine::data::Dataset;
+use engine::eval::{Measures, Protocol, Terms, evaluate};
+use engine::options::{DataOptions, Request, RunOptions};
+use engine::output::Disk;
+use engine::run::{DefaultSystem, MaskMeaning, Parts, Run, mask_meaning};
+use engine::system::{Appearance, LayerRequest, Query};
+use engine::train::{Schedule, Stop};
 use glam::{DVec2, DVec3};
 use image::{GrayImage, Luma};
 use render_core::camera::{Camera, Pose};
@@ -11,16 +18,9 @@ use scene_io::{
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use systems::data::Dataset;
-use systems::eval::{Measures, Protocol, Terms, evaluate};
 use systems::layout::layout;
-use systems::options::{DataOptions, Request, RunOptions};
-use systems::output::Disk;
 use systems::plan::build;
-use systems::run::{MaskMeaning, Parts, Run, mask_meaning};
 use systems::space::SpaceKind;
-use systems::system::{Appearance, LayerRequest, Query};
-use systems::train::{Schedule, Stop};
 use testkit::golden::data_or_skip;
 
 const CENTRE: DVec3 = DVec3::new(1.0, 2.0, 3.0);
@@ -111,7 +111,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
         error_budget: plan.error_budget,
         appearance: Appearance::Mean,
         time: 0.0,
-        halt: systems::halt::Halt::NEVER,
+        halt: engine::halt::Halt::NEVER,
     };
     let terms = Terms { query: &query, protocol: &protocol, measures: Measures::Psnr, seed: 0 };
     // One mask in so many is wrong about the lower half: it is there all the same.
@@ -229,7 +229,7 @@ fn what_masks_were_taken_for_is_written_down_and_said_once() {
         assert_eq!(data.is_cut_out(), scene.frames[0].mask_polarity == MaskPolarity::WhiteIsObject);
         Sky::build(name, scene, data, options)
     };
-    let parts = Parts { load: &load, build: &build, storage: &Disk, default_system: "sky" };
+    let parts = Parts { load: &load, build: &build, storage: &Disk, default_system: DefaultSystem::Named("sky") };
     for (white, taken, warnings) in [(None, Some("object"), 1), (Some("used"), Some("used"), 0)] {
         let folder = tempfile::tempdir().unwrap();
         let mut watch = Watch::default();

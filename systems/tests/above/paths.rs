@@ -1,6 +1,12 @@
 //! Camera paths that stay where the photos were: a ball on a floor before a wall, drawn exactly.
 
 use crate::common::train_split;
+use engine::RunError;
+use engine::camera_path::{BOUND, Film, PathKind, Sight, cameras, film};
+use engine::data::Dataset;
+use engine::render::{Rendered, plain_query};
+use engine::system::Layers;
+use engine::time_path::TimePath;
 use glam::{DVec2, DVec3};
 use render_core::camera::Camera;
 use render_core::path::order::step;
@@ -8,12 +14,6 @@ use render_core::pose::Pose;
 use scene_io::{Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split};
 use std::cell::Cell;
 use std::sync::Arc;
-use systems::RunError;
-use systems::camera_path::{BOUND, Film, PathKind, Sight, cameras, film};
-use systems::data::Dataset;
-use systems::render::{Rendered, plain_query};
-use systems::system::Layers;
-use systems::time_path::TimePath;
 
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 24;
@@ -149,7 +149,7 @@ fn an_orbit_keeps_to_the_arc_of_the_photos() {
     std::fs::write(&file, format!("{{\"frames\": [{}]}}", frames.join(","))).unwrap();
     let film = filmed(Some(&PathKind::File(file)), &scene, 12);
     assert!(film.seen[3] >= BOUND && film.seen[9] < 0.6, "{:?}", film.seen);
-    let line = systems::camera_path::coverage_line(&film.seen, None);
+    let line = engine::camera_path::coverage_line(&film.seen, None);
     assert!(line.contains(" of 12 frames") && line.contains("9"), "{line}");
 }
 

@@ -1,12 +1,12 @@
 //! What a finished run leaves: scores, pictures, the curve, the report.
 
 use crate::common::{Watch, request, sky_scene, start, with_parts};
+use engine::log;
+use engine::options::Request;
+use engine::output::Disk;
+use engine::run::Run;
+use engine::train::{Schedule, Stop};
 use std::fs;
-use systems::log;
-use systems::options::Request;
-use systems::output::Disk;
-use systems::run::Run;
-use systems::train::{Schedule, Stop};
 
 #[test]
 fn a_run_folder_holds_everything_and_the_report_stands_alone() {

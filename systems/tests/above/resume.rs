@@ -1,17 +1,17 @@
 //! Stopped and resumed is the same as never stopped.
 
 use crate::common::{Watch, arrays, request, resume, sky_scene, start, with_parts};
+use engine::RunError;
+use engine::checkpoint::{load_newest, newest_step};
+use engine::log;
+use engine::options::Request;
+use engine::output::Disk;
+use engine::run::{Run, planned_schedule};
+use engine::train::{Reason, Schedule, Stop};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use systems::RunError;
-use systems::checkpoint::{load_newest, newest_step};
-use systems::log;
-use systems::options::Request;
-use systems::output::Disk;
-use systems::run::{Run, planned_schedule};
-use systems::train::{Reason, Schedule, Stop};
 
 fn stopped_at(step: u64) -> Watch {
     Watch { stop_after: Some(step), ..Watch::default() }

@@ -1,17 +1,17 @@
 //! Training views held out for choosing settings: measured in the place of the test views, which nothing looks at.
 
 use crate::common::{Sky, Watch, arrays, request, sky_scene};
+use engine::RunError;
+use engine::data::Dataset;
+use engine::eval::{Evaluation, Measured};
+use engine::options::{DataOptions, Request, RunOptions};
+use engine::output::Disk;
+use engine::run::{DefaultSystem, Parts, Run};
+use engine::train::{Schedule, Stop};
 use scene_io::{Image, ImageSource, Point, Scene, Split, TrackPoint};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use systems::RunError;
-use systems::data::Dataset;
-use systems::eval::{Evaluation, Measured};
-use systems::options::{DataOptions, Request, RunOptions};
-use systems::output::Disk;
-use systems::run::{Parts, Run};
-use systems::train::{Schedule, Stop};
 
 /// With the parts of a run of `scene`, read as `--validation` says.
 fn with_parts<R>(scene: &Scene, work: impl FnOnce(Parts<'_>) -> R) -> R {
@@ -24,7 +24,7 @@ fn with_parts<R>(scene: &Scene, work: impl FnOnce(Parts<'_>) -> R) -> R {
     };
     let build =
         |name: &str, scene: &Scene, data: &Dataset, options: &RunOptions| Sky::build(name, scene, data, options);
-    work(Parts { load: &load, build: &build, storage: &Disk, default_system: "sky" })
+    work(Parts { load: &load, build: &build, storage: &Disk, default_system: DefaultSystem::Named("sky") })
 }
 
 fn asked(validation: &str) -> Request {

@@ -6,17 +6,17 @@
 
 use crate::folder::Folder;
 use crate::{Try, path, sound};
+use engine::checkpoint::{load_newest, sha256};
+use engine::data::Dataset;
+use engine::options::{DataOptions, Request, RunOptions};
+use engine::progress::Silent;
+use engine::run::{DefaultSystem, Run, disk_parts};
+use engine::train::{Schedule, Stop};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use systems::checkpoint::{load_newest, sha256};
-use systems::data::Dataset;
-use systems::options::{DataOptions, Request, RunOptions};
 use systems::plan;
-use systems::progress::Silent;
-use systems::run::{Run, disk_parts};
-use systems::train::{Schedule, Stop};
 
 const META: &str = "checkpoint/step-00000002.json";
 const ARRAYS: &str = "checkpoint/step-00000002.safetensors";
@@ -80,8 +80,8 @@ fn try_run(folder: &Path, scene: &scene_io::Scene, how: u8) {
             assert_eq!(checkpoint.meta.step, 2);
             for (name, tensor) in &checkpoint.state {
                 let values = match &tensor.data {
-                    systems::system::TensorData::F32(x) => x.len(),
-                    systems::system::TensorData::U64(x) => x.len(),
+                    engine::system::TensorData::F32(x) => x.len(),
+                    engine::system::TensorData::U64(x) => x.len(),
                 };
                 assert_eq!(values, tensor.shape.iter().product::<usize>(), "{name}");
             }
@@ -91,7 +91,7 @@ fn try_run(folder: &Path, scene: &scene_io::Scene, how: u8) {
         return;
     }
     let load = |_: &str, _: &DataOptions| Ok(scene.clone());
-    let parts = disk_parts(&load, &build, "ngp");
+    let parts = disk_parts(&load, &build, DefaultSystem::Named("ngp"));
     match Run::open(folder, &Request::default(), parts, &mut Silent) {
         Err(error) => sound::one_line(&error.to_string()),
         Ok(mut run) if how == 2 => {
@@ -109,7 +109,7 @@ fn build(
     scene: &scene_io::Scene,
     data: &Dataset,
     options: &RunOptions,
-) -> Result<(Box<dyn systems::system::System>, systems::options::Plan), systems::system::SystemError> {
+) -> Result<(Box<dyn engine::system::System>, engine::options::Plan), engine::system::SystemError> {
     plan::build(name, scene, data, options)
 }
 
@@ -150,8 +150,9 @@ fn make(scene: &scene_io::Scene) -> Made {
         width = 16
     };
     let request = Request { scene: Some("two".into()), system: Some("ngp".into()), set, ..Request::default() };
-    let mut run = Run::create(folder.path(), &request, disk_parts(&load, &build, "ngp"), &mut Silent)
-        .unwrap_or_else(|error| panic!("a small run: {error}"));
+    let mut run =
+        Run::create(folder.path(), &request, disk_parts(&load, &build, DefaultSystem::Named("ngp")), &mut Silent)
+            .unwrap_or_else(|error| panic!("a small run: {error}"));
     run.train(&Schedule::new(Stop::Steps(2)), None, &mut Silent, &AtomicBool::new(false))
         .unwrap_or_else(|error| panic!("two steps: {error}"));
     let arrays = fs::read(folder.path().join(ARRAYS)).expect("an array file");

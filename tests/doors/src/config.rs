@@ -4,11 +4,11 @@
 
 use crate::folder::Folder;
 use crate::{Try, sound};
+use engine::camera_path::PathKind;
+use engine::eval::EvalAppearance;
+use engine::options::{RunConfig, parse_set};
+use engine::run::config;
 use scene_io::{Dialect, Holdout, TrainPhotos};
-use systems::camera_path::PathKind;
-use systems::eval::EvalAppearance;
-use systems::options::{RunConfig, parse_set};
-use systems::run::config;
 
 pub(crate) fn open() -> Try {
     let mut folder = Folder::new(vec![("config.toml".into(), None)]);

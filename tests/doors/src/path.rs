@@ -3,12 +3,12 @@
 use crate::Try;
 use crate::folder::Folder;
 use crate::sound;
+use engine::camera_path::{PathKind, cameras};
+use engine::data::Dataset;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
 use scene_io::{Dialect, Frame, Image, ImageSource, ImageStore, LayoutHint, Scene, StoreOptions};
 use std::sync::Arc;
-use systems::camera_path::{PathKind, cameras};
-use systems::data::Dataset;
 
 /// Pictures a path may have before it is work and no longer a question.
 const MOST: usize = 10_000;

@@ -2,10 +2,10 @@
 
 use crate::folder::{File, Folder};
 use crate::{Try, sound};
-use systems::crop::Crop;
-use systems::output::Disk;
-use systems::run::planned_schedule;
-use systems::{log, report};
+use engine::crop::Crop;
+use engine::output::Disk;
+use engine::run::planned_schedule;
+use engine::{log, report};
 
 const EVAL: &str = r#"{"psnr":20.5,"ssim":0.5,"ms_ssim":null,"lpips":null,"views":[{"name":"a","psnr":20.5,"ssim":0.5,"ms_ssim":null,"lpips":null,"render_seconds":0.1,"files":"000_a"}],"steps":2,"seconds":0.5,"protocol":{"scored":"whole"},"notes":["a note"]}"#;
 const SUMMARY: &str = r#"{"system":"ngp","parameters":12,"scene":{"name":"two","format":"synthetic","train_views":2,"held_out":["a"],"sizes":[[8,6],[8,6]],"notes":["n"]},"plan":["line"],"steps":2,"seconds":0.5,"resumed_at":null,"timings":[["forward",0.1]],"skips":[{"what":"empty space","skipped":1,"total":2,"unit":"samples","bound":"0"}],"memory":{"images":1,"system":2,"peak":3},"machine":{"cpu":null,"threads":1}}"#;

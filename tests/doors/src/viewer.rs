@@ -1,8 +1,8 @@
 //! Messages of the viewer's page.
 
 use crate::{Try, sound};
+use engine::crop::Crop;
 use protocol::Message;
-use systems::crop::Crop;
 
 // The files of `apps` themselves: the crate has a server with it, which would be built with every fuzzer.
 #[allow(dead_code, unreachable_pub, reason = "the server's side of the protocol is not used here")]

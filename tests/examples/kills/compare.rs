@@ -8,7 +8,7 @@ use std::time::SystemTime;
 
 /// Step of the newest checkpoint; `None` where there is none.
 pub(crate) fn newest(run: &Path) -> Option<u64> {
-    systems::checkpoint::newest_step(run)
+    engine::checkpoint::newest_step(run)
 }
 
 /// Views that were measured and kept, with the times their pictures were written, as of a step.
@@ -74,7 +74,7 @@ pub(crate) fn runs(want: &Path, got: &Path, steps: u64) -> Result<(), String> {
             return Err(format!("{name} is missing"));
         }
     }
-    let rows = systems::log::read(&got.join("metrics.csv")).map_err(|e| e.to_string())?;
+    let rows = engine::log::read(&got.join("metrics.csv")).map_err(|e| e.to_string())?;
     match rows.last() {
         Some(row) if row.step == steps && row.psnr_test.is_some() => {}
         last => return Err(format!("the last row of metrics.csv is {last:?}")),

@@ -1,12 +1,12 @@
 //! What the lists share: tiny scenes and systems, and what a training promises.
 
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions};
+use engine::system::{Query, System, SystemError, TensorData};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Image, ImageSource, ImageStore, Scene, Split, StoreOptions};
 use std::sync::Arc;
 use stress::Verdict;
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions};
-use systems::system::{Query, System, SystemError, TensorData};
 
 /// Settings of a system that learns a few pixels in milliseconds.
 pub(crate) const TINY_NGP: [&str; 9] = [
@@ -45,22 +45,22 @@ pub(crate) fn build_before(
     set: &[&str],
 ) -> Result<Box<dyn System>, SystemError> {
     let tiny: &[&str] = if name == "ngp" { &TINY_NGP } else { &TINY_NERF };
-    let set = tiny.iter().chain(set).map(|s| systems::options::parse_set(s).unwrap()).collect();
+    let set = tiny.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background, error_budget: None, set };
     Ok(systems::plan::build(name, scene, data, &options)?.0)
 }
 
 pub(crate) const QUERY: Query = Query {
     background: [1.0; 3],
-    layers: systems::system::LayerRequest {
-        normals: systems::system::Normals::Compute,
-        canonical: systems::system::Canonical::Compute,
-        median: systems::system::Median::Compute,
+    layers: engine::system::LayerRequest {
+        normals: engine::system::Normals::Compute,
+        canonical: engine::system::Canonical::Compute,
+        median: engine::system::Median::Compute,
     },
     error_budget: 0.0,
-    appearance: systems::system::Appearance::Mean,
+    appearance: engine::system::Appearance::Mean,
     time: 0.0,
-    halt: systems::halt::Halt::NEVER,
+    halt: engine::halt::Halt::NEVER,
 };
 
 /// Every number that the next step depends on is finite.

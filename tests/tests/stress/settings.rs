@@ -1,8 +1,8 @@
 //! Settings that nobody should write: an error that names the setting, or a training that stays finite.
 
 use crate::common::{build, dataset, state_is_finite, tiny_scene, train_psnr};
+use engine::system::SystemError;
 use stress::{Tally, ensure};
-use systems::system::SystemError;
 
 const NGP: &str = "
     near=0.0 near=-1.0 near=nan near=inf near=1e-6 near=1e-38 near=100.0 near=3e38

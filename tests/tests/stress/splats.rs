@@ -2,13 +2,13 @@
 //! nobody should write.
 
 use crate::common::{End, dataset, guarded, pictures, says, state_is_finite, tiny_scene, train_psnr};
+use engine::data::Dataset;
+use engine::options::{Background, Plan, RunOptions};
+use engine::system::{System, SystemError};
 use glam::DVec3;
 use scene_io::{Image, ImageSource, LayoutHint, Point, Scene};
 use std::sync::Arc;
 use stress::{Tally, Verdict, ensure, finite};
-use systems::data::Dataset;
-use systems::options::{Background, Plan, RunOptions};
-use systems::system::{System, SystemError};
 
 const STEPS: u64 = 45;
 /// Density control and fading within the steps.
@@ -25,7 +25,7 @@ const TINY: [&str; 8] = [
 const DENSITIES: [&str; 2] = ["density=adc", "density=mcmc"];
 
 fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let set = TINY.iter().chain(set).map(|s| systems::options::parse_set(s).unwrap()).collect();
+    let set = TINY.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::plan::build("splat", scene, data, &options)
 }

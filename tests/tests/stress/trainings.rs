@@ -1,13 +1,13 @@
 //! Learning rates 1000 times too high, 10^5 steps, pictures without contrast, scenes at the end of the map.
 
 use crate::common::{End, build, build_before, dataset, guarded, state_is_finite, tiny_scene, train_psnr};
+use engine::options::Background;
+use engine::system::SystemError;
 use float_core::{Simd, SimdLevel};
 use glam::DVec3;
 use scene_io::{Image, ImageSource, LayoutHint, Scene};
 use std::sync::Arc;
 use stress::{Tally, close, ensure};
-use systems::options::Background;
-use systems::system::SystemError;
 
 pub(crate) fn learning_rates(tally: &mut Tally) {
     let scene = tiny_scene(6, 0.82);

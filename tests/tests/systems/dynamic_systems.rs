@@ -1,14 +1,14 @@
 //! Systems for scenes that move: each learns, shows the moment asked for, and makes the same bits with any number of threads
 //! and after a resume. What a part adds is nothing where the part is switched off.
 
+use engine::data::Dataset;
+use engine::options::{Background, DataOptions, Plan, RunOptions, parse_set};
+use engine::render::{plain_query, render};
+use engine::system::{Layers, Query, System, TensorData, TensorMap};
 use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
 use scene_io::{Image, ImageSource, Point, Scene};
 use std::sync::Arc;
-use systems::data::Dataset;
 use systems::dynamic::{SYSTEMS, build, load};
-use systems::options::{Background, DataOptions, Plan, RunOptions, parse_set};
-use systems::render::{plain_query, render};
-use systems::system::{Layers, Query, System, TensorData, TensorMap};
 use tests::{assert_same_bits, state_after, state_of, views};
 
 /// Settings with which a step takes milliseconds.
@@ -345,7 +345,7 @@ fn images_that_say_nothing_of_time_are_in_its_order() {
     let note = format!("no times in the files: the order of the {n} frames is taken for it");
     assert!(scene.notes.contains(&note), "{:?}", scene.notes);
     // Nobody else is told a time.
-    let scene = systems::source::load(path, &DataOptions::default()).unwrap();
+    let scene = engine::source::load(path, &DataOptions::default()).unwrap();
     assert!(scene.frames.iter().all(|frame| frame.time.is_none()));
     // Times that are there stay.
     let scene = load("synthetic:orbit", &DataOptions::default()).unwrap();

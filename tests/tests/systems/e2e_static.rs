@@ -1,19 +1,19 @@
 //! `ngp` from scene to result, through the loop that `nerf-static` uses: on the embedded scene, whose truth is exact, and
 //! on real data.
 
+use engine::RunError;
+use engine::eval::Evaluation;
+use engine::options::{DataOptions, Request, parse_set};
+use engine::output::Disk;
+use engine::progress::Silent;
+use engine::run::{DefaultSystem, Parts, Run};
+use engine::surface::mesh;
+use engine::train::{Schedule, Stop};
 use glam::DVec2;
 use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
 use scene_io::{Scene, Split};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
-use systems::RunError;
-use systems::eval::Evaluation;
-use systems::options::{DataOptions, Request, parse_set};
-use systems::output::Disk;
-use systems::progress::Silent;
-use systems::run::{Parts, Run};
-use systems::surface::mesh;
-use systems::train::{Schedule, Stop};
 
 const SIZE: u32 = 48;
 
@@ -35,7 +35,8 @@ fn trained<R>(
     load: &dyn Fn(&str, &DataOptions) -> Result<Scene, RunError>,
     look: impl FnOnce(&Run<'_>, Option<Evaluation>) -> R,
 ) -> R {
-    let parts = Parts { load, build: &systems::plan::build, storage: &Disk, default_system: "ngp" };
+    let parts =
+        Parts { load, build: &systems::plan::build, storage: &Disk, default_system: DefaultSystem::Named("ngp") };
     let mut run = Run::create(folder, request, parts, &mut Silent).unwrap();
     let (_, evaluation) =
         run.train(&Schedule::new(Stop::Steps(steps)), None, &mut Silent, &AtomicBool::new(false)).unwrap();
@@ -56,7 +57,7 @@ fn tabletop_is_recovered_where_it_is() {
         let truth = Tabletop::new(TabletopOptions::default().seed);
         let mut errors = Vec::new();
         for view in run.held_out.views() {
-            let rendered = systems::render::render(run.system.as_ref(), &view.camera, &run.query());
+            let rendered = engine::render::render(run.system.as_ref(), &view.camera, &run.query());
             for (i, t) in rendered.layers.median_depth.iter().enumerate() {
                 let pixel = DVec2::new((i as u32 % SIZE) as f64 + 0.5, (i as u32 / SIZE) as f64 + 0.5);
                 if let Some(hit) = truth.trace(&view.camera.ray(pixel).unwrap()) {
@@ -147,7 +148,12 @@ fn same_bits_after_resuming(request: &Request) {
     let (whole, halves) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     trained(whole.path(), request, 50, &load, |_, _| ());
     trained(halves.path(), request, 23, &load, |_, _| ());
-    let parts = Parts { load: &load, build: &systems::plan::build, storage: &Disk, default_system: "ngp" };
+    let parts = Parts {
+        load: &load,
+        build: &systems::plan::build,
+        storage: &Disk,
+        default_system: DefaultSystem::Named("ngp"),
+    };
     let mut run = Run::open(halves.path(), &Request::default(), parts, &mut Silent).unwrap();
     run.train(&Schedule::new(Stop::Steps(50)), None, &mut Silent, &AtomicBool::new(false)).unwrap();
     let arrays = |folder: &Path| std::fs::read(folder.join("checkpoint/step-00000050.safetensors")).unwrap();
@@ -164,7 +170,7 @@ fn real(name: &str, data: DataOptions, views: [usize; 2], least: f64) {
     let Some(path) = real_data(name) else { return };
     let folder = tempfile::tempdir().unwrap();
     let request = Request { data, ..request(path.to_str().unwrap()) };
-    trained(folder.path(), &request, 80, &systems::source::load, |run, evaluation| {
+    trained(folder.path(), &request, 80, &engine::source::load, |run, evaluation| {
         assert_eq!([run.scene.count(Split::Train), run.held_out.len()], views);
         let psnr = evaluation.unwrap().psnr.unwrap();
         println!("{name}: {psnr:.2} dB");

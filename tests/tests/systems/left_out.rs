@@ -1,11 +1,11 @@
 //! Rows of the table of skips for training pixels that are drawn but not rendered: they count what masks say.
 
+use engine::data::{Batch, Dataset, Patches, Shape};
+use engine::options::{Background, RunOptions, parse_set};
+use engine::system::{SkipRow, System};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
 use std::sync::Arc;
-use systems::data::{Batch, Dataset, Patches, Shape};
-use systems::options::{Background, RunOptions, parse_set};
-use systems::system::{SkipRow, System};
 use tests::views;
 
 const SEED: u64 = 3;

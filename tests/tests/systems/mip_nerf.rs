@@ -1,10 +1,10 @@
 //! `mip-nerf`: the published shapes and settings, and a small one that learns, resumes, does not mind threads, works in
 //! normalised device coordinates and in contracted space, and sees the footprint of its pixels.
 
+use engine::render::{plain_query, render};
+use engine::system::{LayerRequest, Normals, Query};
 use scene_io::{Scene, Split};
 use std::sync::Arc;
-use systems::render::{plain_query, render};
-use systems::system::{LayerRequest, Normals, Query};
 use tests::{assert_same_bits, psnr, state_after, system, table, try_system, views};
 
 const SMALL: [&str; 10] = [

@@ -1,22 +1,22 @@
 //! The published networks with a method: codes for each photo, a transient part, and the method's own loss.
 
+use engine::data::{Batch, Dataset, Patches, Shape};
+use engine::options::Background;
+use engine::render::plain_query;
+use engine::system::{
+    Appearance, Fit, LayerRequest, Layers, Normals, Query, System, SystemError, Tensor, TensorData, TensorMap,
+    f32_tensor, take_f32,
+};
 use render_core::ray::Ray;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
-use systems::data::{Batch, Dataset, Patches, Shape};
 use systems::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
-use systems::options::Background;
-use systems::render::plain_query;
 use systems::space::{Space, SpaceKind};
 use systems::static_scene::mip_nerf::MipNerfConfig;
 use systems::static_scene::nerf::NerfConfig;
 use systems::static_scene::two_level::{Recipe, TwoLevel};
-use systems::system::{
-    Appearance, Fit, LayerRequest, Layers, Normals, Query, System, SystemError, Tensor, TensorData, TensorMap,
-    f32_tensor, take_f32,
-};
 
 /// Length of an appearance and of a transient code.
 const DIMS: [usize; 2] = [3, 2];
@@ -454,7 +454,7 @@ fn a_fit_finds_the_light_of_a_picture() {
         steps: 300,
         lr: 0.05,
         seed: 1,
-        halt: &systems::halt::Halt::NEVER,
+        halt: &engine::halt::Halt::NEVER,
     };
     let code = system.fit_appearance(&fit).unwrap();
     let error = |appearance| {

@@ -1,6 +1,6 @@
 //! `nerf`: the published shapes and parameter counts, and a small one that learns, resumes and does not mind threads.
 
-use systems::system::TensorMap;
+use engine::system::TensorMap;
 use tests::{assert_same_bits, psnr, state_after, system, table_data};
 
 const SMALL: [&str; 8] =

@@ -1,14 +1,14 @@
 //! SF-NeRF as a system: the same bits on any number of threads and after a pause, with features beside the photos and
 //! without, filters of other runs, and what is said of what does not fit.
 
+use engine::checkpoint;
+use engine::data::Dataset;
+use engine::options::{Background, DataOptions, Plan, RunConfig, RunOptions, parse_set};
+use engine::output::Disk;
+use engine::system::{System, SystemError, TensorMap};
 use scene_io::{Features, Scene};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use systems::checkpoint;
-use systems::data::Dataset;
-use systems::options::{Background, DataOptions, Plan, RunConfig, RunOptions, parse_set};
-use systems::output::Disk;
-use systems::system::{System, SystemError, TensorMap};
 use tests::{assert_same_bits, state_after, state_of, table_data};
 
 const SMALL: [&str; 4] = ["levels=4", "log2_table=12", "filter_width=16", "batch_samples=4096"];

@@ -1,8 +1,8 @@
 //! Pictures of splats through a lens are those of a camera without, bent.
 
+use engine::render::plain_query;
 use render_core::camera::{Camera, Lens, Pose};
 use splat_core::{Gaussians, Rules};
-use systems::render::plain_query;
 use systems::splats::Cloud;
 
 /// Specks smaller than a pixel, a pixel or so apart.

@@ -1,12 +1,12 @@
 //! Trainings of `splat`: the same bits however they are cut and on any number of threads, and through lenses that bend light.
 
+use engine::data::Dataset;
+use engine::system::{TensorData, TensorMap};
 use render_core::camera::Lens;
 use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
 use scene_io::{Image, ImageSource, LoadOptions, Scene, Split, load};
 use std::ops::Range;
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::system::{TensorData, TensorMap};
 use tests::{psnr, state_after, system, table_data, views};
 
 /// Changes at every tenth step from 20 on, fading at every 25th.
@@ -197,7 +197,7 @@ fn photos_that_masks_leave_nothing_of_are_counted_and_teach_nothing() {
 }
 
 /// The numbers of the cloud alone.
-fn numbers_of(splat: &dyn systems::system::System) -> Vec<u32> {
+fn numbers_of(splat: &dyn engine::system::System) -> Vec<u32> {
     let cloud = splat.splats().expect("a cloud").gaussians;
     cloud.fields().iter().flat_map(|(_, x)| x.iter().map(|x| x.to_bits())).collect()
 }

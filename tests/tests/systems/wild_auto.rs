@@ -1,14 +1,14 @@
 //! What `auto` decides about light and occluders: on clean photos, on photos with other colours, with something in front, with
 //! both, on an object before a backdrop, and on a place with passers-by.
 
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions};
+use engine::system::System;
 use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
 use scene_io::{
     Disturbance, Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, Scene, Split, TrainPhotos, perturb,
 };
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions};
-use systems::system::System;
 use systems::wild::build;
 use testkit::golden::data_or_skip;
 use tests::views;
@@ -23,7 +23,7 @@ fn decided(scene: &Scene, background: Option<Background>) -> ([String; 2], Strin
     ([word("appearance"), word("occluders")], lines.join("\n"))
 }
 
-fn built(scene: &Scene, train: &Dataset, background: Option<Background>) -> (Box<dyn System>, systems::options::Plan) {
+fn built(scene: &Scene, train: &Dataset, background: Option<Background>) -> (Box<dyn System>, engine::options::Plan) {
     let run = RunOptions { seed: 0, background, error_budget: None, set: Default::default() };
     build("auto", scene, train, &run).unwrap()
 }

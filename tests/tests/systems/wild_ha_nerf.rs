@@ -1,11 +1,11 @@
 //! `ha-nerf` and its ablations: that they learn, resume, do not mind threads, and what they refuse.
 
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions, parse_set};
+use engine::system::{Appearance, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions, parse_set};
-use systems::system::{Appearance, System, SystemError};
 use systems::wild::build;
 use tests::{assert_same_bits, state_after, views};
 

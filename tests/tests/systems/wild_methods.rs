@@ -1,13 +1,13 @@
 //! Methods on the fast field: the same bits with any number of threads and after a resume, light that changes colours only, and
 //! photos that say little.
 
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions, parse_set};
+use engine::render::{plain_query, render};
+use engine::system::{Appearance, Query, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, ImageSource, Scene, perturb};
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions, parse_set};
-use systems::render::{plain_query, render};
-use systems::system::{Appearance, Query, System, SystemError};
 use systems::wild::build;
 use tests::{assert_same_bits, state_after, views};
 

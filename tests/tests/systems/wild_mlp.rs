@@ -1,12 +1,12 @@
 //! Methods on the published networks: small ones learn a scene despite strangers in its photos, and resume with the same bits.
 
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions, parse_set};
+use engine::system::System;
 use field_core::rng::Rng;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageSource, Scene, Split};
 use std::sync::Arc;
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions, parse_set};
-use systems::system::System;
 use systems::wild::build;
 use tests::{assert_same_bits, psnr, state_after, views};
 

@@ -3,19 +3,19 @@
 use super::super::{Failure, Session};
 use crate::cli::Export;
 use crate::show::{Show, line};
+use engine::RunError;
+use engine::camera_path::{PathKind, cameras};
+use engine::crop::{Crop, Traits};
+use engine::mesh::cameras::on_a_sphere;
+use engine::picture::limited;
+use engine::render::{Rendered, plain_query, render};
+use engine::run::Run;
+use engine::system::Query;
 use glam::DVec3;
 use render_core::camera::Camera;
 use render_core::rig::mean_up;
 use scene_io::SplatFile;
-use systems::RunError;
-use systems::camera_path::{PathKind, cameras};
-use systems::crop::{Crop, Traits};
-use systems::mesh::cameras::on_a_sphere;
-use systems::picture::limited;
-use systems::render::{Rendered, plain_query, render};
-use systems::run::Run;
 use systems::splats::Cloud;
-use systems::system::Query;
 
 /// Cameras around a file of Gaussians, their distance in radii of the scene, and their longest side, pixels.
 const AROUND: usize = 72;

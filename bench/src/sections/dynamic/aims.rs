@@ -70,7 +70,7 @@ mod tests {
     use super::super::protocols::WORKBENCH;
     use super::*;
     use crate::sections::scene::Point;
-    use systems::eval::MotionScore;
+    use engine::eval::MotionScore;
 
     fn row(name: &'static str, psnr: f64, moving: f64, curve: &[(f64, f64)]) -> Measured {
         Measured {

@@ -4,16 +4,16 @@ use super::protocols::{Entry, Group};
 use crate::error::BenchError;
 use crate::sections::scene::{Job, Point, dataset, train};
 use crate::sections::{Bench, Extent, say};
+use engine::RunError;
+use engine::eval::MotionScore;
+use engine::lpips_file::{load_lpips, lpips_path};
+use engine::options::{DataOptions, Request};
+use engine::source::SYNTHETIC;
+use engine::train::{Schedule, Stop};
 use losses::metrics::Lpips;
 use scene_io::Scene;
 use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
 use std::path::Path;
-use systems::RunError;
-use systems::eval::MotionScore;
-use systems::lpips_file::{load_lpips, lpips_path};
-use systems::options::{DataOptions, Request};
-use systems::source::SYNTHETIC;
-use systems::train::{Schedule, Stop};
 
 /// Training seconds after which the held-out views are measured.
 pub(super) const EVAL_AT: [f64; 6] = [10.0, 30.0, 60.0, 120.0, 300.0, 600.0];

@@ -14,9 +14,9 @@ use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series};
 use crate::table::{Cell, Table};
 use aims::goal;
+use engine::train::Stop;
 use measured::{EVAL_AT, Measured, measure, request, weights};
 use protocols::{Entry, Group, NR, ORBIT, TISSUE, WORKBENCH};
-use systems::train::Stop;
 
 pub(super) use protocols::names;
 
@@ -56,7 +56,7 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, group: &Grou
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let (mut rows, mut goals, mut missing): (Vec<Measured>, Vec<Goal>, Vec<&str>) = Default::default();
     // Quick runs know embedded scenes only.
-    if bench.wants(group.name) && (!quick || group.path.starts_with(systems::source::SYNTHETIC)) {
+    if bench.wants(group.name) && (!quick || group.path.starts_with(engine::source::SYNTHETIC)) {
         let lpips = if quick { None } else { weights(bench)? };
         for entry in group.entries {
             let Some(request) = request(bench, group, entry, folder.path())? else {

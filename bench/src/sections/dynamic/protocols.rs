@@ -1,7 +1,7 @@
 //! Which scenes that move, which systems, and what is expected of them.
 
 use crate::sections::training::Held;
-use systems::train::Stop;
+use engine::train::Stop;
 
 /// A scene, and everything that is trained on it.
 pub(super) struct Group {

@@ -8,7 +8,7 @@ use crate::sections::Bench;
 use crate::sections::budgets;
 use crate::sections::scene::Trained;
 use crate::table::{Cell, Table};
-use systems::render::{plain_query, render};
+use engine::render::{plain_query, render};
 
 /// Colour units; the first is what training draws with.
 const BUDGETS: [(f32, &str); 4] = [(0.0, "0"), (1.0 / 2048.0, "1/2048"), (1.0 / 255.0, "1/255"), (1.0 / 64.0, "1/64")];

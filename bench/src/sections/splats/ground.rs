@@ -3,12 +3,12 @@
 use crate::error::BenchError;
 use crate::sections::Bench;
 use crate::sections::scene::{Subject, begin, job};
+use engine::train::{Schedule, Stop};
 use field_core::rng::Rng;
 use render_core::camera::Camera;
 use scene_io::Image;
 use splat_core::{Gaussians, Rules, View};
 use std::sync::Arc;
-use systems::train::{Schedule, Stop};
 
 /// Cameras that times are means over.
 const CAMERAS: usize = 10;

@@ -11,12 +11,12 @@ use crate::sections::scene::{Subject, Trained, embedded, train_seconds};
 use crate::sections::training::{EVAL_AT, Protocol, SECONDS, plot, protocol_goals, reached, target};
 use crate::sections::{Bench, say};
 use crate::table::Table;
+use engine::memory::resident_bytes;
+use engine::render::{plain_query, render};
+use engine::system::{Splats, System};
 use scene_io::{SplatOptions, encode_splats};
 use std::path::Path;
 use std::time::Instant;
-use systems::memory::resident_bytes;
-use systems::render::{plain_query, render};
-use systems::system::{Splats, System};
 
 /// Scenes with what is trained on them, side by side.
 struct Entry {

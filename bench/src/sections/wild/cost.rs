@@ -8,10 +8,10 @@ use crate::page::{Item, Section};
 use crate::sections::scene::{Job, small_tabletop, train};
 use crate::sections::{Bench, Keep, say};
 use crate::table::Table;
+use engine::options::{DataOptions, Request};
+use engine::run::Build;
+use engine::train::{Schedule, Stop};
 use scene_io::{Disturbance, Scene, perturb};
-use systems::options::{DataOptions, Request};
-use systems::run::Build;
-use systems::train::{Schedule, Stop};
 
 /// One kind of training.
 struct Case<'a> {

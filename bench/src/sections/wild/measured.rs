@@ -5,18 +5,18 @@ use super::segments;
 use crate::error::BenchError;
 use crate::sections::scene::{Job, Trained, dataset, train};
 use crate::sections::{Bench, Extent, say};
+use engine::RunError;
+use engine::eval::masks::MaskOptions;
+use engine::eval::{EvalAppearance, Evaluation, Scored};
+use engine::options::{DataOptions, Request};
+use engine::run::Load;
+use engine::source::{PERTURBED, SYNTHETIC};
+use engine::system::Appearance;
+use engine::train::{Schedule, Stop};
 use losses::metrics::EmptyClass;
 use scene_io::synthetic::{PlazaOptions, plaza};
 use scene_io::{Scene, Split};
 use std::path::Path;
-use systems::RunError;
-use systems::eval::masks::MaskOptions;
-use systems::eval::{EvalAppearance, Evaluation, Scored};
-use systems::options::{DataOptions, Request};
-use systems::run::Load;
-use systems::source::{PERTURBED, SYNTHETIC};
-use systems::system::Appearance;
-use systems::train::{Schedule, Stop};
 
 /// Pixels whose masks are compared with the truth, roughly: photos are left out evenly where there are more.
 const MASK_PIXELS: f64 = 3e6;
@@ -136,5 +136,5 @@ fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError
             ..PlazaOptions::default()
         }));
     }
-    systems::source::load(spec, data)
+    engine::source::load(spec, data)
 }

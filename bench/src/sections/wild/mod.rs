@@ -12,9 +12,9 @@ use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
 use crate::table::Table;
+use engine::eval::Scored;
 use measured::{Measured, measure, request};
 use protocols::{Aim, Entry, Group, Kind, LEGO100, LEGO400, PLAZA, REAL, YARD};
-use systems::eval::Scored;
 
 pub(super) use cost::run as cost;
 pub(super) use protocols::names;
@@ -89,7 +89,7 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Gr
     let mut systems = Vec::new();
     let quick = bench.extent == Extent::Quick;
     // Quick runs know the embedded scene only.
-    let wanted = |g: &&Group| bench.wants(g.name) && (!quick || g.path.starts_with(systems::source::SYNTHETIC));
+    let wanted = |g: &&Group| bench.wants(g.name) && (!quick || g.path.starts_with(engine::source::SYNTHETIC));
     for group in groups.iter().filter(wanted) {
         for photos in group.photos {
             let entries = if quick { QUICK_SYSTEMS.min(photos.entries.len()) } else { photos.entries.len() };
@@ -253,7 +253,7 @@ mod tests {
                     assert!(systems::wild::SYSTEMS.contains(&entry.system));
                 }
                 for light in photos.lights {
-                    assert!(light.parse::<systems::eval::EvalAppearance>().is_ok());
+                    assert!(light.parse::<engine::eval::EvalAppearance>().is_ok());
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
 use crate::space::SpaceKind;
-use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
+use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use optim::{LearningRate, Schedule, Warmup};
 use serde::{Deserialize, Serialize};
 

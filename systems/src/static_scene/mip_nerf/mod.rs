@@ -16,7 +16,7 @@ pub use config::MipNerfConfig;
 
 use super::two_level::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
 use crate::space::{InternalRay, Space};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::integrated::Integrated;
 use field_core::mlp::Activation;
 use field_core::rng::Rng;

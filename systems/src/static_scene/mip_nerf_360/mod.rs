@@ -23,12 +23,12 @@ pub use config::{LastSample, MipNerf360Config};
 
 use super::cones::{self, Footprint, TILE, Which, crossing};
 use super::trained::Trained;
-use crate::canonical::add_canonical;
-use crate::data::{Batch, Dataset};
-use crate::memory::room_for;
-use crate::options::Background;
 use crate::space::{InternalRay, Space};
-use crate::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use engine::canonical::add_canonical;
+use engine::data::{Batch, Dataset};
+use engine::memory::room_for;
+use engine::options::Background;
+use engine::system::{Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;

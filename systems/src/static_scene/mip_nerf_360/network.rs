@@ -3,7 +3,7 @@
 use super::MipNerf360Config;
 use super::config::bad;
 use crate::static_scene::parts::{self, Part};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
 use field_core::init::Init;

@@ -5,7 +5,7 @@ use super::network::Ops;
 use super::quadrature::QuadratureOp;
 use super::{MipNerf360, Tile, fits};
 use crate::space::{InternalRay, SpaceKind};
-use crate::system::{Layers, Normals, Query};
+use engine::system::{Layers, Normals, Query};
 use field_core::tape::{Tape, TapeError};
 use float_core::{Simd, m32};
 use glam::DVec3;

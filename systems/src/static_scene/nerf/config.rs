@@ -2,7 +2,7 @@
 
 use crate::space::SpaceKind;
 use crate::static_scene::ngp::MixtureKind;
-use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
+use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use serde::{Deserialize, Serialize};
 
 /// Settings of [`Nerf`](super::Nerf). As published, but for `batch_rays`.

@@ -15,7 +15,7 @@ pub use config::NerfConfig;
 
 use super::two_level::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
 use crate::space::{InternalRay, Space};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};

@@ -3,7 +3,7 @@
 use super::{Ngp, render};
 use crate::deform::Deform;
 use crate::static_scene::left_out::LeftOut;
-use crate::system::SkipRow;
+use engine::system::SkipRow;
 use render_core::budget::Ledger;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

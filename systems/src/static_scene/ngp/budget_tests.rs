@@ -2,14 +2,14 @@
 
 use super::render::render_trial;
 use super::{Ngp, NgpConfig};
-use crate::data::Dataset;
-use crate::halt::Halt;
 use crate::method::Method;
-use crate::options::{Background, RunOptions};
 use crate::plan::build;
-use crate::skips::{MeasuredSkips, measure};
 use crate::space::{Space, SpaceKind};
-use crate::system::{Appearance, EmptyCells, LayerRequest, Layers, Normals, Query, System, Trial};
+use engine::data::Dataset;
+use engine::halt::Halt;
+use engine::options::{Background, RunOptions};
+use engine::skips::{MeasuredSkips, measure};
+use engine::system::{Appearance, EmptyCells, LayerRequest, Layers, Normals, Query, System, Trial};
 use field_core::rng::Rng;
 use glam::DVec3;
 use proptest::prelude::*;

@@ -4,7 +4,7 @@ use super::Ngp;
 use super::budget_tests::{query, random_rays, randomised, small};
 use crate::deform::{Deform, DeformConfig, Moment, Motion, Origin, Warp};
 use crate::space::SpaceKind;
-use crate::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
+use engine::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
 

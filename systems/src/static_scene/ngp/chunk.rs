@@ -11,10 +11,10 @@ use super::look::{Kept, Look};
 use super::proposed::{Draw, Proposed};
 use super::table::Table;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
-use crate::data::Batch;
 use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
 use crate::method::{Codes, Pixel, PixelBar};
 use crate::space::InternalRay;
+use engine::data::Batch;
 use std::ops::Range;
 use std::time::Instant;
 

@@ -2,7 +2,7 @@
 
 use super::occupy;
 use crate::space::SpaceKind;
-use crate::system::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, SystemError, at_most};
+use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, SystemError, at_most};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::encoding::window;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};

@@ -3,9 +3,9 @@
 
 use super::Ngp;
 use super::field::sized;
-use crate::data::Dataset;
 use crate::space::Space;
-use crate::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use engine::data::Dataset;
+use engine::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::kernel::Kernel;
 use rayon::prelude::*;
 use render_core::bounds::percentile;
@@ -263,9 +263,9 @@ impl Ngp {
                 background: self.background.colour(),
                 layers: LayerRequest::default(),
                 error_budget: 1.0 / 255.0,
-                appearance: crate::system::Appearance::Mean,
+                appearance: engine::system::Appearance::Mean,
                 time: seen.time,
-                halt: crate::halt::Halt::NEVER,
+                halt: engine::halt::Halt::NEVER,
             };
             let depth = self.render(&rays, &query).depth;
             let internal = |(ray, t): (&Ray, f32)| {

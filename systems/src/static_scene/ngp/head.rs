@@ -9,7 +9,7 @@ use super::field::{sized, xavier};
 use super::tile::{Gradients, Marched, backward};
 use super::{ADAM, config};
 use crate::method::Pixel;
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use optim::Adam;

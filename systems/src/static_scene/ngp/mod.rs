@@ -51,18 +51,18 @@ mod voxel_trainer;
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 pub use cues::CueConfig;
 
-use crate::data::{Batch, Dataset, ErrorMap, Guide};
 use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
-use crate::options::Background;
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::survey::Surveys;
-use crate::system::{
-    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
-};
 use account::{Seconds, Skipped};
 use chunk::Chunk;
 use cues::Cues;
+use engine::data::{Batch, Dataset, ErrorMap, Guide};
+use engine::options::Background;
+use engine::system::{
+    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+};
 use field::Field;
 use occupy::{Moves, Occupy};
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};

@@ -2,11 +2,11 @@
 
 use super::budget_tests::small;
 use super::{Ngp, NgpConfig};
-use crate::data::Dataset;
 use crate::deform::{Deform, DeformConfig, Moment, Sees};
-use crate::options::Background;
 use crate::space::{Space, SpaceKind};
-use crate::system::{Query, System, TensorData, TensorMap};
+use engine::data::Dataset;
+use engine::options::Background;
+use engine::system::{Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use optim::NonFiniteGuard;
 use render_core::ray::Ray;
@@ -83,7 +83,7 @@ fn a_cell_that_is_full_at_one_moment_in_twenty_stays_in_sight() {
 
 /// What an orbiting camera sees of a field at a time.
 fn shown(ngp: &Ngp, data: &Dataset, time: f64) -> Vec<f32> {
-    let query = Query { time, ..crate::render::plain_query([1.0; 3], 0.0) };
+    let query = Query { time, ..engine::render::plain_query([1.0; 3], 0.0) };
     let rays: Vec<Ray> = data.view(3).rays(0..24).flatten().collect();
     ngp.render(&rays, &query).rgb.into_flattened()
 }

@@ -2,10 +2,10 @@
 
 use super::NgpConfig;
 use super::field::{DensityScratch, Field, When, sized};
-use crate::data::Dataset;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceKind};
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::system::SystemError;
 use field_core::rng::Rng;
 use glam::DVec3;
 use rayon::prelude::*;

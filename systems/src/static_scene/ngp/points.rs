@@ -3,7 +3,7 @@
 use super::Ngp;
 use super::field::{Placing, When, shapes_hold};
 use crate::deform::{DeformScratch, Points};
-use crate::system::{Appearance, System};
+use engine::system::{Appearance, System};
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -12,7 +12,7 @@ use super::field::{encode, fold_gradients, xavier};
 use super::grid_trainer::{GridTrainer, Part};
 use super::{ADAM, NgpConfig};
 use crate::space::SpaceKind;
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::hash_grid::HashGrid;
 use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};

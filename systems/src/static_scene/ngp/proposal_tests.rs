@@ -6,7 +6,7 @@ use super::grid_trainer::Part;
 use super::proposed::{Draw, Proposed};
 use super::{Ngp, NgpConfig, Sampler};
 use crate::space::{InternalRay, SpaceKind};
-use crate::system::{System, Trial};
+use engine::system::{System, Trial};
 use field_core::rng::Rng;
 use proptest::prelude::*;
 use render_core::budget::Skip;

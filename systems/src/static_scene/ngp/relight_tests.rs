@@ -3,10 +3,10 @@
 use super::Ngp;
 use super::budget_tests::{randomised_with, small, table};
 use super::field::fold_gradients;
-use crate::data::{Patches, Shape};
 use crate::method::{Codes, Method, Pixel, PixelBar, Relit, SecondLight};
 use crate::space::SpaceKind;
-use crate::system::System;
+use engine::data::{Patches, Shape};
+use engine::system::System;
 use std::sync::{Arc, Mutex};
 
 /// Codes of three photos.

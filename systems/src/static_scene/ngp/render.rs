@@ -10,11 +10,11 @@
 use super::Ngp;
 use super::field::{Field, Placing, When, sized};
 use super::proposed::{Draw, Proposed};
-use crate::canonical::add_canonical;
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
-use crate::skips::bound_of;
 use crate::space::{InternalRay, Space};
-use crate::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
+use engine::canonical::add_canonical;
+use engine::skips::bound_of;
+use engine::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
 use rayon::prelude::*;
 use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
 use render_core::occupancy::OccupancyGrid;

@@ -4,7 +4,7 @@ use super::occupy::Occupy;
 use super::proposal::ProposalField;
 use super::table::{Table, TableTrainer};
 use super::{MAX_STRETCH, Ngp};
-use crate::system::{
+use engine::system::{
     SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_f32, take_numbers, u64_tensor,
 };
 use optim::{Adam, NonFiniteGuard};

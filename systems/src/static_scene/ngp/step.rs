@@ -7,13 +7,13 @@ use super::proposal::Proposals;
 use super::settling::Settling;
 use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
-use crate::data::{Batch, Dataset};
 use crate::deform::Deform;
+use crate::method::mean_transient;
 use crate::method::{Drawing, Outcome, Pixel};
 use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
-use crate::system::{StepStats, SystemError};
-use crate::watch::mean_transient;
+use engine::data::{Batch, Dataset};
+use engine::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use rayon::prelude::*;
 use render_core::budget::depth_limit;
@@ -61,7 +61,7 @@ impl Ngp {
         Inputs { batch, ..inputs }
     }
 
-    /// See [`crate::system::System::step`].
+    /// See [`engine::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
         self.refine_depth(data, step)?;

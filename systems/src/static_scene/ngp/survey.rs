@@ -4,10 +4,10 @@ use super::chunk::Chunk;
 use super::context::StepContext;
 use super::step::Plan;
 use super::{Inputs, Ngp};
-use crate::data::{Batch, Dataset};
 use crate::method::{Method, Pixel};
 use crate::static_scene::survey::{Shown, Surveys};
-use crate::system::SystemError;
+use engine::data::{Batch, Dataset};
+use engine::system::SystemError;
 use rayon::prelude::*;
 
 /// Pixels of one task.
@@ -101,9 +101,9 @@ mod tests {
     use super::super::NgpConfig;
     use super::super::budget_tests::small;
     use super::*;
-    use crate::options::Background;
     use crate::plan::made::{Points, capture};
     use crate::space::{Space, SpaceKind};
+    use engine::options::Background;
     use glam::DVec3;
 
     #[test]

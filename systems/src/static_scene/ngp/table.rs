@@ -5,7 +5,7 @@ use super::NgpConfig;
 use super::field::{shapes_hold, sized};
 use super::grid_trainer::{GridTrainer, Part};
 use super::voxel_trainer::VoxelTrainer;
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::HashGrid;
 use field_core::encoding::multi_distance::MultiDistance;

@@ -10,7 +10,7 @@ use super::samples::{Level, Tile};
 use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
 use crate::static_scene::cones::TILE;
-use crate::system::{Appearance, Fit, System};
+use engine::system::{Appearance, Fit, System};
 use field_core::mlp::{Activation, Bias, Layer, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};

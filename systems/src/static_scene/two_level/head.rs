@@ -3,7 +3,7 @@
 
 use super::network::refuse;
 use crate::static_scene::parts::{self, Part};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;

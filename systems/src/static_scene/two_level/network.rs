@@ -2,7 +2,7 @@
 //! eighth, colour from it and the viewing direction.
 
 use crate::static_scene::parts::{self, Part};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};

@@ -2,7 +2,7 @@
 
 use super::{Footprint, Level, NetworkConfig, Tile};
 use crate::space::{InternalRay, Space};
-use crate::system::SystemError;
+use engine::system::SystemError;
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use optim::AdamConfig;

@@ -4,7 +4,7 @@ use super::network::{Ops, Output, Seen};
 use super::samples::{Level, Tile};
 use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
-use crate::system::{Appearance, Layers, Normals, Query};
+use engine::system::{Appearance, Layers, Normals, Query};
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use float_core::Simd;
 use glam::DVec3;

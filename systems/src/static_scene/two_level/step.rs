@@ -6,14 +6,14 @@ use super::head::Head;
 use super::network::Seen;
 use super::samples::{Level, Tile, add_codes, spread_codes};
 use super::{CHUNKS, Recipe, TwoLevel, TwoLevelOps, recorded};
-use crate::data::{Batch, Dataset};
+use crate::method::mean_transient;
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
 use crate::space::InternalRay;
 use crate::static_scene::cones::{TILE, Which, crossing};
 use crate::static_scene::left_out::unweighted;
 use crate::static_scene::survey::Surveys;
-use crate::system::{StepStats, SystemError};
-use crate::watch::mean_transient;
+use engine::data::{Batch, Dataset};
+use engine::system::{StepStats, SystemError};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
@@ -154,7 +154,7 @@ struct Sums {
 }
 
 impl<R: Recipe> TwoLevel<R> {
-    /// See [`crate::system::System::step`].
+    /// See [`engine::system::System::step`].
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
         let start = Instant::now();

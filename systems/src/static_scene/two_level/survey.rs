@@ -2,10 +2,10 @@
 
 use super::step::{Chunk, Inputs};
 use super::{Recipe, TwoLevel};
-use crate::data::Dataset;
 use crate::method::{Method, Pixel};
 use crate::static_scene::survey::{Shown, Surveys};
-use crate::system::SystemError;
+use engine::data::Dataset;
+use engine::system::SystemError;
 use rayon::prelude::*;
 
 /// Pixels of one task.

@@ -9,13 +9,13 @@ pub(crate) use scenes::cases as scenes;
 pub(crate) use settings::cases as settings;
 
 use crate::common::{QUERY, TINY_NGP, learns, state_is_finite};
+use engine::data::Dataset;
+use engine::options::{Background, Plan, RunOptions, parse_set};
+use engine::render::render;
+use engine::system::{Query, System, SystemError};
 use scene_io::Scene;
 use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
 use stress::{Verdict, ensure, finite};
-use systems::data::Dataset;
-use systems::options::{Background, Plan, RunOptions, parse_set};
-use systems::render::render;
-use systems::system::{Query, System, SystemError};
 
 /// Settings with which a step takes milliseconds.
 const SMALL: [&str; 8] = [

@@ -9,12 +9,12 @@ pub(crate) use scenes::cases as scenes;
 pub(crate) use settings::cases as settings;
 
 use crate::common::{QUERY, TINY_NERF, TINY_NGP, learns};
+use engine::data::Dataset;
+use engine::options::{Background, RunOptions, parse_set};
+use engine::render::render;
+use engine::system::{Appearance, Query, System, SystemError, TensorData};
 use scene_io::Scene;
 use stress::{Verdict, ensure, finite};
-use systems::data::Dataset;
-use systems::options::{Background, RunOptions, parse_set};
-use systems::render::render;
-use systems::system::{Appearance, Query, System, SystemError, TensorData};
 
 /// The systems that do something about photos.
 const METHODS: [&str; 9] =
