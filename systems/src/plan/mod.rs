@@ -28,7 +28,7 @@ pub use known::{CLAIMS, SYSTEMS};
 pub(crate) use near::set_near;
 pub(crate) use ngp_settings::{Shown, ngp_settings};
 pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
-pub(crate) use settings::{no_such_system, refuse_unknown, settings, split, table};
+pub(crate) use settings::{Settings, no_such_system, refuse_unknown, settings, split, table};
 
 use crate::claims::claim;
 use crate::static_scene::mip_nerf::{MipNerf, MipNerfConfig};
@@ -57,23 +57,22 @@ pub fn build(
     }
     let Ground { layout, mut lines, background, transparent, error_budget } = Ground::of(scene, data, run)?;
     lines.extend(known.line());
-    let plan = |lines, mut config: toml::Table| {
-        // A resumed run must be told again.
-        config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
-        Plan { lines, background, error_budget, config }
-    };
+    let mut settings = Settings::new(run);
+    let plan = |lines, config| Plan { lines, background, error_budget, config };
     match name {
         "ngp" => {
             let mut ground = Ground { layout, lines, background, transparent, error_budget };
-            let config = settings(&field_settings(&mut ground, data), run)?;
+            let config = settings.of(&field_settings(&mut ground, data))?;
+            let all = settings.all()?;
             let ngp = ground.ngp(data, &config, run.seed, None)?;
-            Ok((Box::new(ngp), plan(ground.lines, table(&config))))
+            Ok((Box::new(ngp), plan(ground.lines, all)))
         }
         "nerf" => {
             let mut ground = Ground { layout, lines, background, transparent, error_budget };
-            let config = settings(&ground.nerf_settings(), run)?;
+            let config = settings.of(&ground.nerf_settings())?;
+            let all = settings.all()?;
             let nerf = ground.nerf(data, &config, run.seed, None)?;
-            Ok((Box::new(nerf), plan(ground.lines, table(&config))))
+            Ok((Box::new(nerf), plan(ground.lines, all)))
         }
         "mip-nerf" => {
             let planned = MipNerfConfig {
@@ -83,11 +82,12 @@ pub fn build(
                 point_size: layout.footprint as f32,
                 ..MipNerfConfig::published(layout.kind)
             };
-            let config = settings(&planned, run)?;
+            let config = settings.of(&planned)?;
+            let all = settings.all()?;
             let place = (config.centre, config.radius, config.extent);
             let space = space(&layout, data, config.space, place, config.near)?;
             let system = MipNerf::new(config.clone(), space, background, run.seed)?;
-            Ok((Box::new(system), plan(lines, table(&config))))
+            Ok((Box::new(system), plan(lines, all)))
         }
         "mip-nerf-360" => {
             // Objects and open scenes have different settings: those of the space asked for.
@@ -97,12 +97,13 @@ pub fn build(
                 radius: layout.radius,
                 ..MipNerf360Config::published(asked.unwrap_or(layout.kind))
             };
-            let config: MipNerf360Config = settings(&planned, run)?;
+            let config: MipNerf360Config = settings.of(&planned)?;
+            let all = settings.all()?;
             config.check()?;
             let place = (config.centre, config.radius, f64::from(config.far));
             let space = space(&layout, data, config.space, place, config.near)?;
             let system = MipNerf360::new(config.clone(), space, background, run.seed)?;
-            Ok((Box::new(system), plan(lines, table(&config))))
+            Ok((Box::new(system), plan(lines, all)))
         }
         other => Err(no_such_system(other, SYSTEMS)),
     }

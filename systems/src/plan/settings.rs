@@ -1,4 +1,7 @@
-//! Settings of any system as a table, and what `--set` says over them.
+//! Settings of a system as a table, and what `--set` says over them.
+//!
+//! Each part of a system has a struct of its own with 3 to 12 settings. [`Settings`] joins those of the parts that are there: these
+//! names and no others can be set, and all of them are written to the run's `config.toml`.
 
 use super::parallax::NO_PARALLAX;
 use engine::options::RunOptions;
@@ -35,17 +38,68 @@ pub(crate) fn refuse_unknown(run: &RunOptions, known: &toml::Table) -> Result<()
 
 /// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
 pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
-    let mut all = table(planned);
+    let all = table(planned);
     refuse_unknown(run, &all)?;
+    typed(over(all, run), run)
+}
+
+/// The settings of a system, part by part.
+pub(crate) struct Settings<'a> {
+    run: &'a RunOptions,
+    /// Names and values of the parts so far.
+    all: toml::Table,
+}
+
+impl<'a> Settings<'a> {
+    /// Of no part yet.
+    pub(crate) fn new(run: &'a RunOptions) -> Self {
+        Self { run, all: toml::Table::new() }
+    }
+
+    /// The settings of a part: `planned`, and what `--set` says over them.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    ///
+    /// # Panics
+    /// Where another part has a setting of the same name.
+    pub(crate) fn of<C: Serialize + DeserializeOwned>(&mut self, planned: &C) -> Result<C, SystemError> {
+        let part = over(table(planned), self.run);
+        for (key, value) in &part {
+            let before = self.all.insert(key.clone(), value.clone());
+            assert!(before.is_none(), "two parts have a setting `{key}`");
+        }
+        typed(part, self.run)
+    }
+
+    /// All settings by name, after the last part was asked for its own.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for names of `--set` that no part has.
+    pub(crate) fn all(self) -> Result<toml::Table, SystemError> {
+        refuse_unknown(self.run, &self.all)?;
+        let mut all = self.all;
+        // A resumed run must be told again.
+        all.extend(self.run.set.get_key_value(NO_PARALLAX).map(|(key, value)| (key.clone(), value.clone())));
+        Ok(all)
+    }
+}
+
+/// The values of `--set` in the place of those that are planned.
+fn over(mut planned: toml::Table, run: &RunOptions) -> toml::Table {
     for (key, value) in &run.set {
-        let Some(slot) = all.get_mut(key) else { continue };
+        let Some(slot) = planned.get_mut(key) else { continue };
         // `1` for a float is meant well.
         *slot = match (&*slot, value) {
             (toml::Value::Float(_), toml::Value::Integer(i)) => toml::Value::Float(*i as f64),
             _ => value.clone(),
         };
     }
-    all.try_into().map_err(|e: toml::de::Error| SystemError::Config {
+    planned
+}
+
+fn typed<C: DeserializeOwned>(settings: toml::Table, run: &RunOptions) -> Result<C, SystemError> {
+    settings.try_into().map_err(|e: toml::de::Error| SystemError::Config {
         field: "set",
         value: run.set.to_string().trim().replace('\n', ", "),
         problem: e.message().into(),
@@ -69,4 +123,40 @@ pub(crate) fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOpt
 /// Every field of a configuration with its value.
 pub(crate) fn table<C: Serialize>(config: &C) -> toml::Table {
     toml::Table::try_from(config).expect("settings are plain values")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Serialize, Deserialize, PartialEq, Debug)]
+    struct One {
+        width: f32,
+    }
+
+    #[derive(Serialize, Deserialize, PartialEq, Debug)]
+    struct Two {
+        depth: u32,
+    }
+
+    fn run(set: &str) -> RunOptions {
+        RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() }
+    }
+
+    #[test]
+    fn each_part_gets_its_own_and_unknown_names_are_refused_with_those_there_are() {
+        let run = run("width = 3\naccept_no_parallax = true");
+        let mut settings = Settings::new(&run);
+        assert_eq!(settings.of(&One { width: 1.0 }).unwrap(), One { width: 3.0 });
+        assert_eq!(settings.of(&Two { depth: 2 }).unwrap(), Two { depth: 2 });
+        assert_eq!(settings.all().unwrap(), "width = 3.0\ndepth = 2\naccept_no_parallax = true".parse().unwrap());
+        let run = self::run("depth = 4");
+        let mut settings = Settings::new(&run);
+        settings.of(&One { width: 1.0 }).unwrap();
+        let error = settings.all().unwrap_err().to_string();
+        assert!(error.contains("depth") && error.contains("there are width"), "{error}");
+        let run = self::run("width = \"wide\"");
+        assert!(Settings::new(&run).of(&One { width: 1.0 }).unwrap_err().to_string().contains("wide"));
+    }
 }

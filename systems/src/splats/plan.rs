@@ -6,7 +6,7 @@ use super::sight::Sight;
 use super::splat::Splat;
 use super::start::{Start, StartOptions, scene_box};
 use crate::free_space::free_space_line;
-use crate::plan::{Ground, NO_PARALLAX, settings, table};
+use crate::plan::{Ground, Settings};
 use engine::data::Dataset;
 use engine::memory::room_for;
 use engine::options::{Plan, RunOptions};
@@ -40,7 +40,9 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         start: if scene.points.is_empty() { StartKind::Random } else { StartKind::Points },
         ..SplatConfig::published(frame.centre, frame.scale, HORIZON)
     };
-    let config: SplatConfig = settings(&planned, run)?;
+    let mut settings = Settings::new(run);
+    let config: SplatConfig = settings.of(&planned)?;
+    let all = settings.all()?;
     config.check()?;
     lines.extend(free_space.filter(|_| config.free_space));
     let frame = Frame { centre: config.centre, scale: config.radius };
@@ -68,9 +70,6 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
     if bent > 0 {
         lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
     }
-    let splat = Splat::new(config.clone(), frame, start, background, run.seed, data)?;
-    let mut config = table(&config);
-    // A resumed run must be told again.
-    config.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
-    Ok((Box::new(splat), Plan { lines, background, error_budget, config }))
+    let splat = Splat::new(config, frame, start, background, run.seed, data)?;
+    Ok((Box::new(splat), Plan { lines, background, error_budget, config: all }))
 }
