@@ -1,0 +1,110 @@
+//! A hash of everything that some short trainings end with, a line each: to compare two commits bit for bit.
+//!
+//! `cargo run -p systems --example bits [WORD]`: the trainings whose name holds the word.
+
+use engine::checkpoint::{serialise, sha256};
+use engine::data::Dataset;
+use engine::options::{RunOptions, parse_set};
+use engine::render::plain_query;
+use engine::system::{Appearance, Fit, System, SystemError};
+use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use std::sync::Arc;
+
+const STEPS: u64 = 40;
+
+type Build = fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, engine::options::Plan), SystemError>;
+
+const SMALL: &[&str] = &["occupancy=32", "batch_samples=1500", "batch_rays=256", "log2_table=12", "n_max=128"];
+
+/// Family, system, settings besides the small ones.
+const RUNS: &[(&str, &str, &[&str])] = &[
+    ("still", "ngp", &[]),
+    ("still", "ngp", &["rays_per_side=2", "huber=0.1", "distortion=0.01", "sparsity=1e-4", "train_faint=0.002"]),
+    ("still", "ngp", &["sampler=proposal", "proposal_samples=[24,16]", "final_samples=12", "distortion=0.02"]),
+    ("still", "ngp", &["background_entropy=1e-3", "point_colour=0.01", "precision=bf16", "levels_anneal=20"]),
+    ("still", "ngp", &["voxels=24", "voxels_every=10"]),
+    ("still", "ngp", &["space=contracted", "cascades=3", "sky=true", "free_space=true", "distortion=0.02"]),
+    ("photos", "nerf-w", &[]),
+    ("photos", "nerf-w", &["distortion=0.01", "sparsity=1e-4", "mixture=proportional"]),
+    ("photos", "ha-nerf", &["view_every=3"]),
+    ("photos", "robust-nerf", &["judging=batch"]),
+    ("photos", "robust-nerf", &["judge_first=10"]),
+    ("photos", "hugs", &["warmup_steps=20", "restart=anew"]),
+    ("photos", "sf-nerf", &[]),
+    ("film", "ngp", &[]),
+    ("film", "t-nerf", &[]),
+    ("film", "d-nerf", &["by_error=true", "curriculum=0"]),
+    ("film", "nerfies", &[]),
+    ("film", "hypernerf", &["ambient_from=10", "ambient_anneal=20"]),
+    ("film", "tineuvox", &["voxels=24", "voxels_every=10"]),
+    ("tissue", "endo-nerf", &["refine_every=15"]),
+];
+
+fn scene(family: &str) -> (Scene, Build) {
+    let (width, height) = (32, 24);
+    match family {
+        "still" => (
+            tabletop(&TabletopOptions { width, height, train: 8, test: 1, ..Default::default() }),
+            systems::plan::build,
+        ),
+        "photos" => {
+            (plaza(&PlazaOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::wild::build)
+        }
+        "film" => {
+            (orbit(&OrbitOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::dynamic::build)
+        }
+        _ => (tissue(&TissueOptions { width, height, frames: 8, ..Default::default() }), systems::dynamic::build),
+    }
+}
+
+fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
+    let (scene, build) = scene(family);
+    let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default())?);
+    let data = Dataset::new(&scene, store, scene.split(Split::Train).collect())?;
+    let mut all: Vec<&str> = SMALL.to_vec();
+    if family == "tissue" || family == "film" {
+        all.push("train_stop=1e-3");
+    }
+    all.extend(set);
+    let set = all.iter().map(|s| parse_set(s).expect("a setting")).collect();
+    let run = RunOptions { seed: 3, background: None, error_budget: None, set };
+    let (mut system, _) = build(name, &scene, &data, &run)?;
+    let mut loss = 0.0;
+    for step in 0..STEPS {
+        loss += system.step(&data, step)?.mse;
+    }
+    let mut bytes = serialise(&system.state());
+    let view = data.view(0);
+    let rays: Vec<_> = (0..200).filter_map(|k| view.ray(k % 20, k / 20)).collect();
+    let query = engine::system::Query { time: view.time, ..plain_query([0.2; 3], 1e-3) };
+    let layers = system.render(&rays, &query);
+    layers.rgb.iter().flatten().chain(&layers.depth).for_each(|v| bytes.extend(v.to_le_bytes()));
+    if system.appearance_code(&Appearance::Mean).is_some() {
+        let rgb = vec![[0.4, 0.5, 0.6]; rays.len()];
+        let fit = Fit {
+            rays: &rays,
+            rgb: &rgb,
+            background: [0.2; 3],
+            steps: 10,
+            lr: 0.05,
+            seed: 5,
+            halt: &engine::halt::Halt::NEVER,
+        };
+        system.fit_appearance(&fit).iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+    }
+    Ok(format!("{} mse {:.6}", &sha256(&bytes)[..16], loss / STEPS as f64))
+}
+
+fn main() {
+    let word = std::env::args().nth(1).unwrap_or_default();
+    for (family, name, set) in RUNS {
+        let line = format!("{family} {name} {}", set.join(" "));
+        if line.contains(&word) {
+            match hash(family, name, set) {
+                Ok(hash) => println!("{hash}  {line}"),
+                Err(e) => println!("error: {e}  {line}"),
+            }
+        }
+    }
+}
