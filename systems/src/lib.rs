@@ -21,4 +21,5 @@ pub mod plan;
 pub mod space;
 pub mod splats;
 pub mod static_scene;
+pub mod terms;
 pub mod wild;

@@ -269,11 +269,11 @@ impl Chunk {
                 let n = samples.len();
                 w[samples].copy_from_slice(&tile.w[..n]);
             }
-            let (first, first_pixel) = (seen.len(), pixels.start);
+            let first = seen.len();
             seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
             tile.set_bars(
                 ctx.per_pixel,
-                seen[first..].iter().zip(pixels).map(|(pixel, i)| {
+                seen[first..].iter().zip(pixels.clone()).map(|(pixel, i)| {
                     let weight = ctx.batch.weight[i];
                     let (loss, bar) = ctx.loss(i, pixel);
                     let squared: f32 = (0..3).map(|c| (pixel.rgb[c] - ctx.truth[i][c]).powi(2)).sum();
@@ -288,7 +288,7 @@ impl Chunk {
                     }
                 }),
             );
-            stats.loss += tile.backward(ctx, chunk, rays, first_pixel, out);
+            stats.loss += tile.backward(ctx, chunk, rays, pixels, out);
         });
         self.stats = stats;
         self.move_back(ctx);

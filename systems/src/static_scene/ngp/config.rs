@@ -2,6 +2,7 @@
 
 use super::occupy;
 use crate::space::SpaceKind;
+use crate::terms::TermConfig;
 use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, SystemError, at_most};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::encoding::window;
@@ -289,6 +290,13 @@ impl NgpConfig {
         .map_err(|e| bad("proposal_samples", format!("{:?}", self.proposal_samples), &e.to_string()))
     }
 
+    /// Factors of the terms over whole rays.
+    #[must_use]
+    pub fn terms(&self) -> TermConfig {
+        let Self { distortion, sparsity, background_entropy, point_colour, .. } = *self;
+        TermConfig { distortion, sparsity, background_entropy, point_colour }
+    }
+
     /// The colour loss.
     #[must_use]
     pub fn kernel(&self) -> Kernel {
@@ -377,18 +385,7 @@ impl NgpConfig {
         if !(-20.0..=10.0).contains(&self.head_bias) {
             return Err(bad("head_bias", self.head_bias, "must be in -20..=10"));
         }
-        if !(0.0..=10.0).contains(&self.sparsity) {
-            return Err(bad("sparsity", self.sparsity, "must be in 0..=10"));
-        }
-        for (field, value) in [
-            ("distortion", self.distortion),
-            ("background_entropy", self.background_entropy),
-            ("point_colour", self.point_colour),
-        ] {
-            if !(0.0..=10.0).contains(&value) {
-                return Err(bad(field, value, "must be in 0..=10"));
-            }
-        }
+        self.terms().check()?;
         if !self.density_bias.is_finite() {
             return Err(bad("density_bias", self.density_bias, "must be finite"));
         }

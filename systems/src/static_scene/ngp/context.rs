@@ -4,14 +4,13 @@ use super::cues::Cues;
 use super::field::Field;
 use super::occupy::Marcher;
 use super::proposal::Proposals;
-use super::settling::Settling;
 use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::space::Space;
+use crate::terms::RayTerm;
 use engine::data::Batch;
 use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
 use render_core::ray::Ray;
-use render_core::ray_distance::RayDistance;
 
 /// What all chunks of a step share.
 pub(super) struct StepContext<'a> {
@@ -44,13 +43,8 @@ pub(super) struct StepContext<'a> {
     pub(super) kernel: Kernel,
     /// Levels of the grid whose slopes lead what moves.
     pub(super) warp_levels: usize,
-    /// Factor of the distortion loss, and the distance it is measured in.
-    pub(super) distortion: f32,
-    pub(super) distance: RayDistance,
-    /// Factor of the prior on densities.
-    pub(super) sparsity: f32,
-    /// Factors of what draws the field to a decision.
-    pub(super) settling: Settling,
+    /// What whole rays cost, besides measured depth.
+    pub(super) terms: &'a [Box<dyn RayTerm>],
     /// Optical depth behind which nothing is looked at.
     pub(super) depth_limit: f64,
     /// Part of a ray's light that faint samples are left out with.
@@ -66,6 +60,12 @@ impl StepContext<'_> {
         // A share of the width is not enough: a pixel is asked for, not a place.
         let [x, y] = self.batch.pixel[i];
         cues.at(self.batch.view[i], [x, y])
+    }
+
+    /// Everything that whole rays cost.
+    pub(super) fn terms(&self) -> impl Iterator<Item = &dyn RayTerm> {
+        let depth = self.cues.filter(|cues| cues.holds()).map(|cues| cues as &dyn RayTerm);
+        self.terms.iter().map(|term| &**term).chain(depth)
     }
 
     /// Factor of the elastic loss.

@@ -4,6 +4,7 @@
 use super::Ngp;
 use super::field::sized;
 use crate::space::Space;
+use crate::terms::{RayBars, RayTerm, TileRays};
 use engine::data::Dataset;
 use engine::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::kernel::Kernel;
@@ -218,6 +219,21 @@ impl Cues {
             self.t = self.t.iter().enumerate().map(read).collect::<Result<_, _>>()?;
         }
         Ok(())
+    }
+}
+
+impl RayTerm for Cues {
+    fn add(&self, rays: &TileRays<'_>, bars: &mut RayBars, loss: &mut f64) {
+        let w_bar = bars.w.add();
+        for r in 0..rays.rays() {
+            let (span, pixel) = (rays.span(r), r / rays.per_pixel);
+            let (measured, weight) = (self.at(rays.view[pixel], rays.place[pixel]), rays.weight[pixel]);
+            if measured > 0.0 && weight > 0.0 {
+                let ray = (&rays.w[span.clone()], &rays.t[span.clone()], &rays.dt[span.clone()]);
+                let factor = weight * rays.per_ray();
+                *loss += f64::from(factor * self.learn(ray, measured, factor * rays.share, &mut w_bar[span]));
+            }
+        }
     }
 }
 

@@ -40,7 +40,6 @@ mod relight;
 #[cfg(test)]
 mod relight_tests;
 mod render;
-mod settling;
 mod state;
 mod step;
 mod survey;
@@ -55,6 +54,7 @@ use crate::deform::{Deform, StillWork};
 use crate::method::{Method, Pixel};
 use crate::space::{Space, SpaceKind};
 use crate::static_scene::survey::Surveys;
+use crate::terms::RayTerm;
 use account::{Seconds, Skipped};
 use chunk::Chunk;
 use cues::Cues;
@@ -97,8 +97,8 @@ pub struct Ngp {
     seed: u64,
     background: Background,
     space: Space,
-    /// What the distortion loss measures distances in.
-    distance: RayDistance,
+    /// What whole rays cost.
+    terms: Vec<Box<dyn RayTerm>>,
     field: Field,
     occupy: Occupy,
     /// Where samples are placed by proposals.
@@ -238,7 +238,7 @@ impl Ngp {
             guard: NonFiniteGuard::default(),
             rays: FIRST_RAYS.min(config.batch_rays),
             stretch: MAX_STRETCH,
-            distance: normalised_distance(&space, config.near),
+            terms: config.terms().terms(normalised_distance(&space, config.near)),
             name,
             config,
             seed,

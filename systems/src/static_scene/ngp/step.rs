@@ -4,7 +4,6 @@ use super::context::StepContext;
 use super::field::fold_gradients;
 use super::grid_trainer::Part;
 use super::proposal::Proposals;
-use super::settling::Settling;
 use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::deform::Deform;
@@ -198,10 +197,7 @@ impl Ngp {
             cues: self.cues.as_ref(),
             kernel: self.config.kernel(),
             warp_levels: self.config.warp_levels,
-            distortion: self.config.distortion,
-            distance: self.distance,
-            sparsity: self.config.sparsity,
-            settling: Settling::new(&self.config),
+            terms: &self.terms,
             depth_limit: depth_limit(self.config.train_stop),
             faint: self.faint(),
             share: plan.share,

@@ -3,11 +3,9 @@
 use super::context::StepContext;
 use super::field::{Field, sized};
 use super::head::{HeadBars, HeadTile};
-use super::settling;
 use crate::method::{Pixel, PixelBar};
+use crate::terms::{RayBars, TileRays};
 use field_core::mlp::{Mlp, Packed};
-use losses::sparsity;
-use losses::{Edges, RayIntervals, Reduction, distortion};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
@@ -91,15 +89,9 @@ pub(super) struct Tile {
     pixel_bar: Vec<f32>,
     opacity: Vec<f32>,
     trans_end: Vec<f32>,
-    /// Gradient of what reaches the background, where anything but colours looks at it.
-    end_bar: Vec<f32>,
     pub(super) scratch: Vec<f32>,
-    /// Ends of the intervals in normalised distance, and the gradient of their weights.
-    ends: [Vec<f32>; 2],
-    w_bar: Vec<f32>,
-    /// Static densities and the gradient of the prior on them.
-    sigma: Vec<f32>,
-    sigma_bar: Vec<f32>,
+    /// Gradients of the terms that read whole rays.
+    bars: RayBars,
     /// Gradient of the rays' uncertainties and mean transient densities.
     head_bars: HeadBars,
     head: HeadTile,
@@ -118,10 +110,9 @@ impl Tile {
             &self.tau,
             &self.tau_bar,
             &self.w,
-            &self.w_bar,
             &self.scratch,
         ];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.head.bytes()
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.bars.bytes() + self.head.bytes()
     }
 
     /// Render the rays `rays` of a chunk; `pixels` are their pixels in the batch.
@@ -229,144 +220,107 @@ impl Tile {
         ctx: &StepContext<'_>,
         chunk: Marched<'_>,
         rays: Range<usize>,
-        first_pixel: usize,
+        pixels: Range<usize>,
         out: &mut Gradients<'_>,
     ) -> f64 {
-        let (field, k) = (ctx.field, ctx.per_pixel);
         let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
         let (n, count) = (samples.len(), rays.len());
         if n == 0 {
             return 0.0;
         }
-        let per_ray = 1.0 / k as f32;
         let mut loss = 0.0;
+        let seen = TileRays {
+            offsets: &self.offsets,
+            t: &chunk.t[samples.clone()],
+            dt: &chunk.dt[samples.clone()],
+            lead: ctx.lead,
+            tau: &self.tau[..n],
+            w: &self.w[..n],
+            rgb: &self.rgb[..3 * n],
+            trans_end: &self.trans_end[..count],
+            per_pixel: ctx.per_pixel,
+            weight: &ctx.batch.weight[pixels.clone()],
+            truth: &ctx.truth[pixels.clone()],
+            view: &ctx.batch.view[pixels.clone()],
+            place: &ctx.batch.pixel[pixels],
+            share: ctx.share,
+        };
+        self.bars.begin(count, n);
+        ctx.terms().for_each(|term| term.add(&seen, &mut self.bars, &mut loss));
+        self.composite_backward(ctx, rays.clone(), n, out);
+        if let Some(bar) = self.bars.rgb.get() {
+            self.rgb_bar.iter_mut().zip(bar).for_each(|(sum, bar)| *sum += bar);
+        }
+        if let Some(bar) = self.bars.sigma.get() {
+            let dt = &chunk.dt[samples.clone()];
+            for (tau_bar, (bar, dt)) in self.tau_bar.iter_mut().zip(bar.iter().zip(dt)) {
+                *tau_bar += if *dt > 0.0 { bar / dt } else { 0.0 };
+            }
+        }
+        self.networks_backward(ctx, chunk, rays, samples, out);
+        loss
+    }
+
+    /// From pixels and the terms' gradients of weights and ends to optical depths and colours of the samples.
+    fn composite_backward(&mut self, ctx: &StepContext<'_>, rays: Range<usize>, n: usize, out: &mut Gradients<'_>) {
+        let (field, count) = (ctx.field, rays.len());
         let tau = &self.tau[..n];
-        let (w, trans_end) = (&self.w[..n], &self.trans_end[..count]);
         let background = &self.background[..3 * count];
-
-        // Weight that is spread along the ray costs.
-        let w_bar = if ctx.distortion > 0.0 {
-            let [start, end] = self.ends.each_mut().map(|buffer| sized(buffer, n));
-            for i in 0..n {
-                let dt = chunk.dt[samples.start + i];
-                let at = chunk.t[samples.start + i] - ctx.lead * dt;
-                (start[i], end[i]) = (ctx.distance.s_of(at.into()) as f32, ctx.distance.s_of((at + dt).into()) as f32);
-            }
-            let intervals = RayIntervals { offsets: &self.offsets, edges: Edges::Apart { start, end } };
-            let w_bar = sized(&mut self.w_bar, n);
-            w_bar.fill(0.0);
-            let factor = f64::from(ctx.distortion * per_ray);
-            let fits = "offsets and samples are those of the tile";
-            loss = factor * distortion::distortion(intervals, w, Reduction::Sum).expect(fits);
-            let factor = factor * f64::from(ctx.share);
-            distortion::distortion_backward(intervals, w, Reduction::Sum, factor, w_bar).expect(fits);
-            Some(&*w_bar)
-        } else {
-            None
-        };
-        let w_bar = match ctx.cues.filter(|cues| cues.holds()) {
-            None => w_bar,
-            Some(cues) => {
-                let begun = w_bar.is_some();
-                let w_bar = sized(&mut self.w_bar, n);
-                if !begun {
-                    w_bar.fill(0.0);
-                }
-                let (t, dt) = (&chunk.t[samples.clone()], &chunk.dt[samples.clone()]);
-                for r in 0..count {
-                    let pixel = first_pixel + r / k;
-                    let (measured, weight) = (ctx.measured(pixel), ctx.batch.weight[pixel]);
-                    let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
-                    if measured > 0.0 && weight > 0.0 {
-                        let ray = (&w[span.clone()], &t[span.clone()], &dt[span.clone()]);
-                        let factor = weight * per_ray;
-                        loss += f64::from(factor * cues.learn(ray, measured, factor * ctx.share, &mut w_bar[span]));
-                    }
-                }
-                Some(&*w_bar)
-            }
-        };
-
-        let weight = |r: usize| ctx.batch.weight[first_pixel + r / k];
-        let end_bar = if ctx.settling.entropy > 0.0 {
-            let end_bar = sized(&mut self.end_bar, count);
-            loss += settling::ends(trans_end, weight, ctx.settling.entropy * per_ray, ctx.share, end_bar);
-            Some(&*end_bar)
-        } else {
-            None
-        };
-
         let tau_bar = sized(&mut self.tau_bar, n);
         let rgb_bar = sized(&mut self.rgb_bar, 3 * n);
-        let quadrature = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
-        let values = Values { data: &self.rgb[..3 * n], stride: n, channels: 3 };
+        let (w_bar, end_bar) = (self.bars.w.get(), self.bars.trans_end.get());
         let plain = |pixel_bar: &[f32], tau_bar: &mut [f32], rgb_bar: &mut [f32]| {
             composite_backward(
                 field.simd,
-                quadrature,
-                values,
+                Samples { offsets: &self.offsets, tau, last: LastInterval::Finite },
+                Values { data: &self.rgb[..3 * n], stride: n, channels: 3 },
                 background,
-                Weights { w, trans_end },
+                Weights { w: &self.w[..n], trans_end: &self.trans_end[..count] },
                 CompositeBar { colour: pixel_bar, w: w_bar, trans_end: end_bar },
                 CompositeGrads { tau: tau_bar, values: rgb_bar, background: None },
             );
         };
-        let inputs = field.colour.inputs();
         let geometry = field.density.outputs();
-        let input_bar = sized(&mut self.input_bar, inputs * n);
+        let input_bar = sized(&mut self.input_bar, field.colour.inputs() * n);
         input_bar.fill(0.0);
-        match &field.head {
-            None => plain(&self.pixel_bar, tau_bar, rgb_bar),
-            Some(head) => {
-                // The static part alone is spread along the ray, as it alone is rendered elsewhere.
-                if w_bar.is_some() || end_bar.is_some() {
-                    let nothing = sized(&mut self.pixel, 3 * count);
-                    nothing.fill(0.0);
-                    plain(nothing, tau_bar, rgb_bar);
-                } else {
-                    tau_bar.fill(0.0);
-                }
-                let colour = (&self.pixel_bar[..], &self.head_bars);
-                let forward = (tau, &self.rgb[..3 * n], background);
-                let bars = (&mut *tau_bar, &mut *rgb_bar, &mut input_bar[..geometry * n]);
-                self.head.backward(head, ctx, rays.clone(), &self.offsets, forward, colour, bars, out);
-                // Nothing static is where the veil is.
-                for r in 0..count {
-                    if self.offsets[r] < self.offsets[r + 1] {
-                        tau_bar[self.offsets[r] as usize] = 0.0;
-                    }
-                }
+        let Some(head) = &field.head else { return plain(&self.pixel_bar, tau_bar, rgb_bar) };
+        // The static part alone is spread along the ray, as it alone is rendered elsewhere.
+        if w_bar.is_some() || end_bar.is_some() {
+            let nothing = sized(&mut self.pixel, 3 * count);
+            nothing.fill(0.0);
+            plain(nothing, tau_bar, rgb_bar);
+        } else {
+            tau_bar.fill(0.0);
+        }
+        let colour = (&self.pixel_bar[..], &self.head_bars);
+        let forward = (tau, &self.rgb[..3 * n], background);
+        let bars = (&mut *tau_bar, &mut *rgb_bar, &mut input_bar[..geometry * n]);
+        self.head.backward(head, ctx, rays, &self.offsets, forward, colour, bars, out);
+        // Nothing static is where the veil is.
+        for r in 0..count {
+            if self.offsets[r] < self.offsets[r + 1] {
+                tau_bar[self.offsets[r] as usize] = 0.0;
             }
         }
-        if ctx.settling.point_colour > 0.0 {
-            let truth = |r: usize| ctx.truth[first_pixel + r / k];
-            let factor = ctx.settling.point_colour * per_ray;
-            let rays = (&self.offsets[..], w, &self.rgb[..3 * n]);
-            loss += settling::colours(rays, (weight, truth), factor, ctx.share, rgb_bar);
-        }
-        if ctx.sparsity > 0.0 {
-            let factor = f64::from(ctx.sparsity * per_ray);
-            let dt = &chunk.dt[samples.clone()];
-            let (sigma, sigma_bar) = (sized(&mut self.sigma, n), sized(&mut self.sigma_bar, n));
-            for (sigma, (tau, dt)) in sigma.iter_mut().zip(tau.iter().zip(dt)) {
-                *sigma = if *dt > 0.0 { tau / dt } else { 0.0 };
-            }
-            sigma_bar.fill(0.0);
-            for r in 0..count {
-                let span = self.offsets[r] as usize..self.offsets[r + 1] as usize;
-                loss += factor * sparsity::density(&sigma[span.clone()]);
-                let bar = factor * f64::from(ctx.share);
-                sparsity::density_backward(&sigma[span.clone()], bar, &mut sigma_bar[span]).expect("as many");
-            }
-            for (tau_bar, (sigma_bar, dt)) in tau_bar.iter_mut().zip(sigma_bar.iter().zip(dt)) {
-                *tau_bar += if *dt > 0.0 { sigma_bar / dt } else { 0.0 };
-            }
-        }
+    }
+
+    /// From optical depths and colours of the samples through both networks.
+    fn networks_backward(
+        &mut self,
+        ctx: &StepContext<'_>,
+        chunk: Marched<'_>,
+        rays: Range<usize>,
+        samples: Range<usize>,
+        out: &mut Gradients<'_>,
+    ) {
+        let (field, n, count) = (ctx.field, samples.len(), rays.len());
+        let inputs = field.colour.inputs();
+        let input_bar = &mut self.input_bar[..inputs * n];
         let scratch_len = field.colour.backward_scratch_len().max(field.density.backward_scratch_len());
         let scratch = sized(&mut self.scratch, scratch_len);
-        let colour_acts = &self.colour_acts;
+        let (packed, acts) = (&field.colour_packed, &self.colour_acts);
         let x_bar = (&mut *input_bar, n);
-        backward(&field.colour, field, &field.colour_packed, colour_acts, rgb_bar, n, x_bar, out.colour, scratch);
+        backward(&field.colour, field, packed, acts, &self.rgb_bar[..3 * n], n, x_bar, out.colour, scratch);
         // What the colour network sees of a ray is the same at all its samples.
         if let Some(codes) = ctx.appearance {
             let first = inputs - codes.dims;
@@ -379,14 +333,13 @@ impl Tile {
                 }
             }
         }
-        for i in 0..n {
+        for (bar, (tau_bar, tau)) in input_bar.iter_mut().zip(self.tau_bar.iter().zip(&self.tau[..n])) {
             // d tau / d raw = tau, as the density is an exponential.
-            input_bar[i] += tau_bar[i] * tau[i];
+            *bar += tau_bar * tau;
         }
         let features_bar = &mut out.features[samples.start..];
         let (packed, acts) = (&field.density_packed, &self.density_acts);
         backward(&field.density, field, packed, acts, input_bar, n, (features_bar, chunk.n), out.density, scratch);
-        loss
     }
 }
 
