@@ -9,11 +9,13 @@
 //! * [`splats`]: systems of Gaussian splats. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
 
 pub mod bake;
+pub(crate) mod buffers;
 pub mod claims;
 pub mod deform;
 pub mod dynamic;
 #[cfg(test)]
 mod engine_tests;
+pub mod fields;
 pub(crate) mod free_space;
 pub mod layout;
 pub mod method;

@@ -76,7 +76,7 @@ pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<d
     let mut ngp = Ngp::with_method(config, space, Background::White, seed, method).unwrap();
     ngp.stretch = 1.0;
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
-    for (i, x) in ngp.field.grid_params.iter_mut().enumerate() {
+    for (i, x) in ngp.field.features.parameters_mut().iter_mut().enumerate() {
         *x = 4.0 * (uniform(1, i) - 0.5);
     }
     for (i, x) in ngp.field.density_params.iter_mut().enumerate() {
@@ -87,7 +87,7 @@ pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<d
     }
     ngp.field.pack();
     for proposal in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields) {
-        for (i, x) in proposal.grid_params.iter_mut().enumerate() {
+        for (i, x) in proposal.features.parameters_mut().iter_mut().enumerate() {
             *x = 4.0 * (uniform(5, i) - 0.5);
         }
         for (i, x) in proposal.mlp_params.iter_mut().enumerate() {
@@ -145,8 +145,8 @@ fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32;
         }
         let mut x = [0.0; 3];
         ngp.space.grid_positions(field.simd, &p, &mut x);
-        let mut features = vec![0.0; field.grid.out_rows()];
-        field.encode(&x, &mut features, &mut Vec::new());
+        let mut features = vec![0.0; field.features.rows()];
+        field.features.encode(&x, &mut features, &mut Vec::new());
         let mut input = vec![0.0; field.colour.inputs()];
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, 1, 1, &mut input, 1, &mut scratch);

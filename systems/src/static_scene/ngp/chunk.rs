@@ -4,14 +4,14 @@
 //! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
 use super::context::StepContext;
-use super::field::{Field, sized};
-use super::grid_trainer::Part;
+use super::field::Field;
 use super::head::{PLACE_ROWS, place_features};
 use super::look::{Kept, Look};
 use super::proposed::{Draw, Proposed};
-use super::table::Table;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
+use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
+use crate::fields::{Detail, Features, Part};
 use crate::method::{Codes, Pixel, PixelBar};
 use crate::space::InternalRay;
 use engine::data::Batch;
@@ -140,13 +140,10 @@ impl Chunk {
         }
     }
 
-    /// What it brings to the gradient of a table.
-    pub(super) fn part(&self, table: &Table) -> Part<'_> {
-        let features_bar = match table {
-            Table::Hash(..) => &self.features_bar,
-            Table::Voxels(..) => &self.raw_bar,
-        };
-        Part { n: self.n, x: &self.x, features_bar }
+    /// What it brings to the gradient of the features.
+    pub(super) fn part(&self, features: &dyn Features) -> Part<'_> {
+        let raw_bar = if features.pulls_in_place() { &self.features_bar } else { &self.raw_bar };
+        Part { n: self.n, x: &self.x, raw_bar }
     }
 
     /// Bytes held.
@@ -313,7 +310,7 @@ impl Chunk {
         x_bar.fill(0.0);
         if deform.warps() {
             let x = &self.x[..3 * n];
-            field.grid.pull_positions(field.simd, (&field.grid_params, x), raw_bar, ctx.warp_levels, x_bar);
+            field.features.pull_positions(x, raw_bar, Detail::Coarse, x_bar);
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);

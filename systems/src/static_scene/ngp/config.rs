@@ -1,11 +1,10 @@
 //! Settings of the system, each with what it does; all of them can be given as `--set name=value`.
 
 use super::occupy;
+use crate::fields::{HashGridSettings, VoxelSettings};
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
 use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, SystemError, at_most};
-use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
-use field_core::encoding::window;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Precision};
 use losses::kernel::Kernel;
 use render_core::quadrature::two::Mixture;
@@ -182,9 +181,6 @@ impl From<MixtureKind> for Mixture {
     }
 }
 
-/// How often the number of voxels doubles.
-const DOUBLINGS: u64 = 3;
-
 /// Rounds of proposals at most, and intervals of a ray in each.
 const MAX_PROPOSALS: usize = 3;
 const MAX_INTERVALS: usize = 1024;
@@ -195,23 +191,16 @@ pub(super) fn bad(field: &'static str, value: impl ToString, problem: &str) -> S
 
 impl NgpConfig {
     /// The hash grid.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] for sizes the grid refuses.
-    pub fn grid(&self) -> Result<HashGrid, SystemError> {
-        if self.n_max < self.n_min {
-            return Err(bad("n_max", self.n_max, "must be at least `n_min`"));
-        }
-        HashGrid::new(HashGridConfig {
-            levels: self.levels,
-            features: self.features,
-            log2_table: self.log2_table,
-            n_min: self.n_min,
-            growth: Growth::UpTo(self.n_max),
-            rule: Rule::Ngp,
-            interpolation: Interpolation::Linear,
-        })
-        .map_err(|e| bad("levels, features, log2_table, n_min, n_max", "", &e.to_string()))
+    #[must_use]
+    pub fn hash_grid(&self) -> HashGridSettings {
+        let Self { levels, features, log2_table, n_min, n_max, levels_anneal, levels_first, warp_levels, .. } = *self;
+        HashGridSettings { levels, features, log2_table, n_min, n_max, levels_anneal, levels_first, warp_levels }
+    }
+
+    /// The voxels.
+    #[must_use]
+    pub fn voxel_grid(&self) -> VoxelSettings {
+        VoxelSettings { voxels: self.voxels, voxels_every: self.voxels_every, features: self.features }
     }
 
     /// The density network of so many inputs.
@@ -257,20 +246,18 @@ impl NgpConfig {
     }
 
     /// The hash grid of proposal `round`: small, and finer from round to round.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] for a table the grid refuses.
-    pub fn proposal_grid(&self, round: usize) -> Result<HashGrid, SystemError> {
-        HashGrid::new(HashGridConfig {
+    #[must_use]
+    pub fn proposal_grid(&self, round: usize) -> HashGridSettings {
+        HashGridSettings {
             levels: 5,
             features: 2,
             log2_table: self.log2_table.min(17),
             n_min: 16,
-            growth: Growth::UpTo(128 << round.min(MAX_PROPOSALS)),
-            rule: Rule::Ngp,
-            interpolation: Interpolation::Linear,
-        })
-        .map_err(|e| bad("log2_table", self.log2_table, &e.to_string()))
+            n_max: 128 << round.min(MAX_PROPOSALS),
+            levels_anneal: 0,
+            levels_first: 0,
+            warp_levels: 0,
+        }
     }
 
     /// The network of each proposal.
@@ -301,22 +288,6 @@ impl NgpConfig {
     #[must_use]
     pub fn kernel(&self) -> Kernel {
         if self.huber > 0.0 { Kernel::Huber { delta: self.huber } } else { Kernel::Squared }
-    }
-
-    /// Voxels along an axis after so many steps.
-    pub(super) fn voxels_after(&self, steps: u64) -> usize {
-        let left = DOUBLINGS.saturating_sub(steps.checked_div(self.voxels_every).unwrap_or(DOUBLINGS));
-        let share = 2.0_f64.powf(-(left as f64) / 3.0);
-        ((self.voxels as f64 * share).round() as usize).max(2)
-    }
-
-    /// Weights of the grid's levels after so many steps: 0 for those that are not there yet.
-    pub(super) fn level_weights(&self, steps: u64, out: &mut [f32]) {
-        let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
-        let first = self.levels_first.min(out.len());
-        let (there, later) = out.split_at_mut(first);
-        there.fill(1.0);
-        window::nerfies(done * later.len() as f64, later);
     }
 
     /// Learning rate of a step.
@@ -401,9 +372,6 @@ impl NgpConfig {
         }
         if !counts.contains(&self.final_samples) {
             return Err(bad("final_samples", self.final_samples, &format!("must be in 2..={MAX_INTERVALS}")));
-        }
-        if self.voxels != 0 && !(8..=512).contains(&self.voxels) {
-            return Err(bad("voxels", self.voxels, "must be 0 or in 8..=512"));
         }
         if !(8..=512).contains(&self.occupancy) {
             return Err(bad("occupancy", self.occupancy, "must be in 8..=512"));

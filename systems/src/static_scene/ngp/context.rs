@@ -41,8 +41,6 @@ pub(super) struct StepContext<'a> {
     /// Measured depth.
     pub(super) cues: Option<&'a Cues>,
     pub(super) kernel: Kernel,
-    /// Levels of the grid whose slopes lead what moves.
-    pub(super) warp_levels: usize,
     /// What whole rays cost, besides measured depth.
     pub(super) terms: &'a [Box<dyn RayTerm>],
     /// Optical depth behind which nothing is looked at.

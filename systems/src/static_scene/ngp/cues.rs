@@ -2,7 +2,7 @@
 //! the field disagrees most it is the measurement that gives way.
 
 use super::Ngp;
-use super::field::sized;
+use crate::buffers::sized;
 use crate::space::Space;
 use crate::terms::{RayBars, RayTerm, TileRays};
 use engine::data::Dataset;

@@ -2,15 +2,12 @@
 
 use super::NgpConfig;
 use super::head::Head;
-use super::table::Table;
+use crate::buffers::{shapes_hold, sized};
 use crate::deform::{Deform, DeformScratch, Moments, Points};
+use crate::fields::{Features, HashGridFeatures, VoxelFeatures, xavier};
 use crate::space::InternalRay;
-use engine::memory::room_for;
 use engine::system::SystemError;
-use field_core::FieldError;
-use field_core::encoding::hash_grid::HashGrid;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
-use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -21,11 +18,11 @@ const INIT: u64 = 0x696e_6974;
 /// Parameters and shapes of the field. Positions are in the grid's `[0, 1]^3`.
 pub(super) struct Field {
     pub(super) simd: Simd,
-    pub(super) grid: Table,
+    /// What is learnt about places.
+    pub(super) features: Box<dyn Features>,
     pub(super) density: Mlp,
     pub(super) colour: Mlp,
     pub(super) harmonics: SphericalHarmonics,
-    pub(super) grid_params: Vec<f32>,
     pub(super) density_params: Vec<f32>,
     pub(super) colour_params: Vec<f32>,
     /// The networks' parameters as the kernels read them: renewed after each step.
@@ -82,56 +79,6 @@ impl DensityScratch {
     }
 }
 
-/// A buffer that cannot be refused its length: the callers cut it to size.
-pub(super) fn shapes_hold(result: Result<(), FieldError>) {
-    result.expect("buffers are cut to the shapes of the field");
-}
-
-/// The first `n` numbers of a buffer that grows when it must and keeps its memory.
-pub(super) fn sized(buffer: &mut Vec<f32>, n: usize) -> &mut [f32] {
-    if buffer.len() < n {
-        buffer.resize(n, 0.0);
-    }
-    &mut buffer[..n]
-}
-
-/// Xavier weights of a network, no biases.
-pub(super) fn xavier(mlp: &Mlp, rng: Rng) -> Vec<f32> {
-    let mut params = vec![0.0; mlp.param_count()];
-    for (i, l) in mlp.layers().iter().enumerate() {
-        let weights = &mut params[l.weights.clone()];
-        Init::XavierUniform.fill(rng.substream(i as u64), l.inputs, l.outputs, weights);
-    }
-    params
-}
-
-/// Features of all levels: `x` `[3][n]`, `out` `[levels * features][n]`. Level by level, so that one level's table is in the
-/// cache at a time.
-pub(super) fn encode(grid: &HashGrid, simd: Simd, params: &[f32], x: &[f32], out: &mut [f32]) {
-    let rows = grid.config().features * (x.len() / 3);
-    for (level, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
-        shapes_hold(grid.encode_level(simd, params, level, x, out));
-    }
-}
-
-/// The sum of the chunks' packed gradients of a network, in order: `out`, written.
-pub(super) fn fold_gradients<'g>(
-    mlp: &Mlp,
-    grads: impl Iterator<Item = &'g [f32]>,
-    packed: &mut Vec<f32>,
-    out: &mut [f32],
-) {
-    packed.clear();
-    packed.resize(mlp.packed_grad_len(), 0.0);
-    for grad in grads {
-        for (sum, g) in packed.iter_mut().zip(grad) {
-            *sum += g;
-        }
-    }
-    out.fill(0.0);
-    mlp.unpack_grad(packed, out);
-}
-
 impl Field {
     /// `codes` are the lengths of the appearance and of the transient codes.
     pub(super) fn new(
@@ -141,16 +88,13 @@ impl Field {
         seed: u64,
     ) -> Result<Self, SystemError> {
         let seen = deform.as_ref().map_or(0, Deform::seen_rows);
-        let grid = Table::new(config, 0)?;
-        let density = config.density_mlp(grid.out_rows() + seen)?;
-        let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let rng = Rng::new(seed, INIT);
-        let (setting, value) = grid.size_setting(config);
-        room_for(setting, value, grid.params_len())?;
-        let mut grid_params = vec![0.0; grid.params_len()];
-        if let Table::Hash(..) = grid {
-            Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
-        }
+        let features: Box<dyn Features> = match config.voxels {
+            0 => Box::new(HashGridFeatures::new(config.hash_grid(), rng.substream(0))?),
+            _ => Box::new(VoxelFeatures::new(config.voxel_grid())?),
+        };
+        let density = config.density_mlp(features.rows() + seen)?;
+        let colour = config.colour_mlp(codes[0].unwrap_or(0))?;
         let density_params = xavier(&density, rng.substream(1));
         let colour_params = xavier(&colour, rng.substream(2));
         let head = codes[1].map(|dims| {
@@ -162,12 +106,11 @@ impl Field {
             head: head.transpose()?,
             deform,
             simd: Simd::best(),
-            grid,
+            features,
             density,
             colour,
             harmonics: SphericalHarmonics::new(config.sh_degree, Directions::Unit)
                 .map_err(|e| super::config::bad("sh_degree", config.sh_degree, &e.to_string()))?,
-            grid_params,
             density_params,
             colour_params,
             density_packed: Packed::default(),
@@ -187,11 +130,6 @@ impl Field {
         }
     }
 
-    /// Features: `x` `[3][n]`, `out` `[table rows][n]`.
-    pub(super) fn encode(&self, x: &[f32], out: &mut [f32], raw: &mut Vec<f32>) {
-        self.grid.encode(self.simd, (&self.grid_params, x), out, raw);
-    }
-
     /// Bring gradients of what the density network sees, `bars` `[rows][n]` of `features`, to the table and to positions: those
     /// of the interpolated features, those of what a deformation adds.
     pub(super) fn pull<'b>(
@@ -201,8 +139,8 @@ impl Field {
         bars: &'b mut [f32],
         raw: &'b mut Vec<f32>,
     ) -> (&'b [f32], &'b [f32]) {
-        let (bars, seen) = bars.split_at_mut(self.grid.out_rows() * n);
-        (self.grid.pull(self.simd, features, n, bars, raw), seen)
+        let (bars, seen) = bars.split_at_mut(self.features.rows() * n);
+        (self.features.pull(features, n, bars, raw), seen)
     }
 
     /// What the colour network sees of rays: `[sh + more][rays]`, the basis of the view directions and room for `more` rows,
@@ -241,22 +179,22 @@ impl Field {
     }
 
     /// What the density network sees of points, `out` `[rows][n]`. Their positions `x` `[3][n]` become canonical ones.
-    pub(super) fn features(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], placing: &mut Placing) {
-        let (features, seen) = out.split_at_mut(self.grid.out_rows() * (x.len() / 3));
+    pub(super) fn seen(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], placing: &mut Placing) {
+        let (features, seen) = out.split_at_mut(self.features.rows() * (x.len() / 3));
         if let Some(deform) = &self.deform {
             let was = sized(&mut placing.x, x.len());
             was.copy_from_slice(x);
             let points = Points { x: was, which: when.which, moments: when.moments };
             deform.place(points, x, seen, &mut placing.deform);
         }
-        self.encode(x, features, &mut placing.raw);
+        self.features.encode(x, features, &mut placing.raw);
     }
 
     /// Densities, per internal unit, at `x` `[3][n]`, which become canonical.
     pub(super) fn densities(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], scratch: &mut DensityScratch) {
         let n = out.len();
         let features = sized(&mut scratch.features, self.rows() * n);
-        self.features(x, when, features, &mut scratch.placing);
+        self.seen(x, when, features, &mut scratch.placing);
         let raw = sized(&mut scratch.raw, self.density.outputs() * n);
         let mlp = sized(&mut scratch.mlp, self.density.infer_scratch_len());
         self.density.infer(self.simd, &self.density_packed, features, n, n, raw, n, mlp);
@@ -273,6 +211,6 @@ impl Field {
 
     /// Bytes of the parameters and their packed copies.
     pub(super) fn bytes(&self) -> usize {
-        4 * (self.grid_params.len() + 3 * (self.density_params.len() + self.colour_params.len()))
+        4 * (self.features.parameters().len() + 3 * (self.density_params.len() + self.colour_params.len()))
     }
 }

@@ -6,8 +6,8 @@
 use super::Ngp;
 use super::chunk::Chunk;
 use super::context::StepContext;
-use super::field::sized;
 use super::step::Plan;
+use crate::buffers::sized;
 use crate::method::Codes;
 use engine::data::Batch;
 use engine::system::{Appearance, Fit, System};

@@ -4,15 +4,16 @@
 //! Every ray has one sample more, where it enters the scene: the **veil**. Nothing static is there, and the occupancy grid
 //! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
 
+use super::config;
 use super::context::StepContext;
-use super::field::{sized, xavier};
 use super::tile::{Gradients, Marched, backward};
-use super::{ADAM, config};
+use crate::buffers::sized;
+use crate::fields::xavier;
 use crate::method::Pixel;
 use engine::system::SystemError;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use optim::Adam;
+use optim::{Adam, AdamConfig};
 use render_core::quadrature::Values;
 use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
@@ -80,7 +81,7 @@ impl Head {
         })
         .map_err(|e| config::bad("transient_dims", dims, &e.to_string()))?;
         let params = xavier(&mlp, rng);
-        let adam = Adam::new(params.len(), ADAM);
+        let adam = Adam::new(params.len(), AdamConfig::NGP);
         let mut head = Self {
             mlp,
             params,

@@ -8,8 +8,9 @@
 
 use super::context::StepContext;
 use super::cues::CutRoom;
-use super::field::{Placing, When, sized};
+use super::field::{Placing, When};
 use super::proposed::Proposed;
+use crate::buffers::sized;
 use crate::space::InternalRay;
 use std::ops::Range;
 
@@ -235,7 +236,7 @@ impl Look {
         }
         let features = sized(&mut round.features, field.rows() * n);
         let when = When { moments: field.moments(), which: &round.which };
-        field.features(x, when, features, &mut self.placing);
+        field.seen(x, when, features, &mut self.placing);
         let raw = sized(&mut self.raw, field.density.outputs() * n);
         let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());
         field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);

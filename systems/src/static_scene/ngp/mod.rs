@@ -25,7 +25,6 @@ mod context;
 mod cues;
 mod field;
 mod fit;
-mod grid_trainer;
 mod head;
 mod look;
 #[cfg(test)]
@@ -43,9 +42,7 @@ mod render;
 mod state;
 mod step;
 mod survey;
-mod table;
 mod tile;
-mod voxel_trainer;
 
 pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
 pub use cues::CueConfig;
@@ -71,7 +68,6 @@ use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, Warp};
-use table::{Table, TableTrainer};
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
@@ -83,12 +79,6 @@ const STRETCH_RATE: f32 = 1.05;
 
 /// Rays of the first batch, before anybody knows how many samples a ray has.
 const FIRST_RAYS: usize = 256;
-
-/// Bytes of a parameter of a voxel grid: itself, a gradient for each of three distances, two moments; a checkpoint's copy.
-const TABLE_BYTES: usize = 4 * (1 + 3 + 2 + 3);
-
-/// Adam of the paper: sparse gradients need a small epsilon.
-const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, eps: 1e-15, decay: Decay::None };
 
 /// The system.
 pub struct Ngp {
@@ -105,7 +95,6 @@ pub struct Ngp {
     proposals: Option<Proposals>,
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
-    grid: TableTrainer,
     /// Where the photos are explained badly still, where that is asked for.
     errors: Option<ErrorMap>,
     /// Which pixels are drawn, where masks say so.
@@ -213,7 +202,7 @@ impl Ngp {
         let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
         let field = Field::new(&config, codes.map(|codes| codes.map(|codes| codes.dims)), deform, seed)?;
         let occupy = Occupy::new(&config)?;
-        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
+        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..AdamConfig::NGP };
         let work = Work {
             inputs: Inputs::default(),
             chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
@@ -229,7 +218,6 @@ impl Ngp {
         };
         Ok(Self {
             proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
-            grid: TableTrainer::new(&field.grid),
             errors: None,
             guide: None,
             cues: None,
@@ -382,7 +370,13 @@ impl System for Ngp {
         let head = f.head.as_ref().map_or(0, |head| head.params.len());
         let deform = f.deform.as_ref().map_or(0, Deform::parameter_count);
         let method = self.method.as_ref().map_or(0, |method| method.parameter_count());
-        f.grid_params.len() + f.density_params.len() + f.colour_params.len() + proposals + head + deform + method
+        f.features.parameters().len()
+            + f.density_params.len()
+            + f.colour_params.len()
+            + proposals
+            + head
+            + deform
+            + method
     }
 
     fn memory_bytes(&self) -> usize {
@@ -398,13 +392,7 @@ impl System for Ngp {
     }
 
     fn growth_bytes(&self) -> usize {
-        if self.config.voxels == 0 {
-            return 0;
-        }
-        // Voxels double in number; the last of them are made while those before are there, and the pages of these come back late.
-        let Ok(last) = Table::new(&self.config, u64::MAX) else { return 0 };
-        let (now, last) = (self.field.grid_params.len(), last.params_len());
-        TABLE_BYTES * last.saturating_sub(now) + 8 * last
+        self.field.features.growth_bytes()
     }
 
     fn skips(&self) -> Vec<SkipRow> {

@@ -112,20 +112,20 @@ fn finer_voxels_show_the_same_scene() {
     let before = shown(&ngp, &data, 0.5);
     let learnt = distance(&nothing_yet, &before);
     for doublings in 1..=3 {
-        let params = ngp.field.grid_params.len();
+        let params = ngp.field.features.parameters().len();
         ngp.guard = NonFiniteGuard::default().resumed(doublings * 1000, 0, 0);
-        ngp.refine();
-        let more = ngp.field.grid_params.len() as f64 / params as f64;
+        ngp.field.features.refine(ngp.guard.steps());
+        let more = ngp.field.features.parameters().len() as f64 / params as f64;
         assert!((1.5..2.6).contains(&more), "doubling {doublings}: {more} times as many");
         let off = distance(&before, &shown(&ngp, &data, 0.5));
         println!("doubling {doublings}: {off:.4} of {learnt:.4}");
         // The wider distances shrink with the voxels: the picture is not the same, but it is not forgotten.
         assert!(doublings > 1 || off < 0.75 * learnt, "the picture changes by {off}, and {learnt} was learnt");
     }
-    let params = ngp.field.grid_params.len();
+    let params = ngp.field.features.parameters().len();
     ngp.guard = NonFiniteGuard::default().resumed(9000, 0, 0);
-    ngp.refine();
-    assert_eq!(ngp.field.grid_params.len(), params, "three times and no more");
+    ngp.field.features.refine(ngp.guard.steps());
+    assert_eq!(ngp.field.features.parameters().len(), params, "three times and no more");
     // It learns on.
     for step in 60..64 {
         assert!(ngp.step(&data, step).unwrap().nonfinite == 0);

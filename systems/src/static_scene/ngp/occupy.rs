@@ -1,7 +1,8 @@
 //! The occupancy grid of the field: what it looks at, when, and what the alpha of the photos rules out at the start.
 
 use super::NgpConfig;
-use super::field::{DensityScratch, Field, When, sized};
+use super::field::{DensityScratch, Field, When};
+use crate::buffers::sized;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceKind};
 use engine::data::Dataset;

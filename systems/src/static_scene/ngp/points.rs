@@ -1,7 +1,8 @@
 //! Density and colour at points of the scene's frame, for surfaces, slices and tests; and where points are canonical.
 
 use super::Ngp;
-use super::field::{Placing, When, shapes_hold};
+use super::field::{Placing, When};
+use crate::buffers::shapes_hold;
 use crate::deform::{DeformScratch, Points};
 use engine::system::{Appearance, System};
 use glam::DVec3;
@@ -52,7 +53,7 @@ pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, 
         let (mut x, _) = place(ngp, points);
         let mut features = vec![0.0; field.rows() * n];
         let which = vec![0; n];
-        field.features(&mut x, When { moments: &moments, which: &which }, &mut features, &mut Placing::default());
+        field.seen(&mut x, When { moments: &moments, which: &which }, &mut features, &mut Placing::default());
         let mut input = vec![0.0; field.colour.inputs() * n];
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);

@@ -8,13 +8,10 @@
 //! Sources: Barron, Mildenhall, Verbin, Srinivasan, Hedman, "Mip-NeRF 360", 2022, section 3; hash grids for proposals as in
 //! Tancik et al., "Nerfstudio", 2023 (nerfacto).
 
-use super::field::{encode, fold_gradients, xavier};
-use super::grid_trainer::{GridTrainer, Part};
-use super::{ADAM, NgpConfig};
+use super::NgpConfig;
+use crate::fields::{Features, HashGridFeatures, Part, fold_gradients, xavier};
 use crate::space::SpaceKind;
 use engine::system::SystemError;
-use field_core::encoding::hash_grid::HashGrid;
-use field_core::init::Init;
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -41,15 +38,13 @@ pub(super) struct Proposals {
     pub(super) warp: Warp,
 }
 
-/// A density field: a hash grid and a network of one hidden layer. Positions are in the grid's `[0, 1]^3`.
+/// A density field: features and a network of one hidden layer. Positions are in the grid's `[0, 1]^3`.
 pub(super) struct ProposalField {
-    pub(super) grid: HashGrid,
+    pub(super) features: Box<dyn Features>,
     pub(super) mlp: Mlp,
-    pub(super) grid_params: Vec<f32>,
     pub(super) mlp_params: Vec<f32>,
     pub(super) packed: Packed,
     density_bias: f32,
-    pub(super) trainer: GridTrainer,
     pub(super) mlp_adam: Adam,
     mlp_grad: Vec<f32>,
 }
@@ -89,26 +84,23 @@ impl Proposals {
 
     /// Number of parameters.
     pub(super) fn parameter_count(&self) -> usize {
-        self.fields.iter().map(|f| f.grid_params.len() + f.mlp_params.len()).sum()
+        self.fields.iter().map(|f| f.features.parameters().len() + f.mlp_params.len()).sum()
     }
 }
 
 impl ProposalField {
     fn new(config: &NgpConfig, round: usize, rng: Rng) -> Result<Self, SystemError> {
-        let (grid, mlp) = (config.proposal_grid(round)?, config.proposal_mlp()?);
-        let mut grid_params = vec![0.0; grid.params_len()];
-        Init::Uniform(1e-4).fill(rng.substream(0), 1, 1, &mut grid_params);
+        let features = HashGridFeatures::new(config.proposal_grid(round), rng.substream(0))?;
+        let mlp = config.proposal_mlp()?;
         let mlp_params = xavier(&mlp, rng.substream(1));
-        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..ADAM };
+        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..AdamConfig::NGP };
         let mut field = Self {
-            trainer: GridTrainer::new(&grid),
             mlp_adam: Adam::new(mlp_params.len(), networks),
             mlp_grad: vec![0.0; mlp_params.len()],
             packed: Packed::default(),
             density_bias: config.density_bias,
-            grid,
+            features: Box::new(features),
             mlp,
-            grid_params,
             mlp_params,
         };
         field.pack();
@@ -122,12 +114,7 @@ impl ProposalField {
 
     /// Features of a position.
     pub(super) fn rows(&self) -> usize {
-        self.grid.out_rows()
-    }
-
-    /// Features of all levels: `x` `[3][n]`, `out` `[rows][n]`.
-    pub(super) fn encode(&self, simd: Simd, x: &[f32], out: &mut [f32]) {
-        encode(&self.grid, simd, &self.grid_params, x, out);
+        self.features.rows()
     }
 
     /// Density of a raw output: `exp`, finite.
@@ -145,7 +132,7 @@ impl ProposalField {
         mlp_grads: impl Iterator<Item = &'g [f32]>,
         packed_grad: &mut Vec<f32>,
     ) -> usize {
-        let bad = self.trainer.step(simd, &self.grid, &mut self.grid_params, lr, parts, self.grid.levels().len());
+        let bad = self.features.step(lr, parts);
         fold_gradients(&self.mlp, mlp_grads, packed_grad, &mut self.mlp_grad);
         let bad = bad + self.mlp_adam.step(simd, lr, &mut self.mlp_params, &self.mlp_grad);
         self.pack();

@@ -2,9 +2,9 @@
 
 use super::budget_tests::{largest_difference, query, random_rays, randomised, small};
 use super::field::When;
-use super::grid_trainer::Part;
 use super::proposed::{Draw, Proposed};
 use super::{Ngp, NgpConfig, Sampler};
+use crate::fields::Part;
 use crate::space::{InternalRay, SpaceKind};
 use engine::system::{System, Trial};
 use field_core::rng::Rng;
@@ -133,15 +133,16 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let field = &mut ngp.proposals.as_mut().unwrap().fields[0];
     network.resize(field.mlp_params.len(), 0.0);
     field.mlp.unpack_grad(proposed.mlp_grad(0), &mut network);
-    let Part { n, x, features_bar } = proposed.part(0);
-    let mut grid = vec![0.0; field.grid_params.len()];
-    field.grid.encode_backward(simd, &x[..3 * n], &features_bar[..field.rows() * n], &mut grid, None).unwrap();
-    for (what, grad) in [("network", &network), ("grid", &grid)] {
+    let Part { n, x, raw_bar } = proposed.part(0, &*field.features);
+    let mut table = vec![0.0; field.features.parameters().len()];
+    let grid = ngp.config.proposal_grid(0).grid().unwrap();
+    grid.encode_backward(simd, &x[..3 * n], &raw_bar[..field.rows() * n], &mut table, None).unwrap();
+    for (what, grad) in [("network", &network), ("grid", &table)] {
         let square: f64 = grad.iter().map(|g| f64::from(*g).powi(2)).sum();
         let step = 1e-3 / square.sqrt();
         let shift = |ngp: &mut Ngp, by: f64| {
             let field = &mut ngp.proposals.as_mut().unwrap().fields[0];
-            let params = if what == "grid" { &mut field.grid_params } else { &mut field.mlp_params };
+            let params = if what == "grid" { field.features.parameters_mut() } else { &mut field.mlp_params[..] };
             params.iter_mut().zip(grad).for_each(|(p, g)| *p += by as f32 * g);
             field.pack();
         };

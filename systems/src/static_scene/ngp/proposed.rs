@@ -1,8 +1,8 @@
 //! From rays to the intervals that the field sees: round after round of proposals, and the way back for their own loss.
 
-use super::field::sized;
-use super::grid_trainer::Part;
 use super::proposal::{ProposalField, Proposals};
+use crate::buffers::sized;
+use crate::fields::{Features, Part};
 use crate::space::{InternalRay, Space};
 use float_core::Simd;
 use losses::interlevel::{self, Levels, interlevel_backward};
@@ -82,6 +82,9 @@ struct Round {
     w: Vec<f32>,
     trans_end: Vec<f32>,
     features_bar: Vec<f32>,
+    /// Interpolated features and their gradient, where these are not what the network sees.
+    interpolated: Vec<f32>,
+    interpolated_bar: Vec<f32>,
     mlp_grad: Vec<f32>,
 }
 
@@ -207,15 +210,17 @@ impl Proposed {
                 *bar *= tau;
             }
             let scratch = sized(&mut self.mlp, field.mlp.backward_scratch_len());
-            let x_bar = Some((features_bar, n));
+            let x_bar = Some((&mut *features_bar, n));
             field.mlp.backward(simd, &field.packed, &round.acts, raw_bar, n, n, x_bar, grad, scratch);
+            field.features.pull(&round.features[..field.rows() * n], n, features_bar, &mut round.interpolated_bar);
         }
     }
 
-    /// What round `round` brings to the gradient of its proposal's grid.
-    pub(super) fn part(&self, round: usize) -> Part<'_> {
+    /// What round `round` brings to the gradient of its proposal's features.
+    pub(super) fn part(&self, round: usize, features: &dyn Features) -> Part<'_> {
         let r = &self.rounds[round];
-        Part { n: r.n, x: &r.x, features_bar: &r.features_bar }
+        let raw_bar = if features.pulls_in_place() { &r.features_bar } else { &r.interpolated_bar };
+        Part { n: r.n, x: &r.x, raw_bar }
     }
 
     /// Packed gradient of the network of round `round`.
@@ -277,7 +282,7 @@ impl Round {
         let x = sized(&mut self.x, 3 * n);
         space.grid_positions(simd, p, x);
         let features = sized(&mut self.features, field.rows() * n);
-        field.encode(simd, x, features);
+        field.features.encode(x, features, &mut self.interpolated);
         let raw = sized(&mut self.raw, n);
         match draw {
             Draw::Training { .. } => {

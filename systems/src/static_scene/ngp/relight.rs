@@ -2,10 +2,10 @@
 
 use super::chunk::Chunk;
 use super::context::StepContext;
-use super::field::sized;
 use super::step::Plan;
 use super::tile::{Gradients, Tile};
 use super::{CHUNKS, Inputs, Ngp};
+use crate::buffers::sized;
 use crate::method::{Relit, SecondLight};
 use engine::data::Dataset;
 use engine::system::SystemError;

@@ -2,7 +2,7 @@
 
 use super::Ngp;
 use super::budget_tests::{randomised_with, small, table};
-use super::field::fold_gradients;
+use crate::fields::fold_gradients;
 use crate::method::{Codes, Method, Pixel, PixelBar, Relit, SecondLight};
 use crate::space::SpaceKind;
 use engine::data::{Patches, Shape};
@@ -95,7 +95,7 @@ fn density_and_what_it_is_computed_from_learn_exactly_nothing() {
     let (_, data) = table();
     let parts = |ngp: &Ngp| {
         let f = &ngp.field;
-        [f.grid_params.clone(), f.density_params.clone(), f.colour_params.clone()]
+        [f.features.parameters().to_vec(), f.density_params.clone(), f.colour_params.clone()]
     };
     let before = parts(&ngp);
     for step in 0..3 {

@@ -8,9 +8,11 @@
 //! are the lattice, and no cell is empty.
 
 use super::Ngp;
-use super::field::{Field, Placing, When, sized};
+use super::field::{Field, Placing, When};
 use super::proposed::{Draw, Proposed};
+use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
+use crate::fields::Detail;
 use crate::space::{InternalRay, Space};
 use engine::canonical::add_canonical;
 use engine::skips::bound_of;
@@ -281,7 +283,7 @@ impl Job<'_> {
             sized(&mut s.was, 3 * n).copy_from_slice(x);
         }
         let features = sized(&mut s.features, field.rows() * n);
-        field.features(x, When { moments: &self.moments, which: &s.which }, features, &mut s.placing);
+        field.seen(x, When { moments: &self.moments, which: &s.which }, features, &mut s.placing);
         let raw = sized(&mut s.raw, field.density.outputs() * n);
         let acts = sized(&mut s.acts, field.density.activations_len(n));
         field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
@@ -388,7 +390,7 @@ fn add_normals(
     x_bar.fill(0.0);
     let (x, features) = (&s.x[..3 * n], &s.features[..field.rows() * n]);
     let (raw_bar, seen_bar) = field.pull(features, n, features_bar, &mut s.raw_bar);
-    field.grid.pull_positions(field.simd, (&field.grid_params, x), raw_bar, usize::MAX, x_bar);
+    field.features.pull_positions(x, raw_bar, Detail::All, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.
         let (grad, scratch) = &mut s.deform;

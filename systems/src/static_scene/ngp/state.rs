@@ -2,18 +2,27 @@
 
 use super::occupy::Occupy;
 use super::proposal::ProposalField;
-use super::table::{Table, TableTrainer};
 use super::{MAX_STRETCH, Ngp};
+use crate::fields::{Features, Names};
 use engine::system::{
     SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_f32, take_numbers, u64_tensor,
 };
 use optim::{Adam, NonFiniteGuard};
 use render_core::occupancy::OccupancyGrid;
 
+/// Of the field's features.
+fn field_names() -> Names {
+    Names::new("field.grid", "grid")
+}
+
+/// Of a proposal's features.
+fn proposal_names(round: usize) -> Names {
+    Names::new(format!("proposal.{round}.grid"), format!("proposal.{round}.grid"))
+}
+
 pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
     let f = &ngp.field;
     let mut out = vec![
-        f32_tensor("field.grid", &f.grid_params),
         f32_tensor("field.density", &f.density_params),
         f32_tensor("field.colour", &f.colour_params),
         f32_tensor("occupancy.thickness", ngp.occupy.grid.thickness()),
@@ -29,11 +38,9 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
             ],
         ),
     ];
-    let names = (0..ngp.grid.adams().len()).map(|l| format!("grid.{l}"));
-    let names = names.chain(["density".into(), "colour".into()]);
-    for (name, adam) in names.zip(ngp.grid.adams().iter().chain([&ngp.density_adam, &ngp.colour_adam])) {
-        push_adam(&mut out, &name, adam);
-    }
+    f.features.push_state(&field_names(), &mut out);
+    push_adam(&mut out, "density", &ngp.density_adam);
+    push_adam(&mut out, "colour", &ngp.colour_adam);
     if let Some(head) = &f.head {
         out.push(f32_tensor("field.head", &head.params));
         push_adam(&mut out, "head", &head.adam);
@@ -43,11 +50,8 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
     out.extend(f.deform.iter().flat_map(|deform| deform.state()));
     out.extend(ngp.method.iter().flat_map(|method| method.state()));
     for (i, proposal) in ngp.proposals.iter().flat_map(|p| &p.fields).enumerate() {
-        out.push(f32_tensor(format!("proposal.{i}.grid"), &proposal.grid_params));
+        proposal.features.push_state(&proposal_names(i), &mut out);
         out.push(f32_tensor(format!("proposal.{i}.network"), &proposal.mlp_params));
-        for (l, adam) in proposal.trainer.adam.iter().enumerate() {
-            push_adam(&mut out, &format!("proposal.{i}.grid.{l}"), adam);
-        }
         push_adam(&mut out, &format!("proposal.{i}.network"), &proposal.mlp_adam);
     }
     out
@@ -55,9 +59,8 @@ pub(super) fn save(ngp: &Ngp) -> Vec<Tensor<'_>> {
 
 /// Parameters and moments of a proposal.
 struct ProposalState {
-    grid: Vec<f32>,
+    features: Box<dyn Features>,
     network: Vec<f32>,
-    grid_adam: Vec<Adam>,
     network_adam: Adam,
 }
 
@@ -65,10 +68,7 @@ struct ProposalState {
 pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError> {
     let f = &ngp.field;
     let counters = take_counts(tensors, "counters", 5)?;
-    // Its resolution is that of the step.
-    let table = Table::new(&ngp.config, counters[2])?;
-    let mut trainer = TableTrainer::new(&table);
-    let grid = take_numbers(tensors, "field.grid", table.params_len())?;
+    let features = f.features.restored(&field_names(), tensors, counters[2])?;
     let density = take_numbers(tensors, "field.density", f.density_params.len())?;
     let colour = take_numbers(tensors, "field.colour", f.colour_params.len())?;
     let thickness = take_f32(tensors, "occupancy.thickness", ngp.occupy.grid.cells())?;
@@ -82,18 +82,12 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
         return refused("step.stretch", format!("{stretch}; 1 to {MAX_STRETCH} expected"));
     }
     let adam = |name: String, old: &Adam| take_adam(tensors, &name, old);
-    let grid_adam: Vec<Adam> =
-        trainer.adams().iter().enumerate().map(|(l, old)| adam(format!("grid.{l}"), old)).collect::<Result<_, _>>()?;
     let density_adam = adam("density".into(), &ngp.density_adam)?;
     let colour_adam = adam("colour".into(), &ngp.colour_adam)?;
     let proposal = |(i, old): (usize, &ProposalField)| {
-        let grid_adam = old.trainer.adam.iter().enumerate();
         Ok(ProposalState {
-            grid: take_numbers(tensors, &format!("proposal.{i}.grid"), old.grid_params.len())?,
+            features: old.features.restored(&proposal_names(i), tensors, counters[2])?,
             network: take_numbers(tensors, &format!("proposal.{i}.network"), old.mlp_params.len())?,
-            grid_adam: grid_adam
-                .map(|(l, old)| adam(format!("proposal.{i}.grid.{l}"), old))
-                .collect::<Result<_, _>>()?,
             network_adam: adam(format!("proposal.{i}.network"), &old.mlp_adam)?,
         })
     };
@@ -118,17 +112,14 @@ pub(super) fn load(ngp: &mut Ngp, tensors: &TensorMap) -> Result<(), SystemError
     if let Some(method) = &mut ngp.method {
         method.load_state(tensors)?;
     }
-    (ngp.field.grid_params, ngp.field.density_params, ngp.field.colour_params) = (grid, density, colour);
-    trainer.adams_mut().iter_mut().zip(grid_adam).for_each(|(slot, adam)| *slot = adam);
-    (ngp.grid, ngp.field.grid) = (trainer, table);
+    (ngp.field.features, ngp.field.density_params, ngp.field.colour_params) = (features, density, colour);
     (ngp.density_adam, ngp.colour_adam) = (density_adam, colour_adam);
     ngp.occupy.grid = occupancy;
     if let (Some(field), Some((params, adam))) = (&mut ngp.field.head, head) {
         (field.params, field.adam) = (params, adam);
     }
     for (field, state) in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields).zip(proposals) {
-        (field.grid_params, field.mlp_params) = (state.grid, state.network);
-        (field.trainer.adam, field.mlp_adam) = (state.grid_adam, state.network_adam);
+        (field.features, field.mlp_params, field.mlp_adam) = (state.features, state.network, state.network_adam);
         field.pack();
     }
     (ngp.rays, ngp.stretch) = (counters[0] as usize, stretch);

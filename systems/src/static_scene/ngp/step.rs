@@ -1,12 +1,10 @@
 //! One training step, from random pixels to Adam.
 
 use super::context::StepContext;
-use super::field::fold_gradients;
-use super::grid_trainer::Part;
 use super::proposal::Proposals;
-use super::table::{Table, TableTrainer};
 use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
 use crate::deform::Deform;
+use crate::fields::{Part, fold_gradients};
 use crate::method::mean_transient;
 use crate::method::{Drawing, Outcome, Pixel};
 use crate::static_scene::left_out::unweighted;
@@ -119,7 +117,7 @@ impl Ngp {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
-        self.refine();
+        self.field.features.refine(self.guard.steps());
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -196,7 +194,6 @@ impl Ngp {
             jitter: &inputs.jitter,
             cues: self.cues.as_ref(),
             kernel: self.config.kernel(),
-            warp_levels: self.config.warp_levels,
             terms: &self.terms,
             depth_limit: depth_limit(self.config.train_stop),
             faint: self.faint(),
@@ -255,25 +252,8 @@ impl Ngp {
     /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
     fn update_grid(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
-        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part(&field.grid));
-        self.grid.step(field.simd, &field.grid, &mut field.grid_params, lr, &parts)
-    }
-
-    /// The table as it is from the next step on: more levels, or more voxels, which the optimiser has not seen before.
-    pub(super) fn refine(&mut self) {
-        let (steps, field) = (self.guard.steps(), &mut self.field);
-        match &mut field.grid {
-            Table::Hash(_, weights) => self.config.level_weights(steps, weights),
-            Table::Voxels(old, _) if old.resolution()[0] as usize != self.config.voxels_after(steps) => {
-                let finer = Table::new(&self.config, steps).expect("the largest grid was checked");
-                if let Table::Voxels(new, _) = &finer {
-                    field.grid_params = old.upsampled(&field.grid_params, new);
-                }
-                field.grid = finer;
-                self.grid = TableTrainer::new(&field.grid);
-            }
-            Table::Voxels(..) => {}
-        }
+        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part(&*field.features));
+        field.features.step(lr, &parts)
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
@@ -310,7 +290,7 @@ impl Ngp {
         let Work { chunks, packed_grad, .. } = &mut self.work;
         let mut bad = 0;
         for (round, field) in proposals.fields.iter_mut().enumerate() {
-            let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].proposed.part(round));
+            let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].proposed.part(round, &*field.features));
             let grads = chunks.iter().map(|c| c.proposed.mlp_grad(round));
             bad += field.step(self.field.simd, lr, &parts, grads, packed_grad);
         }

@@ -1,8 +1,9 @@
 //! A tile: whole rays of a chunk, few enough that their activations stay in the L2 cache. Forward to pixels, and back.
 
 use super::context::StepContext;
-use super::field::{Field, sized};
+use super::field::Field;
 use super::head::{HeadBars, HeadTile};
+use crate::buffers::sized;
 use crate::method::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use field_core::mlp::{Mlp, Packed};

@@ -1,0 +1,215 @@
+//! A multiresolution hash grid (Müller et al., 2022, section 3), whose levels may come in one after the other.
+
+use super::{Detail, Features, Names, Part};
+use crate::buffers::shapes_hold;
+use engine::memory::room_for;
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, MAX_LEVELS, Rule, Touched};
+use field_core::encoding::window;
+use field_core::init::Init;
+use field_core::rng::Rng;
+use float_core::Simd;
+use optim::{Adam, AdamConfig};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Settings of a hash grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HashGridSettings {
+    /// Levels of the hash grid.
+    pub levels: usize,
+    /// Features of a hash grid entry: 1, 2, 4 or 8.
+    pub features: usize,
+    /// Each level has at most `2^log2_table` entries.
+    pub log2_table: u32,
+    /// Cells along an axis of the coarsest level.
+    pub n_min: u32,
+    /// Cells along an axis of the finest level.
+    pub n_max: u32,
+    /// Steps over which the levels come in, coarse to fine; 0: all from the start.
+    pub levels_anneal: u64,
+    /// Levels there are from the start, where the others come in later.
+    pub levels_first: usize,
+    /// Coarse levels whose gradient with respect to positions reaches a warp: that of the finest says little about where to go.
+    pub warp_levels: usize,
+}
+
+impl HashGridSettings {
+    /// The shape of the grid.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for sizes the grid refuses.
+    pub(crate) fn grid(&self) -> Result<HashGrid, SystemError> {
+        let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
+        if self.n_max < self.n_min {
+            return Err(bad("n_max", self.n_max.to_string(), "must be at least `n_min`".into()));
+        }
+        HashGrid::new(HashGridConfig {
+            levels: self.levels,
+            features: self.features,
+            log2_table: self.log2_table,
+            n_min: self.n_min,
+            growth: Growth::UpTo(self.n_max),
+            rule: Rule::Ngp,
+            interpolation: Interpolation::Linear,
+        })
+        .map_err(|e| bad("levels, features, log2_table, n_min, n_max", String::new(), e.to_string()))
+    }
+
+    /// Weights of the levels after so many steps: 0 for those that are not there yet (Nerfies, equation 8).
+    fn level_weights(&self, steps: u64, out: &mut [f32]) {
+        let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
+        let first = self.levels_first.min(out.len());
+        let (there, later) = out.split_at_mut(first);
+        there.fill(1.0);
+        window::nerfies(done * later.len() as f64, later);
+    }
+}
+
+/// A hash grid.
+pub(crate) struct HashGridFeatures {
+    settings: HashGridSettings,
+    simd: Simd,
+    pub(crate) grid: HashGrid,
+    /// Weight of each level: 0 for those that are not there yet.
+    weights: Vec<f32>,
+    params: Vec<f32>,
+    /// One for each level.
+    adam: Vec<Adam>,
+    grad: Vec<f32>,
+    touched: Touched,
+}
+
+/// What the update of one level writes.
+struct LevelJob<'a> {
+    adam: &'a mut Adam,
+    touched: &'a mut [u64],
+    params: &'a mut [f32],
+    grad: &'a mut [f32],
+}
+
+impl HashGridFeatures {
+    /// A grid of small random numbers.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for sizes that cannot be, or that there is no memory for.
+    pub(crate) fn new(settings: HashGridSettings, rng: Rng) -> Result<Self, SystemError> {
+        let grid = settings.grid()?;
+        room_for("log2_table", settings.log2_table as usize, grid.params_len())?;
+        let mut params = vec![0.0; grid.params_len()];
+        Init::Uniform(1e-4).fill(rng, 1, 1, &mut params);
+        Ok(Self::with(settings, grid, params, 0))
+    }
+
+    fn with(settings: HashGridSettings, grid: HashGrid, params: Vec<f32>, steps: u64) -> Self {
+        let mut weights = vec![1.0; grid.levels().len()];
+        settings.level_weights(steps, &mut weights);
+        Self {
+            settings,
+            simd: Simd::best(),
+            weights,
+            adam: (0..grid.levels().len()).map(|l| Adam::new(grid.level_range(l).len(), AdamConfig::NGP)).collect(),
+            grad: vec![0.0; grid.params_len()],
+            touched: Touched::new(&grid),
+            grid,
+            params,
+        }
+    }
+}
+
+impl Features for HashGridFeatures {
+    fn rows(&self) -> usize {
+        self.grid.out_rows()
+    }
+
+    fn parameters(&self) -> &[f32] {
+        &self.params
+    }
+
+    #[cfg(test)]
+    fn parameters_mut(&mut self) -> &mut [f32] {
+        &mut self.params
+    }
+
+    /// Level by level, so that one level's table is in the cache at a time.
+    fn encode(&self, x: &[f32], out: &mut [f32], _: &mut Vec<f32>) {
+        let rows = self.grid.config().features * (x.len() / 3);
+        for (level, (out, &weight)) in out.chunks_exact_mut(rows.max(1)).zip(&self.weights).enumerate() {
+            if weight == 0.0 {
+                out.fill(0.0);
+                continue;
+            }
+            shapes_hold(self.grid.encode_level(self.simd, &self.params, level, x, out));
+            if weight < 1.0 {
+                out.iter_mut().for_each(|feature| *feature *= weight);
+            }
+        }
+    }
+
+    fn pull<'b>(&self, _: &[f32], n: usize, bars: &'b mut [f32], _: &'b mut Vec<f32>) -> &'b [f32] {
+        let rows = self.grid.config().features * n;
+        for (bars, &weight) in bars.chunks_exact_mut(rows.max(1)).zip(&self.weights) {
+            if weight < 1.0 {
+                bars.iter_mut().for_each(|bar| *bar *= weight);
+            }
+        }
+        bars
+    }
+
+    fn pulls_in_place(&self) -> bool {
+        true
+    }
+
+    fn pull_positions(&self, x: &[f32], raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]) {
+        let levels = if detail == Detail::All { usize::MAX } else { self.settings.warp_levels };
+        shapes_hold(self.grid.encode_backward_x_coarse(self.simd, &self.params, levels, x, raw_bar, x_bar));
+    }
+
+    /// Each level is one task: its gradient, scattered in the order of the samples, and Adam on the entries that it touched.
+    fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize {
+        let (simd, grid) = (self.simd, &self.grid);
+        let features = grid.config().features;
+        let mut jobs: [Option<LevelJob<'_>>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
+        let (mut params, mut grads) = (&mut self.params[..], &mut self.grad[..]);
+        for ((level, adam), touched) in self.adam.iter_mut().enumerate().zip(self.touched.levels_mut()) {
+            let len = grid.level_range(level).len();
+            let (p, rest) = params.split_at_mut(len);
+            params = rest;
+            let (grad, rest) = grads.split_at_mut(len);
+            grads = rest;
+            jobs[level] = Some(LevelJob { adam, touched, params: p, grad });
+        }
+        let update = |(level, job): (usize, &mut Option<LevelJob<'_>>)| {
+            let Some(LevelJob { adam, touched, params, grad }) = job else { return 0 };
+            for &Part { n, x, raw_bar } in parts {
+                let bars = &raw_bar[level * features * n..][..features * n];
+                shapes_hold(grid.encode_level_backward(simd, level, &x[..3 * n], bars, grad, Some(touched)));
+            }
+            adam.step_touched(simd, lr, params, grad, touched)
+        };
+        // Levels that are not there yet have no gradient.
+        let open = self.weights.iter().take_while(|&&w| w > 0.0).count();
+        jobs[..open].par_iter_mut().enumerate().map(update).sum()
+    }
+
+    fn refine(&mut self, steps: u64) {
+        self.settings.level_weights(steps, &mut self.weights);
+    }
+
+    fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>) {
+        out.push(f32_tensor(names.parameters.clone(), &self.params));
+        for (level, adam) in self.adam.iter().enumerate() {
+            push_adam(out, &format!("{}.{level}", names.moments), adam);
+        }
+    }
+
+    fn restored(&self, names: &Names, state: &TensorMap, steps: u64) -> Result<Box<dyn Features>, SystemError> {
+        let params = take_numbers(state, &names.parameters, self.params.len())?;
+        let mut new = Self::with(self.settings, self.settings.grid()?, params, steps);
+        for (level, adam) in new.adam.iter_mut().enumerate() {
+            *adam = take_adam(state, &format!("{}.{level}", names.moments), adam)?;
+        }
+        Ok(Box::new(new))
+    }
+}

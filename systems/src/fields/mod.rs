@@ -1,0 +1,97 @@
+//! What a field of radiance learns about places: features of points, which small networks turn into density and colour.
+//!
+//! A [`Features`] is a hash grid ([`HashGridFeatures`]), voxels ([`VoxelFeatures`]), or another table of learned numbers, with the
+//! optimiser of these numbers.
+
+mod hash_grid;
+mod network;
+mod voxels;
+
+pub(crate) use hash_grid::HashGridFeatures;
+pub use hash_grid::HashGridSettings;
+pub(crate) use network::{fold_gradients, xavier};
+pub(crate) use voxels::VoxelFeatures;
+pub use voxels::VoxelSettings;
+
+use engine::system::{SystemError, Tensor, TensorMap};
+
+/// What a chunk of a batch brings to the gradient of features.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part<'a> {
+    /// Samples.
+    pub(crate) n: usize,
+    /// `[3][n]`, positions in the unit cube.
+    pub(crate) x: &'a [f32],
+    /// The gradient, as [`Features::pull`] gives it.
+    pub(crate) raw_bar: &'a [f32],
+}
+
+/// Which detail of the features leads positions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Detail {
+    /// All of it: the gradient of what is rendered.
+    All,
+    /// What is coarse enough to say where to go: for what moves points.
+    Coarse,
+}
+
+/// The names under which a table's numbers lie in a checkpoint: the numbers, and their moments.
+#[derive(Clone, Debug)]
+pub(crate) struct Names {
+    /// Of the numbers.
+    pub(crate) parameters: String,
+    /// Of their moments, with the part's number behind a dot.
+    pub(crate) moments: String,
+}
+
+impl Names {
+    pub(crate) fn new(parameters: impl Into<String>, moments: impl Into<String>) -> Self {
+        Self { parameters: parameters.into(), moments: moments.into() }
+    }
+}
+
+/// Learned features of points in the unit cube, and their optimiser.
+pub(crate) trait Features: Send + Sync {
+    /// Rows that a network sees.
+    fn rows(&self) -> usize;
+
+    /// The learned numbers.
+    fn parameters(&self) -> &[f32];
+
+    /// The same, to be written.
+    #[cfg(test)]
+    fn parameters_mut(&mut self) -> &mut [f32];
+
+    /// What a network sees of points: `x` `[3][n]`, `out` `[rows][n]`; `raw` is room for interpolated features.
+    fn encode(&self, x: &[f32], out: &mut [f32], raw: &mut Vec<f32>);
+
+    /// Bring gradients `bars` `[rows][n]` of what [`Features::encode`] gave, `features`, to interpolated features: those gradients,
+    /// in `bars` itself or in `raw`.
+    fn pull<'b>(&self, features: &[f32], n: usize, bars: &'b mut [f32], raw: &'b mut Vec<f32>) -> &'b [f32];
+
+    /// Whether [`Features::pull`] leaves its gradients in `bars`.
+    fn pulls_in_place(&self) -> bool;
+
+    /// Add the gradient of the positions `x` `[3][n]` to `x_bar`, from that of the interpolated features.
+    fn pull_positions(&self, x: &[f32], raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]);
+
+    /// One step. The parts add up in order, whatever the number of threads. Returns the count of non-finite gradients.
+    fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize;
+
+    /// The table as it is after so many steps: more levels or more cells, which the optimiser has not seen before.
+    fn refine(&mut self, steps: u64);
+
+    /// Everything the next step depends on, besides the number of steps.
+    fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>);
+
+    /// A table that goes on from what [`Features::push_state`] gave after so many steps. This one stays as it is.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    fn restored(&self, names: &Names, state: &TensorMap, steps: u64) -> Result<Box<dyn Features>, SystemError>;
+
+    /// Bytes by which training will make it grow at most.
+    fn growth_bytes(&self) -> usize {
+        0
+    }
+}
