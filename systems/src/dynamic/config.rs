@@ -1,7 +1,7 @@
 //! Settings of systems for scenes that move; all of them can be given as `--set name=value`, beside those of the field.
 
 use crate::deform::{Ambient, DeformConfig, ElasticAt, Moment, Motion, Origin, PlanesOfTime, SeenBy, Sees, Warp};
-use crate::static_scene::ngp::CueConfig;
+use crate::samplers::CueConfig;
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 

@@ -15,7 +15,7 @@
 use super::config::DynamicConfig;
 use super::d_nerf;
 use crate::claims::Claim;
-use crate::static_scene::ngp::CueConfig;
+use crate::samplers::CueConfig;
 
 /// What differs from the paper.
 pub(super) const CLAIM: Claim = Claim {

@@ -5,10 +5,10 @@ use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::claims::{Claim, names};
 use crate::deform::Deform;
 use crate::plan::{
-    Ground, NGP, NO_PARALLAX, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system,
-    refuse_unknown, set_near, settings, split, table,
+    Ground, NGP, NO_PARALLAX, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax,
+    no_such_system, refuse_unknown, set_near, settings, split, table,
 };
-use crate::static_scene::ngp::NgpConfig;
+use crate::rays::RayConfig;
 use engine::data::Dataset;
 use engine::error::RunError;
 use engine::options::{DataOptions, Plan, RunOptions};
@@ -19,7 +19,7 @@ use scene_io::Scene;
 struct Known {
     claim: Claim,
     settings: fn() -> DynamicConfig,
-    field: fn(&mut NgpConfig),
+    field: fn(&mut RayConfig),
 }
 
 const KNOWN: [Known; 7] = [
@@ -84,20 +84,19 @@ pub fn build(
         if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
     ground.lines.extend(known.claim.line());
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
-    set_near(&mut field, &mut ground, data, Shown::Moments);
+    set_near(&mut field.space, &mut ground, data, Shown::Moments);
     if config.deform().is_some() {
         // Cells that are full at some moment are empty at most others.
-        field.train_faint = FAINT;
+        field.batch.train_faint = FAINT;
     }
-    // Slopes of the finest levels say little about where to go.
-    field.warp_levels = field.levels.div_ceil(2);
     (known.field)(&mut field);
-    let mut known_settings = table(&config);
-    known_settings.extend(table(&field));
-    refuse_unknown(run, &known_settings)?;
-    let field = settings(&field, &fields)?;
+    let mut parts = Settings::new(&fields);
+    let field = field.asked(&mut parts)?;
+    let mut all = table(&config);
+    all.extend(parts.known().clone());
+    refuse_unknown(run, &all)?;
     let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, (known.claim.name, deform))?;
+    let mut system = ground.moving(data, &field, run.seed, scene, known.claim.name, deform)?;
     if config.by_error {
         system.follow_errors(data);
         ground.lines.push("rays: half of them where the errors are".into());
@@ -124,8 +123,6 @@ pub fn build(
             "depth: none is measured, so nothing is held to it".into()
         });
     }
-    let mut all = table(&config);
-    all.extend(table(&field));
     all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
     let Ground { lines, background, error_budget, .. } = ground;
     Ok((Box::new(system), Plan { lines, background, error_budget, config: all }))

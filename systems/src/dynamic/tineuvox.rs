@@ -13,7 +13,9 @@
 
 use super::config::{DynamicConfig, MomentKind, OriginKind, SeesKind, WarpKind};
 use crate::claims::Claim;
-use crate::static_scene::ngp::NgpConfig;
+use crate::fields::VoxelSettings;
+use crate::rays::RayConfig;
+use std::sync::Arc;
 
 /// What differs from the paper.
 pub(super) const CLAIM: Claim = Claim {
@@ -28,6 +30,8 @@ pub(super) const CLAIM: Claim = Claim {
 /// Features of a voxel, and voxels along an axis, of the small model (table 1, "S").
 const FEATURES: usize = 4;
 const VOXELS: usize = 100;
+/// Steps between one doubling of the voxels and the next.
+const VOXELS_EVERY: u64 = 500;
 
 /// Factors of its losses beside the error of pixels, as released.
 const BACKGROUND_ENTROPY: f32 = 1e-3;
@@ -51,7 +55,9 @@ pub(super) fn settings() -> DynamicConfig {
 }
 
 /// Its field.
-pub(super) fn field(config: &mut NgpConfig) {
-    (config.voxels, config.features, config.width) = (VOXELS, FEATURES, 64);
-    (config.background_entropy, config.point_colour) = (BACKGROUND_ENTROPY, POINT_COLOUR);
+pub(super) fn field(config: &mut RayConfig) {
+    config.features = Arc::new(VoxelSettings { voxels: VOXELS, voxels_every: VOXELS_EVERY, features: FEATURES });
+    config.networks.width = 64;
+    config.terms.background_entropy = BACKGROUND_ENTROPY;
+    config.terms.point_colour = POINT_COLOUR;
 }

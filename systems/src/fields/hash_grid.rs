@@ -1,9 +1,12 @@
 //! A multiresolution hash grid (Müller et al., 2022, section 3), whose levels may come in one after the other.
 
-use super::{Detail, Features, Names, Part};
+use super::{Detail, FeatureSource, Features, Names, Part};
 use crate::buffers::shapes_hold;
+use crate::plan::Settings;
 use engine::memory::room_for;
-use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use engine::system::{
+    MOST_LAYERS, SystemError, Tensor, TensorMap, at_most, f32_tensor, push_adam, take_adam, take_numbers,
+};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, MAX_LEVELS, Rule, Touched};
 use field_core::encoding::window;
 use field_core::init::Init;
@@ -12,6 +15,7 @@ use float_core::Simd;
 use optim::{Adam, AdamConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Settings of a hash grid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,6 +46,7 @@ impl HashGridSettings {
     /// [`SystemError::Config`] for sizes the grid refuses.
     pub(crate) fn grid(&self) -> Result<HashGrid, SystemError> {
         let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
+        at_most(&[("levels", self.levels, MOST_LAYERS)])?;
         if self.n_max < self.n_min {
             return Err(bad("n_max", self.n_max.to_string(), "must be at least `n_min`".into()));
         }
@@ -64,6 +69,37 @@ impl HashGridSettings {
         let (there, later) = out.split_at_mut(first);
         there.fill(1.0);
         window::nerfies(done * later.len() as f64, later);
+    }
+}
+
+/// The finest proposal's round whose grid is finer than that of the round before.
+const FINEST_PROPOSAL: usize = 3;
+
+/// A small grid, finer from round to round, with tables of at most `2^log2_table` entries.
+fn proposal(round: usize, log2_table: u32) -> HashGridSettings {
+    HashGridSettings {
+        levels: 5,
+        features: 2,
+        log2_table: log2_table.min(17),
+        n_min: 16,
+        n_max: 128 << round.min(FINEST_PROPOSAL),
+        levels_anneal: 0,
+        levels_first: 0,
+        warp_levels: 0,
+    }
+}
+
+impl FeatureSource for HashGridSettings {
+    fn asked(&self, settings: &mut Settings<'_>) -> Result<Arc<dyn FeatureSource>, SystemError> {
+        Ok(Arc::new(settings.of(self)?))
+    }
+
+    fn proposal(&self, round: usize) -> Arc<dyn FeatureSource> {
+        Arc::new(proposal(round, self.log2_table))
+    }
+
+    fn features(&self, rng: Rng) -> Result<Box<dyn Features>, SystemError> {
+        Ok(Box::new(HashGridFeatures::new(*self, rng)?))
     }
 }
 
@@ -191,6 +227,12 @@ impl Features for HashGridFeatures {
         // Levels that are not there yet have no gradient.
         let open = self.weights.iter().take_while(|&&w| w > 0.0).count();
         jobs[..open].par_iter_mut().enumerate().map(update).sum()
+    }
+
+    #[cfg(test)]
+    fn scatter(&self, part: &Part<'_>, out: &mut [f32]) {
+        let Part { n, x, raw_bar } = *part;
+        shapes_hold(self.grid.encode_backward(self.simd, &x[..3 * n], &raw_bar[..self.rows() * n], out, None));
     }
 
     fn refine(&mut self, steps: u64) {

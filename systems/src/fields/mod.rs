@@ -3,17 +3,23 @@
 //! A [`Features`] is a hash grid ([`HashGridFeatures`]), voxels ([`VoxelFeatures`]), or another table of learned numbers, with the
 //! optimiser of these numbers.
 
+mod field;
 mod hash_grid;
 mod network;
+mod networks;
 mod voxels;
 
-pub(crate) use hash_grid::HashGridFeatures;
+pub(crate) use field::{DensityScratch, Field, Placing, When};
 pub use hash_grid::HashGridSettings;
 pub(crate) use network::{fold_gradients, xavier};
-pub(crate) use voxels::VoxelFeatures;
+pub use networks::{NetworkConfig, NetworkPrecision};
 pub use voxels::VoxelSettings;
 
+use crate::plan::Settings;
 use engine::system::{SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use std::fmt::Debug;
+use std::sync::Arc;
 
 /// What a chunk of a batch brings to the gradient of features.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +56,24 @@ impl Names {
     }
 }
 
+/// The settings of some features: what they are made anew from.
+pub(crate) trait FeatureSource: Debug + Send + Sync {
+    /// The same after `--set`.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    fn asked(&self, settings: &mut Settings<'_>) -> Result<Arc<dyn FeatureSource>, SystemError>;
+
+    /// Features of the proposal of a round, for these: small, and finer from round to round.
+    fn proposal(&self, round: usize) -> Arc<dyn FeatureSource>;
+
+    /// Features before the first step.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for sizes that cannot be, or that there is no memory for.
+    fn features(&self, rng: Rng) -> Result<Box<dyn Features>, SystemError>;
+}
+
 /// Learned features of points in the unit cube, and their optimiser.
 pub(crate) trait Features: Send + Sync {
     /// Rows that a network sees.
@@ -74,6 +98,10 @@ pub(crate) trait Features: Send + Sync {
 
     /// Add the gradient of the positions `x` `[3][n]` to `x_bar`, from that of the interpolated features.
     fn pull_positions(&self, x: &[f32], raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]);
+
+    /// Add the gradient of the learned numbers to `out`.
+    #[cfg(test)]
+    fn scatter(&self, part: &Part<'_>, out: &mut [f32]);
 
     /// One step. The parts add up in order, whatever the number of threads. Returns the count of non-finite gradients.
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize;

@@ -1,16 +1,19 @@
 //! Voxels seen at three distances, which become more as training goes on (TiNeuVox, Fang et al., 2022, section 3.3).
 
-use super::{Detail, Features, Names, Part};
+use super::{Detail, FeatureSource, Features, Names, Part};
 use crate::buffers::{shapes_hold, sized};
+use crate::plan::Settings;
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::BLOCK_FLOATS;
 use field_core::encoding::multi_distance::{MultiDistance, STRIDES};
+use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// How often the number of voxels doubles.
 const DOUBLINGS: u64 = 3;
@@ -46,6 +49,20 @@ impl VoxelSettings {
             return Err(SystemError::Config { field: "voxels", value: self.voxels.to_string(), problem });
         }
         MultiDistance::new([self.after(steps) as u32; 3], self.features).map_err(refuse)
+    }
+}
+
+impl FeatureSource for VoxelSettings {
+    fn asked(&self, settings: &mut Settings<'_>) -> Result<Arc<dyn FeatureSource>, SystemError> {
+        Ok(Arc::new(settings.of(self)?))
+    }
+
+    fn proposal(&self, _: usize) -> Arc<dyn FeatureSource> {
+        Arc::new(Self { voxels: self.voxels / 2, ..*self })
+    }
+
+    fn features(&self, _: Rng) -> Result<Box<dyn Features>, SystemError> {
+        Ok(Box::new(VoxelFeatures::new(*self)?))
     }
 }
 
@@ -152,6 +169,12 @@ impl Features for VoxelFeatures {
         self.adam.step_touched(simd, lr, &mut self.params, &mut all.grad, &mut all.touched)
     }
 
+    #[cfg(test)]
+    fn scatter(&self, part: &Part<'_>, out: &mut [f32]) {
+        let Part { n, x, raw_bar } = *part;
+        shapes_hold(self.grid.encode_backward(self.simd, &x[..3 * n], &raw_bar[..self.grid.out_rows() * n], out));
+    }
+
     fn refine(&mut self, steps: u64) {
         if self.grid.resolution()[0] as usize == self.settings.after(steps) {
             return;
@@ -201,7 +224,6 @@ fn fold(all: &mut Distance, other: &mut Distance) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use field_core::rng::Rng;
 
     const N: usize = 11;
 

@@ -5,9 +5,9 @@ use super::parallax::check_parallax;
 use crate::deform::Deform;
 use crate::layout::{Layout, layout};
 use crate::method::Method;
-use crate::space::{Space, SpaceKind};
+use crate::rays::{Ngp, RayConfig};
+use crate::space::{Space, SpaceConfig, SpaceKind};
 use crate::static_scene::nerf::{Nerf, NerfConfig};
-use crate::static_scene::ngp::{Ngp, NgpConfig};
 use engine::data::Dataset;
 use engine::options::{Background, RunOptions};
 use engine::system::SystemError;
@@ -106,12 +106,13 @@ impl Ground {
     pub(crate) fn ngp(
         &mut self,
         data: &Dataset,
-        config: &NgpConfig,
+        config: &RayConfig,
         seed: u64,
         method: Option<Box<dyn Method>>,
     ) -> Result<Ngp, SystemError> {
-        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
-        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        config.check()?;
+        let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
+        let space = space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)?;
         let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
         self.carve(&mut ngp, data, self.transparent)?;
         Ok(ngp)
@@ -121,13 +122,15 @@ impl Ground {
     pub(crate) fn moving(
         &mut self,
         data: &Dataset,
-        config: &NgpConfig,
+        config: &RayConfig,
         seed: u64,
         scene: &Scene,
-        (name, mut deform): (&'static str, Option<Deform>),
+        name: &'static str,
+        mut deform: Option<Deform>,
     ) -> Result<Ngp, SystemError> {
-        let extent = f64::from(1_u32 << (config.cascades.clamp(1, 16) - 1));
-        let space = space(&self.layout, data, config.space, (config.centre, config.radius, extent), config.near)?;
+        config.check()?;
+        let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
+        let space = space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)?;
         if let Some(deform) = &mut deform {
             let inside: Vec<[f32; 3]> = scene.points.iter().filter_map(|p| space.internal_point(p.xyz)).collect();
             let p: Vec<f32> = (0..3).flat_map(|a| inside.iter().map(move |p| p[a])).collect();
@@ -135,18 +138,20 @@ impl Ground {
             space.grid_positions(Simd::best(), &p, &mut x);
             deform.set_background(x);
         }
-        let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, (name, None, deform))?;
+        let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, name, None, deform)?;
         self.carve(&mut ngp, data, false)?;
         Ok(ngp)
     }
 
     fn carve(&mut self, ngp: &mut Ngp, data: &Dataset, alpha: bool) -> Result<(), SystemError> {
         ngp.carve(data)?;
-        self.lines.push(format!(
-            "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
-            percent(ngp.carved()),
-            if alpha { " and the images' alpha" } else { "" }
-        ));
+        self.lines.extend(ngp.carved().map(|carved| {
+            format!(
+                "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
+                percent(carved),
+                if alpha { " and the images' alpha" } else { "" }
+            )
+        }));
         Ok(())
     }
 }

@@ -26,7 +26,9 @@ pub(crate) use ground::{Ground, space};
 pub(crate) use known::NGP;
 pub use known::{CLAIMS, SYSTEMS};
 pub(crate) use near::set_near;
-pub(crate) use ngp_settings::{Shown, ngp_settings};
+#[cfg(test)]
+pub(crate) use ngp_settings::HASH_GRID;
+pub(crate) use ngp_settings::{Shown, chosen_sampler, ngp_settings};
 pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
 pub(crate) use settings::{Settings, no_such_system, refuse_unknown, settings, split, table};
 
@@ -62,7 +64,7 @@ pub fn build(
     match name {
         "ngp" => {
             let mut ground = Ground { layout, lines, background, transparent, error_budget };
-            let config = settings.of(&field_settings(&mut ground, data))?;
+            let config = chosen_sampler(field_settings(&mut ground, data), &mut settings)?;
             let all = settings.all()?;
             let ngp = ground.ngp(data, &config, run.seed, None)?;
             Ok((Box::new(ngp), plan(ground.lines, all)))

@@ -3,8 +3,7 @@
 use super::ground::Ground;
 use super::ngp_settings::Shown;
 use crate::layout::{NEAR_SHARE, nearest_depth, stated_depths};
-use crate::space::SpaceKind;
-use crate::static_scene::ngp::NgpConfig;
+use crate::space::{SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use glam::DVec3;
 
@@ -12,7 +11,7 @@ use glam::DVec3;
 const CAMERA_SHARE: f64 = 0.35;
 
 /// Set the near plane of `config` where something says how near things are, and say why.
-pub(crate) fn set_near(config: &mut NgpConfig, ground: &mut Ground, data: &Dataset, shown: Shown) {
+pub(crate) fn set_near(config: &mut SpaceConfig, ground: &mut Ground, data: &Dataset, shown: Shown) {
     if ground.layout.kind != SpaceKind::Contracted {
         return;
     }

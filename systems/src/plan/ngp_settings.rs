@@ -1,9 +1,18 @@
 //! Settings of the fast field from the layout and the number of pixels.
 
+use super::settings::Settings;
+use crate::fields::{HashGridSettings, NetworkConfig, NetworkPrecision};
 use crate::layout::Layout;
+use crate::rays::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
+use crate::samplers::{OccupancyConfig, ProposalConfig};
+use crate::space::SpaceConfig;
 use crate::space::SpaceKind;
-use crate::static_scene::ngp::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
+use crate::terms::TermConfig;
 use engine::data::Dataset;
+use engine::options::RunOptions;
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Cells of the finest level to a pixel's footprint.
 const CELLS_PER_PIXEL: f64 = 2.0;
@@ -28,7 +37,7 @@ pub(crate) fn ngp_settings(
     data: &Dataset,
     (shown, transparent): (Shown, bool),
     lines: &mut Vec<String>,
-) -> NgpConfig {
+) -> RayConfig {
     let pixel = layout.footprint;
     // The grid spans two internal units, four where space is contracted.
     let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
@@ -61,65 +70,94 @@ pub(crate) fn ngp_settings(
     if distortion > 0.0 {
         lines.push(format!("distortion loss: {distortion} (space has no end: weight spread along a ray costs)"));
     }
-    NgpConfig { log2_table, n_max, step_min, rays_per_side, distortion, ..defaults(layout, step_min) }
+    // The gradient of the finest levels says little about where to go.
+    let warp_levels = if shown == Shown::Moments { HASH_GRID.levels.div_ceil(2) } else { HASH_GRID.levels };
+    let mut config = defaults(layout, step_min, HashGridSettings { log2_table, n_max, warp_levels, ..HASH_GRID });
+    config.batch.rays_per_side = rays_per_side;
+    config.terms.distortion = distortion;
+    config
 }
 
+/// A hash grid for minutes on a CPU.
+pub(crate) const HASH_GRID: HashGridSettings = HashGridSettings {
+    levels: 8,
+    features: 4,
+    log2_table: 17,
+    n_min: 16,
+    n_max: 2048,
+    levels_anneal: 0,
+    levels_first: 4,
+    warp_levels: 8,
+};
+
 /// Settings that depend on the place of the scene alone.
-fn defaults(layout: &Layout, step_min: f32) -> NgpConfig {
-    NgpConfig {
-        space: layout.kind,
-        centre: layout.centre.to_array(),
-        radius: layout.radius,
-        levels: 8,
-        features: 4,
-        levels_anneal: 0,
-        levels_first: 4,
-        warp_levels: 8,
-        network_lr: 1.0,
-        density_layers: 1,
-        voxels: 0,
-        voxels_every: 500,
-        log2_table: 17,
-        n_min: 16,
-        n_max: 2048,
-        precision: NetworkPrecision::F32,
-        width: 32,
-        colour_layers: 1,
-        geometry: 16,
-        sh_degree: 4,
-        density_bias: 0.0,
-        sampler: Sampler::Occupancy,
-        proposal_samples: vec![64, 48],
-        final_samples: 32,
-        occupancy: 64,
-        cascades: layout.cascades,
-        occupancy_threshold: 0.01,
-        occupancy_settle: 500,
-        occupancy_every: 8,
-        near: 0.05,
-        step_min,
-        step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
-        rays_per_side: 1,
-        train_stop: 1e-4,
-        train_faint: 0.0,
-        samples_per_ray: 64.0,
-        batch_samples: 1 << 15,
-        batch_rays: 1 << 13,
-        lr: 2e-2,
-        lr_hold: 500,
-        lr_tenfold: 0.1,
-        weight_decay: 1e-6,
-        free_space: false,
-        sky: false,
-        distortion: 0.0,
-        sparsity: 0.0,
-        background_entropy: 0.0,
-        point_colour: 0.0,
-        huber: 0.0,
-        head_width: 64,
-        head_bias: -5.0,
-        mixture: MixtureKind::Paper,
+fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig {
+    RayConfig {
+        space: SpaceConfig {
+            space: layout.kind,
+            centre: layout.centre.to_array(),
+            radius: layout.radius,
+            near: 0.05,
+            cascades: layout.cascades,
+        },
+        features: Arc::new(grid),
+        networks: NetworkConfig {
+            precision: NetworkPrecision::F32,
+            width: 32,
+            density_layers: 1,
+            colour_layers: 1,
+            geometry: 16,
+            sh_degree: 4,
+            density_bias: 0.0,
+        },
+        sampler: SamplerConfig::Occupancy(OccupancyConfig {
+            occupancy: 64,
+            occupancy_threshold: 0.01,
+            occupancy_settle: 500,
+            occupancy_every: 8,
+            step_min,
+            step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
+            samples_per_ray: 64.0,
+            free_space: false,
+            sky: false,
+        }),
+        batch: BatchConfig {
+            rays_per_side: 1,
+            train_stop: 1e-4,
+            train_faint: 0.0,
+            batch_samples: 1 << 15,
+            batch_rays: 1 << 13,
+            huber: 0.0,
+        },
+        rates: RateConfig { lr: 2e-2, lr_hold: 500, lr_tenfold: 0.1, network_lr: 1.0, weight_decay: 1e-6 },
+        terms: TermConfig::default(),
+        head: None,
     }
+}
+
+/// What places samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum SamplerKind {
+    /// A march that skips what an occupancy grid knows to be empty.
+    #[default]
+    Occupancy,
+    /// Small density fields that are asked first.
+    Proposal,
+}
+
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SamplerChoice {
+    sampler: SamplerKind,
+}
+
+/// The settings of a field of a scene that stands still, after `--set`, which may choose `sampler=proposal`.
+pub(crate) fn chosen_sampler(mut planned: RayConfig, settings: &mut Settings<'_>) -> Result<RayConfig, SystemError> {
+    if settings.of(&SamplerChoice::default())?.sampler == SamplerKind::Proposal {
+        planned.sampler = SamplerConfig::Proposals(ProposalConfig::default());
+    }
+    planned.asked(settings)
 }
 
 /// All settings of the field by name; values are of no scene.
@@ -133,5 +171,13 @@ pub(super) fn names() -> toml::Table {
         reference: None,
         why: String::new(),
     };
-    super::settings::table(&defaults(&nowhere, 0.01))
+    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, set };
+    let mut names = toml::Table::new();
+    for set in [toml::Table::new(), toml::toml! { sampler = "proposal" }] {
+        let run = run(set);
+        let mut settings = Settings::new(&run);
+        chosen_sampler(defaults(&nowhere, 0.01, HASH_GRID), &mut settings).expect("words of its own");
+        names.extend(settings.all().expect("words of its own"));
+    }
+    names
 }

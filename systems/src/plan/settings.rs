@@ -72,6 +72,11 @@ impl<'a> Settings<'a> {
         typed(part, self.run)
     }
 
+    /// Names and values of the parts so far.
+    pub(crate) fn known(&self) -> &toml::Table {
+        &self.all
+    }
+
     /// All settings by name, after the last part was asked for its own.
     ///
     /// # Errors

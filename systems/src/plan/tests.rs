@@ -1,7 +1,8 @@
 use super::made::{Points, RING, SIDE, capture, frames, scene};
 use super::*;
 use crate::layout::NEAR_SHARE;
-use crate::static_scene::ngp::NgpConfig;
+use crate::rays::{RayConfig, SamplerConfig};
+use crate::samplers::OccupancyConfig;
 use engine::options::Background;
 use engine::options::Purpose;
 use engine::train::Stop;
@@ -12,7 +13,14 @@ fn run(set: toml::Table) -> RunOptions {
     RunOptions { seed: 0, background: None, error_budget: None, set }
 }
 
-fn field(scene: &Scene, data: &Dataset) -> NgpConfig {
+fn grid(config: &RayConfig) -> OccupancyConfig {
+    match &config.sampler {
+        SamplerConfig::Occupancy(grid) => *grid,
+        SamplerConfig::Proposals(_) => panic!("an occupancy grid is planned"),
+    }
+}
+
+fn field(scene: &Scene, data: &Dataset) -> RayConfig {
     let mut ground = Ground::of(scene, data, &run(toml::Table::new())).unwrap();
     field_settings(&mut ground, data)
 }
@@ -21,26 +29,30 @@ fn field(scene: &Scene, data: &Dataset) -> NgpConfig {
 fn near_and_free_space_are_from_points_where_there_are_any() {
     let (with, data) = capture(Points::WithTracks);
     let config = field(&with, &data);
-    assert!(config.free_space && config.sky, "{config:?}");
+    assert!(grid(&config).free_space && grid(&config).sky, "{config:?}");
     // The floor begins about 3.16 - 1.3 before each camera.
-    let near = f64::from(config.near) * config.radius;
+    let near = f64::from(config.space.near) * config.space.radius;
     assert!((NEAR_SHARE * 1.5..NEAR_SHARE * 2.7).contains(&near), "{near}");
     // Who sees them is estimated where nothing says so, and makes little difference here.
     let (without, data) = capture(Points::WithoutTracks);
     assert!(data.views().iter().all(|view| !view.points.is_empty()));
     let estimated = field(&without, &data);
-    assert!(estimated.free_space && (estimated.near / config.near - 1.0).abs() < 0.1, "{}", estimated.near);
+    assert!(
+        grid(&estimated).free_space && (estimated.space.near / config.space.near - 1.0).abs() < 0.1,
+        "{}",
+        estimated.space.near
+    );
     let (none, data) = capture(Points::None);
     let config = field(&none, &data);
-    assert!(!config.free_space);
-    let near = f64::from(config.near) * config.radius;
+    assert!(!grid(&config).free_space);
+    let near = f64::from(config.space.near) * config.space.radius;
     assert!(near < 0.4 * (10.0_f64 / 9.0).sqrt() * RING, "{near}");
 }
 
 #[test]
 fn two_stray_points_before_a_camera_change_nothing() {
     let (mut scene, data) = capture(Points::WithTracks);
-    let near = field(&scene, &data).near;
+    let near = field(&scene, &data).space.near;
     let camera = scene.frames[0].camera;
     for k in 0..2 {
         scene.points.push(scene_io::Point {
@@ -51,7 +63,7 @@ fn two_stray_points_before_a_camera_change_nothing() {
         scene.frames[0].tracks.push(TrackPoint { pixel: [12.0; 2], length: 2, point });
     }
     let (scene, data) = made::scene(scene.frames.clone(), scene.points.clone());
-    let strayed = field(&scene, &data).near;
+    let strayed = field(&scene, &data).space.near;
     assert!((strayed / near - 1.0).abs() < 0.05, "{strayed} {near}");
 }
 
@@ -83,7 +95,7 @@ fn points_say_more_of_the_near_plane_than_the_file_and_the_file_more_than_the_ca
         let mut frames = scene.frames;
         frames.iter_mut().for_each(|frame| frame.z_bounds = stated);
         let (scene, data) = made::scene(frames, scene.points);
-        field(&scene, &data).near
+        field(&scene, &data).space.near
     };
     let bounds = Some([0.9 * RING, 2.0 * RING]);
     assert!(
@@ -120,15 +132,17 @@ fn points_empty_cells_before_each_camera() {
     let (scene, data) = capture(Points::WithTracks);
     let field = |free_space: bool| {
         let mut ground = Ground::of(&scene, &data, &run(toml::Table::new())).unwrap();
-        let config = NgpConfig { free_space, occupancy: 32, ..field_settings(&mut ground, &data) };
+        let mut config = field_settings(&mut ground, &data);
+        let grid = config.occupancy_mut().unwrap();
+        *grid = OccupancyConfig { free_space, occupancy: 32, ..*grid };
         ground.ngp(&data, &config, 0, None).unwrap()
     };
     let (without, with) = (field(false), field(true));
-    assert!(with.carved() > without.carved(), "{} {}", with.carved(), without.carved());
+    assert!(with.carved() > without.carved(), "{:?} {:?}", with.carved(), without.carved());
     // A quarter of the way from a camera to the floor nothing can be; at the floor something can.
     let c = data.view(0).camera.pose.c;
     let points = [(0.75 * c).to_array(), DVec3::new(0.1, 0.1, 0.0).to_array()];
-    let density = |ngp: &crate::static_scene::ngp::Ngp| {
+    let density = |ngp: &crate::rays::Ngp| {
         let mut density = [0.0; 2];
         ngp.density(&points, 0.0, &mut density);
         density.map(|sigma| sigma > 0.0)

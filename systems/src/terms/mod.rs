@@ -4,6 +4,7 @@
 //! Each is a [`RayTerm`]. The driver renders a tile of rays, hands it to the terms one after the other, and takes the gradients
 //! that they add back through compositing and networks.
 
+mod depth;
 mod distortion;
 mod entropy;
 mod point_colour;

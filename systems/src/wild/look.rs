@@ -17,8 +17,8 @@ use super::photo_judge::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use super::survey_stride;
 use crate::method::{Method, Pixel, ViewSeen};
 use crate::plan::{Ground, field_settings};
-use crate::static_scene::ngp::{Ngp, NgpConfig};
-use crate::static_scene::survey::Surveys;
+use crate::rays::Ngp;
+use crate::survey::Surveys;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::{System, SystemError};
@@ -55,7 +55,8 @@ pub(super) fn needs(
     }
     let lines = ground.lines.len();
     // Colours that depend on the direction would explain the light of each photo.
-    let config = NgpConfig { sh_degree: 1, ..field_settings(ground, data) };
+    let mut config = field_settings(ground, data);
+    config.networks.sh_degree = 1;
     let mut field = ground.ngp(data, &config, run.seed, None)?;
     // What this field was built with is said again for the one that stays.
     ground.lines.truncate(lines);

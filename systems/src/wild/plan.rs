@@ -12,7 +12,10 @@ use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
 use crate::method::Method;
-use crate::plan::{Ground, NO_PARALLAX, field_settings, refuse_unknown, settings, split, table};
+use crate::plan::{
+    Ground, NO_PARALLAX, Settings, chosen_sampler, field_settings, refuse_unknown, settings, split, table,
+};
+use crate::rays::HeadConfig;
 use crate::static_scene::nerf::NerfConfig;
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions};
@@ -72,21 +75,25 @@ pub fn build(
     let (system, config): (Box<dyn System>, _) = match field {
         FieldKind::Ngp => {
             let mut planned = field_settings(&mut ground, data);
-            planned.sparsity = sparsity;
+            planned.terms.sparsity = sparsity;
             if wild.occluders == OccluderKind::Transient {
-                planned.batch_samples += planned.batch_samples / 2;
-                let samples = planned.batch_samples;
+                planned.head = Some(HeadConfig::default());
+                planned.batch.batch_samples += planned.batch.batch_samples / 2;
+                let samples = planned.batch.batch_samples;
                 ground.lines.push(format!("batches: {samples} samples (rays have more of them with a transient part)"));
             }
-            if wild.draws_patches() && planned.rays_per_side > 1 {
-                planned.rays_per_side = 1;
+            if wild.draws_patches() && planned.batch.rays_per_side > 1 {
+                planned.batch.rays_per_side = 1;
                 let side = wild.patch_side();
                 let line = format!("rays: one a pixel (patches of {side}x{side} pixels instead of more rays)");
                 ground.lines.push(line);
             }
-            names_of(run, &wild, &planned)?;
-            let config = settings(&planned, &fields)?;
-            (Box::new(ground.ngp(data, &config, run.seed, method)?), table(&config))
+            let mut settings = Settings::new(&fields);
+            let config = chosen_sampler(planned, &mut settings)?;
+            let mut field = settings.known().clone();
+            field.extend(table(&wild));
+            refuse_unknown(run, &field)?;
+            (Box::new(ground.ngp(data, &config, run.seed, method)?), settings.all()?)
         }
         FieldKind::Mlp => {
             let planned = NerfConfig { sparsity, ..ground.nerf_settings() };

@@ -1,7 +1,7 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
+use crate::rays::MixtureKind;
 use crate::space::SpaceKind;
-use crate::static_scene::ngp::MixtureKind;
 use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 use super::step::{Chunk, Inputs};
 use super::{Recipe, TwoLevel};
 use crate::method::{Method, Pixel};
-use crate::static_scene::survey::{Shown, Surveys};
+use crate::survey::{Shown, Surveys};
 use engine::data::Dataset;
 use engine::system::SystemError;
 use rayon::prelude::*;

@@ -8,11 +8,10 @@
 //! are the lattice, and no cell is empty.
 
 use super::Ngp;
-use super::field::{Field, Placing, When};
-use super::proposed::{Draw, Proposed};
 use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
-use crate::fields::Detail;
+use crate::fields::{Detail, Field, Placing, When};
+use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
 use crate::space::{InternalRay, Space};
 use engine::canonical::add_canonical;
 use engine::skips::bound_of;
@@ -166,13 +165,14 @@ pub(super) fn skip_rows(ledger: &Mutex<Ledger>) -> Vec<SkipRow> {
 
 /// All cells, or all but those that the cameras rule out; `None` where empty ones are passed over.
 fn full_grid(ngp: &Ngp, budget: &Budget, empty: EmptyCells) -> Option<OccupancyGrid> {
-    if ngp.proposals.is_some() || (empty == EmptyCells::Nothing && budget.takes(Skip::Empty)) {
+    let grid = &ngp.sampler.occupancy()?.grid;
+    if empty == EmptyCells::Nothing && budget.takes(Skip::Empty) {
         return None;
     }
-    let mut full = OccupancyGrid::new(ngp.occupy.grid.settings()).ok()?;
+    let mut full = OccupancyGrid::new(grid.settings()).ok()?;
     if empty == EmptyCells::Field {
         // Asked for every cell in order: none is marked yet.
-        let mut cells = ngp.occupy.grid.thickness().iter();
+        let mut cells = grid.thickness().iter();
         full.mark_invisible(|_, _| cells.next().is_some_and(|&thickness| thickness >= 0.0));
     }
     Some(full)
@@ -188,9 +188,9 @@ impl Job<'_> {
             row.fill(*value);
         }
         let mut ledger = Ledger::default();
-        match &self.ngp.proposals {
-            None => self.march(s, &mut ledger),
-            Some(proposals) => {
+        match &self.ngp.sampler {
+            Sampler::Occupancy(occupancy) => self.march(occupancy, s, &mut ledger),
+            Sampler::Proposals(proposals) => {
                 s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, Draw::Render);
                 s.proposed.intervals(rays.len(), &mut s.t, &mut s.dt, &mut s.offsets);
             }
@@ -222,8 +222,8 @@ impl Job<'_> {
     }
 
     /// Place samples along the rays.
-    fn march(&self, s: &mut Scratch, ledger: &mut Ledger) {
-        let (ngp, marcher) = (self.ngp, self.ngp.occupy.marcher(&self.ngp.config, self.ngp.stretch));
+    fn march(&self, occupancy: &Occupancy, s: &mut Scratch, ledger: &mut Ledger) {
+        let (grid, marcher) = (&occupancy.grid, occupancy.marcher());
         s.t.clear();
         s.dt.clear();
         s.empty.clear();
@@ -235,7 +235,7 @@ impl Job<'_> {
             if let Some(full) = &self.full {
                 // Samples lie where they would without the empty ones: what is in both is occupied.
                 occupied.clear();
-                marcher.march(&ngp.occupy.grid, ray, JITTER, |at, _| occupied.push(at));
+                marcher.march(grid, ray, JITTER, |at, _| occupied.push(at));
                 let mut next = 0;
                 let marched = marcher.march(full, ray, JITTER, |at, step| {
                     let holds = occupied.get(next) == Some(&at);
@@ -247,7 +247,7 @@ impl Job<'_> {
                 debug_assert_eq!(next, occupied.len(), "every occupied sample lies on the lattice");
                 lattice += u64::from(marched.lattice);
             } else {
-                let marched = marcher.march(&ngp.occupy.grid, ray, JITTER, |at, step| {
+                let marched = marcher.march(grid, ray, JITTER, |at, step| {
                     t.push(at);
                     dt.push(step);
                 });
@@ -260,7 +260,7 @@ impl Job<'_> {
 
     /// Samples `round * ROUND ..` of the rays still alive. Returns how many there were.
     fn shade_round(&self, round: usize, progress: &mut [Progress], s: &mut Scratch, ledger: &mut Ledger) -> u64 {
-        let (field, space, lead) = (&self.ngp.field, &self.ngp.space, self.ngp.lead());
+        let (field, space, lead) = (&self.ngp.field, &self.ngp.space, self.ngp.sampler.lead());
         let span = |offsets: &[u32], r: usize| {
             let first = offsets[r] as usize + round * ROUND;
             first..(first + ROUND).min(offsets[r + 1] as usize)

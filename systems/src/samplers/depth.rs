@@ -1,10 +1,8 @@
-//! What measured depth does for training (EndoNeRF, section 2): samples lie around it, rendered depth is held to it, and where
-//! the field disagrees most it is the measurement that gives way.
+//! Measured depth leads a march: samples lie around it, and where the field disagrees most it is the measurement that gives way
+//! (EndoNeRF, Wang et al., 2022, section 2).
 
-use super::Ngp;
 use crate::buffers::sized;
 use crate::space::Space;
-use crate::terms::{RayBars, RayTerm, TileRays};
 use engine::data::Dataset;
 use engine::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::kernel::Kernel;
@@ -76,16 +74,16 @@ impl CueConfig {
     }
 }
 
-/// Room for [`Cues::cut`]: random numbers, places of cuts, the intervals before.
+/// Room for [`MeasuredDepth::cut`]: random numbers, places of cuts, the intervals before.
 #[derive(Default)]
-pub(super) struct CutRoom {
+pub(crate) struct CutRoom {
     u: Vec<f32>,
     places: Vec<f32>,
     marched: Vec<(f32, f32)>,
 }
 
 /// Measured depth of the training views.
-pub(super) struct Cues {
+pub(crate) struct MeasuredDepth {
     config: CueConfig,
     /// `[views][height][width]`, internal distance along the pixel's ray; 0 where nothing is known.
     t: Vec<Vec<f32>>,
@@ -103,9 +101,9 @@ const FURTHEST: f64 = 0.999;
 /// Measured depths that the range is found from, of all photos together.
 const KNOWN: usize = 1 << 24;
 
-impl Cues {
+impl MeasuredDepth {
     /// Those of the training views, where any has depth.
-    pub(super) fn read(config: CueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
+    pub(crate) fn read(config: CueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
         let views: Vec<Vec<f32>> =
             (0..data.len()).into_par_iter().map(|i| distances(space, data, i)).collect::<Result<_, _>>()?;
         let pixels: usize = views.iter().map(Vec::len).sum();
@@ -123,14 +121,14 @@ impl Cues {
     }
 
     /// Measured distance of a pixel; 0 where nothing is known.
-    pub(super) fn at(&self, view: u32, [x, y]: [u16; 2]) -> f32 {
+    pub(crate) fn at(&self, view: u32, [x, y]: [u16; 2]) -> f32 {
         let width = self.widths[view as usize];
         self.t[view as usize].get(usize::from(y) * width + usize::from(x)).copied().unwrap_or(0.0)
     }
 
     /// Cut a ray's intervals at places around its measured distance, where that is asked for: a march that steps over space alone
     /// does not look closer where a surface was measured. What is known to be empty stays so. How many cuts.
-    pub(super) fn cut(
+    pub(crate) fn cut(
         &self,
         (start, end): (f32, f32),
         depth: f32,
@@ -174,7 +172,7 @@ impl Cues {
 
     /// What the expected distance of a ray, `sum w t / sum w`, costs; `factor` times its derivative is added to `w_bar`. Each
     /// sample counts where the middle of its interval is, as renders have it.
-    pub(super) fn learn(
+    pub(crate) fn learn(
         &self,
         (w, t, dt): (&[f32], &[f32], &[f32]),
         measured: f32,
@@ -193,18 +191,62 @@ impl Cues {
     }
 
     /// Whether rendered depth is held to measured depth.
-    pub(super) fn holds(&self) -> bool {
+    pub(crate) fn holds(&self) -> bool {
         self.config.depth > 0.0
     }
 
     /// Whether measurements give way before this step.
-    fn is_due(&self, step: u64) -> bool {
+    pub(crate) fn is_due(&self, step: u64) -> bool {
         let CueConfig { refine_every, refine_rounds, .. } = self.config;
         refine_every > 0 && step > 0 && step.is_multiple_of(refine_every) && step / refine_every <= refine_rounds
     }
 
+    /// Let the measured depths that disagree most with those that `system` renders give way to these (EndoNeRF, depth refinement). A
+    /// depth under a mask or without a rendered counterpart stays.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when an image cannot be read.
+    pub(crate) fn refine(
+        &mut self,
+        system: &dyn System,
+        space: &Space,
+        background: [f32; 3],
+        data: &Dataset,
+        step: u64,
+    ) -> Result<(), SystemError> {
+        // Of many photos, some pixels in each round: others each time.
+        let stride = (data.pixel_count() as f64 / REFINE_RAYS as f64).sqrt().ceil().max(1.0) as usize;
+        let round = (step / self.config.refine_every) as usize;
+        let [column, row] = [round % stride, round / stride % stride];
+        for view in 0..data.len() {
+            let (seen, image) = (data.view(view), data.image(view)?);
+            let width = seen.camera.width;
+            let used = |k: usize| image.mask.as_ref().is_none_or(|mask| mask[k] >= 128);
+            let turn = |k: usize| k % width as usize % stride == column && k / width as usize % stride == row;
+            let asked = (0..self.t[view].len()).filter(|&k| turn(k) && self.t[view][k] > 0.0 && used(k));
+            let known: Vec<usize> = asked.collect();
+            let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
+            let rays: Vec<Ray> = known.iter().filter_map(|&k| place(k)).collect();
+            let query = Query {
+                background: background,
+                layers: LayerRequest::default(),
+                error_budget: 1.0 / 255.0,
+                appearance: engine::system::Appearance::Mean,
+                time: seen.time,
+                halt: engine::halt::Halt::NEVER,
+            };
+            let depth = system.render(&rays, &query).depth;
+            let internal = |(ray, t): (&Ray, f32)| {
+                if t.is_finite() { space.internal_distance(ray, t.into()) } else { 0.0 }
+            };
+            let found: Vec<f32> = rays.iter().zip(depth).map(internal).collect();
+            give_way(&mut self.t[view], &known, &found, self.config.refine_share);
+        }
+        Ok(())
+    }
+
     /// What later steps depend on; nothing while measurements are as they were read.
-    pub(super) fn state(&self) -> Vec<Tensor<'_>> {
+    pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
         let view = |(i, t): (usize, &Vec<f32>)| Tensor {
             shape: vec![t.len()],
             ..f32_tensor(format!("cues.{i}"), t).into_owned()
@@ -212,28 +254,13 @@ impl Cues {
         if self.config.refine_every == 0 { Vec::new() } else { self.t.iter().enumerate().map(view).collect() }
     }
 
-    /// Put back what [`Cues::state`] gave.
-    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+    /// Put back what [`MeasuredDepth::state`] gave.
+    pub(crate) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         if self.config.refine_every > 0 {
             let read = |(i, t): (usize, &Vec<f32>)| take_f32(state, &format!("cues.{i}"), t.len());
             self.t = self.t.iter().enumerate().map(read).collect::<Result<_, _>>()?;
         }
         Ok(())
-    }
-}
-
-impl RayTerm for Cues {
-    fn add(&self, rays: &TileRays<'_>, bars: &mut RayBars, loss: &mut f64) {
-        let w_bar = bars.w.add();
-        for r in 0..rays.rays() {
-            let (span, pixel) = (rays.span(r), r / rays.per_pixel);
-            let (measured, weight) = (self.at(rays.view[pixel], rays.place[pixel]), rays.weight[pixel]);
-            if measured > 0.0 && weight > 0.0 {
-                let ray = (&rays.w[span.clone()], &rays.t[span.clone()], &rays.dt[span.clone()]);
-                let factor = weight * rays.per_ray();
-                *loss += f64::from(factor * self.learn(ray, measured, factor * rays.share, &mut w_bar[span]));
-            }
-        }
     }
 }
 
@@ -249,49 +276,6 @@ fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneE
         *out = space.internal_distance(&ray, f64::from(z) / ray.d.dot(axis));
     }
     Ok(out)
-}
-
-impl Ngp {
-    /// Let the measured depths that disagree most with the rendered ones give way to these (EndoNeRF, depth refinement). A depth
-    /// under a mask or without a rendered counterpart stays.
-    pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
-        let given = self.given_way(data, &mut cues, step);
-        self.cues = Some(cues);
-        given
-    }
-
-    fn given_way(&self, data: &Dataset, cues: &mut Cues, step: u64) -> Result<(), SystemError> {
-        // Of many photos, some pixels in each round: others each time.
-        let stride = (data.pixel_count() as f64 / REFINE_RAYS as f64).sqrt().ceil().max(1.0) as usize;
-        let round = (step / cues.config.refine_every) as usize;
-        let [column, row] = [round % stride, round / stride % stride];
-        for view in 0..data.len() {
-            let (seen, image) = (data.view(view), data.image(view)?);
-            let width = seen.camera.width;
-            let used = |k: usize| image.mask.as_ref().is_none_or(|mask| mask[k] >= 128);
-            let turn = |k: usize| k % width as usize % stride == column && k / width as usize % stride == row;
-            let asked = (0..cues.t[view].len()).filter(|&k| turn(k) && cues.t[view][k] > 0.0 && used(k));
-            let known: Vec<usize> = asked.collect();
-            let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
-            let rays: Vec<Ray> = known.iter().filter_map(|&k| place(k)).collect();
-            let query = Query {
-                background: self.background.colour(),
-                layers: LayerRequest::default(),
-                error_budget: 1.0 / 255.0,
-                appearance: engine::system::Appearance::Mean,
-                time: seen.time,
-                halt: engine::halt::Halt::NEVER,
-            };
-            let depth = self.render(&rays, &query).depth;
-            let internal = |(ray, t): (&Ray, f32)| {
-                if t.is_finite() { self.space.internal_distance(ray, t.into()) } else { 0.0 }
-            };
-            let found: Vec<f32> = rays.iter().zip(depth).map(internal).collect();
-            give_way(&mut cues.t[view], &known, &found, cues.config.refine_share);
-        }
-        Ok(())
-    }
 }
 
 /// Replace the share of `t` at `known` that is furthest from `found`, strictly above the quantile; 0 in `found` is no depth.
@@ -342,8 +326,8 @@ mod tests {
         Dataset::new(&scene, store, vec![0, 1]).unwrap()
     }
 
-    fn cues(config: CueConfig, z: impl Fn(usize) -> f32) -> Cues {
-        Cues::read(config, &Space::boxed(DVec3::ZERO, 4.0, 0.01), &measured(z)).unwrap().unwrap()
+    fn cues(config: CueConfig, z: impl Fn(usize) -> f32) -> MeasuredDepth {
+        MeasuredDepth::read(config, &Space::boxed(DVec3::ZERO, 4.0, 0.01), &measured(z)).unwrap().unwrap()
     }
 
     const LED: CueConfig = CueConfig { depth: 0.7, cue_samples: 24, ..CueConfig::NONE };
@@ -375,7 +359,7 @@ mod tests {
         let flat = cues(LED, |_| 3.0);
         assert!(flat.range > 0.0 && flat.range.is_finite());
         let space = Space::boxed(DVec3::ZERO, 4.0, 0.01);
-        assert!(Cues::read(LED, &space, &measured(|_| 0.0)).unwrap().is_none());
+        assert!(MeasuredDepth::read(LED, &space, &measured(|_| 0.0)).unwrap().is_none());
     }
 
     #[test]

@@ -150,7 +150,7 @@ fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize, every: usize, most: usize) -> 
         ..ngp.context(&Plan::PICTURE, &inputs)
     };
     let mut kept = Kept { offsets: vec![0], ..Kept::default() };
-    let mut chunk = Chunk::new(&ngp.field);
+    let mut chunk = Chunk::new(&ngp.field, ngp.head.as_ref());
     for first in (0..n).step_by(RAYS) {
         let span = first..(first + RAYS).min(n);
         chunk.sample(&ctx, span.clone());

@@ -1,18 +1,19 @@
-//! Instant-NGP: a hash grid, two tiny networks, an occupancy grid.
+//! A system of rays: the driver that trains and renders a field, whatever it is made of.
 //!
-//! Müller, Evans, Schied, Keller, "Instant Neural Graphics Primitives with a Multiresolution Hash Encoding", 2022.
+//! | part | room |
+//! | --- | --- |
+//! | what is learnt about places, and the networks behind it | [`crate::fields`] |
+//! | where samples lie along a ray | [`crate::samplers`] |
+//! | what whole rays cost | [`crate::terms`] |
+//! | what moves | [`crate::deform`] |
+//! | appearance of photos, and what hides the scene in them | [`crate::method`] |
 //!
-//! A step, as in the paper's section on NeRF:
+//! A step:
 //!
-//! 1. rays of random training pixels; samples only where the occupancy grid has something (`chunk.rs`);
-//! 2. hash grid -> density network -> density and geometry features; with the view direction's spherical harmonics
-//!    -> colour network -> colour; composited to pixels; the loss, and all of it backwards;
-//! 3. the gradient of each level of the grid, scattered in sample order, and Adam on the entries it touched;
-//! 4. now and then, the occupancy grid looks at the field (`occupy.rs`).
-//!
-//! With `sampler = "proposal"` there is no occupancy grid: proposals place the samples (`proposal.rs`), for space without end.
-//!
-//! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
+//! 1. rays of random training pixels; samples where the sampler finds something (`chunk.rs`);
+//! 2. features -> density network -> density and geometry; with the view direction's spherical harmonics -> colour network ->
+//!    colour; composited to pixels; the loss, and all of it backwards (`tile.rs`);
+//! 3. the gradients of the chunks, added in their order, and a step of each part's optimiser (`step.rs`).
 
 mod account;
 #[cfg(test)]
@@ -22,19 +23,14 @@ mod canonical_tests;
 mod chunk;
 mod config;
 mod context;
-mod cues;
-mod field;
 mod fit;
 mod head;
-mod look;
 #[cfg(test)]
 mod moving_tests;
-mod occupy;
 mod points;
-mod proposal;
+mod prepass;
 #[cfg(test)]
 mod proposal_tests;
-mod proposed;
 mod relight;
 #[cfg(test)]
 mod relight_tests;
@@ -44,26 +40,26 @@ mod step;
 mod survey;
 mod tile;
 
-pub use config::{MixtureKind, NetworkPrecision, NgpConfig, Sampler};
-pub use cues::CueConfig;
+pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
+pub use head::{HeadConfig, MixtureKind};
 
 use crate::deform::{Deform, StillWork};
+use crate::fields::Field;
 use crate::method::{Method, Pixel};
+use crate::samplers::{CueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
 use crate::space::{Space, SpaceKind};
-use crate::static_scene::survey::Surveys;
+use crate::survey::Surveys;
 use crate::terms::RayTerm;
 use account::{Seconds, Skipped};
 use chunk::Chunk;
-use cues::Cues;
 use engine::data::{Batch, Dataset, ErrorMap, Guide};
 use engine::options::Background;
 use engine::system::{
     Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
 };
-use field::Field;
-use occupy::{Moves, Occupy};
+use field_core::rng::Rng;
+use head::Head;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
-use proposal::Proposals;
 use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
@@ -72,27 +68,25 @@ use render_core::ray_distance::{RayDistance, Warp};
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
 
-/// Training begins with steps so many times as long, and never makes them longer.
-const MAX_STRETCH: f32 = 8.0;
-/// Largest change of the steps' length from one batch to the next.
-const STRETCH_RATE: f32 = 1.05;
+/// Stream of random numbers of the initial parameters.
+const INIT: u64 = 0x696e_6974;
 
-/// Rays of the first batch, before anybody knows how many samples a ray has.
+/// Rays of the first batch, before it is known how many samples a ray has.
 const FIRST_RAYS: usize = 256;
 
 /// The system.
 pub struct Ngp {
     name: &'static str,
-    config: NgpConfig,
+    config: RayConfig,
     seed: u64,
     background: Background,
     space: Space,
     /// What whole rays cost.
     terms: Vec<Box<dyn RayTerm>>,
     field: Field,
-    occupy: Occupy,
-    /// Where samples are placed by proposals.
-    proposals: Option<Proposals>,
+    /// What one photo alone shows; only where a method asks.
+    head: Option<Head>,
+    sampler: Sampler,
     /// What else the loss depends on; `None`: the photos show the scene as it is.
     method: Option<Box<dyn Method>>,
     /// Where the photos are explained badly still, where that is asked for.
@@ -100,14 +94,12 @@ pub struct Ngp {
     /// Which pixels are drawn, where masks say so.
     guide: Option<Guide>,
     /// Measured depth; `None` where there is none, or nobody asks for it.
-    cues: Option<Cues>,
+    cues: Option<MeasuredDepth>,
     density_adam: Adam,
     colour_adam: Adam,
     guard: NonFiniteGuard,
     /// Rays of the next batch.
     rays: usize,
-    /// Training steps are so many times as long as those of a render, `>= 1`.
-    stretch: f32,
     work: Work,
     seconds: Seconds,
     skipped: Skipped,
@@ -160,7 +152,7 @@ impl Ngp {
     ///
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot work.
-    pub fn new(config: NgpConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
+    pub fn new(config: RayConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
         Self::with_method(config, space, background, seed, None)
     }
 
@@ -169,14 +161,14 @@ impl Ngp {
     /// # Errors
     /// As [`Ngp::new`].
     pub fn with_method(
-        config: NgpConfig,
+        config: RayConfig,
         space: Space,
         background: Background,
         seed: u64,
         method: Option<Box<dyn Method>>,
     ) -> Result<Self, SystemError> {
         let name = method.as_ref().map_or("ngp", |method| method.name());
-        Self::moving(config, space, background, seed, (name, method, None))
+        Self::moving(config, space, background, seed, name, method, None)
     }
 
     /// A new field of a scene that moves, under a system's name.
@@ -184,31 +176,45 @@ impl Ngp {
     /// # Errors
     /// As [`Ngp::new`].
     pub(crate) fn moving(
-        config: NgpConfig,
+        config: RayConfig,
         space: Space,
         background: Background,
         seed: u64,
-        (name, method, deform): (&'static str, Option<Box<dyn Method>>, Option<Deform>),
+        name: &'static str,
+        method: Option<Box<dyn Method>>,
+        deform: Option<Deform>,
     ) -> Result<Self, SystemError> {
         config.check()?;
-        if config.sampler == Sampler::Proposal && deform.is_some() {
-            let problem = "a scene that moves needs `occupancy`: proposals know of one moment only";
-            return Err(config::bad("sampler", "proposal", problem));
-        }
-        if config.sampler == Sampler::Proposal && method.as_ref().is_some_and(|m| m.transient().is_some()) {
-            let problem = "a transient part needs `occupancy`: proposals know of static matter only";
-            return Err(config::bad("sampler", "proposal", problem));
-        }
         let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
-        let field = Field::new(&config, codes.map(|codes| codes.map(|codes| codes.dims)), deform, seed)?;
-        let occupy = Occupy::new(&config)?;
-        let networks = AdamConfig { decay: Decay::L2(f64::from(config.weight_decay)), ..AdamConfig::NGP };
+        let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
+        let moving = deform.is_some();
+        let rng = Rng::new(seed, INIT);
+        let features = config.features.features(rng.substream(0))?;
+        let field = Field::new(features, &config.networks, appearance.unwrap_or(0), deform, &rng)?;
+        let (sampler, step_min) = Self::sampler(&config, seed)?;
+        let refuse = |problem: &str| {
+            Err(SystemError::Config { field: "sampler", value: "proposal".into(), problem: problem.into() })
+        };
+        let head = match (transient, step_min) {
+            (None, _) => None,
+            (Some(_), None) => {
+                return refuse("a transient part needs `occupancy`: proposals know of static matter only");
+            }
+            (Some(dims), Some(step_min)) => {
+                let config = config.head.unwrap_or_default();
+                Some(Head::new(field.density.outputs(), dims, &config, step_min, rng.substream(3))?)
+            }
+        };
+        if moving && sampler.proposals().is_some() {
+            return refuse("a scene that moves needs `occupancy`: proposals know of one moment only");
+        }
+        let networks = AdamConfig { decay: Decay::L2(f64::from(config.rates.weight_decay)), ..AdamConfig::NGP };
         let work = Work {
             inputs: Inputs::default(),
-            chunks: (0..CHUNKS).map(|_| Chunk::new(&field)).collect(),
+            chunks: (0..CHUNKS).map(|_| Chunk::new(&field, head.as_ref())).collect(),
             density_grad: vec![0.0; field.density_params.len()],
             colour_grad: vec![0.0; field.colour_params.len()],
-            head_grad: vec![0.0; field.head.as_ref().map_or(0, |head| head.params.len())],
+            head_grad: vec![0.0; head.as_ref().map_or(0, |head| head.params.len())],
             packed_grad: Vec::new(),
             seen: Vec::new(),
             appearance_bar: Vec::new(),
@@ -217,16 +223,14 @@ impl Ngp {
             relighting: Relighting::default(),
         };
         Ok(Self {
-            proposals: (config.sampler == Sampler::Proposal).then(|| Proposals::new(&config, seed)).transpose()?,
             errors: None,
             guide: None,
             cues: None,
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
-            rays: FIRST_RAYS.min(config.batch_rays),
-            stretch: MAX_STRETCH,
-            terms: config.terms().terms(normalised_distance(&space, config.near)),
+            rays: FIRST_RAYS.min(config.batch.batch_rays),
+            terms: config.terms.terms(normalised_distance(&space, config.space.near)),
             name,
             config,
             seed,
@@ -234,26 +238,45 @@ impl Ngp {
             space,
             method,
             field,
-            occupy,
+            head,
+            sampler,
             work,
             seconds: Seconds::default(),
             skipped: Skipped::default(),
         })
     }
 
-    /// Cells that no training view sees, or that a view with alpha sees through, are empty for good.
+    /// What places samples, and the length of the smallest step where that is fixed.
+    fn sampler(config: &RayConfig, seed: u64) -> Result<(Sampler, Option<f32>), SystemError> {
+        let bias = config.networks.density_bias;
+        Ok(match &config.sampler {
+            SamplerConfig::Occupancy(occupancy) => {
+                let sampler = Occupancy::new(*occupancy, &config.space, bias)?;
+                (Sampler::Occupancy(Box::new(sampler)), Some(occupancy.step_min))
+            }
+            SamplerConfig::Proposals(proposals) => {
+                let weight_decay = f64::from(config.rates.weight_decay);
+                let network = ProposalNetwork { density_bias: bias, weight_decay };
+                let kind = config.space.space;
+                (Sampler::Proposals(Proposals::new(proposals, &*config.features, kind, network, seed)?), None)
+            }
+        })
+    }
+
+    /// Cells of an occupancy grid that no training view sees, or that a view with alpha sees through, are empty for good.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
         let scene = if self.field.deform.is_some() { Moves::Yes } else { Moves::No };
-        self.occupy.carve(&self.config, &self.space, data, scene)
+        self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 
-    /// Part of a ray's light that faint samples are left out with; nothing where something else than the scene learns from
+    /// Part of a ray's colour that faint samples are left out with; nothing where something else than the scene learns from
     /// them.
     fn faint(&self) -> f32 {
-        if self.proposals.is_none() && self.field.head.is_none() { self.config.train_faint } else { 0.0 }
+        let all = self.sampler.proposals().is_some() || self.head.is_some();
+        if all { 0.0 } else { self.config.batch.train_faint }
     }
 
     /// Let errors lead the rays.
@@ -275,19 +298,22 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Scene`] when a depth map cannot be read.
     pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<bool, SystemError> {
-        self.cues = Cues::read(config, &self.space, data)?;
+        self.cues = MeasuredDepth::read(config, &self.space, data)?;
         Ok(self.cues.is_some())
     }
 
-    /// Share of the occupancy grid's cells that are empty for good.
+    /// Share of the occupancy grid's cells that are empty for good; `None` where there is no such grid.
     #[must_use]
-    pub fn carved(&self) -> f64 {
-        1.0 - self.occupy.grid.visible_cells() as f64 / self.occupy.grid.cells() as f64
+    pub fn carved(&self) -> Option<f64> {
+        self.sampler.occupancy().map(Occupancy::carved)
     }
 
-    /// Part of a sample's interval that lies in front of it: a march samples where a step begins, proposals in the middle.
-    fn lead(&self) -> f32 {
-        if self.proposals.is_some() { 0.5 } else { 0.0 }
+    /// Let the measured depths that disagree most with the rendered ones give way to these, where it is their turn.
+    fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
+        let refined = cues.refine(self, &self.space, self.background.colour(), data, step);
+        self.cues = Some(cues);
+        refined
     }
 }
 
@@ -305,7 +331,7 @@ impl System for Ngp {
     }
 
     fn rays_per_side(&self) -> u32 {
-        self.config.rays_per_side
+        self.config.batch.rays_per_side
     }
 
     fn render_trial(&self, rays: &[Ray], query: &Query, trial: &Trial) -> Option<(Layers, Ledger)> {
@@ -366,28 +392,20 @@ impl System for Ngp {
 
     fn parameter_count(&self) -> usize {
         let f = &self.field;
-        let proposals = self.proposals.as_ref().map_or(0, Proposals::parameter_count);
-        let head = f.head.as_ref().map_or(0, |head| head.params.len());
+        let head = self.head.as_ref().map_or(0, |head| head.params.len());
         let deform = f.deform.as_ref().map_or(0, Deform::parameter_count);
         let method = self.method.as_ref().map_or(0, |method| method.parameter_count());
-        f.features.parameters().len()
-            + f.density_params.len()
-            + f.colour_params.len()
-            + proposals
-            + head
-            + deform
-            + method
+        let field = f.features.parameters().len() + f.density_params.len() + f.colour_params.len();
+        field + self.sampler.parameter_count() + head + deform + method
     }
 
     fn memory_bytes(&self) -> usize {
         let chunks: usize = self.work.chunks.iter().chain(self.work.relighting.chunks()).map(Chunk::bytes).sum();
         // Gradient and two moments of each parameter.
-        let proposals = self.proposals.as_ref().map_or(0, |p| 4 * p.parameter_count());
         self.field.bytes()
-            + proposals
             + 12 * self.parameter_count()
             + chunks
-            + self.occupy.bytes()
+            + self.sampler.bytes()
             + self.method.as_ref().map_or(0, |m| m.memory_bytes())
     }
 

@@ -6,18 +6,18 @@ use engine::system::SystemError;
 
 /// A training view, rendered in its own light with all that stood in it.
 pub(crate) struct Shown {
-    pub(super) size: [usize; 2],
-    pub(super) stride: u32,
-    pub(super) pixels: Vec<Pixel>,
-    pub(super) truth: Vec<[f32; 3]>,
-    pub(super) alpha: Vec<f32>,
-    pub(super) place: Vec<[f32; 3]>,
+    pub(crate) size: [usize; 2],
+    pub(crate) stride: u32,
+    pub(crate) pixels: Vec<Pixel>,
+    pub(crate) truth: Vec<[f32; 3]>,
+    pub(crate) alpha: Vec<f32>,
+    pub(crate) place: Vec<[f32; 3]>,
 }
 
 impl Shown {
     /// `rendered` are the pixels of the view in `batch` and where their rays end; `truth` is the photo behind the same
     /// background. Pixels that a mask ignores say nothing: they are as rendered, and transparent.
-    pub(super) fn new(
+    pub(crate) fn new(
         size: [usize; 2],
         stride: u32,
         batch: Batch,

@@ -58,10 +58,9 @@ impl Ngp {
         inputs.background.clear();
         inputs.background.resize(n, GREY);
         inputs.truth.clone_from(&inputs.background);
-        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
-        inputs.jitter.resize((1 + rounds) * n, 0.0);
+        inputs.jitter.resize(self.sampler.randoms() * n, 0.0);
         Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut inputs.jitter);
-        own.chunks.resize_with(CHUNKS, || Chunk::new(&self.field));
+        own.chunks.resize_with(CHUNKS, || Chunk::new(&self.field, self.head.as_ref()));
         let plan = Plan { step, per_pixel: 1, share: 1.0 };
 
         let in_own = self.shown(own, &plan);

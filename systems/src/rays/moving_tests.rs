@@ -1,8 +1,11 @@
 //! The field of a scene that moves: what is full now and then stays in sight, and finer voxels show the same scene.
 
 use super::budget_tests::small;
-use super::{Ngp, NgpConfig};
+use super::budget_tests::{biased, occupancy};
+use super::{Ngp, RayConfig};
 use crate::deform::{Deform, DeformConfig, Moment, Sees};
+use crate::fields::VoxelSettings;
+use crate::samplers::OccupancyConfig;
 use crate::space::{Space, SpaceKind};
 use engine::data::Dataset;
 use engine::options::Background;
@@ -25,18 +28,20 @@ fn filmed(side: u32) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }
 
-fn of(config: NgpConfig, data: &Dataset, moment: Moment) -> Ngp {
+fn of(config: RayConfig, data: &Dataset, moment: Moment) -> Ngp {
     let deform = DeformConfig { sees: Sees::Moment, ..DeformConfig::of_moments(moment) };
     let deform = Deform::new(deform, data, 1).unwrap();
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
-    Ngp::moving(config, space, Background::White, 1, ("ngp", None, Some(deform))).unwrap()
+    Ngp::moving(config, space, Background::White, 1, "ngp", None, Some(deform)).unwrap()
 }
 
 /// A field that is full everywhere at one moment of [`MOMENTS`], or at none, and empty at all others: the density is that of the
 /// moment's code.
 fn flash(full: bool) -> Ngp {
-    let config = NgpConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, ..small(SpaceKind::Box) };
-    let mut ngp = of(NgpConfig { density_bias: -8.0, ..config }, &filmed(4), Moment::Codes { dims: 1 });
+    let mut config = biased(SpaceKind::Box, -8.0);
+    let grid = occupancy(&mut config);
+    *grid = OccupancyConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, ..*grid };
+    let mut ngp = of(config, &filmed(4), Moment::Codes { dims: 1 });
     let mut state: TensorMap = ngp.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let mut write = |name: &str, values: &[(usize, f32)]| match &mut state.get_mut(name).unwrap().data {
         TensorData::F32(data) => {
@@ -58,9 +63,10 @@ fn flash(full: bool) -> Ngp {
 fn lost(mut ngp: Ngp) -> f64 {
     let mut worst = 0.0_f64;
     for step in 0..400 {
-        ngp.occupy.update(&ngp.config, &ngp.field, &ngp.space, ngp.seed, step);
+        let occupancy = ngp.sampler.occupancy_mut().unwrap();
+        occupancy.update(&ngp.field, &ngp.space, ngp.seed, step);
         if step >= 100 {
-            let grid = &ngp.occupy.grid;
+            let grid = &occupancy.grid;
             let full: u32 = grid.bits().iter().map(|word| word.count_ones()).sum();
             worst = worst.max(1.0 - f64::from(full) / grid.cells() as f64);
         }
@@ -96,14 +102,10 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
 #[test]
 fn finer_voxels_show_the_same_scene() {
     let data = filmed(24);
-    let config = NgpConfig {
-        voxels: 24,
-        voxels_every: 1000,
-        lr: 1e-2,
-        batch_rays: 512,
-        batch_samples: 1 << 13,
-        ..small(SpaceKind::Box)
-    };
+    let mut config = small(SpaceKind::Box);
+    config.features = Arc::new(VoxelSettings { voxels: 24, voxels_every: 1000, features: 4 });
+    config.rates.lr = 1e-2;
+    (config.batch.batch_rays, config.batch.batch_samples) = (512, 1 << 13);
     let mut ngp = of(config, &data, Moment::Time { octaves: 2 });
     let nothing_yet = shown(&ngp, &data, 0.5);
     for step in 0..60 {

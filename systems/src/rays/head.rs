@@ -4,13 +4,12 @@
 //! Every ray has one sample more, where it enters the scene: the **veil**. Nothing static is there, and the occupancy grid
 //! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
 
-use super::config;
 use super::context::StepContext;
 use super::tile::{Gradients, Marched, backward};
 use crate::buffers::sized;
 use crate::fields::xavier;
 use crate::method::Pixel;
-use engine::system::SystemError;
+use engine::system::{MOST_UNITS, SystemError, at_most};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use optim::{Adam, AdamConfig};
@@ -19,6 +18,7 @@ use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
     composite_two_backward,
 };
+use serde::{Deserialize, Serialize};
 use std::array;
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -43,6 +43,59 @@ pub(super) fn place_features([u, v]: [f32; 2]) -> [f32; PLACE_ROWS] {
 /// Outputs of the network: density, three colours, uncertainty.
 const OUTPUTS: usize = 5;
 
+/// How static and transient part share an interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MixtureKind {
+    /// As published: each as if the other were not there, so that what both cover counts twice.
+    #[default]
+    Paper,
+    /// In proportion to their densities: weights sum to 1.
+    Proportional,
+}
+
+impl From<MixtureKind> for Mixture {
+    fn from(kind: MixtureKind) -> Self {
+        match kind {
+            MixtureKind::Paper => Self::Paper,
+            MixtureKind::Proportional => Self::Proportional,
+        }
+    }
+}
+
+/// Settings of the transient head.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadConfig {
+    /// Width of the two hidden layers of the transient head.
+    pub head_width: usize,
+    /// Added to the head's raw density: how thin transient matter starts, 5 % of a ray at -3, less than 1 % at -5.
+    pub head_bias: f32,
+    /// How static and transient part share an interval: `paper` or `proportional`.
+    pub mixture: MixtureKind,
+}
+
+impl Default for HeadConfig {
+    fn default() -> Self {
+        Self { head_width: 64, head_bias: -5.0, mixture: MixtureKind::Paper }
+    }
+}
+
+impl HeadConfig {
+    /// Check the ranges.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub fn check(&self) -> Result<(), SystemError> {
+        at_most(&[("head_width", self.head_width, MOST_UNITS)])?;
+        if !(-20.0..=10.0).contains(&self.head_bias) {
+            let problem = "must be in -20..=10".into();
+            return Err(SystemError::Config { field: "head_bias", value: self.head_bias.to_string(), problem });
+        }
+        Ok(())
+    }
+}
+
 /// The network, its moments and its size.
 pub(super) struct Head {
     pub(super) mlp: Mlp,
@@ -65,21 +118,24 @@ impl Head {
     pub(super) fn new(
         geometry: usize,
         dims: usize,
-        width: usize,
-        (step_min, bias): (f32, f32),
-        mixture: Mixture,
+        config: &HeadConfig,
+        step_min: f32,
         rng: Rng,
     ) -> Result<Self, SystemError> {
         let mlp = Mlp::new(&MlpConfig {
             inputs: geometry + PLACE_ROWS + dims,
-            hidden: vec![width; 2],
+            hidden: vec![config.head_width; 2],
             outputs: OUTPUTS,
             bias: Bias::Zero,
             hidden_activation: Activation::Relu,
             output_activation: Activation::None,
             skips: vec![],
         })
-        .map_err(|e| config::bad("transient_dims", dims, &e.to_string()))?;
+        .map_err(|e| SystemError::Config {
+            field: "transient_dims",
+            value: dims.to_string(),
+            problem: e.to_string(),
+        })?;
         let params = xavier(&mlp, rng);
         let adam = Adam::new(params.len(), AdamConfig::NGP);
         let mut head = Self {
@@ -89,9 +145,9 @@ impl Head {
             adam,
             geometry,
             dims,
-            mixture,
+            mixture: config.mixture.into(),
             per_step: 1.0 / step_min,
-            bias,
+            bias: config.head_bias,
         };
         head.pack();
         Ok(head)

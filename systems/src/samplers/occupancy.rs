@@ -1,17 +1,19 @@
-//! The occupancy grid of the field: what it looks at, when, and what the alpha of the photos rules out at the start.
+//! An occupancy grid: rays are marched through what is not known to be empty (Müller et al., 2022, appendix E).
+//!
+//! The grid looks at the field now and then; what the cameras and the alpha of the photos rule out is empty from the start.
 
-use super::NgpConfig;
-use super::field::{DensityScratch, Field, When};
+pub(crate) use super::silhouette::Moves;
+use super::silhouette::{Sight, Silhouette};
 use crate::buffers::sized;
+use crate::fields::{DensityScratch, Field, When};
 use crate::free_space::{NearPlanes, free_cells};
-use crate::space::{InternalRay, Space, SpaceKind};
+use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
-use engine::system::SystemError;
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
 use field_core::rng::Rng;
-use glam::DVec3;
 use rayon::prelude::*;
-use render_core::camera::Prepared;
 use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, Settings, StepRule};
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
@@ -37,22 +39,109 @@ const TASK: usize = 4096;
 const DOUBTED: usize = 10;
 /// Tasks of an update at most.
 const TASKS: usize = 32;
-/// Samples of a ray at most: [`super::NgpConfig::check`] sees to it that no march ends early.
-pub(super) const MAX_SAMPLES: u32 = 1 << 16;
+/// Samples of a ray at most: [`OccupancyConfig::check`] sees to it that no march ends early.
+pub(crate) const MAX_SAMPLES: u32 = 1 << 16;
 /// Where the sky's sample is, and how long: so many times the way to the end of the occupancy grid. There the contraction
 /// leaves nothing of a ray but its direction, and any density is opaque.
 const SKY: f32 = 1e3;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 
+/// Training begins with steps this many times as long, and never makes them longer.
+const MAX_STRETCH: f32 = 8.0;
+/// Largest change of the steps' length from one batch to the next.
+const STRETCH_RATE: f32 = 1.05;
+
+/// Settings of an occupancy grid. Lengths are internal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OccupancyConfig {
+    /// Cells along an axis of the occupancy grid.
+    pub occupancy: usize,
+    /// A cell is empty below this optical thickness at the smallest step.
+    pub occupancy_threshold: f32,
+    /// Steps in which that threshold rises to its place, from half the thickness of a step through the initial field.
+    pub occupancy_settle: u64,
+    /// Steps between updates of the occupancy grid.
+    pub occupancy_every: u64,
+    /// Smallest step along the ray.
+    pub step_min: f32,
+    /// Step per distance from the camera; 0 keeps the step constant.
+    pub step_cone: f32,
+    /// Samples a ray may have on average in training: where there are more, steps grow until empty space is known.
+    pub samples_per_ray: f32,
+    /// What lies before the points that photos show is empty from the start.
+    pub free_space: bool,
+    /// Every ray ends in one more sample, at infinity: the sky, which is a colour for each direction. Only where space is
+    /// contracted.
+    pub sky: bool,
+}
+
+impl OccupancyConfig {
+    /// Check the ranges, in a space of so many cascades.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub fn check(&self, cascades: usize) -> Result<(), SystemError> {
+        let refuse =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
+        for (field, value) in [
+            ("step_min", f64::from(self.step_min)),
+            ("samples_per_ray", f64::from(self.samples_per_ray)),
+            ("occupancy_every", self.occupancy_every as f64),
+            ("occupancy_threshold", f64::from(self.occupancy_threshold)),
+        ] {
+            if !(value > 0.0 && value.is_finite()) {
+                return refuse(field, value.to_string(), "must be positive and finite");
+            }
+        }
+        if !(0.0..=1.0).contains(&self.step_cone) {
+            return refuse("step_cone", self.step_cone.to_string(), "must be in 0..=1");
+        }
+        if !(8..=512).contains(&self.occupancy) {
+            return refuse("occupancy", self.occupancy.to_string(), "must be in 8..=512");
+        }
+        // Along the diagonal of the outermost cube: equal steps, then steps that grow with the distance.
+        let diagonal = 3.0_f32.sqrt() * 2.0_f32.powi(cascades as i32);
+        let equal = diagonal.min(self.step_min / self.step_cone);
+        let steps = equal / self.step_min + (diagonal / equal).ln() / self.step_cone.max(f32::MIN_POSITIVE);
+        let shortest = diagonal / 4e6;
+        if !(shortest..=100.0).contains(&self.step_min) || steps > MAX_SAMPLES as f32 {
+            let problem =
+                format!("must be in {shortest:e}..=100, and make at most {MAX_SAMPLES} steps of a ray, not {steps:e}");
+            return refuse("step_min", self.step_min.to_string(), &problem);
+        }
+        Ok(())
+    }
+}
+
 /// The grid and the cells of the current update.
-pub(super) struct Occupy {
-    pub(super) grid: OccupancyGrid,
-    step_min: f32,
+pub(crate) struct Occupancy {
+    config: OccupancyConfig,
+    cascades: usize,
+    /// Optical thickness of a step through half the initial density.
+    initial: f32,
+    pub(crate) grid: OccupancyGrid,
+    /// Training steps are this many times as long as the settings say, `>= 1`.
+    pub(crate) stretch: f32,
     cells: Vec<u32>,
     thickness: Vec<f32>,
     /// Buffers that no task uses just now.
     lookers: Mutex<Vec<Looker>>,
+}
+
+/// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
+/// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nothing needs.
+fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u64) -> Settings {
+    let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
+    let last = config.occupancy_threshold;
+    let first = initial.min(last);
+    Settings {
+        resolution: config.occupancy as u32,
+        cascades: cascades as u32,
+        decay: DECAY,
+        threshold: first * (last / first).powf(settled.min(1.0)),
+    }
 }
 
 /// Buffers of a task of an update.
@@ -87,19 +176,19 @@ impl Draws {
 
 /// Step rule of a march.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Marcher {
+pub(crate) struct Marcher {
     rule: StepRule,
     sky: bool,
 }
 
 impl Marcher {
     /// Length of the shortest step.
-    pub(super) fn shortest(&self) -> f32 {
+    pub(crate) fn shortest(&self) -> f32 {
         self.rule.dt_min
     }
 
     /// Visit the samples of a ray.
-    pub(super) fn march(
+    pub(crate) fn march(
         &self,
         grid: &OccupancyGrid,
         ray: &InternalRay,
@@ -120,9 +209,16 @@ impl Marcher {
     }
 }
 
-impl Occupy {
-    pub(super) fn new(config: &NgpConfig) -> Result<Self, SystemError> {
-        let settings = Self::settings(config, 0);
+impl Occupancy {
+    /// A grid of which nothing is known to be empty, for a field that begins with density `e^density_bias`.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a grid that cannot be.
+    pub(crate) fn new(config: OccupancyConfig, space: &SpaceConfig, density_bias: f32) -> Result<Self, SystemError> {
+        let sky = config.sky && space.space == SpaceKind::Contracted;
+        let config = OccupancyConfig { sky, ..config };
+        let initial = 0.5 * density_bias.clamp(-80.0, 80.0).exp() * config.step_min;
+        let settings = settings(&config, space.cascades, initial, 0);
         let grid = OccupancyGrid::new(settings).map_err(|e| SystemError::Config {
             field: "occupancy",
             value: config.occupancy.to_string(),
@@ -130,40 +226,88 @@ impl Occupy {
         })?;
         // Room for all that can be at work, so that none is allocated for later.
         let lookers = Mutex::new(Vec::with_capacity(TASKS));
-        Ok(Self { grid, step_min: config.step_min, cells: Vec::new(), thickness: Vec::new(), lookers })
+        Ok(Self {
+            config,
+            cascades: space.cascades,
+            initial,
+            grid,
+            stretch: MAX_STRETCH,
+            cells: Vec::new(),
+            thickness: Vec::new(),
+            lookers,
+        })
     }
 
-    /// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
-    /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nobody needs.
-    pub(super) fn settings(config: &NgpConfig, updates: u64) -> Settings {
-        let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
-        let last = config.occupancy_threshold;
-        let first = (0.5 * config.density_bias.clamp(-80.0, 80.0).exp() * config.step_min).min(last);
-        Settings {
-            resolution: config.occupancy as u32,
-            cascades: config.cascades as u32,
-            decay: DECAY,
-            threshold: first * (last / first).powf(settled.min(1.0)),
-        }
+    /// The march of training and of renders.
+    pub(crate) fn marcher(&self) -> Marcher {
+        self.stretched(1.0)
     }
 
-    /// March with steps `stretch` times as long as the settings say.
-    pub(super) fn marcher(&self, config: &NgpConfig, stretch: f32) -> Marcher {
+    /// The same with steps `times` as long.
+    pub(crate) fn stretched(&self, times: f32) -> Marcher {
+        let (stretch, config) = (self.stretch * times, &self.config);
         Marcher {
             rule: StepRule { dt_min: stretch * config.step_min, cone: stretch * config.step_cone, dt_max: STEP_MAX },
-            sky: config.sky && config.space == SpaceKind::Contracted,
+            sky: config.sky,
         }
     }
 
-    pub(super) fn bytes(&self) -> usize {
+    /// The settings.
+    pub(crate) fn config(&self) -> &OccupancyConfig {
+        &self.config
+    }
+
+    /// Whether the grid looks at the field before this step.
+    pub(crate) fn is_due(&self, step: u64) -> bool {
+        step.is_multiple_of(self.config.occupancy_every)
+    }
+
+    /// A batch had so many samples a ray: steps become longer or shorter, slowly.
+    pub(crate) fn adapt(&mut self, per_ray: f32) {
+        let change = (per_ray / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
+        self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
+    }
+
+    /// Share of the cells that are empty for good.
+    pub(crate) fn carved(&self) -> f64 {
+        1.0 - self.grid.visible_cells() as f64 / self.grid.cells() as f64
+    }
+
+    /// Everything the next step depends on, besides the number of updates.
+    pub(crate) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        out.push(f32_tensor("occupancy.thickness", self.grid.thickness()));
+        out.push(f32_tensor("step.stretch", std::slice::from_ref(&self.stretch)));
+    }
+
+    /// Grid and stretch of a checkpoint after so many updates.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or does not fit.
+    pub(crate) fn read_state(&self, state: &TensorMap, updates: u64) -> Result<(OccupancyGrid, f32), SystemError> {
+        let thickness = take_f32(state, "occupancy.thickness", self.grid.cells())?;
+        let stretch = take_numbers(state, "step.stretch", 1)?[0];
+        if !(1.0..=MAX_STRETCH).contains(&stretch) {
+            let problem = format!("{stretch}; 1 to {MAX_STRETCH} expected");
+            return Err(SystemError::State { name: "step.stretch".into(), problem });
+        }
+        let grid = OccupancyGrid::from_state(self.settings(updates), &thickness, updates)
+            .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
+        Ok((grid, stretch))
+    }
+
+    fn settings(&self, updates: u64) -> Settings {
+        settings(&self.config, self.cascades, self.initial, updates)
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
         let lookers = self.lookers.lock().unwrap_or_else(PoisonError::into_inner);
         let lookers: usize = lookers.iter().map(Looker::bytes).sum();
         self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + lookers
     }
 
     /// Look at a share of the cells, each at a random point.
-    pub(super) fn update(&mut self, config: &NgpConfig, field: &Field, space: &Space, seed: u64, step: u64) {
-        self.grid.set_threshold(Self::settings(config, self.grid.updates() + 1).threshold);
+    pub(crate) fn update(&mut self, field: &Field, space: &Space, seed: u64, step: u64) {
+        self.grid.set_threshold(self.settings(self.grid.updates() + 1).threshold);
         let update = self.grid.updates();
         let share = if update < EAGER_UPDATES { EAGER_SHARE } else { SHARE };
         let (phase, bits, thickness) = (update as u32, self.grid.bits(), self.grid.thickness());
@@ -177,7 +321,7 @@ impl Occupy {
         }));
         let draws = Draws { points: Rng::new(seed, POINTS).substream(step), moments: Rng::new(seed, MOMENTS), phase };
         self.thickness.resize(self.cells.len(), 0.0);
-        let (grid, step_min) = (&self.grid, self.step_min);
+        let (grid, step_min) = (&self.grid, self.config.step_min);
         // Whole blocks of `TASK` to each task.
         let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
@@ -197,19 +341,17 @@ impl Occupy {
         self.grid.update(&self.cells, &self.thickness);
     }
 
-    /// See [`super::Ngp::carve`].
-    pub(super) fn carve(
-        &mut self,
-        config: &NgpConfig,
-        space: &Space,
-        data: &Dataset,
-        scene: Moves,
-    ) -> Result<(), SystemError> {
+    /// Cells that no training view sees, or that a view with alpha sees through, are empty for good.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] when an image cannot be read.
+    pub(crate) fn carve(&mut self, space: &Space, data: &Dataset, scene: Moves) -> Result<(), SystemError> {
         let views: Vec<Silhouette> =
             (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i, scene)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
         let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
-        let free = (config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data, NearPlanes::Count));
+        let free =
+            (self.config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data, NearPlanes::Count));
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {
@@ -302,93 +444,5 @@ impl Looker {
 
     fn bytes(&self) -> usize {
         4 * (self.p.capacity() + self.x.capacity()) + self.densities.bytes()
-    }
-}
-
-/// Whether a scene moves: what one photo sees through may be full in the next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Moves {
-    No,
-    Yes,
-}
-
-/// What a view says about a ball.
-enum Sight {
-    /// All of it lies before transparent pixels: nothing is there.
-    Background,
-    /// Part of it is seen.
-    Something,
-    /// It is not in the picture.
-    Outside,
-}
-
-/// A camera and the pixels of its image that are not fully transparent, summed up.
-struct Silhouette {
-    camera: Prepared,
-    size: [i64; 2],
-    focal: f64,
-    axis: DVec3,
-    centre: DVec3,
-    /// `[height + 1][width + 1]` pixels with alpha before and above; empty without alpha.
-    sums: Vec<u32>,
-}
-
-impl Silhouette {
-    fn new(data: &Dataset, i: usize, scene: Moves) -> Result<Self, SystemError> {
-        let image = data.image(i)?;
-        let (w, h) = (image.width as usize, image.height as usize);
-        let mut sums = Vec::new();
-        if image.channels == 4 && scene == Moves::No {
-            sums.resize((w + 1) * (h + 1), 0);
-            for y in 0..h {
-                let mut row = 0;
-                for x in 0..w {
-                    row += u32::from(image.data[4 * (y * w + x) + 3] > 0);
-                    sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
-                }
-            }
-        }
-        let camera = data.view(i).camera;
-        Ok(Self {
-            camera: camera.prepare(),
-            size: [w as i64, h as i64],
-            focal: camera.fx.max(camera.fy),
-            axis: camera.optical_axis(),
-            centre: camera.pose.c,
-            sums,
-        })
-    }
-
-    fn has_alpha(&self) -> bool {
-        !self.sums.is_empty()
-    }
-
-    /// A ball of radius `reach` about `x`.
-    fn look(&self, x: DVec3, reach: f64) -> Sight {
-        let depth = (x - self.centre).dot(self.axis);
-        if depth < -reach {
-            return Sight::Outside;
-        }
-        if depth <= 2.0 * reach {
-            // So near that the ball fills the view.
-            return Sight::Something;
-        }
-        let Some(p) = self.camera.project(x) else { return Sight::Outside };
-        // A pixel more for interpolation and rounding; 1.5 for what perspective and lens add off the axis.
-        let radius = 1.5 * reach * self.focal / (depth - reach) + 1.0;
-        let range = |c: f64, size: i64| {
-            let (low, high) = ((c - radius).floor(), (c + radius).ceil());
-            (low.max(0.0) as i64, (high.min(size as f64)) as i64, low < 0.0 || high > size as f64)
-        };
-        let (x0, x1, cut_x) = range(p.x, self.size[0]);
-        let (y0, y1, cut_y) = range(p.y, self.size[1]);
-        if x0 >= x1 || y0 >= y1 {
-            return Sight::Outside;
-        }
-        if !self.has_alpha() || cut_x || cut_y {
-            return Sight::Something;
-        }
-        let at = |x: i64, y: i64| u64::from(self.sums[(y * (self.size[0] + 1) + x) as usize]);
-        if at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0) { Sight::Background } else { Sight::Something }
     }
 }

@@ -1,14 +1,15 @@
 //! One training step, from random pixels to Adam.
 
+use super::context::Placing;
 use super::context::StepContext;
-use super::proposal::Proposals;
-use super::{CHUNKS, Inputs, MAX_STRETCH, Ngp, STRETCH_RATE, Work};
+use super::{CHUNKS, Inputs, Ngp, Work};
 use crate::deform::Deform;
 use crate::fields::{Part, fold_gradients};
+use crate::left_out::unweighted;
 use crate::method::mean_transient;
 use crate::method::{Drawing, Outcome, Pixel};
-use crate::static_scene::left_out::unweighted;
-use crate::static_scene::survey::Surveys;
+use crate::samplers::{Proposals, Sampler};
+use crate::survey::Surveys;
 use engine::data::{Batch, Dataset};
 use engine::system::{StepStats, SystemError};
 use field_core::rng::Rng;
@@ -47,11 +48,10 @@ impl Ngp {
     /// Pixels of one ray each before `background`; nothing of them is random.
     pub(super) fn not_random(&self, batch: Batch, background: [f32; 3]) -> Inputs {
         let n = batch.len();
-        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
         let mut inputs = Inputs {
             rays: batch.rays.clone(),
             background: vec![background; n],
-            jitter: vec![MIDDLE; (1 + rounds) * n],
+            jitter: vec![MIDDLE; self.sampler.randoms() * n],
             ..Inputs::default()
         };
         truth_on(&batch, &inputs.background, &mut inputs.truth);
@@ -63,13 +63,13 @@ impl Ngp {
         let step = self.between_steps(data, step)?;
         self.refine_depth(data, step)?;
         let start = Instant::now();
-        if self.proposals.is_none() && step.is_multiple_of(self.config.occupancy_every) {
-            self.occupy.update(&self.config, &self.field, &self.space, self.seed, step);
+        if let Some(occupancy) = self.sampler.occupancy_mut().filter(|occupancy| occupancy.is_due(step)) {
+            occupancy.update(&self.field, &self.space, self.seed, step);
         }
         self.seconds.occupancy += since(start);
 
         let start = Instant::now();
-        let per_pixel = (self.config.rays_per_side * self.config.rays_per_side) as usize;
+        let per_pixel = (self.config.batch.rays_per_side * self.config.batch.rays_per_side) as usize;
         self.draw(data, step, per_pixel)?;
         let rays = self.work.inputs.rays.len();
         let counted: f32 = self.work.inputs.batch.weight.iter().sum();
@@ -104,15 +104,15 @@ impl Ngp {
             self.errors = Some(map);
         }
 
-        let lr = f64::from(self.config.learning_rate(step));
+        let lr = f64::from(self.config.rates.learning_rate(step));
         let start = Instant::now();
         let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
-        let network_lr = lr * f64::from(self.config.network_lr);
+        let network_lr = lr * f64::from(self.config.rates.network_lr);
         let bad = bad + self.update_networks(network_lr) + self.update_deform(step, lr) + self.update_method(&plan, lr);
         self.seconds.optimise += since(start);
-        if self.field.head.is_some() {
+        if self.head.is_some() {
             stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
         }
         stats.nonfinite = bad as u64;
@@ -121,10 +121,11 @@ impl Ngp {
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
-        let aim = (self.config.batch_samples as f64 / per_ray) as usize;
-        self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch_rays);
-        let change = (per_ray as f32 / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
-        self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
+        let aim = (self.config.batch.batch_samples as f64 / per_ray) as usize;
+        self.rays = aim.clamp(CHUNKS, (2 * rays).max(CHUNKS)).min(self.config.batch.batch_rays);
+        if let Some(occupancy) = self.sampler.occupancy_mut() {
+            occupancy.adapt(per_ray as f32);
+        }
         Ok(stats)
     }
 
@@ -153,7 +154,7 @@ impl Ngp {
             method.begin(data, batch, step)?;
         }
         self.skipped.left_out.count(batch, ignored);
-        data.spread(self.seed, step, self.config.rays_per_side, batch, rays);
+        data.spread(self.seed, step, self.config.batch.rays_per_side, batch, rays);
         self.draw_randoms(step);
         Ok(())
     }
@@ -162,8 +163,7 @@ impl Ngp {
     fn draw_randoms(&mut self, step: u64) {
         let work = &mut self.work.inputs;
         let n = work.batch.len();
-        let rounds = self.proposals.as_ref().map_or(0, |p| p.fields.len());
-        work.jitter.resize((1 + rounds) * work.rays.len(), 0.0);
+        work.jitter.resize(self.sampler.randoms() * work.rays.len(), 0.0);
         Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut work.jitter);
         work.background.resize(n, [0.0; 3]);
         let rng = Rng::new(self.seed, BACKGROUND).substream(step);
@@ -178,11 +178,12 @@ impl Ngp {
         StepContext {
             field: &self.field,
             space: &self.space,
-            occupancy: &self.occupy.grid,
-            marcher: self.occupy.marcher(&self.config, self.stretch),
-            proposals: self.proposals.as_ref(),
-            exponent: Proposals::exponent(plan.step),
-            lead: self.lead(),
+            head: self.head.as_ref(),
+            placing: match &self.sampler {
+                Sampler::Occupancy(occupancy) => Placing::March(&occupancy.grid, occupancy.marcher()),
+                Sampler::Proposals(proposals) => Placing::Proposals(proposals, Proposals::exponent(plan.step)),
+            },
+            lead: self.sampler.lead(),
             batch: &inputs.batch,
             method: self.method.as_deref(),
             appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
@@ -193,9 +194,9 @@ impl Ngp {
             truth: &inputs.truth,
             jitter: &inputs.jitter,
             cues: self.cues.as_ref(),
-            kernel: self.config.kernel(),
+            kernel: self.config.batch.kernel(),
             terms: &self.terms,
-            depth_limit: depth_limit(self.config.train_stop),
+            depth_limit: depth_limit(self.config.batch.train_stop),
             faint: self.faint(),
             share: plan.share,
         }
@@ -265,9 +266,10 @@ impl Ngp {
         fold_gradients(&field.colour, colours, packed_grad, colour_grad);
         let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
             + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
-        if let Some(head) = &mut field.head {
+        if let Some(head) = &mut self.head {
             fold_gradients(&head.mlp, chunks.iter().map(|c| &c.head_grad[..]), packed_grad, head_grad);
             bad += head.adam.step(field.simd, lr, &mut head.params, head_grad);
+            head.pack();
         }
         field.pack();
         bad
@@ -286,7 +288,7 @@ impl Ngp {
 
     /// One step of each proposal. Returns the count of non-finite gradients.
     fn update_proposals(&mut self, lr: f64) -> usize {
-        let Some(proposals) = &mut self.proposals else { return 0 };
+        let Sampler::Proposals(proposals) = &mut self.sampler else { return 0 };
         let Work { chunks, packed_grad, .. } = &mut self.work;
         let mut bad = 0;
         for (round, field) in proposals.fields.iter_mut().enumerate() {

@@ -1,10 +1,10 @@
 //! Sampling by proposals: where samples lie, what renders skip, and the gradient of the proposals' own loss.
 
-use super::budget_tests::{largest_difference, query, random_rays, randomised, small};
-use super::field::When;
-use super::proposed::{Draw, Proposed};
-use super::{Ngp, NgpConfig, Sampler};
+use super::budget_tests::{biased, largest_difference, proposals, query, random_rays, randomised};
+use super::{Ngp, SamplerConfig};
 use crate::fields::Part;
+use crate::fields::When;
+use crate::samplers::{Draw, ProposalConfig, Proposed};
 use crate::space::{InternalRay, SpaceKind};
 use engine::system::{System, Trial};
 use field_core::rng::Rng;
@@ -13,20 +13,15 @@ use render_core::budget::Skip;
 use render_core::ray::Ray;
 
 fn proposing(seed: u64, kind: SpaceKind, density_bias: f32, counts: &[usize]) -> Ngp {
-    let config = NgpConfig {
-        density_bias,
-        sampler: Sampler::Proposal,
-        proposal_samples: counts.to_vec(),
-        final_samples: 12,
-        ..small(kind)
-    };
+    let mut config = biased(kind, density_bias);
+    config.sampler = SamplerConfig::Proposals(ProposalConfig { proposal_samples: counts.to_vec(), final_samples: 12 });
     randomised(config, seed)
 }
 
 /// Middles, lengths and offsets of a render's samples.
 fn cut(ngp: &Ngp, rays: &[InternalRay]) -> (Vec<f32>, Vec<f32>, Vec<u32>) {
     let (mut proposed, mut out) = (Proposed::default(), Default::default());
-    let parts = (ngp.proposals.as_ref().unwrap(), ngp.field.simd, &ngp.space);
+    let parts = (ngp.sampler.proposals().unwrap(), ngp.field.simd, &ngp.space);
     proposed.sample(parts, rays, |_| true, Draw::Render);
     let (t, dt, offsets) = &mut out;
     proposed.intervals(rays.len(), t, dt, offsets);
@@ -112,36 +107,35 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let draw = Draw::Training { jitter: &jitter, rays: m, first: 0, exponent: 1.0 };
     let simd = ngp.field.simd;
     let mut proposed = Proposed::default();
-    proposed.sample((ngp.proposals.as_ref().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
+    proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
 
     // Each ray keeps its first ten intervals, their weights have little to do with the proposal's.
     let offsets: Vec<u32> = (0..=m as u32).map(|r| 10 * r).collect();
     let w: Vec<f32> = (0..10 * m).map(|i| 0.1 * Rng::new(5, 2).uniform_at(i as u64)).collect();
     let fine: Vec<(f32, f32)> =
         proposed.last_posts(12).iter().flat_map(|p| p[..11].windows(2)).map(|p| (p[0], p[1])).collect();
-    proposed.learn((ngp.proposals.as_ref().unwrap(), simd), &offsets, &w, 1.0);
+    proposed.learn((ngp.sampler.proposals().unwrap(), simd), &offsets, &w, 1.0);
 
     let total = |ngp: &Ngp| {
         let mut proposed = Proposed::default();
-        proposed.sample((ngp.proposals.as_ref().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
+        proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
         let rounds = proposed.weighed(0);
         (0..m).map(|r| loss(&rounds[16 * r..][..16], &fine[10 * r..][..10], &w[10 * r..][..10])).sum::<f64>()
     };
     assert!(total(&ngp) > 1e-3);
     // Along the gradient itself, so that no direction is lost in rounding.
     let mut network = Vec::new();
-    let field = &mut ngp.proposals.as_mut().unwrap().fields[0];
+    let field = &mut proposals(&mut ngp)[0];
     network.resize(field.mlp_params.len(), 0.0);
     field.mlp.unpack_grad(proposed.mlp_grad(0), &mut network);
     let Part { n, x, raw_bar } = proposed.part(0, &*field.features);
     let mut table = vec![0.0; field.features.parameters().len()];
-    let grid = ngp.config.proposal_grid(0).grid().unwrap();
-    grid.encode_backward(simd, &x[..3 * n], &raw_bar[..field.rows() * n], &mut table, None).unwrap();
+    field.features.scatter(&Part { n, x, raw_bar }, &mut table);
     for (what, grad) in [("network", &network), ("grid", &table)] {
         let square: f64 = grad.iter().map(|g| f64::from(*g).powi(2)).sum();
         let step = 1e-3 / square.sqrt();
         let shift = |ngp: &mut Ngp, by: f64| {
-            let field = &mut ngp.proposals.as_mut().unwrap().fields[0];
+            let field = &mut proposals(ngp)[0];
             let params = if what == "grid" { field.features.parameters_mut() } else { &mut field.mlp_params[..] };
             params.iter_mut().zip(grad).for_each(|(p, g)| *p += by as f32 * g);
             field.pack();

@@ -2,16 +2,16 @@
 //! network and the backward pass.
 //!
 //! A round encodes the next samples of all rays that still let light through and asks the density network alone. A ray
-//! ends behind the sample at which its transmittance falls below [`super::NgpConfig::train_stop`]; what is left out
+//! ends behind the sample at which its transmittance falls below [`super::BatchConfig::train_stop`]; what is left out
 //! changes a pixel by that much at most ([`render_core::budget`]). Samples that hardly weigh anything are left out too, where
-//! that is asked for: together at most [`super::NgpConfig::train_faint`] of a ray's light.
+//! that is asked for: together at most [`super::BatchConfig::train_faint`] of a ray's light.
 
 use super::context::StepContext;
-use super::cues::CutRoom;
-use super::field::{Placing, When};
-use super::proposed::Proposed;
 use crate::buffers::sized;
+use crate::fields::{Placing, When};
+use crate::samplers::{CutRoom, Marcher, Proposed};
 use crate::space::InternalRay;
+use render_core::occupancy::OccupancyGrid;
 use std::ops::Range;
 
 /// Samples of each ray in one round.
@@ -133,7 +133,14 @@ impl Look {
     }
 
     /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
-    pub(super) fn march(&mut self, ctx: &StepContext<'_>, rays: &[InternalRay], range: Range<usize>) {
+    pub(super) fn march(
+        &mut self,
+        ctx: &StepContext<'_>,
+        grid: &OccupancyGrid,
+        marcher: Marcher,
+        rays: &[InternalRay],
+        range: Range<usize>,
+    ) {
         self.dense = 0;
         self.t.clear();
         self.dt.clear();
@@ -141,10 +148,10 @@ impl Look {
         self.offsets.push(0);
         for (ray, i) in rays.iter().zip(range) {
             if ctx.batch.weight[i / ctx.per_pixel] > 0.0 {
-                if ctx.field.head.is_some() && ray.start < ray.end {
+                if ctx.head.is_some() && ray.start < ray.end {
                     // The veil: see `super::head`.
                     self.t.push(ray.start);
-                    self.dt.push(ctx.marcher.shortest());
+                    self.dt.push(marcher.shortest());
                 }
                 let first = self.t.len();
                 let (all_t, all_dt) = (&mut self.t, &mut self.dt);
@@ -152,7 +159,7 @@ impl Look {
                     all_t.push(t);
                     all_dt.push(dt);
                 };
-                self.dense += u64::from(ctx.marcher.march(ctx.occupancy, ray, ctx.jitter[i], visit).lattice);
+                self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).lattice);
                 if let Some(cues) = ctx.cues {
                     let (ends, measured) = ((ray.start, ray.end), ctx.measured(i / ctx.per_pixel));
                     let intervals = (&mut self.t, &mut self.dt, first);
@@ -248,7 +255,7 @@ impl Look {
             let mut opaque = false;
             (run.kept, run.place) = (round.columns.len() as u32, self.kept[r]);
             // Nothing static is where the veil is.
-            let veil = usize::from(ctx.field.head.is_some() && self.looked[r] == 0);
+            let veil = usize::from(ctx.head.is_some() && self.looked[r] == 0);
             round.columns.extend(run.first..run.first + veil as u32);
             let mut light = (-self.depth[r]).exp() as f32;
             for k in veil..run.len as usize {

@@ -6,7 +6,7 @@ use engine::system::SkipRow;
 
 /// Pixels drawn, and those of them that are not rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct LeftOut {
+pub(crate) struct LeftOut {
     drawn: u64,
     /// No other was found instead of them: a file's mask ignores them, or the lens has no ray for them.
     ignored: u64,
@@ -15,30 +15,30 @@ pub(super) struct LeftOut {
 }
 
 /// Pixels of a batch that do not count.
-pub(super) fn unweighted(batch: &Batch) -> u64 {
+pub(crate) fn unweighted(batch: &Batch) -> u64 {
     batch.weight.iter().filter(|weight| **weight == 0.0).count() as u64
 }
 
 impl LeftOut {
     /// Count a batch from which the method has taken what it leaves out; `ignored` of its pixels did not count before.
-    pub(super) fn count(&mut self, batch: &Batch, ignored: u64) {
+    pub(crate) fn count(&mut self, batch: &Batch, ignored: u64) {
         self.drawn += batch.len() as u64;
         self.ignored += ignored;
         self.strangers += unweighted(batch) - ignored;
     }
 
     /// Pixels that the method's masks left out.
-    pub(super) fn strangers(&self) -> u64 {
+    pub(crate) fn strangers(&self) -> u64 {
         self.strangers
     }
 
     /// The row of ignored pixels; `None` where there were none.
-    pub(super) fn ignored_row(&self) -> Option<SkipRow> {
+    pub(crate) fn ignored_row(&self) -> Option<SkipRow> {
         self.row("training: pixels that files' masks ignore", self.ignored)
     }
 
     /// The row of strangers; `None` where no mask left out any.
-    pub(super) fn strangers_row(&self) -> Option<SkipRow> {
+    pub(crate) fn strangers_row(&self) -> Option<SkipRow> {
         self.row("training: pixels of strangers, by the method's masks", self.strangers)
     }
 

@@ -41,7 +41,7 @@ fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
 fn still(kind: SpaceKind, seed: u64) -> Ngp {
     let mut config = small(kind);
     // Thin enough for rays that hit nothing.
-    config.density_bias = if kind == SpaceKind::Contracted { -4.0 } else { 0.5 };
+    config.networks.density_bias = if kind == SpaceKind::Contracted { -4.0 } else { 0.5 };
     randomised(config, seed)
 }
 

@@ -1,6 +1,6 @@
 //! From rays to the intervals that the field sees: round after round of proposals, and the way back for their own loss.
 
-use super::proposal::{ProposalField, Proposals};
+use super::proposals::{ProposalField, Proposals};
 use crate::buffers::sized;
 use crate::fields::{Features, Part};
 use crate::space::{InternalRay, Space};
@@ -14,7 +14,7 @@ use render_core::ray_distance::RayDistance;
 
 /// How intervals are drawn.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Draw<'a> {
+pub(crate) enum Draw<'a> {
     /// One random number a ray and round, and flattened weights; activations are kept for the way back.
     Training {
         /// `[rounds + 1][rays of the batch]`, in `[0, 1)`.
@@ -46,7 +46,7 @@ impl Draw<'_> {
 
 /// Buffers of the rays of a chunk or task. Rays that do not cross the space, or do not count, are left out.
 #[derive(Default)]
-pub(super) struct Proposed {
+pub(crate) struct Proposed {
     /// Rays that are looked along, and their normalised distance.
     rays: Vec<u32>,
     maps: Vec<RayDistance>,
@@ -107,18 +107,18 @@ impl Round {
 
 impl Proposed {
     /// Bytes held.
-    pub(super) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         let floats = [&self.posts, &self.p, &self.mlp, &self.ends[0], &self.ends[1], &self.w_bar, &self.tau_bar];
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.rounds.iter().map(Round::bytes).sum::<usize>()
     }
 
     /// Intervals that the proposals weighed.
-    pub(super) fn looked(&self) -> u64 {
+    pub(crate) fn looked(&self) -> u64 {
         self.rounds.iter().map(|r| r.n as u64).sum()
     }
 
     /// Cut the rays for which `counts` holds.
-    pub(super) fn sample(
+    pub(crate) fn sample(
         &mut self,
         (proposals, simd, space): (&Proposals, Simd, &Space),
         rays: &[InternalRay],
@@ -152,7 +152,7 @@ impl Proposed {
     }
 
     /// The cut: middles and lengths of the intervals of all `rays`, written over `t`, `dt`, `offsets`.
-    pub(super) fn intervals(&self, rays: usize, t: &mut Vec<f32>, dt: &mut Vec<f32>, offsets: &mut Vec<u32>) {
+    pub(crate) fn intervals(&self, rays: usize, t: &mut Vec<f32>, dt: &mut Vec<f32>, offsets: &mut Vec<u32>) {
         t.clear();
         dt.clear();
         offsets.clear();
@@ -172,7 +172,7 @@ impl Proposed {
 
     /// Gradients of the proposals' parameters from the weights `w` that the field found in the first intervals of each
     /// ray, `offsets` `[rays + 1]`; `factor` is that of the loss, summed over rays and intervals.
-    pub(super) fn learn(&mut self, (proposals, simd): (&Proposals, Simd), offsets: &[u32], w: &[f32], factor: f64) {
+    pub(crate) fn learn(&mut self, (proposals, simd): (&Proposals, Simd), offsets: &[u32], w: &[f32], factor: f64) {
         let stride = self.posts.len() / self.rays.len().max(1);
         self.fine_offsets.clear();
         self.fine_offsets.push(0);
@@ -217,14 +217,14 @@ impl Proposed {
     }
 
     /// What round `round` brings to the gradient of its proposal's features.
-    pub(super) fn part(&self, round: usize, features: &dyn Features) -> Part<'_> {
+    pub(crate) fn part(&self, round: usize, features: &dyn Features) -> Part<'_> {
         let r = &self.rounds[round];
         let raw_bar = if features.pulls_in_place() { &r.features_bar } else { &r.interpolated_bar };
         Part { n: r.n, x: &r.x, raw_bar }
     }
 
     /// Packed gradient of the network of round `round`.
-    pub(super) fn mlp_grad(&self, round: usize) -> &[f32] {
+    pub(crate) fn mlp_grad(&self, round: usize) -> &[f32] {
         &self.rounds[round].mlp_grad
     }
 }
@@ -232,12 +232,12 @@ impl Proposed {
 #[cfg(test)]
 impl Proposed {
     /// Fenceposts of each ray's last cut, into `count` intervals.
-    pub(super) fn last_posts(&self, count: usize) -> Vec<&[f32]> {
+    pub(crate) fn last_posts(&self, count: usize) -> Vec<&[f32]> {
         self.posts.chunks_exact(count + 1).collect()
     }
 
     /// Beginning, end and weight of the intervals of round `round`.
-    pub(super) fn weighed(&self, round: usize) -> Vec<(f32, f32, f64)> {
+    pub(crate) fn weighed(&self, round: usize) -> Vec<(f32, f32, f64)> {
         let r = &self.rounds[round];
         let count = r.n / self.rays.len().max(1);
         let ends = r.posts.chunks_exact(count + 1).flat_map(|p| p.windows(2));

@@ -1,10 +1,12 @@
 //! Renders against the full sum, over random fields, occupancy grids, spaces and rays.
 
 use super::render::render_trial;
-use super::{Ngp, NgpConfig};
+use super::{Ngp, RayConfig};
+use crate::fields::HashGridSettings;
 use crate::method::Method;
-use crate::plan::build;
-use crate::space::{Space, SpaceKind};
+use crate::plan::{Ground, HASH_GRID, field_settings};
+use crate::samplers::{OccupancyConfig, ProposalField, Sampler};
+use crate::space::{Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use engine::halt::Halt;
 use engine::options::{Background, RunOptions};
@@ -31,50 +33,60 @@ pub(super) fn table() -> (Scene, Dataset) {
     (scene, data)
 }
 
+/// The settings of the occupancy grid.
+pub(super) fn occupancy(config: &mut RayConfig) -> &mut OccupancyConfig {
+    config.occupancy_mut().expect("an occupancy grid")
+}
+
+/// A hash grid so small that the full sum is quick.
+const SMALL: HashGridSettings = HashGridSettings { levels: 4, log2_table: 10, n_min: 4, n_max: 32, ..HASH_GRID };
+
 /// Settings of a field so small that the full sum is quick.
-pub(super) fn small(kind: SpaceKind) -> NgpConfig {
+pub(super) fn small(kind: SpaceKind) -> RayConfig {
     let (scene, data) = table();
     let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
-    let (_, plan) = build("ngp", &scene, &data, &run).unwrap();
+    let mut config = field_settings(&mut Ground::of(&scene, &data, &run).unwrap(), &data);
     let contracted = kind == SpaceKind::Contracted;
-    NgpConfig {
-        space: kind,
-        levels: 4,
-        log2_table: 10,
-        n_min: 4,
-        n_max: 32,
-        width: 16,
+    let cascades = if contracted { 3 } else { 1 };
+    config.space = SpaceConfig { space: kind, centre: [0.0; 3], radius: 1.0, near: 0.01, cascades };
+    config.features = Arc::new(SMALL);
+    config.networks.width = 16;
+    let grid = occupancy(&mut config);
+    *grid = OccupancyConfig {
         occupancy: 16,
-        cascades: if contracted { 3 } else { 1 },
         step_min: 0.04,
         step_cone: if contracted { 0.04 } else { 0.0 },
         sky: contracted,
-        centre: [0.0; 3],
-        radius: 1.0,
-        near: 0.01,
-        ..plan.config.try_into().unwrap()
-    }
+        ..*grid
+    };
+    config
+}
+
+/// The same with another bias of the log-density.
+pub(super) fn biased(kind: SpaceKind, density_bias: f32) -> RayConfig {
+    let mut config = small(kind);
+    config.networks.density_bias = density_bias;
+    config
 }
 
 /// A field of random parameters: from mist to walls, with cells that count as empty and cells the cameras rule out.
 fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
-    randomised(NgpConfig { density_bias, ..small(kind) }, seed)
+    randomised(biased(kind, density_bias), seed)
 }
 
 /// Random parameters for these settings.
-pub(super) fn randomised(config: NgpConfig, seed: u64) -> Ngp {
+pub(super) fn randomised(config: RayConfig, seed: u64) -> Ngp {
     randomised_with(config, seed, None)
 }
 
 /// Random parameters for these settings and a method.
-pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<dyn Method>>) -> Ngp {
-    let kind = config.space;
+pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn Method>>) -> Ngp {
+    let kind = config.space.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
     };
     let mut ngp = Ngp::with_method(config, space, Background::White, seed, method).unwrap();
-    ngp.stretch = 1.0;
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
     for (i, x) in ngp.field.features.parameters_mut().iter_mut().enumerate() {
         *x = 4.0 * (uniform(1, i) - 0.5);
@@ -86,7 +98,7 @@ pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<d
         *x = 3.0 * (uniform(3, i) - 0.5);
     }
     ngp.field.pack();
-    for proposal in ngp.proposals.iter_mut().flat_map(|p| &mut p.fields) {
+    for proposal in proposals(&mut ngp) {
         for (i, x) in proposal.features.parameters_mut().iter_mut().enumerate() {
             *x = 4.0 * (uniform(5, i) - 0.5);
         }
@@ -95,16 +107,27 @@ pub(super) fn randomised_with(config: NgpConfig, seed: u64, method: Option<Box<d
         }
         proposal.pack();
     }
-    let grid = &ngp.occupy.grid;
-    let thickness: Vec<f32> = (0..grid.cells())
-        .map(|i| match uniform(4, i) {
-            u if u < 0.1 => -1.0,
-            u if u < 0.5 => 0.0,
-            _ => 1.0,
-        })
-        .collect();
-    ngp.occupy.grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
+    if let Some(occupancy) = ngp.sampler.occupancy_mut() {
+        occupancy.stretch = 1.0;
+        let grid = &occupancy.grid;
+        let thickness: Vec<f32> = (0..grid.cells())
+            .map(|i| match uniform(4, i) {
+                u if u < 0.1 => -1.0,
+                u if u < 0.5 => 0.0,
+                _ => 1.0,
+            })
+            .collect();
+        occupancy.grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
+    }
     ngp
+}
+
+/// The proposals' fields; none where an occupancy grid places samples.
+pub(super) fn proposals(ngp: &mut Ngp) -> &mut [ProposalField] {
+    match &mut ngp.sampler {
+        Sampler::Occupancy(_) => &mut [],
+        Sampler::Proposals(proposals) => &mut proposals.fields,
+    }
 }
 
 /// Rays from in and around the scene.
@@ -132,11 +155,12 @@ pub(super) fn query(background: [f32; 3], error_budget: f32) -> Query {
 /// The sum over all samples of a ray, one at a time, straight from the definition.
 fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32; 3] {
     let (field, ray) = (&ngp.field, ngp.space.internal_ray(ray));
-    let marcher = ngp.occupy.marcher(&ngp.config, ngp.stretch);
-    let all = OccupancyGrid::new(ngp.occupy.grid.settings()).unwrap();
+    let occupancy = ngp.sampler.occupancy().unwrap();
+    let marcher = occupancy.marcher();
+    let all = OccupancyGrid::new(occupancy.grid.settings()).unwrap();
     let (mut samples, mut occupied) = (Vec::new(), Vec::new());
     marcher.march(&all, &ray, 0.5, |t, dt| samples.push((t, dt)));
-    marcher.march(&ngp.occupy.grid, &ray, 0.5, |t, _| occupied.push(t));
+    marcher.march(&occupancy.grid, &ray, 0.5, |t, _| occupied.push(t));
     let (mut depth, mut rgb) = (0.0_f64, [0.0_f64; 3]);
     for (t, dt) in samples {
         let p = ray.at(t);
@@ -226,8 +250,9 @@ fn what_the_field_holds_in_empty_cells_is_within_its_thickness_of_the_model() {
         let (error, bound) = (largest_difference(&seen, &model), ledger.entry(Skip::Empty).most());
         assert!(error > 1e-3 && f64::from(error) <= bound + 1e-6, "{error}, {bound}");
         // Nothing ruled out: the field everywhere.
-        let thickness: Vec<f32> = ngp.occupy.grid.thickness().iter().map(|t| t.max(0.0)).collect();
-        ngp.occupy.grid = OccupancyGrid::from_state(ngp.occupy.grid.settings(), &thickness, 1).unwrap();
+        let grid = &mut ngp.sampler.occupancy_mut().unwrap().grid;
+        let thickness: Vec<f32> = grid.thickness().iter().map(|t| t.max(0.0)).collect();
+        *grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
         let (seen, _) = render_trial(&ngp, &rays, &query([1.0; 3], 0.0), &field);
         for (rgb, ray) in seen.rgb.iter().zip(&rays) {
             assert_eq!(*rgb, naive(&ngp, ray, [1.0; 3], EmptyCells::Field));

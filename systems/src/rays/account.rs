@@ -2,7 +2,7 @@
 
 use super::{Ngp, render};
 use crate::deform::Deform;
-use crate::static_scene::left_out::LeftOut;
+use crate::left_out::LeftOut;
 use engine::system::SkipRow;
 use render_core::budget::Ledger;
 use std::sync::Mutex;
@@ -41,23 +41,23 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
     let faint = ngp.faint();
     let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
     let (placed, dense) = (read(&ngp.skipped.placed), read(&ngp.skipped.dense));
-    let space = if ngp.proposals.is_some() {
-        let proposed = read(&ngp.skipped.proposed);
-        SkipRow::counted(
-            "training: weighed by proposals alone",
-            (proposed, proposed + placed),
-            "samples",
-            "weights that the proposals bound (interlevel loss)".into(),
-        )
-    } else {
+    let space = if let Some(occupancy) = ngp.sampler.occupancy() {
         SkipRow::counted(
             "training: empty space",
             (dense.saturating_sub(placed), dense),
             "samples",
             format!(
                 "optical thickness < {} per cell at the smallest step, as last seen",
-                ngp.config.occupancy_threshold
+                occupancy.config().occupancy_threshold
             ),
+        )
+    } else {
+        let proposed = read(&ngp.skipped.proposed);
+        SkipRow::counted(
+            "training: weighed by proposals alone",
+            (proposed, proposed + placed),
+            "samples",
+            "weights that the proposals bound (interlevel loss)".into(),
         )
     };
     let mut rows = vec![
@@ -67,9 +67,9 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
             (placed.saturating_sub(read(&ngp.skipped.kept)), placed),
             "samples",
             if faint > 0.0 {
-                format!("at most {faint} of a ray's light, and transmittance < {}", ngp.config.train_stop)
+                format!("at most {faint} of a ray's light, and transmittance < {}", ngp.config.batch.train_stop)
             } else {
-                format!("transmittance < {}", ngp.config.train_stop)
+                format!("transmittance < {}", ngp.config.batch.train_stop)
             },
         ),
     ];
@@ -83,17 +83,14 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
 /// Seconds by part.
 pub(super) fn timings(ngp: &Ngp) -> Vec<(&'static str, f64)> {
     let s = &ngp.seconds;
+    let proposed = ngp.sampler.proposals().is_some();
     vec![
         ("draw rays", s.draw),
-        (if ngp.proposals.is_some() { "proposals (all threads)" } else { "march (all threads)" }, s.march),
+        (if proposed { "proposals (all threads)" } else { "march (all threads)" }, s.march),
         ("encode (all threads)", s.encode),
         ("networks and compositing (all threads)", s.networks),
         ("grid gradient and Adam", s.scatter),
         ("network Adam", s.optimise),
-        if ngp.proposals.is_some() {
-            ("proposals backwards (all threads)", s.proposals)
-        } else {
-            ("occupancy", s.occupancy)
-        },
+        if proposed { ("proposals backwards (all threads)", s.proposals) } else { ("occupancy", s.occupancy) },
     ]
 }

@@ -1,10 +1,9 @@
 //! What all chunks of a training step share: the field, where samples go, the batch, and what errors cost.
 
-use super::cues::Cues;
-use super::field::Field;
-use super::occupy::Marcher;
-use super::proposal::Proposals;
+use super::head::Head;
+use crate::fields::Field;
 use crate::method::{Codes, Method, Pixel, PixelBar};
+use crate::samplers::{Marcher, MeasuredDepth, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
 use engine::data::Batch;
@@ -12,15 +11,32 @@ use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
 use render_core::ray::Ray;
 
+/// How a step places samples.
+#[derive(Clone, Copy)]
+pub(super) enum Placing<'a> {
+    /// A march through an occupancy grid.
+    March(&'a OccupancyGrid, Marcher),
+    /// By proposals, whose weights have this exponent.
+    Proposals(&'a Proposals, f32),
+}
+
+impl<'a> Placing<'a> {
+    /// The proposals, where these place the samples.
+    pub(super) fn proposals(&self) -> Option<&'a Proposals> {
+        match *self {
+            Self::March(..) => None,
+            Self::Proposals(proposals, _) => Some(proposals),
+        }
+    }
+}
+
 /// What all chunks of a step share.
 pub(super) struct StepContext<'a> {
     pub(super) field: &'a Field,
     pub(super) space: &'a Space,
-    pub(super) occupancy: &'a OccupancyGrid,
-    pub(super) marcher: Marcher,
-    /// Where samples are placed by proposals instead, and the exponent of their weights.
-    pub(super) proposals: Option<&'a Proposals>,
-    pub(super) exponent: f32,
+    /// The transient head, where there is one.
+    pub(super) head: Option<&'a Head>,
+    pub(super) placing: Placing<'a>,
     /// Part of a sample's interval that lies in front of it.
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
@@ -39,7 +55,7 @@ pub(super) struct StepContext<'a> {
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
     /// Measured depth.
-    pub(super) cues: Option<&'a Cues>,
+    pub(super) cues: Option<&'a MeasuredDepth>,
     pub(super) kernel: Kernel,
     /// What whole rays cost, besides measured depth.
     pub(super) terms: &'a [Box<dyn RayTerm>],

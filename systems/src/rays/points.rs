@@ -1,9 +1,9 @@
 //! Density and colour at points of the scene's frame, for surfaces, slices and tests; and where points are canonical.
 
 use super::Ngp;
-use super::field::{Placing, When};
 use crate::buffers::shapes_hold;
 use crate::deform::{DeformScratch, Points};
+use crate::fields::{Placing, When};
 use engine::system::{Appearance, System};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ fn place(ngp: &Ngp, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
             let at = ngp.space.internal_point(DVec3::from(point));
             let q = at.unwrap_or([0.0; 3]);
             (p[i], p[n + i], p[2 * n + i]) = (q[0], q[1], q[2]);
-            at.is_some_and(|q| ngp.proposals.is_some() || ngp.occupy.grid.occupied(q, 0.0))
+            at.is_some_and(|q| ngp.sampler.occupancy().is_none_or(|occupancy| occupancy.grid.occupied(q, 0.0)))
         })
         .collect();
     ngp.space.grid_positions(ngp.field.simd, &p, &mut x);

@@ -1,11 +1,11 @@
 //! Training views as the field renders them: what a method judges the photos by.
 
 use super::chunk::Chunk;
-use super::context::StepContext;
+use super::context::{Placing, StepContext};
 use super::step::Plan;
 use super::{Inputs, Ngp};
 use crate::method::{Method, Pixel};
-use crate::static_scene::survey::{Shown, Surveys};
+use crate::survey::{Shown, Surveys};
 use engine::data::{Batch, Dataset};
 use engine::system::SystemError;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// Pixels of one task.
 const TASK: usize = 256;
 
-/// Samples that a ray looks at, in the mean at most, in units of [`NgpConfig::samples_per_ray`](super::NgpConfig::samples_per_ray):
+/// Samples that a ray looks at, in the mean at most, in units of [`samples_per_ray`](crate::samplers::OccupancyConfig::samples_per_ray):
 /// where nothing is opaque yet, a survey of all photos with the steps of training costs as much as a thousand steps of training.
 const MOST_SAMPLES: f64 = 2.0;
 /// One pixel in so many says how many samples the rays of a picture look at.
@@ -30,22 +30,19 @@ impl Ngp {
     /// What a picture is rendered with: the steps of training, longer where its rays would look at more than [`MOST_SAMPLES`].
     fn view_context<'a>(&'a self, inputs: &'a Inputs) -> StepContext<'a> {
         let ctx = self.context(&Plan::PICTURE, inputs);
-        let most = MOST_SAMPLES * f64::from(self.config.samples_per_ray);
+        let Some(occupancy) = self.sampler.occupancy() else { return ctx };
+        let most = MOST_SAMPLES * f64::from(occupancy.config().samples_per_ray);
         let longer = (self.looked(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
-        StepContext { marcher: self.occupy.marcher(&self.config, self.stretch * longer), ..ctx }
+        StepContext { placing: Placing::March(&occupancy.grid, occupancy.stretched(longer)), ..ctx }
     }
 
-    /// Samples that the rays of a picture of `n` pixels look at before they are opaque or end, in the mean over some of them. 0 where
-    /// proposals say how many.
+    /// Samples that the rays of a picture of `n` pixels look at before they are opaque or end, in the mean over some of them.
     fn looked(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
-        if ctx.proposals.is_some() {
-            return 0.0;
-        }
         let probes = n.div_ceil(PROBE_EVERY);
         let looked: u64 = (0..probes)
             .into_par_iter()
             .map_init(
-                || Chunk::new(&self.field),
+                || Chunk::new(&self.field, self.head.as_ref()),
                 |chunk, k| {
                     let pixel = k * PROBE_EVERY;
                     chunk.sample(ctx, pixel..pixel + 1);
@@ -72,7 +69,7 @@ impl Surveys for Ngp {
         let tasks: Vec<Vec<(Pixel, [f32; 3])>> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(
-                || Chunk::new(&self.field),
+                || Chunk::new(&self.field, self.head.as_ref()),
                 |chunk, task| {
                     let pixels = task * TASK..((task + 1) * TASK).min(n);
                     chunk.sample(&ctx, pixels.clone());
@@ -98,10 +95,10 @@ impl Surveys for Ngp {
 
 #[cfg(test)]
 mod tests {
-    use super::super::NgpConfig;
-    use super::super::budget_tests::small;
+    use super::super::budget_tests::{biased, occupancy};
     use super::*;
     use crate::plan::made::{Points, capture};
+    use crate::samplers::OccupancyConfig;
     use crate::space::{Space, SpaceKind};
     use engine::options::Background;
     use glam::DVec3;
@@ -110,13 +107,9 @@ mod tests {
     fn pictures_of_a_field_that_is_mist_everywhere_take_longer_steps_and_others_those_of_training() {
         let (_, data) = capture(Points::None);
         let looked = |density_bias: f32| {
-            let config = NgpConfig {
-                density_bias,
-                samples_per_ray: 12.0,
-                step_min: 0.002,
-                step_cone: 0.002,
-                ..small(SpaceKind::Contracted)
-            };
+            let mut config = biased(SpaceKind::Contracted, density_bias);
+            let grid = occupancy(&mut config);
+            *grid = OccupancyConfig { samples_per_ray: 12.0, step_min: 0.002, step_cone: 0.002, ..*grid };
             let space = Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01);
             let ngp = Ngp::with_method(config, space, Background::Random, 3, None).unwrap();
             let (_, inputs) = ngp.of_view(&data, 0, 1).unwrap();

@@ -1,7 +1,7 @@
 //! What renders in another light teach: the colour network what the method says, everything else nothing.
 
 use super::Ngp;
-use super::budget_tests::{randomised_with, small, table};
+use super::budget_tests::{biased, randomised_with, table};
 use crate::fields::fold_gradients;
 use crate::method::{Codes, Method, Pixel, PixelBar, Relit, SecondLight};
 use crate::space::SpaceKind;
@@ -57,7 +57,8 @@ impl Method for Says {
 
 fn field(seed: u64, asks: bool) -> (Ngp, Shown) {
     let shown = Shown::default();
-    let config = super::NgpConfig { density_bias: 1.0, weight_decay: 0.0, distortion: 0.0, ..small(SpaceKind::Box) };
+    let mut config = biased(SpaceKind::Box, 1.0);
+    (config.rates.weight_decay, config.terms.distortion) = (0.0, 0.0);
     (randomised_with(config, seed, Some(Box::new(Says { asks, shown: shown.clone() }))), shown)
 }
 

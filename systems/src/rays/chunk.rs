@@ -3,16 +3,17 @@
 //! A batch is cut into a fixed number of chunks, whatever the number of threads; a chunk is one task. Within it the
 //! samples go through the networks in tiles of whole rays ([`super::tile`]).
 
+use super::context::Placing;
 use super::context::StepContext;
-use super::field::Field;
+use super::head::Head;
 use super::head::{PLACE_ROWS, place_features};
-use super::look::{Kept, Look};
-use super::proposed::{Draw, Proposed};
+use super::prepass::{Kept, Look};
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
-use crate::fields::{Detail, Features, Part};
+use crate::fields::{Detail, Features, Field, Part};
 use crate::method::{Codes, Pixel, PixelBar};
+use crate::samplers::{Draw, Proposed};
 use crate::space::InternalRay;
 use engine::data::Batch;
 use std::ops::Range;
@@ -107,7 +108,7 @@ fn fill_codes(codes: Codes<'_>, batch: &Batch, pixels: Range<usize>, per_pixel: 
 }
 
 impl Chunk {
-    pub(super) fn new(field: &Field) -> Self {
+    pub(super) fn new(field: &Field, head: Option<&Head>) -> Self {
         Self {
             rays: Vec::new(),
             basis: Vec::new(),
@@ -128,7 +129,7 @@ impl Chunk {
             deform: DeformScratch::default(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
-            head_grad: vec![0.0; field.head.as_ref().map_or(0, |head| head.mlp.packed_grad_len())],
+            head_grad: vec![0.0; head.map_or(0, |head| head.mlp.packed_grad_len())],
             appearance_bar: Vec::new(),
             transient_bar: Vec::new(),
             seen: Vec::new(),
@@ -188,12 +189,12 @@ impl Chunk {
                 }
             }
         }
-        match ctx.proposals {
-            None => self.look.march(ctx, &self.rays, rays),
-            Some(proposals) => {
+        match ctx.placing {
+            Placing::March(grid, marcher) => self.look.march(ctx, grid, marcher, &self.rays, rays),
+            Placing::Proposals(proposals, exponent) => {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
-                let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent: ctx.exponent };
+                let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
                 self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, draw);
                 self.look.take(&self.proposed, self.rays.len());
                 self.stats.proposed = self.proposed.looked();
@@ -234,7 +235,7 @@ impl Chunk {
         self.each_tile(ctx, pixels, |tile, chunk, _, seen, rays, pixels| {
             let count = rays.len();
             tile.forward(ctx, chunk, rays, pixels);
-            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
+            seen.extend(tile.pixels(ctx));
             each(tile, count);
         });
         self.stats.seconds[2] += start.elapsed().as_secs_f64();
@@ -254,7 +255,7 @@ impl Chunk {
             buffer.clear();
             buffer.resize(codes.map_or(0, |codes| codes.dims * rays), 0.0);
         }
-        let keeps = ctx.proposals.is_some() || ctx.elastic() > 0.0;
+        let keeps = ctx.placing.proposals().is_some() || ctx.elastic() > 0.0;
         if keeps {
             sized(&mut self.w, n);
         }
@@ -267,7 +268,7 @@ impl Chunk {
                 w[samples].copy_from_slice(&tile.w[..n]);
             }
             let first = seen.len();
-            seen.extend(tile.pixels(ctx.field, ctx.per_pixel));
+            seen.extend(tile.pixels(ctx));
             tile.set_bars(
                 ctx.per_pixel,
                 seen[first..].iter().zip(pixels.clone()).map(|(pixel, i)| {
@@ -290,7 +291,7 @@ impl Chunk {
         self.stats = stats;
         self.move_back(ctx);
         let rendered = Instant::now();
-        if let Some(proposals) = ctx.proposals {
+        if let Some(proposals) = ctx.placing.proposals() {
             // The mean over rays and final intervals.
             let factor = f64::from(ctx.share) / (ctx.per_pixel * proposals.last()) as f64;
             self.proposed.learn((proposals, ctx.field.simd), &self.offsets, &self.w[..n], factor);

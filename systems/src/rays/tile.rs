@@ -1,9 +1,9 @@
 //! A tile: whole rays of a chunk, few enough that their activations stay in the L2 cache. Forward to pixels, and back.
 
 use super::context::StepContext;
-use super::field::Field;
 use super::head::{HeadBars, HeadTile};
 use crate::buffers::sized;
+use crate::fields::Field;
 use crate::method::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use field_core::mlp::{Mlp, Packed};
@@ -158,7 +158,7 @@ impl Tile {
         for (b, i) in background.chunks_exact_mut(3 * ctx.per_pixel).zip(pixels) {
             b.as_chunks_mut().0.fill(ctx.background[i]);
         }
-        if let Some(head) = &field.head {
+        if let Some(head) = ctx.head {
             // The first sample of a ray is the veil's: nothing static is there.
             for r in 0..count {
                 if self.offsets[r] < self.offsets[r + 1] {
@@ -177,9 +177,10 @@ impl Tile {
     }
 
     /// The pixels of [`Tile::forward`], each the mean of its rays.
-    pub(super) fn pixels(&self, field: &Field, per_pixel: usize) -> impl Iterator<Item = Pixel> {
+    pub(super) fn pixels(&self, ctx: &StepContext<'_>) -> impl Iterator<Item = Pixel> {
+        let per_pixel = ctx.per_pixel;
         let count = self.offsets.len().saturating_sub(1);
-        let with_head = field.head.is_some();
+        let with_head = ctx.head.is_some();
         let colours = if with_head { self.head.colour() } else { &self.pixel[..] };
         let per_ray = 1.0 / per_pixel as f32;
         (0..count / per_pixel).map(move |p| {
@@ -284,7 +285,7 @@ impl Tile {
         let geometry = field.density.outputs();
         let input_bar = sized(&mut self.input_bar, field.colour.inputs() * n);
         input_bar.fill(0.0);
-        let Some(head) = &field.head else { return plain(&self.pixel_bar, tau_bar, rgb_bar) };
+        let Some(head) = ctx.head else { return plain(&self.pixel_bar, tau_bar, rgb_bar) };
         // The static part alone is spread along the ray, as it alone is rendered elsewhere.
         if w_bar.is_some() || end_bar.is_some() {
             let nothing = sized(&mut self.pixel, 3 * count);
