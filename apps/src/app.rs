@@ -53,10 +53,10 @@ impl App {
 pub(crate) static STATIC: App = App {
     name: "nerf-static",
     about: "Radiance fields of static scenes, reconstructed on the CPU",
-    claims: &systems::plan::CLAIMS,
-    default_system: DefaultSystem::Chosen(systems::plan::choose),
+    claims: &systems::registry::CLAIMS,
+    default_system: DefaultSystem::Chosen(systems::registry::choose),
     load: engine::source::load,
-    build: systems::plan::build,
+    build: systems::registry::build,
     demo_scene: "synthetic:tabletop",
     demo_system: Some("ngp"),
     demo_folder: "runs/demo",

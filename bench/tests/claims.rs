@@ -6,7 +6,7 @@ use systems::claims::Claim;
 
 /// All systems that bear a paper's name.
 fn claims() -> Vec<Claim> {
-    let all = systems::plan::CLAIMS.into_iter().chain(systems::wild::CLAIMS).chain(systems::dynamic::CLAIMS);
+    let all = systems::registry::CLAIMS.into_iter().chain(systems::wild::CLAIMS).chain(systems::dynamic::CLAIMS);
     all.filter(Claim::is_of_a_paper).collect()
 }
 

@@ -46,7 +46,7 @@ fn scene(family: &str) -> (Scene, Build) {
     match family {
         "still" => (
             tabletop(&TabletopOptions { width, height, train: 8, test: 1, ..Default::default() }),
-            systems::plan::build,
+            systems::registry::build,
         ),
         "photos" => {
             (plaza(&PlazaOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::wild::build)

@@ -1,6 +1,6 @@
 //! What a system that bears a paper's name does otherwise than the paper.
 //!
-//! Said once, beside each name where systems are listed ([`crate::plan::CLAIMS`], [`crate::wild::CLAIMS`],
+//! Said once, beside each name where systems are listed ([`crate::registry::CLAIMS`], [`crate::wild::CLAIMS`],
 //! [`crate::dynamic::CLAIMS`]). From there it goes into `--help`, the lines of the plan, the tables of `nerf-bench`; README and
 //! documents are compared with it by tests.
 
@@ -50,13 +50,13 @@ pub(crate) const fn names<const N: usize>(claims: &[Claim; N]) -> [&'static str;
 /// [`SystemError::Config`] that lists the names there are.
 pub(crate) fn claim(claims: &[Claim], name: &str) -> Result<Claim, SystemError> {
     let found = claims.iter().find(|claim| claim.name == name);
-    found.copied().ok_or_else(|| crate::plan::no_such_system(name, claims.iter().map(|claim| claim.name)))
+    found.copied().ok_or_else(|| crate::settings::no_such_system(name, claims.iter().map(|claim| claim.name)))
 }
 
 /// The claim of a system's name: of those for scenes that stand still, from the wild, or that move. `ngp` is the same everywhere.
 #[must_use]
 pub fn find(name: &str) -> Option<Claim> {
-    let all = crate::plan::CLAIMS.iter().chain(&crate::wild::CLAIMS).chain(&crate::dynamic::CLAIMS);
+    let all = crate::registry::CLAIMS.iter().chain(&crate::wild::CLAIMS).chain(&crate::dynamic::CLAIMS);
     all.copied().find(|claim| claim.name == name)
 }
 
@@ -80,7 +80,7 @@ mod tests {
     const OWN: [&str; 2] = ["auto", "plain"];
 
     fn all() -> impl Iterator<Item = Claim> {
-        crate::plan::CLAIMS.into_iter().chain(crate::wild::CLAIMS).chain(crate::dynamic::CLAIMS)
+        crate::registry::CLAIMS.into_iter().chain(crate::wild::CLAIMS).chain(crate::dynamic::CLAIMS)
     }
 
     #[test]
@@ -111,8 +111,8 @@ mod tests {
                 None => assert!(!lines.iter().any(|l| l.contains("as published (")), "{}: {lines:#?}", claim.name),
             }
         };
-        for claim in crate::plan::CLAIMS {
-            check(claim, &crate::plan::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
+        for claim in crate::registry::CLAIMS {
+            check(claim, &crate::registry::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
         }
         for claim in crate::wild::CLAIMS {
             // What `auto` takes is told to it: looking takes a training.

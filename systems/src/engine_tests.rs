@@ -1,6 +1,7 @@
 //! What the engine says of real systems: fog before a cloud, points of a filmed frame.
 
-use crate::plan::{build, made};
+use crate::plan::made;
+use crate::registry::build;
 use engine::data::Dataset;
 use engine::eval::{fog, opacity_before};
 use engine::frame_points::frame_points;

@@ -10,7 +10,7 @@ use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::ops::Range;
 use std::sync::Arc;
-use systems::plan::build;
+use systems::registry::build;
 
 /// The table top in pictures of `size` pixels a side: 20 to train on, 2 held out.
 #[must_use]

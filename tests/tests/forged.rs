@@ -264,8 +264,8 @@ fn check(systems: &[(&str, &[&str])], scene: fn() -> Scene, build: &Build<'_>, j
 #[test]
 fn forged_checkpoints_of_still_scenes() {
     let systems = [("ngp", GRID), ("splat", &["max_splats=60"]), ("nerf", NETWORK)];
-    check(&systems, still, &systems::plan::build, true);
-    check(&[("mip-nerf", NETWORK), ("mip-nerf-360", MIP_360)], still, &systems::plan::build, false);
+    check(&systems, still, &systems::registry::build, true);
+    check(&[("mip-nerf", NETWORK), ("mip-nerf-360", MIP_360)], still, &systems::registry::build, false);
 }
 
 #[test]

@@ -97,7 +97,7 @@ fn a_step_of_ngp_allocates_nothing() {
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut system = systems::plan::build("ngp", &scene, &data, &options).unwrap().0;
+            let mut system = systems::registry::build("ngp", &scene, &data, &options).unwrap().0;
             let mut steps = |range: Range<u64>| {
                 for step in range {
                     system.step(&data, step).unwrap();

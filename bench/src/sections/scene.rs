@@ -106,7 +106,7 @@ pub(crate) fn job<'a>(bench: &Bench, subject: &'a Subject, schedule: Schedule) -
         && bench.extent == Extent::Quick;
     let load: &Load<'static> = if small { &|_, _| Ok(small_tabletop()) } else { &engine::source::load };
     let Subject { name, request } = subject;
-    Job { name, request, load, build: &systems::plan::build, schedule, lpips: None }
+    Job { name, request, load, build: &systems::registry::build, schedule, lpips: None }
 }
 
 /// The embedded scene, small.

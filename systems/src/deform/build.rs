@@ -4,7 +4,7 @@ use super::config::{DeformConfig, Moment, Motion, PlanesOfTime, SeenBy, Sees};
 use super::moments::{Moments, TimeNetwork};
 use super::times::Times;
 use super::{Deform, pass, refuse};
-use crate::static_scene::parts;
+use crate::networks::parts;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::planes::Planes;

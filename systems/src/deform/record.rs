@@ -2,7 +2,7 @@
 
 use super::Deform;
 use super::config::{Motion, SeenBy, Sees};
-use crate::static_scene::parts::Part;
+use crate::networks::parts::Part;
 use field_core::deform;
 use field_core::encoding::frequency::Frequency;
 use field_core::encoding::planes::Planes;

@@ -4,8 +4,9 @@ use super::config::DynamicConfig;
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::claims::{Claim, names};
 use crate::deform::Deform;
+use crate::papers::static_scenes::ngp::CLAIM as NGP;
 use crate::plan::{
-    Ground, NGP, NO_PARALLAX, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax,
+    Ground, NO_PARALLAX, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax,
     no_such_system, refuse_unknown, set_near, settings, split, table,
 };
 use crate::rays::RayConfig;
@@ -62,7 +63,7 @@ const FAINT: f32 = 0.002;
 /// Build the system `name` for a scene.
 ///
 /// # Errors
-/// As [`crate::plan::build`].
+/// As [`crate::registry::build`].
 pub fn build(
     name: &str,
     scene: &Scene,

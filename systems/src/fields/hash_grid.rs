@@ -2,7 +2,7 @@
 
 use super::{Detail, FeatureSource, Features, Names, Part};
 use crate::buffers::shapes_hold;
-use crate::plan::Settings;
+use crate::settings::Settings;
 use engine::memory::room_for;
 use engine::system::{
     MOST_LAYERS, SystemError, Tensor, TensorMap, at_most, f32_tensor, push_adam, take_adam, take_numbers,

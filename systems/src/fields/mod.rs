@@ -15,7 +15,7 @@ pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub use voxels::VoxelSettings;
 
-use crate::plan::Settings;
+use crate::settings::Settings;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use std::fmt::Debug;

@@ -2,7 +2,7 @@
 
 use super::{Detail, FeatureSource, Features, Names, Part};
 use crate::buffers::{shapes_hold, sized};
-use crate::plan::Settings;
+use crate::settings::Settings;
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::encoding::frequency::{Base, Frequency, Identity};

@@ -15,17 +15,17 @@ const FEWEST: usize = 3;
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Backdrop {
-    pub(super) background: Background,
+pub(crate) struct Backdrop {
+    pub(crate) background: Background,
     /// In figures, for people.
-    pub(super) line: String,
+    pub(crate) line: String,
 }
 
 /// The one colour around what the photos show: white or black; `None` where there is no such colour, or where photos have alpha.
 ///
 /// # Errors
 /// [`SystemError::Scene`] when an image cannot be read.
-pub(super) fn backdrop(data: &Dataset) -> Result<Option<Backdrop>, SystemError> {
+pub(crate) fn backdrop(data: &Dataset) -> Result<Option<Backdrop>, SystemError> {
     let count = data.len().min(LOOKED_AT);
     if count < FEWEST {
         return Ok(None);

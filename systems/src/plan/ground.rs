@@ -5,9 +5,9 @@ use super::parallax::check_parallax;
 use crate::deform::Deform;
 use crate::layout::{Layout, layout};
 use crate::method::Method;
+use crate::papers::static_scenes::nerf::{Nerf, NerfConfig};
 use crate::rays::{Ngp, RayConfig};
 use crate::space::{Space, SpaceConfig, SpaceKind};
-use crate::static_scene::nerf::{Nerf, NerfConfig};
 use engine::data::Dataset;
 use engine::options::{Background, RunOptions};
 use engine::system::SystemError;
@@ -161,7 +161,7 @@ pub(crate) fn percent(share: f64) -> String {
 }
 
 /// Whether a training image has transparent pixels to speak of.
-pub(super) fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
+pub(crate) fn has_alpha(data: &Dataset) -> Result<bool, SystemError> {
     Ok(!data.is_empty() && data.image(0)?.channels == 4)
 }
 

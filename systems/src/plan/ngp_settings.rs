@@ -1,10 +1,10 @@
 //! Settings of the fast field from the layout and the number of pixels.
 
-use super::settings::Settings;
 use crate::fields::{HashGridSettings, NetworkConfig, NetworkPrecision};
 use crate::layout::Layout;
 use crate::rays::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 use crate::samplers::{OccupancyConfig, ProposalConfig};
+use crate::settings::Settings;
 use crate::space::SpaceConfig;
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
@@ -161,7 +161,7 @@ pub(crate) fn chosen_sampler(mut planned: RayConfig, settings: &mut Settings<'_>
 }
 
 /// All settings of the field by name; values are of no scene.
-pub(super) fn names() -> toml::Table {
+pub(crate) fn names() -> toml::Table {
     let nowhere = Layout {
         kind: SpaceKind::Box,
         centre: glam::DVec3::ZERO,

@@ -1,13 +1,11 @@
 //! Whether the training cameras see depth by parallax, and what accepts that they do not.
 
 use crate::layout::stands_still;
+pub(crate) use crate::settings::NO_PARALLAX;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::SystemError;
 use render_core::pose::Pose;
-
-/// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
-pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
 
 /// Whether they were accepted.
 pub(crate) fn accepts_no_parallax(run: &RunOptions) -> Result<bool, SystemError> {

@@ -2,8 +2,8 @@
 
 use super::head::HeadConfig;
 use crate::fields::{FeatureSource, NetworkConfig};
-use crate::plan::Settings;
 use crate::samplers::{OccupancyConfig, ProposalConfig};
+use crate::settings::Settings;
 use crate::space::SpaceConfig;
 use crate::terms::TermConfig;
 use engine::system::{MOST_RAYS, MOST_SAMPLES, SystemError, at_most};

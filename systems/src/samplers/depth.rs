@@ -228,7 +228,7 @@ impl MeasuredDepth {
             let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
             let rays: Vec<Ray> = known.iter().filter_map(|&k| place(k)).collect();
             let query = Query {
-                background: background,
+                background,
                 layers: LayerRequest::default(),
                 error_budget: 1.0 / 255.0,
                 appearance: engine::system::Appearance::Mean,

@@ -67,7 +67,8 @@ impl FreeSpace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{build, made};
+    use crate::plan::made;
+    use crate::registry::build;
     use engine::options::RunOptions;
     use scene_io::{Point, Scene};
 

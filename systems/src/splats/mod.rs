@@ -30,5 +30,5 @@ mod upright;
 
 pub use cloud::Cloud;
 pub use config::SplatConfig;
-pub(crate) use plan::build;
+pub(crate) use plan::{CLAIM, build};
 pub use splat::Splat;

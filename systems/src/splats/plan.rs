@@ -5,14 +5,13 @@ use super::frame::Frame;
 use super::sight::Sight;
 use super::splat::Splat;
 use super::start::{Start, StartOptions, scene_box};
+use crate::claims::Claim;
 use crate::free_space::free_space_line;
-use crate::plan::{Ground, Settings};
-use engine::data::Dataset;
+use crate::plan::{Ask, Built, Ground};
 use engine::memory::room_for;
-use engine::options::{Plan, RunOptions};
-use engine::system::{System, SystemError};
+use engine::options::Plan;
+use engine::system::SystemError;
 use glam::DVec3;
-use scene_io::Scene;
 use splat_core::Gaussians;
 
 /// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
@@ -20,8 +19,19 @@ const COARSE_PIXELS: u64 = 65_536;
 /// Steps that the schedules are for.
 const HORIZON: u64 = 10_000;
 
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "splat",
+    paper: "Kerbl et al., 2023",
+    differs: "Opacities are never reset, large Gaussians are not pruned, there are at most 100 000, the schedules take a \
+              third of the steps, and large photos are drawn at half their size first. Random starts keep to places that \
+              no photo shows to be empty.",
+    mark: "no opacity reset, no size prune",
+};
+
 /// A cloud at its start, and why it is as it is.
-pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError> {
+pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    let (scene, data, run) = (ask.scene, ask.data, ask.run);
     let Ground { layout, mut lines, background, error_budget, .. } = Ground::of_clouds(scene, data, run)?;
     let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
     let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
@@ -40,9 +50,8 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         start: if scene.points.is_empty() { StartKind::Random } else { StartKind::Points },
         ..SplatConfig::published(frame.centre, frame.scale, HORIZON)
     };
-    let mut settings = Settings::new(run);
-    let config: SplatConfig = settings.of(&planned)?;
-    let all = settings.all()?;
+    let config: SplatConfig = ask.settings.of(&planned)?;
+    let all = ask.settings.all()?;
     config.check()?;
     lines.extend(free_space.filter(|_| config.free_space));
     let frame = Frame { centre: config.centre, scale: config.radius };
@@ -71,5 +80,6 @@ pub(crate) fn build(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<(
         lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
     }
     let splat = Splat::new(config, frame, start, background, run.seed, data)?;
+    lines.extend(ask.claim.line());
     Ok((Box::new(splat), Plan { lines, background, error_budget, config: all }))
 }

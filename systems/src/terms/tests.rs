@@ -82,7 +82,7 @@ fn gradients_are_those_of_differences_component_by_component() {
         for (k, bar) in bars_of(&made, term.as_ref(), &WEIGHT).into_iter().enumerate() {
             let Some(bar) = bar else { continue };
             seen[k] += 1;
-            for i in 0..bar.len() {
+            for (i, &got) in bar.iter().enumerate() {
                 let at = |step: f32| {
                     let mut made = Made::new();
                     match k {
@@ -96,9 +96,9 @@ fn gradients_are_those_of_differences_component_by_component() {
                 };
                 let h = 2e-3;
                 let want = 0.25 * (at(h) - at(-h)) / (2.0 * f64::from(h));
-                let error = (f64::from(bar[i]) - want).abs();
+                let error = (f64::from(got) - want).abs();
                 // Colours of samples have no gradient with respect to weights, as published.
-                assert!(error < 1e-4 * want.abs().max(0.1), "gradient {k} at {i}: {} for {want}", bar[i]);
+                assert!(error < 1e-4 * want.abs().max(0.1), "gradient {k} at {i}: {got} for {want}");
             }
         }
     }

@@ -12,11 +12,11 @@ use super::pretrained::FilterStart;
 use super::robust_nerf::RobustNerf;
 use super::sf_nerf::SfNerf;
 use crate::method::Method;
+use crate::papers::static_scenes::nerf::NerfConfig;
 use crate::plan::{
     Ground, NO_PARALLAX, Settings, chosen_sampler, field_settings, refuse_unknown, settings, split, table,
 };
 use crate::rays::HeadConfig;
-use crate::static_scene::nerf::NerfConfig;
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions};
 use engine::system::{System, SystemError};
@@ -26,7 +26,7 @@ use serde::Serialize;
 /// Build the system `name` for a scene.
 ///
 /// # Errors
-/// As [`crate::plan::build`], and for photos that a method cannot work with.
+/// As [`crate::registry::build`], and for photos that a method cannot work with.
 pub fn build(
     name: &str,
     scene: &Scene,

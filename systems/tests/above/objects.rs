@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use systems::layout::layout;
-use systems::plan::build;
+use systems::registry::build;
 use systems::space::SpaceKind;
 use testkit::golden::data_or_skip;
 

@@ -16,7 +16,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use systems::plan;
+use systems::registry;
 
 const META: &str = "checkpoint/step-00000002.json";
 const ARRAYS: &str = "checkpoint/step-00000002.safetensors";
@@ -110,7 +110,7 @@ fn build(
     data: &Dataset,
     options: &RunOptions,
 ) -> Result<(Box<dyn engine::system::System>, engine::options::Plan), engine::system::SystemError> {
-    plan::build(name, scene, data, options)
+    registry::build(name, scene, data, options)
 }
 
 /// The JSON text with size and checksum of the arrays; whether its configuration is the valid one. Another one may ask for

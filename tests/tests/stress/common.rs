@@ -47,7 +47,7 @@ pub(crate) fn build_before(
     let tiny: &[&str] = if name == "ngp" { &TINY_NGP } else { &TINY_NERF };
     let set = tiny.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background, error_budget: None, set };
-    Ok(systems::plan::build(name, scene, data, &options)?.0)
+    Ok(systems::registry::build(name, scene, data, &options)?.0)
 }
 
 pub(crate) const QUERY: Query = Query {

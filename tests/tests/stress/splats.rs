@@ -27,7 +27,7 @@ const DENSITIES: [&str; 2] = ["density=adc", "density=mcmc"];
 fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let set = TINY.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
-    systems::plan::build("splat", scene, data, &options)
+    systems::registry::build("splat", scene, data, &options)
 }
 
 /// Every number of the exported cloud is finite, and there are no more Gaussians than are allowed.

@@ -36,7 +36,7 @@ fn trained<R>(
     look: impl FnOnce(&Run<'_>, Option<Evaluation>) -> R,
 ) -> R {
     let parts =
-        Parts { load, build: &systems::plan::build, storage: &Disk, default_system: DefaultSystem::Named("ngp") };
+        Parts { load, build: &systems::registry::build, storage: &Disk, default_system: DefaultSystem::Named("ngp") };
     let mut run = Run::create(folder, request, parts, &mut Silent).unwrap();
     let (_, evaluation) =
         run.train(&Schedule::new(Stop::Steps(steps)), None, &mut Silent, &AtomicBool::new(false)).unwrap();
@@ -150,7 +150,7 @@ fn same_bits_after_resuming(request: &Request) {
     trained(halves.path(), request, 23, &load, |_, _| ());
     let parts = Parts {
         load: &load,
-        build: &systems::plan::build,
+        build: &systems::registry::build,
         storage: &Disk,
         default_system: DefaultSystem::Named("ngp"),
     };

@@ -13,10 +13,10 @@ use scene_io::{ImageStore, Split, StoreOptions};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use systems::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
+use systems::networks::{Recipe, TwoLevel};
+use systems::papers::static_scenes::mip_nerf::MipNerfConfig;
+use systems::papers::static_scenes::nerf::NerfConfig;
 use systems::space::{Space, SpaceKind};
-use systems::static_scene::mip_nerf::MipNerfConfig;
-use systems::static_scene::nerf::NerfConfig;
-use systems::static_scene::two_level::{Recipe, TwoLevel};
 
 /// Length of an appearance and of a transient code.
 const DIMS: [usize; 2] = [3, 2];

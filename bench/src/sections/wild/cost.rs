@@ -31,7 +31,7 @@ impl<'a> Case<'a> {
 pub(in crate::sections) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     let (rounds, steps) = bench.pick((1, 50), (3, 500));
     let steps = bench.steps.unwrap_or(steps);
-    let mut cases = vec![Case::new(NGP, &systems::plan::build)];
+    let mut cases = vec![Case::new(NGP, &systems::registry::build)];
     cases.extend(COSTS.iter().map(|&entry| Case::new(entry, &systems::wild::build)));
     let scene = perturb(small_tabletop(), Disturbance::Both, 0);
     for round in 1..=rounds {

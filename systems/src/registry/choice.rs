@@ -2,9 +2,8 @@
 //!
 //! The rule and the figures that it was chosen by: `docs/decisions/0028-field-or-cloud.md`.
 
-use super::backdrop::backdrop;
-use super::ground::{has_alpha, percent};
-use super::settings::table;
+use crate::plan::{backdrop, field_names, has_alpha, percent};
+use crate::settings::table;
 use crate::splats::SplatConfig;
 use engine::data::{Dataset, View};
 use engine::options::{Choice, Purpose, RunOptions};
@@ -143,7 +142,7 @@ pub fn choose(
 /// The system that a setting asks for, and the setting.
 fn implied(set: &toml::Table) -> Result<Option<(&'static str, &str)>, SystemError> {
     let cloud = table(&SplatConfig::published([0.0; 3], 1.0, 1));
-    let field = super::ngp_settings::names();
+    let field = field_names();
     let only = |mine: &toml::Table, other: &toml::Table| {
         set.keys().find(|key| mine.contains_key(*key) && !other.contains_key(*key)).map(String::as_str)
     };
@@ -199,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_stop_is_steps_or_seconds() {
-        let (_, data) = super::super::made::capture(super::super::made::Points::None);
+        let (_, data) = crate::plan::made::capture(crate::plan::made::Points::None);
         assert_eq!(steps(&data, Some(Stop::Steps(240))), 240.0);
         assert_eq!(steps(&data, None), f64::INFINITY);
         let seconds = steps(&data, Some(Stop::Seconds(60.0)));

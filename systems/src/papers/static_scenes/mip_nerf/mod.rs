@@ -14,7 +14,9 @@ mod samples;
 
 pub use config::MipNerfConfig;
 
-use super::two_level::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::claims::Claim;
+use crate::networks::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::plan::{Ask, Built, planned, space};
 use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
 use field_core::encoding::integrated::Integrated;
@@ -85,4 +87,31 @@ impl Recipe for MipNerfConfig {
     fn place_points(&self, space: &Space, n: usize, level: &mut Level) {
         samples::cubes(self.point_size, space, n, level);
     }
+}
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "mip-nerf",
+    paper: "Barron et al., 2021",
+    differs: "Network, intervals, losses and learning rate are the published ones. Batches are of 128 rays instead of 4096, \
+              rays begin and end at the scene's box, the last interval is finite, and space without an end is contracted.",
+    mark: "batches of 128 rays",
+};
+
+/// The published settings in the scene's box.
+pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    let ground = ask.ground()?;
+    let layout = &ground.layout;
+    let config = ask.settings.of(&MipNerfConfig {
+        centre: layout.centre.to_array(),
+        radius: layout.radius,
+        extent: f64::from(1_u32 << (layout.cascades - 1)),
+        point_size: layout.footprint as f32,
+        ..MipNerfConfig::published(layout.kind)
+    })?;
+    let all = ask.settings.all()?;
+    let place = (config.centre, config.radius, config.extent);
+    let space = space(layout, ask.data, config.space, place, config.near)?;
+    let system = MipNerf::new(config, space, ground.background, ask.run.seed)?;
+    Ok((Box::new(system), planned(ground, all)))
 }

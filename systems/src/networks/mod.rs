@@ -1,19 +1,22 @@
-//! Systems that look twice along each ray: coarsely everywhere, then finely where the first look saw something.
+//! The driver of networks as published, which look twice along each ray: coarsely everywhere, then finely where the first look saw something.
 //!
-//! What `nerf` and `mip-nerf` share: networks of one form, the quadrature on the tape, batches, the optimiser, renders,
+//! Networks of one form, the quadrature on the tape, batches, the optimiser, renders,
 //! checkpoints. What tells them apart is a [`Recipe`]: where to sample, what the position encoding sees, the density's
 //! activation, losses and rates. Gradients stop at the samples' positions.
 
 mod composite;
 mod composite_two;
+pub(crate) mod cones;
 mod fit;
 mod head;
 mod network;
+pub(crate) mod parts;
 mod recipe;
 mod render;
 mod samples;
 mod step;
 mod survey;
+mod trained;
 
 pub use network::NetworkConfig;
 pub(crate) use network::refuse;
@@ -21,14 +24,11 @@ pub use recipe::Recipe;
 pub(crate) use samples::ray_random;
 pub use samples::{Level, Tile};
 
-use super::cones;
-pub use super::cones::Footprint;
-use super::parts::Part;
-use super::trained::Trained;
 use crate::left_out::LeftOut;
 use crate::method::{Method, Pixel};
 use crate::space::Space;
 use crate::survey::Surveys;
+pub use cones::Footprint;
 use engine::canonical::add_canonical;
 use engine::data::Dataset;
 use engine::memory::room_for;
@@ -39,8 +39,10 @@ use field_core::tape::TapeError;
 use float_core::Simd;
 use head::Head;
 use network::{Ops, PackedNetwork, Shapes};
+use parts::Part;
 use render_core::ray::Ray;
 use step::{Chunk, Inputs};
+pub(crate) use trained::Trained;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
 const CHUNKS: usize = 8;

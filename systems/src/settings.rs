@@ -3,13 +3,15 @@
 //! Each part of a system has a struct of its own with 3 to 12 settings. [`Settings`] joins those of the parts that are there: these
 //! names and no others can be set, and all of them are written to the run's `config.toml`.
 
-use super::parallax::NO_PARALLAX;
 use engine::options::RunOptions;
 use engine::system::SystemError;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// There is no system of this name, but of these.
+/// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
+pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
+
+/// There is no system of this name; these there are.
 pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'static str>) -> SystemError {
     let names: Vec<&str> = systems.into_iter().collect();
     let problem = format!("there is no such system; use one of {}", names.join(", "));

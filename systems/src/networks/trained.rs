@@ -5,24 +5,24 @@ use float_core::Simd;
 use optim::{Adam, AdamConfig, NonFiniteGuard};
 
 /// All parameters of a system of networks.
-pub(super) struct Trained {
-    pub(super) params: Vec<f32>,
+pub(crate) struct Trained {
+    pub(crate) params: Vec<f32>,
     adam: Adam,
     guard: NonFiniteGuard,
 }
 
 impl Trained {
-    pub(super) fn new(params: Vec<f32>, config: AdamConfig) -> Self {
+    pub(crate) fn new(params: Vec<f32>, config: AdamConfig) -> Self {
         Self { adam: Adam::new(params.len(), config), guard: NonFiniteGuard::default(), params }
     }
 
     /// Go on counting where another one stopped.
-    pub(super) fn count_on(&mut self, from: &Self) {
+    pub(crate) fn count_on(&mut self, from: &Self) {
         self.guard = from.guard;
     }
 
     /// One step of Adam. Returns how many entries of the gradient were not finite.
-    pub(super) fn step(&mut self, simd: Simd, lr: f64, grad: &[f32]) -> usize {
+    pub(crate) fn step(&mut self, simd: Simd, lr: f64, grad: &[f32]) -> usize {
         self.adam.step(simd, lr, &mut self.params, grad)
     }
 
@@ -30,11 +30,11 @@ impl Trained {
     ///
     /// # Errors
     /// [`SystemError::NonFinite`] past the share a run may have.
-    pub(super) fn record(&mut self, bad: usize) -> Result<(), SystemError> {
+    pub(crate) fn record(&mut self, bad: usize) -> Result<(), SystemError> {
         Ok(self.guard.record(bad)?)
     }
 
-    pub(super) fn state(&self) -> Vec<Tensor<'_>> {
+    pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
         vec![
             f32_tensor("networks", &self.params),
             f32_tensor("adam.m", self.adam.first_moment()),
@@ -50,7 +50,7 @@ impl Trained {
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
-    pub(super) fn restored(&self, tensors: &TensorMap) -> Result<Self, SystemError> {
+    pub(crate) fn restored(&self, tensors: &TensorMap) -> Result<Self, SystemError> {
         let n = self.params.len();
         let params = take_numbers(tensors, "networks", n)?;
         let (m, v) = (take_numbers(tensors, "adam.m", n)?, take_numbers(tensors, "adam.v", n)?);

@@ -8,7 +8,7 @@ use render_core::ray::Ray;
 use std::ops::Range;
 
 /// Rays that go through the networks together.
-pub(super) const TILE: usize = 4;
+pub(crate) const TILE: usize = 4;
 /// Rays of one task of a render.
 const RENDER_TASK: usize = 32;
 
@@ -23,7 +23,7 @@ pub enum Footprint {
 
 /// Which pixels of a batch are looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Which {
+pub(crate) enum Which {
     /// Those that count.
     Counted,
     /// All.
@@ -31,7 +31,7 @@ pub(super) enum Which {
 }
 
 /// The rays of the pixels `ids` of a batch that cross the space, and which pixels these are.
-pub(super) fn crossing(
+pub(crate) fn crossing(
     space: &Space,
     (data, batch): (&Dataset, &Batch),
     ids: Range<usize>,
@@ -57,7 +57,7 @@ pub(super) fn crossing(
 }
 
 /// The layers of rays, tile by tile in parallel: `render` appends those of a tile's rays, given with the radii of their cones. Nothing where the query's halt is raised.
-pub(super) fn render_tiles<S: Default>(
+pub(crate) fn render_tiles<S: Default>(
     rays: &[Ray],
     radii: &[f32],
     query: &Query,
@@ -83,7 +83,7 @@ pub(super) fn render_tiles<S: Default>(
 }
 
 /// The row of the table of skips for training rays that were not looked at, of those cast.
-pub(super) fn missed_row(missed: u64, cast: u64) -> SkipRow {
+pub(crate) fn missed_row(missed: u64, cast: u64) -> SkipRow {
     SkipRow::counted(
         "training: rays that miss the scene's box or are masked",
         (missed, cast),

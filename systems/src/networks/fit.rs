@@ -8,8 +8,8 @@
 use super::network::Seen;
 use super::samples::{Level, Tile};
 use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
+use crate::networks::cones::TILE;
 use crate::space::InternalRay;
-use crate::static_scene::cones::TILE;
 use engine::system::{Appearance, Fit, System};
 use field_core::mlp::{Activation, Bias, Layer, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;

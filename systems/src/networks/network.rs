@@ -1,7 +1,7 @@
 //! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the sixth, density from the
 //! eighth, colour from it and the viewing direction.
 
-use crate::static_scene::parts::{self, Part};
+use crate::networks::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;

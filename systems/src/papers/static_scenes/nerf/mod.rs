@@ -13,7 +13,9 @@ mod samples;
 
 pub use config::NerfConfig;
 
-use super::two_level::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::claims::Claim;
+use crate::networks::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::plan::{Ask, Built, planned};
 use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
@@ -89,4 +91,22 @@ impl Recipe for NerfConfig {
     fn place_points(&self, space: &Space, _n: usize, level: &mut Level) {
         samples::encoder_input(space, level);
     }
+}
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "nerf",
+    paper: "Mildenhall et al., 2020",
+    differs: "Networks, samples and learning rate are the published ones. Batches are of 128 rays instead of 4096, rays \
+              begin and end at the scene's box, the last interval is finite, and space without an end is contracted.",
+    mark: "batches of 128 rays",
+};
+
+/// The published settings in the scene's box.
+pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    let mut ground = ask.ground()?;
+    let config = ask.settings.of(&ground.nerf_settings())?;
+    let all = ask.settings.all()?;
+    let system = ground.nerf(ask.data, &config, ask.run.seed, None)?;
+    Ok((Box::new(system), planned(ground, all)))
 }

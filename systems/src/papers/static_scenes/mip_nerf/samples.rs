@@ -1,8 +1,8 @@
 //! Where a tile's cones are cut, and the Gaussians of the pieces.
 
 use super::MipNerfConfig;
+use crate::networks::{Level, Tile, ray_random};
 use crate::space::{InternalRay, Space, SpaceKind};
-use crate::static_scene::two_level::{Level, Tile, ray_random};
 use field_core::rng::Rng;
 use render_core::contract::{Norm, contract, contract_covariance};
 use render_core::frustum::{Frustum, Moments, symmetric};

@@ -1,8 +1,8 @@
 //! Where a tile's rays are sampled: stratified for the coarse network, by its weights for the fine one.
 
 use super::NerfConfig;
+use crate::networks::{Level, Tile, ray_random};
 use crate::space::{InternalRay, Space};
-use crate::static_scene::two_level::{Level, Tile, ray_random};
 use field_core::rng::Rng;
 use float_core::Simd;
 use render_core::sample::{dt_from_points, invert_cdf, merge_sorted, mid_points, stratified_bins};

@@ -2,7 +2,7 @@
 //! photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
 
 use super::network::refuse;
-use crate::static_scene::parts::{self, Part};
+use crate::networks::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::init::Init;
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};

@@ -2,7 +2,7 @@
 
 use super::MipNerf360Config;
 use super::config::bad;
-use crate::static_scene::parts::{self, Part};
+use crate::networks::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};

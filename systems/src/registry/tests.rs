@@ -1,6 +1,7 @@
-use super::made::{Points, RING, SIDE, capture, frames, scene};
 use super::*;
 use crate::layout::NEAR_SHARE;
+use crate::plan::made::{self, Points, RING, SIDE, capture, frames, scene};
+use crate::plan::{Ground, backdrop, field_settings};
 use crate::rays::{RayConfig, SamplerConfig};
 use crate::samplers::OccupancyConfig;
 use engine::options::Background;
@@ -154,7 +155,7 @@ fn points_empty_cells_before_each_camera() {
 fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
     let edge = |x: u32, y: u32| x == 0 || y == 0 || x == SIDE - 1 || y == SIDE - 1;
     let around = |colour: u8| frames(3, move |_, x, y| if edge(x, y) { [colour; 4] } else { [90, 30, 60, 255] });
-    let found = |frames| backdrop::backdrop(&scene(frames, Vec::new()).1).unwrap();
+    let found = |frames| backdrop(&scene(frames, Vec::new()).1).unwrap();
     let white = found(around(250)).unwrap();
     assert_eq!(white.background, Background::White);
     assert!(white.line.contains("12 of 12"), "{}", white.line);

@@ -1,0 +1,3 @@
+//! One file or folder a system: which parts it is made of, how its paper wires and weighs them, and the paper's equations.
+
+pub mod static_scenes;

@@ -1,0 +1,60 @@
+//! The systems by name: for each what differs from its paper, and how it is built.
+
+mod choice;
+#[cfg(test)]
+mod tests;
+
+pub use choice::choose;
+
+use crate::claims::{Claim, names};
+use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
+use crate::plan::{Ask, Built};
+use crate::settings::no_such_system;
+use crate::splats;
+use engine::data::Dataset;
+use engine::options::{Plan, RunOptions};
+use engine::system::{System, SystemError};
+use scene_io::Scene;
+
+/// A system: its name and what differs from its paper, and how it is built.
+pub(crate) struct Known {
+    pub(crate) claim: Claim,
+    pub(crate) build: fn(Ask<'_>) -> Built,
+}
+
+const KNOWN: [Known; 5] = [
+    Known { claim: ngp::CLAIM, build: ngp::build },
+    Known { claim: nerf::CLAIM, build: nerf::build },
+    Known { claim: mip_nerf::CLAIM, build: mip_nerf::build },
+    Known { claim: mip_nerf_360::CLAIM, build: mip_nerf_360::build },
+    Known { claim: splats::CLAIM, build: splats::build },
+];
+
+/// Systems by name, with what differs from their papers.
+pub const CLAIMS: [Claim; KNOWN.len()] = {
+    let mut claims = [ngp::CLAIM; KNOWN.len()];
+    let mut i = 0;
+    while i < claims.len() {
+        claims[i] = KNOWN[i].claim;
+        i += 1;
+    }
+    claims
+};
+
+/// Systems by name.
+pub const SYSTEMS: [&str; CLAIMS.len()] = names(&CLAIMS);
+
+/// Build the system `name` for a scene.
+///
+/// # Errors
+/// [`SystemError::Config`] for an unknown name, an unknown setting or one that cannot work; [`SystemError::Scene`] when
+/// an image cannot be read.
+pub fn build(
+    name: &str,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let known = KNOWN.iter().find(|known| known.claim.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
+    (known.build)(Ask::new(known.claim, scene, data, run))
+}
