@@ -24,6 +24,8 @@ mod chunk;
 mod config;
 mod context;
 mod fit;
+#[cfg(test)]
+mod gradient_tests;
 mod head;
 #[cfg(test)]
 mod moving_tests;

@@ -130,7 +130,7 @@ impl Ngp {
     }
 
     /// The pixels of a step, their rays, and all that is random about them.
-    fn draw(&mut self, data: &Dataset, step: u64, per_pixel: usize) -> Result<(), SystemError> {
+    pub(super) fn draw(&mut self, data: &Dataset, step: u64, per_pixel: usize) -> Result<(), SystemError> {
         let Inputs { batch, rays, .. } = &mut self.work.inputs;
         let pixels = self.rays.div_ceil(per_pixel);
         match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {

@@ -1,0 +1,263 @@
+//! The gradient of a step as wired, from pixels to every learned number, against differences of the loss in f64.
+
+use super::budget_tests::{biased, randomised_with, small, table};
+use super::step::Plan;
+use super::{HeadConfig, MixtureKind, Ngp, RayConfig};
+use crate::fields::{HashGridSettings, Part, VoxelSettings, fold_gradients};
+use crate::method::{Codes, Method, Pixel, PixelBar};
+use crate::plan::HASH_GRID;
+use crate::space::SpaceKind;
+use crate::terms::TermConfig;
+use engine::data::Dataset;
+use std::sync::Arc;
+
+/// Photos of the scene.
+const VIEWS: usize = 3;
+
+/// Codes of each photo, and a loss that every number of a pixel has a part in.
+#[derive(Clone)]
+struct Coded {
+    appearance: Vec<f32>,
+    transient: Option<Vec<f32>>,
+}
+
+impl Method for Coded {
+    fn name(&self) -> &'static str {
+        "coded"
+    }
+
+    fn appearance(&self) -> Option<Codes<'_>> {
+        Some(Codes { dims: self.appearance.len() / VIEWS, rows: &self.appearance })
+    }
+
+    fn transient(&self) -> Option<Codes<'_>> {
+        self.transient.as_ref().map(|rows| Codes { dims: rows.len() / VIEWS, rows })
+    }
+
+    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        let weight = [0.5, 1.0, 0.25][i % 3];
+        let e = [0, 1, 2].map(|c| pixel.rgb[c] - truth[c]);
+        let squares: f32 = e.iter().map(|e| e * e).sum();
+        let loss = weight * squares + 0.3 * pixel.beta * pixel.beta + 0.2 * pixel.sigma_t;
+        (loss, PixelBar { rgb: e.map(|e| 2.0 * weight * e), beta: 0.6 * pixel.beta, sigma_t: 0.2 })
+    }
+}
+
+fn coded(transient: bool) -> Coded {
+    let row = |k: usize| ((5 * k + 3) % 7) as f32 / 7.0 - 0.4;
+    Coded {
+        appearance: (0..2 * VIEWS).map(row).collect(),
+        transient: transient.then(|| (0..3 * VIEWS).map(row).collect()),
+    }
+}
+
+/// A field of few numbers, none of whose samples is left out.
+fn tiny(kind: SpaceKind) -> RayConfig {
+    let mut config = small(kind);
+    config.features =
+        Arc::new(HashGridSettings { levels: 2, features: 2, log2_table: 6, n_min: 2, n_max: 5, ..HASH_GRID });
+    config.networks = crate::fields::NetworkConfig {
+        width: 8,
+        geometry: 5,
+        sh_degree: 2,
+        ..biased(kind, -1.0).networks
+    };
+    (config.batch.train_stop, config.batch.train_faint) = (0.0, 0.0);
+    (config.batch.batch_rays, config.batch.batch_samples) = (64, 1500);
+    config
+}
+
+const TERMS: TermConfig =
+    TermConfig { distortion: 0.3, sparsity: 0.05, background_entropy: 0.2, point_colour: 0.0 };
+
+/// Learned numbers by name.
+type Groups = Vec<(&'static str, Vec<f32>)>;
+
+/// The loss of the batch that was drawn, mean over the pixels that count; the chunks hold the gradients afterwards.
+fn loss(ngp: &mut Ngp, plan: &Plan) -> f64 {
+    ngp.each_chunk(plan, |chunk, ctx, pixels| {
+        chunk.sample(ctx, pixels.clone());
+        chunk.learn(ctx, pixels);
+    });
+    ngp.work.chunks.iter().map(|chunk| chunk.stats.loss).sum::<f64>() * f64::from(plan.share)
+}
+
+/// Gradients as a step folds them.
+fn gradients(ngp: &mut Ngp, plan: &Plan) -> Groups {
+    loss(ngp, plan);
+    let (field, chunks) = (&ngp.field, &ngp.work.chunks);
+    let mut features = vec![0.0; field.features.parameters().len()];
+    chunks.iter().for_each(|chunk| field.features.scatter(&chunk.part(&*field.features), &mut features));
+    let mut packed = Vec::new();
+    let mut of = |mlp, len, grads: Vec<&[f32]>| {
+        let mut out = vec![0.0; len];
+        fold_gradients(mlp, grads.into_iter(), &mut packed, &mut out);
+        out
+    };
+    let density = of(&field.density, field.density_params.len(), chunks.iter().map(|c| &c.density_grad[..]).collect());
+    let colour = of(&field.colour, field.colour_params.len(), chunks.iter().map(|c| &c.colour_grad[..]).collect());
+    let mut out = vec![("features", features), ("density network", density), ("colour network", colour)];
+    if let Some(head) = &ngp.head {
+        let grads = chunks.iter().map(|c| &c.head_grad[..]).collect();
+        out.push(("transient head", of(&head.mlp, head.params.len(), grads)));
+    }
+    let views = &ngp.work.inputs.batch.view;
+    for (name, transient) in [("appearance codes", false), ("transient codes", true)] {
+        let Some(method) = &ngp.method else { continue };
+        let Some(codes) = (if transient { method.transient() } else { method.appearance() }) else { continue };
+        let mut bars = vec![0.0; codes.rows.len()];
+        let of = |chunk: &super::chunk::Chunk| {
+            if transient { chunk.transient_bar.clone() } else { chunk.appearance_bar.clone() }
+        };
+        let rays: Vec<f32> = chunks.iter().flat_map(of).collect();
+        for (r, row) in rays.chunks_exact(codes.dims).enumerate() {
+            let view = views[r / plan.per_pixel] as usize;
+            row.iter().enumerate().for_each(|(k, bar)| bars[view * codes.dims + k] += bar);
+        }
+        out.push((name, bars));
+    }
+    out
+}
+
+/// Add to number `i` of a group.
+fn shift(ngp: &mut Ngp, method: &mut Coded, group: &str, i: usize, by: f32) {
+    match group {
+        "features" => ngp.field.features.parameters_mut()[i] += by,
+        "density network" => ngp.field.density_params[i] += by,
+        "colour network" => ngp.field.colour_params[i] += by,
+        "transient head" => ngp.head.as_mut().unwrap().params[i] += by,
+        "appearance codes" => method.appearance[i] += by,
+        "transient codes" => method.transient.as_mut().unwrap()[i] += by,
+        other => panic!("{other} has no numbers"),
+    }
+    ngp.field.pack();
+    ngp.head.iter_mut().for_each(|head| head.pack());
+    if ngp.method.is_some() {
+        ngp.method = Some(Box::new(method.clone()));
+    }
+}
+
+/// Numbers of a group that are checked at most, spread evenly.
+const CHECKED: usize = 60;
+
+fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
+    let boxed = method.clone().map(|method| Box::new(method) as Box<dyn Method>);
+    let mut ngp = randomised_with(config, 5, boxed);
+    let mut method = method.unwrap_or_else(|| coded(false));
+    let per_pixel = (ngp.config.batch.rays_per_side * ngp.config.batch.rays_per_side) as usize;
+    ngp.rays = 48;
+    ngp.draw(data, 3, per_pixel).unwrap();
+    let counted: f32 = ngp.work.inputs.batch.weight.iter().sum();
+    let plan = Plan { step: 3, per_pixel, share: 1.0 / counted.max(1.0) };
+    let groups = gradients(&mut ngp, &plan);
+    for (group, gradient) in groups {
+        // Colours of samples teach colours alone: the weights of the samples are held, as published.
+        if ngp.config.terms.point_colour > 0.0 && group != "colour network" {
+            continue;
+        }
+        let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+        assert!(largest > 1e-4, "{group}: nothing is learnt ({largest})");
+        let mut kinks = 0;
+        let learning: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
+        let chosen = learning.iter().copied().step_by(learning.len().div_ceil(CHECKED)).chain([0]);
+        let mut checked = 0;
+        for i in chosen {
+            let mut slope = |h: f32| {
+                shift(&mut ngp, &mut method, group, i, h);
+                let above = loss(&mut ngp, &plan);
+                shift(&mut ngp, &mut method, group, i, -2.0 * h);
+                let below = loss(&mut ngp, &plan);
+                shift(&mut ngp, &mut method, group, i, h);
+                (above - below) / f64::from(2.0 * h)
+            };
+            let (wide, narrow) = (slope(4e-3), slope(2e-3));
+            checked += 1;
+            // A rectified unit that switches on between the two has no derivative to compare with.
+            if (wide - narrow).abs() > 1e-2 * f64::from(largest) {
+                kinks += 1;
+                continue;
+            }
+            let off = (narrow - f64::from(gradient[i])).abs();
+            assert!(
+                off < 1e-2 * f64::from(largest),
+                "{group} {i} of {}: differences say {narrow}, the gradient {} of at most {largest}",
+                gradient.len(),
+                gradient[i]
+            );
+        }
+        assert!(4 * kinks < checked.max(4), "{group}: {kinks} of {checked} at kinks");
+    }
+}
+
+#[test]
+fn of_pixels_alone() {
+    check(tiny(SpaceKind::Box), None, &table().1);
+}
+
+#[test]
+fn of_pixels_of_four_rays_with_a_huber_loss_in_contracted_space() {
+    let mut config = tiny(SpaceKind::Contracted);
+    (config.batch.rays_per_side, config.batch.huber) = (2, 0.1);
+    check(config, None, &table().1);
+}
+
+#[test]
+fn of_each_term_over_rays_and_of_all_of_them() {
+    let (_, data) = table();
+    let alone = [
+        TermConfig { distortion: 2.0, ..TermConfig::default() },
+        TermConfig { sparsity: 2.0, ..TermConfig::default() },
+        TermConfig { background_entropy: 2.0, ..TermConfig::default() },
+        TermConfig { point_colour: 2.0, ..TermConfig::default() },
+        TERMS,
+    ];
+    for terms in alone {
+        check(RayConfig { terms, ..tiny(SpaceKind::Box) }, None, &data);
+    }
+}
+
+#[test]
+fn of_appearance_codes_and_the_transient_head_with_its_first_sample() {
+    let (_, data) = table();
+    check(tiny(SpaceKind::Box), Some(coded(false)), &data);
+    for mixture in [MixtureKind::Paper, MixtureKind::Proportional] {
+        let mut config = tiny(SpaceKind::Box);
+        config.head = Some(HeadConfig { head_width: 8, head_bias: -1.0, mixture });
+        check(config.clone(), Some(coded(true)), &data);
+        config.terms = TERMS;
+        check(config, Some(coded(true)), &data);
+    }
+}
+
+#[test]
+fn of_voxels() {
+    let mut config = tiny(SpaceKind::Box);
+    config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
+    check(config, None, &table().1);
+}
+
+#[test]
+fn parts_of_a_batch_add_up() {
+    // What a chunk brings to the gradient is what a step folds: no sample twice, none left out.
+    let mut ngp = randomised_with(tiny(SpaceKind::Box), 5, None);
+    ngp.rays = 48;
+    ngp.draw(&table().1, 3, 1).unwrap();
+    let plan = Plan { step: 3, per_pixel: 1, share: 1.0 };
+    loss(&mut ngp, &plan);
+    let features = &*ngp.field.features;
+    let samples: usize = ngp.work.chunks.iter().map(|chunk| chunk.part(features).n).sum();
+    let placed: u64 = ngp.work.chunks.iter().map(|chunk| chunk.stats.placed).sum();
+    assert!(samples > 100 && samples as u64 == placed, "{samples} of {placed}");
+    let mut all = vec![0.0; features.parameters().len()];
+    let mut sum = all.clone();
+    for chunk in &ngp.work.chunks {
+        let Part { n, x, raw_bar } = chunk.part(features);
+        let mut one = vec![0.0; all.len()];
+        features.scatter(&Part { n, x, raw_bar }, &mut one);
+        features.scatter(&Part { n, x, raw_bar }, &mut all);
+        sum.iter_mut().zip(one).for_each(|(sum, one)| *sum += one);
+    }
+    for (a, b) in all.iter().zip(sum) {
+        assert!((a - b).abs() <= 1e-5 * a.abs().max(1e-3), "{a} {b}");
+    }
+}
