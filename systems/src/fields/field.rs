@@ -1,6 +1,6 @@
 //! A field: features of points, a network for density and one for colour; and a deformation, where something moves.
 
-use super::{Features, NetworkConfig, xavier};
+use super::{Features, NetworkConfig, Places, xavier};
 use crate::buffers::{shapes_hold, sized};
 use crate::deform::{Deform, DeformScratch, Moments, Points};
 use crate::space::InternalRay;
@@ -24,12 +24,16 @@ pub(crate) struct Field {
     pub(crate) density_packed: Packed,
     pub(crate) colour_packed: Packed,
     pub(crate) density_bias: f32,
-    /// What moves; `None`: nothing does.
+    /// What moves points; `None`: nothing does.
     pub(crate) deform: Option<Deform>,
+    /// Moments of the training views, where no deformation has them.
+    moments: Moments,
 }
 
-/// The moments of a field in which nothing moves.
-static NEVER: Moments = Moments { dims: 0, rows: Vec::new(), times: Vec::new(), still: Vec::new() };
+/// Moments of these times, for features that know the time.
+fn moments_of(times: Vec<f32>) -> Moments {
+    Moments { dims: 0, rows: Vec::new(), still: vec![true; times.len()], times }
+}
 
 /// The moments of points: which row of `moments` is that of each. Unused where nothing moves.
 #[derive(Clone, Copy)]
@@ -47,6 +51,8 @@ pub(crate) struct Placing {
     x: Vec<f32>,
     /// Interpolated features, where these are not what the network sees.
     raw: Vec<f32>,
+    /// `[n]`, times of the points.
+    times: Vec<f32>,
 }
 
 impl Placing {
@@ -93,6 +99,7 @@ impl Field {
         let mut field = Self {
             density_params: xavier(&density, rng.substream(1)),
             colour_params: xavier(&colour, rng.substream(2)),
+            moments: moments_of(features.view_times().to_vec()),
             deform,
             simd: Simd::best(),
             features,
@@ -148,12 +155,16 @@ impl Field {
 
     /// Moments of the training views.
     pub(crate) fn moments(&self) -> &Moments {
-        self.deform.as_ref().map_or(&NEVER, Deform::moments)
+        self.deform.as_ref().map_or(&self.moments, Deform::moments)
     }
 
     /// The moment of a time.
     pub(crate) fn moments_at(&self, time: f64) -> Moments {
-        self.deform.as_ref().map_or_else(Moments::default, |deform| deform.moments_at(&[time]))
+        match &self.deform {
+            Some(deform) => deform.moments_at(&[time]),
+            None if self.moments.times.is_empty() => Moments::default(),
+            None => moments_of(vec![(2.0 * time - 1.0) as f32]),
+        }
     }
 
     /// What the density network sees: features of the grid, and what a deformation adds.
@@ -170,7 +181,25 @@ impl Field {
             let points = Points { x: was, which: when.which, moments: when.moments };
             deform.place(points, x, seen, &mut placing.deform);
         }
-        self.features.encode(x, features, &mut placing.raw);
+        self.fill_times(when, &mut placing.times);
+        self.features.encode(Places { x, times: &placing.times }, features, &mut placing.raw);
+    }
+
+    /// Whether anything depends on the time: points, or what is seen of them.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.deform.is_some() || self.features_know_time()
+    }
+
+    fn features_know_time(&self) -> bool {
+        !self.features.view_times().is_empty()
+    }
+
+    /// Times of points, as the features take them: `[n]`, or none where these know no time.
+    pub(crate) fn fill_times(&self, when: When<'_>, out: &mut Vec<f32>) {
+        out.clear();
+        if self.features_know_time() {
+            out.extend(when.which.iter().map(|&i| when.moments.times[i as usize]));
+        }
     }
 
     /// Densities, per internal unit, at `x` `[3][n]`, which become canonical.

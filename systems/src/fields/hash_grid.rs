@@ -1,6 +1,6 @@
 //! A multiresolution hash grid (Müller et al., 2022, section 3), whose levels may come in one after the other.
 
-use super::{Detail, FeatureSource, Features, Names, Part};
+use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::shapes_hold;
 use crate::settings::Settings;
 use engine::memory::room_for;
@@ -169,7 +169,7 @@ impl Features for HashGridFeatures {
     }
 
     /// Level by level, so that one level's table is in the cache at a time.
-    fn encode(&self, x: &[f32], out: &mut [f32], _: &mut Vec<f32>) {
+    fn encode(&self, Places { x, .. }: Places<'_>, out: &mut [f32], _: &mut Vec<f32>) {
         let rows = self.grid.config().features * (x.len() / 3);
         for (level, (out, &weight)) in out.chunks_exact_mut(rows.max(1)).zip(&self.weights).enumerate() {
             if weight == 0.0 {
@@ -197,7 +197,7 @@ impl Features for HashGridFeatures {
         true
     }
 
-    fn pull_positions(&self, x: &[f32], raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]) {
+    fn pull_positions(&self, Places { x, .. }: Places<'_>, raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]) {
         let levels = if detail == Detail::All { usize::MAX } else { self.settings.warp_levels };
         shapes_hold(self.grid.encode_backward_x_coarse(self.simd, &self.params, levels, x, raw_bar, x_bar));
     }
@@ -218,9 +218,10 @@ impl Features for HashGridFeatures {
         }
         let update = |(level, job): (usize, &mut Option<LevelJob<'_>>)| {
             let Some(LevelJob { adam, touched, params, grad }) = job else { return 0 };
-            for &Part { n, x, raw_bar } in parts {
+            for &Part { places: Places { x, .. }, raw_bar } in parts {
+                let n = x.len() / 3;
                 let bars = &raw_bar[level * features * n..][..features * n];
-                shapes_hold(grid.encode_level_backward(simd, level, &x[..3 * n], bars, grad, Some(touched)));
+                shapes_hold(grid.encode_level_backward(simd, level, x, bars, grad, Some(touched)));
             }
             adam.step_touched(simd, lr, params, grad, touched)
         };
@@ -231,8 +232,8 @@ impl Features for HashGridFeatures {
 
     #[cfg(test)]
     fn scatter(&self, part: &Part<'_>, out: &mut [f32]) {
-        let Part { n, x, raw_bar } = *part;
-        shapes_hold(self.grid.encode_backward(self.simd, &x[..3 * n], &raw_bar[..self.rows() * n], out, None));
+        let (x, n) = (part.places.x, part.places.len());
+        shapes_hold(self.grid.encode_backward(self.simd, x, &part.raw_bar[..self.rows() * n], out, None));
     }
 
     fn refine(&mut self, steps: u64) {

@@ -21,13 +21,33 @@ use field_core::rng::Rng;
 use std::fmt::Debug;
 use std::sync::Arc;
 
+/// Points, and when they are looked at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Places<'a> {
+    /// `[3][n]`, in the unit cube.
+    pub(crate) x: &'a [f32],
+    /// `[n]`, times in `[-1, 1]`; empty for features that know no time.
+    pub(crate) times: &'a [f32],
+}
+
+impl<'a> Places<'a> {
+    /// Points of features that know no time.
+    #[cfg(test)]
+    pub(crate) fn still(x: &'a [f32]) -> Self {
+        Self { x, times: &[] }
+    }
+
+    /// Number of points.
+    pub(crate) fn len(&self) -> usize {
+        self.x.len() / 3
+    }
+}
+
 /// What a chunk of a batch brings to the gradient of features.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part<'a> {
-    /// Samples.
-    pub(crate) n: usize,
-    /// `[3][n]`, positions in the unit cube.
-    pub(crate) x: &'a [f32],
+    /// The samples.
+    pub(crate) places: Places<'a>,
     /// The gradient, as [`Features::pull`] gives it.
     pub(crate) raw_bar: &'a [f32],
 }
@@ -86,8 +106,13 @@ pub(crate) trait Features: Send + Sync {
     #[cfg(test)]
     fn parameters_mut(&mut self) -> &mut [f32];
 
-    /// What a network sees of points: `x` `[3][n]`, `out` `[rows][n]`; `raw` is room for interpolated features.
-    fn encode(&self, x: &[f32], out: &mut [f32], raw: &mut Vec<f32>);
+    /// Times of the training views, in `[-1, 1]`; empty for features that know no time.
+    fn view_times(&self) -> &[f32] {
+        &[]
+    }
+
+    /// What a network sees of points: `out` `[rows][n]`; `raw` is room for interpolated features.
+    fn encode(&self, places: Places<'_>, out: &mut [f32], raw: &mut Vec<f32>);
 
     /// Bring gradients `bars` `[rows][n]` of what [`Features::encode`] gave, `features`, to interpolated features: those gradients,
     /// in `bars` itself or in `raw`.
@@ -96,8 +121,8 @@ pub(crate) trait Features: Send + Sync {
     /// Whether [`Features::pull`] leaves its gradients in `bars`.
     fn pulls_in_place(&self) -> bool;
 
-    /// Add the gradient of the positions `x` `[3][n]` to `x_bar`, from that of the interpolated features.
-    fn pull_positions(&self, x: &[f32], raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]);
+    /// Add the gradient of the positions to `x_bar` `[3][n]`, from that of the interpolated features.
+    fn pull_positions(&self, places: Places<'_>, raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]);
 
     /// Add the gradient of the learned numbers to `out`.
     #[cfg(test)]

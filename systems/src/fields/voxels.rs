@@ -1,6 +1,6 @@
 //! Voxels seen at three distances, which become more as training goes on (TiNeuVox, Fang et al., 2022, section 3.3).
 
-use super::{Detail, FeatureSource, Features, Names, Part};
+use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::settings::Settings;
 use engine::memory::room_for;
@@ -129,7 +129,7 @@ impl Features for VoxelFeatures {
         &mut self.params
     }
 
-    fn encode(&self, x: &[f32], out: &mut [f32], raw: &mut Vec<f32>) {
+    fn encode(&self, Places { x, .. }: Places<'_>, out: &mut [f32], raw: &mut Vec<f32>) {
         let features = sized(raw, self.grid.out_rows() * (x.len() / 3));
         shapes_hold(self.grid.encode(self.simd, &self.params, x, features));
         shapes_hold(self.octaves.encode(self.simd, features, None, out));
@@ -148,7 +148,7 @@ impl Features for VoxelFeatures {
         false
     }
 
-    fn pull_positions(&self, x: &[f32], raw_bar: &[f32], _: Detail, x_bar: &mut [f32]) {
+    fn pull_positions(&self, Places { x, .. }: Places<'_>, raw_bar: &[f32], _: Detail, x_bar: &mut [f32]) {
         shapes_hold(self.grid.encode_backward_x(self.simd, &self.params, x, raw_bar, x_bar));
     }
 
@@ -156,10 +156,10 @@ impl Features for VoxelFeatures {
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize {
         let (simd, grid) = (self.simd, &self.grid);
         self.distances.par_iter_mut().enumerate().for_each(|(k, Distance { grad, touched })| {
-            for &Part { n, x, raw_bar } in parts {
-                let rows = grid.features() * n;
+            for &Part { places: Places { x, .. }, raw_bar } in parts {
+                let rows = grid.features() * (x.len() / 3);
                 let bars = &raw_bar[k * rows..][..rows];
-                shapes_hold(grid.encode_stride_backward_touched(simd, k, &x[..3 * n], bars, grad, touched));
+                shapes_hold(grid.encode_stride_backward_touched(simd, k, x, bars, grad, touched));
             }
         });
         let [all, others @ ..] = &mut self.distances;
@@ -171,8 +171,8 @@ impl Features for VoxelFeatures {
 
     #[cfg(test)]
     fn scatter(&self, part: &Part<'_>, out: &mut [f32]) {
-        let Part { n, x, raw_bar } = *part;
-        shapes_hold(self.grid.encode_backward(self.simd, &x[..3 * n], &raw_bar[..self.grid.out_rows() * n], out));
+        let (x, n) = (part.places.x, part.places.len());
+        shapes_hold(self.grid.encode_backward(self.simd, x, &part.raw_bar[..self.grid.out_rows() * n], out));
     }
 
     fn refine(&mut self, steps: u64) {
@@ -242,7 +242,7 @@ mod tests {
     /// Sum of the outputs times fixed factors.
     fn value(features: &VoxelFeatures, x: &[f32], bars: &[f32]) -> f64 {
         let mut out = vec![0.0; bars.len()];
-        features.encode(x, &mut out, &mut Vec::new());
+        features.encode(Places::still(x), &mut out, &mut Vec::new());
         out.iter().zip(bars).map(|(out, bar)| f64::from(*out) * f64::from(*bar)).sum()
     }
 
@@ -255,10 +255,10 @@ mod tests {
         let bars = uniform(table.rows() * N, 3);
         let (mut pulled, mut raw) = (bars.clone(), Vec::new());
         let mut features = vec![0.0; bars.len()];
-        table.encode(&x, &mut features, &mut Vec::new());
+        table.encode(Places::still(&x), &mut features, &mut Vec::new());
         let raw_bar = table.pull(&features, N, &mut pulled, &mut raw);
         let mut x_bar = vec![0.25; 3 * N];
-        table.pull_positions(&x, raw_bar, Detail::All, &mut x_bar);
+        table.pull_positions(Places::still(&x), raw_bar, Detail::All, &mut x_bar);
         let mut params_bar = vec![0.0; params.len()];
         table.grid.encode_backward(table.simd, &x, raw_bar, &mut params_bar).unwrap();
 
@@ -302,7 +302,7 @@ mod tests {
         let mut table = voxels(12, 30);
         table.params.fill(0.3);
         let mut out = vec![0.0; table.rows() * N];
-        table.encode(&uniform(3 * N, 2), &mut out, &mut Vec::new());
+        table.encode(Places::still(&uniform(3 * N, 2)), &mut out, &mut Vec::new());
         // Three distances of two features; each with itself, and sine and cosine of two octaves.
         assert_eq!(table.rows(), 6 * 5);
         let seen = [0.3, 0.3_f32.sin(), 0.3_f32.cos(), 0.6_f32.sin(), 0.6_f32.cos()];

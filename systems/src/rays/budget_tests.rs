@@ -170,7 +170,7 @@ fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32;
         let mut x = [0.0; 3];
         ngp.space.grid_positions(field.simd, &p, &mut x);
         let mut features = vec![0.0; field.features.rows()];
-        field.features.encode(&x, &mut features, &mut Vec::new());
+        field.features.encode(crate::fields::Places::still(&x), &mut features, &mut Vec::new());
         let mut input = vec![0.0; field.colour.inputs()];
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, 1, 1, &mut input, 1, &mut scratch);

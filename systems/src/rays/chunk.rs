@@ -11,7 +11,7 @@ use super::prepass::{Kept, Look};
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
-use crate::fields::{Detail, Features, Field, Part};
+use crate::fields::{Detail, Features, Field, Part, Places, When};
 use crate::method::{Codes, Pixel, PixelBar};
 use crate::samplers::{Draw, Proposed};
 use crate::space::InternalRay;
@@ -56,6 +56,8 @@ pub(super) struct Chunk {
     was: Vec<f32>,
     /// `[n]`, views; only where something moves.
     which: Vec<u32>,
+    /// `[n]`, times; only where the features know them.
+    times: Vec<f32>,
     features: Vec<f32>,
     /// `[rows][n]`: those of the grid, then those of the deformation.
     pub(super) features_bar: Vec<f32>,
@@ -121,6 +123,7 @@ impl Chunk {
             x: Vec::new(),
             was: Vec::new(),
             which: Vec::new(),
+            times: Vec::new(),
             features: Vec::new(),
             features_bar: Vec::new(),
             raw_bar: Vec::new(),
@@ -141,10 +144,15 @@ impl Chunk {
         }
     }
 
+    /// Its samples.
+    fn places(&self) -> Places<'_> {
+        Places { x: &self.x[..3 * self.n], times: &self.times }
+    }
+
     /// What it brings to the gradient of the features.
     pub(super) fn part(&self, features: &dyn Features) -> Part<'_> {
         let raw_bar = if features.pulls_in_place() { &self.features_bar } else { &self.raw_bar };
-        Part { n: self.n, x: &self.x, raw_bar }
+        Part { places: self.places(), raw_bar }
     }
 
     /// Bytes held.
@@ -195,7 +203,10 @@ impl Chunk {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
                 let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
-                self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, draw);
+                let moments = ctx.field.moments();
+                let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
+                let time = |r: usize| moments.times.get(view(r)).copied().unwrap_or(0.0);
+                self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, time, draw);
                 self.look.take(&self.proposed, self.rays.len());
                 self.stats.proposed = self.proposed.looked();
             }
@@ -204,6 +215,7 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.look.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
+        ctx.field.fill_times(When { moments: ctx.field.moments(), which: &self.which }, &mut self.times);
         self.stats.dense = self.look.dense;
         self.stats.placed = self.look.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
@@ -310,8 +322,8 @@ impl Chunk {
         let x_bar = sized(&mut self.x_bar, 3 * n);
         x_bar.fill(0.0);
         if deform.warps() {
-            let x = &self.x[..3 * n];
-            field.features.pull_positions(x, raw_bar, Detail::Coarse, x_bar);
+            let places = Places { x: &self.x[..3 * n], times: &self.times };
+            field.features.pull_positions(places, raw_bar, Detail::Coarse, x_bar);
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);

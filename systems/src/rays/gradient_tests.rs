@@ -3,7 +3,7 @@
 use super::budget_tests::{biased, randomised_with, small, table};
 use super::step::Plan;
 use super::{HeadConfig, MixtureKind, Ngp, RayConfig};
-use crate::fields::{HashGridSettings, Part, VoxelSettings, fold_gradients};
+use crate::fields::{HashGridSettings, VoxelSettings, fold_gradients};
 use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::plan::HASH_GRID;
 use crate::space::SpaceKind;
@@ -56,19 +56,14 @@ fn tiny(kind: SpaceKind) -> RayConfig {
     let mut config = small(kind);
     config.features =
         Arc::new(HashGridSettings { levels: 2, features: 2, log2_table: 6, n_min: 2, n_max: 5, ..HASH_GRID });
-    config.networks = crate::fields::NetworkConfig {
-        width: 8,
-        geometry: 5,
-        sh_degree: 2,
-        ..biased(kind, -1.0).networks
-    };
+    config.networks =
+        crate::fields::NetworkConfig { width: 8, geometry: 5, sh_degree: 2, ..biased(kind, -1.0).networks };
     (config.batch.train_stop, config.batch.train_faint) = (0.0, 0.0);
     (config.batch.batch_rays, config.batch.batch_samples) = (64, 1500);
     config
 }
 
-const TERMS: TermConfig =
-    TermConfig { distortion: 0.3, sparsity: 0.05, background_entropy: 0.2, point_colour: 0.0 };
+const TERMS: TermConfig = TermConfig { distortion: 0.3, sparsity: 0.05, background_entropy: 0.2, point_colour: 0.0 };
 
 /// Learned numbers by name.
 type Groups = Vec<(&'static str, Vec<f32>)>;
@@ -245,16 +240,16 @@ fn parts_of_a_batch_add_up() {
     let plan = Plan { step: 3, per_pixel: 1, share: 1.0 };
     loss(&mut ngp, &plan);
     let features = &*ngp.field.features;
-    let samples: usize = ngp.work.chunks.iter().map(|chunk| chunk.part(features).n).sum();
+    let samples: usize = ngp.work.chunks.iter().map(|chunk| chunk.part(features).places.len()).sum();
     let placed: u64 = ngp.work.chunks.iter().map(|chunk| chunk.stats.placed).sum();
     assert!(samples > 100 && samples as u64 == placed, "{samples} of {placed}");
     let mut all = vec![0.0; features.parameters().len()];
     let mut sum = all.clone();
     for chunk in &ngp.work.chunks {
-        let Part { n, x, raw_bar } = chunk.part(features);
+        let part = chunk.part(features);
         let mut one = vec![0.0; all.len()];
-        features.scatter(&Part { n, x, raw_bar }, &mut one);
-        features.scatter(&Part { n, x, raw_bar }, &mut all);
+        features.scatter(&part, &mut one);
+        features.scatter(&part, &mut all);
         sum.iter_mut().zip(one).for_each(|(sum, one)| *sum += one);
     }
     for (a, b) in all.iter().zip(sum) {

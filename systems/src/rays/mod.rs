@@ -270,7 +270,7 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let scene = if self.field.deform.is_some() { Moves::Yes } else { Moves::No };
+        let scene = if self.field.is_timed() { Moves::Yes } else { Moves::No };
         self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 

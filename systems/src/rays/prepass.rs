@@ -237,6 +237,8 @@ impl Look {
         round.which.clear();
         if field.deform.is_some() {
             sized(&mut round.was, 3 * n).copy_from_slice(x);
+        }
+        if field.is_timed() {
             for run in &round.runs {
                 round.which.extend(std::iter::repeat_n(views(run.ray as usize), run.len as usize));
             }
@@ -303,10 +305,10 @@ impl Look {
         let n = n as usize;
         let (t, dt) = (sized(out.t, n), sized(out.dt, n));
         let (x, features) = (sized(out.x, 3 * n), sized(out.features, rows * n));
-        let moves = ctx.field.deform.is_some();
+        let (moves, timed) = (ctx.field.deform.is_some(), ctx.field.is_timed());
         let was = sized(out.was, if moves { 3 * n } else { 0 });
         out.which.clear();
-        out.which.resize(if moves { n } else { 0 }, 0);
+        out.which.resize(if timed { n } else { 0 }, 0);
         for round in &self.rounds[..rounds] {
             for run in &round.runs {
                 let to = run.target(out.offsets);
@@ -314,7 +316,7 @@ impl Look {
                     let from = (run.from + column - run.first) as usize;
                     (t[to], dt[to]) = (self.t[from], self.dt[from]);
                 }
-                if moves {
+                if timed {
                     out.which[to].fill(round.which[run.first as usize]);
                 }
             }

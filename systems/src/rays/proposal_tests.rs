@@ -2,7 +2,6 @@
 
 use super::budget_tests::{biased, largest_difference, proposals, query, random_rays, randomised};
 use super::{Ngp, SamplerConfig};
-use crate::fields::Part;
 use crate::fields::When;
 use crate::samplers::{Draw, ProposalConfig, Proposed};
 use crate::space::{InternalRay, SpaceKind};
@@ -22,7 +21,7 @@ fn proposing(seed: u64, kind: SpaceKind, density_bias: f32, counts: &[usize]) ->
 fn cut(ngp: &Ngp, rays: &[InternalRay]) -> (Vec<f32>, Vec<f32>, Vec<u32>) {
     let (mut proposed, mut out) = (Proposed::default(), Default::default());
     let parts = (ngp.sampler.proposals().unwrap(), ngp.field.simd, &ngp.space);
-    proposed.sample(parts, rays, |_| true, Draw::Render);
+    proposed.sample(parts, rays, |_| true, |_| 0.0, Draw::Render);
     let (t, dt, offsets) = &mut out;
     proposed.intervals(rays.len(), t, dt, offsets);
     out
@@ -107,7 +106,7 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let draw = Draw::Training { jitter: &jitter, rays: m, first: 0, exponent: 1.0 };
     let simd = ngp.field.simd;
     let mut proposed = Proposed::default();
-    proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
+    proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, |_| 0.0, draw);
 
     // Each ray keeps its first ten intervals, their weights have little to do with the proposal's.
     let offsets: Vec<u32> = (0..=m as u32).map(|r| 10 * r).collect();
@@ -118,7 +117,7 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
 
     let total = |ngp: &Ngp| {
         let mut proposed = Proposed::default();
-        proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, draw);
+        proposed.sample((ngp.sampler.proposals().unwrap(), simd, &ngp.space), &rays, |_| true, |_| 0.0, draw);
         let rounds = proposed.weighed(0);
         (0..m).map(|r| loss(&rounds[16 * r..][..16], &fine[10 * r..][..10], &w[10 * r..][..10])).sum::<f64>()
     };
@@ -128,9 +127,9 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let field = &mut proposals(&mut ngp)[0];
     network.resize(field.mlp_params.len(), 0.0);
     field.mlp.unpack_grad(proposed.mlp_grad(0), &mut network);
-    let Part { n, x, raw_bar } = proposed.part(0, &*field.features);
+    let part = proposed.part(0, &*field.features);
     let mut table = vec![0.0; field.features.parameters().len()];
-    field.features.scatter(&Part { n, x, raw_bar }, &mut table);
+    field.features.scatter(&part, &mut table);
     for (what, grad) in [("network", &network), ("grid", &table)] {
         let square: f64 = grad.iter().map(|g| f64::from(*g).powi(2)).sum();
         let step = 1e-3 / square.sqrt();

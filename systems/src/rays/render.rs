@@ -10,7 +10,7 @@
 use super::Ngp;
 use crate::buffers::sized;
 use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
-use crate::fields::{Detail, Field, Placing, When};
+use crate::fields::{Detail, Field, Places, Placing, When};
 use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
 use crate::space::{InternalRay, Space};
 use engine::canonical::add_canonical;
@@ -62,6 +62,7 @@ struct Scratch {
     features_bar: Vec<f32>,
     raw_bar: Vec<f32>,
     x_bar: Vec<f32>,
+    times: Vec<f32>,
     grad: Vec<f32>,
     proposed: Proposed,
 }
@@ -191,7 +192,8 @@ impl Job<'_> {
         match &self.ngp.sampler {
             Sampler::Occupancy(occupancy) => self.march(occupancy, s, &mut ledger),
             Sampler::Proposals(proposals) => {
-                s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, Draw::Render);
+                let time = self.moments.times.first().copied().unwrap_or(0.0);
+                s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, |_| time, Draw::Render);
                 s.proposed.intervals(rays.len(), &mut s.t, &mut s.dt, &mut s.offsets);
             }
         }
@@ -277,9 +279,11 @@ impl Job<'_> {
         }
         let x = sized(&mut s.x, 3 * n);
         space.grid_positions(field.simd, p, x);
-        if field.deform.is_some() {
+        if field.is_timed() {
             s.which.clear();
             s.which.resize(n, 0);
+        }
+        if field.deform.is_some() {
             sized(&mut s.was, 3 * n).copy_from_slice(x);
         }
         let features = sized(&mut s.features, field.rows() * n);
@@ -390,7 +394,8 @@ fn add_normals(
     x_bar.fill(0.0);
     let (x, features) = (&s.x[..3 * n], &s.features[..field.rows() * n]);
     let (raw_bar, seen_bar) = field.pull(features, n, features_bar, &mut s.raw_bar);
-    field.features.pull_positions(x, raw_bar, Detail::All, x_bar);
+    field.fill_times(When { moments, which: &s.which }, &mut s.times);
+    field.features.pull_positions(Places { x, times: &s.times }, raw_bar, Detail::All, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.
         let (grad, scratch) = &mut s.deform;

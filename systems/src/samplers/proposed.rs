@@ -2,7 +2,7 @@
 
 use super::proposals::{ProposalField, Proposals};
 use crate::buffers::sized;
-use crate::fields::{Features, Part};
+use crate::fields::{Features, Part, Places};
 use crate::space::{InternalRay, Space};
 use float_core::Simd;
 use losses::interlevel::{self, Levels, interlevel_backward};
@@ -74,6 +74,8 @@ struct Round {
     posts: Vec<f32>,
     /// `[3][n]`, positions in the grid.
     x: Vec<f32>,
+    /// `[n]`, times; only where the proposal knows them.
+    times: Vec<f32>,
     features: Vec<f32>,
     acts: Vec<f32>,
     raw: Vec<f32>,
@@ -117,12 +119,13 @@ impl Proposed {
         self.rounds.iter().map(|r| r.n as u64).sum()
     }
 
-    /// Cut the rays for which `counts` holds.
+    /// Cut the rays for which `counts` holds; `time` is that of a ray, in `[-1, 1]`.
     pub(crate) fn sample(
         &mut self,
         (proposals, simd, space): (&Proposals, Simd, &Space),
         rays: &[InternalRay],
         counts: impl Fn(usize) -> bool,
+        time: impl Fn(usize) -> f32,
         draw: Draw<'_>,
     ) {
         self.rays.clear();
@@ -142,6 +145,7 @@ impl Proposed {
             let shares = |j: usize| draw.shares(k, self.rays[j]);
             cut(&mut self.resampler, before.last(), refine, shares, (self.rays.len(), count), &mut round.posts);
             round.place(&self.maps, count);
+            round.fill_times(&*field.features, &self.rays, &time);
             round.look((field, simd, space), rays, &self.rays, (&mut self.p, &mut self.mlp), draw);
         }
         let k = proposals.fields.len();
@@ -220,7 +224,7 @@ impl Proposed {
     pub(crate) fn part(&self, round: usize, features: &dyn Features) -> Part<'_> {
         let r = &self.rounds[round];
         let raw_bar = if features.pulls_in_place() { &r.features_bar } else { &r.interpolated_bar };
-        Part { n: r.n, x: &r.x, raw_bar }
+        Part { places: Places { x: &r.x[..3 * r.n], times: &r.times }, raw_bar }
     }
 
     /// Packed gradient of the network of round `round`.
@@ -262,6 +266,16 @@ impl Round {
         }
     }
 
+    /// Times of the intervals, where the proposal knows them.
+    fn fill_times(&mut self, features: &dyn Features, looked: &[u32], time: impl Fn(usize) -> f32) {
+        self.times.clear();
+        if !features.view_times().is_empty() {
+            for (&r, span) in looked.iter().zip(self.offsets.windows(2)) {
+                self.times.extend(std::iter::repeat_n(time(r as usize), (span[1] - span[0]) as usize));
+            }
+        }
+    }
+
     /// Weights of the intervals.
     fn look(
         &mut self,
@@ -282,7 +296,7 @@ impl Round {
         let x = sized(&mut self.x, 3 * n);
         space.grid_positions(simd, p, x);
         let features = sized(&mut self.features, field.rows() * n);
-        field.features.encode(x, features, &mut self.interpolated);
+        field.features.encode(Places { x, times: &self.times }, features, &mut self.interpolated);
         let raw = sized(&mut self.raw, n);
         match draw {
             Draw::Training { .. } => {
