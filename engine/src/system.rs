@@ -9,7 +9,7 @@ use optim::Adam;
 use render_core::budget::{Ledger, SkipSet};
 use render_core::camera::Camera;
 use render_core::ray::Ray;
-use splat_core::{Gaussians, Rules};
+use splat_core::{Gaussians, RasterSettings};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -125,7 +125,7 @@ pub struct Splats {
     /// In the scene's frame and unit.
     pub gaussians: Gaussians,
     /// What it was trained with; `near` in world units.
-    pub rules: Rules,
+    pub rules: RasterSettings,
 }
 
 /// In which photo's light a picture is rendered. Systems without appearance know one light only.

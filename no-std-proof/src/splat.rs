@@ -5,8 +5,8 @@ use alloc::vec::Vec;
 use crate::{Wrong, near};
 use field_core::rng::Rng;
 use float_core::{Simd, m64};
-use splat_core::density::{Adc, share};
-use splat_core::{Gaussians, Projection, Raster, Rules, SplatError, View};
+use splat_core::density::{Adc, relocation};
+use splat_core::{Gaussians, Projection, Raster, RasterSettings, SplatError, View};
 
 fn refused(_: SplatError) -> Wrong {
     Wrong { what: "splats", got: f64::NAN, want: 0.0 }
@@ -41,10 +41,9 @@ type Shot = (Projection, Raster<3>, Vec<f32>);
 fn shoot(cloud: &Gaussians) -> Result<Shot, Wrong> {
     let simd = Simd::best();
     let mut projection = Projection::default();
-    projection.project(simd, cloud, &VIEW, &Rules::DEFAULT, 0).map_err(refused)?;
+    projection.project(simd, cloud, &VIEW, &RasterSettings::DEFAULT, 0).map_err(refused)?;
     let mut raster = Raster::default();
-    let splats = (&projection.footprints[..], &projection.rgb[..]);
-    raster.draw(simd, splats, VIEW.size, &Rules::DEFAULT).map_err(refused)?;
+    raster.draw(simd, &projection.gaussians, &projection.rgb, VIEW.size, &RasterSettings::DEFAULT).map_err(refused)?;
     let mut planes = alloc::vec![0.0; 4 * PIXELS];
     raster.planes(&mut planes).map_err(refused)?;
     Ok((projection, raster, planes))
@@ -53,7 +52,7 @@ fn shoot(cloud: &Gaussians) -> Result<Shot, Wrong> {
 /// The middle sees half of the first and a quarter of the second; a deviation is 2.5 pixels, and the blur.
 pub(crate) fn picture() -> Result<(), Wrong> {
     let (projection, _, planes) = shoot(&cloud()?)?;
-    let [a, b, c] = projection.footprints[0].conic;
+    let [a, b, c] = projection.gaussians[0].conic;
     near("conic a", a, 1.0 / 6.55, 1e-6)?;
     near("conic b", b, 0.0, 1e-6)?;
     near("conic c", c, 1.0 / 6.55, 1e-6)?;
@@ -71,9 +70,12 @@ pub(crate) fn gradients() -> Result<(), Wrong> {
     let mut bar = alloc::vec![0.0; 4 * PIXELS];
     bar[MIDDLE] = 1.0;
     let (simd, mut records, mut grad) = (Simd::best(), Vec::new(), cloud.clone());
-    let splats = (&projection.footprints[..], &projection.rgb[..]);
-    raster.backward(simd, splats, &Rules::DEFAULT, &bar, &mut records).map_err(refused)?;
-    projection.backward(simd, &cloud, &VIEW, &Rules::DEFAULT, 0, (&records, None), &mut grad).map_err(refused)?;
+    raster
+        .backward(simd, &projection.gaussians, &projection.rgb, &RasterSettings::DEFAULT, &bar, &mut records)
+        .map_err(refused)?;
+    projection
+        .backward(simd, &cloud, &VIEW, &RasterSettings::DEFAULT, 0, &records, None, &mut grad)
+        .map_err(refused)?;
     near("dc of the first", grad.dc[0], 0.282_094_79 * 0.5, 1e-6)?;
     near("dc of the second", grad.dc[1], 0.282_094_79 * 0.25, 1e-6)?;
     near("logit of the first", grad.logit[0], 0.25 * (0.5 + 0.282_094_79 - 0.5 * 0.5), 1e-6)?;
@@ -81,13 +83,13 @@ pub(crate) fn gradients() -> Result<(), Wrong> {
     near("x of the first", grad.mean[0], 0.0, 1e-6)
 }
 
-/// The first is pulled at and splits; two that share what one of opacity 1/2 had.
+/// The first has a large view-space gradient and splits; two that replace one of opacity 1/2.
 pub(crate) fn density() -> Result<(), Wrong> {
     let cloud = cloud()?;
     let grown = Adc::DEFAULT.grow(&cloud, &[1.0, 0.0], 1.0, 100, Rng::new(1, 2)).map_err(refused)?;
     near("Gaussians", grown.cloud.len() as f64, 3.0, 0.0)?;
     near("size of a child", m64::exp(grown.cloud.log_scale[1].into()), 0.25 / 1.6, 1e-6)?;
-    let (each, factor) = share(0.5, 2);
+    let (each, factor) = relocation(0.5, 2);
     near("opacity of each", each, 1.0 - core::f64::consts::FRAC_1_SQRT_2, 1e-12)?;
     near("their size", factor, 0.952_153, 1e-6)
 }

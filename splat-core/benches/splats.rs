@@ -6,7 +6,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::{Gaussians, Projection, Raster, Record, Rules, View};
+use splat_core::{Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 use std::hint::black_box;
 
 /// Degree of the spherical harmonics: all coefficients, as at the end of a training.
@@ -48,11 +48,11 @@ struct Step {
     raster: Raster<3>,
     planes: Vec<f32>,
     bar: Vec<f32>,
-    records: Vec<Record<3>>,
+    gradients: Vec<ProjectedGradient<3>>,
     grad: Gaussians,
 }
 
-const RULES: Rules = Rules::DEFAULT;
+const SETTINGS: RasterSettings = RasterSettings::DEFAULT;
 
 impl Step {
     fn new(simd: Simd, n: usize, size: [usize; 2]) -> Self {
@@ -67,7 +67,7 @@ impl Step {
             raster: Raster::default(),
             planes: vec![0.0; 4 * pixels],
             bar,
-            records: Vec::new(),
+            gradients: Vec::new(),
         };
         step.project(simd);
         step.draw(simd);
@@ -76,26 +76,26 @@ impl Step {
     }
 
     fn project(&mut self, simd: Simd) {
-        self.projection.project(simd, &self.cloud, &self.view, &RULES, DEGREE).expect("a sound cloud");
+        self.projection.project(simd, &self.cloud, &self.view, &SETTINGS, DEGREE).expect("a sound cloud");
     }
 
     fn draw(&mut self, simd: Simd) {
         let p = &self.projection;
-        self.raster.draw(simd, (&p.footprints, &p.rgb), self.view.size, &RULES).expect("a picture");
+        self.raster.draw(simd, &p.gaussians, &p.rgb, self.view.size, &SETTINGS).expect("a picture");
         self.raster.planes(&mut self.planes).expect("as large");
     }
 
     fn draw_backward(&mut self, simd: Simd) {
         let p = &self.projection;
         self.raster
-            .backward(simd, (&p.footprints, &p.rgb), &RULES, &self.bar, &mut self.records)
+            .backward(simd, &p.gaussians, &p.rgb, &SETTINGS, &self.bar, &mut self.gradients)
             .expect("the same picture");
     }
 
     fn project_backward(&mut self, simd: Simd) {
-        let (view, records) = (&self.view, (&self.records[..], None));
+        let (view, gradients) = (&self.view, &self.gradients);
         self.projection
-            .backward(simd, &self.cloud, view, &RULES, DEGREE, records, &mut self.grad)
+            .backward(simd, &self.cloud, view, &SETTINGS, DEGREE, gradients, None, &mut self.grad)
             .expect("the same cloud");
     }
 }

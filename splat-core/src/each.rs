@@ -1,9 +1,9 @@
-//! Small arrays of vectors, written out.
+//! Unrolled construction of small arrays of SIMD vectors.
 
 /// `[e(0), e(1), ..]`: each element in place.
 ///
-/// A closure is a function of its own, which does not know of the SIMD level around it: handed to `core::array::from_fn` it calls
-/// every vector operation where it should be one, and projection took several times as long.
+/// `core::array::from_fn` does not serve here: a closure is compiled without the `target_feature` of the function around it, so each
+/// vector operation becomes a call, and projection was several times slower.
 macro_rules! each {
     (2, |$k:ident| $e:expr) => { each!(@ $k, $e, 0 1) };
     (3, |$k:ident| $e:expr) => { each!(@ $k, $e, 0 1 2) };

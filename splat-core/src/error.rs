@@ -1,4 +1,4 @@
-//! What this crate refuses.
+//! Errors.
 
 use core::fmt;
 
@@ -6,34 +6,34 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum SplatError {
-    /// `what` should hold `want` values and holds `got`.
+    /// Argument `what` must hold `want` values and holds `got`.
     Shape {
         /// Name of the argument.
         what: &'static str,
-        /// Values expected.
+        /// Number of values expected.
         want: usize,
-        /// Values found.
+        /// Number of values given.
         got: usize,
     },
-    /// Spherical harmonics of a degree above 3.
+    /// The degree of the spherical harmonics is above [`MAX_DEGREE`](crate::MAX_DEGREE).
     Degree {
-        /// The degree.
+        /// The degree given.
         got: usize,
     },
-    /// A setting or a camera's number lies outside its range.
+    /// A setting or a number of a camera lies outside its range.
     Value {
-        /// Its name.
+        /// Name of the setting.
         what: &'static str,
-        /// What it is.
+        /// The value given.
         got: f64,
-        /// What would be accepted.
+        /// The range that is accepted, in words.
         accepts: &'static str,
     },
-    /// More Gaussians or pairs of Gaussians and tiles than an index can count.
+    /// More Gaussians, or pairs of a Gaussian and a tile, than a `u32` index can count.
     TooMany {
-        /// Of what.
+        /// What there is too much of.
         what: &'static str,
-        /// How many.
+        /// How many there are.
         got: usize,
     },
 }
@@ -42,9 +42,9 @@ impl fmt::Display for SplatError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Shape { what, want, got } => write!(f, "`{what}` holds {got} values, expected {want}"),
-            Self::Degree { got } => write!(f, "spherical harmonics of degree {got}: at most 3"),
+            Self::Degree { got } => write!(f, "spherical harmonics of degree {got}: the largest degree is 3"),
             Self::Value { what, got, accepts } => write!(f, "`{what}` is {got}, expected {accepts}"),
-            Self::TooMany { what, got } => write!(f, "{got} {what}: at most {}", u32::MAX),
+            Self::TooMany { what, got } => write!(f, "{got} {what}: at most {} are possible", u32::MAX),
         }
     }
 }

@@ -4,12 +4,12 @@ use alloc::{vec, vec::Vec};
 
 use crate::SplatError;
 
-/// Degree-0 function of the spherical harmonics: colour `= SH_0 * dc + 1/2` at degree 0.
+/// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`: at degree 0 the colour is `SH_0 * dc + 1/2`.
 pub const SH_0: f32 = 0.282_094_79;
-/// Largest degree of spherical harmonics.
+/// Largest degree of the spherical harmonics.
 pub const MAX_DEGREE: usize = 3;
 
-/// Coefficients above the constant one, of one colour channel.
+/// Number of coefficients of one colour channel above the constant one: `(degree + 1)² - 1`.
 #[must_use]
 pub const fn rest_len(degree: usize) -> usize {
     (degree + 1) * (degree + 1) - 1
@@ -26,7 +26,7 @@ pub const fn rest_len(degree: usize) -> usize {
 /// | `dc` | 3 | colour at degree 0, see [`SH_0`] |
 /// | `rest` | `3 * rest_len(degree)` | row `3 (k - 1) + channel` is coefficient `k >= 1` |
 ///
-/// 59 numbers a Gaussian at degree 3.
+/// 59 parameters (236 bytes) per Gaussian at degree 3.
 ///
 /// # Source
 /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, sections 4 and 5.
@@ -49,7 +49,7 @@ pub struct Gaussians {
 }
 
 impl Gaussians {
-    /// `n` Gaussians at the origin: unit size, opacity one half, grey.
+    /// `n` Gaussians at the origin: standard deviation 1, no rotation, opacity 1/2, grey.
     ///
     /// # Errors
     /// [`SplatError::Degree`] above [`MAX_DEGREE`].
@@ -74,13 +74,13 @@ impl Gaussians {
         })
     }
 
-    /// How many.
+    /// Number of Gaussians.
     #[must_use]
     pub fn len(&self) -> usize {
         self.n
     }
 
-    /// None at all?
+    /// Whether there are no Gaussians.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.n == 0
@@ -92,27 +92,27 @@ impl Gaussians {
         self.degree
     }
 
-    /// Numbers of one Gaussian.
+    /// Number of parameters of one Gaussian: 14 at degree 0, 59 at degree 3.
     #[must_use]
-    pub fn numbers(&self) -> usize {
+    pub fn parameters_per_gaussian(&self) -> usize {
         14 + 3 * rest_len(self.degree)
     }
 
-    /// Whether the fields hold as many numbers as they should.
+    /// Whether every field has `rows * n` values.
     ///
     /// # Errors
     /// [`SplatError::Shape`] naming the field.
     pub fn check(&self) -> Result<(), SplatError> {
         let rows = [3, 3, 4, 1, 3, 3 * rest_len(self.degree)];
-        for ((field, numbers), rows) in self.fields().into_iter().zip(rows) {
-            if numbers.len() != rows * self.n {
-                return Err(SplatError::Shape { what: field.name(), want: rows * self.n, got: numbers.len() });
+        for ((field, values), rows) in self.fields().into_iter().zip(rows) {
+            if values.len() != rows * self.n {
+                return Err(SplatError::Shape { what: field.name(), want: rows * self.n, got: values.len() });
             }
         }
         Ok(())
     }
 
-    /// The fields with their number of rows, in a fixed order.
+    /// Names and values of the fields, in the order of the table above.
     #[must_use]
     pub fn fields(&self) -> [(Field, &[f32]); 6] {
         [
@@ -125,7 +125,7 @@ impl Gaussians {
         ]
     }
 
-    /// [`fields`](Self::fields) to write to. Lengths stay as they are.
+    /// Mutable [`fields`](Self::fields).
     pub fn fields_mut(&mut self) -> [(Field, &mut [f32]); 6] {
         [
             (Field::Mean, &mut self.mean),
@@ -137,10 +137,10 @@ impl Gaussians {
         ]
     }
 
-    /// Keep the first `n` Gaussians, in place; nothing happens where there are no more.
+    /// Keep the first `n` Gaussians, in place. Does nothing if there are `n` or fewer.
     ///
     /// # Panics
-    /// Where fields have other lengths than [`Gaussians::check`] asks for.
+    /// If the fields have other lengths than [`Gaussians::check`] expects.
     pub fn truncate(&mut self, n: usize) {
         let before = self.n;
         if n >= before {
@@ -172,12 +172,12 @@ pub enum Field {
     Logit,
     /// Colours at degree 0.
     Dc,
-    /// The coefficients above.
+    /// Coefficients of the spherical harmonics above degree 0.
     Rest,
 }
 
 impl Field {
-    /// Its name.
+    /// Name of the field in [`Gaussians`].
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

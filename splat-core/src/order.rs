@@ -1,8 +1,8 @@
-//! Front to back: Gaussians by depth, ties by index.
+//! Sorts Gaussians front to back: by depth, ties by index.
 
 use alloc::{vec, vec::Vec};
 
-/// Bits of a digit: three passes sort the 31 bits of a positive number.
+/// Bits of a radix digit: three passes sort the 31 bits of a positive `f32`.
 const DIGIT: u32 = 11;
 const BUCKETS: usize = 1 << DIGIT;
 
@@ -14,9 +14,9 @@ pub(crate) struct Sorter {
 }
 
 impl Sorter {
-    /// Indices of positive depths, ascending, equal ones in their order. Their IEEE bits compare as integers do.
+    /// Indices that sort positive depths in ascending order, ties by index. The IEEE bits of positive numbers compare as integers.
     ///
-    /// A stable radix sort: all three histograms in one pass, digits that are the same everywhere skipped.
+    /// A stable radix sort: all three histograms are counted in one pass, and digits that are equal everywhere are skipped.
     pub(crate) fn sort(
         &mut self,
         depths: impl ExactSizeIterator<Item = f32>,

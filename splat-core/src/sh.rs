@@ -1,4 +1,4 @@
-//! Colour by direction: spherical harmonics up to degree 3, a vector of directions at a time.
+//! View-dependent colour: spherical harmonics up to degree 3, for one SIMD vector of directions.
 //!
 //! Order, signs and constants are those of 3DGS, and of `field_core::encoding::SphericalHarmonics`, which is the same basis for
 //! whole batches; here it is evaluated in registers between two other steps.
@@ -9,7 +9,7 @@ pub(crate) const SH_1: f32 = 0.488_602_51;
 const SH_2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];
 const SH_3: [f32; 7] = [-0.590_043_6, 2.890_611_4, -0.457_045_8, 0.373_176_33, -0.457_045_8, 1.445_305_7, -0.590_043_6];
 
-/// The functions above the constant one, of unit directions; those above `degree` are 0.
+/// Basis functions 1 to 15 (all but the constant one) at unit directions; 0 above `degree`.
 #[inline(always)]
 pub(crate) fn basis<V: Vector>(degree: usize, [x, y, z]: [V; 3]) -> [V; 15] {
     let s = V::splat;
@@ -43,9 +43,9 @@ pub(crate) fn basis<V: Vector>(degree: usize, [x, y, z]: [V; 3]) -> [V; 15] {
     b
 }
 
-/// `sum_k w[k] grad basis[k]`, the direction's components taken for independent.
+/// `sum_k w[k] grad basis[k]` with respect to `x, y, z` as independent variables (not restricted to the sphere).
 #[inline(always)]
-pub(crate) fn slope<V: Vector>(degree: usize, [x, y, z]: [V; 3], w: &[V; 15]) -> [V; 3] {
+pub(crate) fn gradient<V: Vector>(degree: usize, [x, y, z]: [V; 3], w: &[V; 15]) -> [V; 3] {
     let s = V::splat;
     let mut g = [s(0.0); 3];
     if degree < 1 {

@@ -1,21 +1,21 @@
-//! Which tiles of the picture an ellipse touches, and the list of each tile, front to back.
+//! Which tiles of the picture a projected Gaussian touches, and the list of each tile, front to back.
 //!
-//! Ellipses are sorted by depth once; walking them in that order and adding each to the lists of its tiles leaves every list
-//! sorted. No pair of tile and ellipse is ever compared with another.
+//! Gaussians are sorted by depth once. Appending each in that order to the lists of its tiles leaves every list sorted: pairs of a
+//! Gaussian and a tile are never sorted themselves.
 
 use alloc::vec::Vec;
 
 use float_core::m32;
 
 use crate::chunks::for_each;
-use crate::project::Footprint;
+use crate::project::ProjectedGaussian;
 
-/// Side of a tile, pixels: a row is one vector of 16 lanes.
+/// Side of a tile, pixels. A row of a tile is one vector of 16 lanes.
 pub const TILE: usize = 16;
-/// Ellipses are taken for larger by so many pixels when tiles are chosen: more than rounding, less than shows.
+/// Slack of the tile test, pixels: above rounding error, far below a pixel.
 const SLACK: f32 = 1e-3;
 
-/// Tiles of a picture.
+/// Number of tiles of a picture along each axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Grid {
     pub(crate) columns: usize,
@@ -32,24 +32,24 @@ impl Grid {
     }
 }
 
-/// Numbers of the tiles that hold the centre of a pixel inside the ellipse, or nearly: row by row, each once.
-pub(crate) fn touched(f: &Footprint, grid: Grid, mut visit: impl FnMut(u32)) {
+/// Visits the index of every tile with a pixel centre inside the ellipse `q < q_max` (give or take [`SLACK`]), row by row, each once.
+pub(crate) fn touched(f: &ProjectedGaussian, grid: Grid, mut visit: impl FnMut(u32)) {
     let [a, b, c] = f.conic;
     let [hx, hy] = f.half;
     let tile = TILE as f32;
     let span = |low: f32, high: f32, n: usize| {
-        // Saturating casts round down and end at the border.
+        // Saturating casts round down and stop at the border.
         let (first, last) = ((low / tile) as usize, (high / tile) as usize);
         first..if high < 0.0 { 0 } else { last.saturating_add(1).min(n) }
     };
-    // Where the ellipse is widest: dx = hx at dy = -b hx / c, and the mirror image.
+    // The ellipse is widest at dy = -b hx / c (dx = hx) and at the mirror image.
     let widest = -b * hx / c;
     // 1 / det of the covariance.
     let det = a * c - b * b;
     for row in span(f.uv[1] - hy - SLACK, f.uv[1] + hy + SLACK, grid.rows) {
         let low = (row as f32 * tile + 0.5 - f.uv[1]).max(-hy);
         let high = ((row as f32 + 1.0) * tile - 0.5 - f.uv[1]).min(hy);
-        // Both ends of the chord at a height.
+        // Both ends of the chord at height dy.
         let chord = |dy: f32| {
             let half = m32::sqrt((a * f.q_max - det * dy * dy).max(0.0));
             [(-b * dy - half) / a, (-b * dy + half) / a]
@@ -64,53 +64,54 @@ pub(crate) fn touched(f: &Footprint, grid: Grid, mut visit: impl FnMut(u32)) {
     }
 }
 
-/// The lists of all tiles.
+/// The depth-sorted lists of all tiles.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lists {
-    /// `[tiles + 1]` where the list of each tile begins.
+    /// `[tiles + 1]` start of each tile's list in `entries`.
     pub(crate) starts: Vec<u32>,
-    /// Ellipses, tile by tile, front to back.
+    /// Indices of Gaussians, tile by tile, front to back.
     pub(crate) entries: Vec<u32>,
-    /// `[ellipses + 1]` where the pairs of each ellipse begin.
+    /// `[gaussians + 1]` start of each Gaussian's pairs in `places`.
     pub(crate) firsts: Vec<u32>,
-    /// Where in `entries` each pair is, ellipse by ellipse.
+    /// Position in `entries` of each pair, Gaussian by Gaussian.
     pub(crate) places: Vec<u32>,
     cursors: Vec<u32>,
     chunks: Vec<Chunk>,
 }
 
-/// Ellipses that one task finds the tiles of.
+/// Gaussians per task.
 const CHUNK: usize = 1024;
 
-/// Tiles of some ellipses, and where those of each begin.
+/// Tiles of the Gaussians of one chunk.
 #[derive(Clone, Debug, Default)]
 struct Chunk {
     tiles: Vec<u32>,
+    /// Start of each Gaussian's tiles in `tiles`.
     firsts: Vec<u32>,
 }
 
 impl Lists {
-    /// First half: the tiles of each ellipse.
-    pub(crate) fn find(&mut self, footprints: &[Footprint], grid: Grid) {
-        self.chunks.resize_with(footprints.len().div_ceil(CHUNK), Chunk::default);
+    /// First half: find the tiles of each Gaussian.
+    pub(crate) fn find(&mut self, gaussians: &[ProjectedGaussian], grid: Grid) {
+        self.chunks.resize_with(gaussians.len().div_ceil(CHUNK), Chunk::default);
         for_each(&mut self.chunks, |k, chunk| {
             chunk.tiles.clear();
             chunk.firsts.clear();
-            for f in &footprints[k * CHUNK..((k + 1) * CHUNK).min(footprints.len())] {
+            for f in &gaussians[k * CHUNK..((k + 1) * CHUNK).min(gaussians.len())] {
                 chunk.firsts.push(chunk.tiles.len() as u32);
                 touched(f, grid, |tile| chunk.tiles.push(tile));
             }
         });
     }
 
-    /// Second half, of the same ellipses: the lists, in the order of depths. `false`: there are more pairs than an index can
-    /// count.
+    /// Second half, for the same Gaussians: fill the lists in the given order of depths. Returns `false` if there are more pairs than
+    /// `u32` can count.
     pub(crate) fn fill(&mut self, grid: Grid, order: impl Iterator<Item = u32>) -> bool {
         if u32::try_from(self.chunks.iter().map(|chunk| chunk.tiles.len()).sum::<usize>()).is_err() {
             return false;
         }
         self.firsts.clear();
-        // Tiles of each ellipse for now; their places in the end.
+        // Holds tile indices first; the loop below replaces them by positions.
         self.places.clear();
         for chunk in &self.chunks {
             let before = self.places.len() as u32;

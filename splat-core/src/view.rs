@@ -1,29 +1,31 @@
-//! A camera as the rasteriser sees it.
+//! The camera of a picture.
 
 use crate::SplatError;
 
 /// A pinhole camera: world-to-camera pose, intrinsics in pixels, size of the picture.
 ///
-/// Camera axes are CV: x right, y down, z forward. Pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`.
+/// Camera axes are CV: x right, y down, z forward. Pixel `(i, j)` (column, row) has its centre at `(i + 0.5, j + 0.5)`. All fields of a
+/// pinhole camera are here, so the struct is exhaustive: build it field by field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// World-to-camera rotation, row by row.
     pub r: [[f32; 3]; 3],
     /// World-to-camera translation: `x_camera = r x + t`.
     pub t: [f32; 3],
-    /// Focal lengths, pixels.
+    /// Focal lengths `fx, fy`, pixels.
     pub f: [f32; 2],
-    /// Principal point, pixels.
+    /// Principal point `cx, cy`, pixels.
     pub c: [f32; 2],
-    /// Columns and rows.
+    /// Number of columns and rows.
     pub size: [usize; 2],
 }
 
-/// Longest side of a picture: positions in it keep a 256th of a pixel as `f32`.
+/// Longest side of a picture, pixels: positions on it are exact to 1/256 pixel as `f32`.
 pub const MAX_SIDE: usize = 1 << 15;
 
 impl View {
-    /// From a camera-to-world pose, rounded to `f32` only after the inversion.
+    /// View of a camera-to-world pose with rotation `r` and centre `o`, focal lengths `f` and principal point `c`. The pose is
+    /// inverted in `f64`, then rounded.
     #[must_use]
     pub fn from_c2w(r: [[f64; 3]; 3], o: [f64; 3], f: [f64; 2], c: [f64; 2], size: [usize; 2]) -> Self {
         let w2c: [[f64; 3]; 3] = core::array::from_fn(|i| core::array::from_fn(|k| r[k][i]));
@@ -37,10 +39,10 @@ impl View {
         }
     }
 
-    /// Whether this is a camera that can see.
+    /// Whether size and focal lengths are in range and all numbers finite.
     ///
     /// # Errors
-    /// [`SplatError::Value`] naming the first number that is wrong.
+    /// [`SplatError::Value`] naming the first number out of range.
     pub fn check(&self) -> Result<(), SplatError> {
         let value = |what, got: f32, accepts| Err(SplatError::Value { what, got: f64::from(got), accepts });
         for &side in &self.size {
@@ -60,16 +62,16 @@ impl View {
         }
     }
 
-    /// Centre of the camera in the world.
+    /// Centre of the camera, world units: `-r^T t`.
     #[must_use]
     pub fn centre(&self) -> [f32; 3] {
         core::array::from_fn(|k| -(0..3).map(|i| self.r[i][k] * self.t[i]).sum::<f32>())
     }
 
-    /// Bounds of `x / z` (or `y / z`) that the slope of a footprint is taken at: the picture and 15 % of its size on
-    /// each side.
+    /// Limits of `x / z` (axis 0) or `y / z` (axis 1) at which the Jacobian of a projection is taken: the picture and 15 % of its size
+    /// on each side.
     #[must_use]
-    pub(crate) fn slopes(&self, axis: usize) -> [f32; 2] {
+    pub(crate) fn tan_limits(&self, axis: usize) -> [f32; 2] {
         let (size, f, c) = (self.size[axis] as f32, self.f[axis], self.c[axis]);
         let margin = 0.15 * size / f;
         [-c / f - margin, (size - c) / f + margin]

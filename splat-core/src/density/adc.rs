@@ -1,4 +1,4 @@
-//! Adaptive density control: clone, split, prune, fade.
+//! Adaptive density control: clone, split, prune, reset opacities.
 
 use alloc::vec::Vec;
 
@@ -9,66 +9,90 @@ use super::rows::countable;
 use super::{Change, Rows, largest_scale, opacity, rotation, scales};
 use crate::{Gaussians, SplatError};
 
-/// Constants of adaptive density control. Steps count from 1.
+/// Settings of adaptive density control. Steps count from 1.
 ///
 /// # Source
-/// Kerbl et al., "3D Gaussian splatting", 2023, section 5.2 and algorithm 1; the numbers are those of the released code.
+/// Kerbl et al., "3D Gaussian splatting", 2023, section 5.2 and algorithm 1; the constants are those of the released code.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Adc {
-    /// Grow and prune at steps above this,
+    /// Grow and prune only after this step.
     pub after: u64,
-    /// below this,
+    /// Grow, prune and reset opacities only before this step.
     pub until: u64,
-    /// and divisible by this.
+    /// Grow and prune at steps divisible by this.
     pub every: u64,
-    /// Fade at steps below `until` divisible by this.
-    pub fade_every: u64,
-    /// Prune by size at steps above this.
+    /// Reset opacities at steps divisible by this.
+    pub reset_every: u64,
+    /// Prune by size only after this step.
     pub size_after: u64,
-    /// Average pull ([`Pull::mean`](super::Pull::mean)) from which a Gaussian is hot. 8e-4 for absolute gradients.
-    pub hot: f32,
-    /// Hot ones larger than this share of the scene's extent are split, others cloned.
+    /// Densify where the mean view-space positional gradient ([`ViewSpaceGradients::mean`](super::ViewSpaceGradients::mean)) is at
+    /// least this (3DGS `densify_grad_threshold`). It depends on the gradients that are collected: 2e-4 for plain ones, larger for
+    /// absolute ones (8e-4 in gsplat, 4e-4 in AbsGS).
+    pub gradient_threshold: f32,
+    /// Of these, Gaussians with a larger standard deviation than this, in units of the scene's extent, are split; others are cloned.
     pub split_above: f64,
-    /// Children of a split are smaller by this.
+    /// The children of a split have their parent's scale divided by this.
     pub shrink: f64,
-    /// Fainter ones are pruned.
+    /// Prune Gaussians with a smaller opacity.
     pub opacity_min: f64,
-    /// Those larger than this share of the extent are pruned; infinite: none.
+    /// Prune Gaussians with a larger standard deviation, in units of the scene's extent. Infinite: never.
     pub size_max: f64,
-    /// Fading leaves no more than this opacity.
-    pub fade_to: f64,
+    /// An opacity reset lowers opacities to at most this.
+    pub reset_to: f64,
 }
 
 impl Adc {
-    /// Those of 3DGS.
+    /// The constants of 3DGS.
     pub const DEFAULT: Self = Self {
         after: 500,
         until: 15_000,
         every: 100,
-        fade_every: 3000,
+        reset_every: 3000,
         size_after: 3000,
-        hot: 2e-4,
+        gradient_threshold: 2e-4,
         split_above: 0.01,
         shrink: 1.6,
         opacity_min: 0.005,
         size_max: 0.1,
-        fade_to: 0.01,
+        reset_to: 0.01,
     };
 
+    setters! {
+        with_after after: u64;
+        with_until until: u64;
+        with_every every: u64;
+        with_reset_every reset_every: u64;
+        with_size_after size_after: u64;
+        with_gradient_threshold gradient_threshold: f32;
+        with_split_above split_above: f64;
+        with_shrink shrink: f64;
+        with_opacity_min opacity_min: f64;
+        with_size_max size_max: f64;
+        with_reset_to reset_to: f64;
+    }
+
+    /// Whether every setting lies in its range.
+    ///
     /// # Errors
-    /// [`SplatError::Value`] naming the first constant outside its range.
+    /// [`SplatError::Value`] naming the first setting outside its range.
     pub fn check(&self) -> Result<(), SplatError> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| x > 0.0 && x < 1.0;
         let checks = [
             ("every", self.every as f64, self.every > 0, "at least 1"),
-            ("fade_every", self.fade_every as f64, self.fade_every > 0, "at least 1"),
-            ("hot", f64::from(self.hot), positive(f64::from(self.hot)), "a positive number"),
+            ("reset_every", self.reset_every as f64, self.reset_every > 0, "at least 1"),
+            (
+                "gradient_threshold",
+                f64::from(self.gradient_threshold),
+                positive(f64::from(self.gradient_threshold)),
+                "a positive number",
+            ),
             ("split_above", self.split_above, positive(self.split_above), "a positive number"),
             ("shrink", self.shrink, positive(self.shrink), "a positive number"),
             ("opacity_min", self.opacity_min, share(self.opacity_min), "a number between 0 and 1"),
             ("size_max", self.size_max, self.size_max > 0.0, "a positive number or infinity"),
-            ("fade_to", self.fade_to, share(self.fade_to), "a number between 0 and 1"),
+            ("reset_to", self.reset_to, share(self.reset_to), "a number between 0 and 1"),
         ];
         match checks.into_iter().find(|(_, _, fine, _)| !fine) {
             Some((what, got, _, accepts)) => Err(SplatError::Value { what, got, accepts }),
@@ -76,30 +100,31 @@ impl Adc {
         }
     }
 
-    /// Whether a step ends with growing and pruning.
+    /// Whether to [`grow`](Self::grow) and [`prune`](Self::prune) at the end of this step.
     #[must_use]
     pub fn grows_at(&self, step: u64) -> bool {
         step > self.after && step < self.until && step.is_multiple_of(self.every)
     }
 
-    /// Whether a step ends with fading.
+    /// Whether to [reset opacities](Self::reset_opacity) at the end of this step.
     #[must_use]
-    pub fn fades_at(&self, step: u64) -> bool {
-        step > 0 && step < self.until && step.is_multiple_of(self.fade_every)
+    pub fn resets_at(&self, step: u64) -> bool {
+        step > 0 && step < self.until && step.is_multiple_of(self.reset_every)
     }
 
-    /// Two where one was and is pulled at: small ones are doubled in place, large ones give way to two smaller ones drawn from
-    /// them. `pull` `[n]`; `extent` of the scene, world units.
+    /// Densify: Gaussians with a large view-space gradient are cloned if they are small and split if they are large. A clone is an exact
+    /// copy; the two children of a split are drawn from their parent, which is removed.
     ///
-    /// Afterwards: those that stay, then copies of the cloned, then pairs of children, each in the order of their sources. Where
-    /// there would be more than `max`, the hottest come first, and among equals the first.
+    /// `view_space_gradient` `[n]` is the mean for each Gaussian; `extent` of the scene in world units. The new rows are those that
+    /// stay, then the clones, then pairs of children, each in the order of their sources. If there would be more than `max` rows, those
+    /// with the largest gradients grow, ties by index.
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range, wrong lengths or more Gaussians than an index can count.
+    /// [`SplatError`] for settings out of range, wrong lengths or more Gaussians than `u32` can count.
     pub fn grow(
         &self,
         cloud: &Gaussians,
-        pull: &[f32],
+        view_space_gradient: &[f32],
         extent: f64,
         max: usize,
         rng: Rng,
@@ -107,20 +132,23 @@ impl Adc {
         self.check()?;
         cloud.check()?;
         let n = cloud.len();
-        if pull.len() != n {
-            return Err(SplatError::Shape { what: "pull", want: n, got: pull.len() });
+        if view_space_gradient.len() != n {
+            return Err(SplatError::Shape { what: "view_space_gradient", want: n, got: view_space_gradient.len() });
         }
         countable(n)?;
-        let mut hot: Vec<u32> = (0..n as u32).filter(|&i| pull[i as usize] >= self.hot).collect();
+        let mut growing: Vec<u32> =
+            (0..n as u32).filter(|&i| view_space_gradient[i as usize] >= self.gradient_threshold).collect();
         let room = max.saturating_sub(n);
-        if hot.len() > room {
-            hot.sort_by(|&a, &b| pull[b as usize].total_cmp(&pull[a as usize]).then(a.cmp(&b)));
-            hot.truncate(room);
-            hot.sort_unstable();
+        if growing.len() > room {
+            growing.sort_by(|&a, &b| {
+                view_space_gradient[b as usize].total_cmp(&view_space_gradient[a as usize]).then(a.cmp(&b))
+            });
+            growing.truncate(room);
+            growing.sort_unstable();
         }
-        countable(n + hot.len())?;
+        countable(n + growing.len())?;
         let (split, cloned): (Vec<u32>, Vec<u32>) =
-            hot.into_iter().partition(|&i| largest_scale(cloud, i as usize) > self.split_above * extent);
+            growing.into_iter().partition(|&i| largest_scale(cloud, i as usize) > self.split_above * extent);
         let mut parents = split.iter().copied().peekable();
         let stay = (0..n as u32).filter(|&i| parents.next_if_eq(&i).is_none());
         let children = split.iter().flat_map(|&i| [i, i]);
@@ -145,10 +173,10 @@ impl Adc {
         Ok(Change { cloud: out, rows })
     }
 
-    /// Without those that are too faint and, late enough, those that are too large; `exempt` ones stay whatever they are.
+    /// Remove Gaussians that are too transparent and, after step `size_after`, those that are too large. `exempt` ones stay.
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range or fields of the wrong length.
+    /// [`SplatError`] for settings out of range or fields of the wrong length.
     pub fn prune(
         &self,
         cloud: &Gaussians,
@@ -163,17 +191,17 @@ impl Adc {
         Rows::keep(cloud.len(), |i| exempt(i) || !(faint(i) || large(i)))
     }
 
-    /// Take opacity from all that `fades` says, so that only what pictures ask for comes back. Moments of these logits have lost
-    /// their meaning and start anew.
+    /// Opacity reset: lower the opacity of every Gaussian for which `resets` is true to at most `reset_to`. Set the optimiser's moments
+    /// of these logits to 0 afterwards.
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range or fields of the wrong length.
-    pub fn fade(&self, cloud: &mut Gaussians, fades: impl Fn(usize) -> bool) -> Result<(), SplatError> {
+    /// [`SplatError`] for settings out of range or fields of the wrong length.
+    pub fn reset_opacity(&self, cloud: &mut Gaussians, resets: impl Fn(usize) -> bool) -> Result<(), SplatError> {
         self.check()?;
         cloud.check()?;
-        let most = (m64::ln(self.fade_to) - m64::ln_1p(-self.fade_to)) as f32;
-        for (_, x) in cloud.logit.iter_mut().enumerate().filter(|&(i, _)| fades(i)) {
-            // Not `min`, which would make a number of NaN.
+        let most = (m64::ln(self.reset_to) - m64::ln_1p(-self.reset_to)) as f32;
+        for (_, x) in cloud.logit.iter_mut().enumerate().filter(|&(i, _)| resets(i)) {
+            // Not `min`, which would replace NaN.
             if *x > most {
                 *x = most;
             }

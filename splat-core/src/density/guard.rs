@@ -1,4 +1,4 @@
-//! Clouds that have gone too far: too many, not finite, out of range.
+//! Limits on a cloud: number of Gaussians, finite values, ranges.
 
 use alloc::vec::Vec;
 
@@ -10,17 +10,16 @@ use super::rows::countable;
 use crate::chunks::for_each;
 use crate::{Gaussians, SplatError};
 
-/// Smallest logarithm of a scale: from there on the blur of a pixel is all there is.
+/// Smallest logarithm of a scale: below it, only the blur of a pixel would show.
 pub const LOG_SCALE_MIN: f32 = -20.0;
-/// Largest logit, either way: opacities 1e-6 from their ends, so that a gradient is left.
+/// Largest absolute logit: opacities stay 1e-6 from 0 and 1, so that their gradient does not vanish.
 pub const LOGIT_MAX: f32 = 13.8;
-/// Rows that one task looks at.
+/// Rows per task.
 const CHUNK: usize = 4096;
 
-/// The `max` most opaque, in their order.
+/// Keep the `max` most opaque Gaussians, in their order.
 ///
-/// Equal ones are taken by lot, a draw for each row: at first all points of a scene have one opacity, and the first rows are often
-/// one corner of it.
+/// Ties are broken at random: at the start all points of a scene have the same opacity, and the first rows are often one corner of it.
 ///
 /// # Errors
 /// [`SplatError::Shape`], [`SplatError::TooMany`].
@@ -31,7 +30,7 @@ pub fn keep_strongest(cloud: &Gaussians, max: usize, rng: Rng) -> Result<Rows, S
         return Rows::unchanged(n);
     }
     countable(n)?;
-    // NaN is the faintest; -0 and 0 are one opacity.
+    // NaN counts as the most transparent; -0 and 0 are equal.
     let strength =
         |i: u32| if cloud.logit[i as usize].is_nan() { f32::NEG_INFINITY } else { cloud.logit[i as usize] + 0.0 };
     let mut order: Vec<_> = (0..n as u32).map(|i| (strength(i), rng.u64_at(u64::from(i)), i)).collect();
@@ -41,7 +40,7 @@ pub fn keep_strongest(cloud: &Gaussians, max: usize, rng: Rng) -> Result<Rows, S
     Ok(Rows::of(n, kept.into_iter().map(|i| (i, false))))
 }
 
-/// Without Gaussians that have a number that is not finite; `None` where there are none, which is the rule.
+/// Remove Gaussians with a parameter that is not finite. `None` if there are none.
 ///
 /// # Errors
 /// [`SplatError::Shape`], [`SplatError::TooMany`].
@@ -54,7 +53,7 @@ pub fn without_non_finite(cloud: &Gaussians) -> Result<Option<Rows>, SplatError>
         for (_, field) in cloud.fields() {
             for row in field.chunks_exact(n) {
                 let part = &row[from..to];
-                // 0 x is 0 for numbers only: one sum without branches, and a second look where it says so.
+                // 0 x is 0 only for finite x: one sum without branches finds the rows to search.
                 if part.iter().map(|x| 0.0 * x).sum::<f32>() != 0.0 {
                     bad.extend((from..to).filter(|&i| !row[i].is_finite()));
                 }
@@ -71,11 +70,11 @@ pub fn without_non_finite(cloud: &Gaussians) -> Result<Option<Rows>, SplatError>
     Rows::keep(n, |i| gone.binary_search(&i).is_err()).map(Some)
 }
 
-/// Hold scales between `exp(`[`LOG_SCALE_MIN`]`)` and ten times the scene's extent (world units), and logits within
-/// [`LOGIT_MAX`]. NaN stays NaN: see [`without_non_finite`].
+/// Clamp scales to `exp(`[`LOG_SCALE_MIN`]`)` and ten times the scene's extent (world units), and logits to `±`[`LOGIT_MAX`]. NaN stays
+/// NaN: see [`without_non_finite`].
 ///
 /// # Errors
-/// [`SplatError::Value`] for an extent that is no positive number, [`SplatError::Shape`].
+/// [`SplatError::Value`] for an extent that is not a positive number, [`SplatError::Shape`].
 pub fn keep_in_range(cloud: &mut Gaussians, extent: f64) -> Result<(), SplatError> {
     cloud.check()?;
     if !(extent > 0.0 && extent.is_finite()) {

@@ -1,4 +1,4 @@
-//! Density control as sampling: a budget of Gaussians, the dead moved to where there is matter.
+//! Density control as Markov chain Monte Carlo: a fixed budget of Gaussians, dead ones relocated, noise on the positions.
 
 use alloc::{vec, vec::Vec};
 
@@ -10,29 +10,30 @@ use super::{Change, Rows, noise, opacity};
 use crate::chunks::for_each;
 use crate::{Gaussians, SplatError};
 
-/// Gaussians that share one place at most.
-const SHARE_MAX: u32 = 50;
-/// Rows that one task regularises.
+/// Most Gaussians that one is replaced by when [`relocation`] is computed.
+const COPIES_MAX: u32 = 50;
+/// Rows per task.
 const CHUNK: usize = 1024;
 
-/// Constants of 3DGS-MCMC. Steps count from 1.
+/// Settings of 3DGS-MCMC. Steps count from 1.
 ///
 /// # Source
-/// Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024, sections 3.2 to 3.5; the numbers are those of the
+/// Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024, sections 3.2 to 3.5; the constants are those of the
 /// released code.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Mcmc {
-    /// Move and add at steps above this,
+    /// Relocate and add only after this step.
     pub after: u64,
-    /// below this,
+    /// Relocate and add only before this step.
     pub until: u64,
-    /// and divisible by this.
+    /// Relocate and add at steps divisible by this.
     pub every: u64,
-    /// Up to this opacity a Gaussian is dead.
+    /// A Gaussian with this opacity or less is dead.
     pub opacity_dead: f64,
-    /// Share by which the cloud grows each time.
+    /// Fraction by which the cloud grows each time.
     pub growth: f64,
-    /// Strength of the noise, in units of the means' learning rate.
+    /// Strength of the noise, relative to the learning rate of the means.
     pub noise: f64,
     /// Weight of the mean opacity in the loss.
     pub opacity_weight: f64,
@@ -41,7 +42,7 @@ pub struct Mcmc {
 }
 
 impl Mcmc {
-    /// Those of the paper's code.
+    /// The constants of the released code.
     pub const DEFAULT: Self = Self {
         after: 500,
         until: 25_000,
@@ -53,8 +54,21 @@ impl Mcmc {
         scale_weight: 0.01,
     };
 
+    setters! {
+        with_after after: u64;
+        with_until until: u64;
+        with_every every: u64;
+        with_opacity_dead opacity_dead: f64;
+        with_growth growth: f64;
+        with_noise noise: f64;
+        with_opacity_weight opacity_weight: f64;
+        with_scale_weight scale_weight: f64;
+    }
+
+    /// Whether every setting lies in its range.
+    ///
     /// # Errors
-    /// [`SplatError::Value`] naming the first constant outside its range.
+    /// [`SplatError::Value`] naming the first setting outside its range.
     pub fn check(&self) -> Result<(), SplatError> {
         let weight = |x: f64| x >= 0.0 && x.is_finite();
         let dead = self.opacity_dead;
@@ -72,33 +86,33 @@ impl Mcmc {
         }
     }
 
-    /// Whether a step ends with moving and adding.
+    /// Whether to [`relocate`](Self::relocate) and [`add`](Self::add) at the end of this step.
     #[must_use]
-    pub fn moves_at(&self, step: u64) -> bool {
+    pub fn relocates_at(&self, step: u64) -> bool {
         step > self.after && step < self.until && step.is_multiple_of(self.every)
     }
 
-    /// Move each dead Gaussian onto one that lives, drawn in proportion to opacity; those that now [`share`] a place take its
-    /// opacity and size apart. All of them are fresh. Where none lives, nothing moves.
+    /// Relocate each dead Gaussian to one that is alive, drawn with probability proportional to opacity. The Gaussians that are then at
+    /// one place get the opacity and scale of [`relocation`], and are marked fresh. If none is alive, nothing changes.
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range or fields of the wrong length.
+    /// [`SplatError`] for settings out of range or fields of the wrong length.
     pub fn relocate(&self, cloud: &Gaussians, rng: Rng) -> Result<Change, SplatError> {
         self.check()?;
         cloud.check()?;
         let n = cloud.len();
         countable(n)?;
         let dead = |i: usize| opacity(cloud, i) <= self.opacity_dead;
-        let lot = Lot::new(n, |i| if dead(i) { 0.0 } else { opacity(cloud, i) });
-        let place = |i: usize| if dead(i) { lot.draw(rng.u64_at(i as u64)) } else { None };
-        self.crowd(cloud, (0..n as u32).map(|i| place(i as usize).unwrap_or(i)).collect())
+        let alive = Multinomial::new(n, |i| if dead(i) { 0.0 } else { opacity(cloud, i) });
+        let target = |i: usize| if dead(i) { alive.draw(rng.u64_at(i as u64)) } else { None };
+        self.relocated(cloud, (0..n as u32).map(|i| target(i as usize).unwrap_or(i)).collect())
     }
 
-    /// Grow by a share (rounded up), to `max` at most: copies of Gaussians drawn in proportion to opacity, which [`share`] with
-    /// their copies.
+    /// Add a fraction `growth` of Gaussians (rounded up), to `max` at most: copies of Gaussians drawn with probability proportional to
+    /// opacity. Sources and copies get the opacity and scale of [`relocation`].
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range, fields of the wrong length or more Gaussians than an index can count.
+    /// [`SplatError`] for settings out of range, fields of the wrong length or more Gaussians than `u32` can count.
     pub fn add(&self, cloud: &Gaussians, max: usize, rng: Rng) -> Result<Change, SplatError> {
         self.check()?;
         cloud.check()?;
@@ -106,30 +120,30 @@ impl Mcmc {
         // Saturates.
         let more = (m64::ceil(self.growth * n as f64) as usize).min(max.saturating_sub(n));
         countable(n.saturating_add(more))?;
-        let lot = Lot::new(n, |i| opacity(cloud, i));
-        let added = (0..more as u64).map_while(|k| lot.draw(rng.u64_at(k)));
-        self.crowd(cloud, (0..n as u32).chain(added).collect())
+        let all = Multinomial::new(n, |i| opacity(cloud, i));
+        let added = (0..more as u64).map_while(|k| all.draw(rng.u64_at(k)));
+        self.relocated(cloud, (0..n as u32).chain(added).collect())
     }
 
-    /// The cloud with row `i` from `from[i]`, Gaussians at one place sharing it.
-    fn crowd(&self, cloud: &Gaussians, from: Vec<u32>) -> Result<Change, SplatError> {
-        let mut at = vec![0_u32; cloud.len()];
+    /// The cloud with row `i` copied from `from[i]`, and the Gaussians of one source rescaled by [`relocation`].
+    fn relocated(&self, cloud: &Gaussians, from: Vec<u32>) -> Result<Change, SplatError> {
+        // Number of copies of each Gaussian, besides itself.
+        let mut copies = vec![0_u32; cloud.len()];
         for (i, &source) in from.iter().enumerate() {
-            // A source that stays counts once it is drawn.
             if i != source as usize {
-                at[source as usize] += 1;
+                copies[source as usize] += 1;
             }
         }
-        let fresh: Vec<bool> = from.iter().map(|&source| at[source as usize] > 0).collect();
+        let fresh: Vec<bool> = from.iter().map(|&source| copies[source as usize] > 0).collect();
         let rows = Rows::of(cloud.len(), from.iter().copied().zip(fresh.iter().copied()));
         let mut out = rows.follow(cloud)?;
         let len = out.len();
-        // What a source gives to each: its logit and what is added to its logarithms of scales.
-        let mut given: Vec<Option<(f32, f64)>> = vec![None; cloud.len()];
+        // For each source: the new logit, and what is added to the logarithms of the scales.
+        let mut rescaled: Vec<Option<(f32, f64)>> = vec![None; cloud.len()];
         for (i, &source) in from.iter().enumerate().filter(|&(i, _)| fresh[i]) {
             let s = source as usize;
-            let (logit, smaller) = *given[s].get_or_insert_with(|| {
-                let (o, factor) = share(opacity(cloud, s), (at[s] + 1).min(SHARE_MAX));
+            let (logit, smaller) = *rescaled[s].get_or_insert_with(|| {
+                let (o, factor) = relocation(opacity(cloud, s), (copies[s] + 1).min(COPIES_MAX));
                 let most = 1.0 - f64::from(f32::EPSILON);
                 let o = o.clamp(self.opacity_dead.min(most), most);
                 ((m64::ln(o) - m64::ln_1p(-o)) as f32, m64::ln(factor))
@@ -142,26 +156,26 @@ impl Mcmc {
         Ok(Change { cloud: out, rows })
     }
 
-    /// Stir the means after an optimiser's step with learning rate `lr` (world units): `p += Sigma eta` with normal `eta`, times
-    /// `noise lr logistic(-100 (opacity - opacity_dead))`. What is opaque stays where it is.
+    /// Add noise to the means after an optimiser's step with learning rate `lr` (world units): `p += Sigma eta` with standard normal
+    /// `eta`, times `noise lr logistic(-100 (opacity - opacity_dead))`. Opaque Gaussians do not move.
     ///
     /// # Errors
-    /// [`SplatError`] for constants or a rate out of range, or fields of the wrong length.
-    pub fn stir(&self, cloud: &mut Gaussians, lr: f64, rng: Rng) -> Result<(), SplatError> {
+    /// [`SplatError`] for settings or a rate out of range, or fields of the wrong length.
+    pub fn add_noise(&self, cloud: &mut Gaussians, lr: f64, rng: Rng) -> Result<(), SplatError> {
         self.check()?;
         cloud.check()?;
         if !(lr >= 0.0 && lr.is_finite()) {
             return Err(SplatError::Value { what: "lr", got: lr, accepts: "at least 0" });
         }
-        noise::stir(cloud, self.noise * lr, self.opacity_dead, rng);
+        noise::add(cloud, self.noise * lr, self.opacity_dead, rng);
         Ok(())
     }
 
-    /// `opacity_weight mean(opacity) + scale_weight mean(scale)`, the mean of all three scales of all Gaussians. Its gradient is
-    /// added to `grad`, of the cloud's shape.
+    /// Regularisation loss `opacity_weight mean(opacity) + scale_weight mean(scale)`, the second mean over all three scales. Its
+    /// gradient is added to `grad`, of the cloud's shape.
     ///
     /// # Errors
-    /// [`SplatError`] for constants out of range or fields of the wrong length.
+    /// [`SplatError`] for settings out of range or fields of the wrong length.
     pub fn regularise(&self, cloud: &Gaussians, grad: &mut Gaussians) -> Result<f64, SplatError> {
         self.check()?;
         cloud.check()?;
@@ -174,11 +188,11 @@ impl Mcmc {
             return Ok(0.0);
         }
         let (per_o, per_s) = (self.opacity_weight / n as f64, self.scale_weight / (3 * n) as f64);
-        let opacities = add_slopes(&cloud.logit, &mut grad.logit, |x| {
+        let opacities = sum_with_gradient(&cloud.logit, &mut grad.logit, |x| {
             let o = m32::logistic(x);
             (o, per_o as f32 * o * (1.0 - o))
         });
-        let scales = add_slopes(&cloud.log_scale, &mut grad.log_scale, |x| {
+        let scales = sum_with_gradient(&cloud.log_scale, &mut grad.log_scale, |x| {
             let s = m32::exp(x);
             (s, per_s as f32 * s)
         });
@@ -192,22 +206,22 @@ impl Default for Mcmc {
     }
 }
 
-/// Sum of `f(x).0`, with `f(x).1` added to the gradient: chunk by chunk.
-fn add_slopes(x: &[f32], bar: &mut [f32], f: impl Fn(f32) -> (f32, f32) + Sync) -> f64 {
+/// Sum of `f(x).0`, the value; `f(x).1`, the derivative, is added to `bar`. Chunk by chunk.
+fn sum_with_gradient(x: &[f32], bar: &mut [f32], f: impl Fn(f32) -> (f32, f32) + Sync) -> f64 {
     let mut jobs: Vec<(&[f32], &mut [f32], f64)> =
         x.chunks(CHUNK).zip(bar.chunks_mut(CHUNK)).map(|(x, bar)| (x, bar, 0.0)).collect();
     for_each(&mut jobs, |_, (x, bar, sum)| {
         for (&x, bar) in x.iter().zip(bar.iter_mut()) {
-            let (value, slope) = f(x);
+            let (value, derivative) = f(x);
             *sum += f64::from(value);
-            *bar += slope;
+            *bar += derivative;
         }
     });
     jobs.iter().map(|(_, _, sum)| sum).sum()
 }
 
-/// Opacity of each of `n` equal Gaussians that let through what one of `opacity` does, and the factor of their scales with which
-/// the light they take, summed over a line through the centre, is the same.
+/// Opacity of each of `n` equal Gaussians at one place that together transmit as much as one of `opacity`, and the factor on their
+/// scales that keeps the accumulated alpha along a line through the centre.
 ///
 /// With `o' = 1 - (1 - o)^(1/n)` the factor is `o / D`,
 ///
@@ -217,35 +231,34 @@ fn add_slopes(x: &[f32], bar: &mut [f32], f: impl Fn(f32) -> (f32, f32) + Sync) 
 /// ```
 ///
 /// # Numerics
-/// The sum alternates: of terms up to `(1 + o')^n` a number of order 1 is left, at `n = 50` and `o'` near 1 one digit of it.
-/// The integrand has one sign and no singularity anywhere: the trapezoidal rule gives the integral to 1e-14 with a hundred
-/// points. `o = 0` and `n <= 1` give `(o, 1)`.
+/// The sum alternates and cancels: at `n = 50` and `o'` near 1 one digit is left. The integrand has one sign and no singularity: the
+/// trapezoidal rule gives the integral to 1e-14 with a hundred points. `o = 0` and `n <= 1` give `(o, 1)`.
 ///
 /// # Source
-/// Kheradmand et al., 2024, eq. 9; the integral is ours, from `1 / sqrt(j) = 2 / sqrt(pi) * integral of exp(-j x^2)`.
+/// Kheradmand et al., 2024, eq. 9; the integral form is ours, from `1 / sqrt(j) = 2 / sqrt(pi) * integral of exp(-j x^2)`.
 #[must_use]
-pub fn share(opacity: f64, n: u32) -> (f64, f64) {
+pub fn relocation(opacity: f64, n: u32) -> (f64, f64) {
     if n <= 1 || opacity <= 0.0 {
         return (opacity, 1.0);
     }
-    // Points a sixteenth apart, to where exp(-x^2) < 1e-21.
+    // Points 1/16 apart, up to where exp(-x^2) < 1e-21.
     const H: f64 = 1.0 / 16.0;
     const POINTS: u32 = 112;
     let n = f64::from(n);
     let each = -m64::exp_m1(m64::ln_1p(-opacity) / n);
-    let taken = |x: f64| -m64::exp_m1(n * m64::ln_1p(-each * m64::exp(-x * x)));
-    let sum = 0.5 * taken(0.0) + (1..POINTS).map(|i| taken(f64::from(i) * H)).sum::<f64>();
+    let alpha = |x: f64| -m64::exp_m1(n * m64::ln_1p(-each * m64::exp(-x * x)));
+    let sum = 0.5 * alpha(0.0) + (1..POINTS).map(|i| alpha(f64::from(i) * H)).sum::<f64>();
     (each, opacity / (sum * H * core::f64::consts::FRAC_2_SQRT_PI))
 }
 
-/// Draws in proportion to weights.
-struct Lot {
-    /// `[n]` sums up to and with each.
+/// A multinomial distribution: draws indices with probability proportional to their weights.
+struct Multinomial {
+    /// `[n]` inclusive prefix sums of the weights.
     sums: Vec<f64>,
 }
 
-impl Lot {
-    /// What is not a positive number is never drawn.
+impl Multinomial {
+    /// Weights that are not positive (or NaN) count as 0.
     fn new(n: usize, weight: impl Fn(usize) -> f64) -> Self {
         let positive = |w: f64| if w > 0.0 { w } else { 0.0 };
         let sums = (0..n).scan(0.0, |sum, i| {
@@ -255,13 +268,13 @@ impl Lot {
         Self { sums: sums.collect() }
     }
 
-    /// The one that 64 random bits mean; `None` where nothing has weight.
+    /// The index drawn by 64 random bits. `None` if all weights are 0.
     fn draw(&self, bits: u64) -> Option<u32> {
         let total = self.sums.last().copied().filter(|&total| total > 0.0)?;
         // 53 bits: in [0, 1).
         let u = (bits >> 11) as f64 * (1.0 / (1_u64 << 53) as f64) * total;
         let i = self.sums.partition_point(|&sum| sum <= u);
-        // Rounding may reach the total: then the last one with weight.
+        // Rounding may reach the total: then take the last index with a weight.
         Some(i.min(self.sums.partition_point(|&sum| sum < total)) as u32)
     }
 }

@@ -1,14 +1,15 @@
-//! Where a cloud has too few Gaussians, too many, or ones that are of no use.
+//! Density control: where to add Gaussians to a cloud and which to remove.
 //!
-//! Every function looks at a cloud and says what becomes of its rows: [`Rows`], which moments of an optimiser, statistics,
-//! features and codes follow with the same call; where new Gaussians are not mere copies, a [`Change`] brings the new cloud along.
-//! Nothing here knows of an optimiser, and nothing depends on the number of threads: random numbers are functions of a stream
-//! (one for each step, say `Rng::new(seed, 0).substream(step)`) and the row.
+//! Every function takes a cloud and returns a change of its rows, [`Rows`]. An optimiser's moments, statistics, features and codes
+//! follow with [`Rows::apply`]. Where new Gaussians are not mere copies, a [`Change`] holds the new cloud as well. Nothing depends on
+//! an optimiser or on the number of threads: random numbers are functions of a stream (one per step, e.g.
+//! `Rng::new(seed, 0).substream(step)`) and the row.
 //!
-//! * [`Adc`] of 3DGS: clone and split where the picture pulls hardest ([`Pull`]), prune what is faint or large.
-//! * [`Mcmc`]: a fixed budget; the dead move to where there is matter, and all are stirred.
-//! * [`by_place`]: neighbours in space as neighbours in memory.
-//! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: what any of them needs.
+//! * [`Adc`], adaptive density control of 3DGS: clone and split where the view-space gradient ([`ViewSpaceGradients`]) is large, prune
+//!   transparent and large Gaussians, reset opacities.
+//! * [`Mcmc`], 3DGS-MCMC: a fixed budget; dead Gaussians are relocated, and noise is added to positions.
+//! * [`morton_order`]: neighbours in space become neighbours in memory.
+//! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: limits for any of them.
 //!
 //! ```
 //! use field_core::rng::Rng;
@@ -16,9 +17,9 @@
 //! use splat_core::density::{Adc, Fresh};
 //!
 //! let cloud = Gaussians::new(3, 0)?;
-//! let pull = [1e-5, 3e-4, 0.0];
-//! let grown = Adc::DEFAULT.grow(&cloud, &pull, 1.0, 1000, Rng::new(7, 0).substream(600))?;
-//! // The second was split: it is gone, its two children are at the end.
+//! let gradient = [1e-5, 3e-4, 0.0];
+//! let grown = Adc::DEFAULT.grow(&cloud, &gradient, 1.0, 1000, Rng::new(7, 0).substream(600))?;
+//! // The second Gaussian was split: it is removed, and its two children are at the end.
 //! assert_eq!(grown.rows.from(), [0, 2, 1, 1]);
 //! let moments = grown.rows.apply("moments", &[0.1, 0.2, 0.3], 1, Fresh::Is(0.0))?;
 //! assert_eq!(moments, [0.1, 0.3, 0.0, 0.0]);
@@ -28,17 +29,17 @@
 mod adc;
 mod guard;
 mod mcmc;
+mod morton;
 mod noise;
-mod place;
-mod pull;
 mod rows;
+mod view_space;
 
 pub use adc::Adc;
 pub use guard::{LOG_SCALE_MIN, LOGIT_MAX, keep_in_range, keep_strongest, without_non_finite};
-pub use mcmc::{Mcmc, share};
-pub use place::by_place;
-pub use pull::Pull;
+pub use mcmc::{Mcmc, relocation};
+pub use morton::morton_order;
 pub use rows::{Change, Fresh, Rows};
+pub use view_space::ViewSpaceGradients;
 
 use float_core::m64;
 
@@ -47,7 +48,7 @@ use crate::Gaussians;
 /// Opacity of Gaussian `i`.
 ///
 /// # Panics
-/// When there is no such Gaussian.
+/// If there is no Gaussian `i`.
 #[must_use]
 pub fn opacity(cloud: &Gaussians, i: usize) -> f64 {
     m64::logistic(f64::from(cloud.logit[i]))
@@ -58,12 +59,12 @@ fn scales(cloud: &Gaussians, i: usize) -> [f64; 3] {
     [0, 1, 2].map(|k| m64::exp(f64::from(cloud.log_scale[k * cloud.len() + i])))
 }
 
-/// The largest of [`scales`]; 0 if none is a number.
+/// The largest of [`scales`]; 0 if all are NaN.
 fn largest_scale(cloud: &Gaussians, i: usize) -> f64 {
     scales(cloud, i).into_iter().fold(0.0, f64::max)
 }
 
-/// Rotation of Gaussian `i`, row by row: the quaternion normalised, the identity where it is too short to be a direction.
+/// Rotation matrix of Gaussian `i`, row by row: of the normalised quaternion, the identity if its norm is near 0.
 fn rotation(cloud: &Gaussians, i: usize) -> [[f64; 3]; 3] {
     let q = [0, 1, 2, 3].map(|k| f64::from(cloud.wxyz[k * cloud.len() + i]));
     let norm = m64::sqrt(q.iter().map(|x| x * x).sum());

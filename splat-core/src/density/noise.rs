@@ -1,4 +1,4 @@
-//! Noise that stirs what is nearly transparent.
+//! Position noise of 3DGS-MCMC: it moves Gaussians that are nearly transparent.
 
 use alloc::vec::Vec;
 
@@ -9,17 +9,17 @@ use super::rotation;
 use crate::Gaussians;
 use crate::chunks::for_each;
 
-/// Rows that one task stirs.
+/// Rows per task.
 const CHUNK: usize = 1024;
-/// Slope of the gate that closes above the opacity of the dead.
-const GATE_SLOPE: f32 = 100.0;
-/// No normal number is larger ([`Rng::normal_at`]), nor three of them as a vector.
+/// Steepness of the logistic gate that closes above the opacity of dead Gaussians.
+const GATE_STEEPNESS: f32 = 100.0;
+/// Upper bound on the length of a vector of three normal numbers from [`Rng::normal_at`].
 const LONGEST: f32 = 6.7 * 1.733;
-/// Less than half the distance between a number and its neighbours, in units of the number.
-const UNSEEN: f32 = 1.0 / 67_108_864.0;
+/// Relative change that rounding absorbs: less than half the distance of an `f32` to its neighbours.
+const ABSORBED: f32 = 1.0 / 67_108_864.0;
 
-/// See [`Mcmc::stir`](super::Mcmc::stir).
-pub(super) fn stir(cloud: &mut Gaussians, strength: f64, opacity_dead: f64, rng: Rng) {
+/// See [`Mcmc::add_noise`](super::Mcmc::add_noise).
+pub(super) fn add(cloud: &mut Gaussians, strength: f64, opacity_dead: f64, rng: Rng) {
     let n = cloud.len();
     if n == 0 {
         return;
@@ -31,12 +31,12 @@ pub(super) fn stir(cloud: &mut Gaussians, strength: f64, opacity_dead: f64, rng:
             job.push(part);
         }
     }
-    let cloud_ref = &*cloud;
+    let (cloud_ref, gate) = (&*cloud, Gate { strength: strength as f32, opacity_dead: opacity_dead as f32 });
     for_each(&mut jobs, |k, rows| {
         for at in 0..rows[0].len() {
             let i = k * CHUNK + at;
             let p = [rows[0][at], rows[1][at], rows[2][at]];
-            if let Some(step) = step(cloud_ref, i, p, (strength as f32, opacity_dead as f32), rng) {
+            if let Some(step) = step(cloud_ref, i, p, gate, rng) {
                 for (row, step) in rows.iter_mut().zip(step) {
                     row[at] += step;
                 }
@@ -46,17 +46,24 @@ pub(super) fn stir(cloud: &mut Gaussians, strength: f64, opacity_dead: f64, rng:
     cloud.mean = mean;
 }
 
-/// What is added to the mean of Gaussian `i`; `None` where it is too little to change any of its numbers.
-fn step(cloud: &Gaussians, i: usize, p: [f32; 3], (strength, dead): (f32, f32), rng: Rng) -> Option<[f32; 3]> {
+/// How much noise a Gaussian gets, by its opacity.
+#[derive(Clone, Copy)]
+struct Gate {
+    strength: f32,
+    opacity_dead: f32,
+}
+
+/// The noise added to the mean `p` of Gaussian `i`. `None` if rounding would absorb all of it.
+fn step(cloud: &Gaussians, i: usize, p: [f32; 3], gate: Gate, rng: Rng) -> Option<[f32; 3]> {
     let n = cloud.len();
     let s2 = [0, 1, 2].map(|k| {
         let s = m32::exp(cloud.log_scale[k * n + i]);
         s * s
     });
-    let open = strength * m32::logistic(-GATE_SLOPE * (m32::logistic(cloud.logit[i]) - dead));
+    let open = gate.strength * m32::logistic(-GATE_STEEPNESS * (m32::logistic(cloud.logit[i]) - gate.opacity_dead));
     let longest = open * s2.into_iter().fold(0.0, f32::max) * LONGEST;
-    // Most are opaque: neither normal numbers nor a rotation for them.
-    if p.iter().all(|p| longest < p.abs() * UNSEEN) {
+    // Most Gaussians are opaque: skip the normal numbers and the rotation.
+    if p.iter().all(|p| longest < p.abs() * ABSORBED) {
         return None;
     }
     let r = rotation(cloud, i).map(|row| row.map(|x| x as f32));
@@ -72,6 +79,7 @@ mod tests {
 
     #[test]
     fn what_is_left_out_would_change_nothing() {
+        const GATE: Gate = Gate { strength: 80.0, opacity_dead: 0.005 };
         let mut cloud = Gaussians::new(4000, 0).unwrap();
         let rng = Rng::new(3, 0);
         for (k, (_, rows)) in cloud.fields_mut().into_iter().enumerate() {
@@ -86,10 +94,10 @@ mod tests {
         let mut left_out = 0;
         for i in 0..cloud.len() {
             let p = [0, 1, 2].map(|k| cloud.mean[k * cloud.len() + i]);
-            if step(&cloud, i, p, (80.0, 0.005), rng).is_none() {
+            if step(&cloud, i, p, GATE, rng).is_none() {
                 left_out += 1;
                 // At the origin nothing is left out.
-                let by = step(&cloud, i, [0.0; 3], (80.0, 0.005), rng).unwrap();
+                let by = step(&cloud, i, [0.0; 3], GATE, rng).unwrap();
                 assert_eq!(p, [0, 1, 2].map(|k| p[k] + by[k]), "{i} by {by:?}");
             }
         }

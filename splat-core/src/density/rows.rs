@@ -1,39 +1,42 @@
-//! What becomes of the rows of a cloud.
+//! Changes of a cloud's rows.
 
 use alloc::{vec, vec::Vec};
 
 use crate::{Gaussians, SplatError};
 
-/// What a fresh row holds at first.
+/// The value of fresh rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fresh {
-    /// What its source holds: parameters, features, codes.
+    /// A copy of their source: for parameters, features and codes.
     Copied,
-    /// A number: 0 for an optimiser's moments and for statistics.
+    /// This number: 0 for an optimiser's moments and for statistics.
     Is(f32),
 }
 
-/// Where each row comes from after a change, for everything that has a row for each Gaussian.
+/// A change of rows: the source of each new row. Everything that has one row per Gaussian follows it with [`Rows::apply`].
+///
+/// A row is *fresh* if it is a copy or was changed, so that statistics of its past do not apply to it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rows {
+    /// Number of rows before the change.
     before: usize,
     from: Vec<u32>,
     fresh: Vec<bool>,
 }
 
 impl Rows {
-    /// Nothing changes.
+    /// The identity: nothing changes.
     ///
     /// # Errors
-    /// [`SplatError::TooMany`] for more than an index can count.
+    /// [`SplatError::TooMany`] if `n` does not fit `u32`.
     pub fn unchanged(n: usize) -> Result<Self, SplatError> {
         Self::keep(n, |_| true)
     }
 
-    /// Those of `n` rows that `keeps` says, in their order.
+    /// Keep the rows of `n` for which `keeps` is true, in their order.
     ///
     /// # Errors
-    /// [`SplatError::TooMany`] for more than an index can count.
+    /// [`SplatError::TooMany`] if `n` does not fit `u32`.
     pub fn keep(n: usize, keeps: impl Fn(usize) -> bool) -> Result<Self, SplatError> {
         countable(n)?;
         let from: Vec<u32> = (0..n as u32).filter(|&i| keeps(i as usize)).collect();
@@ -41,43 +44,43 @@ impl Rows {
         Ok(Self { before: n, from, fresh })
     }
 
-    /// From sources and marks that are known to be right.
+    /// From pairs of source and fresh mark, which are not checked.
     pub(super) fn of(before: usize, rows: impl Iterator<Item = (u32, bool)>) -> Self {
         let (from, fresh) = rows.unzip();
         Self { before, from, fresh }
     }
 
-    /// Rows before.
+    /// Number of rows before the change.
     #[must_use]
     pub fn before(&self) -> usize {
         self.before
     }
 
-    /// Rows afterwards.
+    /// Number of rows after the change.
     #[must_use]
     pub fn len(&self) -> usize {
         self.from.len()
     }
 
-    /// None left?
+    /// Whether no rows are left.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.from.is_empty()
     }
 
-    /// Source of each row afterwards.
+    /// `[len]` source of each new row.
     #[must_use]
     pub fn from(&self) -> &[u32] {
         &self.from
     }
 
-    /// Marks rows whose history is that of another: their moments start anew.
+    /// `[len]` whether each new row is fresh: its moments start at 0.
     #[must_use]
     pub fn fresh(&self) -> &[bool] {
         &self.fresh
     }
 
-    /// Whether every row stays where it is, with its history.
+    /// Whether nothing changes: every row keeps its place, none is fresh.
     #[must_use]
     pub fn is_unchanged(&self) -> bool {
         self.before == self.len()
@@ -85,13 +88,13 @@ impl Rows {
             && !self.fresh.contains(&true)
     }
 
-    /// `rows` `[components][before]` to `[components][len]`.
+    /// Apply the change to `rows` `[components][before]`; the result is `[components][len]`.
     ///
     /// # Errors
     /// [`SplatError::Shape`] naming `what`.
     ///
     /// # Panics
-    /// May do so where `components` times the rows does not fit `usize`.
+    /// May panic if `components` times the number of rows does not fit `usize`.
     pub fn apply(
         &self,
         what: &'static str,
@@ -114,7 +117,7 @@ impl Rows {
         Ok(out)
     }
 
-    /// The cloud with its rows changed, fresh ones copied.
+    /// Apply the change to a cloud; fresh rows are copies.
     ///
     /// # Errors
     /// [`SplatError::Shape`].
@@ -131,10 +134,10 @@ impl Rows {
         Ok(out)
     }
 
-    /// This change and `next` after it, as one.
+    /// This change followed by `next`, as one change.
     ///
     /// # Errors
-    /// [`SplatError::Shape`] where `next` starts with another number of rows.
+    /// [`SplatError::Shape`] if `next` starts with another number of rows.
     pub fn then(&self, next: &Self) -> Result<Self, SplatError> {
         if next.before != self.len() {
             return Err(SplatError::Shape { what: "rows", want: self.len(), got: next.before });
@@ -147,16 +150,16 @@ impl Rows {
     }
 }
 
-/// A cloud after a change, and what became of its rows.
+/// A cloud after a change, and the change of its rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// Afterwards.
+    /// The new cloud.
     pub cloud: Gaussians,
-    /// For everything else that has a row for each Gaussian.
+    /// For everything else that has one row per Gaussian.
     pub rows: Rows,
 }
 
-/// Whether indices can count so many Gaussians.
+/// Whether `u32` indices can count `n` Gaussians.
 pub(super) fn countable(n: usize) -> Result<(), SplatError> {
     match u32::try_from(n) {
         Ok(_) => Ok(()),

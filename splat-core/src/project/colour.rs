@@ -1,25 +1,25 @@
-//! The colour of a Gaussian seen from somewhere, and the chain rule back.
+//! View-dependent colour of a Gaussian, and its backward pass.
 
 use float_core::Vector;
 
 use super::block::dot;
 use super::rows::lanes;
 use crate::gaussians::{SH_0, rest_len};
-use crate::sh::{basis, slope};
+use crate::sh::{basis, gradient};
 use crate::{Gaussians, View};
 
-/// Where the camera is.
-pub(crate) struct Sight<V> {
+/// Centre of the camera.
+pub(crate) struct Viewpoint<V> {
     o: [V; 3],
 }
 
-/// A unit direction from the camera to a Gaussian, and one over the distance: 0 where there is none.
+/// Unit direction from the camera to a Gaussian, and 1 / distance. At distance 0: the z axis and 0.
 pub(crate) struct Direction<V> {
     pub(crate) d: [V; 3],
     inv_distance: V,
 }
 
-impl<V: Vector> Sight<V> {
+impl<V: Vector> Viewpoint<V> {
     #[inline(always)]
     pub(crate) fn new(view: &View) -> Self {
         Self { o: view.centre().map(V::splat) }
@@ -28,17 +28,17 @@ impl<V: Vector> Sight<V> {
     #[inline(always)]
     pub(crate) fn direction(&self, mean: [V; 3]) -> Direction<V> {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let way: [V; 3] = each!(3, |k| mean[k] - self.o[k]);
-        let squared = dot(way, way);
+        let offset: [V; 3] = each!(3, |k| mean[k] - self.o[k]);
+        let squared = dot(offset, offset);
         let away = squared - V::splat(f32::MIN_POSITIVE);
         let inv_distance = away.select_positive(one / away.select_positive(squared, one).sqrt(), zero);
         let ahead = [zero, zero, one];
-        let d = each!(3, |k| away.select_positive(way[k] * inv_distance, ahead[k]));
+        let d = each!(3, |k| away.select_positive(offset[k] * inv_distance, ahead[k]));
         Direction { d, inv_distance }
     }
 }
 
-/// `max(0, 1/2 + sum_k basis_k h_k)` of each channel; and 1, or NaN where one of them is not finite.
+/// Colour `max(0, 1/2 + sum_k basis_k h_k)` of each channel. The second value is 1, or NaN where a channel is not finite.
 #[inline(always)]
 pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to: &Direction<V>) -> ([V; 3], V) {
     let n = cloud.len();
@@ -50,14 +50,14 @@ pub(crate) fn colour<V: Vector>(cloud: &Gaussians, degree: usize, at: usize, to:
             sum = y.mul_add(lanes(&cloud.rest, n, 3 * k + c, at), sum);
         }
         finite = sum.mul_add(V::splat(0.0), finite);
-        // NaN ends as 0 here.
+        // NaN becomes 0.
         sum.max(V::splat(0.0))
     });
     (rgb, finite)
 }
 
-/// Gradient of [`colour`]: that of the position, through the direction, and those of the coefficients `[16][channel]`, the constant one
-/// first. `rgb_bar` is 0 where the colour was clamped.
+/// Backward pass of [`colour`]: the gradient with respect to the position (through the direction), and those with respect to the
+/// coefficients `[16][channel]`, the constant one first. `rgb_bar` must be 0 where the colour was clamped.
 #[inline(always)]
 pub(crate) fn colour_backward<V: Vector>(
     cloud: &Gaussians,
@@ -77,8 +77,8 @@ pub(crate) fn colour_backward<V: Vector>(
             weights[k] = bar.mul_add(lanes(&cloud.rest, n, 3 * k + c, at), weights[k]);
         }
     }
-    let d_bar = slope(degree, to.d, &weights);
-    // Across the direction only, and less the farther away.
+    let d_bar = gradient(degree, to.d, &weights);
+    // Through the normalisation of the direction.
     let along = dot(d_bar, to.d);
     (each!(3, |k| (d_bar[k] - along * to.d[k]) * to.inv_distance), h_bar)
 }

@@ -1,78 +1,78 @@
-//! All Gaussians of a cloud to ellipses: those that no pixel can see are left out.
+//! Projects all Gaussians of a cloud; those that cannot touch a pixel are left out.
 
 use alloc::vec::Vec;
 
 use float_core::{Simd, Task, Vector};
 
-use super::Footprint;
-use super::block::{Block, Lens, Raw};
-use super::colour::{Sight, colour};
-use super::rows::{lanes, numbers};
+use super::ProjectedGaussian;
+use super::block::{Block, Camera, Raw};
+use super::colour::{Viewpoint, colour};
+use super::rows::{lanes, to_array};
 use crate::chunks::for_each;
-use crate::{Gaussians, Rules, SplatError, View};
+use crate::{Gaussians, RasterSettings, SplatError, View};
 
-/// Gaussians that one task projects.
+/// Gaussians per task.
 pub(super) const CHUNK: usize = 1024;
 
-/// Ellipses of a cloud on a picture, in the order of their Gaussians, with their colours.
+/// The visible Gaussians of a cloud as one camera sees them, in the order of the cloud. Buffers are kept between calls.
 #[derive(Clone, Debug, Default)]
 pub struct Projection {
-    /// Of each visible Gaussian.
-    pub footprints: Vec<Footprint>,
-    /// Their colours, not below 0.
+    /// The projected Gaussians, by ascending [`index`](ProjectedGaussian::index).
+    pub gaussians: Vec<ProjectedGaussian>,
+    /// Their colours in this direction, at least 0.
     pub rgb: Vec<[f32; 3]>,
     chunks: Vec<Chunk>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Chunk {
-    footprints: Vec<Footprint>,
+    gaussians: Vec<ProjectedGaussian>,
     rgb: Vec<[f32; 3]>,
 }
 
 impl Projection {
-    /// Project a cloud, with spherical harmonics up to `degree` or what the cloud has.
+    /// Project a cloud. Spherical harmonics are evaluated up to `degree`, or the cloud's degree if that is lower.
     ///
     /// # Errors
-    /// [`SplatError`] for a camera that cannot see, rules out of range, or fields of the wrong length.
+    /// [`SplatError`] for a camera or settings out of range, or fields of the wrong length.
     pub fn project(
         &mut self,
         simd: Simd,
         cloud: &Gaussians,
         view: &View,
-        rules: &Rules,
+        settings: &RasterSettings,
         degree: usize,
     ) -> Result<(), SplatError> {
         view.check()?;
-        rules.check()?;
+        settings.check()?;
         cloud.check()?;
         let degree = degree.min(cloud.degree());
         self.chunks.resize_with(cloud.len().div_ceil(CHUNK), Chunk::default);
         for_each(&mut self.chunks, |k, chunk| {
-            chunk.footprints.clear();
+            chunk.gaussians.clear();
             chunk.rgb.clear();
             simd.run(Project {
                 cloud,
                 view,
-                rules,
+                settings,
                 degree,
                 range: [k * CHUNK, ((k + 1) * CHUNK).min(cloud.len())],
                 chunk,
             });
         });
-        self.footprints.clear();
+        self.gaussians.clear();
         self.rgb.clear();
         for chunk in &self.chunks {
-            self.footprints.extend_from_slice(&chunk.footprints);
+            self.gaussians.extend_from_slice(&chunk.gaussians);
             self.rgb.extend_from_slice(&chunk.rgb);
         }
         Ok(())
     }
 
-    /// Which footprints are of Gaussians of chunk `k`.
-    pub(super) fn seen(&self, k: usize) -> core::ops::Range<usize> {
-        let start = self.footprints.partition_point(|f| (f.index as usize) < k * CHUNK);
-        let end = self.footprints.partition_point(|f| (f.index as usize) < (k + 1) * CHUNK);
+    /// Range of the projected Gaussians that belong to chunk `k` of the cloud.
+    pub(super) fn of_chunk(&self, k: usize) -> core::ops::Range<usize> {
+        let start = self.gaussians.partition_point(|f| (f.index as usize) < k * CHUNK);
+        let end = self.gaussians.partition_point(|f| (f.index as usize) < (k + 1) * CHUNK);
         start..end
     }
 }
@@ -94,7 +94,7 @@ impl<V: Vector> Raw<V> {
 struct Project<'a> {
     cloud: &'a Gaussians,
     view: &'a View,
-    rules: &'a Rules,
+    settings: &'a RasterSettings,
     degree: usize,
     range: [usize; 2],
     chunk: &'a mut Chunk,
@@ -105,25 +105,25 @@ impl Task for Project<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { cloud, view, rules, degree, range: [from, to], chunk } = self;
-        let lens = Lens::<V>::new(view, rules);
-        let sight = Sight::<V>::new(view);
+        let Self { cloud, view, settings, degree, range: [from, to], chunk } = self;
+        let camera = Camera::<V>::new(view, settings);
+        let viewpoint = Viewpoint::<V>::new(view);
         for at in (from..to).step_by(V::LANES) {
             let raw = Raw::<V>::load(cloud, at);
-            let b = Block::new(&lens, &raw);
+            let b = Block::new(&camera, &raw);
             let count = V::LANES.min(to - at);
-            if !numbers(b.visible)[..count].iter().any(|&v| v > 0.0) {
+            if !to_array(b.visible)[..count].iter().any(|&v| v > 0.0) {
                 continue;
             }
-            let (rgb, finite) = colour(cloud, degree, at, &sight.direction(raw.mean));
+            let (rgb, finite) = colour(cloud, degree, at, &viewpoint.direction(raw.mean));
             let (rgb, visible) =
-                (each!(3, |k| numbers(rgb[k])), numbers(finite.select_positive(b.visible, V::splat(0.0))));
-            let [u, v] = each!(2, |k| numbers(b.uv[k]));
-            let [ca, cb, cc] = each!(3, |k| numbers(b.conic[k]));
+                (each!(3, |k| to_array(rgb[k])), to_array(finite.select_positive(b.visible, V::splat(0.0))));
+            let [u, v] = each!(2, |k| to_array(b.uv[k]));
+            let [ca, cb, cc] = each!(3, |k| to_array(b.conic[k]));
             let (o, q_max, [hx, hy], z) =
-                (numbers(b.o_eff), numbers(b.q_max), each!(2, |k| numbers(b.half[k])), numbers(b.p[2]));
+                (to_array(b.o_eff), to_array(b.q_max), each!(2, |k| to_array(b.half[k])), to_array(b.p[2]));
             for k in (0..count).filter(|&k| visible[k] > 0.0) {
-                chunk.footprints.push(Footprint {
+                chunk.gaussians.push(ProjectedGaussian {
                     uv: [u[k], v[k]],
                     conic: [ca[k], cb[k], cc[k]],
                     opacity: o[k],

@@ -1,11 +1,11 @@
-//! Vectors out of rows `[component][n]`, and back.
+//! Loads SIMD vectors from rows `[component][n]`.
 
 use float_core::Vector;
 
-/// Lanes of one vector at most.
+/// Most lanes of a vector.
 pub(crate) const LANES_MAX: usize = 16;
 
-/// `LANES` numbers of row `row` from `at` on; past the end of the row: 0.
+/// `LANES` values of row `row` from index `at` on; 0 past the end of the row.
 #[inline(always)]
 pub(crate) fn lanes<V: Vector>(rows: &[f32], n: usize, row: usize, at: usize) -> V {
     let row = &rows[row * n..][..n];
@@ -18,9 +18,9 @@ pub(crate) fn lanes<V: Vector>(rows: &[f32], n: usize, row: usize, at: usize) ->
     }
 }
 
-/// The numbers of a vector.
+/// The lanes of a vector; the rest of the array is 0.
 #[inline(always)]
-pub(crate) fn numbers<V: Vector>(x: V) -> [f32; LANES_MAX] {
+pub(crate) fn to_array<V: Vector>(x: V) -> [f32; LANES_MAX] {
     let mut out = [0.0; LANES_MAX];
     x.store(&mut out);
     out

@@ -1,27 +1,30 @@
-//! One tile front to back again: what each ellipse's numbers are worth to the loss.
+//! Backward pass of one tile, front to back: gradients with respect to its projected Gaussians.
 //!
-//! With `g_i = <C_bar, c_i>` and `R = <C_bar, C> + T_bar T_end` (one number a pixel: the features' own sums are not needed),
+//! With `g_i = <C_bar, c_i>` and `R = <C_bar, C> + T_bar T_end` (one number per pixel: sums per feature are not needed),
 //!
 //! ```text
 //! alpha_bar_i = T_i g_i - (R - sum_{j <= i} w_j g_j) / (1 - alpha_i)
 //! ```
 //!
-//! so that nothing is divided out of the light that is left, and the walk ends where the forward one did.
+//! so that the transmittance is never divided, and the walk ends where the forward pass ended.
 
 use float_core::{Task, Vector};
 
-use super::light::{Light, Over};
-use super::{PIXELS, Record, Tile};
+use super::transmittance::{TileGaussian, Transmittance};
+use super::{PIXELS, ProjectedGradient, Tile};
 use crate::tiles::TILE;
 
-/// Walks a tile's list again. `value_bar` `[K + 1][PIXELS]`: gradient with respect to features and to what is left of the light;
-/// `out` as the forward pass left it; `records`: a sum over the tile's pixels for each ellipse of the list.
+/// Walks a tile's list again.
 pub(super) struct Backward<'a, const K: usize> {
     pub(super) tile: Tile<'a, K>,
+    /// As the forward pass left it.
     pub(super) out: &'a [f32],
+    /// `[K + 1][PIXELS]` gradient with respect to features and transmittance.
     pub(super) value_bar: &'a [f32],
-    pub(super) looked: u32,
-    pub(super) records: &'a mut [Record<K>],
+    /// Gaussians of the list that the forward pass visited.
+    pub(super) visited: u32,
+    /// Written: one for each Gaussian of the list, summed over the tile's pixels.
+    pub(super) gradients: &'a mut [ProjectedGradient<K>],
 }
 
 impl<const K: usize> Task for Backward<'_, K> {
@@ -29,44 +32,44 @@ impl<const K: usize> Task for Backward<'_, K> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { tile, out, value_bar, looked, records } = self;
+        let Self { tile, out, value_bar, visited, gradients } = self;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let mut light = Light::<V>::new(&tile);
+        let mut transmittance = Transmittance::<V>::new(&tile);
         let mut rest = [0.0_f32; PIXELS];
         for k in 0..=K {
             for (rest, (bar, out)) in rest.iter_mut().zip(value_bar[k * PIXELS..].iter().zip(&out[k * PIXELS..])) {
                 *rest += bar * out;
             }
         }
-        records.fill(Record::default());
-        for (&entry, record) in tile.entries[..looked as usize].iter().zip(records) {
-            let over = Over::<V, K>::new(&tile, entry);
+        gradients.fill(ProjectedGradient::default());
+        for (&entry, gradient) in tile.entries[..visited as usize].iter().zip(gradients) {
+            let gaussian = TileGaussian::<V, K>::new(&tile, entry);
             // Sums of h = q_bar times 1, dx, dy and their products.
             let mut sums = [zero; 6];
             let mut features_bar = [zero; K];
-            for y in over.rows.clone() {
-                if !light.is_live(y) {
+            for y in gaussian.rows.clone() {
+                if !transmittance.is_live(y) {
                     continue;
                 }
                 let mut row = [zero; 3];
                 for x in (0..TILE).step_by(V::LANES) {
-                    let Some(taken) = light.take(&over, y, x) else { continue };
+                    let Some(contribution) = transmittance.composite(&gaussian, y, x) else { continue };
                     let at = y * TILE + x;
                     let mut worth = zero;
                     for k in 0..K {
                         let bar = V::load(&value_bar[k * PIXELS + at..]);
-                        worth = bar.mul_add(over.feature[k], worth);
-                        features_bar[k] = taken.w.mul_add(bar, features_bar[k]);
+                        worth = bar.mul_add(gaussian.feature[k], worth);
+                        features_bar[k] = contribution.w.mul_add(bar, features_bar[k]);
                     }
-                    let behind = V::load(&rest[at..]) - taken.w * worth;
+                    let behind = V::load(&rest[at..]) - contribution.w * worth;
                     behind.store(&mut rest[at..]);
-                    let alpha_bar = taken.t * worth - behind / (one - taken.alpha);
-                    let h = light.passes(&taken, V::splat(-0.5) * taken.full * alpha_bar);
-                    let hx = h * taken.dx;
-                    row = [row[0] + h, row[1] + hx, hx.mul_add(taken.dx, row[2])];
+                    let alpha_bar = contribution.t * worth - behind / (one - contribution.alpha);
+                    let h = transmittance.passes(&contribution, V::splat(-0.5) * contribution.unclamped * alpha_bar);
+                    let hx = h * contribution.dx;
+                    row = [row[0] + h, row[1] + hx, hx.mul_add(contribution.dx, row[2])];
                 }
-                light.end_row(y);
-                let dy = V::splat(over.dy(y));
+                transmittance.end_row(y);
+                let dy = V::splat(gaussian.dy(y));
                 sums[0] = sums[0] + row[0];
                 sums[1] = sums[1] + row[1];
                 sums[2] = dy.mul_add(row[0], sums[2]);
@@ -75,11 +78,11 @@ impl<const K: usize> Task for Backward<'_, K> {
                 sums[5] = (dy * dy).mul_add(row[0], sums[5]);
             }
             let [h, hx, hy, hxx, hxy, hyy] = sums.map(V::sum);
-            let [a, b, c] = over.conic;
-            *record = Record {
+            let [a, b, c] = gaussian.conic;
+            *gradient = ProjectedGradient {
                 uv: [2.0 * (a * hx + b * hy), 2.0 * (b * hx + c * hy)],
                 conic: [hxx, 2.0 * hxy, hyy],
-                opacity: if over.opacity > 0.0 { -2.0 * h / over.opacity } else { 0.0 },
+                opacity: if gaussian.opacity > 0.0 { -2.0 * h / gaussian.opacity } else { 0.0 },
                 features: features_bar.map(V::sum),
             };
         }

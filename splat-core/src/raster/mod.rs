@@ -1,54 +1,54 @@
-//! Ellipses to pixels, tile by tile, and back.
+//! Rasteriser: projected Gaussians to pixels, tile by tile, and its backward pass.
 
 mod backward;
 mod forward;
-mod light;
-mod middle;
+mod median;
 mod picture;
+mod transmittance;
 
-pub use picture::{Drawn, Raster};
+pub use picture::{DrawStats, Raster};
 
-use crate::Rules;
-use crate::project::Footprint;
+use crate::RasterSettings;
+use crate::project::ProjectedGaussian;
 use crate::tiles::TILE;
 
 /// Pixels of a tile.
 pub(crate) const PIXELS: usize = TILE * TILE;
 
-/// A tile and what lies over it.
+/// A tile of the picture and the Gaussians that touch it.
 #[derive(Clone, Copy)]
 struct Tile<'a, const K: usize> {
-    /// Front to back.
+    /// Indices into `gaussians`, front to back.
     entries: &'a [u32],
-    footprints: &'a [Footprint],
+    gaussians: &'a [ProjectedGaussian],
     features: &'a [[f32; K]],
-    rules: &'a Rules,
+    settings: &'a RasterSettings,
     /// Upper left corner, pixels.
     corner: [f32; 2],
-    /// Rows of it that are in the picture.
+    /// Rows of the tile that are in the picture.
     rows: usize,
 }
 
-/// Sums over the pixels of a tile: gradient with respect to the numbers of one ellipse.
+/// Gradient of the loss with respect to one [`ProjectedGaussian`] and its `K` features, summed over pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Record<const K: usize> {
-    /// Of the centre.
+pub struct ProjectedGradient<const K: usize> {
+    /// With respect to the centre, per pixel: the view-space positional gradient.
     pub uv: [f32; 2],
-    /// Of the conic.
+    /// With respect to the conic's `a, b, c`.
     pub conic: [f32; 3],
-    /// Of the opacity.
+    /// With respect to the opacity.
     pub opacity: f32,
-    /// Of the features.
+    /// With respect to the features.
     pub features: [f32; K],
 }
 
-impl<const K: usize> Default for Record<K> {
+impl<const K: usize> Default for ProjectedGradient<K> {
     fn default() -> Self {
         Self { uv: [0.0; 2], conic: [0.0; 3], opacity: 0.0, features: [0.0; K] }
     }
 }
 
-impl<const K: usize> Record<K> {
+impl<const K: usize> ProjectedGradient<K> {
     fn add(&mut self, more: &Self) {
         for (sum, x) in self.uv.iter_mut().zip(more.uv) {
             *sum += x;

@@ -1,4 +1,4 @@
-//! All tiles of a picture, forwards and backwards.
+//! All tiles of a picture, forward and backward.
 
 use alloc::vec::Vec;
 
@@ -6,21 +6,24 @@ use float_core::Simd;
 
 use super::backward::Backward;
 use super::forward::Forward;
-use super::middle::{HALF, Middle};
-use super::{PIXELS, Record, Tile};
+use super::median::{HALF, MedianDepth};
+use super::{PIXELS, ProjectedGradient, Tile};
 use crate::chunks::{both, for_each};
 use crate::order::Sorter;
-use crate::project::Footprint;
+use crate::project::ProjectedGaussian;
 use crate::tiles::{Grid, Lists, TILE};
-use crate::{Rules, SplatError};
+use crate::{RasterSettings, SplatError};
 
-/// Ellipses that one task gathers the records of.
+/// Gaussians per task when gradients are gathered.
 const GATHER: usize = 1024;
 
-/// Draws ellipses with `K` features each (colour, depth, masks, whatever composites), and takes gradients back.
+/// Composites projected Gaussians with `K` features each (colour, depth, masks, ...) front to back, for any `K`.
 ///
-/// Holds what the backward pass needs of the last picture drawn: `4 (K + 1)` bytes a pixel, `8 + 4 (6 + K)` a pair of ellipse
-/// and tile.
+/// Holds what the backward pass needs of the last picture: `4 (K + 1)` bytes per pixel and `8 + 4 (6 + K)` per pair of a Gaussian and
+/// a tile.
+///
+/// # Source
+/// Kerbl et al., "3D Gaussian splatting", 2023, section 6 and appendix C.
 #[derive(Clone, Debug, Default)]
 pub struct Raster<const K: usize> {
     size: [usize; 2],
@@ -28,75 +31,86 @@ pub struct Raster<const K: usize> {
     lists: Lists,
     /// `[tiles][K + 1][PIXELS]`
     tiles: Vec<f32>,
-    looked: Vec<u32>,
-    records: Vec<Record<K>>,
+    visited: Vec<u32>,
+    /// `[pairs]` gradients summed over one tile, in the order of the tiles' lists.
+    pair_gradients: Vec<ProjectedGradient<K>>,
 }
 
-/// Work of the last picture drawn.
+/// How much work a picture was.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Drawn {
-    /// Pairs of ellipse and tile.
+pub struct DrawStats {
+    /// Pairs of a Gaussian and a tile.
     pub pairs: u64,
-    /// Of them, those that lay behind tiles that were finished.
+    /// Pairs that were skipped because all pixels of the tile had ended in front of them.
     pub hidden: u64,
-    /// Tiles with nothing over them.
+    /// Tiles that no Gaussian touches.
     pub empty_tiles: u64,
-    /// All tiles.
+    /// Number of tiles.
     pub tiles: u64,
+}
+
+/// Gaussians with their features and the settings: the inputs of every pass.
+#[derive(Clone, Copy)]
+struct Inputs<'a, const K: usize> {
+    gaussians: &'a [ProjectedGaussian],
+    features: &'a [[f32; K]],
+    settings: &'a RasterSettings,
 }
 
 struct Job<'a, const K: usize> {
     out: &'a mut [f32],
-    looked: &'a mut u32,
-    records: &'a mut [Record<K>],
+    visited: &'a mut u32,
+    gradients: &'a mut [ProjectedGradient<K>],
 }
 
 impl<const K: usize> Raster<K> {
-    /// Draw ellipses of a picture of `size` (columns, rows); `features` has a row for each.
+    /// Draw `gaussians` on a picture of `size` (columns, rows). `features` has one row per Gaussian.
     ///
     /// # Errors
-    /// [`SplatError`] where the numbers of ellipses and features differ, rules are out of range, or there is too much to count.
+    /// [`SplatError`] if there are not as many features as Gaussians, a setting is out of range, or there are more pairs of a Gaussian
+    /// and a tile than `u32` can count.
     ///
     /// # Panics
-    /// If there is no memory for the picture's tiles. May do so where their number does not fit `u32`.
+    /// If there is no memory for the picture's tiles. May panic if the number of tiles does not fit `u32`.
     pub fn draw(
         &mut self,
         simd: Simd,
-        (footprints, features): (&[Footprint], &[[f32; K]]),
+        gaussians: &[ProjectedGaussian],
+        features: &[[f32; K]],
         size: [usize; 2],
-        rules: &Rules,
-    ) -> Result<Drawn, SplatError> {
-        rules.check()?;
-        if footprints.len() != features.len() {
-            return Err(SplatError::Shape { what: "features", want: footprints.len(), got: features.len() });
+        settings: &RasterSettings,
+    ) -> Result<DrawStats, SplatError> {
+        settings.check()?;
+        if gaussians.len() != features.len() {
+            return Err(SplatError::Shape { what: "features", want: gaussians.len(), got: features.len() });
         }
         let grid = Grid::new(size);
         self.size = size;
         let (sorter, lists) = (&mut self.sorter, &mut self.lists);
-        let (order, ()) = both(|| sorter.sort(footprints.iter().map(|f| f.z)), || lists.find(footprints, grid));
+        let (order, ()) = both(|| sorter.sort(gaussians.iter().map(|f| f.z)), || lists.find(gaussians, grid));
         if !self.lists.fill(grid, order) {
             return Err(SplatError::TooMany { what: "pairs of Gaussians and tiles", got: self.lists.places.len() });
         }
         self.tiles.resize(grid.len() * (K + 1) * PIXELS, 0.0);
-        self.looked.resize(grid.len(), 0);
-        let lists = &self.lists;
+        self.visited.resize(grid.len(), 0);
+        let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
         let mut jobs: Vec<Job<'_, K>> = self
             .tiles
             .chunks_exact_mut((K + 1) * PIXELS)
-            .zip(&mut self.looked)
-            .map(|(out, looked)| Job { out, looked, records: &mut [] })
+            .zip(&mut self.visited)
+            .map(|(out, visited)| Job { out, visited, gradients: &mut [] })
             .collect();
         for_each(&mut jobs, |k, job| {
-            let tile = tile(lists, (footprints, features), grid, size, rules, k);
-            *job.looked = simd.run(Forward { tile, out: job.out });
+            let tile = inputs.tile(lists, size, k);
+            *job.visited = simd.run(Forward { tile, out: job.out });
         });
         let pairs = self.lists.entries.len() as u64;
-        let looked: u64 = self.looked.iter().map(|&n| u64::from(n)).sum();
+        let visited: u64 = self.visited.iter().map(|&n| u64::from(n)).sum();
         let empty = self.lists.starts.windows(2).filter(|w| w[0] == w[1]).count() as u64;
-        Ok(Drawn { pairs, hidden: pairs - looked, empty_tiles: empty, tiles: grid.len() as u64 })
+        Ok(DrawStats { pairs, hidden: pairs - visited, empty_tiles: empty, tiles: grid.len() as u64 })
     }
 
-    /// The last picture: `out` `[K + 1][rows][columns]`, features and what is left of the light.
+    /// The last picture, written to `out` `[K + 1][rows][columns]`: features, then transmittance.
     ///
     /// # Errors
     /// [`SplatError::Shape`].
@@ -117,69 +131,72 @@ impl<const K: usize> Raster<K> {
         Ok(())
     }
 
-    /// Depth `z` of the ellipse at which a pixel's light falls to a half, of the last picture drawn, of the same ellipses: `out`
-    /// `[rows][columns]`, infinite where it never does.
+    /// Median depth of the last picture, written to `out` `[rows][columns]`: the depth `z` of the Gaussian at which a pixel's transmittance
+    /// falls to 1/2, infinite where it never does. `gaussians`, `features` and `settings` must be those of the last
+    /// [`draw`](Self::draw); only their number is compared.
     ///
     /// # Errors
     /// [`SplatError::Shape`].
-    pub fn middles(
+    pub fn median_depth(
         &self,
         simd: Simd,
-        (footprints, features): (&[Footprint], &[[f32; K]]),
-        rules: &Rules,
+        gaussians: &[ProjectedGaussian],
+        features: &[[f32; K]],
+        settings: &RasterSettings,
         out: &mut [f32],
     ) -> Result<(), SplatError> {
         let [width, height] = self.size;
         if out.len() != width * height {
             return Err(SplatError::Shape { what: "out", want: width * height, got: out.len() });
         }
-        self.check_ellipses(footprints, features)?;
-        let (lists, grid, rules) = (&self.lists, Grid::new(self.size), Rules { enough: HALF, ..*rules });
+        self.check_gaussians(gaussians, features)?;
+        let (lists, grid) = (&self.lists, Grid::new(self.size));
+        let settings = RasterSettings { transmittance_stop: HALF, ..*settings };
+        let inputs = Inputs { gaussians, features, settings: &settings };
         let mut jobs: Vec<(usize, &mut [f32])> = out.chunks_mut((width * TILE).max(1)).enumerate().collect();
         for_each(&mut jobs, |_, (tile_row, out)| {
-            let mut middles = [0.0; PIXELS];
+            let mut median_depth = [0.0; PIXELS];
             for column in 0..grid.columns {
                 let k = *tile_row * grid.columns + column;
-                simd.run(Middle {
-                    tile: tile(lists, (footprints, features), grid, self.size, &rules, k),
-                    out: &mut middles,
-                });
-                paste(&middles, column, width, out);
+                simd.run(MedianDepth { tile: inputs.tile(lists, self.size, k), out: &mut median_depth });
+                paste(&median_depth, column, width, out);
             }
         });
         Ok(())
     }
 
-    /// Gradients of the last picture drawn, of the same ellipses: `bars` has one record for each, written.
+    /// Gradients of the last picture, written to `gradients`: one for each Gaussian.
     ///
-    /// `value_bar` `[K + 1][rows][columns]` as [`planes`](Self::planes).
+    /// `planes_bar` `[K + 1][rows][columns]` is the gradient with respect to [`planes`](Self::planes). `gaussians`, `features` and
+    /// `settings` must be those of the last [`draw`](Self::draw); only their number is compared.
     ///
     /// # Errors
     /// [`SplatError::Shape`].
     pub fn backward(
         &mut self,
         simd: Simd,
-        (footprints, features): (&[Footprint], &[[f32; K]]),
-        rules: &Rules,
-        value_bar: &[f32],
-        bars: &mut Vec<Record<K>>,
+        gaussians: &[ProjectedGaussian],
+        features: &[[f32; K]],
+        settings: &RasterSettings,
+        planes_bar: &[f32],
+        gradients: &mut Vec<ProjectedGradient<K>>,
     ) -> Result<(), SplatError> {
-        self.check_planes("value_bar", value_bar.len())?;
-        self.check_ellipses(footprints, features)?;
+        self.check_planes("planes_bar", planes_bar.len())?;
+        self.check_gaussians(gaussians, features)?;
         let (size, grid) = (self.size, Grid::new(self.size));
-        let lists = &self.lists;
-        self.records.resize(lists.entries.len(), Record::default());
-        let mut left = &mut self.records[..];
+        let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
+        self.pair_gradients.resize(lists.entries.len(), ProjectedGradient::default());
+        let mut left = &mut self.pair_gradients[..];
         let mut jobs: Vec<Job<'_, K>> = Vec::with_capacity(grid.len());
-        for ((out, looked), range) in
-            self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.looked).zip(lists.starts.windows(2))
+        for ((out, visited), range) in
+            self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.visited).zip(lists.starts.windows(2))
         {
-            let (records, more) = left.split_at_mut((range[1] - range[0]) as usize);
+            let (pair_gradients, more) = left.split_at_mut((range[1] - range[0]) as usize);
             left = more;
-            jobs.push(Job { out, looked, records });
+            jobs.push(Job { out, visited, gradients: pair_gradients });
         }
         for_each(&mut jobs, |k, job| {
-            if job.records.is_empty() {
+            if job.gradients.is_empty() {
                 return;
             }
             let (mut few, mut many) = ([const { [0.0; PIXELS] }; FEW_PLANES], Vec::new());
@@ -189,32 +206,32 @@ impl<const K: usize> Raster<K> {
                 many.resize((K + 1) * PIXELS, 0.0);
                 &mut many[..]
             };
-            cut(value_bar, size, grid, k, bar);
-            let tile = tile(lists, (footprints, features), grid, size, rules, k);
-            simd.run(Backward { tile, out: job.out, value_bar: bar, looked: *job.looked, records: job.records });
+            cut(planes_bar, size, grid, k, bar);
+            let tile = inputs.tile(lists, size, k);
+            simd.run(Backward { tile, out: job.out, value_bar: bar, visited: *job.visited, gradients: job.gradients });
         });
-        bars.clear();
-        bars.resize(footprints.len(), Record::default());
-        let records = &self.records;
-        let mut parts: Vec<&mut [Record<K>]> = bars.chunks_mut(GATHER).collect();
+        gradients.clear();
+        gradients.resize(gaussians.len(), ProjectedGradient::default());
+        let pair_gradients = &self.pair_gradients;
+        let mut parts: Vec<&mut [ProjectedGradient<K>]> = gradients.chunks_mut(GATHER).collect();
         for_each(&mut parts, |k, part| {
-            for (i, bar) in part.iter_mut().enumerate() {
+            for (i, sum) in part.iter_mut().enumerate() {
                 let g = k * GATHER + i;
                 for &place in &lists.places[lists.firsts[g] as usize..lists.firsts[g + 1] as usize] {
-                    bar.add(&records[place as usize]);
+                    sum.add(&pair_gradients[place as usize]);
                 }
             }
         });
         Ok(())
     }
 
-    /// As many ellipses as the last picture had, a row of features each.
-    fn check_ellipses(&self, footprints: &[Footprint], features: &[[f32; K]]) -> Result<(), SplatError> {
+    /// Whether there are as many Gaussians as the last picture had, each with its features.
+    fn check_gaussians(&self, gaussians: &[ProjectedGaussian], features: &[[f32; K]]) -> Result<(), SplatError> {
         let want = self.lists.firsts.len().saturating_sub(1);
-        if footprints.len() == want && footprints.len() == features.len() {
+        if gaussians.len() == want && gaussians.len() == features.len() {
             return Ok(());
         }
-        Err(SplatError::Shape { what: "footprints", want, got: footprints.len() })
+        Err(SplatError::Shape { what: "gaussians", want, got: gaussians.len() })
     }
 
     fn check_planes(&self, what: &'static str, got: usize) -> Result<(), SplatError> {
@@ -223,23 +240,26 @@ impl<const K: usize> Raster<K> {
     }
 }
 
-/// Planes of a tile, features and the light that is left, up to which its gradients lie on the stack; more are allocated.
+/// Up to this many planes (features and transmittance), the gradient of a tile's pixels lies on the stack; for more it is allocated.
 const FEW_PLANES: usize = 17;
 
-fn tile<'a, const K: usize>(
-    lists: &'a Lists,
-    (footprints, features): (&'a [Footprint], &'a [[f32; K]]),
-    grid: Grid,
-    size: [usize; 2],
-    rules: &'a Rules,
-    k: usize,
-) -> Tile<'a, K> {
-    let (x, y) = (k % grid.columns * TILE, k / grid.columns * TILE);
-    let entries = &lists.entries[lists.starts[k] as usize..lists.starts[k + 1] as usize];
-    Tile { entries, footprints, features, rules, corner: [x as f32, y as f32], rows: TILE.min(size[1] - y) }
+impl<'a, const K: usize> Inputs<'a, K> {
+    /// Tile `k` of a picture of `size`.
+    fn tile(&self, lists: &'a Lists, size: [usize; 2], k: usize) -> Tile<'a, K> {
+        let columns = Grid::new(size).columns;
+        let (x, y) = (k % columns * TILE, k / columns * TILE);
+        Tile {
+            entries: &lists.entries[lists.starts[k] as usize..lists.starts[k + 1] as usize],
+            gaussians: self.gaussians,
+            features: self.features,
+            settings: self.settings,
+            corner: [x as f32, y as f32],
+            rows: TILE.min(size[1] - y),
+        }
+    }
 }
 
-/// A plane of the tile in a column of tiles, into the rows of the picture that it covers.
+/// Copy one plane of the tile in column `column` of tiles to the rows of the picture that it covers.
 fn paste(tile: &[f32], column: usize, width: usize, out: &mut [f32]) {
     let x = column * TILE;
     let n = TILE.min(width - x);
@@ -248,7 +268,7 @@ fn paste(tile: &[f32], column: usize, width: usize, out: &mut [f32]) {
     }
 }
 
-/// A tile's part of planes of a picture; 0 outside the picture.
+/// Copy tile `k` of a picture's planes to `out`. Pixels outside of the picture are left as they are.
 fn cut(planes: &[f32], [width, height]: [usize; 2], grid: Grid, k: usize, out: &mut [f32]) {
     let (x, y) = (k % grid.columns * TILE, k / grid.columns * TILE);
     let n = TILE.min(width - x);

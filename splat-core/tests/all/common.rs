@@ -2,7 +2,7 @@
 
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::{Drawn, Gaussians, Projection, Raster, Record, Rules, View};
+use splat_core::{DrawStats, Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 
 /// Gaussians like any other, about the origin.
 pub(crate) fn cloud(seed: u64, n: usize, degree: usize) -> Gaussians {
@@ -43,17 +43,17 @@ pub(crate) struct Shot {
     pub(crate) p: Projection,
     pub(crate) features: Vec<[f32; 4]>,
     raster: Raster<4>,
-    pub(crate) drawn: Drawn,
+    pub(crate) drawn: DrawStats,
     /// `[5][rows][columns]`
     pub(crate) planes: Vec<f32>,
 }
 
-pub(crate) fn shoot(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Shot {
+pub(crate) fn shoot(simd: Simd, g: &Gaussians, view: &View, settings: &RasterSettings) -> Shot {
     let mut p = Projection::default();
-    p.project(simd, g, view, rules, 3).unwrap();
-    let features: Vec<[f32; 4]> = p.rgb.iter().zip(&p.footprints).map(|(c, f)| [c[0], c[1], c[2], f.z]).collect();
+    p.project(simd, g, view, settings, 3).unwrap();
+    let features: Vec<[f32; 4]> = p.rgb.iter().zip(&p.gaussians).map(|(c, f)| [c[0], c[1], c[2], f.z]).collect();
     let mut raster = Raster::default();
-    let drawn = raster.draw(simd, (&p.footprints, &features), view.size, rules).unwrap();
+    let drawn = raster.draw(simd, &p.gaussians, &features, view.size, settings).unwrap();
     let mut planes = vec![f32::NAN; 5 * view.size[0] * view.size[1]];
     raster.planes(&mut planes).unwrap();
     Shot { p, features, raster, drawn, planes }
@@ -61,21 +61,31 @@ pub(crate) fn shoot(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Sh
 
 impl Shot {
     /// Depths at which half of the light is left.
-    pub(crate) fn middles(&self, simd: Simd, view: &View, rules: &Rules) -> Vec<f32> {
+    pub(crate) fn median_depth(&self, simd: Simd, view: &View, settings: &RasterSettings) -> Vec<f32> {
         let mut out = vec![f32::NAN; view.size[0] * view.size[1]];
-        self.try_middles(simd, rules, &mut out).unwrap();
+        self.try_median_depth(simd, settings, &mut out).unwrap();
         out
     }
 
-    pub(crate) fn try_middles(&self, simd: Simd, rules: &Rules, out: &mut [f32]) -> Result<(), splat_core::SplatError> {
-        self.raster.middles(simd, (&self.p.footprints, &self.features), rules, out)
+    pub(crate) fn try_median_depth(
+        &self,
+        simd: Simd,
+        settings: &RasterSettings,
+        out: &mut [f32],
+    ) -> Result<(), splat_core::SplatError> {
+        self.raster.median_depth(simd, &self.p.gaussians, &self.features, settings, out)
     }
 
     /// Gradients of ellipses.
-    pub(crate) fn records(&mut self, simd: Simd, rules: &Rules, bar: &[f32]) -> Vec<Record<4>> {
-        let mut records = Vec::new();
-        self.raster.backward(simd, (&self.p.footprints, &self.features), rules, bar, &mut records).unwrap();
-        records
+    pub(crate) fn projected_gradients(
+        &mut self,
+        simd: Simd,
+        settings: &RasterSettings,
+        bar: &[f32],
+    ) -> Vec<ProjectedGradient<4>> {
+        let mut gradients = Vec::new();
+        self.raster.backward(simd, &self.p.gaussians, &self.features, settings, bar, &mut gradients).unwrap();
+        gradients
     }
 
     /// Gradients of raw parameters.
@@ -84,15 +94,15 @@ impl Shot {
         simd: Simd,
         g: &Gaussians,
         view: &View,
-        rules: &Rules,
+        settings: &RasterSettings,
         bar: &[f32],
     ) -> Gaussians {
-        let records = self.records(simd, rules, bar);
+        let gradients = self.projected_gradients(simd, settings, bar);
         let mut grad = g.clone();
         for (_, rows) in grad.fields_mut() {
             rows.fill(f32::NAN);
         }
-        self.p.backward(simd, g, view, rules, 3, (&records, Some(3)), &mut grad).unwrap();
+        self.p.backward(simd, g, view, settings, 3, &gradients, Some(3), &mut grad).unwrap();
         grad
     }
 }

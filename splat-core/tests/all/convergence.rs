@@ -3,7 +3,7 @@
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
-use splat_core::{Gaussians, Projection, Raster, Rules, View, Widening};
+use splat_core::{Gaussians, Projection, Raster, RasterSettings, View, Widening};
 
 const SIZE: [usize; 2] = [64, 64];
 const PIXELS: usize = 64 * 64;
@@ -35,11 +35,11 @@ const MOVES: [f32; 6] = [0.08, 0.25, 0.2, 0.4, 0.3, 0.05];
 const RATES: [f64; 6] = [4e-3, 1e-2, 1e-2, 3e-2, 1e-2, 3e-3];
 
 /// Decibels after `steps` steps of Adam, the rates falling to a hundredth; and before.
-fn fit(simd: Simd, rules: &Rules, steps: u32) -> [f64; 2] {
+fn fit(simd: Simd, settings: &RasterSettings, steps: u32) -> [f64; 2] {
     let (want, view) = truth();
     let shot = |g: &Gaussians, p: &mut Projection, raster: &mut Raster<3>, planes: &mut [f32]| {
-        p.project(simd, g, &view, rules, 1).unwrap();
-        raster.draw(simd, (&p.footprints, &p.rgb), SIZE, rules).unwrap();
+        p.project(simd, g, &view, settings, 1).unwrap();
+        raster.draw(simd, &p.gaussians, &p.rgb, SIZE, settings).unwrap();
         raster.planes(planes).unwrap();
     };
     let (mut p, mut raster) = (Projection::default(), Raster::default());
@@ -52,7 +52,7 @@ fn fit(simd: Simd, rules: &Rules, steps: u32) -> [f64; 2] {
         rows.iter_mut().enumerate().for_each(|(i, x)| *x += MOVES[k] * rng.normal_at(i as u64));
     }
     let mut adams = g.fields().map(|(_, rows)| Adam::new(rows.len(), AdamConfig { eps: 1e-15, ..AdamConfig::DEFAULT }));
-    let (mut grad, mut records) = (g.clone(), Vec::new());
+    let (mut grad, mut gradients) = (g.clone(), Vec::new());
     let mut decibels = [0.0; 2];
     for step in 0..=steps {
         shot(&g, &mut p, &mut raster, &mut planes);
@@ -61,8 +61,8 @@ fn fit(simd: Simd, rules: &Rules, steps: u32) -> [f64; 2] {
         let mse = bar.iter().map(|e| f64::from(*e).powi(2)).sum::<f64>() / bar.len() as f64;
         decibels[usize::from(step > 0)] = -10.0 * mse.log10();
         bar.resize(4 * PIXELS, 0.0);
-        raster.backward(simd, (&p.footprints, &p.rgb), rules, &bar, &mut records).unwrap();
-        p.backward(simd, &g, &view, rules, 1, (&records, None), &mut grad).unwrap();
+        raster.backward(simd, &p.gaussians, &p.rgb, settings, &bar, &mut gradients).unwrap();
+        p.backward(simd, &g, &view, settings, 1, &gradients, None, &mut grad).unwrap();
         let fall = 0.01_f64.powf(f64::from(step) / f64::from(steps));
         for (((_, x), (_, x_bar)), (adam, rate)) in
             g.fields_mut().into_iter().zip(grad.fields()).zip(adams.iter_mut().zip(RATES))
@@ -76,9 +76,9 @@ fn fit(simd: Simd, rules: &Rules, steps: u32) -> [f64; 2] {
 #[test]
 fn five_gaussians_find_back_to_their_picture() {
     for widening in [Widening::Keeps, Widening::Dims] {
-        let rules = Rules { widening, ..Rules::DEFAULT };
+        let settings = RasterSettings::DEFAULT.with_widening(widening);
         for simd in Simd::available() {
-            let [before, after] = fit(simd, &rules, 600);
+            let [before, after] = fit(simd, &settings, 600);
             println!("{widening:?} {:?}: {before:.1} dB before, {after:.1} dB after", simd.level());
             assert!(before < 25.0, "{before} dB: nothing to find back from");
             assert!(after > 40.0, "{after} dB");

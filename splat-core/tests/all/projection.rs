@@ -4,23 +4,23 @@ use crate::common::{self, cloud, shoot, view};
 use crate::twin;
 use float_core::Simd;
 use proptest::prelude::*;
-use splat_core::{Gaussians, Projection, Rules, SplatError, View, Widening};
+use splat_core::{Gaussians, Projection, RasterSettings, SplatError, View, Widening};
 
-fn project(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Projection {
+fn project(simd: Simd, g: &Gaussians, view: &View, settings: &RasterSettings) -> Projection {
     let mut p = Projection::default();
-    p.project(simd, g, view, rules, 3).unwrap();
+    p.project(simd, g, view, settings, 3).unwrap();
     p
 }
 
 #[test]
 fn ellipses_are_those_of_the_specification() {
     for widening in [Widening::Keeps, Widening::Dims] {
-        let (rules, g, view) = (Rules { widening, ..Rules::DEFAULT }, cloud(4, 500, 3), view([64, 48]));
-        let want = twin::project(&twin::flat(&g), g.len(), 3, &view, &rules);
+        let (settings, g, view) = (RasterSettings::DEFAULT.with_widening(widening), cloud(4, 500, 3), view([64, 48]));
+        let want = twin::project(&twin::flat(&g), g.len(), 3, &view, &settings);
         for simd in Simd::available() {
-            let p = project(simd, &g, &view, &rules);
-            assert!(p.footprints.len() > 300);
-            for (f, rgb) in p.footprints.iter().zip(&p.rgb) {
+            let p = project(simd, &g, &view, &settings);
+            assert!(p.gaussians.len() > 300);
+            for (f, rgb) in p.gaussians.iter().zip(&p.rgb) {
                 let e = want.iter().find(|e| e.index == f.index as usize).expect("visible to the specification, too");
                 let near = |what: &str, got: f32, want: f64, scale: f64| {
                     assert!((f64::from(got) - want).abs() < 1e-5 * scale, "{}: {what} {got}, expected {want}", f.index);
@@ -35,7 +35,7 @@ fn ellipses_are_those_of_the_specification() {
                 rgb.iter().zip(e.rgb).for_each(|(&got, want)| near("colour", got, want, 1.0));
             }
             // Whoever is left out does not reach the picture.
-            for e in want.iter().filter(|e| !p.footprints.iter().any(|f| f.index as usize == e.index)) {
+            for e in want.iter().filter(|e| !p.gaussians.iter().any(|f| f.index as usize == e.index)) {
                 let reach = [(e.q_max * e.cov[0]).sqrt(), (e.q_max * e.cov[2]).sqrt()];
                 let outside = |i: usize| e.uv[i] + reach[i] < 1e-3 || e.uv[i] - reach[i] > view.size[i] as f64 - 1e-3;
                 assert!(outside(0) || outside(1), "{e:?}");
@@ -48,9 +48,9 @@ fn ellipses_are_those_of_the_specification() {
 fn all_levels_see_the_same_gaussians_and_touch_the_same_tiles() {
     for seed in 0..5 {
         let (g, view) = (cloud(50 + seed, 400, 1), view([90, 70]));
-        let shots = Simd::available().map(|simd| shoot(simd, &g, &view, &Rules::DEFAULT));
+        let shots = Simd::available().map(|simd| shoot(simd, &g, &view, &RasterSettings::DEFAULT));
         let seen: Vec<_> =
-            shots.map(|s| (s.p.footprints.iter().map(|f| f.index).collect::<Vec<_>>(), s.drawn)).collect();
+            shots.map(|s| (s.p.gaussians.iter().map(|f| f.index).collect::<Vec<_>>(), s.drawn)).collect();
         assert!(seen.windows(2).all(|w| w[0] == w[1]), "{seed}");
     }
 }
@@ -58,9 +58,9 @@ fn all_levels_see_the_same_gaussians_and_touch_the_same_tiles() {
 #[test]
 fn extents_are_those_of_the_ellipse_looked_at_from_many_angles() {
     let (g, view) = (cloud(8, 60, 0), view([400, 300]));
-    let p = project(Simd::best(), &g, &view, &Rules::DEFAULT);
-    assert!(p.footprints.len() > 40);
-    for f in &p.footprints {
+    let p = project(Simd::best(), &g, &view, &RasterSettings::DEFAULT);
+    assert!(p.gaussians.len() > 40);
+    for f in &p.gaussians {
         let [a, b, c] = f.conic.map(f64::from);
         let mut reach = [0.0_f64; 2];
         for k in 0..100_000 {
@@ -80,9 +80,9 @@ fn tiles_are_a_superset_with_little_to_spare() {
     let (mut listed, mut needed) = (0, 0);
     for seed in 0..6 {
         let g = cloud(60 + seed, 300, 0);
-        let shot = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
+        let shot = shoot(Simd::best(), &g, &view, &RasterSettings::DEFAULT);
         listed += shot.drawn.pairs;
-        let ellipses = twin::of_footprints(&shot.p);
+        let ellipses = twin::of_projected(&shot.p);
         let [columns, rows] = view.size.map(|n| n.div_ceil(16));
         for e in &ellipses {
             for tile in 0..columns * rows {
@@ -105,17 +105,17 @@ fn tiles_are_a_superset_with_little_to_spare() {
 #[test]
 fn a_bad_camera_and_bad_rules_are_refused_by_name() {
     let (g, good) = (cloud(1, 3, 0), view([20, 20]));
-    let refuse = |view: &View, rules: &Rules| {
-        Projection::default().project(Simd::best(), &g, view, rules, 0).unwrap_err().to_string()
+    let refuse = |view: &View, settings: &RasterSettings| {
+        Projection::default().project(Simd::best(), &g, view, settings, 0).unwrap_err().to_string()
     };
-    assert!(refuse(&View { f: [0.0, 1.0], ..good }, &Rules::DEFAULT).contains("`view.f`"));
-    assert!(refuse(&View { size: [0, 5], ..good }, &Rules::DEFAULT).contains("`view.size`"));
-    assert!(refuse(&View { t: [f32::NAN; 3], ..good }, &Rules::DEFAULT).contains("`view`"));
-    assert!(refuse(&good, &Rules { near: f32::NAN, ..Rules::DEFAULT }).contains("`near`"));
-    assert!(refuse(&good, &Rules { stop: 1.0, ..Rules::DEFAULT }).contains("`stop`"));
+    assert!(refuse(&View { f: [0.0, 1.0], ..good }, &RasterSettings::DEFAULT).contains("`view.f`"));
+    assert!(refuse(&View { size: [0, 5], ..good }, &RasterSettings::DEFAULT).contains("`view.size`"));
+    assert!(refuse(&View { t: [f32::NAN; 3], ..good }, &RasterSettings::DEFAULT).contains("`view`"));
+    assert!(refuse(&good, &RasterSettings::DEFAULT.with_near(f32::NAN)).contains("`near`"));
+    assert!(refuse(&good, &RasterSettings::DEFAULT.with_transmittance_min(1.0)).contains("`transmittance_min`"));
     let mut short = g.clone();
     short.logit.pop();
-    let refused = Projection::default().project(Simd::best(), &short, &good, &Rules::DEFAULT, 0);
+    let refused = Projection::default().project(Simd::best(), &short, &good, &RasterSettings::DEFAULT, 0);
     assert_eq!(refused, Err(SplatError::Shape { what: "logit", want: 3, got: 2 }));
 }
 
@@ -131,18 +131,18 @@ fn one_that_is_not_finite_is_not_seen_and_changes_no_other() {
                 let mut g = clean.clone();
                 g.fields_mut()[field].1[row * 40 + 17] = bad;
                 for simd in Simd::available() {
-                    let mut shot = shoot(simd, &g, &view, &Rules::DEFAULT);
-                    assert!(seen || shot.p.footprints.iter().all(|f| f.index != 17), "{bad} in {field}, {row}");
+                    let mut shot = shoot(simd, &g, &view, &RasterSettings::DEFAULT);
+                    assert!(seen || shot.p.gaussians.iter().all(|f| f.index != 17), "{bad} in {field}, {row}");
                     assert!(shot.planes.iter().all(|x| x.is_finite()));
                     let bar = common::bars(1, view.size);
-                    let grad = shot.gradients(simd, &g, &view, &Rules::DEFAULT, &bar);
+                    let grad = shot.gradients(simd, &g, &view, &RasterSettings::DEFAULT, &bar);
                     assert!(
                         grad.fields().iter().all(|(_, x)| x.iter().all(|x| x.is_finite())),
                         "{bad} in {field}, {row}"
                     );
                     if !seen {
                         let without: Vec<usize> = (0..40).filter(|&i| i != 17).collect();
-                        let rest = shoot(simd, &common::reordered(&clean, &without), &view, &Rules::DEFAULT);
+                        let rest = shoot(simd, &common::reordered(&clean, &without), &view, &RasterSettings::DEFAULT);
                         assert_eq!(shot.planes, rest.planes);
                     }
                 }
@@ -190,23 +190,23 @@ proptest! {
         h in 1_usize..40,
         dims in any::<bool>(),
     ) {
-        let rules = Rules { widening: if dims { Widening::Dims } else { Widening::Keeps }, ..Rules::DEFAULT };
+        let settings = RasterSettings::DEFAULT.with_widening(if dims { Widening::Dims } else { Widening::Keeps });
         let view = view([w, h]);
         for simd in Simd::available() {
-            let mut shot = shoot(simd, &g, &view, &rules);
-            for f in &shot.p.footprints {
+            let mut shot = shoot(simd, &g, &view, &settings);
+            for f in &shot.p.gaussians {
                 let numbers = [&f.uv[..], &f.conic, &f.half, &[f.opacity, f.q_max, f.z]].concat();
                 prop_assert!(numbers.iter().all(|x| x.is_finite()), "{:?}", f);
-                prop_assert!(f.conic[0] > 0.0 && f.conic[2] > 0.0 && f.z > rules.near && f.opacity <= 1.0, "{:?}", f);
+                prop_assert!(f.conic[0] > 0.0 && f.conic[2] > 0.0 && f.z > settings.near && f.opacity <= 1.0, "{:?}", f);
             }
-            let want = twin::draw(&twin::of_footprints(&shot.p), view.size, &rules);
+            let want = twin::draw(&twin::of_projected(&shot.p), view.size, &settings);
             let (worst, _) = want.worst(&shot.planes);
             prop_assert!(worst < 2.0, "{:?}: {} of rounding", simd.level(), worst);
             let bar = common::bars(3, view.size);
-            let grad = shot.gradients(simd, &g, &view, &rules, &bar);
+            let grad = shot.gradients(simd, &g, &view, &settings, &bar);
             // Beyond scales of 1e8 products of gradients may overflow; `density::keep_in_range` ends at ten times the scene.
             let huge = |i: u32| (0..3).any(|k| g.log_scale[k * g.len() + i as usize] > 20.0);
-            if shot.p.footprints.iter().any(|f| huge(f.index)) {
+            if shot.p.gaussians.iter().any(|f| huge(f.index)) {
                 continue;
             }
             for (field, x) in grad.fields() {
@@ -226,28 +226,28 @@ fn large_ones_beside_the_picture_reach_all_of_it() {
         g.mean[a] = (0..3).map(|b| view.r[b][a] * (camera[b] - view.t[b])).sum();
         g.log_scale[a] = 0.85;
     }
-    let want = twin::project(&twin::flat(&g), 1, 0, &view, &Rules::DEFAULT);
-    let want = twin::draw(&want, view.size, &Rules::DEFAULT);
-    let got = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
+    let want = twin::project(&twin::flat(&g), 1, 0, &view, &RasterSettings::DEFAULT);
+    let want = twin::draw(&want, view.size, &RasterSettings::DEFAULT);
+    let got = shoot(Simd::best(), &g, &view, &RasterSettings::DEFAULT);
     let (worst, _) = want.worst(&got.planes);
-    assert!(worst < 2.0, "{worst} of rounding: {:?}", got.p.footprints);
+    assert!(worst < 2.0, "{worst} of rounding: {:?}", got.p.gaussians);
 }
 
 #[test]
 fn gradients_of_another_cloud_or_of_features_that_do_not_exist_are_refused() {
-    let (g, view, rules) = (cloud(2, 40, 1), view([20, 20]), Rules::DEFAULT);
+    let (g, view, settings) = (cloud(2, 40, 1), view([20, 20]), RasterSettings::DEFAULT);
     let mut p = Projection::default();
-    p.project(Simd::best(), &g, &view, &rules, 1).unwrap();
-    assert!(!p.footprints.is_empty());
-    let records = vec![splat_core::Record::<4>::default(); p.footprints.len()];
+    p.project(Simd::best(), &g, &view, &settings, 1).unwrap();
+    assert!(!p.gaussians.is_empty());
+    let gradients = vec![splat_core::ProjectedGradient::<4>::default(); p.gaussians.len()];
     let back = |p: &Projection, g: &Gaussians, depth| {
         let mut grad = g.clone();
-        p.backward(Simd::best(), g, &view, &rules, 1, (&records, depth), &mut grad)
+        p.backward(Simd::best(), g, &view, &settings, 1, &gradients, depth, &mut grad)
     };
     assert_eq!(back(&p, &g, Some(3)), Ok(()));
     assert_eq!(back(&p, &g, Some(4)), Err(SplatError::Shape { what: "features", want: 5, got: 4 }));
     assert!(matches!(back(&p, &g, Some(usize::MAX)), Err(SplatError::Shape { what: "features", .. })));
-    let last = p.footprints.last().unwrap().index as usize + 1;
+    let last = p.gaussians.last().unwrap().index as usize + 1;
     let fewer = cloud(2, last - 1, 1);
     assert_eq!(back(&p, &fewer, None), Err(SplatError::Shape { what: "cloud", want: last, got: last - 1 }));
     p.rgb.pop();

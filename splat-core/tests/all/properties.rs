@@ -4,9 +4,9 @@ use crate::common::{bars, cloud, reordered, shoot, view};
 use crate::twin;
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::{Drawn, Gaussians, Projection, Raster, Rules, TILE, View};
+use splat_core::{DrawStats, Gaussians, Projection, Raster, RasterSettings, TILE, View};
 
-const RULES: Rules = Rules::DEFAULT;
+const SETTINGS: RasterSettings = RasterSettings::DEFAULT;
 
 fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
@@ -25,10 +25,10 @@ fn the_order_of_storage_changes_no_bit() {
     let other = reordered(&g, &order);
     let bar = bars(2, view.size);
     for simd in Simd::available() {
-        let (mut a, mut b) = (shoot(simd, &g, &view, &RULES), shoot(simd, &other, &view, &RULES));
+        let (mut a, mut b) = (shoot(simd, &g, &view, &SETTINGS), shoot(simd, &other, &view, &SETTINGS));
         assert_eq!(a.planes, b.planes);
         assert_eq!(a.drawn, b.drawn);
-        let grads = [a.gradients(simd, &g, &view, &RULES, &bar), b.gradients(simd, &other, &view, &RULES, &bar)];
+        let grads = [a.gradients(simd, &g, &view, &SETTINGS, &bar), b.gradients(simd, &other, &view, &SETTINGS, &bar)];
         assert_eq!(reordered(&grads[0], &order), grads[1]);
     }
 }
@@ -46,13 +46,13 @@ fn nothing_to_see_is_no_error() {
         }
         for g in [cloud(2, 0, 3), behind] {
             for simd in Simd::available() {
-                let mut shot = shoot(simd, &g, &view, &RULES);
-                assert!(shot.p.footprints.is_empty());
+                let mut shot = shoot(simd, &g, &view, &SETTINGS);
+                assert!(shot.p.gaussians.is_empty());
                 let pixels = size[0] * size[1];
                 assert_eq!(shot.planes, [vec![0.0; 4 * pixels], vec![1.0; pixels]].concat());
                 let tiles = (size[0].div_ceil(TILE) * size[1].div_ceil(TILE)) as u64;
-                assert_eq!(shot.drawn, Drawn { pairs: 0, hidden: 0, empty_tiles: tiles, tiles });
-                let grad = shot.gradients(simd, &g, &view, &RULES, &bars(1, size));
+                assert_eq!(shot.drawn, DrawStats { pairs: 0, hidden: 0, empty_tiles: tiles, tiles });
+                let grad = shot.gradients(simd, &g, &view, &SETTINGS, &bars(1, size));
                 assert!(grad.fields().iter().all(|(_, x)| x.iter().all(|&x| x == 0.0)));
             }
         }
@@ -67,7 +67,7 @@ fn pictures_of_any_size_are_the_corner_of_a_larger_one() {
     g.log_scale.iter_mut().for_each(|x| *x -= 0.5);
     let large = View { f: [60.0, 66.0], c: [24.0, 24.0], ..view([48, 48]) };
     for simd in Simd::available() {
-        let whole = shoot(simd, &g, &large, &RULES);
+        let whole = shoot(simd, &g, &large, &SETTINGS);
         for size in [[1, 1], [1, 48], [48, 1], [15, 17], [16, 16], [17, 15], [31, 33], [47, 48]] {
             // Every second one from the middle on.
             let [x, y] = size.map(|n| if n % 2 == 1 { 48 - n } else { 0 });
@@ -86,7 +86,7 @@ fn pictures_of_any_size_are_the_corner_of_a_larger_one() {
                 })
                 .collect();
             let few = reordered(&g, &inside);
-            let (got, want) = (shoot(simd, &few, &part, &RULES), shoot(simd, &few, &large, &RULES));
+            let (got, want) = (shoot(simd, &few, &part, &SETTINGS), shoot(simd, &few, &large, &SETTINGS));
             for k in 0..5 {
                 for row in 0..size[1] {
                     let got = &got.planes[(k * size[1] + row) * size[0]..][..size[0]];
@@ -117,7 +117,7 @@ fn one_gaussian_is_what_the_formula_says() {
     let variance = 2.5_f64 * 2.5 + 0.3;
     let o = 1.0 / (1.0 + (-1.2_f64).exp());
     for simd in Simd::available() {
-        let shot = shoot(simd, &g, &view, &RULES);
+        let shot = shoot(simd, &g, &view, &SETTINGS);
         for y in 0..17 {
             for x in 0..17 {
                 let d2 = ((x as f64 - 8.0).powi(2) + (y as f64 - 8.0).powi(2)) / variance;
@@ -141,8 +141,8 @@ fn a_pixel_is_finished_before_what_would_leave_too_little_light() {
     let (g, view) = alone(4.0, 0.5, 13.0, [0.0; 3]);
     let mut three = reordered(&g, &[0, 0, 0]);
     three.mean[6..].copy_from_slice(&[4.0, 5.0, 6.0]);
-    let rules = Rules { stop: 1.1e-4, ..RULES };
-    let shot = shoot(Simd::best(), &three, &view, &rules);
+    let settings = SETTINGS.with_transmittance_min(1.1e-4);
+    let shot = shoot(Simd::best(), &three, &view, &settings);
     let middle = shot.planes[4 * 289 + 8 * 17 + 8];
     assert!((middle - 0.01).abs() < 1e-6, "{middle}");
     let depth = shot.planes[3 * 289 + 8 * 17 + 8];
@@ -154,9 +154,9 @@ fn shares_and_what_is_left_make_one() {
     for seed in 0..4 {
         let (g, view) = (cloud(20 + seed, 800, 0), view([50, 40]));
         for simd in Simd::available() {
-            let p = shoot(simd, &g, &view, &RULES).p;
+            let p = shoot(simd, &g, &view, &SETTINGS).p;
             let mut raster = Raster::<1>::default();
-            raster.draw(simd, (&p.footprints, &vec![[1.0]; p.footprints.len()]), view.size, &RULES).unwrap();
+            raster.draw(simd, &p.gaussians, &vec![[1.0]; p.gaussians.len()], view.size, &SETTINGS).unwrap();
             let mut planes = vec![f32::NAN; 2 * 2000];
             raster.planes(&mut planes).unwrap();
             for i in 0..2000 {
@@ -172,7 +172,7 @@ fn one_more_gaussian_never_leaves_more_light() {
     let view = view([50, 40]);
     // Few enough that no pixel finishes.
     let g = cloud(30, 25, 0);
-    let light = |g: &Gaussians| shoot(Simd::best(), g, &view, &RULES).planes[4 * 2000..].to_vec();
+    let light = |g: &Gaussians| shoot(Simd::best(), g, &view, &SETTINGS).planes[4 * 2000..].to_vec();
     let mut before = vec![1.0; 2000];
     for n in 1..=25 {
         let now = light(&reordered(&g, &(0..n).collect::<Vec<_>>()));
@@ -191,7 +191,7 @@ fn two_of_the_same_are_both_drawn_the_first_in_front() {
     let mut two = reordered(&g, &[0, 0]);
     (two.dc[1], two.dc[3]) = (0.0, 1.0);
     for simd in Simd::available() {
-        let shot = shoot(simd, &two, &view, &RULES);
+        let shot = shoot(simd, &two, &view, &SETTINGS);
         let at = 8 * 17 + 8;
         let (lit, dim) = (0.5 + 0.282_094_8, 0.5);
         let want = [0.5 * lit + 0.25 * dim, 0.5 * dim + 0.25 * lit];
@@ -234,7 +234,7 @@ fn turning_and_scaling_the_world_with_the_camera_changes_nothing() {
     let one = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for seed in 0..4 {
         let (g, here) = (cloud(40 + seed, 200, 0), view([48, 40]));
-        let want = shoot(Simd::best(), &g, &here, &RULES).planes;
+        let want = shoot(Simd::best(), &g, &here, &SETTINGS).planes;
         for (r, wxyz, t, scale) in [
             (r, wxyz, [0.5, -0.2, 1.0], 1.0),
             (one, [1.0, 0.0, 0.0, 0.0], [0.0; 3], 64.0),
@@ -247,8 +247,8 @@ fn turning_and_scaling_the_world_with_the_camera_changes_nothing() {
             });
             let at = |i: usize| scale * f64::from(here.t[i]) - (0..3).map(|k| back[i][k] * t[k]).sum::<f64>();
             let view = View { r: back.map(|row| row.map(|x| x as f32)), t: [0, 1, 2].map(|i| at(i) as f32), ..here };
-            let rules = Rules { near: RULES.near * scale as f32, ..RULES };
-            let mut got = shoot(Simd::best(), &there, &view, &rules).planes;
+            let settings = SETTINGS.with_near(SETTINGS.near * scale as f32);
+            let mut got = shoot(Simd::best(), &there, &view, &settings).planes;
             got[3 * 1920..4 * 1920].iter_mut().for_each(|z| *z /= scale as f32);
             // A decision may turn: 1/255 of a colour, at few pixels.
             let turned = got.iter().zip(&want).filter(|(a, b)| (**a - **b).abs() > 1e-4).count();
@@ -261,10 +261,10 @@ fn turning_and_scaling_the_world_with_the_camera_changes_nothing() {
 fn gradients_are_linear_in_those_of_the_picture() {
     let (g, view) = (cloud(50, 120, 2), view([40, 30]));
     for simd in Simd::available() {
-        let mut shot = shoot(simd, &g, &view, &RULES);
+        let mut shot = shoot(simd, &g, &view, &SETTINGS);
         let (one, two) = (bars(1, view.size), bars(2, view.size));
         let both: Vec<f32> = one.iter().zip(&two).map(|(a, b)| 2.0 * a - 0.5 * b).collect();
-        let mut of = |bar: &[f32]| twin::flat(&shot.gradients(simd, &g, &view, &RULES, bar));
+        let mut of = |bar: &[f32]| twin::flat(&shot.gradients(simd, &g, &view, &SETTINGS, bar));
         let (one, two, both) = (of(&one), of(&two), of(&both));
         let scale = both.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         for ((a, b), both) in one.iter().zip(&two).zip(&both) {
@@ -280,35 +280,35 @@ fn gradients_are_linear_in_those_of_the_picture() {
 fn far_away_in_the_world_costs_digits_and_nothing_else() {
     // A camera a million units from the origin, Gaussians as large as rounding there.
     let (mut g, mut view) = alone(4.0, 0.5, 1.0, [1.0; 3]);
-    let here = shoot(Simd::best(), &g, &view, &RULES).planes;
+    let here = shoot(Simd::best(), &g, &view, &SETTINGS).planes;
     g.mean[0] += 1e6;
     view.t[0] -= 1e6;
-    assert_eq!(shoot(Simd::best(), &g, &view, &RULES).planes, here);
+    assert_eq!(shoot(Simd::best(), &g, &view, &SETTINGS).planes, here);
     // A million units ahead, a fifth of it large: the same picture, but for depth.
     let (far, _) = alone(4e6, 5e5, 1.0, [1.0; 3]);
-    let got = shoot(Simd::best(), &far, &alone(4.0, 1.0, 0.0, [0.0; 3]).1, &RULES).planes;
+    let got = shoot(Simd::best(), &far, &alone(4.0, 1.0, 0.0, [0.0; 3]).1, &SETTINGS).planes;
     assert!(largest_difference(&got[..3 * 289], &here[..3 * 289]) < 1e-6);
 }
 
 #[test]
 fn a_gaussian_at_the_cameras_centre_is_behind_it_and_one_without_a_rotation_is_not_turned() {
     let (mut g, view) = alone(0.0, 1.0, 1.0, [1.0; 3]);
-    assert!(shoot(Simd::best(), &g, &view, &RULES).p.footprints.is_empty());
+    assert!(shoot(Simd::best(), &g, &view, &SETTINGS).p.gaussians.is_empty());
     // As near as may be.
-    g.mean[2] = RULES.near * 1.001;
-    let mut shot = shoot(Simd::best(), &g, &view, &RULES);
-    assert_eq!(shot.p.footprints.len(), 1);
+    g.mean[2] = SETTINGS.near * 1.001;
+    let mut shot = shoot(Simd::best(), &g, &view, &SETTINGS);
+    assert_eq!(shot.p.gaussians.len(), 1);
     let bar = bars(5, view.size);
-    let grad = shot.gradients(Simd::best(), &g, &view, &RULES, &bar);
+    let grad = shot.gradients(Simd::best(), &g, &view, &SETTINGS, &bar);
     assert!(grad.fields().iter().all(|(_, x)| x.iter().all(|x| x.is_finite())));
     let (mut g, view) = alone(4.0, 0.5, 1.0, [1.0; 3]);
     g.log_scale[0] = 0.0;
-    let want = shoot(Simd::best(), &g, &view, &RULES).planes;
+    let want = shoot(Simd::best(), &g, &view, &SETTINGS).planes;
     for wxyz in [[0.0; 4], [1e-9, 0.0, 1e-9, 0.0], [5.0, 0.0, 0.0, 0.0], [-1e-3, 0.0, 0.0, 0.0]] {
         g.wxyz.copy_from_slice(&wxyz);
-        let mut shot = shoot(Simd::best(), &g, &view, &RULES);
+        let mut shot = shoot(Simd::best(), &g, &view, &SETTINGS);
         assert!(largest_difference(&shot.planes, &want) < 1e-6, "{wxyz:?}");
-        let grad = shot.gradients(Simd::best(), &g, &view, &RULES, &bar);
+        let grad = shot.gradients(Simd::best(), &g, &view, &SETTINGS, &bar);
         assert!(wxyz[0] == 5.0 || wxyz[0] < 0.0 || grad.wxyz.iter().all(|&x| x == 0.0), "{:?}", grad.wxyz);
     }
 }
@@ -319,15 +319,15 @@ fn quaternions_of_any_length_turn_alike_and_their_gradients_are_less_the_longer_
     // By powers of two: not a bit is lost.
     let bar = bars(6, view.size);
     for simd in Simd::available() {
-        let mut shot = shoot(simd, &g, &view, &RULES);
-        let grad = shot.gradients(simd, &g, &view, &RULES, &bar);
+        let mut shot = shoot(simd, &g, &view, &SETTINGS);
+        let grad = shot.gradients(simd, &g, &view, &SETTINGS, &bar);
         for power in [-20, 30, 62, 66, 100, 124] {
             let factor = 2.0_f32.powi(power);
             let mut long = g.clone();
             long.wxyz.iter_mut().for_each(|x| *x *= factor);
-            let mut shot_long = shoot(simd, &long, &view, &RULES);
+            let mut shot_long = shoot(simd, &long, &view, &SETTINGS);
             assert!(shot_long.planes == shot.planes, "{:?}, 2^{power}", simd.level());
-            let got = shot_long.gradients(simd, &long, &view, &RULES, &bar);
+            let got = shot_long.gradients(simd, &long, &view, &SETTINGS, &bar);
             assert!((&got.mean, &got.log_scale) == (&grad.mean, &grad.log_scale), "{:?}, 2^{power}", simd.level());
             // Longer still, the smallest gradients end among denormal numbers.
             if power <= 66 {
@@ -344,9 +344,9 @@ fn degrees_above_those_asked_for_play_no_part() {
     let mut flat = g.clone();
     flat.rest.fill(0.0);
     let (mut a, mut b) = (Projection::default(), Projection::default());
-    a.project(Simd::best(), &g, &view, &RULES, 0).unwrap();
-    b.project(Simd::best(), &flat, &view, &RULES, 3).unwrap();
-    assert_eq!(a.footprints, b.footprints);
+    a.project(Simd::best(), &g, &view, &SETTINGS, 0).unwrap();
+    b.project(Simd::best(), &flat, &view, &SETTINGS, 3).unwrap();
+    assert_eq!(a.gaussians, b.gaussians);
     assert!(a.rgb.iter().flatten().zip(b.rgb.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
 }
 
@@ -359,10 +359,10 @@ fn what_is_left_out_behind_enough_is_worth_no_more() {
         // Opaque ones in front of others.
         g.logit.iter_mut().for_each(|x| *x += 3.0);
         for simd in Simd::available() {
-            let whole = shoot(simd, &g, &view, &RULES);
+            let whole = shoot(simd, &g, &view, &SETTINGS);
             let brightest = whole.p.rgb.iter().flatten().fold(0.0_f32, |most, &c| most.max(c));
             for budget in [1.0 / 2048.0, 1.0 / 255.0, 1.0 / 16.0] {
-                let part = shoot(simd, &g, &view, &Rules { enough: budget / brightest, ..RULES });
+                let part = shoot(simd, &g, &view, &SETTINGS.with_transmittance_stop(budget / brightest));
                 let pixels = 70 * 50;
                 let error = largest_difference(&part.planes[..3 * pixels], &whole.planes[..3 * pixels]);
                 assert!(error <= budget * (1.0 + 1e-5), "{error} for {budget}");
@@ -389,10 +389,10 @@ fn gradients_of_pictures_that_end_early_are_those_of_what_they_show() {
         }
         g.logit[i] = 2.0;
     }
-    let rules = Rules { enough: 0.2, ..RULES };
+    let settings = SETTINGS.with_transmittance_stop(0.2);
     for simd in Simd::available() {
-        let mut shot = shoot(simd, &g, &view, &rules);
-        let grad = shot.gradients(simd, &g, &view, &rules, &bars(3, view.size));
+        let mut shot = shoot(simd, &g, &view, &settings);
+        let grad = shot.gradients(simd, &g, &view, &settings, &bars(3, view.size));
         assert!(grad.logit[0] != 0.0 && grad.logit[1] == 0.0 && grad.logit[2] == 0.0, "{:?}", grad.logit);
     }
 }

@@ -4,21 +4,22 @@ use crate::common::{bars, cloud, shoot, view};
 use crate::twin;
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::{Gaussians, Raster, Rules, View, Widening};
+use splat_core::{Gaussians, Raster, RasterSettings, View, Widening};
 
 /// Both kinds, by turns.
-fn rules(k: u64) -> Rules {
-    Rules { widening: if k.is_multiple_of(2) { Widening::Keeps } else { Widening::Dims }, ..Rules::DEFAULT }
+fn settings(k: u64) -> RasterSettings {
+    RasterSettings::DEFAULT.with_widening(if k.is_multiple_of(2) { Widening::Keeps } else { Widening::Dims })
 }
 
 #[test]
 fn pictures_are_those_of_the_specification() {
     for seed in 0..12 {
-        let rules = rules(seed);
+        let settings = settings(seed);
         let (g, view) = (cloud(seed, 60 + 40 * seed as usize, seed as usize % 4), view([37, 50]));
-        let want = twin::draw(&twin::project(&twin::flat(&g), g.len(), g.degree(), &view, &rules), view.size, &rules);
+        let want =
+            twin::draw(&twin::project(&twin::flat(&g), g.len(), g.degree(), &view, &settings), view.size, &settings);
         for simd in Simd::available() {
-            let got = shoot(simd, &g, &view, &rules).planes;
+            let got = shoot(simd, &g, &view, &settings).planes;
             let (worst, unclear) = want.worst(&got);
             println!("{seed} {:?}: {worst:.2} of rounding, {unclear:.3} unclear", simd.level());
             assert!(worst < 2.0 && unclear < 0.01, "{seed}: {worst}, {unclear}");
@@ -27,16 +28,16 @@ fn pictures_are_those_of_the_specification() {
 }
 
 #[test]
-fn middles_are_where_half_of_the_light_is_left() {
+fn median_depth_is_where_the_transmittance_falls_to_a_half() {
     let mut found = [0, 0];
     for seed in 0..6 {
-        let rules = rules(seed);
+        let settings = settings(seed);
         let (g, view) = (cloud(40 + seed, 30 + 20 * seed as usize, 1), view([21, 18]));
         for simd in Simd::available() {
-            let shot = shoot(simd, &g, &view, &rules);
-            let ellipses = twin::of_footprints(&shot.p);
-            for (i, got) in shot.middles(simd, &view, &rules).into_iter().enumerate() {
-                let left = |k: usize| twin::left(&ellipses[..k], [i % view.size[0], i / view.size[0]], &rules);
+            let shot = shoot(simd, &g, &view, &settings);
+            let ellipses = twin::of_projected(&shot.p);
+            for (i, got) in shot.median_depth(simd, &view, &settings).into_iter().enumerate() {
+                let left = |k: usize| twin::left(&ellipses[..k], [i % view.size[0], i / view.size[0]], &settings);
                 let want = (1..=ellipses.len()).find(|&k| left(k) <= 0.5);
                 // Rounding may decide otherwise where exactly a half is left.
                 if want.is_some_and(|k| (left(k) - 0.5).abs() < 1e-5 || (left(k - 1) - 0.5).abs() < 1e-5) {
@@ -52,28 +53,28 @@ fn middles_are_where_half_of_the_light_is_left() {
 }
 
 #[test]
-fn middles_of_nothing_and_of_the_wrong_size() {
+fn median_depth_of_nothing_and_of_the_wrong_size() {
     let (g, view) = (Gaussians::new(0, 0).unwrap(), view([9, 7]));
-    let shot = shoot(Simd::best(), &g, &view, &Rules::DEFAULT);
-    assert!(shot.middles(Simd::best(), &view, &Rules::DEFAULT).into_iter().all(|z| z == f32::INFINITY));
+    let shot = shoot(Simd::best(), &g, &view, &RasterSettings::DEFAULT);
+    assert!(shot.median_depth(Simd::best(), &view, &RasterSettings::DEFAULT).into_iter().all(|z| z == f32::INFINITY));
     let one = cloud(1, 1, 0);
-    let other = shoot(Simd::best(), &one, &view, &Rules::DEFAULT);
-    assert!(other.try_middles(Simd::best(), &Rules::DEFAULT, &mut [0.0; 5]).is_err());
+    let other = shoot(Simd::best(), &one, &view, &RasterSettings::DEFAULT);
+    assert!(other.try_median_depth(Simd::best(), &RasterSettings::DEFAULT, &mut [0.0; 5]).is_err());
     let mut out = vec![0.0; 63];
-    assert!(other.try_middles(Simd::best(), &Rules::DEFAULT, &mut out).is_ok());
+    assert!(other.try_median_depth(Simd::best(), &RasterSettings::DEFAULT, &mut out).is_ok());
 }
 
 /// Gradients against differences of the specification, relative to `want` and to a thousandth of the largest; `None` where a
 /// decision is too near to difference over.
-fn worst_gradient(g: &Gaussians, view: &View, rules: &Rules, simd: Simd) -> Option<(f64, String)> {
+fn worst_gradient(g: &Gaussians, view: &View, settings: &RasterSettings, simd: Simd) -> Option<(f64, String)> {
     let bar = bars(7, view.size);
-    let picture = |p: &[f64]| twin::draw(&twin::project(p, g.len(), g.degree(), view, rules), view.size, rules);
+    let picture = |p: &[f64]| twin::draw(&twin::project(p, g.len(), g.degree(), view, settings), view.size, settings);
     let at = twin::flat(g);
     if picture(&at).margin() < 1e-5 {
         return None;
     }
     let loss = |p: &[f64]| picture(p).planes.iter().zip(&bar).map(|(a, b)| a * f64::from(*b)).sum::<f64>();
-    let got = twin::flat(&shoot(simd, g, view, rules).gradients(simd, g, view, rules, &bar));
+    let got = twin::flat(&shoot(simd, g, view, settings).gradients(simd, g, view, settings, &bar));
     let scale = got.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let mut worst = (0.0, String::new());
     for k in 0..at.len() {
@@ -98,7 +99,7 @@ fn gradients_are_those_of_the_specification() {
     for seed in 0..8 {
         let (g, view) = (cloud(100 + seed, 12, 3), view([21, 18]));
         for simd in Simd::available() {
-            let Some((worst, what)) = worst_gradient(&g, &view, &rules(seed), simd) else { continue };
+            let Some((worst, what)) = worst_gradient(&g, &view, &settings(seed), simd) else { continue };
             compared += 1;
             println!("{seed} {:?}: {worst:.1e}", simd.level());
             assert!(worst < 2e-4, "{seed}: {what}");
@@ -124,10 +125,10 @@ fn gradients_hold_where_slopes_are_clamped() {
         }
         for simd in Simd::available() {
             assert!(
-                !shoot(simd, &g, &view, &rules(k as u64)).p.footprints.is_empty(),
+                !shoot(simd, &g, &view, &settings(k as u64)).p.gaussians.is_empty(),
                 "{k}: nothing reaches the picture"
             );
-            let Some((worst, what)) = worst_gradient(&g, &view, &rules(k as u64), simd) else { continue };
+            let Some((worst, what)) = worst_gradient(&g, &view, &settings(k as u64), simd) else { continue };
             compared += 1;
             println!("{k} {:?}: {worst:.1e}", simd.level());
             assert!(worst < 1e-4, "{k}: {what}");
@@ -139,26 +140,26 @@ fn gradients_hold_where_slopes_are_clamped() {
 #[test]
 fn any_number_of_features_is_composited_as_colour_is() {
     fn check<const K: usize>(simd: Simd) {
-        let (g, view, rules) = (cloud(3, 200, 0), view([33, 20]), Rules::DEFAULT);
+        let (g, view, settings) = (cloud(3, 200, 0), view([33, 20]), RasterSettings::DEFAULT);
         let pixels = view.size[0] * view.size[1];
-        let mut shot = shoot(simd, &g, &view, &rules);
+        let mut shot = shoot(simd, &g, &view, &settings);
         let of = |i: usize| -> [f32; K] { core::array::from_fn(|k| Rng::new(i as u64, k as u64).normal_at(0)) };
-        let features: Vec<[f32; K]> = shot.p.footprints.iter().map(|f| of(f.index as usize)).collect();
+        let features: Vec<[f32; K]> = shot.p.gaussians.iter().map(|f| of(f.index as usize)).collect();
         let mut raster = Raster::<K>::default();
-        let drawn = raster.draw(simd, (&shot.p.footprints, &features), view.size, &rules).unwrap();
+        let drawn = raster.draw(simd, &shot.p.gaussians, &features, view.size, &settings).unwrap();
         assert_eq!(drawn, shot.drawn);
         let mut planes = vec![f32::NAN; (K + 1) * pixels];
         raster.planes(&mut planes).unwrap();
         // Each feature as the red of another picture: the same bits.
         let mut bar = vec![0.0_f32; (K + 1) * pixels];
         Rng::new(1, 2).fill_normal(0, &mut bar);
-        let mut records = Vec::new();
-        raster.backward(simd, (&shot.p.footprints, &features), &rules, &bar, &mut records).unwrap();
-        let mut sums = vec![[0.0_f64; 6]; shot.p.footprints.len()];
+        let mut gradients = Vec::new();
+        raster.backward(simd, &shot.p.gaussians, &features, &settings, &bar, &mut gradients).unwrap();
+        let mut sums = vec![[0.0_f64; 6]; shot.p.gaussians.len()];
         for k in 0..K {
             shot.features = features.iter().map(|f| [f[k], 0.0, 0.0, 0.0]).collect();
             let mut alone = Raster::<4>::default();
-            alone.draw(simd, (&shot.p.footprints, &shot.features), view.size, &rules).unwrap();
+            alone.draw(simd, &shot.p.gaussians, &shot.features, view.size, &settings).unwrap();
             let mut red = vec![f32::NAN; 5 * pixels];
             alone.planes(&mut red).unwrap();
             assert_eq!(red[..pixels], planes[k * pixels..][..pixels], "feature {k} of {K}");
@@ -169,8 +170,8 @@ fn any_number_of_features_is_composited_as_colour_is() {
                 red_bar[4 * pixels..].copy_from_slice(&bar[K * pixels..]);
             }
             let mut own = Vec::new();
-            alone.backward(simd, (&shot.p.footprints, &shot.features), &rules, &red_bar, &mut own).unwrap();
-            for ((sum, own), all) in sums.iter_mut().zip(&own).zip(&records) {
+            alone.backward(simd, &shot.p.gaussians, &shot.features, &settings, &red_bar, &mut own).unwrap();
+            for ((sum, own), all) in sums.iter_mut().zip(&own).zip(&gradients) {
                 let numbers = [own.opacity, own.uv[0], own.uv[1], own.conic[0], own.conic[1], own.conic[2]];
                 sum.iter_mut().zip(numbers).for_each(|(sum, x)| *sum += f64::from(x));
                 assert_eq!(own.features[0], all.features[k], "feature {k} of {K}");
@@ -178,7 +179,7 @@ fn any_number_of_features_is_composited_as_colour_is() {
         }
         for number in 0..6 {
             let scale = sums.iter().fold(0.0_f64, |m, x| m.max(x[number].abs()));
-            for (sum, all) in sums.iter().zip(&records) {
+            for (sum, all) in sums.iter().zip(&gradients) {
                 let all = [all.opacity, all.uv[0], all.uv[1], all.conic[0], all.conic[1], all.conic[2]][number];
                 let error = (sum[number] - f64::from(all)).abs();
                 assert!(error < 1e-5 * scale, "{K} features, number {number}: {}, together {all}", sum[number]);
@@ -199,32 +200,32 @@ fn any_number_of_features_is_composited_as_colour_is() {
 #[test]
 fn many_features_are_those_of_the_specification() {
     fn check<const K: usize>() {
-        let (g, view, rules) = (cloud(5, 40, 0), view([33, 20]), Rules::DEFAULT);
+        let (g, view, settings) = (cloud(5, 40, 0), view([33, 20]), RasterSettings::DEFAULT);
         let pixels = view.size[0] * view.size[1];
-        let p = shoot(Simd::best(), &g, &view, &rules).p;
+        let p = shoot(Simd::best(), &g, &view, &settings).p;
         let of = |i: u32| -> [f32; K] { core::array::from_fn(|k| Rng::new(i.into(), k as u64).normal_at(0)) };
-        let features: Vec<[f32; K]> = p.footprints.iter().map(|f| of(f.index)).collect();
+        let features: Vec<[f32; K]> = p.gaussians.iter().map(|f| of(f.index)).collect();
         // What each pixel takes of each ellipse, front to back: what is left before it, less what is left behind it.
-        let ellipses = twin::of_footprints(&p);
-        assert!(twin::draw(&ellipses, view.size, &rules).margin() > 1e-6, "a decision too near to compare");
+        let ellipses = twin::of_projected(&p);
+        assert!(twin::draw(&ellipses, view.size, &settings).margin() > 1e-6, "a decision too near to compare");
         let left: Vec<Vec<f64>> = (0..=ellipses.len())
             .map(|n| {
                 let at = |i: usize| [i % view.size[0], i / view.size[0]];
-                (0..pixels).map(|i| twin::left(&ellipses[..n], at(i), &rules)).collect()
+                (0..pixels).map(|i| twin::left(&ellipses[..n], at(i), &settings)).collect()
             })
             .collect();
         let mut bar = vec![0.0_f32; (K + 1) * pixels];
         Rng::new(1, 2).fill_normal(0, &mut bar);
         for simd in Simd::available() {
             let mut raster = Raster::<K>::default();
-            raster.draw(simd, (&p.footprints, &features), view.size, &rules).unwrap();
-            let (mut planes, mut records) = (vec![f32::NAN; (K + 1) * pixels], Vec::new());
+            raster.draw(simd, &p.gaussians, &features, view.size, &settings).unwrap();
+            let (mut planes, mut gradients) = (vec![f32::NAN; (K + 1) * pixels], Vec::new());
             raster.planes(&mut planes).unwrap();
-            raster.backward(simd, (&p.footprints, &features), &rules, &bar, &mut records).unwrap();
+            raster.backward(simd, &p.gaussians, &features, &settings, &bar, &mut gradients).unwrap();
             let mut want = vec![0.0_f64; planes.len()];
             want[K * pixels..].copy_from_slice(&left[ellipses.len()]);
             for (n, ellipse) in ellipses.iter().enumerate() {
-                let row = p.footprints.iter().position(|f| f.index as usize == ellipse.index).unwrap();
+                let row = p.gaussians.iter().position(|f| f.index as usize == ellipse.index).unwrap();
                 for k in 0..K {
                     let (mut slope, mut size) = (0.0, 0.0);
                     for i in 0..pixels {
@@ -233,7 +234,7 @@ fn many_features_are_those_of_the_specification() {
                         slope += w * f64::from(bar[k * pixels + i]);
                         size += w * f64::from(bar[k * pixels + i]).abs();
                     }
-                    let got = f64::from(records[row].features[k]);
+                    let got = f64::from(gradients[row].features[k]);
                     assert!((got - slope).abs() <= 1e-5 * size + 1e-7, "{K}: feature {k} of {n}: {got}, not {slope}");
                 }
             }

@@ -1,6 +1,6 @@
 //! The specification, `testkit::reference::splats`, of this crate's types.
 
-use splat_core::{Footprint, Gaussians, Projection, Rules, View, Widening};
+use splat_core::{Gaussians, ProjectedGaussian, Projection, RasterSettings, View, Widening};
 use testkit::reference::splats;
 pub(crate) use testkit::reference::splats::{Ellipse, Picture};
 
@@ -9,18 +9,18 @@ pub(crate) fn flat(cloud: &Gaussians) -> Vec<f64> {
     cloud.fields().into_iter().flat_map(|(_, x)| x.iter().map(|&x| f64::from(x))).collect()
 }
 
-fn wide(rules: &Rules) -> splats::Rules {
+fn wide(settings: &RasterSettings) -> splats::Rules {
     splats::Rules {
-        near: rules.near.into(),
-        blur: rules.blur.into(),
-        dims: rules.widening == Widening::Dims,
-        alpha_min: rules.alpha_min.into(),
-        alpha_max: rules.alpha_max.into(),
-        stop: rules.stop.into(),
+        near: settings.near.into(),
+        blur: settings.blur.into(),
+        dims: settings.widening == Widening::Dims,
+        alpha_min: settings.alpha_min.into(),
+        alpha_max: settings.alpha_max.into(),
+        stop: settings.transmittance_min.into(),
     }
 }
 
-pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, rules: &Rules) -> Vec<Ellipse> {
+pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, settings: &RasterSettings) -> Vec<Ellipse> {
     let camera = splats::Camera {
         r: view.r.map(|row| row.map(f64::from)),
         t: view.t.map(f64::from),
@@ -28,26 +28,26 @@ pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, rules: &R
         c: view.c.map(f64::from),
         size: view.size,
     };
-    splats::project(p, n, degree, &camera, &wide(rules))
+    splats::project(p, n, degree, &camera, &wide(settings))
 }
 
 /// What the rasteriser was given, in f64: no difference is left but that of compositing.
-pub(crate) fn of_footprints(p: &Projection) -> Vec<Ellipse> {
-    let ellipse = |(f, rgb): (&Footprint, &[f32; 3])| {
+pub(crate) fn of_projected(p: &Projection) -> Vec<Ellipse> {
+    let ellipse = |(f, rgb): (&ProjectedGaussian, &[f32; 3])| {
         Ellipse::rounded(f.index as usize, f.uv, f.conic, [f.opacity, f.q_max, f.z], *rgb)
     };
-    let mut out: Vec<Ellipse> = p.footprints.iter().zip(&p.rgb).map(ellipse).collect();
+    let mut out: Vec<Ellipse> = p.gaussians.iter().zip(&p.rgb).map(ellipse).collect();
     splats::front_to_back(&mut out);
     out
 }
 
 /// Light that ellipses in order leave of a pixel.
-pub(crate) fn left(ellipses: &[Ellipse], at: [usize; 2], rules: &Rules) -> f64 {
-    let values = splats::pixel(ellipses, at, &wide(rules)).values;
+pub(crate) fn left(ellipses: &[Ellipse], at: [usize; 2], settings: &RasterSettings) -> f64 {
+    let values = splats::pixel(ellipses, at, &wide(settings)).values;
     values[values.len() - 1]
 }
 
 /// Composite ellipses that are in order.
-pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], rules: &Rules) -> Picture {
-    splats::draw(ellipses, size, &wide(rules))
+pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], settings: &RasterSettings) -> Picture {
+    splats::draw(ellipses, size, &wide(settings))
 }

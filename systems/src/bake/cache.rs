@@ -8,7 +8,7 @@ use engine::checkpoint::{digest, read_arrays, serialise, sha256};
 use engine::error::RunError;
 use engine::output::{Storage, write_file};
 use engine::system::{Splats, Tensor, TensorMap, f32_tensor, take_f32, take_u64, u64_tensor};
-use splat_core::{Gaussians, MAX_DEGREE, Rules, Widening};
+use splat_core::{Gaussians, MAX_DEGREE, RasterSettings, Widening};
 use std::path::Path;
 
 /// Name of the file in the run folder.
@@ -48,7 +48,7 @@ fn read(arrays: &TensorMap) -> Option<Baked> {
     }
     let facts = take_f32(arrays, "facts", 2).ok()?;
     let widening = if widening == 0 { Widening::Keeps } else { Widening::Dims };
-    let rules = Rules { near: facts[0], widening, ..Rules::DEFAULT };
+    let rules = RasterSettings::DEFAULT.with_near(facts[0]).with_widening(widening);
     rules.check().ok()?;
     let psnr = Some(f64::from(facts[1])).filter(|x| x.is_finite());
     Some(Baked { splats: Splats { gaussians, rules }, psnr })
@@ -100,7 +100,7 @@ mod tests {
     fn baked() -> Baked {
         let mut gaussians = Gaussians::new(3, 1).unwrap();
         gaussians.rest[5] = 0.25;
-        let rules = Rules { near: 0.5, widening: Widening::Dims, ..Rules::DEFAULT };
+        let rules = RasterSettings::DEFAULT.with_near(0.5).with_widening(Widening::Dims);
         Baked { splats: Splats { gaussians, rules }, psnr: Some(30.5) }
     }
 

@@ -14,8 +14,8 @@ use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
 use render_core::path::Spiral;
 use scene_io::read_splats;
-use splat_core::density::{Rows, by_place, opacity};
-use splat_core::{Gaussians, Rules, rest_len};
+use splat_core::density::{Rows, morton_order, opacity};
+use splat_core::{Gaussians, RasterSettings, rest_len};
 use std::path::Path;
 
 /// Gaussians fainter than this do not say where the scene is.
@@ -55,7 +55,7 @@ pub struct Cloud {
     /// In a frame around its middle, so that places far from the origin keep their digits.
     cloud: Gaussians,
     frame: Frame,
-    rules: Rules,
+    rules: RasterSettings,
     middle: DVec3,
     radius: f64,
     up: DVec3,
@@ -81,7 +81,7 @@ impl Cloud {
             return Err(RunError::Content { path: path.into(), problem });
         }
         let widening = file.widening.unwrap_or_default();
-        Ok(Self { notes: file.notes, ..Self::new(file.cloud, Rules { widening, ..Rules::DEFAULT }) })
+        Ok(Self { notes: file.notes, ..Self::new(file.cloud, RasterSettings::DEFAULT.with_widening(widening)) })
     }
 
     /// A cloud of the scene's frame.
@@ -89,14 +89,14 @@ impl Cloud {
     /// # Panics
     /// When fields of the cloud disagree in length.
     #[must_use]
-    pub fn new(mut cloud: Gaussians, rules: Rules) -> Self {
-        if let Ok(placed) = by_place(&cloud).and_then(|rows| rows.follow(&cloud)) {
+    pub fn new(mut cloud: Gaussians, rules: RasterSettings) -> Self {
+        if let Ok(placed) = morton_order(&cloud).and_then(|rows| rows.follow(&cloud)) {
             cloud = placed;
         }
         let (middle, radius) = extent(&cloud);
         let frame = Frame { centre: middle.to_array(), scale: 1.0 };
         frame.cloud_to_internal(&mut cloud);
-        let rules = Rules { near: (NEAR * radius) as f32, ..rules };
+        let rules = rules.with_near((NEAR * radius) as f32);
         let up = upright::guess(&cloud);
         Self { cloud, frame, rules, middle, radius, up, notes: Vec::new(), kept: Kept::default() }
     }

@@ -2,7 +2,7 @@
 
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
-use splat_core::{MAX_DEGREE, Rules, Widening};
+use splat_core::{MAX_DEGREE, RasterSettings, Widening};
 
 /// Where Gaussians begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -164,12 +164,12 @@ impl SplatConfig {
     }
 
     /// What rasterising goes by.
-    pub(super) fn rules(&self) -> Rules {
+    pub(super) fn rules(&self) -> RasterSettings {
         let widening = match self.widening {
             WideningKind::Keeps => Widening::Keeps,
             WideningKind::Dims => Widening::Dims,
         };
-        Rules { near: self.near, widening, ..Rules::DEFAULT }
+        RasterSettings::DEFAULT.with_near(self.near).with_widening(widening)
     }
 
     /// Active degree at a step, counted from 0.

@@ -3,8 +3,8 @@
 use super::config::{DensityKind, SplatConfig};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
-use splat_core::density::{Adc, Mcmc, Pull, Rows, by_place, keep_in_range, without_non_finite};
-use splat_core::{Footprint, Gaussians, Record, SplatError};
+use splat_core::density::{Adc, Mcmc, Rows, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite};
+use splat_core::{Gaussians, ProjectedGaussian, ProjectedGradient, SplatError};
 
 /// Stream of random numbers, and those of its uses in a step.
 const STREAM: u64 = 0x6465_6e73;
@@ -24,7 +24,7 @@ pub(super) enum Density {
         /// Constants.
         rules: Adc,
         /// Gradients since the last change.
-        pull: Pull,
+        pull: ViewSpaceGradients,
     },
     /// Relocate, add, stir.
     Mcmc {
@@ -48,29 +48,25 @@ impl Density {
         let (after, until, every) = (config.densify_from, config.densify_until, config.densify_every);
         match config.density {
             DensityKind::Adc => {
-                let rules = Adc {
-                    after,
-                    until,
-                    every,
-                    fade_every: if config.reset_every == 0 { u64::MAX } else { config.reset_every },
-                    size_after: config.reset_every,
-                    size_max: if config.prune_size > 0.0 { config.prune_size.into() } else { f64::INFINITY },
-                    hot: config.densify_gradient,
-                    ..Adc::DEFAULT
-                };
-                Self::Adc { rules, pull: Pull::new(n) }
+                let rules = Adc::DEFAULT
+                    .with_after(after)
+                    .with_until(until)
+                    .with_every(every)
+                    .with_reset_every(if config.reset_every == 0 { u64::MAX } else { config.reset_every })
+                    .with_size_after(config.reset_every)
+                    .with_size_max(if config.prune_size > 0.0 { config.prune_size.into() } else { f64::INFINITY })
+                    .with_gradient_threshold(config.densify_gradient);
+                Self::Adc { rules, pull: ViewSpaceGradients::new(n) }
             }
             DensityKind::Mcmc => {
                 let cost = f64::from(config.mcmc_cost);
-                let rules = Mcmc {
-                    after,
-                    until,
-                    every,
-                    noise: f64::from(config.mcmc_noise),
-                    opacity_weight: cost,
-                    scale_weight: cost,
-                    ..Mcmc::DEFAULT
-                };
+                let rules = Mcmc::DEFAULT
+                    .with_after(after)
+                    .with_until(until)
+                    .with_every(every)
+                    .with_noise(f64::from(config.mcmc_noise))
+                    .with_opacity_weight(cost)
+                    .with_scale_weight(cost);
                 Self::Mcmc { rules }
             }
         }
@@ -81,8 +77,8 @@ impl Density {
         &mut self,
         step: u64,
         size: [usize; 2],
-        footprints: &[Footprint],
-        records: &[Record<K>],
+        footprints: &[ProjectedGaussian],
+        records: &[ProjectedGradient<K>],
     ) -> Result<(), SplatError> {
         match self {
             Self::Adc { rules, pull } if step + 1 < rules.until => pull.add(footprints, size, |k| records[k].uv),
@@ -133,18 +129,18 @@ impl Density {
                     *cloud = kept.follow(cloud)?;
                     changed.then(kept)?;
                     changed.order(cloud)?;
-                    *pull = Pull::new(cloud.len());
+                    *pull = ViewSpaceGradients::new(cloud.len());
                 }
-                if rules.fades_at(count) {
-                    rules.fade(cloud, |_| true)?;
+                if rules.resets_at(count) {
+                    rules.reset_opacity(cloud, |_| true)?;
                     changed.faded = true;
                 }
             }
             Self::Mcmc { rules } => {
                 // The noise is as large as what it moves.
                 keep_in_range(cloud, EXTENT)?;
-                rules.stir(cloud, lr, rng.substream(STIR))?;
-                if rules.moves_at(count) {
+                rules.add_noise(cloud, lr, rng.substream(STIR))?;
+                if rules.relocates_at(count) {
                     let moved = rules.relocate(cloud, rng.substream(GROW))?;
                     *cloud = moved.cloud;
                     changed.then(moved.rows)?;
@@ -174,7 +170,7 @@ impl Density {
         let mut new = Self::new(config, n);
         if let Self::Adc { pull, .. } = &mut new {
             let [sum, views, radius] = NAMES.map(|name| take_f32(state, name, n));
-            *pull = Pull::restore([sum?, views?, radius?])
+            *pull = ViewSpaceGradients::restore([sum?, views?, radius?])
                 .map_err(|e| SystemError::State { name: NAMES[0].into(), problem: e.to_string() })?;
         }
         Ok(new)
@@ -195,7 +191,7 @@ impl Changed {
 
     /// Neighbours in space become neighbours in memory.
     fn order(&mut self, cloud: &mut Gaussians) -> Result<(), SplatError> {
-        let rows = by_place(cloud)?;
+        let rows = morton_order(cloud)?;
         self.keep(rows, cloud)
     }
 

@@ -8,7 +8,7 @@ use float_core::Simd;
 use glam::DVec2;
 use rayon::prelude::*;
 use render_core::camera::Camera;
-use splat_core::{Drawn, Gaussians, Projection, Raster, Rules, SplatError, View};
+use splat_core::{DrawStats, Gaussians, Projection, Raster, RasterSettings, SplatError, View};
 use std::sync::Mutex;
 
 /// Colour and depth.
@@ -19,7 +19,7 @@ const LOOKS: usize = 4;
 pub(crate) struct Look<'a> {
     pub(crate) cloud: &'a Gaussians,
     pub(crate) frame: &'a Frame,
-    pub(crate) rules: Rules,
+    pub(crate) rules: RasterSettings,
     pub(crate) degree: usize,
     pub(crate) simd: Simd,
 }
@@ -66,7 +66,7 @@ pub(crate) struct LeftOut {
 
 impl LeftOut {
     /// A cloud of which so many were seen was drawn.
-    pub(crate) fn count(&mut self, cloud: usize, seen: usize, drawn: &Drawn) {
+    pub(crate) fn count(&mut self, cloud: usize, seen: usize, drawn: &DrawStats) {
         self.add(&Self {
             culled: [(cloud - seen) as u64, cloud as u64],
             hidden: [drawn.hidden, drawn.pairs],
@@ -120,7 +120,7 @@ impl Look<'_> {
             let size = [canvas.camera.width as usize, canvas.camera.height as usize];
             // What is widened is widened to a pixel of the picture, as in training.
             let blur = look.rules.blur * (canvas.finer * canvas.finer) as f32;
-            let look = Look { rules: Rules { blur, ..look.rules }, ..look };
+            let look = Look { rules: look.rules.with_blur(blur), ..look };
             look.plane(&canvas.camera, query, &mut buffers)
                 .map(|(layers, left_out)| (through(&canvas, size, &layers, query), left_out))
         };
@@ -134,19 +134,19 @@ impl Look<'_> {
         let Buffers { projection, features, raster, planes, middles } = buffers;
         projection.project(self.simd, self.cloud, &view, &self.rules, self.degree)?;
         features.clear();
-        features.extend(projection.rgb.iter().zip(&projection.footprints).map(|(c, f)| [c[0], c[1], c[2], f.z]));
-        let rules = Rules { enough: enough(query, &projection.rgb), ..self.rules };
-        let drawn = raster.draw(self.simd, (&projection.footprints, features), view.size, &rules)?;
+        features.extend(projection.rgb.iter().zip(&projection.gaussians).map(|(c, f)| [c[0], c[1], c[2], f.z]));
+        let rules = self.rules.with_transmittance_stop(enough(query, &projection.rgb));
+        let drawn = raster.draw(self.simd, &projection.gaussians, features, view.size, &rules)?;
         let pixels = view.size[0] * view.size[1];
         planes.resize((LOOKS + 1) * pixels, 0.0);
         raster.planes(planes)?;
         let is_median = query.layers.median == Median::Compute || query.layers.canonical == Canonical::Compute;
         if is_median {
             middles.resize(pixels, 0.0);
-            raster.middles(self.simd, (&projection.footprints, features), &rules, middles)?;
+            raster.median_depth(self.simd, &projection.gaussians, features, &rules, middles)?;
         }
         let mut left_out = LeftOut::default();
-        left_out.count(self.cloud.len(), projection.footprints.len(), &drawn);
+        left_out.count(self.cloud.len(), projection.gaussians.len(), &drawn);
 
         let mut layers = Layers::nothing(pixels, query);
         let (colour, rest) = planes.split_at(3 * pixels);
@@ -195,7 +195,7 @@ impl Look<'_> {
         let n = self.cloud.len();
         let o = view.centre();
         let features: Vec<[f32; 3]> = projection
-            .footprints
+            .gaussians
             .iter()
             .map(|f| {
                 let i = f.index as usize;
@@ -205,7 +205,7 @@ impl Look<'_> {
             })
             .collect();
         let mut raster = Raster::<3>::default();
-        raster.draw(self.simd, (&projection.footprints, &features), view.size, &self.rules)?;
+        raster.draw(self.simd, &projection.gaussians, &features, view.size, &self.rules)?;
         let pixels = view.size[0] * view.size[1];
         let mut planes = vec![0.0; 4 * pixels];
         raster.planes(&mut planes)?;

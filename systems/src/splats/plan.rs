@@ -68,7 +68,7 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     };
     if start.cloud.is_empty() {
         let count = config.start_count.min(config.max_splats);
-        let one = Gaussians::new(0, config.sh_degree).map_err(refused)?.numbers();
+        let one = Gaussians::new(0, config.sh_degree).map_err(refused)?.parameters_per_gaussian();
         room_for("start_count", count, count.saturating_mul(one))?;
         let sight = Sight::new(data)?;
         start = Start::random(scene_box(&layout, data), &frame, &options, |x| sight.of(x)).map_err(refused)?;

@@ -10,8 +10,8 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use glam::DVec3;
 use render_core::camera::Camera;
+use splat_core::Gaussians;
 use splat_core::density::{keep_in_range, without_non_finite};
-use splat_core::{Gaussians, Rules};
 
 /// Stream of random numbers: the order of the pictures.
 const STREAM: u64 = 0x7265_6669_6e65;
@@ -118,7 +118,7 @@ pub(crate) fn refine(
     }
     frame.cloud_to_world(&mut cloud);
     let near = (f64::from(rules.near) * frame.scale) as f32;
-    Ok(Some(Splats { gaussians: cloud, rules: Rules { near, ..rules } }))
+    Ok(Some(Splats { gaussians: cloud, rules: rules.with_near(near) }))
 }
 
 /// The picture of a step: each once, in an order of its own, before any comes again.

@@ -26,8 +26,8 @@ use optim::NonFiniteGuard;
 use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
-use splat_core::density::by_place;
-use splat_core::{Gaussians, Rules, View};
+use splat_core::density::morton_order;
+use splat_core::{Gaussians, View};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -79,7 +79,7 @@ impl Splat {
         data: &Dataset,
     ) -> Result<Self, SystemError> {
         config.check()?;
-        let cloud = by_place(&start.cloud).and_then(|rows| rows.follow(&start.cloud)).map_err(refused)?;
+        let cloud = morton_order(&start.cloud).and_then(|rows| rows.follow(&start.cloud)).map_err(refused)?;
         let mut pictures = Pictures::default();
         for camera in data.views().iter().map(|v| &v.camera) {
             let pixels = camera.width as usize * camera.height as usize;
@@ -279,7 +279,7 @@ impl System for Splat {
         let mut gaussians = self.cloud.clone();
         self.frame.cloud_to_world(&mut gaussians);
         let near = (f64::from(self.config.near) * self.frame.scale) as f32;
-        Some(Splats { gaussians, rules: Rules { near, ..self.config.rules() } })
+        Some(Splats { gaussians, rules: self.config.rules().with_near(near) })
     }
 
     fn density(&self, _points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
@@ -312,16 +312,16 @@ impl System for Splat {
     }
 
     fn parameter_count(&self) -> usize {
-        self.cloud.len() * self.cloud.numbers()
+        self.cloud.len() * self.cloud.parameters_per_gaussian()
     }
 
     fn memory_bytes(&self) -> usize {
         let free_space = if self.config.free_space { empty::BYTES } else { 0 };
-        memory::most(self.cloud.len(), self.cloud.numbers(), self.pictures) + free_space
+        memory::most(self.cloud.len(), self.cloud.parameters_per_gaussian(), self.pictures) + free_space
     }
 
     fn growth_bytes(&self) -> usize {
-        let most = |splats| memory::most(splats, self.cloud.numbers(), Pictures::default());
+        let most = |splats| memory::most(splats, self.cloud.parameters_per_gaussian(), Pictures::default());
         most(self.config.max_splats).saturating_sub(most(self.cloud.len()))
     }
 

@@ -4,7 +4,9 @@ use super::photo::Photo;
 use float_core::Simd;
 use losses::dssim::{Dssim, Pair, Target};
 use rayon::prelude::*;
-use splat_core::{Drawn, Footprint, Gaussians, Projection, Raster, Record, Rules, SplatError, View};
+use splat_core::{
+    DrawStats, Gaussians, ProjectedGaussian, ProjectedGradient, Projection, Raster, RasterSettings, SplatError, View,
+};
 use std::time::Instant;
 
 /// Pixels that one task takes.
@@ -23,7 +25,7 @@ pub(super) struct Pass {
     raster: Raster<COLOUR>,
     planes: Vec<f32>,
     bars: Vec<f32>,
-    records: Vec<Record<COLOUR>>,
+    records: Vec<ProjectedGradient<COLOUR>>,
     loss: Dssim,
 }
 
@@ -32,7 +34,7 @@ pub(super) struct Pass {
 pub(super) struct Lens<'a> {
     pub(super) simd: Simd,
     pub(super) view: &'a View,
-    pub(super) rules: &'a Rules,
+    pub(super) rules: &'a RasterSettings,
     pub(super) degree: usize,
     pub(super) background: [f32; 3],
     /// Share of `1 - SSIM`.
@@ -44,7 +46,7 @@ pub(super) struct Lens<'a> {
 pub(super) struct Outcome {
     pub(super) loss: f64,
     pub(super) mse: f64,
-    pub(super) drawn: Drawn,
+    pub(super) drawn: DrawStats,
 }
 
 impl Pass {
@@ -73,7 +75,7 @@ impl Pass {
         let mut clock = Clock { at: Instant::now(), seconds };
         projection.project(simd, cloud, view, rules, degree)?;
         clock.lap(1);
-        let drawn = raster.draw(simd, (&projection.footprints, &projection.rgb), view.size, rules)?;
+        let drawn = raster.draw(simd, &projection.gaussians, &projection.rgb, view.size, rules)?;
         let pixels = view.size[0] * view.size[1];
         planes.resize((COLOUR + 1) * pixels, 0.0);
         raster.planes(planes)?;
@@ -103,16 +105,16 @@ impl Pass {
             *bar = r[i] * background[0] + g[i] * background[1] + b[i] * background[2];
         });
         clock.lap(3);
-        raster.backward(simd, (&projection.footprints, &projection.rgb), rules, bars, records)?;
+        raster.backward(simd, &projection.gaussians, &projection.rgb, rules, bars, records)?;
         clock.lap(4);
-        projection.backward(simd, cloud, view, rules, degree, (records, None), grad)?;
+        projection.backward(simd, cloud, view, rules, degree, records, None, grad)?;
         clock.lap(5);
         Ok(Outcome { loss: value.loss, mse: mse(&pair), drawn })
     }
 
     /// The Gaussians that the last photo saw, and what it says of them.
-    pub(super) fn seen(&self) -> (&[Footprint], &[Record<COLOUR>]) {
-        (&self.projection.footprints, &self.records)
+    pub(super) fn seen(&self) -> (&[ProjectedGaussian], &[ProjectedGradient<COLOUR>]) {
+        (&self.projection.gaussians, &self.records)
     }
 }
 

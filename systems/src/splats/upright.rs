@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use engine::camera_path::PathKind;
     use field_core::rng::Rng;
-    use splat_core::Rules;
+    use splat_core::RasterSettings;
 
     /// A floor with normals along `up` and a ball on it.
     fn scene(up: DVec3) -> Gaussians {
@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn the_first_view_looks_at_the_thing_from_where_nothing_is_before_it() {
         let mut gaussians = scene(DVec3::Z);
-        let cloud = Cloud::new(gaussians.clone(), Rules::DEFAULT);
+        let cloud = Cloud::new(gaussians.clone(), RasterSettings::DEFAULT);
         let cameras: Vec<Camera> = cloud.views();
         let (middle, radius) = cloud.extent();
         let to_middle = (middle - cameras[0].pose.c).normalize();
@@ -170,7 +170,7 @@ mod tests {
             gaussians.mean[k * 600] = wall[k] as f32;
             gaussians.log_scale[k * 600] = (0.15 * radius).ln() as f32;
         }
-        let blocked = Cloud::new(gaussians, Rules::DEFAULT).views();
+        let blocked = Cloud::new(gaussians, RasterSettings::DEFAULT).views();
         assert!(blocked[0].pose.c.distance(cameras[0].pose.c) > 0.2 * radius, "another one is the best now");
     }
 
@@ -180,7 +180,7 @@ mod tests {
             let (cameras, line) = cloud.cameras(&PathKind::Orbit, Some(8)).unwrap();
             (cameras, line.unwrap())
         };
-        let thing = Cloud::new(scene(DVec3::Z), Rules::DEFAULT);
+        let thing = Cloud::new(scene(DVec3::Z), RasterSettings::DEFAULT);
         let (middle, radius) = thing.extent();
         let (cameras, line) = orbit(&thing);
         assert!(cameras.iter().all(|c| c.pose.c.distance(middle) > radius) && line.contains("around"));
@@ -198,7 +198,7 @@ mod tests {
             shell.wxyz[i] = 1.0;
             shell.logit[i] = 6.0;
         }
-        let room = Cloud::new(shell, Rules::DEFAULT);
+        let room = Cloud::new(shell, RasterSettings::DEFAULT);
         let (cameras, line) = orbit(&room);
         assert!(line.contains("inside"), "{line}");
         assert!(cameras.iter().all(|c| c.pose.c.length() < 0.5 && c.optical_axis().z > 0.99), "{cameras:?}");

@@ -3,13 +3,14 @@
 //! Scales and opacities are linear in the file, logarithms and logits here; `alpha` there is what is not left of the light.
 
 use float_core::Simd;
-use splat_core::{Gaussians, Projection, Raster, Record as Bars, Rules, View};
+use splat_core::{Gaussians, ProjectedGradient as Bars, Projection, Raster, RasterSettings, View};
 use std::path::Path;
 use testkit::golden::{Golden, Kind, Record, assert_close};
 
 /// Gaussians that no pixel can tell from ones without an end, and pixels that never finish.
-const IDEAL: Rules = Rules { alpha_min: 1e-30, alpha_max: 0.999, stop: 0.0, ..Rules::DEFAULT };
-const THRESHOLD: Rules = Rules { alpha_max: 0.999, ..Rules::DEFAULT };
+const IDEAL: RasterSettings =
+    RasterSettings::DEFAULT.with_alpha_min(1e-30).with_alpha_max(0.999).with_transmittance_min(0.0);
+const THRESHOLD: RasterSettings = RasterSettings::DEFAULT.with_alpha_max(0.999);
 
 fn golden() -> Golden {
     Golden::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/splats.json")).unwrap()
@@ -71,7 +72,7 @@ fn covariances_are_seen_from_three_sides() {
                 let g = single([0.0; 3], &record.input("quat").data, &record.input("scale").data);
                 let mut p = Projection::default();
                 p.project(simd, &g, &view, &IDEAL, 0).unwrap();
-                let [a, b, c] = p.footprints[0].conic.map(f64::from);
+                let [a, b, c] = p.gaussians[0].conic.map(f64::from);
                 let det = a * c - b * b;
                 let blur = f64::from(IDEAL.blur);
                 let got = [c / det - blur, -b / det, a / det - blur];
@@ -104,11 +105,11 @@ fn projections_match() {
             p.project(simd, &g, &view, &IDEAL, 0).unwrap();
             if record.name == "wide_clamped_clamp1" {
                 // Thirty deviations beside the picture.
-                assert!(p.footprints.is_empty());
+                assert!(p.gaussians.is_empty());
                 continue;
             }
             compared += 1;
-            let f = p.footprints[0];
+            let f = p.gaussians[0];
             assert_close(&label, &f.uv.map(f64::from), &record.output("mean2d").data, rtol, 1e-6);
             assert_close(&label, &[f64::from(f.z)], &record.output("depth").data, rtol, 1e-7);
             assert_close(&label, &f.conic.map(f64::from), &record.output("conic").data, rtol, 0.0);
@@ -130,7 +131,7 @@ fn projections_match() {
                 features: [0.0, 0.0, 0.0, record.cotangent("depth").scalar() as f32],
             };
             let mut grad = g.clone();
-            p.backward(simd, &g, &view, &IDEAL, 0, (&[bar], Some(3)), &mut grad).unwrap();
+            p.backward(simd, &g, &view, &IDEAL, 0, &[bar], Some(3), &mut grad).unwrap();
             let scale = &record.input("scale").data;
             let log_scale: Vec<f64> = record.grad("scale").data.iter().zip(scale).map(|(g, s)| g * s).collect();
             for (name, got, want) in [
@@ -173,7 +174,7 @@ fn colours_match() {
             let bar = &record.cotangent("colour").data;
             let bar = Bars::<3> { features: [0, 1, 2].map(|c| bar[c] as f32), ..Bars::default() };
             let mut grad = g.clone();
-            p.backward(simd, &g, &view, &IDEAL, degree, (&[bar], None), &mut grad).unwrap();
+            p.backward(simd, &g, &view, &IDEAL, degree, &[bar], None, &mut grad).unwrap();
             assert_close(&format!("{label} dmean"), &grad.mean, &record.grad("mean").data, 2e-5, 1e-6);
             let sh_bar = [&grad.dc[..], &grad.rest[..]].concat();
             assert_close(&format!("{label} dsh"), &sh_bar, &record.grad("sh").data, 2e-6, 1e-7);
@@ -228,9 +229,9 @@ fn pictures_and_their_gradients_match() {
             let mut p = Projection::default();
             p.project(simd, &g, &view, &rules, degree).unwrap();
             let features: Vec<[f32; 4]> =
-                p.rgb.iter().zip(&p.footprints).map(|(c, f)| [c[0], c[1], c[2], f.z]).collect();
+                p.rgb.iter().zip(&p.gaussians).map(|(c, f)| [c[0], c[1], c[2], f.z]).collect();
             let mut raster = Raster::<4>::default();
-            raster.draw(simd, (&p.footprints, &features), size, &rules).unwrap();
+            raster.draw(simd, &p.gaussians, &features, size, &rules).unwrap();
             let mut planes = vec![0.0_f32; 5 * pixels];
             raster.planes(&mut planes).unwrap();
             let left = &planes[4 * pixels..];
@@ -260,9 +261,9 @@ fn pictures_and_their_gradients_match() {
                 value_bar[4 * pixels + i] = (through - record.cotangent("alpha").data[i]) as f32;
             }
             let mut records = Vec::new();
-            raster.backward(simd, (&p.footprints, &features), &rules, &value_bar, &mut records).unwrap();
+            raster.backward(simd, &p.gaussians, &features, &rules, &value_bar, &mut records).unwrap();
             let mut grad = g.clone();
-            p.backward(simd, &g, &view, &rules, degree, (&records, Some(3)), &mut grad).unwrap();
+            p.backward(simd, &g, &view, &rules, degree, &records, Some(3), &mut grad).unwrap();
             if n == 0 {
                 continue;
             }

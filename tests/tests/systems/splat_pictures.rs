@@ -2,7 +2,7 @@
 
 use engine::render::plain_query;
 use render_core::camera::{Camera, Lens, Pose};
-use splat_core::{Gaussians, Rules};
+use splat_core::{Gaussians, RasterSettings};
 use systems::splats::Cloud;
 
 /// Specks smaller than a pixel, a pixel or so apart.
@@ -21,7 +21,7 @@ fn specks() -> Cloud {
     }
     cloud.log_scale.fill(0.004_f32.ln());
     cloud.logit.fill(3.0);
-    Cloud::new(cloud, Rules::DEFAULT)
+    Cloud::new(cloud, RasterSettings::DEFAULT)
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::density::{Adc, Mcmc, keep_strongest, without_non_finite};
-use splat_core::{Gaussians, Projection, Raster, Record, Rules, View};
+use splat_core::{Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 
 const SIZE: [usize; 2] = [150, 90];
 
@@ -20,23 +20,23 @@ fn cloud() -> Gaussians {
 
 /// Everything, as bits.
 fn all() -> Vec<u32> {
-    let (mut g, simd, rules, rng) = (cloud(), Simd::best(), Rules::DEFAULT, Rng::new(3, 4));
+    let (mut g, simd, rules, rng) = (cloud(), Simd::best(), RasterSettings::DEFAULT, Rng::new(3, 4));
     let one = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let view = View::from_c2w(one, [0.0, 0.0, -3.0], [120.0; 2], [75.0, 45.0], SIZE);
     let mut p = Projection::default();
     p.project(simd, &g, &view, &rules, 2).unwrap();
     let mut raster = Raster::<3>::default();
-    raster.draw(simd, (&p.footprints, &p.rgb), SIZE, &rules).unwrap();
+    raster.draw(simd, &p.gaussians, &p.rgb, SIZE, &rules).unwrap();
     let mut planes = vec![0.0; 4 * SIZE[0] * SIZE[1]];
     raster.planes(&mut planes).unwrap();
     let mut bar = vec![0.0; planes.len()];
     rng.fill_normal(0, &mut bar);
     let (mut records, mut grad) = (Vec::new(), g.clone());
-    raster.backward(simd, (&p.footprints, &p.rgb), &rules, &bar, &mut records).unwrap();
-    p.backward(simd, &g, &view, &rules, 2, (&records, None), &mut grad).unwrap();
+    raster.backward(simd, &p.gaussians, &p.rgb, &rules, &bar, &mut records).unwrap();
+    p.backward(simd, &g, &view, &rules, 2, &records, None, &mut grad).unwrap();
     let mcmc = Mcmc::DEFAULT;
     let loss = mcmc.regularise(&g, &mut grad).unwrap();
-    mcmc.stir(&mut g, 1e-3, rng).unwrap();
+    mcmc.add_noise(&mut g, 1e-3, rng).unwrap();
     g.dc[5] = f32::NAN;
     let clean = without_non_finite(&g).unwrap().expect("one was broken").follow(&g).unwrap();
     let pull: Vec<f32> = (0..clean.len()).map(|i| 1e-3 * rng.uniform_at(i as u64)).collect();
@@ -53,16 +53,17 @@ fn all() -> Vec<u32> {
 /// Planes and gradients of a picture with `K` features.
 fn features<const K: usize>(p: &Projection) -> Vec<f32> {
     let of = |i: u32| -> [f32; K] { std::array::from_fn(|k| Rng::new(i.into(), k as u64).normal_at(0)) };
-    let features: Vec<[f32; K]> = p.footprints.iter().map(|f| of(f.index)).collect();
-    let (mut raster, simd, rules) = (Raster::<K>::default(), Simd::best(), Rules::DEFAULT);
-    raster.draw(simd, (&p.footprints, &features), SIZE, &rules).unwrap();
+    let features: Vec<[f32; K]> = p.gaussians.iter().map(|f| of(f.index)).collect();
+    let (mut raster, simd, rules) = (Raster::<K>::default(), Simd::best(), RasterSettings::DEFAULT);
+    raster.draw(simd, &p.gaussians, &features, SIZE, &rules).unwrap();
     let mut planes = vec![0.0; (K + 1) * SIZE[0] * SIZE[1]];
     raster.planes(&mut planes).unwrap();
     let (mut bar, mut records) = (vec![0.0; planes.len()], Vec::new());
     Rng::new(5, 6).fill_normal(0, &mut bar);
-    raster.backward(simd, (&p.footprints, &features), &rules, &bar, &mut records).unwrap();
-    let numbers =
-        |r: &Record<K>| r.uv.into_iter().chain(r.conic).chain([r.opacity]).chain(r.features).collect::<Vec<_>>();
+    raster.backward(simd, &p.gaussians, &features, &rules, &bar, &mut records).unwrap();
+    let numbers = |r: &ProjectedGradient<K>| {
+        r.uv.into_iter().chain(r.conic).chain([r.opacity]).chain(r.features).collect::<Vec<_>>()
+    };
     planes.into_iter().chain(records.iter().flat_map(numbers)).collect()
 }
 

@@ -10,7 +10,7 @@ use crate::measure::worst;
 use losses::dssim::{Dssim, Pair, Target};
 use losses::metrics::{Image, SsimVariant, ssim};
 use rayon::prelude::*;
-use splat_core::{Field, Footprint, Gaussians, Rules, Widening};
+use splat_core::{Field, Gaussians, ProjectedGaussian, RasterSettings, Widening};
 use testkit::reference::splats::{
     Camera, Ellipse, EllipseBar, Pixel, Rules as Wide, front_to_back, parameters_bar, pixel, pixel_backward, project,
 };
@@ -71,7 +71,7 @@ pub(super) fn compare(
     stage: &mut Stage,
     cloud: &Gaussians,
     shot: &Shot,
-    rules: &Rules,
+    rules: &RasterSettings,
     backwards: Backwards,
 ) -> Result<Errors, BenchError> {
     stage.render(cloud, shot, rules)?;
@@ -134,7 +134,7 @@ fn gradients(
     stage: &mut Stage,
     cloud: &Gaussians,
     shot: &Shot,
-    rules: &Rules,
+    rules: &RasterSettings,
     (same, exact): (&[Ellipse], &[Ellipse]),
     clear: &[usize],
     world: &World<'_>,
@@ -173,7 +173,7 @@ fn gradients(
     let mut compared = vec![true; cloud.len()];
     exact.iter().for_each(|e| compared[e.index] = e.rgb.iter().all(|&c| c > CORNER));
     let far = |want: &[f64]| parameters_far(&stage.grad, want, &compared);
-    let footprints = &stage.projection.footprints;
+    let footprints = &stage.projection.gaussians;
     let of_records: Vec<EllipseBar> = stage.records.iter().map(widened).collect();
     let of_footprints: Vec<Ellipse> = footprints.iter().zip(&stage.projection.rgb).map(ellipse).collect();
     Ok(GradientErrors {
@@ -186,7 +186,7 @@ fn gradients(
 
 /// Gradient of all parameters, in the order of the fields, from that of some ellipses.
 fn to_parameters(cloud: &Gaussians, ellipses: &[Ellipse], bars: &[EllipseBar], world: &World<'_>) -> Vec<f64> {
-    let (n, numbers) = (cloud.len(), cloud.numbers());
+    let (n, numbers) = (cloud.len(), cloud.parameters_per_gaussian());
     let rows: Vec<(usize, Vec<f64>)> = ellipses
         .par_iter()
         .zip(bars)
@@ -233,7 +233,7 @@ fn records_far(stage: &Stage, same: &[Ellipse], want: &[EllipseBar]) -> f64 {
         place[e.index] = k;
     }
     let (mut got, mut wanted): ([Vec<f32>; 4], [Vec<f64>; 4]) = Default::default();
-    for (f, r) in stage.projection.footprints.iter().zip(&stage.records) {
+    for (f, r) in stage.projection.gaussians.iter().zip(&stage.records) {
         let w = &want[place[f.index as usize]];
         got[0].extend(r.uv);
         wanted[0].extend(w.uv);
@@ -252,7 +252,7 @@ fn projection(stage: &Stage, exact: &[Ellipse]) -> f64 {
     let mut by_index: Vec<&Ellipse> = exact.iter().collect();
     by_index.sort_by_key(|e| e.index);
     let mut most = 0.0;
-    for (f, rgb) in stage.projection.footprints.iter().zip(&stage.projection.rgb) {
+    for (f, rgb) in stage.projection.gaussians.iter().zip(&stage.projection.rgb) {
         let Ok(at) = by_index.binary_search_by_key(&(f.index as usize), |e| e.index) else { return f64::NAN };
         let e = by_index[at];
         let pairs = f.uv.iter().zip(e.uv).chain(rgb.iter().zip(e.rgb));
@@ -320,29 +320,29 @@ fn camera(shot: &Shot) -> Camera {
     }
 }
 
-fn wide(rules: &Rules) -> Wide {
+fn wide(rules: &RasterSettings) -> Wide {
     Wide {
         near: rules.near.into(),
         blur: rules.blur.into(),
         dims: rules.widening == Widening::Dims,
         alpha_min: rules.alpha_min.into(),
         alpha_max: rules.alpha_max.into(),
-        stop: rules.stop.into(),
+        stop: rules.transmittance_min.into(),
     }
 }
 
 /// The ellipses as the rasteriser had them, front to back.
 fn rounded(stage: &Stage) -> Vec<Ellipse> {
-    let mut out: Vec<Ellipse> = stage.projection.footprints.iter().zip(&stage.projection.rgb).map(ellipse).collect();
+    let mut out: Vec<Ellipse> = stage.projection.gaussians.iter().zip(&stage.projection.rgb).map(ellipse).collect();
     front_to_back(&mut out);
     out
 }
 
-fn ellipse((f, rgb): (&Footprint, &[f32; 3])) -> Ellipse {
+fn ellipse((f, rgb): (&ProjectedGaussian, &[f32; 3])) -> Ellipse {
     Ellipse::rounded(f.index as usize, f.uv, f.conic, [f.opacity, f.q_max, f.z], *rgb)
 }
 
-fn widened(r: &splat_core::Record<COLOUR>) -> EllipseBar {
+fn widened(r: &splat_core::ProjectedGradient<COLOUR>) -> EllipseBar {
     EllipseBar {
         uv: r.uv.map(f64::from),
         conic: r.conic.map(f64::from),
@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn kernels_are_as_near_the_twin_as_their_tests_say() {
-        let ((cloud, shot), rules) = (scene(), Rules::DEFAULT);
+        let ((cloud, shot), rules) = (scene(), RasterSettings::DEFAULT);
         for simd in Simd::available() {
             let e = compare(&mut Stage::new(simd, &cloud), &cloud, &shot, &rules, Backwards::Compare).unwrap();
             let g = e.gradients.unwrap();
@@ -401,7 +401,7 @@ mod tests {
         for (_, numbers) in got.fields_mut() {
             numbers.fill(0.0);
         }
-        let mut want = vec![0.0; got.len() * got.numbers()];
+        let mut want = vec![0.0; got.len() * got.parameters_per_gaussian()];
         assert_eq!(parameters_far(&got, &want, &[true; 2]), 0.0);
         (want[6], got.log_scale[0]) = (2.0, 1.0);
         assert_eq!(parameters_far(&got, &want, &[true; 2]), 0.5);

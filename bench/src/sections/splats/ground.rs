@@ -7,7 +7,7 @@ use engine::train::{Schedule, Stop};
 use field_core::rng::Rng;
 use render_core::camera::Camera;
 use scene_io::Image;
-use splat_core::{Gaussians, Rules, View};
+use splat_core::{Gaussians, RasterSettings, View};
 use std::sync::Arc;
 
 /// Cameras that times are means over.
@@ -20,7 +20,7 @@ const JITTER: u64 = 0x6a69_7474;
 /// A cloud and who looks at it.
 pub(super) struct Ground {
     pub(super) cloud: Gaussians,
-    pub(super) rules: Rules,
+    pub(super) rules: RasterSettings,
     cameras: Vec<Camera>,
     photos: Vec<Arc<Image>>,
 }
@@ -114,7 +114,7 @@ mod tests {
         let mut cloud = Gaussians::new(3, 1).unwrap();
         cloud.log_scale.fill(-3.0);
         cloud.dc[1] = 0.7;
-        let ground = Ground { cloud, rules: Rules::DEFAULT, cameras: Vec::new(), photos: Vec::new() };
+        let ground = Ground { cloud, rules: RasterSettings::DEFAULT, cameras: Vec::new(), photos: Vec::new() };
         let large = ground.larger_cloud().unwrap();
         assert!(large.check().is_ok() && large.len() == 18);
         // Six sixths of the volume.

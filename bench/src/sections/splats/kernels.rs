@@ -12,7 +12,7 @@ use crate::page::Item;
 use crate::sections::scene::Subject;
 use crate::sections::{Bench, Extent};
 use crate::table::{Cell, Table};
-use splat_core::{Drawn, Gaussians, Rules};
+use splat_core::{DrawStats, Gaussians, RasterSettings};
 use std::time::Instant;
 
 /// Pixels of the scene's photos along each axis.
@@ -82,15 +82,15 @@ struct Case<'a> {
     seconds: [Vec<f64>; PARTS.len()],
     whole: Vec<f64>,
     /// Of one pass over the cameras.
-    drawn: Drawn,
+    drawn: DrawStats,
     seen: usize,
 }
 
 impl Case<'_> {
-    fn run(&mut self, bench: &Bench, rules: &Rules) -> Result<(), BenchError> {
+    fn run(&mut self, bench: &Bench, rules: &RasterSettings) -> Result<(), BenchError> {
         let Self { work, threads, shots, cloud, stage, drawn, seen, .. } = self;
         let mut parts = [0.0; PARTS.len()];
-        (*drawn, *seen) = (Drawn::default(), 0);
+        (*drawn, *seen) = (DrawStats::default(), 0);
         let whole = bench.pools.run(*threads, || -> Result<f64, BenchError> {
             let clock = Instant::now();
             for shot in *shots {
@@ -102,7 +102,7 @@ impl Case<'_> {
                 drawn.hidden += more.hidden;
                 drawn.empty_tiles += more.empty_tiles;
                 drawn.tiles += more.tiles;
-                *seen += stage.projection.footprints.len();
+                *seen += stage.projection.gaussians.len();
             }
             Ok(clock.elapsed().as_secs_f64())
         })?;
@@ -143,7 +143,7 @@ pub(super) fn run(bench: &Bench, subject: &Subject, found: &mut Found) -> Result
                     stage: Stage::new(bench.simd, cloud),
                     seconds: Default::default(),
                     whole: Vec::new(),
-                    drawn: Drawn::default(),
+                    drawn: DrawStats::default(),
                     seen: 0,
                 });
             }

@@ -5,7 +5,7 @@ use crate::error::BenchError;
 use float_core::Simd;
 use losses::dssim::{Dssim, Pair, Target};
 use optim::{Adam, AdamConfig};
-use splat_core::{Drawn, Gaussians, MAX_DEGREE, Projection, Raster, Record, Rules};
+use splat_core::{DrawStats, Gaussians, MAX_DEGREE, ProjectedGradient, Projection, Raster, RasterSettings};
 use std::time::Instant;
 
 /// Features composited: colour.
@@ -34,7 +34,7 @@ pub(super) struct Stage {
     pub(super) planes: Vec<f32>,
     /// Gradient of the loss with respect to `planes`.
     pub(super) bars: Vec<f32>,
-    pub(super) records: Vec<Record<COLOUR>>,
+    pub(super) records: Vec<ProjectedGradient<COLOUR>>,
     pub(super) grad: Gaussians,
     loss: Dssim,
     adam: Vec<Adam>,
@@ -57,7 +57,12 @@ impl Stage {
     }
 
     /// A picture, into `planes`.
-    pub(super) fn render(&mut self, cloud: &Gaussians, shot: &Shot, rules: &Rules) -> Result<Drawn, BenchError> {
+    pub(super) fn render(
+        &mut self,
+        cloud: &Gaussians,
+        shot: &Shot,
+        rules: &RasterSettings,
+    ) -> Result<DrawStats, BenchError> {
         self.project(cloud, shot, rules)?;
         self.draw(shot, rules)
     }
@@ -68,9 +73,9 @@ impl Stage {
         &mut self,
         cloud: &mut Gaussians,
         shot: &Shot,
-        rules: &Rules,
+        rules: &RasterSettings,
         seconds: &mut [f64; PARTS.len()],
-    ) -> Result<Drawn, BenchError> {
+    ) -> Result<DrawStats, BenchError> {
         let mut at = Instant::now();
         let mut lap = |part: usize| {
             let now = Instant::now();
@@ -99,14 +104,15 @@ impl Stage {
         Ok(drawn)
     }
 
-    fn project(&mut self, cloud: &Gaussians, shot: &Shot, rules: &Rules) -> Result<(), BenchError> {
+    fn project(&mut self, cloud: &Gaussians, shot: &Shot, rules: &RasterSettings) -> Result<(), BenchError> {
         self.projection.project(self.simd, cloud, &shot.view, rules, MAX_DEGREE).map_err(BenchError::part)
     }
 
-    fn draw(&mut self, shot: &Shot, rules: &Rules) -> Result<Drawn, BenchError> {
+    fn draw(&mut self, shot: &Shot, rules: &RasterSettings) -> Result<DrawStats, BenchError> {
         let Self { simd, projection, raster, planes, .. } = self;
-        let scene = (&projection.footprints[..], &projection.rgb[..]);
-        let drawn = raster.draw(*simd, scene, shot.view.size, rules).map_err(BenchError::part)?;
+        let drawn = raster
+            .draw(*simd, &projection.gaussians, &projection.rgb, shot.view.size, rules)
+            .map_err(BenchError::part)?;
         let pixels = shot.view.size[0] * shot.view.size[1];
         planes.resize((COLOUR + 1) * pixels, 0.0);
         raster.planes(planes).map_err(BenchError::part)?;
@@ -140,17 +146,19 @@ impl Stage {
     }
 
     /// `bars` to `records`.
-    pub(super) fn draw_backward(&mut self, rules: &Rules) -> Result<(), BenchError> {
+    pub(super) fn draw_backward(&mut self, rules: &RasterSettings) -> Result<(), BenchError> {
         let Self { simd, projection, raster, bars, records, .. } = self;
-        let scene = (&projection.footprints[..], &projection.rgb[..]);
-        raster.backward(*simd, scene, rules, bars, records).map_err(BenchError::part)
+        raster.backward(*simd, &projection.gaussians, &projection.rgb, rules, bars, records).map_err(BenchError::part)
     }
 
     /// `records` to `grad`.
-    pub(super) fn project_backward(&mut self, cloud: &Gaussians, shot: &Shot, rules: &Rules) -> Result<(), BenchError> {
+    pub(super) fn project_backward(
+        &mut self,
+        cloud: &Gaussians,
+        shot: &Shot,
+        rules: &RasterSettings,
+    ) -> Result<(), BenchError> {
         let Self { simd, projection, records, grad, .. } = self;
-        projection
-            .backward(*simd, cloud, &shot.view, rules, MAX_DEGREE, (records, None), grad)
-            .map_err(BenchError::part)
+        projection.backward(*simd, cloud, &shot.view, rules, MAX_DEGREE, records, None, grad).map_err(BenchError::part)
     }
 }

@@ -8,13 +8,13 @@ const ADC: Adc = Adc::DEFAULT;
 const O: [f32; 10] = [0.5, 0.1, 0.9, 0.004, 0.5, 0.006, 0.5, 0.001, 0.5, 0.5];
 /// With an extent of 1: from 0.01 on large, from 0.1 on too large.
 const S: [f32; 10] = [0.001, 0.009, 0.02, 0.003, 0.05, 0.002, 0.3, 0.5, 0.0101, 0.0099];
-const PULL: [f32; 10] = [3e-4, 1e-4, 2e-4, 0.0, 9e-4, 2.1e-4, 1.9e-4, 5e-4, 3e-4, 1e-3];
+const GRADIENT: [f32; 10] = [3e-4, 1e-4, 2e-4, 0.0, 9e-4, 2.1e-4, 1.9e-4, 5e-4, 3e-4, 1e-3];
 
 #[test]
 fn the_fate_of_ten_is_known() {
     let g = ten(O, S);
-    let grown = ADC.grow(&g, &PULL, 1.0, 100, STREAM).unwrap();
-    // Hot: 0, 2, 4, 5, 7, 8, 9. Of them 2, 4, 7, 8 are large.
+    let grown = ADC.grow(&g, &GRADIENT, 1.0, 100, STREAM).unwrap();
+    // They grow: 0, 2, 4, 5, 7, 8, 9. Of them 2, 4, 7, 8 are large.
     assert_eq!(grown.rows.from(), [0, 1, 3, 5, 6, 9, 0, 5, 9, 2, 2, 4, 4, 7, 7, 8, 8]);
     assert_eq!(grown.rows.fresh(), [vec![false; 6], vec![true; 11]].concat());
     for at in 0..9 {
@@ -46,13 +46,13 @@ fn the_fate_of_ten_is_known() {
 #[test]
 fn a_cap_lets_the_hottest_grow_first_and_among_equals_the_first() {
     let g = ten(O, S);
-    let grown = |max: usize| ADC.grow(&g, &PULL, 1.0, max, STREAM).unwrap();
+    let grown = |max: usize| ADC.grow(&g, &GRADIENT, 1.0, max, STREAM).unwrap();
     let fresh = |max: usize| {
         let rows = grown(max).rows;
         assert_eq!(rows.len(), max.max(10));
         (0..rows.len()).filter(|&i| rows.fresh()[i]).map(|i| rows.from()[i]).collect::<Vec<_>>()
     };
-    // By pull: 9, 4, 7, then 0 and 8 (equal), 5, 2.
+    // By gradient: 9, 4, 7, then 0 and 8 (equal), 5, 2.
     assert_eq!(fresh(11), [9]);
     assert_eq!(fresh(12), [9, 4, 4]);
     assert_eq!(fresh(13), [9, 4, 4, 7, 7]);
@@ -102,7 +102,7 @@ fn fading_takes_opacity_and_gives_none() {
     let mut g = ten(O, S);
     g.logit[9] = f32::NAN;
     let before = g.clone();
-    ADC.fade(&mut g, |i| i != 4).unwrap();
+    ADC.reset_opacity(&mut g, |i| i != 4).unwrap();
     for i in 0..9 {
         let want = if i == 4 { opacity(&before, i) } else { opacity(&before, i).min(0.01) };
         assert!((opacity(&g, i) - want).abs() < 1e-8, "{i}");
@@ -115,19 +115,19 @@ fn fading_takes_opacity_and_gives_none() {
 fn steps_are_those_of_the_paper() {
     let grows: Vec<u64> = (0..20_000).filter(|&s| ADC.grows_at(s)).collect();
     assert_eq!((grows[0], grows[1], grows.len(), grows[grows.len() - 1]), (600, 700, 144, 14_900));
-    let fades: Vec<u64> = (0..20_000).filter(|&s| ADC.fades_at(s)).collect();
-    assert_eq!(fades, [3000, 6000, 9000, 12_000]);
+    let resets: Vec<u64> = (0..20_000).filter(|&s| ADC.resets_at(s)).collect();
+    assert_eq!(resets, [3000, 6000, 9000, 12_000]);
 }
 
 #[test]
 fn constants_out_of_range_and_wrong_lengths_are_refused_by_name() {
     let g = ten(O, S);
-    let adc = Adc { shrink: f64::NAN, ..ADC };
-    let refused = adc.grow(&g, &PULL, 1.0, 100, STREAM).unwrap_err().to_string();
+    let adc = ADC.with_shrink(f64::NAN);
+    let refused = adc.grow(&g, &GRADIENT, 1.0, 100, STREAM).unwrap_err().to_string();
     assert!(refused.contains("`shrink` is NaN"), "{refused}");
-    assert!(Adc { every: 0, ..ADC }.check().is_err() && Adc { opacity_min: 1.0, ..ADC }.check().is_err());
-    let short = ADC.grow(&g, &PULL[1..], 1.0, 100, STREAM);
-    assert_eq!(short.unwrap_err(), SplatError::Shape { what: "pull", want: 10, got: 9 });
+    assert!(ADC.with_every(0).check().is_err() && ADC.with_opacity_min(1.0).check().is_err());
+    let short = ADC.grow(&g, &GRADIENT[1..], 1.0, 100, STREAM);
+    assert_eq!(short.unwrap_err(), SplatError::Shape { what: "view_space_gradient", want: 10, got: 9 });
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn an_empty_cloud_stays_empty() {
     let mut none = some(0, 3);
     assert!(ADC.grow(&none, &[], 1.0, 100, STREAM).unwrap().rows.is_unchanged());
     assert_eq!(ADC.prune(&none, 1.0, 9000, |_| false).unwrap(), Rows::unchanged(0).unwrap());
-    ADC.fade(&mut none, |_| true).unwrap();
+    ADC.reset_opacity(&mut none, |_| true).unwrap();
 }
 
 #[test]

@@ -87,12 +87,12 @@ fn equal_opacities_are_thinned_everywhere_and_the_same_each_time() {
 
 #[test]
 fn rows_by_place_are_all_rows_and_neighbours_are_near() {
-    use splat_core::density::by_place;
+    use splat_core::density::morton_order;
     let n = 4096;
     let mut cloud = splat_core::Gaussians::new(n, 0).unwrap();
     let rng = field_core::rng::Rng::new(5, 0);
     rng.fill_uniform(0, &mut cloud.mean);
-    let rows = by_place(&cloud).unwrap();
+    let rows = morton_order(&cloud).unwrap();
     let mut seen: Vec<u32> = rows.from().to_vec();
     seen.sort_unstable();
     assert!(seen.iter().enumerate().all(|(i, &from)| i == from as usize) && !rows.fresh().contains(&true));
@@ -103,10 +103,10 @@ fn rows_by_place_are_all_rows_and_neighbours_are_near() {
     let placed = rows.follow(&cloud).unwrap();
     assert!(step(&placed) < 0.2 * step(&cloud), "{} {}", step(&placed), step(&cloud));
     // Placed already: nothing moves. One place, none, and no place at all: their order.
-    assert!(by_place(&placed).unwrap().is_unchanged());
-    assert!(by_place(&splat_core::Gaussians::new(7, 0).unwrap()).unwrap().is_unchanged());
-    assert!(by_place(&splat_core::Gaussians::new(0, 0).unwrap()).unwrap().is_empty());
+    assert!(morton_order(&placed).unwrap().is_unchanged());
+    assert!(morton_order(&splat_core::Gaussians::new(7, 0).unwrap()).unwrap().is_unchanged());
+    assert!(morton_order(&splat_core::Gaussians::new(0, 0).unwrap()).unwrap().is_empty());
     let mut odd = splat_core::Gaussians::new(3, 0).unwrap();
     odd.mean = vec![f32::NAN, 3e38, -3e38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    assert_eq!(by_place(&odd).unwrap().from(), [2, 1, 0]);
+    assert_eq!(morton_order(&odd).unwrap().from(), [2, 1, 0]);
 }

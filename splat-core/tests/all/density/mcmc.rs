@@ -1,7 +1,7 @@
 use super::{STREAM, numbers, opacity, some, ten};
 use field_core::rng::Rng;
 use proptest::prelude::*;
-use splat_core::density::{Change, Mcmc, share};
+use splat_core::density::{Change, Mcmc, relocation};
 use splat_core::{Gaussians, SplatError};
 
 const MCMC: Mcmc = Mcmc::DEFAULT;
@@ -22,19 +22,19 @@ fn share_by_sum(o: f64, n: u32) -> (f64, f64) {
 #[test]
 fn share_gives_the_known_numbers() {
     for (o, n, each, factor) in [(0.5, 2, 0.29289, 0.95215), (0.9, 5, 0.36904, 0.79712)] {
-        let got = share(o, n);
+        let got = relocation(o, n);
         assert!((got.0 - each).abs() < 5e-6 && (got.1 - factor).abs() < 5e-6, "{got:?}");
     }
-    assert_eq!(share(0.3, 1), (0.3, 1.0));
-    assert_eq!(share(0.3, 0), (0.3, 1.0));
-    assert_eq!(share(0.0, 7), (0.0, 1.0));
+    assert_eq!(relocation(0.3, 1), (0.3, 1.0));
+    assert_eq!(relocation(0.3, 0), (0.3, 1.0));
+    assert_eq!(relocation(0.0, 7), (0.0, 1.0));
 }
 
 #[test]
 fn share_is_the_sum_of_the_paper_where_the_sum_has_digits() {
     for o in [1e-9, 0.005, 0.1, 0.5, 0.9, 0.99, 1.0 - 1e-6] {
         for n in [2, 3, 5, 10, 20, 50] {
-            let (got, want) = (share(o, n), share_by_sum(o, n));
+            let (got, want) = (relocation(o, n), share_by_sum(o, n));
             // The larger binomials of the sum, and what 1 - (1 - o) loses.
             let rounding = 1e-13 * (1.0 + want.0).powi(n as i32) + 1e-15 / o;
             assert!((got.0 - want.0).abs() < 1e-14, "o {o}, n {n}: {got:?}, sum {want:?}");
@@ -42,7 +42,7 @@ fn share_is_the_sum_of_the_paper_where_the_sum_has_digits() {
         }
     }
     // Opaque: (1 - exp(-x^2))^50 by itself, far from rounding; and never larger than before.
-    let (each, factor) = share(1.0, 50);
+    let (each, factor) = relocation(1.0, 50);
     assert!(each == 1.0 && (0.3..0.6).contains(&factor), "{each}, {factor}");
 }
 
@@ -58,7 +58,7 @@ fn the_fate_of_ten_is_known() {
     let Change { cloud, rows } = MCMC.relocate(&g, STREAM).unwrap();
     assert_eq!(rows.from(), [3; 10]);
     assert_eq!(rows.fresh(), [true; 10]);
-    let (each, factor) = share(f64::from(0.8_f32), 10);
+    let (each, factor) = relocation(f64::from(0.8_f32), 10);
     for i in 0..10 {
         let (got, source) = (numbers(&cloud, i), numbers(&g, 3));
         assert!((opacity(&cloud, i) - each).abs() < 1e-7, "{i}");
@@ -146,7 +146,7 @@ fn noise_has_the_covariance_squared_and_stops_above_the_dead() {
     g.wxyz.fill(0.5);
     let o: f32 = 0.005;
     g.logit.fill((o / (1.0 - o)).ln());
-    MCMC.stir(&mut g, 1e-4, STREAM).unwrap();
+    MCMC.add_noise(&mut g, 1e-4, STREAM).unwrap();
     // Half open: 5e5 * 1e-4 / 2.
     for (k, s) in [0.1_f64, 0.3, 0.2].into_iter().enumerate() {
         let row = g.mean[k * n..][..n].iter().map(|&x| f64::from(x) / 25.0);
@@ -156,17 +156,17 @@ fn noise_has_the_covariance_squared_and_stops_above_the_dead() {
     // 0.3 above the dead: exp(-29.5).
     g.mean.fill(0.0);
     g.logit.fill((0.3_f32 / 0.7).ln());
-    MCMC.stir(&mut g, 1e-4, STREAM).unwrap();
+    MCMC.add_noise(&mut g, 1e-4, STREAM).unwrap();
     let most = g.mean.iter().fold(0.0_f32, |m, x| m.max(x.abs()));
     assert!(most > 0.0 && most < 1e-10, "{most}");
     g.mean.fill(1.0);
-    MCMC.stir(&mut g, 1e-4, STREAM).unwrap();
+    MCMC.add_noise(&mut g, 1e-4, STREAM).unwrap();
     assert!(g.mean.iter().all(|&x| x == 1.0));
 }
 
 #[test]
 fn regularisers_are_means_and_their_slopes() {
-    let (g, mcmc) = (some(37, 0), Mcmc { opacity_weight: 0.02, scale_weight: 0.03, ..MCMC });
+    let (g, mcmc) = (some(37, 0), MCMC.with_opacity_weight(0.02).with_scale_weight(0.03));
     let loss = |g: &Gaussians| {
         let o = (0..37).map(|i| opacity(g, i)).sum::<f64>() / 37.0;
         0.02 * o + 0.03 * g.log_scale.iter().map(|&x| f64::from(x).exp()).sum::<f64>() / 111.0
@@ -195,14 +195,14 @@ fn empty_clouds_and_wrong_constants() {
     let mut none = some(0, 3);
     assert!(MCMC.relocate(&none, STREAM).unwrap().rows.is_unchanged());
     assert_eq!(MCMC.regularise(&none, &mut some(0, 3)).unwrap(), 0.0);
-    MCMC.stir(&mut none, 1.0, STREAM).unwrap();
-    let wrong = Mcmc { opacity_dead: 0.0, ..MCMC };
+    MCMC.add_noise(&mut none, 1.0, STREAM).unwrap();
+    let wrong = MCMC.with_opacity_dead(0.0);
     assert!(matches!(wrong.relocate(&none, STREAM), Err(SplatError::Value { what: "opacity_dead", .. })));
-    assert!(matches!(MCMC.stir(&mut none, f64::NAN, STREAM), Err(SplatError::Value { what: "lr", .. })));
+    assert!(matches!(MCMC.add_noise(&mut none, f64::NAN, STREAM), Err(SplatError::Value { what: "lr", .. })));
     assert!(matches!(MCMC.regularise(&some(3, 0), &mut none), Err(SplatError::Shape { what: "grad", .. })));
-    let nearly_one = Mcmc { opacity_dead: 0.999_999_99, ..MCMC };
+    let nearly_one = MCMC.with_opacity_dead(0.999_999_99);
     assert!(nearly_one.add(&some(1, 0), 2, STREAM).unwrap().cloud.logit.iter().all(|x| x.is_finite()));
-    let moves: Vec<u64> = (0..30_000).filter(|&s| MCMC.moves_at(s)).collect();
+    let moves: Vec<u64> = (0..30_000).filter(|&s| MCMC.relocates_at(s)).collect();
     assert_eq!((moves[0], moves[moves.len() - 1]), (600, 24_900));
 }
 
@@ -210,7 +210,7 @@ proptest! {
     #![proptest_config(testkit::property::cases(256))]
     #[test]
     fn what_gets_through_a_place_stays_the_same(o in 0.3_f64..0.999, n in 2_u32..50) {
-        let (each, factor) = share(o, n);
+        let (each, factor) = relocation(o, n);
         prop_assert!(((1.0 - each).powi(n as i32) / (1.0 - o) - 1.0).abs() < 1e-9);
         prop_assert!(each < o && factor < 1.0 && factor > 0.2);
     }

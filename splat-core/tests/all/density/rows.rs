@@ -1,6 +1,6 @@
 use super::{numbers, some};
-use splat_core::density::{Fresh, Pull, Rows};
-use splat_core::{Footprint, SplatError};
+use splat_core::density::{Fresh, Rows, ViewSpaceGradients};
+use splat_core::{ProjectedGaussian, SplatError};
 
 #[test]
 fn keep_leaves_order_and_history() {
@@ -43,32 +43,32 @@ fn no_rows_are_legal() {
     assert!(rows.apply("x", &[], 5, Fresh::Is(0.0)).unwrap().is_empty());
 }
 
-fn footprint(index: u32, half: [f32; 2]) -> Footprint {
-    Footprint { index, half, ..Footprint::default() }
+fn gaussian(index: u32, half: [f32; 2]) -> ProjectedGaussian {
+    ProjectedGaussian { index, half, ..ProjectedGaussian::default() }
 }
 
 #[test]
-fn pull_is_the_average_over_views_that_show_a_gaussian() {
-    let mut pull = Pull::new(4);
-    let seen = [footprint(0, [3.0, 1.0]), footprint(2, [1.0, 9.0])];
+fn view_space_gradient_is_the_average_over_views_that_show_a_gaussian() {
+    let mut statistics = ViewSpaceGradients::new(4);
+    let seen = [gaussian(0, [3.0, 1.0]), gaussian(2, [1.0, 9.0])];
     // Half of 80 x 60: |(40 * 0.3, 30 * 0.3)| = 15 and |(0, 30)|.
     let bars = [[0.3, 0.3], [0.0, 1.0]];
-    pull.add(&seen, [80, 60], |k| bars[k]).unwrap();
-    pull.add(&seen[1..], [80, 60], |_| [0.0; 2]).unwrap();
-    assert_eq!(pull.mean(), [15.0, 0.0, 15.0, 0.0]);
-    assert_eq!(pull.views(), [1.0, 0.0, 2.0, 0.0]);
-    assert_eq!(pull.radius(), [3.0, 0.0, 9.0, 0.0]);
+    statistics.add(&seen, [80, 60], |k| bars[k]).unwrap();
+    statistics.add(&seen[1..], [80, 60], |_| [0.0; 2]).unwrap();
+    assert_eq!(statistics.mean(), [15.0, 0.0, 15.0, 0.0]);
+    assert_eq!(statistics.views(), [1.0, 0.0, 2.0, 0.0]);
+    assert_eq!(statistics.radius(), [3.0, 0.0, 9.0, 0.0]);
     let kept = Rows::keep(4, |i| i != 0).unwrap();
-    assert_eq!(pull.follow(&kept).unwrap().mean(), [0.0, 15.0, 0.0]);
+    assert_eq!(statistics.follow(&kept).unwrap().mean(), [0.0, 15.0, 0.0]);
 }
 
 #[test]
-fn pull_takes_no_gradient_that_is_not_finite_and_no_stranger() {
-    let mut pull = Pull::new(1);
+fn view_space_gradients_that_are_not_finite_or_of_no_gaussian_are_refused() {
+    let mut statistics = ViewSpaceGradients::new(1);
     for bad in [f32::NAN, f32::INFINITY, f32::MAX] {
-        pull.add(&[footprint(0, [1.0; 2])], [80, 60], |_| [bad, 0.0]).unwrap();
+        statistics.add(&[gaussian(0, [1.0; 2])], [80, 60], |_| [bad, 0.0]).unwrap();
     }
-    assert_eq!(pull, Pull::new(1));
-    let refused = pull.add(&[footprint(1, [1.0; 2])], [80, 60], |_| [1.0; 2]);
-    assert_eq!(refused, Err(SplatError::Shape { what: "pull", want: 2, got: 1 }));
+    assert_eq!(statistics, ViewSpaceGradients::new(1));
+    let refused = statistics.add(&[gaussian(1, [1.0; 2])], [80, 60], |_| [1.0; 2]);
+    assert_eq!(refused, Err(SplatError::Shape { what: "view_space_gradients", want: 2, got: 1 }));
 }

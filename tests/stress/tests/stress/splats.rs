@@ -3,8 +3,10 @@
 
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::density::{Adc, Mcmc, Pull, keep_in_range, keep_strongest, share, without_non_finite};
-use splat_core::{Footprint, Gaussians, Projection, Raster, Rules, SplatError, View, Widening};
+use splat_core::density::{
+    Adc, Mcmc, ViewSpaceGradients, keep_in_range, keep_strongest, relocation, without_non_finite,
+};
+use splat_core::{Gaussians, ProjectedGaussian, Projection, Raster, RasterSettings, SplatError, View, Widening};
 use stress::{MAGNITUDES, Tally, Verdict, close, ensure, finite};
 
 /// Three ordinary Gaussians about a point three units ahead; the one to change is in the middle of the rows.
@@ -28,14 +30,14 @@ fn text(e: SplatError) -> String {
 }
 
 /// Shares and what is left make one, everything is finite, and so are gradients of colours of order 1.
-fn sound(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Verdict {
+fn sound(simd: Simd, g: &Gaussians, view: &View, rules: &RasterSettings) -> Verdict {
     let mut p = Projection::default();
     p.project(simd, g, view, rules, 1).map_err(text)?;
     // One, and a colour.
     let features: Vec<[f32; 4]> = p.rgb.iter().map(|c| [c[0], c[1], c[2], 1.0]).collect();
     let pixels = view.size[0] * view.size[1];
     let (mut raster, mut planes) = (Raster::<4>::default(), vec![f32::NAN; 5 * pixels]);
-    raster.draw(simd, (&p.footprints, &features), view.size, rules).map_err(text)?;
+    raster.draw(simd, &p.gaussians, &features, view.size, rules).map_err(text)?;
     raster.planes(&mut planes).map_err(text)?;
     finite("planes", &planes)?;
     for i in 0..pixels {
@@ -49,15 +51,15 @@ fn sound(simd: Simd, g: &Gaussians, view: &View, rules: &Rules) -> Verdict {
     }
     let bar: Vec<f32> = (0..5 * pixels).map(|i| (i as f32 * 0.7).sin()).collect();
     let (mut records, mut grad) = (Vec::new(), g.clone());
-    raster.backward(simd, (&p.footprints, &features), rules, &bar, &mut records).map_err(text)?;
-    p.backward(simd, g, view, rules, 1, (&records, None), &mut grad).map_err(text)?;
+    raster.backward(simd, &p.gaussians, &features, rules, &bar, &mut records).map_err(text)?;
+    p.backward(simd, g, view, rules, 1, &records, None, &mut grad).map_err(text)?;
     grad.fields().into_iter().try_for_each(|(field, x)| finite(field.name(), x))
 }
 
 pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
     let promise = "shares and the light that is left make one; picture and gradients are finite";
     for (name, widening) in [("keeps", Widening::Keeps), ("dims", Widening::Dims)] {
-        let (rules, usual) = (Rules { widening, ..Rules::DEFAULT }, view([19, 13], 15.0));
+        let (rules, usual) = (RasterSettings::DEFAULT.with_widening(widening), view([19, 13], 15.0));
         let mut single = |what: &str, x: f32, change: &dyn Fn(&mut Gaussians)| {
             tally.case(format!("{what} {x:e}, {name}"), promise, || {
                 let mut g = cloud();
@@ -96,7 +98,7 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
     }
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.0, -1.0] {
         tally.case(format!("a focal length of {bad}"), "one error that names it", || {
-            let refused = sound(simd, &cloud(), &view([9, 9], bad), &Rules::DEFAULT);
+            let refused = sound(simd, &cloud(), &view([9, 9], bad), &RasterSettings::DEFAULT);
             ensure(refused.as_ref().is_err_and(|e| e.contains("`view.f`")), || format!("said: {refused:?}"))
         });
     }
@@ -114,7 +116,7 @@ pub(crate) fn density(tally: &mut Tally) {
                 format!("{n} share an opacity of {o:e}"),
                 "what gets through stays the same; scales shrink",
                 || {
-                    let (each, factor) = share(o, n);
+                    let (each, factor) = relocation(o, n);
                     let through = f64::from(n.max(1)) * (-each).ln_1p();
                     close("ln of what gets through", through, (-o).ln_1p(), 1e-9 * (-o).ln_1p().abs().max(1e-15))?;
                     // Faint ones add up: their places need not change.
@@ -147,18 +149,18 @@ pub(crate) fn density(tally: &mut Tally) {
                     let loss = mcmc.regularise(&g, &mut grad).map_err(text)?;
                     ensure(loss.is_finite(), || format!("loss {loss}"))?;
                     in_range(&grad)?;
-                    mcmc.stir(&mut g, 1e-4, rng).map_err(text)?;
+                    mcmc.add_noise(&mut g, 1e-4, rng).map_err(text)?;
                     in_range(&g)?;
-                    Adc::DEFAULT.fade(&mut g, |_| true).map_err(text)?;
+                    Adc::DEFAULT.reset_opacity(&mut g, |_| true).map_err(text)?;
                     ensure(without_non_finite(&g).map_err(text)?.is_none(), || "something is not finite".into())?;
                     let kept = keep_strongest(&g, 1, rng).map_err(text)?;
                     ensure(kept.len() == 1, || format!("{} kept", kept.len()))
                 },
             );
             tally.case(format!("a pull of {x:e}"), "finite averages", || {
-                let mut pull = Pull::new(1);
+                let mut pull = ViewSpaceGradients::new(1);
                 for _ in 0..3 {
-                    pull.add(&[Footprint::default()], [640, 480], |_| [x, -x]).map_err(text)?;
+                    pull.add(&[ProjectedGaussian::default()], [640, 480], |_| [x, -x]).map_err(text)?;
                 }
                 ensure(pull.mean()[0] >= 0.0, || format!("{:?}", pull.mean()))
             });

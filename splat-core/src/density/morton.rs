@@ -1,4 +1,4 @@
-//! Neighbours in space as neighbours in memory.
+//! Morton order: neighbours in space become neighbours in memory.
 
 use alloc::vec::Vec;
 
@@ -6,17 +6,17 @@ use super::Rows;
 use super::rows::countable;
 use crate::{Gaussians, SplatError};
 
-/// Bits of a coordinate on the curve.
+/// Bits per coordinate.
 const BITS: u32 = 16;
 
-/// The rows along a curve through space (that of Morton: the bits of three coordinates in turn), equal places in their order.
+/// The rows sorted along a Morton curve (the interleaved bits of the three coordinates), ties by index.
 ///
-/// A tile of a picture shows what lies together: then it finds that together in memory, too, and threads wait less for each other's
-/// cache lines. Nothing that is drawn depends on it. Positions that are not finite come last.
+/// The Gaussians of one tile are then close together in memory, and threads share fewer cache lines. Pictures do not change. Positions
+/// that are not finite come last.
 ///
 /// # Errors
 /// [`SplatError::Shape`], [`SplatError::TooMany`].
-pub fn by_place(cloud: &Gaussians) -> Result<Rows, SplatError> {
+pub fn morton_order(cloud: &Gaussians) -> Result<Rows, SplatError> {
     cloud.check()?;
     let n = cloud.len();
     countable(n)?;
@@ -27,9 +27,9 @@ pub fn by_place(cloud: &Gaussians) -> Result<Rows, SplatError> {
     });
     let cell = |axis: usize, i: usize| {
         let ([low, high], x) = (bounds[axis], row(axis)[i]);
-        // Halves: the difference of two finite numbers may not be one.
-        let share = (0.5 * x - 0.5 * low) / (0.5 * high - 0.5 * low);
-        if share.is_finite() { (share * ((1 << BITS) - 1) as f32) as u64 } else { 0 }
+        // Halves, since the difference of two finite numbers may overflow.
+        let fraction = (0.5 * x - 0.5 * low) / (0.5 * high - 0.5 * low);
+        if fraction.is_finite() { (fraction * ((1 << BITS) - 1) as f32) as u64 } else { 0 }
     };
     let key = |i: usize| {
         if (0..3).any(|axis| !row(axis)[i].is_finite()) {
