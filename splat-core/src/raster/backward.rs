@@ -14,8 +14,8 @@ use super::transmittance::{TileGaussian, Transmittance};
 use super::{PIXELS, ProjectedGradient, Tile};
 use crate::tiles::TILE;
 
-/// Walks a tile's list again.
-pub(super) struct Backward<'a, const K: usize> {
+/// Walks a tile's list again. With `ABSOLUTE`, sums of absolute view-space gradients are computed, too.
+pub(super) struct Backward<'a, const K: usize, const ABSOLUTE: bool> {
     pub(super) tile: Tile<'a, K>,
     /// As the forward pass left it.
     pub(super) out: &'a [f32],
@@ -25,14 +25,16 @@ pub(super) struct Backward<'a, const K: usize> {
     pub(super) visited: u32,
     /// Written: one for each Gaussian of the list, summed over the tile's pixels.
     pub(super) gradients: &'a mut [ProjectedGradient<K>],
+    /// Written with `ABSOLUTE`, else empty: the sum over the tile's pixels of the absolute gradient with respect to the centre.
+    pub(super) uv_absolute: &'a mut [[f32; 2]],
 }
 
-impl<const K: usize> Task for Backward<'_, K> {
+impl<const K: usize, const ABSOLUTE: bool> Task for Backward<'_, K, ABSOLUTE> {
     type Output = ();
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { tile, out, value_bar, visited, gradients } = self;
+        let Self { tile, out, value_bar, visited, gradients, uv_absolute } = self;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let mut transmittance = Transmittance::<V>::new(&tile);
         let mut rest = [0.0_f32; PIXELS];
@@ -42,11 +44,16 @@ impl<const K: usize> Task for Backward<'_, K> {
             }
         }
         gradients.fill(ProjectedGradient::default());
-        for (&entry, gradient) in tile.entries[..visited as usize].iter().zip(gradients) {
+        if ABSOLUTE {
+            uv_absolute.fill([0.0; 2]);
+        }
+        for (i, (&entry, gradient)) in tile.entries[..visited as usize].iter().zip(gradients).enumerate() {
             let gaussian = TileGaussian::<V, K>::new(&tile, entry);
+            let [a, b, c] = gaussian.conic;
             // Sums of h = q_bar times 1, dx, dy and their products.
             let mut sums = [zero; 6];
             let mut features_bar = [zero; K];
+            let mut absolute = [zero; 2];
             for y in gaussian.rows.clone() {
                 if !transmittance.is_live(y) {
                     continue;
@@ -67,6 +74,12 @@ impl<const K: usize> Task for Backward<'_, K> {
                     let h = transmittance.passes(&contribution, V::splat(-0.5) * contribution.unclamped * alpha_bar);
                     let hx = h * contribution.dx;
                     row = [row[0] + h, row[1] + hx, hx.mul_add(contribution.dx, row[2])];
+                    if ABSOLUTE {
+                        let hy = h * V::splat(gaussian.dy(y));
+                        let u = V::splat(a).mul_add(hx, V::splat(b) * hy);
+                        let v = V::splat(b).mul_add(hx, V::splat(c) * hy);
+                        absolute = [absolute[0] + u.max(-u), absolute[1] + v.max(-v)];
+                    }
                 }
                 transmittance.end_row(y);
                 let dy = V::splat(gaussian.dy(y));
@@ -78,13 +91,15 @@ impl<const K: usize> Task for Backward<'_, K> {
                 sums[5] = (dy * dy).mul_add(row[0], sums[5]);
             }
             let [h, hx, hy, hxx, hxy, hyy] = sums.map(V::sum);
-            let [a, b, c] = gaussian.conic;
             *gradient = ProjectedGradient {
                 uv: [2.0 * (a * hx + b * hy), 2.0 * (b * hx + c * hy)],
                 conic: [hxx, 2.0 * hxy, hyy],
                 opacity: if gaussian.opacity > 0.0 { -2.0 * h / gaussian.opacity } else { 0.0 },
                 features: features_bar.map(V::sum),
             };
+            if ABSOLUTE {
+                uv_absolute[i] = absolute.map(|sum| 2.0 * sum.sum());
+            }
         }
     }
 }

@@ -20,7 +20,7 @@ const GATHER: usize = 1024;
 /// Composites projected Gaussians with `K` features each (colour, depth, masks, ...) front to back, for any `K`.
 ///
 /// Holds what the backward pass needs of the last picture: `4 (K + 1)` bytes per pixel and `8 + 4 (6 + K)` per pair of a Gaussian and
-/// a tile.
+/// a tile (8 more for absolute gradients).
 ///
 /// # Source
 /// Kerbl et al., "3D Gaussian splatting", 2023, section 6 and appendix C.
@@ -34,6 +34,8 @@ pub struct Raster<const K: usize> {
     visited: Vec<u32>,
     /// `[pairs]` gradients summed over one tile, in the order of the tiles' lists.
     pair_gradients: Vec<ProjectedGradient<K>>,
+    /// `[pairs]` absolute view-space gradients, likewise; only written where they are asked for.
+    pair_absolute: Vec<[f32; 2]>,
 }
 
 /// How much work a picture was.
@@ -61,6 +63,7 @@ struct Job<'a, const K: usize> {
     out: &'a mut [f32],
     visited: &'a mut u32,
     gradients: &'a mut [ProjectedGradient<K>],
+    uv_absolute: &'a mut [[f32; 2]],
 }
 
 impl<const K: usize> Raster<K> {
@@ -98,7 +101,7 @@ impl<const K: usize> Raster<K> {
             .tiles
             .chunks_exact_mut((K + 1) * PIXELS)
             .zip(&mut self.visited)
-            .map(|(out, visited)| Job { out, visited, gradients: &mut [] })
+            .map(|(out, visited)| Job { out, visited, gradients: &mut [], uv_absolute: &mut [] })
             .collect();
         for_each(&mut jobs, |k, job| {
             let tile = inputs.tile(lists, size, k);
@@ -181,19 +184,65 @@ impl<const K: usize> Raster<K> {
         planes_bar: &[f32],
         gradients: &mut Vec<ProjectedGradient<K>>,
     ) -> Result<(), SplatError> {
+        let inputs = Inputs { gaussians, features, settings };
+        self.run_backward::<false>(simd, inputs, planes_bar, gradients, &mut Vec::new())
+    }
+
+    /// [`backward`](Self::backward), and absolute view-space gradients, written to `uv_absolute`: for each Gaussian the sum over pixels of
+    /// the absolute value of a pixel's gradient with respect to the centre, for each axis. `gradients` receives the same bits.
+    ///
+    /// Unlike in [`ProjectedGradient::uv`], opposite gradients of different pixels do not cancel: a better criterion for splitting large
+    /// Gaussians ([`ViewSpaceGradients`](crate::density::ViewSpaceGradients)).
+    ///
+    /// # Errors
+    /// [`SplatError::Shape`].
+    ///
+    /// # Source
+    /// Ye et al., "AbsGS: recovering fine details for 3D Gaussian splatting", 2024.
+    #[expect(clippy::too_many_arguments, reason = "the forward pass's inputs and their gradients")]
+    pub fn backward_absolute(
+        &mut self,
+        simd: Simd,
+        gaussians: &[ProjectedGaussian],
+        features: &[[f32; K]],
+        settings: &RasterSettings,
+        planes_bar: &[f32],
+        gradients: &mut Vec<ProjectedGradient<K>>,
+        uv_absolute: &mut Vec<[f32; 2]>,
+    ) -> Result<(), SplatError> {
+        let inputs = Inputs { gaussians, features, settings };
+        self.run_backward::<true>(simd, inputs, planes_bar, gradients, uv_absolute)
+    }
+
+    fn run_backward<const ABSOLUTE: bool>(
+        &mut self,
+        simd: Simd,
+        inputs: Inputs<'_, K>,
+        planes_bar: &[f32],
+        gradients: &mut Vec<ProjectedGradient<K>>,
+        uv_absolute: &mut Vec<[f32; 2]>,
+    ) -> Result<(), SplatError> {
+        let Inputs { gaussians, features, .. } = inputs;
         self.check_planes("planes_bar", planes_bar.len())?;
         self.check_gaussians(gaussians, features)?;
         let (size, grid) = (self.size, Grid::new(self.size));
-        let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
+        let lists = &self.lists;
         self.pair_gradients.resize(lists.entries.len(), ProjectedGradient::default());
         let mut left = &mut self.pair_gradients[..];
+        if ABSOLUTE {
+            self.pair_absolute.resize(lists.entries.len(), [0.0; 2]);
+        }
+        let mut absolute_left = &mut self.pair_absolute[..];
         let mut jobs: Vec<Job<'_, K>> = Vec::with_capacity(grid.len());
         for ((out, visited), range) in
             self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.visited).zip(lists.starts.windows(2))
         {
             let (pair_gradients, more) = left.split_at_mut((range[1] - range[0]) as usize);
             left = more;
-            jobs.push(Job { out, visited, gradients: pair_gradients });
+            let of_tile = if ABSOLUTE { pair_gradients.len() } else { 0 };
+            let (pair_absolute, more) = absolute_left.split_at_mut(of_tile);
+            absolute_left = more;
+            jobs.push(Job { out, visited, gradients: pair_gradients, uv_absolute: pair_absolute });
         }
         for_each(&mut jobs, |k, job| {
             if job.gradients.is_empty() {
@@ -208,7 +257,14 @@ impl<const K: usize> Raster<K> {
             };
             cut(planes_bar, size, grid, k, bar);
             let tile = inputs.tile(lists, size, k);
-            simd.run(Backward { tile, out: job.out, value_bar: bar, visited: *job.visited, gradients: job.gradients });
+            simd.run(Backward::<K, ABSOLUTE> {
+                tile,
+                out: job.out,
+                value_bar: bar,
+                visited: *job.visited,
+                gradients: job.gradients,
+                uv_absolute: job.uv_absolute,
+            });
         });
         gradients.clear();
         gradients.resize(gaussians.len(), ProjectedGradient::default());
@@ -222,6 +278,21 @@ impl<const K: usize> Raster<K> {
                 }
             }
         });
+        if ABSOLUTE {
+            uv_absolute.clear();
+            uv_absolute.resize(gaussians.len(), [0.0; 2]);
+            let pair_absolute = &self.pair_absolute;
+            let mut parts: Vec<&mut [[f32; 2]]> = uv_absolute.chunks_mut(GATHER).collect();
+            for_each(&mut parts, |k, part| {
+                for (i, sum) in part.iter_mut().enumerate() {
+                    let g = k * GATHER + i;
+                    for &place in &lists.places[lists.firsts[g] as usize..lists.firsts[g + 1] as usize] {
+                        let [u, v] = pair_absolute[place as usize];
+                        *sum = [sum[0] + u, sum[1] + v];
+                    }
+                }
+            });
+        }
         Ok(())
     }
 

@@ -88,6 +88,20 @@ impl Shot {
         gradients
     }
 
+    /// Gradients of ellipses, and absolute ones of their centres.
+    pub(crate) fn absolute_gradients(
+        &mut self,
+        simd: Simd,
+        settings: &RasterSettings,
+        bar: &[f32],
+    ) -> (Vec<ProjectedGradient<4>>, Vec<[f32; 2]>) {
+        let (mut gradients, mut absolute) = (Vec::new(), vec![[f32::NAN; 2]; 3]);
+        self.raster
+            .backward_absolute(simd, &self.p.gaussians, &self.features, settings, bar, &mut gradients, &mut absolute)
+            .unwrap();
+        (gradients, absolute)
+    }
+
     /// Gradients of raw parameters.
     pub(crate) fn gradients(
         &mut self,

@@ -51,3 +51,32 @@ pub(crate) fn left(ellipses: &[Ellipse], at: [usize; 2], settings: &RasterSettin
 pub(crate) fn draw(ellipses: &[Ellipse], size: [usize; 2], settings: &RasterSettings) -> Picture {
     splats::draw(ellipses, size, &wide(settings))
 }
+
+/// Gradient with respect to a centre: the sum over pixels, and that of absolute values.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct UvGradient {
+    pub(crate) plain: [f64; 2],
+    pub(crate) absolute: [f64; 2],
+}
+
+/// Gradients with respect to the centres of ellipses in order, of `<bar, planes>`: each pixel alone.
+pub(crate) fn uv_gradients(
+    ellipses: &[Ellipse],
+    [w, h]: [usize; 2],
+    settings: &RasterSettings,
+    bar: &[f32],
+) -> Vec<UvGradient> {
+    let mut out = vec![UvGradient::default(); ellipses.len()];
+    for i in 0..w * h {
+        let mut bars = vec![splats::EllipseBar::default(); ellipses.len()];
+        let of_pixel = core::array::from_fn(|k| f64::from(bar[k * w * h + i]));
+        splats::pixel_backward(ellipses, [i % w, i / w], &wide(settings), of_pixel, &mut bars);
+        for (out, bar) in out.iter_mut().zip(&bars) {
+            for axis in 0..2 {
+                out.plain[axis] += bar.uv[axis];
+                out.absolute[axis] += bar.uv[axis].abs();
+            }
+        }
+    }
+    out
+}
