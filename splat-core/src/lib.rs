@@ -10,7 +10,8 @@
 //! | [`density`] | density control: clone, split, prune, relocate |
 //!
 //! Everything that is composited is a feature: colour, depth, masks. Gradients are those of the picture as drawn: which Gaussians
-//! contribute to which pixels is held constant. Gaussians with a parameter that is not finite are not drawn. Results are the same bits
+//! contribute to which pixels is held constant. They are with respect to the clouds and, where asked for, to the camera's pose and
+//! intrinsics ([`CameraGradient`]). Gaussians with a parameter that is not finite are not drawn. Results are the same bits
 //! for any number of threads; SIMD levels agree to rounding.
 //!
 //! ```
@@ -82,7 +83,7 @@ mod view;
 
 pub use error::SplatError;
 pub use gaussians::{Field, Gaussians, MAX_DEGREE, SH_0, rest_len};
-pub use project::{ProjectedGaussian, Projection};
+pub use project::{CameraGradient, ProjectedGaussian, Projection};
 pub use raster::{DrawStats, ProjectedGradient, Raster};
 pub use settings::{RasterSettings, Widening};
 pub use tiles::TILE;

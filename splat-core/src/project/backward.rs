@@ -6,6 +6,7 @@ use float_core::{Simd, Task, Vector};
 
 use super::block::{Block, Camera, Raw};
 use super::block_backward::ProjectedBar;
+use super::camera::{COMPONENTS, CameraGradient};
 use super::colour::{Viewpoint, colour_backward};
 use super::forward::{CHUNK, Projection};
 use super::rows::{LANES_MAX, to_array};
@@ -47,7 +48,45 @@ impl Projection {
         depth_feature: Option<usize>,
         grad: &mut Gaussians,
     ) -> Result<(), SplatError> {
+        let inputs = Inputs { cloud, view, settings, degree, gradients, depth_feature };
+        self.run_backward::<K, false>(simd, inputs, grad).map(|_| ())
+    }
+
+    /// [`backward`](Self::backward), and the gradient with respect to the camera: its pose, focal lengths and principal point. `grad`
+    /// receives the same bits.
+    ///
+    /// The camera's gradient is summed over Gaussians in the order of their indices, in `f64`. Degree and clamping are as drawn, the
+    /// view dependence of colours is included.
+    ///
+    /// # Errors
+    /// [`SplatError::Shape`].
+    ///
+    /// # Panics
+    /// As [`backward`](Self::backward).
+    #[expect(clippy::too_many_arguments, reason = "the forward pass's inputs and their gradients")]
+    pub fn backward_with_camera<const K: usize>(
+        &self,
+        simd: Simd,
+        cloud: &Gaussians,
+        view: &View,
+        settings: &RasterSettings,
+        degree: usize,
+        gradients: &[ProjectedGradient<K>],
+        depth_feature: Option<usize>,
+        grad: &mut Gaussians,
+    ) -> Result<CameraGradient, SplatError> {
+        let inputs = Inputs { cloud, view, settings, degree, gradients, depth_feature };
+        self.run_backward::<K, true>(simd, inputs, grad)
+    }
+
+    fn run_backward<const K: usize, const CAMERA: bool>(
+        &self,
+        simd: Simd,
+        inputs: Inputs<'_, K>,
+        grad: &mut Gaussians,
+    ) -> Result<CameraGradient, SplatError> {
         let same = |what, want, got| if want == got { Ok(()) } else { Err(SplatError::Shape { what, want, got }) };
+        let Inputs { cloud, gradients, depth_feature, .. } = inputs;
         cloud.check()?;
         grad.check()?;
         same("gradients", self.gaussians.len(), gradients.len())?;
@@ -58,57 +97,70 @@ impl Projection {
         // Indices ascend: the last one is the largest.
         let last = self.gaussians.last().map_or(0, |f| f.index as usize + 1);
         same("cloud", last.max(cloud.len()), cloud.len())?;
-        let (degree, n) = (degree.min(cloud.degree()), cloud.len());
+        let n = cloud.len();
         if n == 0 {
-            return Ok(());
+            return Ok(CameraGradient::default());
         }
-        let mut jobs: Vec<RowsOf<'_>> = (0..n.div_ceil(CHUNK)).map(|_| Vec::new()).collect();
+        let inputs = Inputs { degree: inputs.degree.min(cloud.degree()), ..inputs };
+        let mut jobs: Vec<Job<'_>> =
+            (0..n.div_ceil(CHUNK)).map(|_| Job { rows: Vec::new(), camera: [0.0; COMPONENTS] }).collect();
         for (_, rows) in grad.fields_mut() {
             for row in rows.chunks_exact_mut(n) {
                 for (job, part) in jobs.iter_mut().zip(row.chunks_mut(CHUNK)) {
-                    job.push(part);
+                    job.rows.push(part);
                 }
             }
         }
-        for_each(&mut jobs, |k, rows| {
+        for_each(&mut jobs, |k, job| {
             let of_chunk = self.of_chunk(k);
-            let part = Part { cloud, view, settings, degree, depth_feature, from: k * CHUNK, rows };
-            simd.run(Backward { part, projection: self, gradients, of_chunk });
+            let rows = &mut job.rows;
+            job.camera = simd.run(Backward::<K, CAMERA> { inputs, from: k * CHUNK, rows, projection: self, of_chunk });
         });
-        Ok(())
+        let mut camera = [0.0; COMPONENTS];
+        for job in &jobs {
+            camera.iter_mut().zip(job.camera).for_each(|(sum, x)| *sum += x);
+        }
+        Ok(CameraGradient::from_components(camera))
     }
 }
 
-struct Part<'a, 'b> {
+/// What the backward pass is given.
+#[derive(Clone, Copy)]
+struct Inputs<'a, const K: usize> {
     cloud: &'a Gaussians,
     view: &'a View,
     settings: &'a RasterSettings,
     degree: usize,
+    gradients: &'a [ProjectedGradient<K>],
     depth_feature: Option<usize>,
+}
+
+/// One chunk of the cloud.
+struct Job<'a> {
+    rows: RowsOf<'a>,
+    /// Its part of the camera's gradient.
+    camera: [f64; COMPONENTS],
+}
+
+struct Backward<'a, 'b, const K: usize, const CAMERA: bool> {
+    inputs: Inputs<'a, K>,
     /// First Gaussian of the chunk.
     from: usize,
     rows: &'a mut RowsOf<'b>,
-}
-
-struct Backward<'a, 'b, const K: usize> {
-    part: Part<'a, 'b>,
     projection: &'a Projection,
-    gradients: &'a [ProjectedGradient<K>],
-    /// Footprints of this chunk.
+    /// Range of the chunk's projected Gaussians.
     of_chunk: core::ops::Range<usize>,
 }
 
-impl<const K: usize> Task for Backward<'_, '_, K> {
-    type Output = ();
+impl<const K: usize, const CAMERA: bool> Task for Backward<'_, '_, K, CAMERA> {
+    /// The camera's gradient; 0 without `CAMERA`.
+    type Output = [f64; COMPONENTS];
 
     #[inline(always)]
-    fn run<V: Vector>(self) {
-        let Self {
-            part: Part { cloud, view, settings, degree, depth_feature, from, rows },
-            projection,
-            gradients,
-            of_chunk,
-        } = self;
+    fn run<V: Vector>(self) -> [f64; COMPONENTS] {
+        let Self { inputs, from, rows, projection, of_chunk } = self;
+        let Inputs { cloud, view, settings, degree, gradients, depth_feature } = inputs;
+        let mut camera_bar = [0.0; COMPONENTS];
         for row in rows.iter_mut() {
             row.fill(0.0);
         }
@@ -158,7 +210,15 @@ impl<const K: usize> Task for Backward<'_, '_, K> {
             for k in 0..3 * rest_len(degree) {
                 put(rows, REST + k, at - from, visible, h_bar[1 + k / 3][k % 3]);
             }
+            if CAMERA {
+                let lanes = block.camera_backward(&camera, &bar, &raw_bar, through);
+                for (sum, x) in camera_bar.iter_mut().zip(lanes) {
+                    let x = to_array(visible.select_positive(x, V::splat(0.0)));
+                    *sum = x[..V::LANES].iter().fold(*sum, |sum, &x| sum + f64::from(x));
+                }
+            }
         }
+        camera_bar
     }
 }
 

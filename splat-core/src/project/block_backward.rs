@@ -23,6 +23,9 @@ pub(crate) struct RawBar<V> {
     pub(crate) log_scale: [V; 3],
     pub(crate) wxyz: [V; 4],
     pub(crate) logit: V,
+    /// With respect to the centre in camera axes, and to `T = J R`: the camera's gradient is made of them.
+    pub(crate) p: [V; 3],
+    pub(crate) t: [[V; 3]; 2],
 }
 
 impl<V: Vector> Block<V> {
@@ -83,7 +86,7 @@ impl<V: Vector> Block<V> {
         }
         p_bar[2] = p_bar[2] + bar.z;
         let mean = each!(3, |k| dot([camera.r[0][k], camera.r[1][k], camera.r[2][k]], p_bar));
-        RawBar { mean, log_scale, wxyz, logit }
+        RawBar { mean, log_scale, wxyz, logit, p: p_bar, t: t_bar }
     }
 
     /// Gradient with respect to the raw quaternion, given that with respect to the rotation matrix: through the normalisation, too.

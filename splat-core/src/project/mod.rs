@@ -3,10 +3,12 @@
 mod backward;
 mod block;
 mod block_backward;
+mod camera;
 mod colour;
 mod forward;
 mod rows;
 
+pub use camera::CameraGradient;
 pub use forward::Projection;
 
 /// A Gaussian projected onto the picture: 48 bytes in one cache line.

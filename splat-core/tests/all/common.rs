@@ -2,7 +2,7 @@
 
 use field_core::rng::Rng;
 use float_core::Simd;
-use splat_core::{DrawStats, Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
+use splat_core::{CameraGradient, DrawStats, Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 
 /// Gaussians like any other, about the origin.
 pub(crate) fn cloud(seed: u64, n: usize, degree: usize) -> Gaussians {
@@ -118,6 +118,26 @@ impl Shot {
         }
         self.p.backward(simd, g, view, settings, 3, &gradients, Some(3), &mut grad).unwrap();
         grad
+    }
+}
+
+impl Shot {
+    /// Gradients of raw parameters and of the camera.
+    pub(crate) fn gradients_with_camera(
+        &mut self,
+        simd: Simd,
+        g: &Gaussians,
+        view: &View,
+        settings: &RasterSettings,
+        bar: &[f32],
+    ) -> (Gaussians, CameraGradient) {
+        let gradients = self.projected_gradients(simd, settings, bar);
+        let mut grad = g.clone();
+        for (_, rows) in grad.fields_mut() {
+            rows.fill(f32::NAN);
+        }
+        let camera = self.p.backward_with_camera(simd, g, view, settings, 3, &gradients, Some(3), &mut grad).unwrap();
+        (grad, camera)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The tests of this crate in one program: built and linked once. `cargo test -p splat-core --test all MODULE::` runs one file of them.
 
 mod absolute;
+mod camera;
 mod common;
 mod convergence;
 mod density;

@@ -2,7 +2,7 @@
 
 use splat_core::{Gaussians, ProjectedGaussian, Projection, RasterSettings, View, Widening};
 use testkit::reference::splats;
-pub(crate) use testkit::reference::splats::{Ellipse, Picture};
+pub(crate) use testkit::reference::splats::{Camera, Ellipse, Picture};
 
 /// Parameters as one long vector, in the order of `Gaussians::fields`.
 pub(crate) fn flat(cloud: &Gaussians) -> Vec<f64> {
@@ -21,14 +21,27 @@ fn wide(settings: &RasterSettings) -> splats::Rules {
 }
 
 pub(crate) fn project(p: &[f64], n: usize, degree: usize, view: &View, settings: &RasterSettings) -> Vec<Ellipse> {
-    let camera = splats::Camera {
+    project_by(p, n, degree, &camera(view), settings)
+}
+
+pub(crate) fn camera(view: &View) -> Camera {
+    Camera {
         r: view.r.map(|row| row.map(f64::from)),
         t: view.t.map(f64::from),
         f: view.f.map(f64::from),
         c: view.c.map(f64::from),
         size: view.size,
-    };
-    splats::project(p, n, degree, &camera, &wide(settings))
+    }
+}
+
+pub(crate) fn project_by(
+    p: &[f64],
+    n: usize,
+    degree: usize,
+    camera: &Camera,
+    settings: &RasterSettings,
+) -> Vec<Ellipse> {
+    splats::project(p, n, degree, camera, &wide(settings))
 }
 
 /// What the rasteriser was given, in f64: no difference is left but that of compositing.
