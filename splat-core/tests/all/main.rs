@@ -9,4 +9,5 @@ mod needles;
 mod projection;
 mod properties;
 mod raster;
+mod renderer;
 mod twin;

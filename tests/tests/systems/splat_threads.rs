@@ -3,7 +3,9 @@
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::density::{Adc, Mcmc, keep_strongest, without_non_finite};
-use splat_core::{Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
+use splat_core::{
+    Cloud, Gaussians, GradientOptions, Gradients, ProjectedGradient, Projection, Raster, RasterSettings, Renderer, View,
+};
 
 const SIZE: [usize; 2] = [150, 90];
 
@@ -45,9 +47,30 @@ fn all() -> Vec<u32> {
     let added = mcmc.add(&moved, 6000, rng).unwrap().cloud;
     let last = keep_strongest(&added, 4000, rng).unwrap().follow(&added).unwrap();
     let (some, many) = (features::<17>(&p), features::<40>(&p));
+    let facade = facade(&last, &view);
     let floats = [&grad, &last].into_iter().flat_map(|g| g.fields().into_iter().flat_map(|(_, x)| x.to_vec()));
     let bits = planes.into_iter().chain(floats).chain(some).chain(many).map(f32::to_bits);
-    bits.chain([(loss.to_bits() >> 32) as u32, loss.to_bits() as u32]).collect()
+    bits.chain([(loss.to_bits() >> 32) as u32, loss.to_bits() as u32]).chain(facade).collect()
+}
+
+/// Two clouds on one picture, with gradients of the camera and absolute ones.
+fn facade(g: &Gaussians, view: &View) -> Vec<u32> {
+    let (mut renderer, other) = (Renderer::<4>::new(RasterSettings::DEFAULT).with_depth(true), cloud());
+    let mut picture = renderer.render(&[Cloud::new(g), Cloud::new(&other)], view).unwrap();
+    let mut bar = vec![0.0; picture.planes().len()];
+    Rng::new(7, 8).fill_normal(0, &mut bar);
+    let (mut gradients, options) =
+        (Gradients::default(), GradientOptions::DEFAULT.with_camera(true).with_absolute(true));
+    picture.backward(&bar, options, &mut gradients).unwrap();
+    let camera = gradients.camera.expect("asked for");
+    assert!(camera.xi.iter().all(|x| x.is_finite() && *x != 0.0));
+    let camera = camera.xi.into_iter().chain(camera.f).chain(camera.c).map(f64::to_bits);
+    let camera = camera.flat_map(|bits| [(bits >> 32) as u32, bits as u32]);
+    let clouds = gradients.clouds.iter().flat_map(|cloud| {
+        let numbers = cloud.gaussians.fields().into_iter().flat_map(|(_, x)| x.to_vec());
+        numbers.chain(cloud.uv.iter().chain(&cloud.uv_absolute).flatten().copied()).collect::<Vec<_>>()
+    });
+    picture.planes().iter().copied().chain(clouds).map(f32::to_bits).chain(camera).collect()
 }
 
 /// Planes and gradients of a picture with `K` features.
