@@ -19,8 +19,8 @@ mod error;
 pub mod init;
 pub mod lie;
 pub mod mlp;
-pub mod rng;
 pub mod stumpff;
 pub mod tape;
 
 pub use error::FieldError;
+pub use float_core::rng;

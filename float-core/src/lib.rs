@@ -1,10 +1,12 @@
-//! The floor the math crates stand on: one door to float functions, and one SIMD token.
+//! The floor the math crates stand on: one door to float functions, one SIMD token, one generator of
+//! random numbers.
 //!
 //! * [`m32`] and [`m64`]: `exp`, `sqrt`, `sin` … from `std` or, with the feature `libm`, from the pure Rust `libm`.
 //!   `libm` wins where both are on: then every platform gives the same bits. That makes it a choice for the binary,
 //!   never for a library in the middle.
 //! * [`Simd`]: proof that this CPU can run a vector level. Kernels are written once, over [`Vector`], and compiled for
 //!   each level (scalar, AVX2 with FMA, AVX-512).
+//! * [`rng`]: counter-based random numbers, the same in any order and on any number of threads.
 //!
 //! ```
 //! use float_core::{Simd, Task, Vector};
@@ -27,7 +29,7 @@
 //! }
 //! ```
 #![no_std]
-#[cfg(feature = "std")]
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
@@ -35,6 +37,7 @@ compile_error!("float-core needs a float backend: enable `std` or `libm`");
 
 mod bf16;
 mod door;
+pub mod rng;
 mod simd;
 pub mod vecmath;
 

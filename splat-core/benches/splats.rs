@@ -4,8 +4,8 @@
 //! A few hundred Gaussians and a small picture under `--test`.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use splat_core::{Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 use std::hint::black_box;
 

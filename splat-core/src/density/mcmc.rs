@@ -2,7 +2,7 @@
 
 use alloc::{vec, vec::Vec};
 
-use field_core::rng::Rng;
+use float_core::rng::Rng;
 use float_core::{m32, m64};
 
 use super::rows::countable;

@@ -12,7 +12,7 @@
 //! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: limits for any of them.
 //!
 //! ```
-//! use field_core::rng::Rng;
+//! use float_core::rng::Rng;
 //! use splat_core::Gaussians;
 //! use splat_core::density::{Adc, Fresh};
 //!

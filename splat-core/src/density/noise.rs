@@ -2,8 +2,8 @@
 
 use alloc::vec::Vec;
 
-use field_core::rng::Rng;
 use float_core::m32;
+use float_core::rng::Rng;
 
 use super::rotation;
 use crate::Gaussians;

@@ -1,7 +1,7 @@
 //! Clouds, a camera, and one picture with its gradients.
 
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use splat_core::{CameraGradient, DrawStats, Gaussians, ProjectedGradient, Projection, Raster, RasterSettings, View};
 
 /// Gaussians like any other, about the origin.

@@ -1,7 +1,7 @@
 //! Gaussians that were moved away from a picture find back to it.
 
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use optim::{Adam, AdamConfig};
 use splat_core::{Gaussians, Projection, Raster, RasterSettings, View, Widening};
 

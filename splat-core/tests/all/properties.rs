@@ -2,8 +2,8 @@
 
 use crate::common::{bars, cloud, reordered, shoot, view};
 use crate::twin;
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use splat_core::{DrawStats, Gaussians, Projection, Raster, RasterSettings, TILE, View};
 
 const SETTINGS: RasterSettings = RasterSettings::DEFAULT;

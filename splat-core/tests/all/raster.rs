@@ -2,8 +2,8 @@
 
 use crate::common::{bars, cloud, shoot, view};
 use crate::twin;
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use splat_core::{Gaussians, Raster, RasterSettings, View, Widening};
 
 /// Both kinds, by turns.

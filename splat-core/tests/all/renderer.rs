@@ -1,8 +1,8 @@
 //! The facade against the functions that it is made of, and several clouds on one picture against one.
 
 use crate::common::{bars, cloud, reordered, shoot, view};
-use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::rng::Rng;
 use splat_core::{
     Cloud, Gaussians, GradientOptions, Gradients, Picture, Projection, Raster, RasterSettings, Renderer, SplatError,
     View,

@@ -1,5 +1,5 @@
 use super::{STREAM, some, ten};
-use field_core::rng::Rng;
+use float_core::rng::Rng;
 use splat_core::density::{LOG_SCALE_MIN, LOGIT_MAX, keep_in_range, keep_strongest, without_non_finite};
 
 #[test]
@@ -90,7 +90,7 @@ fn rows_by_place_are_all_rows_and_neighbours_are_near() {
     use splat_core::density::morton_order;
     let n = 4096;
     let mut cloud = splat_core::Gaussians::new(n, 0).unwrap();
-    let rng = field_core::rng::Rng::new(5, 0);
+    let rng = float_core::rng::Rng::new(5, 0);
     rng.fill_uniform(0, &mut cloud.mean);
     let rows = morton_order(&cloud).unwrap();
     let mut seen: Vec<u32> = rows.from().to_vec();

@@ -1,5 +1,5 @@
 use super::{STREAM, numbers, opacity, some, ten};
-use field_core::rng::Rng;
+use float_core::rng::Rng;
 use proptest::prelude::*;
 use splat_core::density::{Change, Mcmc, relocation};
 use splat_core::{Gaussians, SplatError};

@@ -5,7 +5,7 @@ mod guard;
 mod mcmc;
 mod rows;
 
-use field_core::rng::Rng;
+use float_core::rng::Rng;
 use splat_core::Gaussians;
 
 /// Ten Gaussians of degree 1 whose numbers are all different, with these opacities and sizes along all axes.

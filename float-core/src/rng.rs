@@ -5,7 +5,7 @@
 //! same index get the same number, in any order.
 //!
 //! ```
-//! use field_core::rng::Rng;
+//! use float_core::rng::Rng;
 //!
 //! let step = Rng::new(7, 0).substream(1000);
 //! let mut u = [0.0; 3];
@@ -13,7 +13,7 @@
 //! assert_eq!(u, [step.uniform_at(40), step.uniform_at(41), step.uniform_at(42)]);
 //! ```
 
-use float_core::m32;
+use crate::m32;
 
 const MULTIPLIER: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
 const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
