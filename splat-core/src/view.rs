@@ -24,6 +24,15 @@ pub struct View {
 pub const MAX_SIDE: usize = 1 << 15;
 
 impl View {
+    /// A camera at the world's origin that looks along z (x right, y down), of a picture of `size` (columns, rows). The focal length is
+    /// the longer side, the principal point the middle of the picture.
+    #[must_use]
+    pub fn at_origin(size: [usize; 2]) -> Self {
+        let r = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let f = size[0].max(size[1]) as f32;
+        Self { r, t: [0.0; 3], f: [f; 2], c: size.map(|n| 0.5 * n as f32), size }
+    }
+
     /// View of a camera-to-world pose with rotation `r` and centre `o`, focal lengths `f` and principal point `c`. The pose is
     /// inverted in `f64`, then rounded.
     #[must_use]

@@ -15,6 +15,41 @@ use crate::{Gaussians, RasterSettings, SplatError, View};
 pub(super) const CHUNK: usize = 1024;
 
 /// The visible Gaussians of a cloud as one camera sees them, in the order of the cloud. Buffers are kept between calls.
+///
+/// The functions below [`Renderer`](crate::Renderer), in the order of a training step:
+///
+/// ```
+/// use splat_core::{Gaussians, Projection, Raster, RasterSettings, Simd, View};
+///
+/// // Opacity 1/2, standard deviation 1: a red one, and a blue one behind it.
+/// let mut cloud = Gaussians::new(2, 0)?;
+/// cloud.mean.copy_from_slice(&[-0.5, 0.5, 0.0, 0.0, 4.0, 6.0]);
+/// cloud.dc.copy_from_slice(&[1.0, -1.0, -1.0, -1.0, -1.0, 1.0]);
+/// let r = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let view = View { r, t: [0.0; 3], f: [20.0; 2], c: [16.0; 2], size: [32, 32] };
+/// let (simd, settings, degree) = (Simd::best(), RasterSettings::DEFAULT, 0);
+///
+/// let mut projection = Projection::default();
+/// projection.project(simd, &cloud, &view, &settings, degree)?;
+/// let mut raster = Raster::<3>::default();
+/// raster.draw(simd, &projection.gaussians, &projection.rgb, view.size, &settings)?;
+/// let mut planes = vec![0.0; 4 * 32 * 32]; // red, green, blue, transmittance
+/// raster.planes(&mut planes)?;
+/// let [red, _, blue, transmittance] = [0, 1, 2, 3].map(|plane| planes[plane * 32 * 32 + 16 * 32 + 16]);
+/// assert!(red > blue && transmittance < 0.4);
+///
+/// // The loss is the mean of red.
+/// let mut planes_bar = vec![0.0; 4 * 32 * 32];
+/// planes_bar[..32 * 32].fill(1.0 / 1024.0);
+/// let mut gradients = Vec::new();
+/// raster.backward(simd, &projection.gaussians, &projection.rgb, &settings, &planes_bar, &mut gradients)?;
+/// let mut cloud_bar = Gaussians::new(2, 0)?;
+/// projection.backward(simd, &cloud, &view, &settings, degree, &gradients, None, &mut cloud_bar)?;
+/// // More red: the front one more opaque, both redder; green and blue make no difference.
+/// assert!(cloud_bar.logit[0] > 0.0 && cloud_bar.dc[0] > cloud_bar.dc[1] && cloud_bar.dc[1] > 0.0);
+/// assert!(cloud_bar.dc[2..].iter().all(|&bar| bar == 0.0));
+/// # Ok::<(), splat_core::SplatError>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Projection {
     /// The projected Gaussians, by ascending [`index`](ProjectedGaussian::index).

@@ -109,8 +109,8 @@ fn the_view_dependence_of_colours_is_part_of_the_camera_gradient() {
     let mut flat = g.clone();
     flat.rest.fill(0.0);
     for (f, rgb) in shot.p.gaussians.iter().zip(&shot.p.rgb) {
-        for c in 0..3 {
-            flat.dc[c * g.len() + f.index as usize] = (rgb[c] - 0.5) / splat_core::SH_0;
+        for (c, x) in rgb.iter().enumerate() {
+            flat.dc[c * g.len() + f.index as usize] = (x - 0.5) / splat_core::SH_0;
         }
     }
     let without = of(&flat);
