@@ -5,9 +5,9 @@
 //! * [`start`]: where a cloud begins: at reconstructed points, or anywhere in a box.
 //! * [`Cloud`]: Gaussians from a file, to look at.
 //!
-//! What later systems of Gaussians need is open: whatever has a number for each Gaussian follows `splat_core::density::Rows`, a
-//! picture of several clouds is one of their footprints laid one after the other, masks are features of a
-//! `splat_core::Raster<K>`, and a loss that shall not lead the density control is left out of what `density` sees.
+//! What later systems of Gaussians need is there: whatever has a value for each Gaussian follows `splat_core::density::Rows`,
+//! `splat_core::Renderer` draws several clouds on one picture, with masks and codes as features, and a loss that must not lead the density
+//! control is left out of the gradients that `density` is given.
 
 mod cloud;
 mod config;
