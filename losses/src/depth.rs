@@ -38,7 +38,9 @@ pub fn supervised(kernel: Kernel, prediction: &[f32], target: &[f32], w: &[f32])
 /// As [`supervised`].
 pub fn supervised_backward(
     kernel: Kernel,
-    (prediction, target, w): (&[f32], &[f32], &[f32]),
+    prediction: &[f32],
+    target: &[f32],
+    w: &[f32],
     loss_bar: f64,
     prediction_bar: &mut [f32],
 ) -> Result<(), LossError> {

@@ -57,10 +57,12 @@ pub fn between(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
 /// # Errors
 /// As [`between`].
 pub fn between_backward(
-    (a, b): (&[f32], &[f32]),
+    a: &[f32],
+    b: &[f32],
     kernel: Kernel,
     loss_bar: f64,
-    (a_bar, b_bar): (&mut [f32], &mut [f32]),
+    a_bar: &mut [f32],
+    b_bar: &mut [f32],
 ) -> Result<(), LossError> {
     pair(a, b, kernel)?;
     same("a_bar", a.len(), a_bar.len())?;
@@ -87,10 +89,12 @@ pub fn opposed(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
 /// # Errors
 /// As [`between`].
 pub fn opposed_backward(
-    (a, b): (&[f32], &[f32]),
+    a: &[f32],
+    b: &[f32],
     kernel: Kernel,
     loss_bar: f64,
-    (a_bar, b_bar): (&mut [f32], &mut [f32]),
+    a_bar: &mut [f32],
+    b_bar: &mut [f32],
 ) -> Result<(), LossError> {
     pair(a, b, kernel)?;
     same("a_bar", a.len(), a_bar.len())?;

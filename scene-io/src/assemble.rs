@@ -106,7 +106,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
     if !same_shape(said, is) {
         return Looked::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
     }
-    let camera = raw.intrinsics.camera(said, raw.lens, raw.pose);
+    let camera = raw.intrinsics.camera(said.0, said.1, raw.lens, raw.pose);
     let (file, place) = &raw.listed;
     if let Err(problem) = check_camera(&camera, file, place) {
         return Looked::Bad(Box::new(problem.frame(&raw.name)));

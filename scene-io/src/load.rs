@@ -19,7 +19,8 @@ use std::path::Path;
 /// # Errors
 /// The first thing that makes training impossible, and how many more there are; [`crate::check`] lists all.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
-    without_errors(load_all(path, options, Need::Images)?)
+    let (scene, problems) = load_all(path, options, Need::Images)?;
+    without_errors(scene, problems)
 }
 
 /// As [`load`], for datasets whose images are not at hand: cameras, times and splits are those of the files, and
@@ -29,10 +30,11 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
 /// As [`load`], except for missing images. Where files do not say how large the images are (Blender's form), those are
 /// needed all the same.
 pub fn load_cameras(path: &Path, options: &LoadOptions) -> Result<Scene, SceneError> {
-    without_errors(load_all(path, options, Need::Cameras)?)
+    let (scene, problems) = load_all(path, options, Need::Cameras)?;
+    without_errors(scene, problems)
 }
 
-fn without_errors((mut scene, problems): (Scene, Vec<Problem>)) -> Result<Scene, SceneError> {
+fn without_errors(mut scene: Scene, problems: Vec<Problem>) -> Result<Scene, SceneError> {
     let (errors, warnings): (Vec<Problem>, Vec<Problem>) =
         problems.into_iter().partition(|p| p.severity == Severity::Error);
     let mut errors = errors.into_iter();

@@ -127,7 +127,7 @@ pub(crate) enum Intrinsics {
 }
 
 impl Intrinsics {
-    pub(crate) fn camera(&self, (width, height): (u32, u32), lens: Lens, pose: Pose) -> Camera {
+    pub(crate) fn camera(&self, width: u32, height: u32, lens: Lens, pose: Pose) -> Camera {
         let (w, h) = (f64::from(width), f64::from(height));
         let (fx, fy, cx, cy) = match *self {
             Self::Pixels { fx, fy, cx, cy } => (fx, fy, cx, cy),

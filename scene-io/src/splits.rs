@@ -108,7 +108,7 @@ fn nine_of_ten(frames: &mut [Frame], order: &[usize]) {
 fn by_names(root: &Path, frames: &mut [Frame], names: &[String], dialect: DialectSplits) -> Result<(), SceneError> {
     let mut held = vec![false; frames.len()];
     for name in names {
-        held[find(root, frames, name, ("holdout", Split::Test))?] = true;
+        held[find(root, frames, name, "holdout", Split::Test)?] = true;
     }
     for (frame, held) in frames.iter_mut().zip(held) {
         frame.split = match (held, dialect, frame.split) {
@@ -128,7 +128,8 @@ pub(crate) fn find(
     root: &Path,
     frames: &[Frame],
     name: &str,
-    (option, likely): (&str, Split),
+    option: &str,
+    likely: Split,
 ) -> Result<usize, SceneError> {
     let name = crate::transforms::plain_name(name);
     let fits: [&dyn Fn(&str) -> bool; 4] =

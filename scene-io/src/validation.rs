@@ -64,7 +64,7 @@ fn every(frames: &[Frame], n: usize, first: usize) -> Vec<usize> {
 /// The frames that names mean; each has to be a training frame.
 fn named(root: &Path, frames: &[Frame], names: &[String]) -> Result<Vec<usize>, SceneError> {
     let held = |name: &String| {
-        let i = find(root, frames, name, (OPTION, Split::Train))?;
+        let i = find(root, frames, name, OPTION, Split::Train)?;
         if frames[i].split == Split::Train {
             return Ok(i);
         }

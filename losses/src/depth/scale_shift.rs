@@ -77,7 +77,9 @@ impl ScaleShift {
     /// [`LossError::Shape`] where lengths disagree.
     pub fn backward(
         &self,
-        (prediction, target, w): (&[f32], &[f32], &[f32]),
+        prediction: &[f32],
+        target: &[f32],
+        w: &[f32],
         [scale_bar, shift_bar, loss_bar]: [f64; 3],
         prediction_bar: &mut [f32],
         target_bar: &mut [f32],

@@ -63,7 +63,7 @@ proptest! {
         }
         let bars = [0.7, -0.4, 1.3];
         let (mut p_bar, mut t_bar) = (vec![0.5; p.len()], vec![0.5; p.len()]);
-        fit.backward((&p, &t, &w), bars, &mut p_bar, &mut t_bar).unwrap();
+        fit.backward(&p, &t, &w, bars, &mut p_bar, &mut t_bar).unwrap();
         let along = |p: &[f64], t: &[f64]| fit_twin(p, t, &wide(&w)).iter().zip(bars).map(|(x, bar)| x * bar).sum::<f64>();
         let want_p = central_difference(&wide(&p), |p| along(p, &wide(&t)));
         let want_t = central_difference(&wide(&t), |t| along(&wide(&p), t));
@@ -131,7 +131,7 @@ proptest! {
             &p, &[loss_bar],
             (
                 |p: &[f32], out: &mut [f32]| out[0] = supervised(kernel, p, &t, &w).unwrap() as f32,
-                |p: &[f32], bar: &[f32], p_bar: &mut [f32]| supervised_backward(kernel, (p, &t, &w), bar[0].into(), p_bar).unwrap(),
+                |p: &[f32], bar: &[f32], p_bar: &mut [f32]| supervised_backward(kernel, p, &t, &w, bar[0].into(), p_bar).unwrap(),
             ),
             (
                 |p: &[f64], out: &mut [f64]| out[0] = (0..p.len()).map(|i| weights[i] * huber(p[i] - targets[i])).sum(),
@@ -178,12 +178,12 @@ fn holes_may_hold_anything() {
     let kernel = Kernel::Huber { delta: ENDO_DELTA };
     assert!((supervised(kernel, &p, &t, &w).unwrap() - f64::from(0.2 * 0.9 + 0.2 * 2.4_f32)).abs() < 1e-6);
     let mut bar = [0.0; 4];
-    supervised_backward(kernel, (&p, &t, &w), 1.0, &mut bar).unwrap();
+    supervised_backward(kernel, &p, &t, &w, 1.0, &mut bar).unwrap();
     assert_eq!(bar, [-ENDO_DELTA, -ENDO_DELTA, 0.0, 0.0]);
     let fit = ScaleShift::fit(&p, &t, &w).unwrap().unwrap();
     assert!((fit.scale - 2.5).abs() < 1e-12 && (fit.shift + 0.5).abs() < 1e-12 && fit.loss < 1e-24);
     let mut bars = ([0.0; 4], [0.0; 4]);
-    fit.backward((&p, &t, &w), [1.0, 1.0, 1.0], &mut bars.0, &mut bars.1).unwrap();
+    fit.backward(&p, &t, &w, [1.0, 1.0, 1.0], &mut bars.0, &mut bars.1).unwrap();
     assert_eq!((bars.0[2], bars.0[3], bars.1[2], bars.1[3]), (0.0, 0.0, 0.0, 0.0));
     assert!(bars.0.iter().chain(&bars.1).all(|b| b.is_finite()));
 }

@@ -129,11 +129,11 @@ proptest! {
                             out[0] = value.unwrap() as f32;
                         },
                         |x: &[f32], bar: &[f32], x_bar: &mut [f32]| {
-                            let bars = x_bar.split_at_mut(n);
-                            let at = (&x[..n], &x[n..]);
+                            let (a_bar, b_bar) = x_bar.split_at_mut(n);
+                            let (a, b) = x.split_at(n);
                             match side {
-                                Side::Between => between_backward(at, kernel, bar[0].into(), bars).unwrap(),
-                                Side::Opposed => opposed_backward(at, kernel, bar[0].into(), bars).unwrap(),
+                                Side::Between => between_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
+                                Side::Opposed => opposed_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
                             }
                         },
                     ),

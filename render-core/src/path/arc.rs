@@ -64,7 +64,7 @@ impl Arc {
         };
         let used: Vec<&Pose> = poses.iter().filter(fits).collect();
         let zero = (used.first()?.c - centre).reject_from_normalized(up).normalize();
-        let mut stations: Vec<Station> = used.iter().map(|p| Station::new(p, (centre, up, zero))).collect();
+        let mut stations: Vec<Station> = used.iter().map(|p| Station::new(p, centre, up, zero)).collect();
         stations.sort_by(|a, b| a.azimuth.total_cmp(&b.azimuth));
         let (from, to, ends) = match run(&stations)? {
             Run::Turn => (0.0, TAU, Ends::Closed),
@@ -161,7 +161,7 @@ impl Arc {
 }
 
 impl Station {
-    fn new(pose: &Pose, (centre, up, zero): (DVec3, DVec3, DVec3)) -> Self {
+    fn new(pose: &Pose, centre: DVec3, up: DVec3, zero: DVec3) -> Self {
         let from = pose.c - centre;
         let side = up.cross(zero);
         let azimuth = turned(m64::atan2(from.dot(side), from.dot(zero)));

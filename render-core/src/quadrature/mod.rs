@@ -128,7 +128,7 @@ impl Values<'_> {
 }
 
 /// Colours of two parts on the same rays, and what is behind them: as many channels everywhere.
-fn check_parts([a, b]: [Values<'_>; 2], background: &[f32], (n, rays): (usize, usize)) {
+fn check_parts(a: Values<'_>, b: Values<'_>, background: &[f32], n: usize, rays: usize) {
     a.check(n);
     b.check(n);
     assert_eq!(a.channels, b.channels, "the values of the two parts differ in channels");

@@ -281,7 +281,7 @@ fn extents(root: &Path, authors: &AuthorsFrame, reading: &mut Reading) {
 /// Smallest cosine between the optical axis and the rays through the corners of the picture; 0 where a lens has none there.
 fn corner_cosine(frame: &RawFrame) -> f64 {
     let Some((width, height)) = frame.size else { return 0.0 };
-    let camera: Camera = frame.intrinsics.camera((width, height), frame.lens, frame.pose);
+    let camera: Camera = frame.intrinsics.camera(width, height, frame.lens, frame.pose);
     let camera = camera.prepare();
     let (w, h) = (f64::from(width), f64::from(height));
     let corners = [DVec2::ZERO, DVec2::new(w, 0.0), DVec2::new(0.0, h), DVec2::new(w, h)];

@@ -118,7 +118,7 @@ fn from_linear(
     for (index, pixel) in values.chunks_exact(step).enumerate() {
         let (column, row) = (index as u64 % u64::from(width), index as u64 / u64::from(width));
         if let Some((channel, value)) = pixel.iter().enumerate().find(|(_, v)| !v.is_finite()) {
-            if mask.is_some_and(|m| !used(m, (width, height), column, row)) {
+            if mask.is_some_and(|(mask, size)| !used(mask, size, (width, height), column, row)) {
                 data.extend(std::iter::repeat_n(0, step));
                 continue;
             }
@@ -140,8 +140,8 @@ fn from_linear(
     Ok(Image { width, height, channels, data, mask: None })
 }
 
-/// Whether a mask of any size leaves a pixel of the image in the loss.
-fn used((mask, size): (&[u8], (u32, u32)), image: (u32, u32), column: u64, row: u64) -> bool {
+/// Whether a mask of `size` columns and rows leaves a pixel of the image in the loss.
+fn used(mask: &[u8], size: (u32, u32), image: (u32, u32), column: u64, row: u64) -> bool {
     let x = column * u64::from(size.0) / u64::from(image.0);
     let y = row * u64::from(size.1) / u64::from(image.1);
     mask.get((y * u64::from(size.0) + x) as usize).is_none_or(|v| *v >= 128)

@@ -35,16 +35,17 @@ fn overlaps(i: u64, source: u64, target: u64) -> impl Iterator<Item = (usize, u6
     })
 }
 
-/// Area-weighted sums of `channels` interleaved values, `sum * 1 / (width * height)` of it being the mean.
+/// Area-weighted sums of `channels` interleaved values of a picture of `from` columns and rows, for one of `to`;
+/// `sum * 1 / (width * height)` of `from` is the mean.
 ///
 /// `value(pixel, channel)` must be at most `2^17`: with images below `2^46` pixels nothing overflows.
 fn area_sums<const C: usize>(
-    (width, height): (u32, u32),
-    (to_width, to_height): (u32, u32),
+    from: (u32, u32),
+    to: (u32, u32),
     value: impl Fn(usize) -> [u64; C],
     mut row_done: impl FnMut(usize, &[[u64; C]]),
 ) {
-    let (w, h, tw, th) = (u64::from(width), u64::from(height), u64::from(to_width), u64::from(to_height));
+    let (w, h, tw, th) = (u64::from(from.0), u64::from(from.1), u64::from(to.0), u64::from(to.1));
     if w == 0 || h == 0 || tw == 0 || th == 0 {
         return;
     }

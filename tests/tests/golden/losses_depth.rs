@@ -41,7 +41,7 @@ fn scale_and_shift_match_golden() {
         }
         let bars = ["scale", "shift", "loss"].map(|name| record.cotangent(name).scalar());
         let (mut p_bar, mut t_bar) = (vec![0.0; p.len()], vec![0.0; p.len()]);
-        fit.backward((&p, &t, &w), bars, &mut p_bar, &mut t_bar).unwrap();
+        fit.backward(&p, &t, &w, bars, &mut p_bar, &mut t_bar).unwrap();
         for (name, got) in [("pred", p_bar), ("gt", t_bar)] {
             assert_close(&format!("{} {name}_bar", record.label()), &wide(&got), &record.grad(name).data, 1e-6, 1e-9);
         }

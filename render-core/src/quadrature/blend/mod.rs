@@ -134,7 +134,7 @@ fn check(samples: BlendSamples<'_>, values: BlendValues<'_>) {
     check_offsets(samples.offsets, n);
     assert_eq!(samples.tau_d.len(), n, "tau_d and tau_s differ in length");
     assert_eq!(samples.m.len(), n, "m and tau_s differ in length");
-    check_parts([values.values_s, values.values_d], values.background, (n, rays));
+    check_parts(values.values_s, values.values_d, values.background, n, rays);
 }
 
 /// Samples of one ray are worked on in pieces of this many, held on the stack.

@@ -71,7 +71,7 @@ impl<V: Vector> Shape<V> {
 
     /// Position `u`, weight without and with the density, of one node.
     #[inline(always)]
-    fn node(&self, (x, weight): (f64, f64)) -> (V, V, V) {
+    fn node(&self, x: f64, weight: f64) -> (V, V, V) {
         let u = self.reach * V::splat(x as f32);
         let gu = self.g * u;
         let e = V::splat(weight as f32) * vecmath::exp(-(self.tau * u * (self.r + gu)));
@@ -84,8 +84,8 @@ impl<V: Vector> Shape<V> {
 pub(super) fn centroid<V: Vector>(a: V, tau: V) -> V {
     let shape = Shape::new(a, tau);
     let (mut p0, mut p1) = (V::splat(0.0), V::splat(0.0));
-    for node in NODES {
-        let (u, _, p) = shape.node(node);
+    for (x, weight) in NODES {
+        let (u, _, p) = shape.node(x, weight);
         p0 = p0 + p;
         p1 = p.mul_add(u, p1);
     }
@@ -103,8 +103,8 @@ pub(super) fn centroid_gradient<V: Vector>(a: V, tau: V) -> (V, V) {
     let zero = V::splat(0.0);
     let (mut e0, mut e1, mut e2) = (zero, zero, zero);
     let (mut p0, mut p1, mut p2, mut p3) = (zero, zero, zero, zero);
-    for node in NODES {
-        let (u, e, p) = shape.node(node);
+    for (x, weight) in NODES {
+        let (u, e, p) = shape.node(x, weight);
         let (eu, pu) = (e * u, p * u);
         e0 = e0 + e;
         e1 = e1 + eu;

@@ -126,7 +126,7 @@ fn check(samples: TwoSamples<'_>, values: TwoValues<'_>) {
     let (n, rays) = (samples.tau_s.len(), samples.rays());
     check_offsets(samples.offsets, n);
     assert_eq!(samples.tau_t.len(), n, "tau_t and tau_s differ in length");
-    check_parts([values.values_s, values.values_t], values.background, (n, rays));
+    check_parts(values.values_s, values.values_t, values.background, n, rays);
     assert_eq!(values.beta.len(), n, "beta and tau_s differ in length");
 }
 
