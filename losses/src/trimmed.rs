@@ -144,7 +144,7 @@ impl TrimmedMask {
     /// * `out` `[patches][p * p]` written
     ///
     /// # Errors
-    /// [`LossError::Shape`] where lengths disagree or are no whole patches, [`LossError::Parameter`] as [`TrimmedMask::check`].
+    /// [`LossError::Shape`] where lengths disagree or are not whole patches, [`LossError::Parameter`] as [`TrimmedMask::check`].
     pub fn weights(
         &self,
         residuals: &[f32],

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// An array of the wrong length, or a value that is no number, handed to a numeric function.
+/// An array of the wrong length, or a value that is not a number, handed to a numeric function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum RenderError {
@@ -40,7 +40,7 @@ pub(crate) fn check_len(what: &'static str, want: usize, got: usize) -> Result<(
     if want == got { Ok(()) } else { Err(RenderError::Shape { what, want, got }) }
 }
 
-/// A matrix or quaternion that is no camera pose.
+/// A matrix or quaternion that is not a camera pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PoseError {
@@ -87,7 +87,7 @@ impl fmt::Display for PoseError {
             Self::NotRotation { error } => {
                 write!(
                     f,
-                    "pose matrix: the 3x3 part is no rotation: |R^T R - I| = {error:.3e}, at most 1e-3 is repaired"
+                    "pose matrix: the 3x3 part is not a rotation: |R^T R - I| = {error:.3e}, at most 1e-3 is repaired"
                 )
             }
             Self::Quaternion { norm } => write!(f, "pose quaternion has length {norm}, expected 1"),
@@ -97,7 +97,7 @@ impl fmt::Display for PoseError {
 
 impl core::error::Error for PoseError {}
 
-/// Intrinsics or lens parameters that are no camera.
+/// Intrinsics or lens parameters that do not describe a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum CameraError {

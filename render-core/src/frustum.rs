@@ -1,6 +1,6 @@
 //! Conical frusta as Gaussians: what a pixel's cone sees between two distances along its ray.
 //!
-//! A pixel is no ray but a cone, of radius `r` at distance 1 (see
+//! A pixel is not a ray but a cone, of radius `r` at distance 1 (see
 //! [`Prepared::cone_radius`](crate::camera::Prepared::cone_radius)). The part of it between two distances is approximated by
 //! the Gaussian with the mean and the covariance of the uniform density on it: along the ray first ([`Moments`]), then in
 //! space, with the diagonal of the covariance ([`Moments::diagonal`]) or all of it ([`Moments::covariance`]). Positions

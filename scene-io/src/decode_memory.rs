@@ -18,7 +18,7 @@ const MOST: u64 = 2 << 30;
 
 /// A number of bytes that decoding may take at one time, over all threads.
 ///
-/// Decoded photos that are kept are no part of it: [`crate::StoreOptions::budget_bytes`] is their limit.
+/// Decoded photos that are kept are not part of it: [`crate::StoreOptions::budget_bytes`] is their limit.
 ///
 /// All readers of this crate share [`DecodeMemory::of_process`]. Waiting threads are served in the order they came. A thread
 /// that has reserved something does not wait here: what it reserves on top is granted at once. While it holds something it must

@@ -142,7 +142,7 @@ fn file(path: &Path, options: &LoadOptions) -> Result<Found, SceneError> {
     {
         return Err(without_cameras(path, &found));
     }
-    let what = "is no dataset file: expected transforms*.json, poses_bounds.npy or a file of a COLMAP model";
+    let what = "is not a dataset file: expected transforms*.json, poses_bounds.npy or a file of a COLMAP model";
     Err(SceneError::new(ErrorKind::Layout, Problem::new(path, what, "give the dataset's folder")))
 }
 

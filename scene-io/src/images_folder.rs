@@ -14,7 +14,7 @@ pub(crate) fn find(root: &Path, options: &LoadOptions, names: &[&str]) -> Result
         if folder.is_dir() {
             return Ok(folder.clone());
         }
-        let problem = Problem::new(folder, "is no folder", "give the folder of the images");
+        let problem = Problem::new(folder, "is not a folder", "give the folder of the images");
         return Err(SceneError::new(ErrorKind::Layout, problem));
     }
     let mut sized: Vec<(u32, PathBuf)> =

@@ -1,4 +1,4 @@
-//! JSON with errors that name the field: `transforms.json: `frames[3].fl_x` = "wide": is no number`.
+//! JSON with errors that name the field: `transforms.json: `frames[3].fl_x` = "wide": is not a number`.
 
 use crate::{ErrorKind, Place, Problem, SceneError, files};
 use serde_json::{Map, Value};
@@ -136,7 +136,7 @@ impl<'a> Object<'a> {
             None => Ok(None),
             // instant-ngp writes 1080.0.
             Some(x) if x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 => Ok(Some(x as u32)),
-            Some(_) => Err(self.problem(key, "is no image size", "write the whole number of pixels")),
+            Some(_) => Err(self.problem(key, "is not an image size", "write the whole number of pixels")),
         }
     }
 
@@ -144,7 +144,7 @@ impl<'a> Object<'a> {
         match self.get(key) {
             None => Ok(None),
             Some(Value::String(text)) => Ok(Some(text)),
-            Some(_) => Err(self.problem(key, "is no text", "write it in quotes")),
+            Some(_) => Err(self.problem(key, "is not text", "write it in quotes")),
         }
     }
 
@@ -162,11 +162,11 @@ impl<'a> Object<'a> {
     pub(crate) fn objects(&self, key: &str) -> Result<Option<Vec<Object<'a>>>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let Value::Array(items) = value else {
-            return Err(self.problem(key, "is no list", "write [ ... ]"));
+            return Err(self.problem(key, "is not a list", "write [ ... ]"));
         };
         let object = |(i, item): (usize, &'a Value)| match item {
             Value::Object(map) => Ok(Object { file: self.file, path: format!("{}[{i}]", self.field(key)), map }),
-            other => Err(Problem::new(self.file, "is no object", "write { ... } for each frame")
+            other => Err(Problem::new(self.file, "is not an object", "write { ... } for each frame")
                 .field(format!("{}[{i}]", self.field(key)))
                 .value(shown(other))),
         };
@@ -177,7 +177,7 @@ impl<'a> Object<'a> {
     pub(crate) fn strings(&self, key: &str) -> Result<Option<Vec<&'a str>>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let texts = value.as_array().map(|items| items.iter().map(Value::as_str).collect::<Option<Vec<_>>>());
-        texts.flatten().map(Some).ok_or_else(|| self.problem(key, "is no list of texts", "write [\"a\", \"b\"]"))
+        texts.flatten().map(Some).ok_or_else(|| self.problem(key, "is not a list of texts", "write [\"a\", \"b\"]"))
     }
 
     /// A list of whole numbers from 0.
@@ -185,7 +185,7 @@ impl<'a> Object<'a> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let index = |v: &Value| v.as_u64().and_then(|i| usize::try_from(i).ok());
         let indices = value.as_array().map(|items| items.iter().map(index).collect::<Option<Vec<_>>>());
-        indices.flatten().map(Some).ok_or_else(|| self.problem(key, "is no list of whole numbers", "write [0, 1]"))
+        indices.flatten().map(Some).ok_or_else(|| self.problem(key, "is not a list of whole numbers", "write [0, 1]"))
     }
 
     /// A whole number from 0 to 2^32 - 1.
@@ -193,7 +193,7 @@ impl<'a> Object<'a> {
         match self.number(key)? {
             None => Ok(None),
             Some(x) if x >= 0.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0 => Ok(Some(x as u32)),
-            Some(_) => Err(self.problem(key, "is no whole number from 0", "write an index")),
+            Some(_) => Err(self.problem(key, "is not a whole number from 0", "write an index")),
         }
     }
 
@@ -202,7 +202,7 @@ impl<'a> Object<'a> {
         match self.get(key) {
             None => Ok(None),
             Some(Value::Object(map)) => Ok(Some(Object { file: self.file, path: self.field(key), map })),
-            Some(_) => Err(self.problem(key, "is no object", "write { ... }")),
+            Some(_) => Err(self.problem(key, "is not an object", "write { ... }")),
         }
     }
 
@@ -210,7 +210,7 @@ impl<'a> Object<'a> {
     pub(crate) fn blocks(&self, key: &str, rows: usize, width: usize) -> Result<Option<Vec<Vec<f64>>>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let shape = |field: String, form: String| {
-            Problem::new(self.file, format!("is no list of {form}"), "write it anew").field(field)
+            Problem::new(self.file, format!("is not a list of {form}"), "write it anew").field(field)
         };
         let key = self.field(key);
         let form = format!("{rows}x{width} numbers");
@@ -243,7 +243,7 @@ impl<'a> Object<'a> {
     /// A list of finite numbers.
     pub(crate) fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };
-        let items = value.as_array().ok_or_else(|| self.problem(key, "is no list of numbers", "write [1, 2]"))?;
+        let items = value.as_array().ok_or_else(|| self.problem(key, "is not a list of numbers", "write [1, 2]"))?;
         let number = |(i, item): (usize, &Value)| {
             finite(item).map_err(|what| {
                 let problem = Problem::new(self.file, what, "correct the value");
@@ -259,7 +259,7 @@ impl<'a> Object<'a> {
         let numbers: Option<Vec<f64>> = value.as_array().and_then(|a| a.iter().map(|v| finite(v).ok()).collect());
         match numbers.as_deref() {
             Some(&[x, y, z]) => Ok(Some([x, y, z])),
-            _ => Err(self.problem(key, "is no list of three numbers", "write [x, y, z]")),
+            _ => Err(self.problem(key, "is not a list of three numbers", "write [x, y, z]")),
         }
     }
 
@@ -267,7 +267,7 @@ impl<'a> Object<'a> {
     /// the problem then names the entry.
     pub(crate) fn matrix(&self, key: &str) -> Result<Option<[[f64; 4]; 3]>, Problem> {
         let Some(value) = self.get(key) else { return Ok(None) };
-        let shape = || self.problem(key, "is no 4x4 (or 3x4) matrix", "write it as a list of rows");
+        let shape = || self.problem(key, "is not a 4x4 (or 3x4) matrix", "write it as a list of rows");
         let rows = value.as_array().ok_or_else(shape)?;
         if rows.len() != 3 && rows.len() != 4 {
             return Err(shape());
@@ -301,7 +301,7 @@ fn finite(value: &Value) -> Result<f64, String> {
         Value::String(s) if s.trim_start_matches('-').to_ascii_lowercase().starts_with(['n', 'i']) => {
             Err("is not a finite number".into())
         }
-        _ => Err("is no number".into()),
+        _ => Err("is not a number".into()),
     }
 }
 

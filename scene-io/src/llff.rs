@@ -39,7 +39,7 @@ pub(crate) fn read(file: &Path, options: &LoadOptions, need: Need) -> Result<Rea
 pub(crate) fn rows(file: &Path) -> Result<Vec<[f64; 17]>, SceneError> {
     let array = npy::read(file)?;
     let &[_, 17] = array.shape.as_slice() else {
-        let problem = Problem::new(file, "is no list of poses and bounds", "it should have the shape (images, 17)");
+        let problem = Problem::new(file, "is not a list of poses and bounds", "it should have the shape (images, 17)");
         return Err(SceneError::new(ErrorKind::Format, problem.field("shape").value(format!("{:?}", array.shape))));
     };
     Ok(array.data.as_chunks().0.to_vec())
@@ -104,7 +104,7 @@ fn frame(&Row { file, image, ref whole, field, values: row, axes }: &Row<'_>, na
     let size = |column: usize| {
         let side = row[column];
         let fits = side >= 1.0 && side <= f64::from(u32::MAX) && side.fract() == 0.0;
-        fits.then_some(side as u32).ok_or_else(|| entry(column, "is no image size", "write the poses again"))
+        fits.then_some(side as u32).ok_or_else(|| entry(column, "is not an image size", "write the poses again"))
     };
     let (height, width) = (size(4)?, size(9)?);
     let focal = row[14];

@@ -211,7 +211,7 @@ fn phototourism(file: &Path, reading: &mut Reading) -> Result<(), SceneError> {
             "train" => Split::Train,
             "val" => Split::Val,
             "test" => Split::Test,
-            other => return Err(wrong(i + 1, "split", other, "is no split", "write train or test")),
+            other => return Err(wrong(i + 1, "split", other, "is not a split", "write train or test")),
         };
         if cell(name_at).is_empty() {
             return Err(wrong(i + 1, "filename", "", "is missing", "name the photo, or remove the line"));

@@ -56,7 +56,7 @@ fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(
     let mut bytes = Vec::new();
     reader.by_ref().take(12).read_to_end(&mut bytes).map_err(reading)?;
     if !bytes.starts_with(b"\x93NUMPY") {
-        return Err(wrong(0, format!("is no .npy file ({length} bytes)")));
+        return Err(wrong(0, format!("is not a .npy file ({length} bytes)")));
     }
     let (start, header): (usize, usize) = match (bytes.get(6), bytes.get(8..10), bytes.get(8..12)) {
         (Some(1), Some(&[a, b]), _) => (10, usize::from(u16::from_le_bytes([a, b]))),

@@ -60,7 +60,7 @@ impl std::str::FromStr for TrainPhotos {
         [Self::Clutter, Self::Clean]
             .into_iter()
             .find(|photos| photos.name() == text)
-            .ok_or_else(|| format!("`{text}` is no sort of training photos: use clutter or clean"))
+            .ok_or_else(|| format!("`{text}` is not a choice of training photos: use clutter or clean"))
     }
 }
 
@@ -128,7 +128,7 @@ impl Holdout {
                     (Ok(every), Ok(None)) => Ok(Self::Every(every)),
                     (Ok(every), Ok(Some(first))) if first < every => Ok(Self::EveryFrom { every, first }),
                     (Ok(_), Ok(Some(_))) => Err(refuse("the part after `+` must be below the one before it")),
-                    _ => Err(refuse("the part after `every:` is no whole number")),
+                    _ => Err(refuse("the part after `every:` is not a whole number")),
                 }
             }
             Some(("names", file)) if !file.is_empty() => Self::from_file(Path::new(file)),

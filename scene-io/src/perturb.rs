@@ -55,7 +55,7 @@ impl std::str::FromStr for Disturbance {
         [Self::Colour, Self::Occluder, Self::Both]
             .into_iter()
             .find(|d| d.name() == text)
-            .ok_or_else(|| format!("`{text}` is no perturbation: use c (colour), o (occluder) or co (both)"))
+            .ok_or_else(|| format!("`{text}` is not a perturbation: use c (colour), o (occluder) or co (both)"))
     }
 }
 

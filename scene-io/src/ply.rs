@@ -152,7 +152,7 @@ impl<'a> Vertices<'a> {
         loop {
             let rest = &bytes[header.body..];
             let Some(end) = rest.iter().position(|b| *b == b'\n') else {
-                return Err(header.wrong(Place::File, "is no PLY file: its header does not end"));
+                return Err(header.wrong(Place::File, "is not a PLY file: its header does not end"));
             };
             header.body += end + 1;
             header.lines += 1;
@@ -161,20 +161,20 @@ impl<'a> Vertices<'a> {
             let place = Place::Line(header.lines);
             match words.as_slice() {
                 ["ply"] if header.lines == 1 => {}
-                _ if header.lines == 1 => return Err(header.wrong(place, "is no PLY file")),
+                _ if header.lines == 1 => return Err(header.wrong(place, "is not a PLY file")),
                 ["format", encoding, _] => {
                     known = true;
                     header.encoding = match *encoding {
                         "ascii" => Encoding::Ascii,
                         "binary_little_endian" => Encoding::Little,
                         "binary_big_endian" => Encoding::Big,
-                        other => return Err(header.wrong(place, &format!("`{other}` is no PLY format"))),
+                        other => return Err(header.wrong(place, &format!("`{other}` is not a PLY format"))),
                     };
                 }
                 ["element", "vertex", count] => {
                     (in_vertex, seen_vertex) = (true, true);
                     let count = count.parse();
-                    header.count = count.map_err(|_| header.wrong(place, "the number of vertices is no number"))?;
+                    header.count = count.map_err(|_| header.wrong(place, "the number of vertices is not a number"))?;
                 }
                 ["element", name, _] => {
                     if !seen_vertex {
@@ -189,7 +189,7 @@ impl<'a> Vertices<'a> {
                 }
                 ["property", kind, name] if in_vertex => {
                     let scalar = Scalar::parse(kind);
-                    let scalar = scalar.ok_or_else(|| header.wrong(place, &format!("`{kind}` is no type")))?;
+                    let scalar = scalar.ok_or_else(|| header.wrong(place, &format!("`{kind}` is not a type")))?;
                     header.properties.push(((*name).to_owned(), scalar));
                 }
                 ["end_header"] if known && seen_vertex => return Ok(header),
@@ -240,7 +240,7 @@ impl<'a> Vertices<'a> {
             for word in line.split_ascii_whitespace() {
                 match word.parse::<f64>() {
                     Ok(value) => values.push(value),
-                    Err(_) => return Err(self.wrong(place, &format!("`{word}` is no number"))),
+                    Err(_) => return Err(self.wrong(place, &format!("`{word}` is not a number"))),
                 }
             }
             if values.len() < self.properties.len() {

@@ -90,7 +90,7 @@ pub(crate) fn checked_rotation(m: DMat3) -> Result<(DMat3, Mended), BadPose> {
     if off > MENDABLE {
         return refuse(
             format!("|R^T R - I| = {off:.3e}"),
-            "the upper left 3x3 is no rotation",
+            "the upper left 3x3 is not a rotation",
             "remove shear and uneven scale from the cameras, or estimate the poses again",
         );
     }

@@ -128,7 +128,7 @@ impl std::str::FromStr for Dialect {
     fn from_str(text: &str) -> Result<Self, String> {
         Self::READABLE.into_iter().find(|d| d.name() == text).ok_or_else(|| {
             let names: Vec<_> = Self::READABLE.iter().map(|d| d.name()).collect();
-            format!("`{text}` is no dataset format: use one of {}", names.join(", "))
+            format!("`{text}` is not a dataset format: use one of {}", names.join(", "))
         })
     }
 }

@@ -176,7 +176,7 @@ impl<'a, 'b> Fields<'a, 'b> {
     fn angle(&self, key: &str, unit: f64) -> Result<Option<f64>, Problem> {
         match self.number(key)? {
             Some(angle) if angle <= 0.0 || angle * unit >= std::f64::consts::PI => {
-                let what = "is no angle of view between 0 and 180 degrees";
+                let what = "is not an angle of view between 0 and 180 degrees";
                 let remedy =
                     if unit == 1.0 { "give the full angle in radians" } else { "give the full angle in degrees" };
                 Err(self.holder(key).problem(key, what, remedy))

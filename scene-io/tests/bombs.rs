@@ -150,7 +150,7 @@ fn a_jpeg_that_shows_two_pictures_is_not_believed() {
     // A picture that all agree on, far enough behind for a length of 0xffc2.
     let plain = [vec![0xff, 0xfe, 0, 2], jpeg(false, 26_000, 26_000)[2..].to_vec()].concat();
     let at = progressive.windows(2).position(|pair| pair == [0xff, 0xc2]).unwrap();
-    // The last one leads its reader to other bytes, which are no JPEG.
+    // The last one leads its reader to other bytes, which are not JPEG.
     let fills: [(&[u8], &str); 4] = [
         (&[0xff, 0x00], "of memory"),
         (&[0xff, 0x01, 0, 2], "of memory"),

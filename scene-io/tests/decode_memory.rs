@@ -148,7 +148,7 @@ fn palettes_and_animations_reserve_what_they_take() {
     }
 }
 
-/// The largest things in real photos that are no pixels.
+/// The largest things in real photos that are not pixels.
 #[test]
 fn profiles_and_exif_count() {
     let _alone = alone();

@@ -58,7 +58,7 @@ mod tests {
         assert_eq!(component, [5, 0]);
         take_component(extent, 0, &mut waiting, &mut component).unwrap();
         assert!(component.is_empty(), "taken");
-        // The end of a row is no neighbour of the beginning of the next.
+        // The end of a row is not a neighbour of the beginning of the next.
         take_component(extent, 3, &mut waiting, &mut component).unwrap();
         assert_eq!(component, [3]);
         take_component(extent, 12, &mut waiting, &mut component).unwrap();

@@ -48,7 +48,7 @@ pub fn fill_gaps(extent: Extent, mask: &[u8], scratch: &mut Vec<u32>, out: &mut 
     smooth(extent, GAP_SIDE, mask, scratch, out)
 }
 
-/// Static where all of the window is. What lies beyond the edge doesn't count: the edge of a photo is no outline.
+/// Static where all of the window is. What lies beyond the edge doesn't count: the edge of a photo is not an outline.
 ///
 /// # Shapes and units
 /// As [`smooth`]; `side` usually [`ERODE_SIDE`].

@@ -19,7 +19,7 @@ use crate::LossError;
 use alloc::vec::Vec;
 use float_core::{m32, m64};
 
-/// Labels are 16 bits wide, and 0 is no piece.
+/// Labels are 16 bits wide, and 0 is not a piece.
 const MOST: usize = u16::MAX as usize;
 
 /// How a photo is cut.

@@ -238,7 +238,7 @@ proptest! {
         let scaled: Vec<f32> = r.iter().map(|r| r * 2.0_f32.powi(-60)).collect();
         residual_masks(&scaled, quantile, &mut vec![], &mut other_cr, &mut other_most).unwrap();
         prop_assert!(other_cr == h_cr && other_most == h_most);
-        // At least the share is kept, less what is no number.
+        // At least the share is kept, less what is not a number.
         let kept = h_most.iter().filter(|&&h| h != 0).count();
         let wanted = (f64::from(quantile) * (1.0 - 1e-6) * r.len() as f64).ceil() as usize;
         prop_assert!(kept >= wanted.min(finite.len()), "{kept} of {wanted}");
@@ -409,7 +409,7 @@ fn points_that_are_nowhere_do_not_count() {
     assert_eq!(out, [0; 12]);
     segments_at(extent, &labels, &nowhere, &mut out).unwrap();
     assert_eq!(out, [0; 12]);
-    // Unassigned is no segment; the last label there can be is one.
+    // Unassigned is not a segment; the last label there can be is one.
     segments_at(extent, &labels, &[[0.5, 0.5], [3.9, 0.0], [1.0, 0.9]], &mut out).unwrap();
     assert_eq!(out, [0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0]);
     union(extent, &[&[0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], &[1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 9]], &mut out).unwrap();

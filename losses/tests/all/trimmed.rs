@@ -72,7 +72,7 @@ fn any_mask() -> impl Strategy<Value = TrimmedMask> {
     })
 }
 
-/// Errors: few distinct ones (ties), ordinary ones, blobs, and what is no number.
+/// Errors: few distinct ones (ties), ordinary ones, blobs, and what is not a number.
 fn any_errors(n: usize) -> impl Strategy<Value = Vec<f32>> {
     let one = prop_oneof![
         4 => 0.0_f32..1.0,

@@ -1,7 +1,7 @@
 //! Numbers that no camera can have.
 //!
 //! Far beyond anything built, and small enough that products of a few of them stay finite in `f32`: a focal length of
-//! 1e308 pixels is a slip of the pen or an attack, and would give rays that are no numbers.
+//! 1e308 pixels is a slip of the pen or an attack, and would give rays that are not numbers.
 
 use super::Camera;
 use crate::error::CameraError;

@@ -159,7 +159,7 @@ mod tests {
                 let rounding = 1e-13 * all.iter().rev().fold(0.0, |acc, &c| acc * x + c.abs());
                 prop_assert!(evaluate(&all, x) > -rounding, "{x} of {first}: {}", evaluate(&all, x));
             }
-            prop_assert!(first == limit || evaluate(&all, first.next_up()) <= 0.0, "{first} is no root");
+            prop_assert!(first == limit || evaluate(&all, first.next_up()) <= 0.0, "{first} is not a root");
         }
     }
 }

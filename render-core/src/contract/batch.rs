@@ -12,7 +12,7 @@ use crate::error::{RenderError, check_len};
 /// * `y` `[3][n]` out
 ///
 /// # Errors
-/// [`RenderError::Shape`] when `x` is no multiple of 3 long, or `y` is of another length.
+/// [`RenderError::Shape`] when `x` is not a multiple of 3 long, or `y` is of another length.
 pub fn contract_batch(simd: Simd, norm: Norm, x: &[f32], y: &mut [f32]) -> Result<(), RenderError> {
     let n = x.len() / 3;
     check_len("x", 3 * n, x.len())?;

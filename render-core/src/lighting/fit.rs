@@ -9,7 +9,7 @@ use float_core::m64;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum FitError {
-    /// An array of the wrong length, or a value that is no number.
+    /// An array of the wrong length, or a value that is not a number.
     Input(RenderError),
     /// The normals do not determine this coefficient, given those before it: too few, or all alike. A ridge helps.
     Undetermined {

@@ -14,9 +14,9 @@ const GAP: f64 = 40.0 * PI / 180.0;
 const WIDTH: f64 = 16.0 * PI / 180.0;
 /// Cameras nearer to the axis than this part of their distance have no azimuth.
 const OVERHEAD: f64 = 0.15;
-/// Cameras this many times farther or nearer than the median are no part of the arc.
+/// Cameras this many times farther or nearer than the median are not part of the arc.
 const FAR: f64 = 3.0;
-/// Arcs shorter than this are no arcs, radians.
+/// Arcs shorter than this are not arcs, radians.
 const LEAST: f64 = 2.0 * PI / 180.0;
 /// What an azimuth has values of: distance from the axis, height, and the direction of view outward, along the circle and up.
 const VALUES: usize = 5;

@@ -18,7 +18,7 @@ pub fn annealing_exponent(fraction: f32, slope: f32) -> f32 {
 ///
 /// # Numerics
 /// Powers are those of `w` over the largest weight: never above 1, whatever the weights' scale. An exponent of 0 is told
-/// apart, for `0 * ln 0` is no number.
+/// apart, for `0 * ln 0` is not a number.
 ///
 /// # Panics
 /// When the lengths disagree.

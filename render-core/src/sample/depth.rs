@@ -24,7 +24,7 @@ impl DepthCue {
 /// normal distribution around `depth` cut off at `near` and `far` with the rest. Non-decreasing.
 ///
 /// Sample `i` is where the mixture's mass reaches `(i + u[i]) / n`, of its uniform part first. A depth outside the ray
-/// counts as the end nearest to it; one that is no measurement (NaN, infinite, `<= 0`) gives uniform samples.
+/// counts as the end nearest to it; one that is not a measurement (NaN, infinite, `<= 0`) gives uniform samples.
 ///
 /// # Shapes and units
 /// * `u` `[n]` in `[0, 1)`; `t` `[n]` out, unit of `near`; `near <= far`, finite

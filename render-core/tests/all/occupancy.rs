@@ -331,7 +331,7 @@ fn a_cell_clears_after_as_many_updates_as_the_decay_says() {
         assert_eq!(grid.bits()[0] >> 7 & 1 == 1, n < 45, "{n}");
     }
     assert_eq!(grid.occupied_cells(), 4095);
-    // NaN is no measurement.
+    // NaN is not a measurement.
     grid.update(&[8], &[f32::NAN]);
     assert_eq!(grid.thickness()[8], 0.095);
 }

@@ -213,7 +213,7 @@ fn any_batch() -> impl Strategy<Value = Batch> {
         .prop_map(|(lengths, samples)| Batch::new(&lengths, |i| samples[i]))
 }
 
-/// Any number that is no NaN: bits from 0 to the largest.
+/// Any number but NaN: bits from 0 to the largest.
 fn any_finite() -> impl Strategy<Value = f32> {
     prop_oneof![3 => (0_u32..=f32::MAX.to_bits()).prop_map(f32::from_bits), 1 => any_tau()]
 }
@@ -484,7 +484,7 @@ fn empty_rays_and_empty_batches_show_the_background() {
     let p = b.render(Simd::best());
     assert_eq!((&p.colour, &p.trans_end[..], &p.dynamic[..]), (&b.background, &[1.0; 2][..], &[0.0; 2][..]));
     b.backward(Simd::best(), &p, Bars::new(&b, 1).all());
-    // No offsets at all are no rays, too.
+    // No offsets at all are legal, too: no rays.
     for offsets in [vec![0], vec![]] {
         let b = Batch { offsets, ..Batch::new(&[], |_| [0.0; 3]) };
         let p = b.render(Simd::best());

@@ -503,7 +503,7 @@ fn empty_rays_and_empty_batches_show_the_background() {
         assert!(p.colour.is_empty());
         b.backward(Simd::best(), mixture, &p, Bars::new(&b, 1).all());
     }
-    // No offsets at all are no rays, too.
+    // No offsets at all are legal, too: no rays.
     let b = Batch { offsets: vec![], ..Batch::new(&[], |_| [0.0; 2]) };
     let mut none: [Vec<f32>; 6] = Default::default();
     let [colour, beta, transient, trans_end, w_s, w_t] = &mut none;

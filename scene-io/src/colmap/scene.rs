@@ -31,7 +31,11 @@ pub(super) fn pose_of(
         return Err(problem("QW QX QY QZ", format!("{w} {x} {y} {z}"), "is not finite"));
     }
     if length < 1e-6 {
-        return Err(problem("QW QX QY QZ", format!("{w} {x} {y} {z}"), "is no rotation (singular): its length is 0"));
+        return Err(problem(
+            "QW QX QY QZ",
+            format!("{w} {x} {y} {z}"),
+            "is not a rotation (singular): its length is 0",
+        ));
     }
     let t = DVec3::from(t);
     if !t.is_finite() {

@@ -50,7 +50,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Lines that are no comments, numbered from 1.
+/// Lines that are not comments, numbered from 1.
 fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
     let numbered = text.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with('#'));
     numbered.map(move |(i, rest)| Line { path, number: i + 1, rest })
@@ -115,7 +115,7 @@ fn image_points(mut line: Line<'_>) -> Result<(Vec<u64>, Vec<[f32; 2]>), SceneEr
     while !line.rest.trim().is_empty() {
         let pixel = line.numbers(["X", "Y"])?;
         let id: i64 = line.parse("POINT3D_ID")?;
-        // -1 is no point.
+        // -1 is not a point.
         if let Ok(id) = u64::try_from(id) {
             ids.push(id);
             pixels.push(pixel.map(|x| x as f32));

@@ -19,7 +19,7 @@ pub(super) fn read(path: &Path) -> Result<DepthMap, SceneError> {
         "exr" => channel(path)?,
         "png" => grey(path)?,
         _ => {
-            let what = "is no depth map that can be read";
+            let what = "is not a depth map that can be read";
             return Err(wrong(path, what, "save depths as .npy, 16-bit grey .png or .exr"));
         }
     };
@@ -40,7 +40,7 @@ fn array(path: &Path) -> Result<DepthMap, SceneError> {
 fn from_array(path: &Path, array: &npy::Array) -> Result<DepthMap, SceneError> {
     let shape = array.shape.as_slice();
     let (&[height, width] | &[height, width, 1]) = shape else {
-        let problem = Problem::new(path, "is no depth map", "save it as [height][width]");
+        let problem = Problem::new(path, "is not a depth map", "save it as [height][width]");
         return Err(SceneError::new(ErrorKind::Format, problem.field("shape").value(format!("{shape:?}"))));
     };
     let size = |n: usize| {
@@ -66,7 +66,7 @@ fn grey(path: &Path) -> Result<DepthMap, SceneError> {
             rgb.pixels().map(|p| f32::from(p[0])).collect()
         }
         other => {
-            let what = format!("is no depth map but a picture of {:?}", other.color());
+            let what = format!("is not a depth map but a picture of {:?}", other.color());
             return Err(wrong(path, what, "save depths as grey, 16-bit PNG, not as a colour map"));
         }
     };
@@ -169,6 +169,6 @@ mod tests {
         assert!(error.contains("a picture of Rgb8"), "{error}");
         let other = folder.path().join("a.tif");
         std::fs::write(&other, "x").unwrap();
-        assert!(read(&other).unwrap_err().to_string().contains("is no depth map that can be read"));
+        assert!(read(&other).unwrap_err().to_string().contains("is not a depth map that can be read"));
     }
 }

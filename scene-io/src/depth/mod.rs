@@ -142,7 +142,7 @@ impl Frame {
     /// [`DepthMeaning`]); `None` where there is none. Holes, numbers that are not finite, and negative ones are 0.
     ///
     /// # Errors
-    /// Names the file that cannot be decoded, is no picture of depths, or has another shape than the photo.
+    /// Names the file that cannot be decoded, is not a picture of depths, or has another shape than the photo.
     pub fn read_depth(&self) -> Result<Option<DepthMap>, SceneError> {
         let Some(source) = &self.depth else { return Ok(None) };
         let map = match &source.place {

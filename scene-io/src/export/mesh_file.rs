@@ -27,7 +27,7 @@ impl MeshFormat {
             Some("obj") => Ok(Self::Obj),
             Some("glb") => Ok(Self::Glb),
             _ => {
-                let what = "is no mesh file by its name";
+                let what = "is not a mesh file by its name";
                 let problem = Problem::new(path, what, "end it in .ply, .obj or .glb");
                 Err(SceneError::new(ErrorKind::Value, problem))
             }

@@ -126,7 +126,7 @@ fn header(bytes: &[u8], at: &mut usize) -> Result<Vec<Declared>, (Place, String)
         let not_understood = || (place, format!("`{}` is not understood", line.trim_end()));
         match words[..] {
             ["ply"] if number == 1 => {}
-            _ if number == 1 => return Err((place, "this is no PLY file".to_owned())),
+            _ if number == 1 => return Err((place, "this is not a PLY file".to_owned())),
             ["format", "binary_little_endian", "1.0"] | ["comment", ..] | ["obj_info", ..] => {}
             ["element", name, count] => {
                 let count = count.parse().map_err(|_| not_understood())?;

@@ -24,7 +24,7 @@ const SKEW_PIXELS: f64 = 0.01;
 pub(super) fn camera(top: &Object<'_>) -> Result<FileCamera, Problem> {
     let missing = |key: &str| top.problem(key, "is missing", "export the camera again");
     let rows = top.blocks("orientation", 1, 3)?.filter(|rows| rows.len() == 3).ok_or_else(|| {
-        top.problem("orientation", "is no 3x3 matrix", "write the world-to-camera rotation as a list of rows")
+        top.problem("orientation", "is not a 3x3 matrix", "write the world-to-camera rotation as a list of rows")
     })?;
     let row = |r: usize| DVec3::new(rows[r][0], rows[r][1], rows[r][2]);
     // Columns of the camera-to-world rotation are rows of its inverse.
@@ -42,14 +42,14 @@ pub(super) fn camera(top: &Object<'_>) -> Result<FileCamera, Problem> {
     }
     let pair = |key: &str| match top.numbers(key)?.as_deref() {
         Some(&[a, b]) => Ok([a, b]),
-        Some(_) => Err(top.problem(key, "is no list of two numbers", "write [x, y]")),
+        Some(_) => Err(top.problem(key, "is not a list of two numbers", "write [x, y]")),
         None => Err(missing(key)),
     };
     let [cx, cy] = pair("principal_point")?;
     let [w, h] = pair("image_size")?;
     let side = |x: f64| (x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0).then_some(x as u32);
     let (Some(width), Some(height)) = (side(w), side(h)) else {
-        return Err(top.problem("image_size", "is no image size", "write [width, height] in pixels"));
+        return Err(top.problem("image_size", "is not an image size", "write [width, height] in pixels"));
     };
     let skew = top.number("skew")?.unwrap_or(0.0);
     if (skew * f64::from(height) / (2.0 * focal)).abs() > SKEW_PIXELS {
@@ -61,7 +61,7 @@ pub(super) fn camera(top: &Object<'_>) -> Result<FileCamera, Problem> {
         if values.len() == n {
             Ok(values)
         } else {
-            Err(top.problem(key, format!("is no list of {n} coefficients"), "write the missing ones as 0"))
+            Err(top.problem(key, format!("is not a list of {n} coefficients"), "write the missing ones as 0"))
         }
     };
     // The first releases called it `radial`, the first Nerfies `tangential`.

@@ -85,7 +85,7 @@ fn frame(
     // Ids become parts of file names, with a folder before them.
     let path =
         files::inside(root, &format!("camera/{id}.json")).filter(|_| !id.contains(['/', '\\']) && !id.is_empty());
-    let path = path.ok_or_else(|| listed("is no name of a frame", "rename the frame"))?;
+    let path = path.ok_or_else(|| listed("is not the name of a frame", "rename the frame"))?;
     let known = ids.get(id).ok_or_else(|| {
         Problem::new(root.join("metadata.json"), "the frame is not in it", "write its warp_id and appearance_id")
             .frame(id)
@@ -271,7 +271,7 @@ fn extents(root: &Path, authors: &AuthorsFrame, reading: &mut Reading) {
         }
         Ok(None) => {}
         Ok(Some(_)) => {
-            let problem = Problem::new(&file, "is no box", "write its two corners").field("bbox");
+            let problem = Problem::new(&file, "is not a box", "write its two corners").field("bbox");
             reading.problems.push(problem.warning());
         }
         Err(problem) => reading.problems.push(problem.warning()),
@@ -296,7 +296,7 @@ fn points(root: &Path, reading: &mut Reading) -> Result<(), SceneError> {
     }
     let array = npy::read(&file)?;
     let &[_, 3] = array.shape.as_slice() else {
-        let problem = Problem::new(&file, "is no list of points", "it should have the shape (points, 3)");
+        let problem = Problem::new(&file, "is not a list of points", "it should have the shape (points, 3)");
         return Err(SceneError::new(ErrorKind::Format, problem.field("shape").value(format!("{:?}", array.shape))));
     };
     let (rows, _) = array.data.as_chunks::<3>();

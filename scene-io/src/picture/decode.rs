@@ -58,7 +58,7 @@ pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), Scene
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
         DynamicImage::ImageLuma16(grey) => grey.into_raw(),
         other => {
-            let what = format!("is no label map but a picture of {:?}", other.color());
+            let what = format!("is not a label map but a picture of {:?}", other.color());
             let remedy = "write the numbers of at most 65535 segments as 16-bit grey PNG";
             return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
         }

@@ -19,7 +19,7 @@ pub(super) fn decoding_failed(path: &Path, error: ImageError) -> SceneError {
         ImageError::Unsupported(_) => match foreign::refusal(path) {
             Some(refusal) => return refusal.caused_by(error),
             None => {
-                let what = format!("is no image that can be read: {error}");
+                let what = format!("is not an image that can be read: {error}");
                 Problem::new(path, what, "convert it to PNG, JPEG, WebP or EXR")
             }
         },

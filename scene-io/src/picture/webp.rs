@@ -14,7 +14,7 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// Looks through the chunks from the start of the file; what is no WebP has no frames.
+    /// Looks through the chunks from the start of the file; what is not a WebP has no frames.
     pub(super) fn read(reader: &mut (impl Read + Seek)) -> Self {
         let mut frames = Self::default();
         let (mut at, mut end_of_frame) = (12, None);

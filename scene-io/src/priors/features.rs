@@ -66,7 +66,7 @@ impl Frame {
     /// The dense features of the photo; `None` where there is no file.
     ///
     /// # Errors
-    /// Names the file that is no array of three dimensions or holds a value that is not finite.
+    /// Names the file that is not an array of three dimensions or holds a value that is not finite.
     pub fn read_features(&self) -> Result<Option<Features>, SceneError> {
         let Some(path) = &self.priors.features else { return Ok(None) };
         read(path).map(Some).map_err(|e| e.in_frame(&self.name))

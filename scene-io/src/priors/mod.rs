@@ -62,7 +62,7 @@ impl Priors {
     }
 }
 
-/// Whether a picture is no photo but belongs to one.
+/// Whether a picture is not a photo but belongs to one.
 pub(crate) fn is_beside(path: &Path) -> bool {
     let inner = path.file_stem().map(Path::new).and_then(Path::extension).and_then(|e| e.to_str());
     inner.is_some_and(|e| ["mask", "segs", "inpaint"].contains(&e))

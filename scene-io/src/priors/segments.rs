@@ -39,7 +39,7 @@ pub struct LabelMap {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// `height * width` labels; 0 is no segment. Labels need not be contiguous.
+    /// `height * width` labels; 0 is not a segment. Labels need not be contiguous.
     pub labels: Vec<u16>,
 }
 
@@ -75,7 +75,7 @@ impl Frame {
     /// The segments of the photo at their files' size; `None` where there are no files.
     ///
     /// # Errors
-    /// Names the file that cannot be decoded, has another shape than the photo or is no label map.
+    /// Names the file that cannot be decoded, has another shape than the photo or is not a label map.
     pub fn read_segments(&self) -> Result<Option<Segments>, SceneError> {
         let Some(path) = &self.priors.segments else { return Ok(None) };
         let segments = if path.is_dir() {
@@ -155,7 +155,7 @@ fn read_scores(path: &Path, segments: usize) -> Result<Vec<Score>, SceneError> {
             let number = word.parse::<f32>().ok().filter(|x| x.is_finite());
             match (number, numbers.get_mut(k)) {
                 (Some(x), Some(slot)) => *slot = Some(x),
-                (None, _) => return Err(wrong(i + 1, word, "is no finite number".into())),
+                (None, _) => return Err(wrong(i + 1, word, "is not a finite number".into())),
                 (_, None) => return Err(wrong(i + 1, line, "holds more than two numbers".into())),
             }
         }

@@ -25,7 +25,7 @@ pub(super) fn may_be(bytes: &[u8]) -> bool {
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
     let (records, left) = bytes.as_chunks::<RECORD>();
     if !left.is_empty() {
-        let what = format!("is cut off or no .splat file: {} bytes are no multiple of {RECORD}", bytes.len());
+        let what = format!("is cut off or is not a .splat file: {} bytes are not a multiple of {RECORD}", bytes.len());
         let problem = Problem::new(path, what, "fetch it again");
         return Err(SceneError::new(ErrorKind::Format, problem));
     }

@@ -15,7 +15,7 @@ use std::path::Path;
 /// `flow/NAME.png` (`flow_path`, `flow_valid_path`, `flow_to`).
 ///
 /// # Errors
-/// A frame that is no picture in memory, or whose camera has another lens, focal length or principal point than the
+/// A frame that is not a picture in memory, or whose camera has another lens, focal length or principal point than the
 /// format can say (one horizontal angle for each split, the axis in the middle); files that cannot be written.
 ///
 /// # Panics

@@ -133,7 +133,7 @@ fn unreadable_images_name_the_file() {
     let error = refused(&dataset, &LoadOptions::default());
     assert_eq!(error.kind(), ErrorKind::Image);
     says(&error, &["images/001.png", "frame `images/001.png`", "0 bytes", "copy the file again"]);
-    dataset.write("images/001.png", "this is no image");
+    dataset.write("images/001.png", "this is not an image");
     says(&refused(&dataset, &LoadOptions::default()), &["images/001.png"]);
 }
 

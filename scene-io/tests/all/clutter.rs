@@ -84,7 +84,7 @@ fn lists_of_on_the_go_count_frames_in_the_order_of_names() {
 
     for (text, said) in [
         (r#"{"clutter": [0, 6], "extra": [4]}"#, "`clutter` = 6 (of 6 frames): there are not as many frames"),
-        (r#"{"clutter": [-1], "extra": [4]}"#, "`clutter` = [-1]: is no list of whole numbers"),
+        (r#"{"clutter": [-1], "extra": [4]}"#, "`clutter` = [-1]: is not a list of whole numbers"),
         (r#"{"clutter": [], "extra": [4]}"#, "holds no photos that are called clutter photos"),
         (r#"{"clutter": [0], "extra": [4]"#, "is not valid JSON"),
     ] {
@@ -140,7 +140,7 @@ fn broken_tables_name_the_line() {
     assert_eq!(load(dataset.path(), &LoadOptions::default()).unwrap().count(Split::Test), 1);
     for (text, said) in [
         ("filename\tsplit\n", "t.tsv:1: `id` = filename split: the column is missing"),
-        ("filename\tid\tsplit\na.png\t1\ttrian\n", "t.tsv:2: `split` = trian: is no split"),
+        ("filename\tid\tsplit\na.png\t1\ttrian\n", "t.tsv:2: `split` = trian: is not a split"),
         ("filename\tid\tsplit\n\t1\ttrain\n", "t.tsv:2: `filename` = : is missing"),
         ("filename\tid\tsplit\na.png\t1\ttrain\na.png\t2\ttest\n", "t.tsv:3: `filename` = a.png: is in two splits"),
         ("filename\tid\tsplit\nx.png\t1\ttrain\n", "none of its 1 file names is one of the model's 2 images"),

@@ -108,7 +108,7 @@ fn prompted_segments_have_scores_where_a_list_gives_them() {
             "0.9 0.9 0.9\n0.5\n",
             "scores.txt:1: frame `images/000.png`: `score` = 0.9 0.9 0.9: holds more than two numbers",
         ),
-        ("0.9\nnan\n", "scores.txt:2: frame `images/000.png`: `score` = nan: is no finite number"),
+        ("0.9\nnan\n", "scores.txt:2: frame `images/000.png`: `score` = nan: is not a finite number"),
         ("0.9\n", "scores.txt: frame `images/000.png`: holds 1 scores for 2 pictures"),
     ] {
         dataset.write("images/000.points/scores.txt", list);
@@ -158,9 +158,9 @@ fn files_of_another_shape_are_refused_by_name_and_of_another_size_are_not() {
     assert!(text.contains("000.segs.png: frame `images/000.png`: is 6x8 and its photo 8x6"), "{text}");
     assert!(text.contains("001.segs/1.png: frame `images/001.png`: is 9x9 and its photo 8x6"), "{text}");
     assert!(!text.contains("002.segs.png"), "{text}");
-    // Colours are no labels.
+    // Colours are not labels.
     dataset.image("images/000.segs.png", 8, 6);
-    assert!(problems(&dataset).contains("is no label map but a picture of Rgb8"), "{}", problems(&dataset));
+    assert!(problems(&dataset).contains("is not a label map but a picture of Rgb8"), "{}", problems(&dataset));
     dataset.write("images/000.segs.png", b"\x89PNG\r\n\x1a\nbroken");
     assert!(problems(&dataset).contains("the image is broken or cut off"), "{}", problems(&dataset));
 }

@@ -188,7 +188,7 @@ fn yard_trains_on_clutter_or_on_clean_photos_and_its_masks_are_truth() {
     let clutter = load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(counts(&clutter), [60, 0, 20, 0]);
     assert_eq!(clutter.frames[0].name, "train_clutter/000");
-    assert_eq!(clutter.layout, LayoutHint::Unknown, "a yard with a sky is no object on an empty background");
+    assert_eq!(clutter.layout, LayoutHint::Unknown, "a yard with a sky is not an object on an empty background");
     assert!(clutter.frames.iter().all(|f| f.mask.is_none()));
     has_note(&clutter, "60 of 80 frames have truth masks");
     let shares: Vec<f64> = clutter.frames[..60]

@@ -30,7 +30,7 @@ pub(in super::super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, Sce
         return Err(wrong(format!("is not compressed with gzip: SPZ version {version} is not read")));
     }
     if !bytes.starts_with(&[0x1f, 0x8b]) {
-        return Err(wrong("is no SPZ file: it is not compressed with gzip".into()));
+        return Err(wrong("is not an SPZ file: it is not compressed with gzip".into()));
     }
     let mut gzip = GzDecoder::new(bytes);
     let broken = |e: io::Error| match e.kind() {
@@ -71,7 +71,7 @@ impl Header {
         let word = |i: usize| u32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]);
         let [degree, fractional_bits, flags] = [bytes[12], bytes[13], bytes[14]];
         if !bytes.starts_with(MAGIC) {
-            return Err("is no SPZ file: compressed, but something else".into());
+            return Err("is not an SPZ file: compressed, but something else".into());
         }
         let rotation = match word(4) {
             2 => 3,

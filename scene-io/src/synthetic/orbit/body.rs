@@ -134,7 +134,7 @@ impl Posed {
         let (o, d) = (back * (ray.o - c), back * ray.d);
         match (self.form, warp) {
             (Form::Solid(shape), Warp::Stretch(scale)) => {
-                // In the form's own axes the direction is no unit vector, and distances are longer by its length.
+                // In the form's own axes the direction is not a unit vector, and distances are longer by its length.
                 let (o, d) = (o / scale, d / scale);
                 let length = d.length();
                 let (t, n) = shape.hit(o, d / length, after * length)?;

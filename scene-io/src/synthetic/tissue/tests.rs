@@ -132,7 +132,7 @@ fn stereo_has_the_errors_that_were_asked_for_and_none_if_none_were() {
         let focal = tissue_camera(&big).fx * noiseless.baseline;
         for (z, exact) in truth.stereo_depth.z.iter().zip(&truth.seen_depth.z).filter(|(z, _)| **z > 0.0) {
             let steps = focal / f64::from(*z) * 16.0;
-            assert!((steps - steps.round()).abs() < 1e-3, "{z} is no whole number of steps");
+            assert!((steps - steps.round()).abs() < 1e-3, "{z} is not a whole number of steps");
             assert!((focal / f64::from(*z) - focal / f64::from(*exact)).abs() < 0.5 / 16.0 + 1e-4);
         }
     }

@@ -34,8 +34,12 @@ fn depth_files_are_read_by_extension_in_the_dialects_unit() {
     let errors: Vec<String> =
         report.problems.iter().filter(|p| p.severity == Severity::Error).map(ToString::to_string).collect();
     assert_eq!(errors.len(), 4, "{report}");
-    let whats =
-        ["the depth map is 6x8 and its photo 8x6", "1.png", "cannot read the file", "`shape` = [12]: is no depth map"];
+    let whats = [
+        "the depth map is 6x8 and its photo 8x6",
+        "1.png",
+        "cannot read the file",
+        "`shape` = [12]: is not a depth map",
+    ];
     for (i, (error, what)) in errors.iter().zip(whats).enumerate() {
         assert!(error.contains(what) && error.contains(&format!("frame `images/{i:03}.png`")), "{error}");
     }

@@ -31,7 +31,7 @@ fn nerfies_folders_are_read_whole() {
         &scene,
         &["1 points of the background", "1 points are not finite", "taken to be in metres", "splits/train.json"],
     );
-    // Alpha is no opacity here, but says which pixels may be used.
+    // Alpha is not an opacity here, but says which pixels may be used.
     let store = ImageStore::new(&scene.frames, StoreOptions::default()).unwrap();
     let image = store.get(0).unwrap();
     assert_eq!((image.channels, image.is_used(3, 2), image.is_used(4, 2)), (3, true, false));
@@ -116,7 +116,7 @@ fn nerfies_problems_name_file_and_frame() {
     spoiled("metadata.json", "\"warp_id\": 2", "\"warp_id\": -2", &["`0_00002.warp_id` = -2", "no whole number"]);
     spoiled("metadata.json", "\"warp_id\": 2", "\"wrap_id\": 2", &["frame `0_00002`", "warp_id", "is missing"]);
     spoiled("splits/train.json", "0, 2, 4", "0, 2", &["train.json", "`time_ids`", "2 numbers for 3 frames"]);
-    spoiled("splits/train.json", "\"0_00000\"", "\"../0_00000\"", &["is no name of a frame"]);
+    spoiled("splits/train.json", "\"0_00000\"", "\"../0_00000\"", &["is not the name of a frame"]);
     spoiled("scene.json", "\"scale\": 0.5", "\"scale\": 0", &["scene.json", "`scale` = 0", "above 0"]);
     spoiled("scene.json", "\"far\": 2.0", "\"far\": 0.0", &["`near` = 0.1 (far = 0)", "below far"]);
     let dataset = Dataset::nerfies();

@@ -33,7 +33,7 @@ fn other_files_are_refused_by_what_they_are_not() {
         refused(parse("a.spz", other), &["no SPZ file"]);
         refused(parse("a.png", other), &["a.png", "is neither PLY nor SPZ"]);
     }
-    refused(parse("a.splat", b"{}"), &["2 bytes are no multiple of 32"]);
+    refused(parse("a.splat", b"{}"), &["2 bytes are not a multiple of 32"]);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Files with bytes changed, and bytes that are no files: an error or a cloud that holds together, never a panic.
+//! Files with bytes changed, and bytes that are not files: an error or a cloud that holds together, never a panic.
 
 use super::*;
 
