@@ -10,6 +10,8 @@
 //! so that `sum(w) + T_end = 1`. Everything here works on a **batch**: ray `r` owns the samples
 //! `offsets[r] .. offsets[r + 1]`, front to back; rays without samples are legal and show the background.
 //!
+//! [`Compositor`] does the usual case with its buffers inside. Below it are plain functions on slices:
+//!
 //! | function | out of | into |
 //! | --- | --- | --- |
 //! | [`intervals`], [`intervals_backward`] | densities and values at points, a [`Rule`] | optical depths and values of intervals |
@@ -37,6 +39,7 @@
 mod backward;
 pub mod blend;
 mod check;
+mod compositor;
 mod depth;
 mod forward;
 mod lanes;
@@ -46,6 +49,7 @@ pub mod two;
 
 pub use backward::{CompositeBar, CompositeGrads, WeightsBar, composite_backward, weights_backward};
 pub use check::{BadValue, check_density, check_finite};
+pub use compositor::{Compositor, Pixels, PixelsBar, RaySamples, SampleGrads};
 pub use depth::{
     DepthBar, MIN_OPACITY, depth_expected, depth_expected_backward, depth_median, depth_median_exact, depth_raw,
     disparity, normalise, opacity,

@@ -3,6 +3,7 @@
 mod bilateral;
 mod budget;
 mod cameras;
+mod compositor;
 mod convergence;
 mod frustum;
 mod histogram;
