@@ -93,6 +93,43 @@ pub fn intersect_box<T: Real>(o: [T; 3], d: [T; 3], min: [T; 3], max: [T; 3], ne
     (t0 <= t1).then_some([t0, t1])
 }
 
+/// Gradient of [`intersect_box`] with respect to the ray: adds to `o_bar` and `d_bar`; nothing where the ray misses.
+///
+/// `t_bar` is that of `[t0, t1]`. A distance that is `near` or `far` does not depend on the ray and gives nothing; where the
+/// ray runs through an edge of the box the first axis counts.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the arguments of the forward function, the gradient that comes and those that go"
+)]
+pub fn intersect_box_backward<T: Real>(
+    o: [T; 3],
+    d: [T; 3],
+    min: [T; 3],
+    max: [T; 3],
+    near: T,
+    far: T,
+    t_bar: [T; 2],
+    o_bar: &mut [T; 3],
+    d_bar: &mut [T; 3],
+) {
+    let Some(t) = intersect_box(o, d, min, max, near, far) else { return };
+    for (end, (t, bar)) in t.into_iter().zip(t_bar).enumerate() {
+        if t == if end == 0 { near } else { far } {
+            continue;
+        }
+        // The face that the distance was taken from: t = (face - o) / d.
+        let on = |a: usize| {
+            let face = if (d[a] > T::ZERO) == (end == 0) { min[a] } else { max[a] };
+            d[a] != T::ZERO && (face - o[a]) / d[a] == t
+        };
+        if let Some(a) = (0..3).find(|&a| on(a)) {
+            let through = bar / d[a];
+            o_bar[a] += -through;
+            d_bar[a] += -through * t;
+        }
+    }
+}
+
 /// The value below which a share `q` of the sorted `values` lies, interpolated linearly; `None` without values.
 ///
 /// `q` is clamped to `[0, 1]`.

@@ -32,4 +32,5 @@ pub mod ray_distance;
 pub mod real;
 pub mod rig;
 pub mod sample;
+pub mod space_map;
 mod symmetric;

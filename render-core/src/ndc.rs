@@ -144,9 +144,27 @@ impl<T: Real> Ndc<T> {
         T::ONE + self.near / (o_z + t * d_z)
     }
 
+    /// Gradient of [`Ndc::s_at`]: adds to those of `o_z`, `d_z` and `t`.
+    pub fn s_at_backward(&self, o_z: T, d_z: T, t: T, s_bar: T, o_z_bar: &mut T, d_z_bar: &mut T, t_bar: &mut T) {
+        let z = o_z + t * d_z;
+        let z_bar = -self.near / (z * z) * s_bar;
+        *o_z_bar += z_bar;
+        *d_z_bar += t * z_bar;
+        *t_bar += d_z * z_bar;
+    }
+
     /// The `t` along `o + t d` of NDC parameter `s < 1`.
     #[must_use]
     pub fn t_at(&self, o_z: T, d_z: T, s: T) -> T {
         (-self.near / (T::ONE - s) - o_z) / d_z
+    }
+
+    /// Gradient of [`Ndc::t_at`]: adds to those of `o_z`, `d_z` and `s`.
+    pub fn t_at_backward(&self, o_z: T, d_z: T, s: T, t_bar: T, o_z_bar: &mut T, d_z_bar: &mut T, s_bar: &mut T) {
+        let z_bar = t_bar / d_z;
+        *o_z_bar += -z_bar;
+        *d_z_bar += -z_bar * self.t_at(o_z, d_z, s);
+        let left = T::ONE - s;
+        *s_bar += -z_bar * self.near / (left * left);
     }
 }

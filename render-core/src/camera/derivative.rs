@@ -3,9 +3,12 @@
 //! The inverse is differentiated through the implicit function theorem, never through the Newton steps.
 
 use float_core::m64;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::{Lens, Prepared, distortion::Distortion, fov, polynomial::evaluate, prepared::Model};
+use super::{Lens, Pose, Prepared, distortion::Distortion, fov, polynomial::evaluate, prepared::Model};
+use crate::ray::RayBar;
+use crate::space_map::normalise_backward;
+use core::ops::AddAssign;
 
 /// Gradient with respect to the intrinsics and the lens of a camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -17,6 +20,61 @@ pub struct CameraBar {
     /// Of the coefficients of the lens, in the order of [`Lens::parameters`]; unused places stay 0.
     pub lens: [f64; 8],
 }
+
+impl AddAssign for CameraBar {
+    fn add_assign(&mut self, other: Self) {
+        self.f += other.f;
+        self.c += other.c;
+        for (lens, other) in self.lens.iter_mut().zip(other.lens) {
+            *lens += other;
+        }
+    }
+}
+
+/// Gradient with respect to a camera-to-world [`Pose`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseBar {
+    /// Of the nine entries of the rotation, as if they were free; see [`PoseBar::twist`].
+    pub r: DMat3,
+    /// Of the camera centre, loss / world unit.
+    pub c: DVec3,
+}
+
+impl PoseBar {
+    /// Nothing yet.
+    pub const ZERO: Self = Self { r: DMat3::ZERO, c: DVec3::ZERO };
+
+    /// Gradient with respect to a twist `xi = (omega, v)`, rotation first, at `xi = 0`, where the twist moves the camera in the
+    /// world: `pose' = exp(xi) pose`, that is `r' = exp(omega) r`, `c' = exp(omega) c + V(omega) v`.
+    ///
+    /// For a twist that is not 0 take the entries of the matrix, `r` and `c`, to the twin of the exponential map.
+    #[must_use]
+    pub fn twist(&self, pose: &Pose) -> [f64; 6] {
+        let turned = |v: DVec3, v_bar: DVec3| v.cross(v_bar);
+        let omega = turned(pose.r.x_axis, self.r.x_axis)
+            + turned(pose.r.y_axis, self.r.y_axis)
+            + turned(pose.r.z_axis, self.r.z_axis)
+            + turned(pose.c, self.c);
+        [omega.x, omega.y, omega.z, self.c.x, self.c.y, self.c.z]
+    }
+}
+
+impl Default for PoseBar {
+    /// [`PoseBar::ZERO`]; the default of a matrix alone is the identity.
+    fn default() -> Self {
+        Self::ZERO
+    }
+}
+
+impl AddAssign for PoseBar {
+    fn add_assign(&mut self, other: Self) {
+        self.r += other.r;
+        self.c += other.c;
+    }
+}
+
+/// Rays of one fixed part of [`Prepared::rays_backward`]'s sum.
+const RAYS: usize = 256;
 
 impl Prepared {
     /// Pixel of a point in camera axes, and the columns `d pixel / d X, Y, Z` of its Jacobian.
@@ -83,6 +141,89 @@ impl Prepared {
             }
         };
         Some((d, [lift(dq.x_axis), lift(dq.y_axis)]))
+    }
+
+    /// Gradients of [`Prepared::direction`]: adds those of intrinsics and lens, for a given pixel, to `camera_bar`, and
+    /// returns that of the pixel.
+    ///
+    /// A pixel without a ray, and one where the lens map is singular, gives nothing.
+    pub fn direction_backward(&self, pixel: DVec2, d_bar: DVec3, camera_bar: &mut CameraBar) -> DVec2 {
+        let Some((_, columns)) = self.direction_jacobian(pixel) else { return DVec2::ZERO };
+        let Some(q) = self.undistort(pixel) else { return DVec2::ZERO };
+        let c = &self.camera;
+        let f = DVec2::new(c.fx, c.fy);
+        let pixel_bar = DVec2::new(columns[0].dot(d_bar), columns[1].dot(d_bar));
+        // The lens map takes q to (pixel - c) / f: the gradient of that quotient is f times the pixel's.
+        let quotient = (pixel - DVec2::new(c.cx, c.cy)) / f;
+        camera_bar.c += -pixel_bar;
+        camera_bar.f += -pixel_bar * quotient;
+        // Coefficients move the quotient of a fixed q, so they move q the other way (implicit function theorem).
+        self.lens_backward(q, -pixel_bar * f, &mut camera_bar.lens);
+        pixel_bar
+    }
+
+    /// Gradients of [`Prepared::ray`]: adds those of the pose to `pose_bar` and those of intrinsics and lens to `camera_bar`,
+    /// and returns that of the pixel.
+    ///
+    /// The view direction of a pixel is the direction of its ray: add its gradient to [`RayBar::d`]. A pixel without a ray gives
+    /// nothing.
+    pub fn ray_backward(
+        &self,
+        pixel: DVec2,
+        ray_bar: &RayBar,
+        pose_bar: &mut PoseBar,
+        camera_bar: &mut CameraBar,
+    ) -> DVec2 {
+        let Some(d) = self.direction(pixel) else { return DVec2::ZERO };
+        let r = self.camera.pose.r;
+        let turned_bar = normalise_backward(r * d, ray_bar.d);
+        pose_bar.c += ray_bar.o;
+        pose_bar.r += DMat3::from_cols(turned_bar * d.x, turned_bar * d.y, turned_bar * d.z);
+        self.direction_backward(pixel, r.transpose() * turned_bar, camera_bar)
+    }
+
+    /// [`Prepared::ray_backward`] of many rays of this camera, summed.
+    ///
+    /// # Shapes and units
+    /// * `pixels`, `ray_bars` `[n]`
+    ///
+    /// # Numerics
+    /// Sums of each 256 rays in index order, and these in index order: the same bits with any number of threads,
+    /// with the feature `rayon` and without.
+    ///
+    /// # Panics
+    /// When the lengths differ.
+    pub fn rays_backward(
+        &self,
+        pixels: &[DVec2],
+        ray_bars: &[RayBar],
+        pose_bar: &mut PoseBar,
+        camera_bar: &mut CameraBar,
+    ) {
+        assert_eq!(pixels.len(), ray_bars.len(), "one gradient a pixel");
+        let part = |pixels: &[DVec2], bars: &[RayBar]| {
+            let (mut pose_bar, mut camera_bar) = (PoseBar::ZERO, CameraBar::default());
+            for (&pixel, bar) in pixels.iter().zip(bars) {
+                self.ray_backward(pixel, bar, &mut pose_bar, &mut camera_bar);
+            }
+            (pose_bar, camera_bar)
+        };
+        let mut add = |(pose, camera): (PoseBar, CameraBar)| {
+            *pose_bar += pose;
+            *camera_bar += camera;
+        };
+        #[cfg(feature = "rayon")]
+        {
+            use alloc::vec::Vec;
+            use rayon::prelude::*;
+            let parts = pixels.par_chunks(RAYS).zip(ray_bars.par_chunks(RAYS));
+            let parts: Vec<_> = parts.map(|(pixels, bars)| part(pixels, bars)).collect();
+            parts.into_iter().for_each(&mut add);
+        }
+        #[cfg(not(feature = "rayon"))]
+        for (pixels, bars) in pixels.chunks(RAYS).zip(ray_bars.chunks(RAYS)) {
+            add(part(pixels, bars));
+        }
     }
 
     /// `d(distorted) / d(ideal)`.

@@ -26,7 +26,13 @@ mod table;
 
 use glam::{DVec2, DVec3};
 
-pub use self::{colmap::ColmapModel, derivative::CameraBar, lens::Lens, prepared::Prepared, table::RayTable};
+pub use self::{
+    colmap::ColmapModel,
+    derivative::{CameraBar, PoseBar},
+    lens::Lens,
+    prepared::Prepared,
+    table::RayTable,
+};
 pub use crate::pose::Pose;
 use crate::{error::CameraError, ray::Ray};
 

@@ -16,6 +16,7 @@ mod quadrature_blend;
 mod quadrature_physics;
 mod quadrature_rules;
 mod quadrature_two;
+mod ray_gradients;
 mod rays;
 mod sample;
 mod sample_linear;

@@ -248,6 +248,23 @@ proptest! {
     }
 
     #[test]
+    fn the_transmittance_of_a_blend_never_rises_along_a_ray(b in any_batch()) {
+        for simd in Simd::available() {
+            let p = b.render(simd);
+            for r in 0..b.rays() {
+                let mut trans = p.trans[b.range(r)].to_vec();
+                trans.push(p.trans_end[r]);
+                // What an interval takes: the opacities of its parts, by their shares.
+                let taken: Vec<f64> = b.range(r).map(|i| {
+                    let (m, opacity) = (f64::from(b.m[i]), |k: usize| -(-f64::from(b.tau[k][i])).exp_m1());
+                    -((1.0 - m * opacity(1)) * (1.0 - (1.0 - m) * opacity(0))).ln()
+                }).collect();
+                rays::check_transmittance(&trans, &taken, format_args!("{simd:?}, ray {r}"));
+            }
+        }
+    }
+
+    #[test]
     fn weights_sum_to_one_and_what_both_parts_cover(b in any_batch()) {
         let p = b.render(Simd::best());
         for r in 0..b.rays() {

@@ -112,6 +112,33 @@ proptest! {
     }
 
     #[test]
+    fn transmittance_never_rises_along_a_ray_under_any_rule(
+        samples in prop::collection::vec((any_step(), any_density()), 0..60),
+        opaque in any::<bool>(),
+    ) {
+        let b = Batch::new(&[samples.len()], if samples.is_empty() { &[(0.0, 0.0)] } else { &samples });
+        let (offsets, places) = rays::beginnings(samples.len());
+        for (simd, rule) in Simd::available().flat_map(|s| Rule::ALL.map(|r| (s, r))) {
+            let (tau, _) = b.forward(simd, rule);
+            let all: Vec<f32> = places.iter().map(|&i| tau[i]).collect();
+            let (mut w, mut trans) = (vec![0.0; all.len()], vec![f32::NAN; samples.len() + 1]);
+            let rays = Samples { offsets: &offsets, tau: &all, last: LastInterval::Finite };
+            weights(simd, rays, &mut w, &mut trans);
+            let mut taken: Vec<f64> = tau.iter().map(|&x| x.into()).collect();
+            rays::check_transmittance(&trans, &taken, format_args!("{simd:?} {rule:?}"));
+            // With a wall as its last interval nothing is left of the ray, and all before it is as it was.
+            if opaque && !samples.is_empty() {
+                let whole = Samples { offsets: &[0, samples.len() as u32], tau: &tau, last: LastInterval::Opaque };
+                let end = trans.len() - 1;
+                weights(simd, whole, &mut w[..samples.len()], &mut trans[end..]);
+                prop_assert_eq!(trans[end], 0.0);
+                taken[samples.len() - 1] = f64::INFINITY;
+                rays::check_transmittance(&trans, &taken, format_args!("{simd:?} {rule:?}, opaque"));
+            }
+        }
+    }
+
+    #[test]
     fn gradients_match_the_reference_at_every_level(b in any_batch(), seed in any::<u64>()) {
         let (tau_bar, values_bar) = (noise(b.n(), seed), noise(b.rgb.len(), seed ^ 1));
         for (simd, rule) in Simd::available().flat_map(|s| Rule::ALL.map(|r| (s, r))) {

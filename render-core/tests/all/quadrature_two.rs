@@ -223,6 +223,22 @@ proptest! {
     }
 
     #[test]
+    fn the_joint_transmittance_never_rises_along_a_ray(
+        tau in prop::collection::vec((any_tau(), any_tau()), 0..60),
+        mixture in any_mixture(),
+    ) {
+        let (offsets, places) = rays::beginnings(tau.len());
+        let lengths: Vec<usize> = (0..=tau.len()).collect();
+        let b = Batch::new(&lengths, |i| [tau[places[i]].0, tau[places[i]].1]);
+        prop_assert_eq!(&b.offsets, &offsets);
+        let taken: Vec<f64> = tau.iter().map(|&(s, t)| f64::from(s) + f64::from(t)).collect();
+        for simd in Simd::available() {
+            let trans = b.render(simd, mixture).trans_end;
+            rays::check_transmittance(&trans, &taken, format_args!("{simd:?} {mixture:?}"));
+        }
+    }
+
+    #[test]
     fn weights_sum_to_one_or_to_the_overlap_more(b in any_batch(), mixture in any_mixture()) {
         let p = b.render(Simd::best(), mixture);
         for r in 0..b.rays() {

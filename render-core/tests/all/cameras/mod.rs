@@ -2,7 +2,7 @@
 
 mod edges;
 mod gradients;
-mod lenses;
+pub(crate) mod lenses;
 mod pattern;
 mod poses;
 mod round_trip;
