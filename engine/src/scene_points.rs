@@ -119,7 +119,9 @@ mod tests {
             let image = ImageSource::Memory(Arc::new(Image::rgb(40, 40, vec![0; 4800]).unwrap()));
             let track = |&point| TrackPoint { pixel: [0.0; 2], length: 9, point };
             let tracks = points.iter().map(track).collect();
-            Frame { split, tracks, ..Frame::new(format!("{points:?}"), image, camera()) }
+            let mut frame = Frame::new(format!("{points:?}"), image, camera());
+            (frame.split, frame.tracks) = (split, tracks);
+            frame
         };
         let frames = vec![
             frame(Split::Train, &[0, 1, 2, 2]),

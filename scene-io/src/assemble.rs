@@ -10,7 +10,7 @@ use crate::picture::{Plan, foreign, same_shape, wrong_size};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TruthMask};
 use crate::reading::{Need, RawFrame, Reading};
-use crate::{AlphaMeaning, Frame, ImageSource, MaskPolarity, Problem, Split};
+use crate::{AlphaMeaning, Frame, ImageSource, MaskPolarity, Problem, Split, Truth};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -130,10 +130,12 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         mask,
         mask_polarity: polarity(reading, options),
         depth: raw.depth.clone(),
-        transient: raw.transient.clone().map(TruthMask::File),
-        moving: raw.moving.clone().map(TruthMask::File),
-        covisible: raw.covisible.clone().map(TruthMask::File),
-        flow: raw.flow.clone(),
+        truth: Truth {
+            transient: raw.transient.clone().map(TruthMask::File),
+            moving: raw.moving.clone().map(TruthMask::File),
+            covisible: raw.covisible.clone().map(TruthMask::File),
+            flow: raw.flow.clone(),
+        },
         ids: raw.ids,
         alpha: reading.alpha,
         tracks: raw.tracks.iter().map(|t| TrackPoint { pixel: scaled(t.pixel), ..*t }).collect(),
@@ -244,10 +246,10 @@ fn note_priors(out: &mut Assembled) {
         ("segments", count(&|f| f.priors.segments.is_some())),
         ("segments around feature points", count(&|f| f.priors.prompted.is_some())),
         ("dense features", count(&|f| f.priors.features.is_some())),
-        ("truth masks of what does not belong there (for scoring only)", count(&|f| f.transient.is_some())),
-        ("truth masks of what moves (for scoring only)", count(&|f| f.moving.is_some())),
-        ("truth masks of what training frames show, too (for scoring only)", count(&|f| f.covisible.is_some())),
-        ("exact flow to another frame (for scoring only)", count(&|f| f.flow.is_some())),
+        ("truth masks of what does not belong there (for scoring only)", count(&|f| f.truth.transient.is_some())),
+        ("truth masks of what moves (for scoring only)", count(&|f| f.truth.moving.is_some())),
+        ("truth masks of what training frames show, too (for scoring only)", count(&|f| f.truth.covisible.is_some())),
+        ("exact flow to another frame (for scoring only)", count(&|f| f.truth.flow.is_some())),
     ];
     for (what, n) in kinds.into_iter().filter(|(_, n)| *n > 0) {
         out.notes.push(format!("{n} of {} frames have {what}", out.frames.len()));

@@ -350,9 +350,9 @@ impl fmt::Display for Report {
             }
             let count = |has: &dyn Fn(&Frame) -> bool| scene.frames.iter().filter(|f| has(f)).count();
             let truth = [
-                (count(&|f| f.transient.is_some()), "what does not belong"),
-                (count(&|f| f.moving.is_some()), "what moves"),
-                (count(&|f| f.covisible.is_some()), "what training frames show, too"),
+                (count(&|f| f.truth.transient.is_some()), "what does not belong"),
+                (count(&|f| f.truth.moving.is_some()), "what moves"),
+                (count(&|f| f.truth.covisible.is_some()), "what training frames show, too"),
             ];
             let truth: Vec<String> =
                 truth.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} masks of {what}")).collect();

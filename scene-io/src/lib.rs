@@ -56,13 +56,13 @@ pub use error::{ErrorKind, Place, Problem, SceneError, Severity, one_line};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos, Validation};
 pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
-pub use picture::{Image, ImageStore, StoreOptions, decode_photo, photo_size, with_photo};
+pub use picture::{Image, ImageStore, Picture, StoreOptions, decode_photo, photo_size, with_photo};
 pub use priors::{
     BitMask, Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
     refuse_blank_masks,
 };
 pub use scene::{
-    AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split,
+    AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,
 };
 pub use splats::{SplatFile, SplatFormat, SplatOptions, encode_splats, parse_splats, read_splats, write_splats};
 pub use unposed::{Unposed, is_photo, is_video, unposed};

@@ -185,7 +185,7 @@ pub fn perturb(mut scene: Scene, what: Disturbance, seed: u64) -> Scene {
         let (width, height) = (frame.camera.width, frame.camera.height);
         let perturbation = Perturbation::of(view, width, height, what, seed);
         if what != Disturbance::Colour {
-            frame.transient = Some(TruthMask::Bars(perturbation.as_ref().and_then(|p| p.bars)));
+            frame.truth.transient = Some(TruthMask::Bars(perturbation.as_ref().and_then(|p| p.bars)));
         }
         frame.perturbation = perturbation.map(Arc::new);
     }
@@ -230,7 +230,7 @@ mod tests {
         let scene = perturb(scene(), Disturbance::Occluder, 0);
         for (i, (frame, image)) in scene.frames.iter().zip(images(&scene, None)).enumerate() {
             if frame.split == Split::Test {
-                assert!(frame.transient.is_none() && frame.perturbation.is_none());
+                assert!(frame.truth.transient.is_none() && frame.perturbation.is_none());
                 assert_eq!(&*image, native(frame));
                 continue;
             }
@@ -256,7 +256,7 @@ mod tests {
         let (a, b) = (images(&colour, None), images(&both, None));
         for i in 1..4 {
             let change = colour.frames[i].perturbation.as_ref().unwrap().colour.unwrap();
-            assert!(colour.frames[i].transient.is_none());
+            assert!(colour.frames[i].truth.transient.is_none());
             let before = native(&colour.frames[i]);
             for (now, before) in a[i].data.chunks_exact(4).zip(before.data.chunks_exact(4)) {
                 for c in 0..3 {

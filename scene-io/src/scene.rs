@@ -1,8 +1,9 @@
 //! A dataset as every system sees it: frames, cameras, points. Dialects end here.
 
+use crate::SceneError;
 use crate::depth::DepthSource;
 use crate::perturb::Perturbation;
-use crate::picture::Image;
+use crate::picture::{Image, ImageStore, Picture, StoreOptions};
 use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -51,8 +52,22 @@ impl Scene {
     /// # Errors
     /// [`crate::ErrorKind::Split`] where nothing would be held out or nothing be left to train on, and for names of frames that
     /// are not trained on.
-    pub fn hold_for_validation(&mut self, validation: &crate::Validation) -> Result<(), crate::SceneError> {
+    pub fn hold_for_validation(&mut self, validation: &crate::Validation) -> Result<(), SceneError> {
         crate::validation::apply(&self.root, &mut self.frames, validation, &mut self.notes)
+    }
+
+    /// A photo as numbers, at its native size: the shortest way to pixels. Many photos, or scaled ones, are better asked of an
+    /// [`ImageStore`], which keeps what it decoded.
+    ///
+    /// # Errors
+    /// Names the file where the photo or its mask cannot be decoded or has another size than its camera says.
+    ///
+    /// # Panics
+    /// When there is no frame of this index.
+    pub fn picture(&self, frame: usize) -> Result<Picture, SceneError> {
+        let options = StoreOptions { longest_side: None, budget_bytes: 0 };
+        let image = ImageStore::new(std::slice::from_ref(&self.frames[frame]), options)?.get(0)?;
+        Ok(Picture::of(&image))
     }
 
     /// Names of the test frames, in frame order: what is written beside a run so that it can be repeated.
@@ -169,8 +184,11 @@ pub struct Point {
     pub rgb: [u8; 3],
 }
 
-/// One image, its camera and what belongs to it.
+/// One image, its camera and what belongs to it: [`Frame::new`] makes one of a picture and a camera, all other fields may be set.
+///
+/// What is trained on and what is for scoring only are apart: the latter is in [`Frame::truth`].
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Frame {
     /// Unique within the scene: the path as the dataset writes it, without a leading `./`.
     pub name: String,
@@ -184,21 +202,15 @@ pub struct Frame {
     pub depth: Option<DepthSource>,
     /// What other programs made of the photo.
     pub priors: Priors,
-    /// Truth about what does not belong to the place: for scoring only, never for training.
-    pub transient: Option<TruthMask>,
-    /// Truth about what moves at some time: for scoring only, never for training.
-    pub moving: Option<TruthMask>,
+    /// What is known for certain: for scoring only, never for training.
+    pub truth: Truth,
     /// Features that belong to reconstructed points (COLMAP), in the order of the model.
     pub tracks: Vec<TrackPoint>,
     /// What is done to the picture when it is decoded; see [`crate::perturb`].
     pub perturbation: Option<Arc<Perturbation>>,
     /// What the alpha of the picture means.
     pub alpha: AlphaMeaning,
-    /// Truth about which pixels show what training frames saw, too (DyCheck's covisibility): for scoring only.
-    pub covisible: Option<TruthMask>,
-    /// Truth about where another frame shows what this one does: for scoring only.
-    pub flow: Option<FlowTruth>,
-    /// Numbers the dataset gives the frame's moment, look and camera.
+    /// Numbers the dataset gives the frame's time step, appearance and camera.
     pub ids: Option<FrameIds>,
     /// Camera at the image's native size.
     pub camera: Camera,
@@ -223,13 +235,10 @@ impl Frame {
             mask_polarity: MaskPolarity::WhiteIsUsed,
             depth: None,
             priors: Priors::default(),
-            transient: None,
-            moving: None,
+            truth: Truth::default(),
             tracks: Vec::new(),
             perturbation: None,
             alpha: AlphaMeaning::Opacity,
-            covisible: None,
-            flow: None,
             ids: None,
             camera,
             split: Split::Train,
@@ -238,6 +247,20 @@ impl Frame {
             sharpness: None,
         }
     }
+}
+
+/// What is known for certain about a frame. For scoring only: nothing that trains may read it.
+#[derive(Clone, Debug, Default)]
+#[non_exhaustive]
+pub struct Truth {
+    /// What does not belong to the place: passers-by, tools.
+    pub transient: Option<TruthMask>,
+    /// What moves at some time.
+    pub moving: Option<TruthMask>,
+    /// Which pixels show what training frames saw, too (DyCheck's covisibility).
+    pub covisible: Option<TruthMask>,
+    /// Where another frame shows what this one does.
+    pub flow: Option<FlowTruth>,
 }
 
 /// What the alpha of a picture means.
@@ -253,9 +276,9 @@ pub enum AlphaMeaning {
 /// Numbers that a dataset of the Nerfies form gives a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FrameIds {
-    /// Moment: `time_id`, else `warp_id`. Frames of several cameras may share one.
+    /// Time step: `time_id`, else `warp_id`. Frames of several cameras may share one.
     pub time: u32,
-    /// Look: `appearance_id`.
+    /// Appearance: `appearance_id`.
     pub appearance: u32,
     /// Camera: `camera_id`.
     pub camera: u32,

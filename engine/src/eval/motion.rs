@@ -202,13 +202,12 @@ mod tests {
         let image = Image::rgb(W, H, vec![100; 3 * (W * H) as usize]).unwrap();
         let mask = |is_set: fn(u32, u32) -> bool| Some(TruthMask::Memory(Arc::new(BitMask::from_fn(W, H, is_set))));
         let z = (0..W * H).map(|k| if k % W == 0 { 0.0 } else { 2.0 + 0.1 * k as f32 }).collect();
-        Frame {
-            split: Split::Test,
-            moving: mask(|x, _| x < 2),
-            transient: mask(|_, y| y >= 2),
-            depth: Some(DepthSource::memory(DepthMap::new(W, H, z).unwrap())),
-            ..Frame::new("a", ImageSource::Memory(Arc::new(image)), camera)
-        }
+        let mut frame = Frame::new("a", ImageSource::Memory(Arc::new(image)), camera);
+        frame.split = Split::Test;
+        frame.depth = Some(DepthSource::memory(DepthMap::new(W, H, z).unwrap()));
+        frame.truth.moving = mask(|x, _| x < 2);
+        frame.truth.transient = mask(|_, y| y >= 2);
+        frame
     }
 
     fn data(frame: Frame) -> Dataset {
@@ -263,13 +262,14 @@ mod tests {
     #[test]
     fn what_training_views_show_too_is_scored_of_test_views_alone() {
         let mask = TruthMask::Memory(Arc::new(BitMask::from_fn(W, H, |x, _| (1..3).contains(&x))));
-        let seen = Frame { covisible: Some(mask), ..frame() };
+        let mut seen = frame();
+        seen.truth.covisible = Some(mask);
         let score = scored(seen.clone(), |_, z| z, None);
         is(score.psnr_covisible, db(((400.0 + 25.0) / 2.0_f64).sqrt()));
         assert_eq!(score.ssim_covisible, None, "six pixels are less than a window");
         assert!(score.words()[2].starts_with("what training views show, too: 24.8"), "{:?}", score.words());
-        let training = Frame { split: Split::Train, ..seen };
-        assert_eq!(scored(training, |_, z| z, None).psnr_covisible, None);
+        seen.split = Split::Train;
+        assert_eq!(scored(seen, |_, z| z, None).psnr_covisible, None);
     }
 
     #[test]
@@ -293,14 +293,18 @@ mod tests {
 
     #[test]
     fn nothing_is_said_where_nothing_is_known() {
-        let bare = || Frame { moving: None, transient: None, depth: None, ..frame() };
-        assert!(scored(bare(), |_, z| z, None).is_empty());
+        let mut bare = frame();
+        (bare.depth, bare.truth) = (None, Default::default());
+        assert!(scored(bare, |_, z| z, None).is_empty());
         // What a training photo's tool hid is known to nobody.
-        let training = Frame { split: Split::Train, ..frame() };
+        let mut training = frame();
+        training.split = Split::Train;
         let score = scored(training, |_, z| z, None);
         assert!(score.psnr_hidden.is_none() && score.depth_hidden.is_none() && score.psnr_moving.is_some());
         let holes = DepthSource::memory(DepthMap::new(W, H, vec![0.0; 24]).unwrap());
-        let score = scored(Frame { depth: Some(holes), ..frame() }, |_, _| 1.0, None);
+        let mut without = frame();
+        without.depth = Some(holes);
+        let score = scored(without, |_, _| 1.0, None);
         assert!(score.depth_error.is_none() && score.depth_relative.is_none() && score.psnr_moving.is_some());
     }
 

@@ -33,6 +33,44 @@ pub struct Image {
     pub mask: Option<Vec<u8>>,
 }
 
+/// A photo as numbers: [`Scene::picture`](crate::Scene::picture).
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Picture {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `[height * width]` sRGB colours in `[0, 1]`, rows top to bottom; not multiplied by alpha.
+    pub rgb: Vec<[f32; 3]>,
+    /// `[height * width]` opacities in `[0, 1]`; `None`: all opaque.
+    pub alpha: Option<Vec<f32>>,
+    /// `[height * width]` whether a pixel takes part in the loss; `None`: all of them do.
+    pub used: Option<Vec<bool>>,
+}
+
+impl Picture {
+    pub(crate) fn of(image: &Image) -> Self {
+        let unit = |v: u8| f32::from(v) / 255.0;
+        let pixels = || image.data.chunks_exact(usize::from(image.channels));
+        Self {
+            width: image.width,
+            height: image.height,
+            rgb: pixels().map(|p| [unit(p[0]), unit(p[1]), unit(p[2])]).collect(),
+            alpha: (image.channels == 4).then(|| pixels().map(|p| unit(p[3])).collect()),
+            used: image.mask.as_ref().map(|mask| mask.iter().map(|&m| m >= 128).collect()),
+        }
+    }
+
+    /// The colours over a background, `[height * width]`: `rgb * alpha + background * (1 - alpha)`.
+    #[must_use]
+    pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
+        let Some(alpha) = &self.alpha else { return self.rgb.clone() };
+        let mixed = |(rgb, &a): (&[f32; 3], &f32)| [0, 1, 2].map(|c| rgb[c] * a + background[c] * (1.0 - a));
+        self.rgb.iter().zip(alpha).map(mixed).collect()
+    }
+}
+
 impl Image {
     /// An RGB image; `None` if `data` does not hold `width * height * 3` values.
     #[must_use]

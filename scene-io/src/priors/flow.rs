@@ -95,7 +95,7 @@ impl Frame {
     /// # Errors
     /// Names the file that cannot be decoded or does not fit the photo.
     pub fn read_flow(&self) -> Result<Option<(Flow, &str)>, SceneError> {
-        let Some(FlowTruth { to, place }) = &self.flow else { return Ok(None) };
+        let Some(FlowTruth { to, place }) = &self.truth.flow else { return Ok(None) };
         let flow = match place {
             FlowPlace::Memory(flow) => Flow::clone(flow),
             FlowPlace::Files { flow, valid } => self.decode_flow(flow, valid).map_err(|e| e.in_frame(&self.name))?,

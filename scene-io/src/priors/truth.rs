@@ -10,10 +10,10 @@ use std::sync::Arc;
 
 /// A set of pixels that is known for certain. For scoring; nothing that trains may look at it.
 ///
-/// Passers-by and other things that do not belong to the place ([`Frame::transient`]) are read from `transient_mask_path`
+/// Passers-by and other things that do not belong to the place ([`Truth::transient`](crate::Truth::transient)) are read from `transient_mask_path`
 /// of a frame in any `transforms*.json`, and from `mask_path` of a Blender-form clutter file (see
 /// [`crate::TrainPhotos`]), whose sense is the opposite of nerfstudio's. Things that move at some time
-/// ([`Frame::moving`]) are read from `moving_path`. A mask file of zeros and ones counts as one of black and white.
+/// ([`Truth::moving`](crate::Truth::moving)) are read from `moving_path`. A mask file of zeros and ones counts as one of black and white.
 #[derive(Clone, Debug)]
 pub enum TruthMask {
     /// In a file.
@@ -30,7 +30,7 @@ impl Frame {
     /// # Errors
     /// Names the file that cannot be decoded or has another shape than the photo.
     pub fn read_transient(&self) -> Result<Option<BitMask>, SceneError> {
-        self.transient.as_ref().map(|truth| self.read_truth(truth)).transpose()
+        self.truth.transient.as_ref().map(|truth| self.read_truth(truth)).transpose()
     }
 
     /// The pixels that truly show things that move at some time, at the truth's own size; `None` where it is not known.
@@ -38,7 +38,7 @@ impl Frame {
     /// # Errors
     /// As [`Frame::read_transient`].
     pub fn read_moving(&self) -> Result<Option<BitMask>, SceneError> {
-        self.moving.as_ref().map(|truth| self.read_truth(truth)).transpose()
+        self.truth.moving.as_ref().map(|truth| self.read_truth(truth)).transpose()
     }
 
     /// The pixels of a test frame that show what training frames saw, too (DyCheck's masked scores are taken on them), at the
@@ -47,7 +47,7 @@ impl Frame {
     /// # Errors
     /// As [`Frame::read_transient`].
     pub fn read_covisible(&self) -> Result<Option<BitMask>, SceneError> {
-        self.covisible.as_ref().map(|truth| self.read_truth(truth)).transpose()
+        self.truth.covisible.as_ref().map(|truth| self.read_truth(truth)).transpose()
     }
 
     /// The mask as it is written, at its own size: its white pixels, whatever [`Frame::mask_polarity`] takes white for. `None`

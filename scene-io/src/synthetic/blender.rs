@@ -48,12 +48,12 @@ pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
                 write_npy(&folder.join(&name), &[map.height, map.width], &map.z)?;
                 entry["depth_path"] = format!("./{name}").into();
             }
-            if let Some(TruthMask::Memory(mask)) = &frame.moving {
+            if let Some(TruthMask::Memory(mask)) = &frame.truth.moving {
                 let name = format!("moving/{}.png", frame.name);
                 write_mask(&folder.join(&name), mask)?;
                 entry["moving_path"] = format!("./{name}").into();
             }
-            if let Some(FlowTruth { to, place: FlowPlace::Memory(flow) }) = &frame.flow {
+            if let Some(FlowTruth { to, place: FlowPlace::Memory(flow) }) = &frame.truth.flow {
                 let [name, valid] = ["npy", "png"].map(|extension| format!("flow/{}.{extension}", frame.name));
                 write_npy(&folder.join(&name), &[flow.height, flow.width, 2], flow.way.as_flattened())?;
                 write_mask(&folder.join(&valid), &flow.seen)?;

@@ -49,7 +49,7 @@ fn problems(dataset: &Dataset) -> String {
 fn photos_without_files_have_no_priors() {
     let scene = scene(&Dataset::ngp(3));
     for frame in &scene.frames {
-        assert!(frame.priors.is_empty() && frame.transient.is_none() && frame.tracks.is_empty());
+        assert!(frame.priors.is_empty() && frame.truth.transient.is_none() && frame.tracks.is_empty());
         assert_eq!(frame.read_segments().unwrap(), None);
         assert_eq!(frame.read_prompted().unwrap(), None);
         assert_eq!(frame.read_features().unwrap(), None);

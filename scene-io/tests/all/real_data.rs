@@ -206,7 +206,7 @@ fn yard_trains_on_clutter_or_on_clean_photos_and_its_masks_are_truth() {
     let clean = load(&path, &options).unwrap();
     assert_eq!(counts(&clean), [60, 0, 20, 0]);
     assert_eq!(clean.frames[0].name, "train_clean/000");
-    assert!(clean.frames.iter().all(|f| f.transient.is_none()));
+    assert!(clean.frames.iter().all(|f| f.truth.transient.is_none()));
     assert_eq!(clean.held_out_names(), clutter.held_out_names());
     let file = load(&path.join("transforms_train_clutter.json"), &LoadOptions::default()).unwrap();
     assert_eq!(file.fingerprint(), clutter.fingerprint());
@@ -263,7 +263,9 @@ fn plaza_has_a_camera_a_frame_and_named_splits() {
         .collect();
     let mean = shares.iter().sum::<f64>() / 40.0;
     assert!(shares.len() == 40 && (mean - 0.122).abs() < 0.001, "{mean} of {} pictures", shares.len());
-    assert!(scene.frames.iter().all(|f| f.mask.is_none() && (f.transient.is_some() == (f.split == Split::Train))));
+    assert!(
+        scene.frames.iter().all(|f| f.mask.is_none() && (f.truth.transient.is_some() == (f.split == Split::Train)))
+    );
     let widths: std::collections::HashSet<u64> = scene.frames.iter().map(|f| f.camera.fx.to_bits()).collect();
     assert!(widths.len() > 40, "{} focal lengths", widths.len());
 }

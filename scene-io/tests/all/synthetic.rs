@@ -48,7 +48,7 @@ fn orbit_comes_back_from_its_files_as_it_was_drawn() {
         assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
         assert_eq!(a.depth.is_some(), a.split != Split::Train);
         assert_eq!(a.read_flow().unwrap(), b.read_flow().unwrap());
-        assert_eq!(a.flow.is_some(), a.split == Split::Test);
+        assert_eq!(a.truth.flow.is_some(), a.split == Split::Test);
     }
     let report = check(folder.path(), &LoadOptions::default(), Depth::Pixels);
     assert!(report.can_train(), "{report}");

@@ -319,7 +319,8 @@ mod tests {
         let image = Image::rgb(9, 7, vec![80; 3 * 63]).unwrap();
         let mut frame = Frame::new("a", ImageSource::Memory(Arc::new(image)), camera);
         frame.depth = Some(DepthSource::memory(DepthMap::new(9, 7, (0..63).map(z).collect()).unwrap()));
-        let other = Frame { name: "b".into(), depth: None, ..frame.clone() };
+        let mut other = frame.clone();
+        (other.name, other.depth) = ("b".into(), None);
         let scene = tabletop(&TabletopOptions { train: 0, test: 0, ..Default::default() });
         let scene = Scene { frames: vec![frame, other], ..scene };
         let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());

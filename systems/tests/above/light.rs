@@ -195,7 +195,7 @@ fn scene(width: u32) -> Scene {
                 }
             }
             let truth = BitMask::from_fn(width, HEIGHT, |x, y| (3..9).contains(&y) && (2..6).contains(&x));
-            frame.transient = Some(TruthMask::Memory(Arc::new(truth)));
+            frame.truth.transient = Some(TruthMask::Memory(Arc::new(truth)));
         }
         frame.image = ImageSource::Memory(Arc::new(image));
         frame.split = if i % 3 == 2 { Split::Test } else { Split::Train };

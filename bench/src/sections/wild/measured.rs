@@ -108,7 +108,7 @@ pub(super) fn measure(
         run.measure_in(Some(light));
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
-    let has_truth = run.scene.frames.iter().any(|f| f.split == Split::Train && f.transient.is_some());
+    let has_truth = run.scene.frames.iter().any(|f| f.split == Split::Train && f.truth.transient.is_some());
     let finds_occluders = || Ok::<_, RunError>(run.system.visibility(&run.train, 0)?.is_some());
     let masks = match has_truth && finds_occluders()? {
         true => {

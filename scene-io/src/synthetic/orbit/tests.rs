@@ -259,7 +259,7 @@ fn test_frames_know_where_the_one_nearby_shows_their_points() {
         let options = OrbitOptions { camera, test: 4, ..small() };
         let scene = orbit(&options);
         let tests: Vec<&crate::Frame> = scene.frames.iter().filter(|f| f.split == Split::Test).collect();
-        assert!(scene.frames.iter().all(|f| f.flow.is_some() == (f.split == Split::Test)));
+        assert!(scene.frames.iter().all(|f| f.truth.flow.is_some() == (f.split == Split::Test)));
         let stage = Orbit::new(options.seed, options.motion);
         for (i, frame) in tests.iter().enumerate() {
             let (flow, to) = frame.read_flow().unwrap().unwrap();
@@ -279,5 +279,5 @@ fn test_frames_know_where_the_one_nearby_shows_their_points() {
         }
     }
     // One alone has no other.
-    assert!(orbit(&OrbitOptions { test: 1, ..small() }).frames.iter().all(|f| f.flow.is_none()));
+    assert!(orbit(&OrbitOptions { test: 1, ..small() }).frames.iter().all(|f| f.truth.flow.is_none()));
 }

@@ -4,7 +4,7 @@ use super::{Orbit, OrbitMotion, Sight};
 use crate::priors::{BitMask, Flow, FlowPlace, FlowTruth, TruthMask};
 use crate::random::random;
 use crate::synthetic::surface::to_byte;
-use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split};
+use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split, Truth};
 use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Pose};
 use std::f64::consts::{PI, TAU};
@@ -206,8 +206,11 @@ pub fn orbit(options: &OrbitOptions) -> Scene {
             split: view.split,
             time: Some(view.time),
             depth,
-            moving: Some(TruthMask::Memory(Arc::new(moving))),
-            flow: partner(&view, &views).map(|other| flow(&stage, &view, other)),
+            truth: Truth {
+                moving: Some(TruthMask::Memory(Arc::new(moving))),
+                flow: partner(&view, &views).map(|other| flow(&stage, &view, other)),
+                ..Truth::default()
+            },
             ..Frame::new(view.name, ImageSource::Memory(Arc::new(image)), view.camera)
         }
     };

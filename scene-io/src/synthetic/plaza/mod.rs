@@ -21,7 +21,7 @@ use super::surface::{Paint, to_byte, to_srgb};
 use crate::options::TrainPhotos;
 use crate::priors::{TrackPoint, TruthMask};
 use crate::random::random;
-use crate::{Bounds, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split};
+use crate::{Bounds, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split, Truth};
 use glam::{DMat3, DVec2, DVec3};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
@@ -296,9 +296,10 @@ pub fn plaza(options: &PlazaOptions) -> Scene {
         let name = format!("{}/{number:03}", photo.split.name());
         *number += 1;
         let (image, occluder) = square.render(photo, options.rays);
-        let truth = (photo.split == Split::Train).then(|| TruthMask::Memory(Arc::new(occluder)));
+        let transient = (photo.split == Split::Train).then(|| TruthMask::Memory(Arc::new(occluder)));
         let image = ImageSource::Memory(Arc::new(image));
-        Frame { split: photo.split, transient: truth, tracks, ..Frame::new(name, image, photo.camera) }
+        let truth = Truth { transient, ..Truth::default() };
+        Frame { split: photo.split, truth, tracks, ..Frame::new(name, image, photo.camera) }
     });
     Scene {
         name: "plaza".into(),

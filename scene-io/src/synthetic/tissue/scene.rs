@@ -2,7 +2,7 @@
 
 use super::{Stereo, Tissue};
 use crate::priors::{BitMask, TruthMask};
-use crate::{Bounds, DepthMap, DepthSource, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split};
+use crate::{Bounds, DepthMap, DepthSource, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, Truth};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Pose};
@@ -174,7 +174,7 @@ fn grown(mask: &BitMask, margin: u32) -> BitMask {
 }
 
 /// Pictures of the tissue with a tool in front, as training frames: ignore mask, stereo depth and the true tool
-/// ([`Frame::transient`]); the same moments without the tool and with exact depth as test frames, whose [`Frame::transient`] is
+/// ([`Truth::transient`]); the same moments without the tool and with exact depth as test frames, whose [`Truth::transient`] is
 /// what was hidden and can be recovered. More says [`tissue_truth`].
 ///
 /// # Panics
@@ -190,17 +190,16 @@ pub fn tissue(options: &TissueOptions) -> Scene {
             let places = (0..options.height).flat_map(|row| (0..options.width).map(move |column| (column, row)));
             picture.mask = Some(places.map(|(c, r)| if truth.mask.get(c, r) { 0 } else { 255 }).collect());
         }
-        let frame = |split: Split, image: Image, depth: DepthMap| Frame {
+        let frame = |split: Split, image: Image, depth: DepthMap, transient: BitMask| Frame {
             split,
             time: Some(truth.time),
             depth: Some(DepthSource::memory(depth)),
             z_bounds: Some(z_bounds),
+            truth: Truth { transient: Some(TruthMask::Memory(Arc::new(transient))), ..Truth::default() },
             ..Frame::new(format!("{}/{i:06}", split.name()), ImageSource::Memory(Arc::new(image)), camera)
         };
-        let mask = |mask| Some(TruthMask::Memory(Arc::new(mask)));
-        train.push(Frame { transient: mask(truth.tool), ..frame(Split::Train, picture, truth.stereo_depth) });
-        let hidden = mask(truth.recoverable);
-        test.push(Frame { transient: hidden, ..frame(Split::Test, truth.without_tool, truth.tissue_depth) });
+        train.push(frame(Split::Train, picture, truth.stereo_depth, truth.tool));
+        test.push(frame(Split::Test, truth.without_tool, truth.tissue_depth, truth.recoverable));
     }
     train.append(&mut test);
     Scene {

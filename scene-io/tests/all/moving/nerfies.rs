@@ -42,7 +42,7 @@ fn nerfies_folders_are_read_whole() {
     assert_eq!((depth.width, depth.height, depth.holes(), depth.z[1]), (8, 6, 24, 1.51));
     assert!(scene.frames[3].depth.is_none());
     assert_eq!(scene.frames[3].read_covisible().unwrap().unwrap().count(), 12, "zeros and ones are black and white");
-    assert!(scene.frames[0].covisible.is_none());
+    assert!(scene.frames[0].truth.covisible.is_none());
     let report = check(dataset.path(), &LoadOptions::default(), Depth::Pixels);
     assert!(report.can_train(), "{report}");
     let text = report.to_string();
