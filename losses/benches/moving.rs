@@ -3,7 +3,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use losses::elastic::{SCALE, elastic, elastic_backward};
 use losses::kernel::Kernel;
-use losses::variation::{lattice, lattice_backward};
+use losses::variation::{total_variation, total_variation_backward};
 use std::hint::black_box;
 
 /// Spread over `[-1, 1)`, the same in every run.
@@ -41,10 +41,10 @@ fn variation(c: &mut Criterion) {
         let mut bar = vec![0.0; x.len()];
         group.throughput(Throughput::Elements(x.len() as u64));
         group.bench_function(BenchmarkId::new("forward", name), |b| {
-            b.iter(|| lattice(black_box(&x), &dims, &axes, kernel));
+            b.iter(|| total_variation(black_box(&x), &dims, &axes, kernel));
         });
         group.bench_function(BenchmarkId::new("backward", name), |b| {
-            b.iter(|| lattice_backward(black_box(&x), &dims, &axes, kernel, 1.0, &mut bar));
+            b.iter(|| total_variation_backward(black_box(&x), &dims, &axes, kernel, 1.0, &mut bar));
         });
     }
     group.finish();

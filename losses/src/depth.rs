@@ -6,7 +6,7 @@
 //! * [`ScaleShift`]: the target is known up to a factor and a shift, both by least squares.
 //! * [`median`]: both sides less their median and divided by their mean deviation from it.
 //!
-//! Sums are `f64` in index order. A ray of weight 0 is not looked at: holes may hold anything.
+//! Sums are `f64` in index order. A ray of weight 0 is skipped: holes may hold anything.
 
 pub mod median;
 mod scale_shift;

@@ -71,7 +71,7 @@ pub fn energy_backward(j: &[f32], energy_bar: &[f32], j_bar: &mut [f32]) -> Resu
 }
 
 /// `sum_k w[k] rho(energy[k])` with the robust `rho = 2 z / (z + 4)`, `z = energy / c^2`: about `z / 2` where rigid, never
-/// above 2. 0 for no samples. Samples of weight 0 are not looked at.
+/// above 2. 0 for no samples. Samples of weight 0 are skipped.
 ///
 /// Weights are constants: those of the rendering, without gradient, divided by the rays (Nerfies' mean over rays).
 ///

@@ -1,11 +1,11 @@
-//! What a ray ends on should be clear: matter or background, not a bit of both.
+//! Entropy of a ray's background transmittance: a ray should end on matter or on the background, not on a mixture.
 //!
 //! Sums are `f64` in index order. Values are not scanned: NaN in gives NaN out.
 
 use crate::{LossError, error::same};
 use float_core::m64;
 
-/// Probabilities closer to 0 or 1 than this count as that close, and have no slope.
+/// Probabilities closer to 0 or 1 than this count as that close, and have derivative 0.
 pub const CLAMP: f64 = 1e-6;
 
 /// `sum -(p ln p + (1 - p) ln(1 - p))` with `p` held in `CLAMP ..= 1 - CLAMP`; 0 for nothing.

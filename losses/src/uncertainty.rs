@@ -45,7 +45,7 @@ pub struct Likelihood {
     /// How channels make one error.
     pub channels: Channels,
     /// Scale `c` of the tail, `>= 0`, colour units; 0: none, as published. Until outliers are explained their squares are
-    /// most of a batch's gradient: with a tail no error pulls harder than `c / beta^2`.
+    /// most of a batch's gradient: with a tail the gradient of an error is at most `c / beta^2`.
     pub tail: f32,
 }
 

@@ -4,11 +4,11 @@
 //!
 //! | function | of | source |
 //! | --- | --- | --- |
-//! | [`slow`] | `a` | NSFF, DynamicNeRF ("slow", flow magnitude): L1 |
-//! | [`between`] | `a - b`: displacements at two times | D-NeRF's code: squared, times 1e-4 |
-//! | [`opposed`] | `a + b`: flow to the next and to the previous frame | "smooth": squared (NSFF half of it), or L1 (RoDynRF) |
+//! | [`magnitude`] | `a` | NSFF, DynamicNeRF ("slow", flow magnitude): L1 |
+//! | [`difference`] | `a - b`: displacements at two times | D-NeRF's code: squared, times 1e-4 |
+//! | [`acceleration`] | `a + b`: flow to the next and to the previous frame | "smooth": squared (NSFF half of it), or L1 (RoDynRF) |
 //!
-//! On a lattice ([`lattice`]): for each axis the **mean** over all pairs of neighbours, and these summed. Squared it is the
+//! On a lattice ([`total_variation`]): for each axis the **mean** over all pairs of neighbours, and these summed. Squared it is the
 //! plane regulariser of K-planes and HexPlane, with Huber of width 1 the one of DVGO and TiNeuVox (up to the factor in
 //! front).
 //!
@@ -25,16 +25,16 @@ use crate::{LossError, error::same, kernel::Kernel};
 ///
 /// # Errors
 /// [`LossError::Parameter`] for an unusable kernel.
-pub fn slow(a: &[f32], kernel: Kernel) -> Result<f64, LossError> {
+pub fn magnitude(a: &[f32], kernel: Kernel) -> Result<f64, LossError> {
     check(kernel)?;
     Ok(a.iter().map(|&a| f64::from(kernel.value(a, 0.0))).sum())
 }
 
-/// Backward twin of [`slow`]: adds into `a_bar`.
+/// Backward twin of [`magnitude`]: adds into `a_bar`.
 ///
 /// # Errors
-/// As [`slow`], [`LossError::Shape`] where lengths disagree.
-pub fn slow_backward(a: &[f32], kernel: Kernel, loss_bar: f64, a_bar: &mut [f32]) -> Result<(), LossError> {
+/// As [`magnitude`], [`LossError::Shape`] where lengths disagree.
+pub fn magnitude_backward(a: &[f32], kernel: Kernel, loss_bar: f64, a_bar: &mut [f32]) -> Result<(), LossError> {
     check(kernel)?;
     same("a_bar", a.len(), a_bar.len())?;
     for (a_bar, &a) in a_bar.iter_mut().zip(a) {
@@ -47,16 +47,16 @@ pub fn slow_backward(a: &[f32], kernel: Kernel, loss_bar: f64, a_bar: &mut [f32]
 ///
 /// # Errors
 /// [`LossError::Shape`] where lengths disagree, [`LossError::Parameter`] for an unusable kernel.
-pub fn between(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
+pub fn difference(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
     pair(a, b, kernel)?;
     Ok(a.iter().zip(b).map(|(&a, &b)| f64::from(kernel.value(a, b))).sum())
 }
 
-/// Backward twin of [`between`]: adds into `a_bar` and `b_bar`.
+/// Backward twin of [`difference`]: adds into `a_bar` and `b_bar`.
 ///
 /// # Errors
-/// As [`between`].
-pub fn between_backward(
+/// As [`difference`].
+pub fn difference_backward(
     a: &[f32],
     b: &[f32],
     kernel: Kernel,
@@ -78,17 +78,17 @@ pub fn between_backward(
 /// `sum kernel(a + b)`; 0 for nothing, and where `b = -a`: motion without acceleration.
 ///
 /// # Errors
-/// As [`between`].
-pub fn opposed(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
+/// As [`difference`].
+pub fn acceleration(a: &[f32], b: &[f32], kernel: Kernel) -> Result<f64, LossError> {
     pair(a, b, kernel)?;
     Ok(a.iter().zip(b).map(|(&a, &b)| f64::from(kernel.value(a, -b))).sum())
 }
 
-/// Backward twin of [`opposed`]: adds into `a_bar` and `b_bar`, the same to both.
+/// Backward twin of [`acceleration`]: adds into `a_bar` and `b_bar`, the same to both.
 ///
 /// # Errors
-/// As [`between`].
-pub fn opposed_backward(
+/// As [`difference`].
+pub fn acceleration_backward(
     a: &[f32],
     b: &[f32],
     kernel: Kernel,
@@ -116,7 +116,7 @@ pub fn opposed_backward(
 ///
 /// # Errors
 /// [`LossError::Shape`] unless `x` has that shape and every axis exists, [`LossError::Parameter`] for an unusable kernel.
-pub fn lattice(x: &[f32], dims: &[usize], axes: &[usize], kernel: Kernel) -> Result<f64, LossError> {
+pub fn total_variation(x: &[f32], dims: &[usize], axes: &[usize], kernel: Kernel) -> Result<f64, LossError> {
     check_lattice(x, dims, axes, kernel)?;
     let mut total = 0.0;
     for axis in axes.iter().filter_map(|&axis| Axis::new(dims, axis)) {
@@ -131,11 +131,11 @@ pub fn lattice(x: &[f32], dims: &[usize], axes: &[usize], kernel: Kernel) -> Res
     Ok(total)
 }
 
-/// Backward twin of [`lattice`]: adds into `x_bar`, shaped as `x`.
+/// Backward twin of [`total_variation`]: adds into `x_bar`, shaped as `x`.
 ///
 /// # Errors
-/// As [`lattice`].
-pub fn lattice_backward(
+/// As [`total_variation`].
+pub fn total_variation_backward(
     x: &[f32],
     dims: &[usize],
     axes: &[usize],

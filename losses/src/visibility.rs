@@ -103,7 +103,7 @@ pub fn indecision_backward(m: &[f32], loss_bar: f64, m_bar: &mut [f32]) -> Resul
 
 /// The weight of [`size`] over training: `max(floor, start exp(-rate step))`.
 ///
-/// High, the map keeps everything; too low, it takes hard texture for strangers.
+/// High, the map keeps everything; too low, it takes hard texture for occluders.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizeSchedule {
     /// At step 0: 0.05.

@@ -4,7 +4,7 @@ use core::ops::ControlFlow;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use float_core::Simd;
 use render_core::importance::Sampler;
-use render_core::occupancy::{OccupancyGrid, RaySpan, Settings, StepRule};
+use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
@@ -91,7 +91,7 @@ fn compositing(c: &mut Criterion) {
 
 /// A shell of occupied cells, as a trained object leaves them.
 fn shell(cascades: u32) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(Settings { cascades, ..Settings::default() }).expect("settings");
+    let mut grid = OccupancyGrid::new(GridSettings { cascades, ..GridSettings::default() }).expect("settings");
     let cells: Vec<u32> = (0..grid.cells() as u32).collect();
     let thickness: Vec<f32> = cells
         .iter()
@@ -122,7 +122,7 @@ fn marching(c: &mut Criterion) {
     let dt = 2.0 * 3.0_f32.sqrt() / 1024.0;
     let cases = [
         ("shell", shell(1), StepRule::uniform(dt)),
-        ("full", OccupancyGrid::new(Settings::default()).expect("settings"), StepRule::uniform(dt)),
+        ("full", OccupancyGrid::new(GridSettings::default()).expect("settings"), StepRule::uniform(dt)),
         ("shell-cone", shell(4), StepRule { dt_min: dt, cone: 1.0 / 256.0, dt_max: 64.0 * dt }),
     ];
     for (name, grid, rule) in &cases {
@@ -133,7 +133,7 @@ fn marching(c: &mut Criterion) {
                     sum += t * dt;
                     ControlFlow::Continue(())
                 };
-                tests += grid.march(ray, rule, 0.5, 1024, visit).tests;
+                tests += grid.march(ray, rule, 0.5, 1024, visit).lookups;
             }
             (sum, tests)
         };

@@ -1,19 +1,20 @@
 //! Which points of a scene photos have seen.
 //!
-//! A photo saw a point where the point lies in its picture, before it, and not behind the surface that the photo shows there.
+//! A photo saw a point if the point projects into its image, lies in front of the camera, and is not behind the surface that the
+//! photo shows there.
 
 use alloc::vec::Vec;
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Prepared};
 
-/// A point this much farther than a surface, as a part of its distance, may still be on it: depths of small pictures are
+/// A point that is farther than a surface by at most this fraction of its distance may still be on it: depths of small pictures are
 /// coarse where a surface is seen at a shallow angle.
 pub const TOLERANCE: f64 = 0.1;
 
-/// A photo that can say what it saw.
+/// The camera of a photo, with its depth where occlusion counts: tells which points the photo saw.
 #[derive(Clone, Debug)]
-pub struct Witness {
+pub struct Observer {
     camera: Prepared,
     depth: Option<DepthMap>,
 }
@@ -27,11 +28,12 @@ pub struct DepthMap {
     pub height: usize,
     /// Row by row, world units; infinite where nothing was hit.
     pub distance: Vec<f32>,
-    /// Difference of two inverse distances, 1 / world unit, that is none: what is farther than the inverse of this is at infinity.
-    pub blur: f64,
+    /// Largest difference of two inverse distances, 1 / world unit, that counts as none: what is farther than the inverse of this
+    /// is at infinity.
+    pub disparity_tolerance: f64,
 }
 
-impl Witness {
+impl Observer {
     /// A photo's camera, with its depth map where occlusion counts. A map of another length than its size says is left out.
     #[must_use]
     pub fn new(camera: &Camera, depth: Option<DepthMap>) -> Self {
@@ -80,18 +82,18 @@ impl DepthMap {
             .flat_map(|row| columns.clone().map(move |column| self.distance[row * self.width + column]))
             .fold(0.0_f32, f32::max);
         let farthest = f64::from(farthest);
-        away <= farthest * (1.0 + TOLERANCE) || 1.0 / farthest - 1.0 / away < self.blur
+        away <= farthest * (1.0 + TOLERANCE) || 1.0 / farthest - 1.0 / away < self.disparity_tolerance
     }
 }
 
 /// Whether at least `least` photos saw a point, or a direction where there is no point.
 #[must_use]
-pub fn seen_by<'a>(witnesses: impl IntoIterator<Item = &'a Witness>, target: Target, least: usize) -> bool {
-    let saw = |w: &&Witness| match target {
+pub fn seen_by<'a>(observers: impl IntoIterator<Item = &'a Observer>, target: Target, least: usize) -> bool {
+    let saw = |w: &&Observer| match target {
         Target::Point(point) => w.saw(point),
         Target::Sky(direction) => w.faced(direction),
     };
-    least == 0 || witnesses.into_iter().filter(saw).take(least).count() == least
+    least == 0 || observers.into_iter().filter(saw).take(least).count() == least
 }
 
 /// What a pixel shows.

@@ -1,67 +1,67 @@
-//! Histograms of weights along a ray, looked at again: blurred, and cut anew where the weight is.
+//! Histograms of weights along a ray, and new intervals drawn from them: blurred, and resampled where the weight is.
 //!
 //! Intervals follow each other without gaps, so a ray of `n` intervals has `n + 1` *fenceposts* `s`, and the intervals of
-//! the next look are drawn as fenceposts too, not as points. Nothing here is random: the caller brings the shares `u` of the
-//! mass, see [`shares`]. No fencepost carries a gradient.
+//! the next pass are drawn as fenceposts too, not as points. Nothing here is random: the caller brings the quantiles `u` of the
+//! mass, see [`quantiles`]. No fencepost carries a gradient.
 //!
 //! | function | what |
 //! | --- | --- |
 //! | [`blur_weights`] | weights widened to their neighbours and padded, before they are resampled |
-//! | [`shares`] | evenly spread shares of the mass, jittered or not |
-//! | [`resample_fenceposts`] | `m` fenceposts where those shares of the mass are reached |
+//! | [`quantiles`] | evenly spread quantiles of the mass, jittered or not |
+//! | [`resample_fenceposts`] | `m` fenceposts where those quantiles of the mass lie |
 //! | [`fenceposts_between`] | `n + 1` fenceposts around `n` centres |
 
 use crate::sample::invert_cdf;
 
-/// How [`shares`] of the mass lie in `[0, 1]`.
+/// How [`quantiles`] of the mass are spread in `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shares<'a> {
+pub enum Quantiles<'a> {
     /// From exactly 0 to exactly 1 in equal steps: fenceposts that keep both ends, for renders.
     Ends,
     /// The middle of each of `n` equal parts: centres, for renders.
     Centres,
-    /// One random number in `[0, 1)` for all: share `i` is `(i + u) / n`. One jitter a ray.
+    /// One random number in `[0, 1)` for all: quantile `i` is `(i + u) / n`. One jitter a ray.
     Shared(f32),
-    /// One random number in `[0, 1)` for each of the `n` shares: `(i + u[i]) / n`. Stratified.
+    /// One random number in `[0, 1)` for each of the `n` quantiles: `(i + u[i]) / n`. Stratified.
     Each(&'a [f32]),
 }
 
-/// `n` increasing shares of the mass, in `[0, 1]`: `u` `[n]`, written.
+/// `n` increasing quantiles of the mass, in `[0, 1]`: `u` `[n]`, written.
 ///
-/// A single share of [`Shares::Ends`] is 0.
+/// A single quantile of [`Quantiles::Ends`] is 0.
 ///
 /// # Panics
-/// When [`Shares::Each`] does not hold `n` numbers.
+/// When [`Quantiles::Each`] does not hold `n` numbers.
 ///
 /// # Source
 /// Barron et al., "Mip-NeRF", 2021, released code (`Each`, `Ends`); "Mip-NeRF 360", 2022, released code (`Shared`,
 /// `Centres`).
-pub fn shares(rule: Shares<'_>, u: &mut [f32]) {
-    if let Shares::Each(random) = rule {
-        assert_eq!(random.len(), u.len(), "one random number a share");
+pub fn quantiles(rule: Quantiles<'_>, u: &mut [f32]) {
+    if let Quantiles::Each(random) = rule {
+        assert_eq!(random.len(), u.len(), "one random number a quantile");
     }
     let n = u.len() as f64;
     for (i, u) in u.iter_mut().enumerate() {
         let place = i as f64;
         let share = match rule {
-            Shares::Ends => place / (n - 1.0).max(1.0),
-            Shares::Centres => (place + 0.5) / n,
-            Shares::Shared(jitter) => (place + f64::from(jitter)) / n,
-            Shares::Each(random) => (place + f64::from(random[i])) / n,
+            Quantiles::Ends => place / (n - 1.0).max(1.0),
+            Quantiles::Centres => (place + 0.5) / n,
+            Quantiles::Shared(jitter) => (place + f64::from(jitter)) / n,
+            Quantiles::Each(random) => (place + f64::from(random[i])) / n,
         };
         *u = share as f32;
     }
 }
 
-/// Fenceposts where the cumulative weight reaches the shares `u`: non-decreasing, within `[s[0], s[n]]`.
+/// Fenceposts where the cumulative weight reaches the quantiles `u`: non-decreasing, within `[s[0], s[n]]`.
 ///
-/// Mass is spread evenly inside an interval; a ray without any weight is cut as if every **interval** weighed the same.
+/// Mass is spread evenly inside an interval; a ray without any weight is resampled as if every **interval** weighed the same.
 /// Intervals without weight get no fencepost inside. `m` fenceposts make `m - 1` new intervals.
 ///
 /// # Shapes and units
 /// * `s`   `[n + 1]` fenceposts, non-decreasing, any unit of distance
 /// * `w`   `[n]` weights, finite, `>= 0`; need not sum to one
-/// * `u`   `[m]` shares of the mass in `[0, 1]`, non-decreasing
+/// * `u`   `[m]` quantiles of the mass in `[0, 1]`, non-decreasing
 /// * `cdf` `[n + 1]` out: cumulative mass at `s`, from exactly 0 to exactly 1
 /// * `out` `[m]` out, unit of `s`; no intervals give no fenceposts: then `m` must be 0
 ///
@@ -71,7 +71,7 @@ pub fn shares(rule: Shares<'_>, u: &mut [f32]) {
 /// # Source
 /// Barron et al., "Mip-NeRF", 2021, section 3.1; "Mip-NeRF 360", 2022, section 3.
 pub fn resample_fenceposts(s: &[f32], w: &[f32], u: &[f32], cdf: &mut [f64], out: &mut [f32]) {
-    debug_assert!(u.is_sorted(), "shares must be sorted");
+    debug_assert!(u.is_sorted(), "quantiles must be sorted");
     invert_cdf(s, w, 0.0, u, cdf, out);
 }
 
@@ -110,7 +110,7 @@ pub fn fenceposts_between(centres: &[f32], [low, high]: [f32; 2], out: &mut [f32
     }
 }
 
-/// Weights as the next look should be spread: the mean of the maxima with the left and with the right neighbour, plus
+/// Weights as the next pass should sample them: the mean of the maxima with the left and with the right neighbour, plus
 /// `pad`. `out[k] = (max(w[k-1], w[k]) + max(w[k], w[k+1])) / 2 + pad`, the ends replicated.
 ///
 /// # Shapes and units

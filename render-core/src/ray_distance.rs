@@ -1,13 +1,13 @@
-//! Normalised distance along a ray: `s` in `[0, 1]` between near and far, evenly spread over what matters.
+//! Normalised distance along a ray: `s` in `[0, 1]` between near and far, evenly spaced in a function of the distance.
 //!
-//! `s(t) = (g(t) - g(near)) / (g(far) - g(near))`. Intervals are cut, cut anew and regularised in `s`; densities use the
+//! `s(t) = (g(t) - g(near)) / (g(far) - g(near))`. Intervals are placed, resampled and regularised in `s`; densities use the
 //! metric lengths. The map and its inverse work in `f64` and are rounded once: near `s = 1` an `f32` of `s` resolves inverse
 //! distances of `6e-8 / near`, so distances far beyond `1e6 near` are noise whatever the map does.
 //!
 //! ```
-//! use render_core::ray_distance::{RayDistance, Warp};
+//! use render_core::ray_distance::{RayDistance, RaySpacing};
 //!
-//! let map = RayDistance::new(Warp::Reciprocal, 0.2, 1e6)?;
+//! let map = RayDistance::new(RaySpacing::Reciprocal, 0.2, 1e6)?;
 //! assert_eq!((map.s_of(0.2), map.s_of(1e6)), (0.0, 1.0));
 //! // Half of the samples see the first near plane's length beyond the near plane.
 //! assert!((map.t_of(0.5) - 0.4).abs() < 1e-6);
@@ -17,9 +17,9 @@
 use core::fmt;
 use float_core::m64;
 
-/// What is spread evenly.
+/// Function of the distance whose values are evenly spaced along the ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Warp {
+pub enum RaySpacing {
     /// The distance, `g(t) = t`.
     Linear,
     /// Its inverse, `g(t) = 1 / t`: pixels of parallax. Needs `near > 0`; `far` may be infinite.
@@ -36,7 +36,7 @@ pub enum Warp {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayDistanceError {
     /// The map.
-    pub warp: Warp,
+    pub spacing: RaySpacing,
     /// What was given.
     pub near: f64,
     /// What was given.
@@ -45,13 +45,13 @@ pub struct RayDistanceError {
 
 impl fmt::Display for RayDistanceError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { warp, near, far } = self;
-        write!(f, "no {warp:?} distance between {near} and {far}: expected ")?;
-        match warp {
-            Warp::Linear => write!(f, "0 <= near < far, finite"),
-            Warp::Reciprocal => write!(f, "0 < near < far"),
-            Warp::Log => write!(f, "0 < near < far, finite"),
-            Warp::Piecewise => write!(f, "0 <= near < far"),
+        let Self { spacing, near, far } = self;
+        write!(f, "no {spacing:?} distance between {near} and {far}: expected ")?;
+        match spacing {
+            RaySpacing::Linear => write!(f, "0 <= near < far, finite"),
+            RaySpacing::Reciprocal => write!(f, "0 < near < far"),
+            RaySpacing::Log => write!(f, "0 < near < far, finite"),
+            RaySpacing::Piecewise => write!(f, "0 <= near < far"),
         }
     }
 }
@@ -61,14 +61,14 @@ impl core::error::Error for RayDistanceError {}
 /// The map between distance and normalised distance of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayDistance {
-    warp: Warp,
+    spacing: RaySpacing,
     near: f64,
     far: f64,
     /// `g` of them; not used where differences of `g` would cancel.
     g: [f64; 2],
 }
 
-/// `g` of [`Warp::Piecewise`].
+/// `g` of [`RaySpacing::Piecewise`].
 #[inline(always)]
 fn piecewise(t: f64) -> f64 {
     if t < 1.0 { 0.5 * t } else { 1.0 - 0.5 / t }
@@ -79,21 +79,22 @@ impl RayDistance {
     ///
     /// # Errors
     /// [`RayDistanceError`] unless `0 <= near < far`, and `near > 0` or `far` finite where the map needs it.
-    pub fn new(warp: Warp, near: f64, far: f64) -> Result<Self, RayDistanceError> {
-        let starts = if matches!(warp, Warp::Reciprocal | Warp::Log) { near > 0.0 } else { near >= 0.0 };
-        let ends = far.is_finite() || (matches!(warp, Warp::Reciprocal | Warp::Piecewise) && far == f64::INFINITY);
+    pub fn new(spacing: RaySpacing, near: f64, far: f64) -> Result<Self, RayDistanceError> {
+        let starts = if matches!(spacing, RaySpacing::Reciprocal | RaySpacing::Log) { near > 0.0 } else { near >= 0.0 };
+        let ends = far.is_finite()
+            || (matches!(spacing, RaySpacing::Reciprocal | RaySpacing::Piecewise) && far == f64::INFINITY);
         if !(starts && ends && near < far && near.is_finite()) {
-            return Err(RayDistanceError { warp, near, far });
+            return Err(RayDistanceError { spacing, near, far });
         }
         // From 1 on it is the inverse distance, which does not take differences of numbers that are nearly 1.
-        let warp = if warp == Warp::Piecewise && near >= 1.0 { Warp::Reciprocal } else { warp };
-        let g = match warp {
-            Warp::Linear => [near, far],
-            Warp::Reciprocal => [1.0 / near, 1.0 / far],
-            Warp::Log => [m64::ln(near), m64::ln(far)],
-            Warp::Piecewise => [piecewise(near), piecewise(far)],
+        let spacing = if spacing == RaySpacing::Piecewise && near >= 1.0 { RaySpacing::Reciprocal } else { spacing };
+        let g = match spacing {
+            RaySpacing::Linear => [near, far],
+            RaySpacing::Reciprocal => [1.0 / near, 1.0 / far],
+            RaySpacing::Log => [m64::ln(near), m64::ln(far)],
+            RaySpacing::Piecewise => [piecewise(near), piecewise(far)],
         };
-        Ok(Self { warp, near, far, g })
+        Ok(Self { spacing, near, far, g })
     }
 
     /// Where `s` is 0.
@@ -119,12 +120,12 @@ impl RayDistance {
             return 1.0;
         }
         let [a, b] = self.g;
-        let s = match self.warp {
-            Warp::Linear => (t - a) / (b - a),
+        let s = match self.spacing {
+            RaySpacing::Linear => (t - a) / (b - a),
             // (1/near - 1/t) / (1/near - 1/far) without the difference of nearly equal inverses.
-            Warp::Reciprocal => (t - self.near) / t / (1.0 - self.near / self.far),
-            Warp::Log => m64::ln(t / self.near) / (b - a),
-            Warp::Piecewise => (piecewise(t) - a) / (b - a),
+            RaySpacing::Reciprocal => (t - self.near) / t / (1.0 - self.near / self.far),
+            RaySpacing::Log => m64::ln(t / self.near) / (b - a),
+            RaySpacing::Piecewise => (piecewise(t) - a) / (b - a),
         };
         s.clamp(0.0, 1.0)
     }
@@ -141,12 +142,12 @@ impl RayDistance {
         }
         let [a, b] = self.g;
         let g = (1.0 - s) * a + s * b;
-        let t = match self.warp {
-            Warp::Linear => g,
-            Warp::Reciprocal => 1.0 / g,
-            Warp::Log => self.near * m64::exp(s * (b - a)),
-            Warp::Piecewise if g < 0.5 => 2.0 * g,
-            Warp::Piecewise => 0.5 / (1.0 - g),
+        let t = match self.spacing {
+            RaySpacing::Linear => g,
+            RaySpacing::Reciprocal => 1.0 / g,
+            RaySpacing::Log => self.near * m64::exp(s * (b - a)),
+            RaySpacing::Piecewise if g < 0.5 => 2.0 * g,
+            RaySpacing::Piecewise => 0.5 / (1.0 - g),
         };
         t.clamp(self.near, self.far)
     }

@@ -1,4 +1,4 @@
-//! Where to look along a ray: stratified samples, and samples drawn from the weights of an earlier look.
+//! Where to sample a ray: stratified samples, and samples drawn from the weights of an earlier pass.
 //!
 //! Everything is driven by the caller's uniform numbers `u` in `[0, 1)`; nothing here is random. Distances are worked out in
 //! `f64` and rounded once. No sample carries a gradient.

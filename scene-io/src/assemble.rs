@@ -29,12 +29,12 @@ pub(crate) struct Assembled {
 pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     let mut out = Assembled::default();
     let unique = without_duplicates(reading, &mut out);
-    let looked_at: Vec<Looked> = unique.par_iter().map(|raw| look(raw, reading, options)).collect();
+    let inspected: Vec<Inspected> = unique.par_iter().map(|raw| inspect(raw, reading, options)).collect();
 
     let (mut missing, mut renamed, mut resized, mut masked) = (Vec::new(), Vec::new(), Vec::new(), 0);
-    for (raw, looked) in unique.iter().zip(looked_at) {
-        match looked {
-            Looked::Frame { frame, other_name, other_size, has_alpha } => {
+    for (raw, inspected) in unique.iter().zip(inspected) {
+        match inspected {
+            Inspected::Frame { frame, other_name, other_size, has_alpha } => {
                 out.has_alpha |= has_alpha;
                 if other_name {
                     renamed.push(raw.name.as_str());
@@ -45,8 +45,8 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
                 masked += usize::from(frame.mask.is_some());
                 out.frames.push(*frame);
             }
-            Looked::Missing => missing.push(*raw),
-            Looked::Bad(problem) => out.problems.push(*problem),
+            Inspected::Missing => missing.push(*raw),
+            Inspected::Bad(problem) => out.problems.push(*problem),
         }
     }
     report_missing(&missing, unique.len(), options.missing_images.unwrap_or(reading.missing), &mut out);
@@ -83,43 +83,43 @@ fn polarity(reading: &Reading, options: &LoadOptions) -> MaskPolarity {
     }
 }
 
-enum Looked {
+enum Inspected {
     Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)>, has_alpha: bool },
     Missing,
     Bad(Box<Problem>),
 }
 
-fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
+fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspected {
     let found = find_image(&raw.image);
     let (path, other_name, is, channels) = match (found, reading.need, raw.size) {
         (found, Need::Cameras, Some(size)) => {
             let (path, other_name) = found.unwrap_or_else(|| (raw.image.clone(), false));
             (path, other_name, size, 3)
         }
-        (None, ..) => return Looked::Missing,
+        (None, ..) => return Inspected::Missing,
         (Some((path, other_name)), ..) => match Plan::of(&path) {
             Ok(header) => (path, other_name, (header.width, header.height), header.channels()),
-            Err(error) => return Looked::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
+            Err(error) => return Inspected::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
         },
     };
     let said = raw.size.unwrap_or(is);
     if !same_shape(said, is) {
-        return Looked::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
+        return Inspected::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
     }
     let camera = raw.intrinsics.camera(said.0, said.1, raw.lens, raw.pose);
     let (file, place) = &raw.listed;
     if let Err(problem) = check_camera(&camera, file, place) {
-        return Looked::Bad(Box::new(problem.frame(&raw.name)));
+        return Inspected::Bad(Box::new(problem.frame(&raw.name)));
     }
     let camera = camera.resized(is.0, is.1);
     let mask = match find_mask(raw, &path, reading, options) {
         Ok(mask) => mask,
-        Err(problem) => return Looked::Bad(Box::new(problem)),
+        Err(problem) => return Inspected::Bad(Box::new(problem)),
     };
     if let Some(truth) = raw.transient.as_ref().filter(|truth| !truth.is_file()) {
         let (file, field) = &raw.listed;
         let problem = Problem::new(file, "the truth mask is not there", "add it, or remove the field");
-        return Looked::Bad(Box::new(problem.frame(&raw.name).field(field).value(truth.display())));
+        return Inspected::Bad(Box::new(problem.frame(&raw.name).field(field).value(truth.display())));
     }
     let scale = [f64::from(is.0) / f64::from(said.0), f64::from(is.1) / f64::from(said.1)];
     let scaled = |pixel: [f32; 2]| [0, 1].map(|k| (f64::from(pixel[k]) * scale[k]) as f32);
@@ -146,7 +146,7 @@ fn look(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Looked {
         z_bounds: raw.z_bounds.filter(|range| is_depth_range(*range)),
         sharpness: raw.sharpness,
     };
-    Looked::Frame {
+    Inspected::Frame {
         frame: Box::new(frame),
         other_name,
         other_size: (said != is).then_some(said),

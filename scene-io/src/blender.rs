@@ -74,7 +74,7 @@ pub(crate) fn read(train: &Path, options: &LoadOptions) -> Result<Reading, Scene
     exposures.dedup();
     if let [first, .., last] = exposures.as_slice() {
         reading.notes.push(format!(
-            "photos were taken with {} exposures ({first} to {last}): only systems with a look of their own for each photo \
+            "photos were taken with {} exposures ({first} to {last}): only systems with an appearance code for each photo \
              can agree with all",
             exposures.len()
         ));

@@ -116,8 +116,8 @@ impl Report {
                 image_bytes = store.estimate_bytes();
                 if depth == Depth::Pixels {
                     let mut thumbs = Vec::with_capacity(store.len());
-                    let look = |i| store.look(i, Thumb::work_bytes(store.camera(i).width), Thumb::of);
-                    let decoded: Vec<Result<Thumb, _>> = (0..store.len()).into_par_iter().map(look).collect();
+                    let thumb = |i| store.with_image(i, Thumb::work_bytes(store.camera(i).width), Thumb::of);
+                    let decoded: Vec<Result<Thumb, _>> = (0..store.len()).into_par_iter().map(thumb).collect();
                     for photo in decoded {
                         match photo {
                             Ok(thumb) => thumbs.push(Some(thumb)),
@@ -127,7 +127,7 @@ impl Report {
                             }
                         }
                     }
-                    capture = capture::look(&scene, &thumbs);
+                    capture = capture::find_problems(&scene, &thumbs);
                     problems.extend(priors(&scene));
                     match refuse_blank_masks(&scene.frames) {
                         Ok(share) => masks_leave = share,

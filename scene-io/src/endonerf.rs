@@ -3,7 +3,7 @@
 //! | file | holds |
 //! | --- | --- |
 //! | `poses_bounds.npy` | LLFF's rows, but the columns of the rotation are (right, up, backwards): the identity in every row |
-//! | `images/` | one picture a moment, in the order of the names |
+//! | `images/` | one picture a time step, in the order of the names |
 //! | `masks/` | tools, white = **tool**: ignore masks here |
 //! | `depth/` | depth from stereo along the optical axis, 8 or 16-bit PNG, `.npy` or `.exr`; 0 = not known |
 //! | `gt_masks/` | where tools truly are, white = tool: truth to score against |
@@ -162,7 +162,7 @@ fn sizes(reading: &mut Reading) {
 
 /// Frames that show nothing but tools are left out; if all do, white means something else.
 fn leave_out_covered(root: &Path, reading: &mut Reading) -> Result<(), SceneError> {
-    // Shares of tool, `None` without a mask; masks that cannot be decoded are found again, and named, by whoever needs them.
+    // Shares of tool, `None` without a mask; masks that cannot be decoded are found again, and named, where they are needed.
     let share = |frame: &RawFrame| {
         let share = |grey: Vec<u8>| grey.iter().filter(|v| **v >= 128).count() as f64 / grey.len().max(1) as f64;
         with_mask(frame.mask.as_ref()?, |grey, _| share(grey)).ok()

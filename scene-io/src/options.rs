@@ -124,7 +124,7 @@ impl Holdout {
             Some(("every", number)) => {
                 let (number, first) = number.split_once('+').map_or((number, None), |(n, k)| (n, Some(k)));
                 match (number.parse::<usize>(), first.map(str::parse::<usize>).transpose()) {
-                    (Ok(0), _) => Err(refuse("every 0th frame is none")),
+                    (Ok(0), _) => Err(refuse("one frame of 0 cannot be held out")),
                     (Ok(every), Ok(None)) => Ok(Self::Every(every)),
                     (Ok(every), Ok(Some(first))) if first < every => Ok(Self::EveryFrom { every, first }),
                     (Ok(_), Ok(Some(_))) => Err(refuse("the part after `+` must be below the one before it")),
@@ -152,7 +152,7 @@ impl Holdout {
     }
 }
 
-/// Training frames that are held out to choose settings by. Test frames are neither trained on nor looked at then.
+/// Training frames that are held out to choose settings by. Test frames are neither trained on nor measured then.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Validation {
     /// The dataset's own validation split.

@@ -1,4 +1,4 @@
-//! What a dialect's files say: its own words for frames, splits and masks, before any image was looked at.
+//! What a dialect's files say: its own words for frames, splits and masks, before any image was read.
 
 use crate::depth::DepthSource;
 use crate::options::MissingImages;
@@ -8,7 +8,7 @@ use crate::{AlphaMeaning, Bounds, FrameIds, LayoutHint, MaskPolarity, Point, Pro
 use render_core::camera::{Camera, Lens, Pose};
 use std::path::{Path, PathBuf};
 
-/// What a dialect's files say, before any image was looked at.
+/// What a dialect's files say, before any image was read.
 #[derive(Debug)]
 pub(crate) struct Reading {
     pub(crate) root: PathBuf,

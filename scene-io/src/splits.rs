@@ -17,7 +17,7 @@ pub(crate) fn apply(
     match (holdout, dialect) {
         (Some(Holdout::None), _) => set_all(frames, Split::Train),
         (Some(Holdout::Every(0) | Holdout::EveryFrom { every: 0, .. }), _) => {
-            let problem = Problem::new("--holdout", "every 0th frame is none", "write `every:8` or `none`");
+            let problem = Problem::new("--holdout", "one frame of 0 cannot be held out", "write `every:8` or `none`");
             return Err(SceneError::new(ErrorKind::Split, problem.value("every:0")));
         }
         (Some(Holdout::Every(n)), _) => every(frames, &order, *n, 0),

@@ -18,7 +18,7 @@
 //! | times | what happens |
 //! | --- | --- |
 //! | one frame, or all the same | legal: time 0 for all, noted, nothing can move |
-//! | the same several times, or unsorted | legal: views of one moment; frames keep the order of the file |
+//! | the same several times, or unsorted | legal: views of one time step; frames keep the order of the file |
 //! | missing in some frames of a file | their place in the file's list, `i / (n - 1)`, with a warning |
 //! | missing in all frames of a file, but not of the others | the same, noted |
 //! | missing in all frames | none: a scene that stands still, unless the caller knows better ([`Scene::time_by_order`]) |
@@ -130,7 +130,7 @@ pub(crate) fn tell(frames: &[Frame], notes: &mut Vec<String>) {
     let Some((first, last)) = range(&|_| true) else { return };
     if first == last {
         notes.push(match frames.len() {
-            1 => "there is a single moment: nothing can move".into(),
+            1 => "there is a single time step: nothing can move".into(),
             n => format!("all {n} frames have the same time: nothing can move"),
         });
         return;

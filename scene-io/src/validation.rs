@@ -47,7 +47,7 @@ pub(crate) fn apply(
             };
             let left = match count(frames, Split::Test) {
                 0 => String::new(),
-                tests => format!("; the {tests} test frames are not looked at"),
+                tests => format!("; the {tests} test frames are not used"),
             };
             notes.push(format!("validation: {n} frames are held out and measured ({of}){left}"));
             Ok(())
@@ -95,7 +95,7 @@ mod tests {
         let notes = run(&mut f, "every:2").unwrap(); // Of b, c, d, f: b and d.
         assert_eq!(split_of(&f), [Val, Test, Val, Train, Unused, Train]);
         assert!(notes[0].contains("2 frames") && notes[0].contains("of 4 training frames"), "{notes:?}");
-        assert!(notes[0].contains("1 test frames are not looked at"), "{notes:?}");
+        assert!(notes[0].contains("1 test frames are not used"), "{notes:?}");
         let mut f = frames(&all);
         run(&mut f, "every:2+1").unwrap();
         assert_eq!(split_of(&f), [Train, Test, Train, Val, Unused, Val]);

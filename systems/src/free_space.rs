@@ -154,10 +154,10 @@ fn cross(grid: &OccupancyGrid, o: [f32; 3], p: [f32; 3], lines: &mut [u16]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render_core::occupancy::Settings;
+    use render_core::occupancy::GridSettings;
 
     fn grid() -> OccupancyGrid {
-        OccupancyGrid::new(Settings { resolution: 16, cascades: 2, decay: 0.9, threshold: 0.1 }).unwrap()
+        OccupancyGrid::new(GridSettings { resolution: 16, cascades: 2, decay: 0.9, threshold: 0.1 }).unwrap()
     }
 
     #[test]

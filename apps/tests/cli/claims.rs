@@ -40,7 +40,7 @@ fn validation_views_are_measured_in_the_place_of_test_views_and_a_resumed_run_kn
         "{}",
         answer.out
     );
-    assert!(answer.out.contains("the 2 test frames are not looked at"), "{}", answer.out);
+    assert!(answer.out.contains("the 2 test frames are not used"), "{}", answer.out);
     assert!(answer.out.contains("validation views, measured (2, see validation.txt): "), "{}", answer.out);
     assert!(answer.out.contains("measured: validation views"), "{}", answer.out);
     let names = fs::read_to_string(run.join("validation.txt")).unwrap();

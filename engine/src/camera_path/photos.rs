@@ -14,7 +14,7 @@ const SEQUENCE: usize = 64;
 const TOUR: usize = 24;
 /// A tour of fewer is no longer made shorter.
 const FEW: usize = 6;
-/// Way between two frames at most, in the measure of [`order::step`]: faster is too fast to look at. Frames are counted as
+/// Way between two frames at most, in the measure of [`order::pose_distance`]: faster is too fast to look at. Frames are counted as
 /// [`SLOW`] at least, so that two frames are not two neighbours.
 const FASTEST: f64 = 0.15;
 const SLOW: usize = 60;
@@ -59,7 +59,7 @@ pub(super) fn photos(
     }
     let count = keys.len();
     let ends = ends(&keys, rig.scale);
-    let steps: Vec<f64> = keys.windows(2).map(|w| order::step(&w[0], &w[1], rig.scale)).collect();
+    let steps: Vec<f64> = keys.windows(2).map(|w| order::pose_distance(&w[0], &w[1], rig.scale)).collect();
     let usual = median(steps.clone()).unwrap_or(0.0);
     let way: f64 = steps.iter().sum();
     let wide = (CALM[0] * usual).max(CALM[1] * way);
@@ -98,16 +98,16 @@ fn keys(rig: &Rig, frames: Frames) -> (Vec<Pose>, &'static str) {
         let moving = rig.times.first() != rig.times.last();
         // Of a scene that moves all of the time is shown, however fast.
         let piece = if moving { rig.poses.clone() } else { window(&piece(rig), rig.scale, longest) };
-        let near: Vec<Pose> = order::among_others(&piece, rig.scale).into_iter().map(|i| piece[i]).collect();
+        let near: Vec<Pose> = order::without_outliers(&piece, rig.scale).into_iter().map(|i| piece[i]).collect();
         let how = if moving { "in order of time" } else { "in order of names" };
         return (thinned(&near, SEQUENCE), how);
     }
-    let near: Vec<Pose> = order::among_others(&rig.poses, rig.scale).into_iter().map(|i| rig.poses[i]).collect();
+    let near: Vec<Pose> = order::without_outliers(&rig.poses, rig.scale).into_iter().map(|i| rig.poses[i]).collect();
     let mut count = TOUR;
     loop {
-        let few: Vec<Pose> = order::spread(&near, rig.scale, count).into_iter().map(|i| near[i]).collect();
+        let few: Vec<Pose> = order::farthest_points(&near, rig.scale, count).into_iter().map(|i| near[i]).collect();
         let way: Vec<Pose> = order::tour(&few, rig.scale).into_iter().map(|i| few[i]).collect();
-        if order::length(&way, rig.scale) <= longest || count <= FEW {
+        if order::path_length(&way, rig.scale) <= longest || count <= FEW {
             return (way, "by the shortest way");
         }
         count -= 2;
@@ -116,7 +116,7 @@ fn keys(rig: &Rig, frames: Frames) -> (Vec<Pose>, &'static str) {
 
 /// The longest piece of a sequence without a cut.
 fn piece(rig: &Rig) -> Vec<Pose> {
-    let steps: Vec<f64> = rig.poses.windows(2).map(|w| order::step(&w[0], &w[1], rig.scale)).collect();
+    let steps: Vec<f64> = rig.poses.windows(2).map(|w| order::pose_distance(&w[0], &w[1], rig.scale)).collect();
     let usual = median(steps.clone()).unwrap_or(0.0);
     let cuts = (0..steps.len()).filter(|&i| steps[i] > CUT[0] * usual && steps[i] > CUT[1]).map(|i| i + 1);
     let bounds: Vec<usize> = [0].into_iter().chain(cuts).chain([rig.poses.len()]).collect();
@@ -128,7 +128,7 @@ fn piece(rig: &Rig) -> Vec<Pose> {
 fn window(poses: &[Pose], scale: f64, longest: f64) -> Vec<Pose> {
     let mut at = vec![0.0];
     at.extend(poses.windows(2).scan(0.0, |sum, w| {
-        *sum += order::step(&w[0], &w[1], scale);
+        *sum += order::pose_distance(&w[0], &w[1], scale);
         Some(*sum)
     }));
     let end = |first: usize| (first..poses.len()).take_while(|&i| at[i] - at[first] <= longest).count();
@@ -160,9 +160,9 @@ fn seen_keys(rig: &Rig, keys: Vec<Pose>, look: Look<'_>) -> Result<Vec<Pose>, Ru
 /// Whether the last key is as near to the first as keys are to each other.
 fn ends(keys: &[Pose], scale: f64) -> Ends {
     let (Some(first), Some(last)) = (keys.first(), keys.last()) else { return Ends::Open };
-    let steps: Vec<f64> = keys.windows(2).map(|w| order::step(&w[0], &w[1], scale)).collect();
+    let steps: Vec<f64> = keys.windows(2).map(|w| order::pose_distance(&w[0], &w[1], scale)).collect();
     let longest = steps.iter().copied().fold(0.0, f64::max);
-    let back = order::step(last, first, scale);
+    let back = order::pose_distance(last, first, scale);
     let around = keys.len() >= 6 && back <= 1.5 * longest && back < 0.2 * steps.iter().sum::<f64>();
     if around { Ends::Closed } else { Ends::Open }
 }

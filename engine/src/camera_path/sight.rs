@@ -9,7 +9,7 @@ use crate::render::Rendered;
 use glam::DVec2;
 use rayon::prelude::*;
 use render_core::camera::{Camera, Pose};
-use render_core::coverage::{DepthMap, Target, Witness, seen_by};
+use render_core::coverage::{DepthMap, Observer, Target, seen_by};
 use render_core::path::order;
 use std::fmt::Write;
 
@@ -34,7 +34,7 @@ const NAMED: usize = 8;
 /// What the photos of a run saw, by what its field or cloud shows from there.
 pub struct Sight<'a> {
     draw: &'a Draw<'a>,
-    witnesses: Vec<Witness>,
+    witnesses: Vec<Observer>,
     /// Index of each in the dataset, and the distance of what it shows in its middle.
     photos: Vec<(usize, Option<f64>)>,
     poses: Vec<Pose>,
@@ -56,7 +56,7 @@ impl<'a> Sight<'a> {
         let all: Vec<usize> = (0..data.len()).filter(|&i| data.view(i).level == 0).collect();
         let poses: Vec<Pose> = all.iter().map(|&i| data.view(i).camera.pose).collect();
         let extent = poses.iter().flat_map(|p| poses.first().map(|q| p.c.distance(q.c))).fold(0.0, f64::max);
-        let taken = order::spread(&poses, if extent > 0.0 { extent } else { 1.0 }, PHOTOS);
+        let taken = order::farthest_points(&poses, if extent > 0.0 { extent } else { 1.0 }, PHOTOS);
         let hides = data.moments() <= 1;
         let mut photos = Vec::with_capacity(taken.len());
         let mut maps = Vec::with_capacity(taken.len());
@@ -69,9 +69,10 @@ impl<'a> Sight<'a> {
         }
         let scale = median(photos.iter().filter_map(|p| p.1).collect()).filter(|s| *s > 0.0).unwrap_or(1.0);
         let blur = 1.0 / (INFINITE * scale);
-        let witness =
-            |(camera, map): (Camera, DepthMap)| Witness::new(&camera, hides.then_some(DepthMap { blur, ..map }));
-        let witnesses: Vec<Witness> = maps.into_iter().map(witness).collect();
+        let witness = |(camera, map): (Camera, DepthMap)| {
+            Observer::new(&camera, hides.then_some(DepthMap { disparity_tolerance: blur, ..map }))
+        };
+        let witnesses: Vec<Observer> = maps.into_iter().map(witness).collect();
         let poses = witnesses.iter().map(|w| w.camera().pose).collect();
         Ok(Self { draw, witnesses, photos, poses, of: all.len(), scale, hides })
     }
@@ -93,11 +94,11 @@ impl<'a> Sight<'a> {
         let view = (self.draw)(&small, time)?;
         let prepared = small.prepare();
         // The nearest photos first: two are found soon.
-        let mut nearest: Vec<(f64, &Witness)> = self
+        let mut nearest: Vec<(f64, &Observer)> = self
             .poses
             .iter()
             .zip(&self.witnesses)
-            .map(|(p, w)| (order::step(p, &camera.pose, self.scale), w))
+            .map(|(p, w)| (order::pose_distance(p, &camera.pose, self.scale), w))
             .collect();
         nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
         let least = LEAST.min(nearest.len());
@@ -137,7 +138,7 @@ fn depth_map(view: &Rendered) -> DepthMap {
         width: view.width as usize,
         height: view.height as usize,
         distance: layers.median_depth.iter().zip(&layers.opacity).map(surface).collect(),
-        blur: 0.0,
+        disparity_tolerance: 0.0,
     }
 }
 
@@ -210,7 +211,7 @@ mod tests {
 
     #[test]
     fn the_middle_of_a_picture_is_where_most_of_it_is_hit() {
-        let map = |distance: Vec<f32>| DepthMap { width: 3, height: 3, distance, blur: 0.0 };
+        let map = |distance: Vec<f32>| DepthMap { width: 3, height: 3, distance, disparity_tolerance: 0.0 };
         let mut distance = vec![f32::INFINITY; 9];
         assert_eq!(middle(&map(distance.clone())), None);
         distance[4] = 2.0;

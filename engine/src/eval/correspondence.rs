@@ -113,7 +113,7 @@ impl Correspondence {
             let counts = places.enumerate().filter(|&(_, (x, y))| moving.get(x, y) && flow.seen.get(x, y));
             let all: Vec<(usize, [f64; 2])> = counts
                 .map(|(k, (x, y))| {
-                    let [u, v] = flow.way[k].map(f64::from);
+                    let [u, v] = flow.vectors[k].map(f64::from);
                     (k, [f64::from(x) + 0.5 + u, f64::from(y) + 0.5 + v])
                 })
                 .collect();

@@ -3,7 +3,7 @@
 use crate::data::Dataset;
 use crate::error::RunError;
 use rayon::prelude::*;
-use scene_io::capture::{Thumb, look, without_pictures};
+use scene_io::capture::{Thumb, find_problems, without_pictures};
 use scene_io::{Problem, Scene, SceneError};
 
 /// Findings about the training photos. Photos that do not fit in memory at one time are not looked at.
@@ -19,5 +19,5 @@ pub(super) fn problems(scene: &Scene, train: &Dataset) -> Result<Vec<Problem>, R
     for (frame, thumb) in found? {
         thumbs[frame] = Some(thumb);
     }
-    Ok(look(scene, &thumbs))
+    Ok(find_problems(scene, &thumbs))
 }

@@ -7,7 +7,7 @@
 //! The median is the lower one, a value of the input, and its gradient goes to the element that holds it. Invariant to
 //! `a d + b`, `a > 0`, of either side; a wrong sign of `a` shows as a loss near 4.
 //!
-//! A side without spread has no shape to compare: the loss is 0 and pulls nowhere (published code adds 1e-10 to the
+//! A side without spread has no shape to compare: the loss and its gradient are 0 (published code adds 1e-10 to the
 //! denominator, and its gradients reach 1e10).
 //!
 //! Source: Ranftl et al., "Towards robust monocular depth estimation" (MiDaS), 2020, eq. 5; in DynamicNeRF and RoDynRF.

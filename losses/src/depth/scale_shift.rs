@@ -31,7 +31,7 @@ pub struct ScaleShift {
 
 impl ScaleShift {
     /// Fit a batch. `None` where no factor can be told: fewer than two measurements, or predictions that are all the same;
-    /// such a batch counts 0 and pulls nowhere.
+    /// such a batch has loss 0 and gradient 0.
     ///
     /// # Shapes and units
     /// * `prediction`, `target` `[n]`; `w` `[n]`, `>= 0`, 0 = no measurement

@@ -1,7 +1,7 @@
 //! A picture cut into bands of rows, and what one band needs.
 
 use super::kernel::Band;
-use super::{BAND, Dssim, Pair, REACH, Slopes, TAPS};
+use super::{BAND, Derivatives, Dssim, Pair, REACH, TAPS};
 use alloc::vec::Vec;
 use core::ops::Range;
 
@@ -9,7 +9,7 @@ use core::ops::Range;
 pub(super) const BLOCK: usize = 16;
 /// Filtered planes on the way to the map, and back from it.
 pub(super) const MOMENTS: usize = 4;
-pub(super) const SLOPES: usize = 3;
+pub(super) const DERIVATIVES: usize = 3;
 
 /// Buffers of a band.
 ///
@@ -21,9 +21,9 @@ pub(super) struct Scratch {
     pub(super) halves: Vec<f32>,
     /// `[block][slot][moment][BLOCK]`.
     pub(super) moments: Vec<f32>,
-    /// Slopes of the map, `[slope][row]`.
-    pub(super) slopes: Vec<f32>,
-    /// The same filtered along x, `[block][slot][slope][BLOCK]`.
+    /// Derivatives of the map, `[derivative][row]`.
+    pub(super) derivatives: Vec<f32>,
+    /// The same filtered along x, `[block][slot][derivative][BLOCK]`.
     pub(super) filtered: Vec<f32>,
     /// Weights of a row, 0 past its end.
     pub(super) weights: Vec<f32>,
@@ -38,8 +38,8 @@ impl Scratch {
         for (buffer, len) in [
             (&mut self.halves, TAPS * 2 * row),
             (&mut self.moments, TAPS * MOMENTS * columns),
-            (&mut self.slopes, SLOPES * row),
-            (&mut self.filtered, TAPS * SLOPES * columns),
+            (&mut self.derivatives, DERIVATIVES * row),
+            (&mut self.filtered, TAPS * DERIVATIVES * columns),
             (&mut self.weights, columns),
             (&mut self.out, columns),
         ] {
@@ -49,7 +49,7 @@ impl Scratch {
     }
 }
 
-/// Numbers of a row that is filtered along x: a block may look at two blocks from its own start.
+/// Values of a row that is filtered along x: a block may read two blocks from its own start.
 pub(super) const fn padded(blocks: usize) -> usize {
     const { assert!(BLOCK + 2 * REACH <= 2 * BLOCK) };
     (blocks + 1) * BLOCK
@@ -60,17 +60,17 @@ fn band_rows(height: usize) -> usize {
     height.div_ceil(height.div_ceil(BAND))
 }
 
-/// Sums of all bands into `dssim.sums`, gradients into the slice beside `Slopes`. The picture is not empty.
-pub(super) fn for_all(dssim: &mut Dssim, pair: &Pair<'_>, gradient: Option<(Slopes, &mut [f32])>) {
+/// Sums of all bands into `dssim.sums`, gradients into the slice beside `Derivatives`. The picture is not empty.
+pub(super) fn for_all(dssim: &mut Dssim, pair: &Pair<'_>, gradient: Option<(Derivatives, &mut [f32])>) {
     let rows = band_rows(pair.height);
     let bands = pair.height.div_ceil(rows);
     let Dssim { simd, taps, pool, sums } = dssim;
     sums.clear();
     sums.resize(pair.channels * bands, [0.0; 2]);
-    let (slopes, x_bar) = gradient.unzip();
+    let (derivatives, x_bar) = gradient.unzip();
     let of = |channel: usize, band: usize, sum: &mut [f64; 2], x_bar: Option<&mut [f32]>, scratch: &mut Scratch| {
         let rows: Range<usize> = band * rows..((band + 1) * rows).min(pair.height);
-        *sum = simd.run(Band { pair, channel, rows, taps, gradient: slopes.zip(x_bar), scratch });
+        *sum = simd.run(Band { pair, channel, rows, taps, gradient: derivatives.zip(x_bar), scratch });
     };
     for_each(pool, sums, x_bar, [bands, rows * pair.width, pair.height * pair.width], of);
 }

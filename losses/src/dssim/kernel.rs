@@ -1,10 +1,10 @@
 //! One band of one channel, row by row: filter along x, along y, map, and back.
 //!
-//! A value costs about 230 multiply-adds: 66 and 44 for the moments along x and y, 45 for the map and its slopes, 33 and 33 for
-//! the slopes' filters, 8 at the end. Rows stream through rings that stay in the second-level cache: 528 bytes a column.
+//! A value costs about 230 multiply-adds: 66 and 44 for the moments along x and y, 45 for the map and its derivatives, 33 and 33 for
+//! the derivatives' filters, 8 at the end. Rows stream through rings that stay in the second-level cache: 528 bytes a column.
 
-use super::band::{BLOCK, MOMENTS, SLOPES, Scratch, padded};
-use super::{Pair, REACH, Slopes, TAPS, Target};
+use super::band::{BLOCK, DERIVATIVES, MOMENTS, Scratch, padded};
+use super::{Derivatives, Pair, REACH, TAPS, Target};
 use crate::metrics::{C1, C2};
 use core::ops::Range;
 use float_core::{Task, Vector};
@@ -16,7 +16,7 @@ pub(super) struct Band<'a> {
     pub(super) rows: Range<usize>,
     pub(super) taps: &'a [f32; TAPS],
     /// The gradient of these rows, `[row][column]`.
-    pub(super) gradient: Option<(Slopes, &'a mut [f32])>,
+    pub(super) gradient: Option<(Derivatives, &'a mut [f32])>,
     pub(super) scratch: &'a mut Scratch,
 }
 
@@ -53,15 +53,15 @@ impl Task for Band<'_> {
                     sums = [sums[0] + f64::from(row[0]), sums[1] + f64::from(row[1])];
                 }
                 if gradient.is_some() {
-                    slopes_along_x::<V>(taps, &scratch.slopes, &mut scratch.filtered, slot);
+                    derivatives_along_x::<V>(taps, &scratch.derivatives, &mut scratch.filtered, slot);
                 }
             } else if m >= height {
-                clear_slot::<SLOPES>(&mut scratch.filtered, slot);
+                clear_slot::<DERIVATIVES>(&mut scratch.filtered, slot);
             }
             let Some(r) = m.checked_sub(REACH).filter(|r| rows.contains(r)) else { continue };
-            if let Some((slopes, x_bar)) = &mut gradient {
+            if let Some((derivatives, x_bar)) = &mut gradient {
                 weights_of(pair, r, &mut scratch.weights);
-                gradient_row::<V>(&turned(taps, r), *slopes, scratch, r % TAPS);
+                gradient_row::<V>(&turned(taps, r), *derivatives, scratch, r % TAPS);
                 for (bar, new) in x_bar[(r - rows.start) * width..][..width].iter_mut().zip(&scratch.out) {
                     *bar += new;
                 }
@@ -152,14 +152,14 @@ fn moments_along_x<V: Vector>(taps: &[f32; TAPS], halves: &[f32], ring: &mut [f3
     }
 }
 
-/// The slopes filtered along x, into a slot of the ring.
+/// The derivatives filtered along x, into a slot of the ring.
 #[inline(always)]
-fn slopes_along_x<V: Vector>(taps: &[f32; TAPS], slopes: &[f32], ring: &mut [f32], slot: usize) {
+fn derivatives_along_x<V: Vector>(taps: &[f32; TAPS], derivatives: &[f32], ring: &mut [f32], slot: usize) {
     let taps = splat_all::<V>(taps);
-    let row_len = slopes.len() / SLOPES;
-    for (b, block) in ring.chunks_exact_mut(TAPS * SLOPES * BLOCK).enumerate() {
-        let out = &mut block[slot * SLOPES * BLOCK..][..SLOPES * BLOCK];
-        for (row, out) in slopes.chunks_exact(row_len).zip(out.chunks_exact_mut(BLOCK)) {
+    let row_len = derivatives.len() / DERIVATIVES;
+    for (b, block) in ring.chunks_exact_mut(TAPS * DERIVATIVES * BLOCK).enumerate() {
+        let out = &mut block[slot * DERIVATIVES * BLOCK..][..DERIVATIVES * BLOCK];
+        for (row, out) in derivatives.chunks_exact(row_len).zip(out.chunks_exact_mut(BLOCK)) {
             let row = &row[b * BLOCK..][..2 * BLOCK];
             for at in (0..BLOCK).step_by(V::LANES) {
                 let mut sum = V::splat(0.0);
@@ -185,15 +185,15 @@ fn along_y<V: Vector, const M: usize>(taps: &[V; TAPS], block: &[f32], at: usize
     sums
 }
 
-/// One row of the map: its slopes to `scratch.slopes`, and the sums `[g |x - y|, g (1 - s)]`.
+/// One row of the map: its derivatives to `scratch.derivatives`, and the sums `[g |x - y|, g (1 - s)]`.
 #[inline(always)]
 fn map_row<V: Vector>(taps: &[f32; TAPS], scratch: &mut Scratch, slot: usize) -> [f32; 2] {
-    let Scratch { halves, moments, slopes, weights, .. } = scratch;
+    let Scratch { halves, moments, derivatives, weights, .. } = scratch;
     let taps = splat_all::<V>(taps);
-    let row_len = slopes.len() / SLOPES;
+    let row_len = derivatives.len() / DERIVATIVES;
     let q_row = &halves[(2 * slot + 1) * row_len..][..row_len];
-    let (slope_1, rest) = slopes.split_at_mut(row_len);
-    let (slope_pp, slope_qq) = rest.split_at_mut(row_len);
+    let (derivative_1, rest) = derivatives.split_at_mut(row_len);
+    let (derivative_pp, derivative_qq) = rest.split_at_mut(row_len);
     let (zero, two, four) = (V::splat(0.0), V::splat(2.0), V::splat(4.0));
     let (c1, c2) = (V::splat(C1 as f32), V::splat(C2 as f32));
     let (mut sum_l1, mut sum_dssim) = (zero, zero);
@@ -219,9 +219,9 @@ fn map_row<V: Vector>(taps: &[f32; TAPS], scratch: &mut Scratch, slot: usize) ->
             let of_mu = four * rest_b * r1;
             let of_p = -(mu_p * of_mu.mul_add(a, two * of_pp));
             let of_q = mu_q * of_mu.mul_add(two - a, -(two * of_qq));
-            (weight * (of_p + of_q)).store(&mut slope_1[column + REACH..]);
-            (weight * of_pp).store(&mut slope_pp[column + REACH..]);
-            (weight * of_qq).store(&mut slope_qq[column + REACH..]);
+            (weight * (of_p + of_q)).store(&mut derivative_1[column + REACH..]);
+            (weight * of_pp).store(&mut derivative_pp[column + REACH..]);
+            (weight * of_qq).store(&mut derivative_qq[column + REACH..]);
         }
     }
     // |x - y| is twice |q|.
@@ -230,21 +230,21 @@ fn map_row<V: Vector>(taps: &[f32; TAPS], scratch: &mut Scratch, slot: usize) ->
 
 /// The gradient of one row into `scratch.out`.
 #[inline(always)]
-fn gradient_row<V: Vector>(taps: &[f32; TAPS], slopes: Slopes, scratch: &mut Scratch, slot: usize) {
+fn gradient_row<V: Vector>(taps: &[f32; TAPS], derivatives: Derivatives, scratch: &mut Scratch, slot: usize) {
     let Scratch { halves, filtered, weights, out, .. } = scratch;
     let taps = splat_all::<V>(taps);
     let row_len = halves.len() / (2 * TAPS);
     let (p_row, q_row) = halves[2 * slot * row_len..][..2 * row_len].split_at(row_len);
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
-    for (b, block) in filtered.chunks_exact(TAPS * SLOPES * BLOCK).enumerate() {
+    for (b, block) in filtered.chunks_exact(TAPS * DERIVATIVES * BLOCK).enumerate() {
         for at in (0..BLOCK).step_by(V::LANES) {
             let column = b * BLOCK + at;
-            let [of_1, of_pp, of_qq] = along_y::<V, SLOPES>(&taps, block, at);
+            let [of_1, of_pp, of_qq] = along_y::<V, DERIVATIVES>(&taps, block, at);
             let (p, q) = (V::load(&p_row[column + REACH..]), V::load(&q_row[column + REACH..]));
             let of_dssim = p.mul_add(of_pp, q.mul_add(of_qq, V::splat(0.5) * of_1));
             let sign = q.select_positive(one, (-q).select_positive(-one, zero));
-            let of_l1 = V::load(&weights[column..]) * sign * V::splat(slopes.l1);
-            V::splat(slopes.dssim).mul_add(of_dssim, of_l1).store(&mut out[column..]);
+            let of_l1 = V::load(&weights[column..]) * sign * V::splat(derivatives.l1);
+            V::splat(derivatives.dssim).mul_add(of_dssim, of_l1).store(&mut out[column..]);
         }
     }
 }

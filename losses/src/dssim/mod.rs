@@ -94,7 +94,7 @@ pub struct Dssim {
 
 /// What the gradient of each map is multiplied by.
 #[derive(Clone, Copy)]
-struct Slopes {
+struct Derivatives {
     l1: f32,
     dssim: f32,
 }
@@ -143,7 +143,7 @@ impl Dssim {
         Ok(self.run(pair, lambda, None))
     }
 
-    /// Backward twin of [`l1_dssim`](Self::l1_dssim), which it returns: adds into `x_bar`, shaped as `x`. The slope of `|0|` is 0.
+    /// Backward twin of [`l1_dssim`](Self::l1_dssim), which it returns: adds into `x_bar`, shaped as `x`. The derivative of `|x|` at 0 is 0.
     ///
     /// # Errors
     /// As [`l1_dssim`](Self::l1_dssim).
@@ -157,12 +157,12 @@ impl Dssim {
         check(pair, lambda)?;
         same("x_bar", pair.x.len(), x_bar.len())?;
         let (n, lambda_wide) = (pair.x.len() as f64, f64::from(lambda));
-        let slopes =
-            Slopes { l1: (loss_bar * (1.0 - lambda_wide) / n) as f32, dssim: (loss_bar * lambda_wide / n) as f32 };
-        Ok(self.run(pair, lambda, Some((slopes, x_bar))))
+        let derivatives =
+            Derivatives { l1: (loss_bar * (1.0 - lambda_wide) / n) as f32, dssim: (loss_bar * lambda_wide / n) as f32 };
+        Ok(self.run(pair, lambda, Some((derivatives, x_bar))))
     }
 
-    fn run(&mut self, pair: &Pair<'_>, lambda: f32, gradient: Option<(Slopes, &mut [f32])>) -> L1Dssim {
+    fn run(&mut self, pair: &Pair<'_>, lambda: f32, gradient: Option<(Derivatives, &mut [f32])>) -> L1Dssim {
         if pair.x.is_empty() {
             return L1Dssim::default();
         }

@@ -13,7 +13,7 @@
 //!
 //! [`StaticMask`] is all of it. Everything is a function of one image. Tracks fail on what has no texture, errors on fine
 //! texture and on what moves slowly past the model's patience: together they fail less. Errors of test views must not be used.
-//! A model trained too long has absorbed the strangers, one trained too little errs on texture.
+//! A model trained too long has fitted the occluders, one trained too little errs on texture.
 //!
 //! Source: Chen et al., "NeRF-HuGS: improved neural radiance fields in non-static scenes using heuristics-guided segmentation",
 //! 2024, section 3, and as released.

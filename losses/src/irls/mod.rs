@@ -5,8 +5,8 @@
 //! kernels here but [`Kernel::LogSquared`] and shapes above 2), each round lowers the sum of `kappa` or leaves it: half the
 //! weighted square lies above the kernel and touches it at the current error.
 //!
-//! A redescending kernel has many minima and the iteration finds the nearest: start from an estimate that outliers can't pull
-//! along (a median), as [`Irls::location`] and [`Irls::line`] do. Those two, and [`Irls::linear`], are the ready-made fits;
+//! A redescending kernel has many minima and the iteration finds the nearest: start from an estimate that outliers do not
+//! move (a median), as [`Irls::location`] and [`Irls::line`] do. Those two, and [`Irls::linear`], are the ready-made fits;
 //! [`Irls::minimise`] takes any weighted solver.
 //!
 //! ```

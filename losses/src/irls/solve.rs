@@ -12,7 +12,7 @@ const PIVOT: f64 = 1e-12;
 pub enum Solved {
     /// It was written.
     Yes,
-    /// There is none, or many: nothing was written.
+    /// Singular or underdetermined: nothing was written.
     Undetermined,
 }
 

@@ -29,7 +29,7 @@ pub enum MetricError {
         /// Channels the images have.
         got: usize,
     },
-    /// The images are smaller than what the metric looks through.
+    /// The images are smaller than the window of the metric.
     TooSmall {
         /// The metric.
         metric: &'static str,

@@ -3,7 +3,8 @@
 use losses::LossError;
 use losses::kernel::Kernel;
 use losses::variation::{
-    between, between_backward, lattice, lattice_backward, opposed, opposed_backward, slow, slow_backward,
+    acceleration, acceleration_backward, difference, difference_backward, magnitude, magnitude_backward,
+    total_variation, total_variation_backward,
 };
 use proptest::prelude::*;
 use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair};
@@ -83,8 +84,8 @@ proptest! {
             check_f32_pair(
                 &x, &[loss_bar],
                 (
-                    |x: &[f32], out: &mut [f32]| out[0] = lattice(x, &dims, &axes, kernel).unwrap() as f32,
-                    |x: &[f32], bar: &[f32], x_bar: &mut [f32]| lattice_backward(x, &dims, &axes, kernel, bar[0].into(), x_bar).unwrap(),
+                    |x: &[f32], out: &mut [f32]| out[0] = total_variation(x, &dims, &axes, kernel).unwrap() as f32,
+                    |x: &[f32], bar: &[f32], x_bar: &mut [f32]| total_variation_backward(x, &dims, &axes, kernel, bar[0].into(), x_bar).unwrap(),
                 ),
                 (
                     |x: &[f64], out: &mut [f64]| out[0] = naive(x, &dims, &axes, kernel),
@@ -99,14 +100,14 @@ proptest! {
     fn constant_lattices_cost_nothing((dims, axes, x) in lattices(), level in -5.0_f32..5.0) {
         let flat = vec![level; x.len()];
         let mut bar = vec![0.0; x.len()];
-        prop_assert_eq!(lattice(&flat, &dims, &axes, Kernel::L1).unwrap(), 0.0);
-        lattice_backward(&flat, &dims, &axes, Kernel::L1, 1.0, &mut bar).unwrap();
+        prop_assert_eq!(total_variation(&flat, &dims, &axes, Kernel::L1).unwrap(), 0.0);
+        total_variation_backward(&flat, &dims, &axes, Kernel::L1, 1.0, &mut bar).unwrap();
         prop_assert!(bar.iter().all(|&b| b == 0.0));
         // A level added changes nothing but rounding; gradients sum to zero for the same reason.
         let raised: Vec<f32> = x.iter().map(|x| x + level).collect();
-        let (a, b) = (lattice(&x, &dims, &axes, Kernel::Squared).unwrap(), lattice(&raised, &dims, &axes, Kernel::Squared).unwrap());
+        let (a, b) = (total_variation(&x, &dims, &axes, Kernel::Squared).unwrap(), total_variation(&raised, &dims, &axes, Kernel::Squared).unwrap());
         prop_assert!((a - b).abs() < 2e-5, "{a} {b}");
-        lattice_backward(&x, &dims, &axes, Kernel::Squared, 1.0, &mut bar).unwrap();
+        total_variation_backward(&x, &dims, &axes, Kernel::Squared, 1.0, &mut bar).unwrap();
         prop_assert!(bar.iter().map(|&b| f64::from(b)).sum::<f64>().abs() < 1e-5);
     }
 
@@ -123,8 +124,8 @@ proptest! {
                     (
                         |x: &[f32], out: &mut [f32]| {
                             let value = match side {
-                                Side::Between => between(&x[..n], &x[n..], kernel),
-                                Side::Opposed => opposed(&x[..n], &x[n..], kernel),
+                                Side::Between => difference(&x[..n], &x[n..], kernel),
+                                Side::Opposed => acceleration(&x[..n], &x[n..], kernel),
                             };
                             out[0] = value.unwrap() as f32;
                         },
@@ -132,8 +133,8 @@ proptest! {
                             let (a_bar, b_bar) = x_bar.split_at_mut(n);
                             let (a, b) = x.split_at(n);
                             match side {
-                                Side::Between => between_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
-                                Side::Opposed => opposed_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
+                                Side::Between => difference_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
+                                Side::Opposed => acceleration_backward(a, b, kernel, bar[0].into(), a_bar, b_bar).unwrap(),
                             }
                         },
                     ),
@@ -153,8 +154,8 @@ proptest! {
             check_f32_pair(
                 &a, &[loss_bar],
                 (
-                    |a: &[f32], out: &mut [f32]| out[0] = slow(a, kernel).unwrap() as f32,
-                    |a: &[f32], bar: &[f32], a_bar: &mut [f32]| slow_backward(a, kernel, bar[0].into(), a_bar).unwrap(),
+                    |a: &[f32], out: &mut [f32]| out[0] = magnitude(a, kernel).unwrap() as f32,
+                    |a: &[f32], bar: &[f32], a_bar: &mut [f32]| magnitude_backward(a, kernel, bar[0].into(), a_bar).unwrap(),
                 ),
                 (
                     |a: &[f64], out: &mut [f64]| out[0] = a.iter().map(|&a| twin(kernel, a).0).sum(),
@@ -178,11 +179,11 @@ enum Side {
 fn steady_motion_is_smooth_and_rest_is_slow() {
     let (forward, backward) = ([0.5, -1.0, 2.0], [-0.5, 1.0, -2.0]);
     for kernel in [Kernel::L1, Kernel::Squared, Kernel::Huber { delta: 1.0 }] {
-        assert_eq!(opposed(&forward, &backward, kernel).unwrap(), 0.0);
-        assert_eq!(between(&forward, &forward, kernel).unwrap(), 0.0);
-        assert_eq!(slow(&[0.0; 6], kernel).unwrap(), 0.0);
+        assert_eq!(acceleration(&forward, &backward, kernel).unwrap(), 0.0);
+        assert_eq!(difference(&forward, &forward, kernel).unwrap(), 0.0);
+        assert_eq!(magnitude(&[0.0; 6], kernel).unwrap(), 0.0);
     }
-    assert_eq!(slow(&forward, Kernel::L1).unwrap(), 3.5);
+    assert_eq!(magnitude(&forward, Kernel::L1).unwrap(), 3.5);
 }
 
 #[test]
@@ -191,29 +192,32 @@ fn the_layout_decides_what_is_a_neighbour() {
     let apart = [0.0, 1.0, 2.0, 5.0, 5.0, 9.0];
     let together = [0.0, 5.0, 1.0, 5.0, 2.0, 9.0];
     let want = (1.0 + 1.0 + 0.0 + 16.0) / 4.0;
-    assert_eq!(lattice(&apart, &[2, 1, 3], &[1, 2], Kernel::Squared).unwrap(), want);
-    assert_eq!(lattice(&together, &[1, 3, 2], &[0, 1], Kernel::Squared).unwrap(), want);
+    assert_eq!(total_variation(&apart, &[2, 1, 3], &[1, 2], Kernel::Squared).unwrap(), want);
+    assert_eq!(total_variation(&together, &[1, 3, 2], &[0, 1], Kernel::Squared).unwrap(), want);
 }
 
 #[test]
 fn nothing_and_wrong_shapes() {
-    assert_eq!(slow(&[], Kernel::L1).unwrap(), 0.0);
-    assert_eq!(between(&[], &[], Kernel::L1).unwrap(), 0.0);
-    assert_eq!(lattice(&[], &[0, 4, 4], &[1, 2], Kernel::L1).unwrap(), 0.0);
-    assert_eq!(lattice(&[1.0], &[], &[], Kernel::L1).unwrap(), 0.0);
-    lattice_backward(&[], &[3, 0], &[0, 1], Kernel::L1, 1.0, &mut []).unwrap();
+    assert_eq!(magnitude(&[], Kernel::L1).unwrap(), 0.0);
+    assert_eq!(difference(&[], &[], Kernel::L1).unwrap(), 0.0);
+    assert_eq!(total_variation(&[], &[0, 4, 4], &[1, 2], Kernel::L1).unwrap(), 0.0);
+    assert_eq!(total_variation(&[1.0], &[], &[], Kernel::L1).unwrap(), 0.0);
+    total_variation_backward(&[], &[3, 0], &[0, 1], Kernel::L1, 1.0, &mut []).unwrap();
     let shape = |what, want, got| LossError::Shape { what, want, got };
-    assert_eq!(lattice(&[0.0; 5], &[2, 3], &[1], Kernel::L1), Err(shape("x", 6, 5)));
+    assert_eq!(total_variation(&[0.0; 5], &[2, 3], &[1], Kernel::L1), Err(shape("x", 6, 5)));
     // A product that wraps to 0 is not the length of an empty lattice.
     let wraps = [1 << (usize::BITS / 2), 1 << (usize::BITS / 2)];
-    assert_eq!(lattice(&[], &wraps, &[0], Kernel::L1), Err(shape("x", usize::MAX, 0)));
-    assert_eq!(lattice(&[0.0; 6], &[2, 3], &[2], Kernel::L1), Err(shape("dims", 3, 2)));
-    assert_eq!(lattice(&[1.0], &[], &[usize::MAX], Kernel::L1), Err(shape("dims", usize::MAX, 0)));
-    assert_eq!(lattice_backward(&[0.0; 6], &[2, 3], &[1], Kernel::L1, 1.0, &mut [0.0; 5]), Err(shape("x_bar", 6, 5)));
-    assert_eq!(between(&[0.0; 2], &[0.0], Kernel::L1), Err(shape("b", 2, 1)));
-    assert_eq!(slow_backward(&[0.0; 2], Kernel::L1, 1.0, &mut [0.0]), Err(shape("a_bar", 2, 1)));
+    assert_eq!(total_variation(&[], &wraps, &[0], Kernel::L1), Err(shape("x", usize::MAX, 0)));
+    assert_eq!(total_variation(&[0.0; 6], &[2, 3], &[2], Kernel::L1), Err(shape("dims", 3, 2)));
+    assert_eq!(total_variation(&[1.0], &[], &[usize::MAX], Kernel::L1), Err(shape("dims", usize::MAX, 0)));
+    assert_eq!(
+        total_variation_backward(&[0.0; 6], &[2, 3], &[1], Kernel::L1, 1.0, &mut [0.0; 5]),
+        Err(shape("x_bar", 6, 5))
+    );
+    assert_eq!(difference(&[0.0; 2], &[0.0], Kernel::L1), Err(shape("b", 2, 1)));
+    assert_eq!(magnitude_backward(&[0.0; 2], Kernel::L1, 1.0, &mut [0.0]), Err(shape("a_bar", 2, 1)));
     for kernel in [Kernel::LogSquared { eps: 1e-3 }, Kernel::Huber { delta: 0.0 }] {
-        assert!(matches!(slow(&[1.0], kernel), Err(LossError::Parameter { .. })));
-        assert!(matches!(lattice(&[1.0], &[1], &[0], kernel), Err(LossError::Parameter { .. })));
+        assert!(matches!(magnitude(&[1.0], kernel), Err(LossError::Parameter { .. })));
+        assert!(matches!(total_variation(&[1.0], &[1], &[0], kernel), Err(LossError::Parameter { .. })));
     }
 }

@@ -135,9 +135,9 @@ impl Prepared {
             Model::Equidistant(_) => {
                 // d = (sinc(theta) q, cos theta), theta = |q|.
                 let theta2 = q.length_squared();
-                let (sinc, slope) = sinc_and_slope(theta2);
+                let (sinc, derivative) = sinc_and_derivative(theta2);
                 let along = q.dot(e);
-                (e * sinc + q * (2.0 * slope * along)).extend(-sinc * along)
+                (e * sinc + q * (2.0 * derivative * along)).extend(-sinc * along)
             }
         };
         Some((d, [lift(dq.x_axis), lift(dq.y_axis)]))
@@ -277,32 +277,32 @@ impl Prepared {
                 [DVec2::new(inverse, 0.0), DVec2::new(0.0, inverse), -q * inverse]
             }
             Model::Equidistant(_) => {
-                // q = k (X, Y), k = theta / rho; `slope` is (dk/drho) / rho.
+                // q = k (X, Y), k = theta / rho; `derivative` is (dk/drho) / rho.
                 let xy = x.truncate();
                 let (rho2, r2) = (xy.length_squared(), x.length_squared());
                 let s2 = rho2 / (x.z * x.z);
-                let (k, slope) = if x.z > 0.0 && s2 < 1e-3 {
+                let (k, derivative) = if x.z > 0.0 && s2 < 1e-3 {
                     // atan(s) / s = 1 - s^2/3 + s^4/5 - ...: the closed form cancels near the axis.
                     let k = evaluate(&[1.0, -1.0 / 3.0, 1.0 / 5.0, -1.0 / 7.0, 1.0 / 9.0, -1.0 / 11.0], s2) / x.z;
-                    let slope = evaluate(&[-1.0 / 3.0, 2.0 / 5.0, -3.0 / 7.0, 4.0 / 9.0, -5.0 / 11.0], s2);
-                    (k, 2.0 * slope / (x.z * x.z * x.z))
+                    let derivative = evaluate(&[-1.0 / 3.0, 2.0 / 5.0, -3.0 / 7.0, 4.0 / 9.0, -5.0 / 11.0], s2);
+                    (k, 2.0 * derivative / (x.z * x.z * x.z))
                 } else {
                     let rho = m64::sqrt(rho2);
                     let k = m64::atan2(rho, x.z) / rho;
                     (k, (x.z / r2 - k) / rho2)
                 };
-                [DVec2::new(k, 0.0) + xy * (slope * x.x), DVec2::new(0.0, k) + xy * (slope * x.y), -xy / r2]
+                [DVec2::new(k, 0.0) + xy * (derivative * x.x), DVec2::new(0.0, k) + xy * (derivative * x.y), -xy / r2]
             }
         }
     }
 }
 
 /// `sin(theta) / theta` and its derivative with respect to `theta^2`.
-fn sinc_and_slope(theta2: f64) -> (f64, f64) {
+fn sinc_and_derivative(theta2: f64) -> (f64, f64) {
     if theta2 < 1e-3 {
         let sinc = evaluate(&[1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0], theta2);
-        let slope = evaluate(&[-1.0 / 6.0, 1.0 / 60.0, -1.0 / 1680.0, 1.0 / 90_720.0], theta2);
-        return (sinc, slope);
+        let derivative = evaluate(&[-1.0 / 6.0, 1.0 / 60.0, -1.0 / 1680.0, 1.0 / 90_720.0], theta2);
+        return (sinc, derivative);
     }
     let theta = m64::sqrt(theta2);
     let (sin, cos) = m64::sin_cos(theta);

@@ -108,34 +108,34 @@ impl Distortion {
     ///
     /// Past the fold of a lens several points of the scene meet in one pixel. For a radial map this is where `r g(r2)`
     /// stops growing, or has a pole. Tangential and prism terms change the smallest stretch of the map at radius `r`
-    /// by at most `bend r`, `bend = 6 |p| + 2 |s|`; a map whose symmetrised Jacobian is positive on a disc is one to
-    /// one there. So `bend r` is taken off: a little inside of the true fold, and the same in all directions.
+    /// by at most `skew r`, `skew = 6 |p| + 2 |s|`; a map whose symmetrised Jacobian is positive on a disc is one to
+    /// one there. So `skew r` is taken off: a little inside of the true fold, and the same in all directions.
     pub(super) fn fold_radius(&self, limit: f64) -> f64 {
         let n = [1.0, self.num[0], self.num[1], self.num[2], self.num[3]];
         let d = [1.0, self.den[0], self.den[1], self.den[2]];
-        let bend = 6.0 * m64::hypot(self.p[0], self.p[1]) + 2.0 * m64::hypot(self.s[0], self.s[1]);
-        // As polynomials in u = r^2 without a bend, else in r.
-        let (stride, limit) = if bend == 0.0 { (1, limit * limit) } else { (2, limit) };
+        let skew = 6.0 * m64::hypot(self.p[0], self.p[1]) + 2.0 * m64::hypot(self.s[0], self.s[1]);
+        // As polynomials in u = r^2 without skew, else in r.
+        let (stride, limit) = if skew == 0.0 { (1, limit * limit) } else { (2, limit) };
         let (mut along, mut across, mut pole): (Coefficients, Coefficients, Coefficients) = Default::default();
         for (j, d_j) in d.iter().enumerate() {
             pole[stride * j] = *d_j;
-            // Stretch along the radius, times D^2: (N + 2 u N') D - 2 u N D' - bend r D^2.
+            // Stretch along the radius, times D^2: (N + 2 u N') D - 2 u N D' - skew r D^2.
             for (i, n_i) in n.iter().enumerate() {
                 along[stride * (i + j)] += (1.0 + 2.0 * i as f64 - 2.0 * j as f64) * n_i * d_j;
             }
-            if bend > 0.0 {
+            if skew > 0.0 {
                 for (i, d_i) in d.iter().enumerate() {
-                    along[2 * (i + j) + 1] -= bend * d_i * d_j;
+                    along[2 * (i + j) + 1] -= skew * d_i * d_j;
                 }
-                // Across it, times D: N - bend r D.
-                across[2 * j + 1] -= bend * d_j;
+                // Across it, times D: N - skew r D.
+                across[2 * j + 1] -= skew * d_j;
             }
         }
         for (i, n_i) in n.iter().enumerate() {
             across[stride * i] += n_i;
         }
         let first = [along, across, pole].iter().fold(limit, |first, c| first_sign_change(c, first));
-        if bend == 0.0 { m64::sqrt(first) } else { first }
+        if skew == 0.0 { m64::sqrt(first) } else { first }
     }
 
     /// The point within `r_max` that the map sends to `target`, `None` where there is none.

@@ -19,8 +19,8 @@ pub(super) fn factor(omega: f64, r2: f64) -> (f64, f64) {
     if z2 < 1e-4 {
         // atan(z) / z = 1 - z^2/3 + z^4/5 - z^6/7 + ...
         let value = evaluate(&[1.0, -1.0 / 3.0, 0.2, -1.0 / 7.0], z2);
-        let slope = evaluate(&[-1.0 / 3.0, 0.4, -3.0 / 7.0, 4.0 / 9.0], z2);
-        return (a / omega * value, a * a * a / omega * slope);
+        let derivative = evaluate(&[-1.0 / 3.0, 0.4, -3.0 / 7.0, 4.0 / 9.0], z2);
+        return (a / omega * value, a * a * a / omega * derivative);
     }
     let r = m64::sqrt(r2);
     let value = m64::atan(a * r) / (omega * r);

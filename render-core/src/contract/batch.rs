@@ -132,13 +132,13 @@ impl Task for Backward<'_> {
             let (u, inv_m, beyond) = outside(self.norm, x);
             let across = (V::splat(2.0) - inv_m) * inv_m;
             let along = u[0].mul_add(y_bar[0], u[1].mul_add(y_bar[1], u[2] * y_bar[2]));
-            let pull = match self.norm {
+            let radial = match self.norm {
                 Norm::L2 => {
                     let k = (inv_m * inv_m - across) * along;
                     u.map(|u| u * k)
                 }
                 Norm::Max => {
-                    // u[k] is the sign of the largest coordinate k, which takes the whole pull.
+                    // u[k] is the sign of the largest coordinate k, which takes all of the radial part.
                     let k = V::splat(2.0) * inv_m * (inv_m - one) * along;
                     let zero = V::splat(0.0);
                     let [a, b, c] = u.map(|u| u.max(-u));
@@ -149,7 +149,7 @@ impl Task for Backward<'_> {
                 }
             };
             let new = core::array::from_fn(|a| {
-                x_bar[a] + beyond.select_positive(across.mul_add(y_bar[a], pull[a]), y_bar[a])
+                x_bar[a] + beyond.select_positive(across.mul_add(y_bar[a], radial[a]), y_bar[a])
             });
             store(new, self.x_bar, self.n, at);
         }

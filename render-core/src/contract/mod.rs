@@ -105,9 +105,9 @@ pub fn contract_jacobian<T: Real>(norm: Norm, x: [T; 3]) -> [[T; 3]; 3] {
         }
         Norm::Max => {
             let k = largest(u);
-            let slope = T::TWO * inv_m * (inv_m - l) * u[k];
+            let derivative = T::TWO * inv_m * (inv_m - l) * u[k];
             for (row, &a) in j.iter_mut().zip(&u) {
-                row[k] += slope * a;
+                row[k] += derivative * a;
             }
         }
     }

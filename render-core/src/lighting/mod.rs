@@ -193,7 +193,7 @@ impl<T: Real> Lighting<T> {
         n_bar: &mut [T; 3],
     ) {
         let (lobe, y) = (self.lobe(), self.seen(n));
-        let slopes = if is_zero(n) { [[T::ZERO; 3]; COEFFICIENTS] } else { basis_gradient(n) };
+        let derivatives = if is_zero(n) { [[T::ZERO; 3]; COEFFICIENTS] } else { basis_gradient(n) };
         for (k, (row_bar, row)) in coefficients_bar.iter_mut().zip(&self.coefficients).enumerate() {
             let a = lobe[DEGREE[k]];
             let mut through = T::ZERO;
@@ -201,8 +201,8 @@ impl<T: Real> Lighting<T> {
                 *row_bar += a * y[k] * bar;
                 through += l * bar;
             }
-            for (n_bar, slope) in n_bar.iter_mut().zip(slopes[k]) {
-                *n_bar += a * through * slope;
+            for (n_bar, derivative) in n_bar.iter_mut().zip(derivatives[k]) {
+                *n_bar += a * through * derivative;
             }
         }
     }

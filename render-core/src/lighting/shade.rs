@@ -12,14 +12,14 @@ pub enum Tone {
     Identity,
 }
 
-/// Irradiance below this counts as this before the power of [`Tone::Gamma`], whose slope at 0 is infinite. Darkness becomes
+/// Irradiance below this counts as this before the power of [`Tone::Gamma`], whose derivative at 0 is infinite. Darkness becomes
 /// 0.015 of the albedo: below four steps of 255.
 pub const MIN_IRRADIANCE: f64 = 1e-4;
 
 const GAMMA: f64 = 1.0 / 2.2;
 
 impl Tone {
-    /// The value and its slope; below [`MIN_IRRADIANCE`] the slope of [`Tone::Gamma`] is 0.
+    /// The value and its derivative; below [`MIN_IRRADIANCE`] the derivative of [`Tone::Gamma`] is 0.
     #[inline]
     #[must_use]
     pub fn apply<T: Real>(self, e: T) -> (T, T) {
@@ -57,10 +57,10 @@ pub fn shade_backward<T: Real>(
     irradiance_bar: &mut [T; 3],
 ) {
     for c in 0..3 {
-        let (value, slope) = tone.apply(irradiance[c]);
+        let (value, derivative) = tone.apply(irradiance[c]);
         albedo_bar[c] += shadow * value * out_bar[c];
         *shadow_bar += albedo[c] * value * out_bar[c];
-        irradiance_bar[c] += shadow * albedo[c] * slope * out_bar[c];
+        irradiance_bar[c] += shadow * albedo[c] * derivative * out_bar[c];
     }
 }
 

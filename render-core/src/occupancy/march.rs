@@ -48,10 +48,10 @@ impl StepRule {
 pub struct Marched {
     /// Samples handed to the visitor.
     pub samples: u32,
-    /// Samples that a march without the grid would have taken over the same way.
-    pub lattice: u32,
-    /// Cells looked at.
-    pub tests: u32,
+    /// Samples that a march of the same span without the grid would have taken.
+    pub candidates: u32,
+    /// Cells of the grid that were read.
+    pub lookups: u32,
 }
 
 impl OccupancyGrid {
@@ -93,18 +93,18 @@ impl OccupancyGrid {
             let p: [f32; 3] = core::array::from_fn(|a| ray.o[a] + lattice.t * ray.d[a]);
             let k = self.cascade(p, lattice.dt() * way.length);
             let (id, x) = self.locate(p, k);
-            marched.tests += 1;
+            marched.lookups += 1;
             // The largest block around the cell, 1, 4 or 16 cells wide, that is known to be all empty or all full.
             let (word, words) = (self.bits[id as usize >> 6], self.blocks[id as usize >> 12]);
             let block = 2 * (u32::from(word == 0 || word == u64::MAX) + u32::from(words == 0));
             let exit = way.exit(x, block, side * pow2(k), pow2(k)).min(way.t_end);
             if word >> (id & 63) & 1 == 0 {
-                marched.lattice += lattice.skip_to(exit);
+                marched.candidates += lattice.skip_to(exit);
                 continue;
             }
             loop {
                 marched.samples += 1;
-                marched.lattice += 1;
+                marched.candidates += 1;
                 if visit(lattice.t, lattice.dt()).is_break() {
                     return marched;
                 }
@@ -286,7 +286,7 @@ impl Lattice {
                 self.grow();
                 steps += 1;
             } else {
-                // 0.99: rather one sample too early, which is looked at again, than one too late.
+                // 0.99: rather one sample too early, whose cell is read again, than one too late.
                 let n = ((target - self.base) * self.inv_step + 0.99) as u32 as f32;
                 let n = n.max(self.n + 1.0).min(self.n_grow);
                 steps += (n - self.n) as u32;

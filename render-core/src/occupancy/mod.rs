@@ -29,7 +29,7 @@ use core::fmt;
 
 /// Shape and constants of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct GridSettings {
     /// Cells along each axis of a cascade; a multiple of 16.
     pub resolution: u32,
     /// Number of cascades, at least 1.
@@ -40,7 +40,7 @@ pub struct Settings {
     pub threshold: f32,
 }
 
-impl Default for Settings {
+impl Default for GridSettings {
     /// 128^3, one cascade, decay 0.95, threshold 0.01.
     fn default() -> Self {
         Self { resolution: 128, cascades: 1, decay: 0.95, threshold: 0.01 }
@@ -88,7 +88,7 @@ const INVISIBLE: f32 = -1.0;
 /// Cascades of bits over space. See the [module](self).
 #[derive(Clone, Debug, PartialEq)]
 pub struct OccupancyGrid {
-    settings: Settings,
+    settings: GridSettings,
     /// Running maximum of each cell, negative where no camera sees it.
     thickness: Vec<f32>,
     /// A bit a cell.
@@ -105,8 +105,8 @@ impl OccupancyGrid {
     ///
     /// # Errors
     /// [`GridError`] when the settings make no grid.
-    pub fn new(settings: Settings) -> Result<Self, GridError> {
-        let Settings { resolution, cascades, .. } = settings;
+    pub fn new(settings: GridSettings) -> Result<Self, GridError> {
+        let GridSettings { resolution, cascades, .. } = settings;
         if resolution == 0 || !resolution.is_multiple_of(16) {
             return Err(GridError::Resolution(resolution));
         }
@@ -144,7 +144,7 @@ impl OccupancyGrid {
     ///
     /// # Errors
     /// [`GridError`] when the settings make no grid or the state is of another.
-    pub fn from_state(settings: Settings, thickness: &[f32], updates: u64) -> Result<Self, GridError> {
+    pub fn from_state(settings: GridSettings, thickness: &[f32], updates: u64) -> Result<Self, GridError> {
         let mut grid = Self::new(settings)?;
         if thickness.len() != grid.thickness.len() {
             return Err(GridError::State { got: thickness.len(), want: grid.thickness.len() });
@@ -160,7 +160,7 @@ impl OccupancyGrid {
 
     /// The settings.
     #[must_use]
-    pub fn settings(&self) -> Settings {
+    pub fn settings(&self) -> GridSettings {
         self.settings
     }
 

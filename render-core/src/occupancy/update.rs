@@ -37,13 +37,13 @@ impl OccupancyGrid {
         self.rebuild();
     }
 
-    /// All cells that some camera sees, in order: what the first updates look at. Written over `out`.
+    /// All cells that some camera sees, in order: what the first updates measure. Written over `out`.
     pub fn pick_all(&self, out: &mut Vec<u32>) {
         out.clear();
         out.extend((0..self.thickness.len() as u32).filter(|&i| self.thickness[i as usize] >= 0.0));
     }
 
-    /// Cells to look at in a later update: one of each four neighbours (a uniform quarter), and as many again among the
+    /// Cells to measure in a later update: one of each four neighbours (a uniform quarter), and as many again among the
     /// occupied ones, spread evenly (all of them where there are fewer). In order, each once, none that no camera
     /// sees. Written over `out`.
     ///

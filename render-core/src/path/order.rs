@@ -1,6 +1,6 @@
 //! Which cameras a path visits, and in which order.
 //!
-//! The distance of two cameras is that of their centres, in units of the distance to what they look at, and the angle
+//! The distance of two cameras is that of their centres, in units of the distance to what they see, and the angle
 //! between them, in radians, as the sides of a right angle: both move a picture by about as much.
 
 use alloc::vec::Vec;
@@ -10,7 +10,7 @@ use glam::DQuat;
 
 use crate::{bounds::percentile, pose::Pose};
 
-/// A camera is off where its third nearest neighbour is this many times farther than is usual.
+/// A camera is an outlier if its third nearest neighbour is this many times farther than the median.
 const OFF: f64 = 4.0;
 /// Neighbours in a sequence are nearer than this part of what two cameras of it usually are.
 const STEP: f64 = 0.35;
@@ -19,26 +19,26 @@ const ROUNDS: usize = 100;
 
 /// Distance of two cameras; `scale` is how far away what they look at is, world units, positive.
 #[must_use]
-pub fn step(a: &Pose, b: &Pose, scale: f64) -> f64 {
+pub fn pose_distance(a: &Pose, b: &Pose, scale: f64) -> f64 {
     let turn = DQuat::from_mat3(&a.r).dot(DQuat::from_mat3(&b.r)).abs().min(1.0);
     m64::hypot(a.c.distance(b.c) / scale, 2.0 * m64::acos(turn))
 }
 
 /// Length of the way through cameras in the order given.
 #[must_use]
-pub fn length(poses: &[Pose], scale: f64) -> f64 {
-    poses.windows(2).map(|w| step(&w[0], &w[1], scale)).sum()
+pub fn path_length(poses: &[Pose], scale: f64) -> f64 {
+    poses.windows(2).map(|w| pose_distance(&w[0], &w[1], scale)).sum()
 }
 
-/// Indices of the cameras that have others near them, ascending: all of fewer than six.
+/// Indices of the cameras that are not outliers, those that have others near them, ascending: all of fewer than six.
 #[must_use]
-pub fn among_others(poses: &[Pose], scale: f64) -> Vec<usize> {
+pub fn without_outliers(poses: &[Pose], scale: f64) -> Vec<usize> {
     let all = (0..poses.len()).collect();
     if poses.len() < 6 {
         return all;
     }
     let third = |i: usize| {
-        let mut away: Vec<f64> = poses.iter().map(|p| step(&poses[i], p, scale)).collect();
+        let mut away: Vec<f64> = poses.iter().map(|p| pose_distance(&poses[i], p, scale)).collect();
         away.select_nth_unstable_by(3, f64::total_cmp);
         away[3] // the nearest is the camera itself
     };
@@ -52,14 +52,14 @@ pub fn among_others(poses: &[Pose], scale: f64) -> Vec<usize> {
 /// Whether neighbours in the order given are near each other, as frames of a video are.
 #[must_use]
 pub fn is_sequence(poses: &[Pose], scale: f64) -> bool {
-    const PAIRS: usize = 64; // cameras whose pairs are looked at
+    const PAIRS: usize = 64; // cameras whose pairs are compared
     if poses.len() < 4 {
         return false;
     }
     let few: Vec<&Pose> = poses.iter().step_by(poses.len().div_ceil(PAIRS)).collect();
     let mut pairs: Vec<f64> =
-        few.iter().enumerate().flat_map(|(i, a)| few[..i].iter().map(move |b| step(a, b, scale))).collect();
-    let mut steps: Vec<f64> = poses.windows(2).map(|w| step(&w[0], &w[1], scale)).collect();
+        few.iter().enumerate().flat_map(|(i, a)| few[..i].iter().map(move |b| pose_distance(a, b, scale))).collect();
+    let mut steps: Vec<f64> = poses.windows(2).map(|w| pose_distance(&w[0], &w[1], scale)).collect();
     pairs.sort_unstable_by(f64::total_cmp);
     steps.sort_unstable_by(f64::total_cmp);
     let (Some(usual), Some(middle), Some(long)) =
@@ -73,21 +73,21 @@ pub fn is_sequence(poses: &[Pose], scale: f64) -> bool {
 /// At most `count` cameras that lie as far apart as they can, ascending: first the one nearest to all, then again and again
 /// the one farthest from those taken.
 #[must_use]
-pub fn spread(poses: &[Pose], scale: f64, count: usize) -> Vec<usize> {
+pub fn farthest_points(poses: &[Pose], scale: f64, count: usize) -> Vec<usize> {
     if poses.len() <= count {
         return (0..poses.len()).collect();
     }
     let first_of = |values: &[f64], better: Ordering| {
         (0..values.len()).fold(0, |best, i| if values[i].total_cmp(&values[best]) == better { i } else { best })
     };
-    let sums: Vec<f64> = poses.iter().map(|a| poses.iter().map(|b| step(a, b, scale)).sum()).collect();
+    let sums: Vec<f64> = poses.iter().map(|a| poses.iter().map(|b| pose_distance(a, b, scale)).sum()).collect();
     let mut away = alloc::vec![f64::INFINITY; poses.len()];
     let mut taken = Vec::with_capacity(count);
     let mut next = first_of(&sums, Ordering::Less);
     while taken.len() < count {
         taken.push(next);
         for (away, pose) in away.iter_mut().zip(poses) {
-            *away = away.min(step(&poses[next], pose, scale));
+            *away = away.min(pose_distance(&poses[next], pose, scale));
         }
         next = first_of(&away, Ordering::Greater);
     }
@@ -100,7 +100,7 @@ pub fn spread(poses: &[Pose], scale: f64, count: usize) -> Vec<usize> {
 #[must_use]
 pub fn tour(poses: &[Pose], scale: f64) -> Vec<usize> {
     let n = poses.len();
-    let away: Vec<f64> = poses.iter().flat_map(|a| poses.iter().map(move |b| step(a, b, scale))).collect();
+    let away: Vec<f64> = poses.iter().flat_map(|a| poses.iter().map(move |b| pose_distance(a, b, scale))).collect();
     let away = |i: usize, j: usize| away[i * n + j];
     let sum = |i: usize| (0..n).map(|j| away(i, j)).sum::<f64>();
     let Some(start) = (0..n).reduce(|best, i| if sum(i) > sum(best) { i } else { best }) else { return Vec::new() };

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use float_core::m64;
 use glam::{DMat3, DQuat, DVec3, DVec4};
 
-use super::{Ends, order::step, through};
+use super::{Ends, order::pose_distance, through};
 use crate::pose::Pose;
 
 /// Poses that the curve is kept as.
@@ -12,7 +12,7 @@ const POSES: usize = 600;
 /// Reach of the smoothing in standard deviations.
 const REACH: f64 = 3.0;
 
-/// A curve of cameras, smoothed, with its length in the measure of [`step`].
+/// A curve of cameras, smoothed, with its length in the measure of [`pose_distance`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rail {
     poses: Vec<Pose>,
@@ -24,7 +24,7 @@ pub struct Rail {
 
 impl Rail {
     /// The spline through `keys`, averaged along its length with weights of standard deviation `width` (in the measure of
-    /// [`step`], as `scale` is): the wider, the calmer, and the farther from the keys.
+    /// [`pose_distance`], as `scale` is): the wider, the calmer, and the farther from the keys.
     ///
     /// `None` without keys, where one is not finite, or where `scale` is not positive.
     #[must_use]
@@ -50,7 +50,7 @@ impl Rail {
         let pairs = poses.windows(2).map(|w| (&w[0], &w[1])).chain(last);
         let mut sum = 0.0;
         for (a, b) in pairs {
-            sum += step(a, b, scale);
+            sum += pose_distance(a, b, scale);
             at.push(sum);
         }
         Self { poses, at, ends, scale }

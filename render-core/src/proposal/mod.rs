@@ -1,8 +1,8 @@
-//! From the weights of one look along a ray to the intervals of the next.
+//! From the weights of one pass along a ray to the intervals of the next.
 //!
-//! A *proposal* is a histogram `(s, w)` of a ray in normalised distance: `n + 1` fenceposts, `n` weights. Before it is cut
-//! anew it is [`dilate`]d, so that a thin surface that the next look finds a little beside is still covered, and
-//! [`anneal`]ed, so that early in training everything gets looked at. [`Resampler::next`] does all three steps.
+//! A *proposal* is a histogram `(s, w)` of a ray in normalised distance: `n + 1` fenceposts, `n` weights. Before it is
+//! resampled it is [`dilate`]d, so that a thin surface is still covered if the next pass finds it a little beside, and
+//! [`anneal`]ed, so that early in training the whole ray gets samples. [`Resampler::next`] does all three steps.
 //!
 //! Nothing carries a gradient, nothing is random: the caller brings the jitter.
 //!
@@ -14,10 +14,10 @@ mod dilate;
 pub use anneal::{anneal, annealing_exponent};
 pub use dilate::{DilateScratch, dilate, dilated_len};
 
-use crate::histogram::{Shares, fenceposts_between, resample_fenceposts, shares};
+use crate::histogram::{Quantiles, fenceposts_between, quantiles, resample_fenceposts};
 use alloc::vec::Vec;
 
-/// What happens to a histogram on the way to the next intervals.
+/// What is done to a histogram before it is resampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refine {
     /// Half the width of the window of [`dilate`], in `s`; 0 leaves the histogram as it is.
@@ -26,7 +26,7 @@ pub struct Refine {
     pub exponent: f32,
 }
 
-/// `bias + multiplier / product(counts)`: half width of the dilation after looks of so many intervals each.
+/// `bias + multiplier / product(counts)`: half width of the dilation after passes of so many intervals each.
 #[must_use]
 pub fn dilation(bias: f32, multiplier: f32, counts: &[usize]) -> f32 {
     counts.iter().fold(multiplier, |d, &n| d / n.max(1) as f32) + bias
@@ -44,18 +44,18 @@ pub struct Resampler {
 }
 
 impl Resampler {
-    /// `m` new intervals where the histogram says that something is: dilated, annealed, their centres at `shares` of the
+    /// `m` new intervals where the histogram has weight: dilated, annealed, their centres at quantiles of the
     /// mass, their fenceposts halfway between.
     ///
     /// # Shapes and units
     /// * `s` `[n + 1]` fenceposts in `[0, 1]`, non-decreasing; `n >= 1`
     /// * `w` `[n]` weights, finite, `>= 0`; without any weight every interval counts the same
-    /// * `rule` of the `m` shares: [`Shares::Shared`] in training, [`Shares::Centres`] in renders
+    /// * `rule` of the `m` quantiles: [`Quantiles::Shared`] in training, [`Quantiles::Centres`] in renders
     /// * `out` `[m + 1]` fenceposts in `[0, 1]`, written
     ///
     /// # Panics
     /// When the lengths disagree, or there is nothing to cut.
-    pub fn next(&mut self, s: &[f32], w: &[f32], refine: Refine, rule: Shares<'_>, out: &mut [f32]) {
+    pub fn next(&mut self, s: &[f32], w: &[f32], refine: Refine, rule: Quantiles<'_>, out: &mut [f32]) {
         assert!(!w.is_empty() && out.len() > 1, "an interval at least, before and after");
         if refine.dilation > 0.0 {
             let n = dilated_len(w.len());
@@ -73,7 +73,7 @@ impl Resampler {
         self.u.resize(m, 0.0);
         self.centres.resize(m, 0.0);
         self.cdf.resize(self.s.len(), 0.0);
-        shares(rule, &mut self.u);
+        quantiles(rule, &mut self.u);
         resample_fenceposts(&self.s, &self.w, &self.u, &mut self.cdf, &mut self.centres);
         fenceposts_between(&self.centres, [0.0, 1.0], out);
     }

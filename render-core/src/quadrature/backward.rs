@@ -16,7 +16,7 @@ use float_core::{Simd, Task, Vector};
 pub struct WeightsBar<'a> {
     /// `[n]`
     pub w: &'a [f32],
-    /// `[rays]`; nothing when no loss looks at it.
+    /// `[rays]`; `None` when no loss depends on it.
     pub trans_end: Option<&'a [f32]>,
 }
 

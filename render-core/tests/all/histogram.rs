@@ -1,7 +1,7 @@
 //! Fenceposts and blurred weights: order, range, mass, known answers, empty input.
 
 use proptest::prelude::*;
-use render_core::histogram::{Shares, blur_weights, fenceposts_between, resample_fenceposts, shares};
+use render_core::histogram::{Quantiles, blur_weights, fenceposts_between, quantiles, resample_fenceposts};
 use testkit::strategies::any_histogram;
 
 fn resampled(s: &[f32], w: &[f32], u: &[f32]) -> Vec<f32> {
@@ -14,15 +14,15 @@ fn resampled(s: &[f32], w: &[f32], u: &[f32]) -> Vec<f32> {
 fn shares_are_where_their_rule_says() {
     let of = |rule, n| {
         let mut u = vec![f32::NAN; n];
-        shares(rule, &mut u);
+        quantiles(rule, &mut u);
         u
     };
-    assert_eq!(of(Shares::Ends, 5), [0.0, 0.25, 0.5, 0.75, 1.0]);
-    assert_eq!(of(Shares::Centres, 4), [0.125, 0.375, 0.625, 0.875]);
-    assert_eq!(of(Shares::Shared(0.5), 4), of(Shares::Centres, 4));
-    assert_eq!(of(Shares::Each(&[0.0, 0.5, 0.75, 0.25]), 4), [0.0, 0.375, 0.6875, 0.8125]);
-    assert_eq!(of(Shares::Ends, 1), [0.0]);
-    for rule in [Shares::Ends, Shares::Centres, Shares::Shared(0.3), Shares::Each(&[])] {
+    assert_eq!(of(Quantiles::Ends, 5), [0.0, 0.25, 0.5, 0.75, 1.0]);
+    assert_eq!(of(Quantiles::Centres, 4), [0.125, 0.375, 0.625, 0.875]);
+    assert_eq!(of(Quantiles::Shared(0.5), 4), of(Quantiles::Centres, 4));
+    assert_eq!(of(Quantiles::Each(&[0.0, 0.5, 0.75, 0.25]), 4), [0.0, 0.375, 0.6875, 0.8125]);
+    assert_eq!(of(Quantiles::Ends, 1), [0.0]);
+    for rule in [Quantiles::Ends, Quantiles::Centres, Quantiles::Shared(0.3), Quantiles::Each(&[])] {
         assert!(of(rule, 0).is_empty());
     }
 }
@@ -31,7 +31,7 @@ fn shares_are_where_their_rule_says() {
 fn equal_weights_on_equal_intervals_are_cut_evenly() {
     let s: Vec<f32> = (0..=8).map(|i| 2.0 + 0.5 * i as f32).collect();
     let mut u = vec![0.0; 17];
-    shares(Shares::Ends, &mut u);
+    quantiles(Quantiles::Ends, &mut u);
     for w in [[1.0; 8], [0.0; 8]] {
         let out = resampled(&s, &w, &u);
         for (i, x) in out.iter().enumerate() {
@@ -55,7 +55,7 @@ fn one_heavy_interval_takes_nearly_all_fenceposts() {
     let mut w = vec![0.0; 64];
     w[20] = 1.0;
     let mut u = vec![0.0; 129];
-    shares(Shares::Shared(0.7), &mut u);
+    quantiles(Quantiles::Shared(0.7), &mut u);
     assert!(resampled(&s, &w, &u).iter().all(|x| (20.0..=21.0).contains(x)));
     // Blurred and padded as mip-NeRF does: neighbours get half, all others the pad.
     let mut blurred = vec![0.0; 64];
@@ -113,7 +113,7 @@ fn a_ray_cut_at_random_keeps_the_share_of_every_interval() {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             *x = (seed >> 40) as f32 / (1_u64 << 24) as f32;
         }
-        shares(Shares::Each(&random), &mut u);
+        quantiles(Quantiles::Each(&random), &mut u);
         let out = resampled(&s, &w, &u);
         for (k, w) in w.iter().enumerate() {
             let inside = out.iter().filter(|x| s[k] <= **x && **x < s[k + 1]).count() as f32;
@@ -128,8 +128,8 @@ proptest! {
     #[test]
     fn fenceposts_are_ordered_and_inside((s, w) in (1..65_usize).prop_flat_map(any_histogram), jitter in 0.0_f32..1.0, m in 0..130_usize) {
         let mut u = vec![0.0; m];
-        for rule in [Shares::Shared(jitter), Shares::Ends, Shares::Centres] {
-            shares(rule, &mut u);
+        for rule in [Quantiles::Shared(jitter), Quantiles::Ends, Quantiles::Centres] {
+            quantiles(rule, &mut u);
             let out = resampled(&s, &w, &u);
             prop_assert!(out.is_sorted(), "{out:?}");
             prop_assert!(out.iter().all(|x| (s[0]..=s[s.len() - 1]).contains(x)), "{out:?}");

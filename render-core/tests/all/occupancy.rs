@@ -2,10 +2,10 @@
 
 use core::ops::ControlFlow;
 use proptest::prelude::*;
-use render_core::occupancy::{GridError, Marched, OccupancyGrid, RaySpan, Settings, StepRule};
+use render_core::occupancy::{GridError, GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 
-fn settings(resolution: u32, cascades: u32) -> Settings {
-    Settings { resolution, cascades, ..Settings::default() }
+fn settings(resolution: u32, cascades: u32) -> GridSettings {
+    GridSettings { resolution, cascades, ..GridSettings::default() }
 }
 
 /// A hash of an index as a number in `[0, 1)`.
@@ -18,7 +18,7 @@ fn u(seed: u32, i: u32) -> f32 {
 }
 
 /// A grid where exactly these cells are occupied (and the coarser ones around them).
-fn grid_of(settings: Settings, occupied: impl Fn(&OccupancyGrid, u32) -> bool) -> OccupancyGrid {
+fn grid_of(settings: GridSettings, occupied: impl Fn(&OccupancyGrid, u32) -> bool) -> OccupancyGrid {
     let mut grid = OccupancyGrid::new(settings).unwrap();
     let cells: Vec<u32> = (0..grid.cells() as u32).collect();
     let thickness: Vec<f32> = cells.iter().map(|&c| if occupied(&grid, c) { 1.0 } else { 0.0 }).collect();
@@ -56,7 +56,7 @@ fn any_ray(half: f32) -> impl Strategy<Value = RaySpan> {
 
 /// Cells occupied in clusters, so that there are empty blocks of every size: a cell with a share `dense` inside blocks of
 /// 8 cells with a share `blocks`.
-fn clusters(settings: Settings, seed: u32, blocks: f32, dense: f32) -> OccupancyGrid {
+fn clusters(settings: GridSettings, seed: u32, blocks: f32, dense: f32) -> OccupancyGrid {
     grid_of(settings, |grid, cell| {
         let (k, x) = grid.coordinates(cell);
         let block = x[0] / 8 + 100 * (x[1] / 8 + 100 * (x[2] / 8 + 100 * k));
@@ -86,8 +86,8 @@ proptest! {
             prop_assert_eq!(every.samples as usize, all.len());
             prop_assert_eq!(marched.samples as usize, taken.len());
             // Skipped samples are counted, the last jump perhaps one too far.
-            prop_assert!(marched.lattice.abs_diff(every.lattice) <= 1, "{} {}", marched.lattice, every.lattice);
-            prop_assert!(marched.tests <= every.lattice + 1);
+            prop_assert!(marched.candidates.abs_diff(every.candidates) <= 1, "{} {}", marched.candidates, every.candidates);
+            prop_assert!(marched.lookups <= every.candidates + 1);
         }
     }
 
@@ -281,7 +281,7 @@ fn marches_end_where_they_must() {
     let (all, marched) = samples(&grid, &ray, &rule, 0.5);
     // From x = -2 to x = 2.
     assert_eq!(all, [3.25, 3.75, 4.25, 4.75, 5.25, 5.75, 6.25, 6.75].map(|t| (t, 0.5)));
-    assert_eq!((marched.samples, marched.lattice), (8, 8));
+    assert_eq!((marched.samples, marched.candidates), (8, 8));
     assert_eq!(grid.march(&ray, &rule, 0.5, 3, |_, _| ControlFlow::Continue(())).samples, 3);
     assert_eq!(grid.march(&ray, &rule, 0.5, 9, |_, _| ControlFlow::Break(())).samples, 1);
     assert_eq!(grid.march(&ray, &rule, 0.5, 0, |_, _| panic!("no samples wanted")).samples, 0);

@@ -1,14 +1,14 @@
 //! Normalised distance, dilation, annealing, the next intervals.
 
 use proptest::prelude::*;
-use render_core::histogram::Shares;
+use render_core::histogram::Quantiles;
 use render_core::proposal::{
     DilateScratch, Refine, Resampler, anneal, annealing_exponent, dilate, dilated_len, dilation,
 };
-use render_core::ray_distance::{RayDistance, Warp};
+use render_core::ray_distance::{RayDistance, RaySpacing};
 use testkit::strategies::any_histogram;
 
-const WARPS: [Warp; 4] = [Warp::Linear, Warp::Reciprocal, Warp::Log, Warp::Piecewise];
+const WARPS: [RaySpacing; 4] = [RaySpacing::Linear, RaySpacing::Reciprocal, RaySpacing::Log, RaySpacing::Piecewise];
 
 /// Edges scaled to `[0, 1]`.
 fn normalised((mut s, w): (Vec<f32>, Vec<f32>)) -> (Vec<f32>, Vec<f32>) {
@@ -52,31 +52,31 @@ proptest! {
 
     #[test]
     fn distance_inverts_normalised_distance(s in 0.0_f64..1.0, near in 1e-3_f64..10.0, ratio in 1.5_f64..1e7) {
-        for warp in WARPS {
-            let map = RayDistance::new(warp, near, near * ratio).unwrap();
+        for spacing in WARPS {
+            let map = RayDistance::new(spacing, near, near * ratio).unwrap();
             let t = map.t_of(s);
             prop_assert!((near..=near * ratio).contains(&t));
             // Roundings of g, over a difference of g of at least one thirtieth of it.
-            prop_assert!((map.s_of(t) - s).abs() < 1e-13, "{warp:?}: {s} {t} {}", map.s_of(t));
+            prop_assert!((map.s_of(t) - s).abs() < 1e-13, "{spacing:?}: {s} {t} {}", map.s_of(t));
         }
     }
 
     #[test]
     fn normalised_distance_inverts_distance(u in 0.0_f64..1.0, near in 1e-3_f64..10.0, ratio in 1.5_f64..1e6) {
-        for warp in WARPS {
-            let map = RayDistance::new(warp, near, near * ratio).unwrap();
+        for spacing in WARPS {
+            let map = RayDistance::new(spacing, near, near * ratio).unwrap();
             let t = near * (ratio.ln() * u).exp();
             let back = map.t_of(map.s_of(t));
             // `s` resolves 1e-16 of all distances, or of 1 / near.
-            let worst = if warp == Warp::Linear { near * ratio } else { t * (1.0 + t.max(1.0 / t) / near.min(1.0)) };
-            prop_assert!((back - t).abs() <= 1e-14 * worst, "{warp:?} {t} {back}");
+            let worst = if spacing == RaySpacing::Linear { near * ratio } else { t * (1.0 + t.max(1.0 / t) / near.min(1.0)) };
+            prop_assert!((back - t).abs() <= 1e-14 * worst, "{spacing:?} {t} {back}");
         }
     }
 
     #[test]
     fn both_maps_do_not_decrease(a in 0.0_f64..1.0, b in 0.0_f64..1.0) {
-        for warp in WARPS {
-            let map = RayDistance::new(warp, 0.2, 1e6).unwrap();
+        for spacing in WARPS {
+            let map = RayDistance::new(spacing, 0.2, 1e6).unwrap();
             let (low, high) = (a.min(b), a.max(b));
             prop_assert!(map.t_of(low) <= map.t_of(high));
             prop_assert!(map.s_of(0.2 + 100.0 * low) <= map.s_of(0.2 + 100.0 * high));
@@ -100,7 +100,7 @@ proptest! {
         let (s, w) = normalised(h);
         let mut out = vec![f32::NAN; m + 1];
         let mut resampler = Resampler::default();
-        for rule in [Shares::Shared(u), Shares::Centres] {
+        for rule in [Quantiles::Shared(u), Quantiles::Centres] {
             resampler.next(&s, &w, Refine { dilation: d, exponent }, rule, &mut out);
             prop_assert!(out.is_sorted() && out[0] >= 0.0 && out[m] <= 1.0, "{:?}", out);
         }
@@ -119,30 +119,30 @@ proptest! {
 
 #[test]
 fn ends_are_met_exactly_and_clamped() {
-    for warp in WARPS {
-        let map = RayDistance::new(warp, 0.2, 1e6).unwrap();
-        assert_eq!((map.t_of(0.0), map.t_of(1.0), map.t_of(-1.0), map.t_of(2.0)), (0.2, 1e6, 0.2, 1e6), "{warp:?}");
-        assert_eq!((map.s_of(0.2), map.s_of(1e6), map.s_of(0.0), map.s_of(1e9)), (0.0, 1.0, 0.0, 1.0), "{warp:?}");
+    for spacing in WARPS {
+        let map = RayDistance::new(spacing, 0.2, 1e6).unwrap();
+        assert_eq!((map.t_of(0.0), map.t_of(1.0), map.t_of(-1.0), map.t_of(2.0)), (0.2, 1e6, 0.2, 1e6), "{spacing:?}");
+        assert_eq!((map.s_of(0.2), map.s_of(1e6), map.s_of(0.0), map.s_of(1e9)), (0.0, 1.0, 0.0, 1.0), "{spacing:?}");
     }
 }
 
 #[test]
 fn infinity_is_a_far_plane_for_inverses() {
-    for warp in [Warp::Reciprocal, Warp::Piecewise] {
-        let map = RayDistance::new(warp, 0.5, f64::INFINITY).unwrap();
+    for spacing in [RaySpacing::Reciprocal, RaySpacing::Piecewise] {
+        let map = RayDistance::new(spacing, 0.5, f64::INFINITY).unwrap();
         assert_eq!(map.t_of(1.0), f64::INFINITY);
         assert!((map.s_of(map.t_of(0.75)) - 0.75).abs() < 1e-15);
         let mut t = [0.0];
         map.distances(&[1.0], &mut t);
         assert_eq!(t, [f32::MAX]);
     }
-    let map = RayDistance::new(Warp::Reciprocal, 0.5, f64::INFINITY).unwrap();
+    let map = RayDistance::new(RaySpacing::Reciprocal, 0.5, f64::INFINITY).unwrap();
     assert_eq!(map.t_of(0.5), 1.0);
 }
 
 #[test]
 fn single_precision_keeps_its_digits() {
-    let map = RayDistance::new(Warp::Reciprocal, 0.2, 1e6).unwrap();
+    let map = RayDistance::new(RaySpacing::Reciprocal, 0.2, 1e6).unwrap();
     let (mut t, mut back) = ([0.0], [0.0]);
     for i in 0..1000 {
         let s = [i as f32 / 1000.0];
@@ -154,19 +154,19 @@ fn single_precision_keeps_its_digits() {
 
 #[test]
 fn maps_refuse_what_they_cannot_take() {
-    for (warp, near, far) in [
-        (Warp::Reciprocal, 0.0, 1.0),
-        (Warp::Log, 0.0, 1.0),
-        (Warp::Linear, 0.0, f64::INFINITY),
-        (Warp::Log, 1.0, f64::INFINITY),
-        (Warp::Linear, 1.0, 1.0),
-        (Warp::Piecewise, -1.0, 1.0),
-        (Warp::Linear, f64::NAN, 1.0),
+    for (spacing, near, far) in [
+        (RaySpacing::Reciprocal, 0.0, 1.0),
+        (RaySpacing::Log, 0.0, 1.0),
+        (RaySpacing::Linear, 0.0, f64::INFINITY),
+        (RaySpacing::Log, 1.0, f64::INFINITY),
+        (RaySpacing::Linear, 1.0, 1.0),
+        (RaySpacing::Piecewise, -1.0, 1.0),
+        (RaySpacing::Linear, f64::NAN, 1.0),
     ] {
-        let error = RayDistance::new(warp, near, far).unwrap_err();
-        assert!(error.to_string().contains(&format!("{warp:?}")), "{error}");
+        let error = RayDistance::new(spacing, near, far).unwrap_err();
+        assert!(error.to_string().contains(&format!("{spacing:?}")), "{error}");
     }
-    assert!(RayDistance::new(Warp::Piecewise, 0.0, f64::INFINITY).is_ok());
+    assert!(RayDistance::new(RaySpacing::Piecewise, 0.0, f64::INFINITY).is_ok());
 }
 
 #[test]
@@ -217,11 +217,11 @@ fn next_intervals_gather_where_the_weight_is() {
     let mut out = vec![0.0; 33];
     let mut resampler = Resampler::default();
     let refine = Refine { dilation: dilation(0.0025, 0.5, &[64]), exponent: 1.0 };
-    resampler.next(&s, &w, refine, Shares::Centres, &mut out);
+    resampler.next(&s, &w, refine, Quantiles::Centres, &mut out);
     let inside = out.iter().filter(|s| (0.6..0.66).contains(*s)).count();
     assert!(inside > 30, "{out:?}");
     // The first look has one interval and no preference.
-    resampler.next(&[0.0, 1.0], &[1.0], Refine { dilation: 0.0, exponent: 1.0 }, Shares::Centres, &mut out);
+    resampler.next(&[0.0, 1.0], &[1.0], Refine { dilation: 0.0, exponent: 1.0 }, Quantiles::Centres, &mut out);
     for (i, s) in out.iter().enumerate() {
         assert!((s - i as f32 / 32.0).abs() < 1e-6);
     }

@@ -44,14 +44,14 @@ const BEHIND: f64 = 0.01;
 /// Pairs of photos that are named.
 const NAMED: usize = 5;
 
-/// What is wrong with a capture. `thumbs[i]` belongs to `scene.frames[i]`; `None` where it was not looked at.
+/// What is wrong with a capture. `thumbs[i]` belongs to `scene.frames[i]`; `None` where it was not decoded.
 ///
 /// Only training photos are compared, and none of a scene that moves: its photos differ for good reason.
 ///
 /// # Panics
 /// When there are more thumbs than frames, or a thumb has not a grey value for each pixel.
 #[must_use]
-pub fn look(scene: &Scene, thumbs: &[Option<Thumb>]) -> Vec<Problem> {
+pub fn find_problems(scene: &Scene, thumbs: &[Option<Thumb>]) -> Vec<Problem> {
     assert!(thumbs.len() <= scene.frames.len(), "{} thumbs for {} frames", thumbs.len(), scene.frames.len());
     let mut problems = without_pictures(scene);
     if time::summary(&scene.frames).is_some_and(|(_, distinct, _)| distinct > 1) {
@@ -109,7 +109,7 @@ struct Photo<'a> {
     thumb: &'a Thumb,
 }
 
-/// The training photos that were looked at.
+/// The training photos that were decoded.
 fn photos<'a>(scene: &'a Scene, thumbs: &'a [Option<Thumb>]) -> Vec<Photo<'a>> {
     let trained = thumbs.iter().zip(&scene.frames).filter(|(_, frame)| frame.split == Split::Train);
     trained
@@ -199,7 +199,11 @@ fn exposures(scene: &Scene, near: &[Neighbour]) -> Option<Problem> {
             "exposure jumps: {:.0} % of neighbouring photos differ by more than {STOPS} stops (at most {most:.1})",
             100.0 * share
         );
-        warning(scene, what, "`nerf-wild` learns a light for each photo; elsewhere it ends as fog")
+        warning(
+            scene,
+            what,
+            "use `nerf-wild`, which learns the appearance of each photo: other systems explain the differences by fog",
+        )
     })
 }
 

@@ -37,7 +37,7 @@ fn lines(problems: &[Problem]) -> Vec<String> {
 #[test]
 fn a_good_capture_has_no_finding() {
     let scene = scene(60);
-    let found = look(&scene, &thumbs(&scene, |_, image| image));
+    let found = find_problems(&scene, &thumbs(&scene, |_, image| image));
     assert!(found.is_empty(), "{:?}", lines(&found));
 }
 
@@ -59,7 +59,7 @@ fn a_folded_model_is_noticed_by_its_pictures() {
             .unwrap();
         scene.frames[i].camera.pose = scene.frames[j].camera.pose;
     }
-    let found = lines(&look(&scene, &thumbs(&scene, |_, image| image)));
+    let found = lines(&find_problems(&scene, &thumbs(&scene, |_, image| image)));
     assert!(found.iter().any(|line| line.starts_with("cameras contradict each other")), "{found:?}");
 }
 
@@ -74,7 +74,7 @@ fn exposure_jumps_and_blur_are_noticed() {
         image
     };
     let dark = thumbs(&scene, darker);
-    let found = lines(&look(&scene, &dark));
+    let found = lines(&find_problems(&scene, &dark));
     let photos: Vec<Photo<'_>> = photos(&scene, &dark);
     let pairs: Vec<_> = neighbours(&photos).iter().map(|n| (n.photos, n.agreement)).collect();
     assert!(found.iter().any(|line| line.starts_with("exposure jumps")), "{found:?} of {pairs:?}");
@@ -82,7 +82,7 @@ fn exposure_jumps_and_blur_are_noticed() {
         let image = before_black(&image);
         if i == 7 { blurred(&image) } else { image }
     };
-    let found = lines(&look(&scene, &thumbs(&scene, soft)));
+    let found = lines(&find_problems(&scene, &thumbs(&scene, soft)));
     assert!(found.iter().any(|line| line.contains(&format!("neighbours: {}", scene.frames[7].name))), "{found:?}");
 }
 
@@ -97,7 +97,7 @@ fn few_photos_and_points_behind_a_camera_are_noticed() {
     assert!(found[0].starts_with("5 training photos are few"), "{found:?}");
     assert!(found[1].contains(&scene.frames[2].name) && found[1].contains("behind its camera"), "{found:?}");
     scene.frames.clear();
-    assert!(look(&scene, &[]).is_empty());
+    assert!(find_problems(&scene, &[]).is_empty());
 }
 
 fn track() -> crate::TrackPoint {

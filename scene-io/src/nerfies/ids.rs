@@ -114,7 +114,9 @@ fn frame_ids(entry: &Object<'_>) -> Result<FrameIds, Problem> {
     let index = |key: &str| entry.index(key);
     let time = match (index("time_id")?, index("warp_id")?) {
         (Some(time), _) | (None, Some(time)) => time,
-        (None, None) => return Err(entry.problem("warp_id", "is missing", "write the number of the frame's moment")),
+        (None, None) => {
+            return Err(entry.problem("warp_id", "is missing", "write the number of the frame's time step"));
+        }
     };
     Ok(FrameIds { time, appearance: index("appearance_id")?.unwrap_or(time), camera: index("camera_id")?.unwrap_or(0) })
 }

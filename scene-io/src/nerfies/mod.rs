@@ -3,7 +3,7 @@
 //! | file | holds |
 //! | --- | --- |
 //! | `dataset.json` | `ids`, `train_ids`, `val_ids` |
-//! | `metadata.json` | id to `time_id` or `warp_id` (the moment), `appearance_id`, `camera_id` |
+//! | `metadata.json` | id to `time_id` or `warp_id` (the time step), `appearance_id`, `camera_id` |
 //! | `camera/ID.json` | OpenCV camera; `orientation` is world-to-camera |
 //! | `scene.json` | `center`, `scale`, `near`, `far`: the authors' own frame is `(x - center) * scale` |
 //! | `points.npy` | points of the background, which stands still |

@@ -159,12 +159,12 @@ impl ImageStore {
         Ok(image)
     }
 
-    /// Looks at an image that is not kept; until `look` is done, the image counts as being decoded. `look` takes at most `bytes`
-    /// for itself.
-    pub(crate) fn look<T>(&self, index: usize, bytes: u64, look: impl FnOnce(&Image) -> T) -> Result<T, SceneError> {
+    /// Calls `f` with an image that is not kept. Until `f` is done the image counts as being decoded; `f` takes at most `bytes` for
+    /// itself.
+    pub(crate) fn with_image<T>(&self, index: usize, bytes: u64, f: impl FnOnce(&Image) -> T) -> Result<T, SceneError> {
         let entry = &self.entries[index];
         let (image, _held) = entry.read(bytes).map_err(|e| e.in_frame(&entry.name))?;
-        Ok(look(&image))
+        Ok(f(&image))
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {

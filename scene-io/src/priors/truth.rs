@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A set of pixels that is known for certain. For scoring; nothing that trains may look at it.
+/// A set of pixels that is known for certain. For scoring; nothing that trains may read it.
 ///
 /// Passers-by and other things that do not belong to the place ([`Truth::transient`](crate::Truth::transient)) are read from `transient_mask_path`
 /// of a frame in any `transforms*.json`, and from `mask_path` of a Blender-form clutter file (see

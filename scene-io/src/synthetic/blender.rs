@@ -55,7 +55,7 @@ pub fn write_blender(scene: &Scene, folder: &Path) -> Result<(), SceneError> {
             }
             if let Some(FlowTruth { to, place: FlowPlace::Memory(flow) }) = &frame.truth.flow {
                 let [name, valid] = ["npy", "png"].map(|extension| format!("flow/{}.{extension}", frame.name));
-                write_npy(&folder.join(&name), &[flow.height, flow.width, 2], flow.way.as_flattened())?;
+                write_npy(&folder.join(&name), &[flow.height, flow.width, 2], flow.vectors.as_flattened())?;
                 write_mask(&folder.join(&valid), &flow.seen)?;
                 entry["flow_path"] = format!("./{name}").into();
                 entry["flow_valid_path"] = format!("./{valid}").into();

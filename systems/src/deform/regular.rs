@@ -109,8 +109,15 @@ impl Deform {
                     let factor = factors[usize::from(along == TIME)];
                     if factor > 0.0 {
                         let shape = [high, wide, planes.features()];
-                        variation::lattice_backward(params, &shape, &[axis], Kernel::Squared, factor.into(), bar)
-                            .expect("a plane has this shape");
+                        variation::total_variation_backward(
+                            params,
+                            &shape,
+                            &[axis],
+                            Kernel::Squared,
+                            factor.into(),
+                            bar,
+                        )
+                        .expect("a plane has this shape");
                     }
                 }
             }

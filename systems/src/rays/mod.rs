@@ -65,7 +65,7 @@ use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
 use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
-use render_core::ray_distance::{RayDistance, Warp};
+use render_core::ray_distance::{RayDistance, RaySpacing};
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
@@ -142,9 +142,9 @@ struct Work {
 fn normalised_distance(space: &Space, near: f32) -> RayDistance {
     let near = f64::from(near);
     let (warp, far) = match space.kind() {
-        SpaceKind::Contracted => (Warp::Piecewise, f64::INFINITY),
+        SpaceKind::Contracted => (RaySpacing::Piecewise, f64::INFINITY),
         // Further than any ray from a camera nearby goes through a box of half side 1.
-        SpaceKind::Box | SpaceKind::Ndc => (Warp::Linear, near + 8.0),
+        SpaceKind::Box | SpaceKind::Ndc => (RaySpacing::Linear, near + 8.0),
     };
     RayDistance::new(warp, near, far).expect("`near` is positive and finite, and checked before")
 }

@@ -159,7 +159,7 @@ impl Look {
                     all_t.push(t);
                     all_dt.push(dt);
                 };
-                self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).lattice);
+                self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).candidates);
                 if let Some(cues) = ctx.cues {
                     let (ends, measured) = ((ray.start, ray.end), ctx.measured(i / ctx.per_pixel));
                     let intervals = (&mut self.t, &mut self.dt, first);

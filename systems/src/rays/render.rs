@@ -247,13 +247,13 @@ impl Job<'_> {
                     empty.push(!holds);
                 });
                 debug_assert_eq!(next, occupied.len(), "every occupied sample lies on the lattice");
-                lattice += u64::from(marched.lattice);
+                lattice += u64::from(marched.candidates);
             } else {
                 let marched = marcher.march(grid, ray, JITTER, |at, step| {
                     t.push(at);
                     dt.push(step);
                 });
-                lattice += u64::from(marched.lattice);
+                lattice += u64::from(marched.candidates);
             }
             s.offsets.push(s.t.len() as u32);
         }

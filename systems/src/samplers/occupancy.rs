@@ -12,7 +12,7 @@ use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
 use field_core::rng::Rng;
 use rayon::prelude::*;
-use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, Settings, StepRule};
+use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, GridSettings, StepRule};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
@@ -132,11 +132,11 @@ pub(crate) struct Occupancy {
 
 /// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
 /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nothing needs.
-fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u64) -> Settings {
+fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u64) -> GridSettings {
     let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
     let last = config.occupancy_threshold;
     let first = initial.min(last);
-    Settings {
+    GridSettings {
         resolution: config.occupancy as u32,
         cascades: cascades as u32,
         decay: DECAY,
@@ -203,7 +203,7 @@ impl Marcher {
         if self.sky && ray.start < ray.end {
             visit(SKY * ray.end, SKY * ray.end);
             marched.samples += 1;
-            marched.lattice += 1;
+            marched.candidates += 1;
         }
         marched
     }
@@ -295,7 +295,7 @@ impl Occupancy {
         Ok((grid, stretch))
     }
 
-    fn settings(&self, updates: u64) -> Settings {
+    fn settings(&self, updates: u64) -> GridSettings {
         settings(&self.config, self.cascades, self.initial, updates)
     }
 

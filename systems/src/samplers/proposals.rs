@@ -16,7 +16,7 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig, Decay};
 use render_core::proposal::{annealing_exponent, dilation};
-use render_core::ray_distance::Warp;
+use render_core::ray_distance::RaySpacing;
 use serde::{Deserialize, Serialize};
 
 /// Stream of random numbers of the initial parameters.
@@ -76,7 +76,7 @@ pub(crate) struct Proposals {
     /// Intervals of each round, and those of the field.
     counts: Vec<usize>,
     /// What is spread evenly along a ray.
-    pub(crate) warp: Warp,
+    pub(crate) warp: RaySpacing,
 }
 
 /// A density field: features and a network of one hidden layer. Positions are in the grid's `[0, 1]^3`.
@@ -118,7 +118,7 @@ impl Proposals {
         let field = |i| ProposalField::new(&*features.proposal(i), network, rng.substream(i as u64));
         let fields = (0..config.proposal_samples.len()).map(field).collect::<Result<_, _>>()?;
         let counts = config.proposal_samples.iter().copied().chain([config.final_samples]).collect();
-        let warp = if kind == SpaceKind::Contracted { Warp::Piecewise } else { Warp::Linear };
+        let warp = if kind == SpaceKind::Contracted { RaySpacing::Piecewise } else { RaySpacing::Linear };
         Ok(Self { fields, counts, warp })
     }
 

@@ -7,7 +7,7 @@ use crate::space::{InternalRay, Space};
 use float_core::Simd;
 use losses::interlevel::{self, Levels, interlevel_backward};
 use losses::{Edges, RayIntervals, Reduction};
-use render_core::histogram::Shares;
+use render_core::histogram::Quantiles;
 use render_core::proposal::{Refine, Resampler};
 use render_core::quadrature::{LastInterval, Samples, Weights, WeightsBar, weights, weights_backward};
 use render_core::ray_distance::RayDistance;
@@ -36,10 +36,12 @@ impl Draw<'_> {
         }
     }
 
-    fn shares(&self, round: usize, ray: u32) -> Shares<'_> {
+    fn shares(&self, round: usize, ray: u32) -> Quantiles<'_> {
         match self {
-            Self::Training { jitter, rays, first, .. } => Shares::Shared(jitter[round * rays + first + ray as usize]),
-            Self::Render => Shares::Centres,
+            Self::Training { jitter, rays, first, .. } => {
+                Quantiles::Shared(jitter[round * rays + first + ray as usize])
+            }
+            Self::Render => Quantiles::Centres,
         }
     }
 }
@@ -322,7 +324,7 @@ fn cut<'u>(
     resampler: &mut Resampler,
     before: Option<&Round>,
     refine: Refine,
-    shares: impl Fn(usize) -> Shares<'u>,
+    shares: impl Fn(usize) -> Quantiles<'u>,
     (rays, count): (usize, usize),
     posts: &mut Vec<f32>,
 ) {

@@ -8,12 +8,12 @@ use engine::data::Dataset;
 use engine::system::SystemError;
 use glam::DVec3;
 use rayon::prelude::*;
-use render_core::occupancy::{OccupancyGrid, Settings};
+use render_core::occupancy::{GridSettings, OccupancyGrid};
 use splat_core::density::Rows;
 use splat_core::{Gaussians, SplatError};
 
 /// Cells along an axis of each cube, and cubes; the innermost holds the cameras, each next one is twice as large.
-const SETTINGS: Settings = Settings { resolution: 96, cascades: 4, decay: 1.0, threshold: 0.0 };
+const SETTINGS: GridSettings = GridSettings { resolution: 96, cascades: 4, decay: 1.0, threshold: 0.0 };
 
 /// Bytes at most: of a cell a number that stays, and four while it is looked at; bits.
 pub(super) const BYTES: usize = SETTINGS.cascades as usize * (SETTINGS.resolution as usize).pow(3) * (4 + 4 + 1);

@@ -1,6 +1,6 @@
 use super::*;
 use field_core::rng::Rng;
-use render_core::ray_distance::Warp;
+use render_core::ray_distance::RaySpacing;
 
 /// Two pixels of two rays: rays of two, no, three and one sample; the second pixel counts half.
 struct Made {
@@ -63,7 +63,7 @@ impl Made {
 
 fn terms() -> Vec<Box<dyn RayTerm>> {
     let config = TermConfig { distortion: 0.7, sparsity: 0.4, background_entropy: 0.3, point_colour: 0.2 };
-    config.terms(RayDistance::new(Warp::Linear, 0.5, 4.0).unwrap())
+    config.terms(RayDistance::new(RaySpacing::Linear, 0.5, 4.0).unwrap())
 }
 
 /// The gradient of what each term reads, `None` for what it does not.

@@ -9,7 +9,7 @@ use engine::system::Layers;
 use engine::time_path::TimePath;
 use glam::{DVec2, DVec3};
 use render_core::camera::Camera;
-use render_core::path::order::step;
+use render_core::path::order::pose_distance;
 use render_core::pose::Pose;
 use scene_io::{Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split};
 use std::cell::Cell;
@@ -100,7 +100,7 @@ fn the_path_through_the_photos_shows_what_they_show_at_constant_speed() {
     assert_eq!((film.path, film.cameras.len(), film.seen.len()), (PathKind::Photos, 60, 60));
     assert!(film.line.contains("in order of names"), "{}", film.line);
     assert!(film.seen.iter().all(|s| *s >= BOUND), "{:?}", film.seen);
-    let steps: Vec<f64> = film.cameras.windows(2).map(|w| step(&w[0].pose, &w[1].pose, 4.0)).collect();
+    let steps: Vec<f64> = film.cameras.windows(2).map(|w| pose_distance(&w[0].pose, &w[1].pose, 4.0)).collect();
     let mean = steps.iter().sum::<f64>() / 59.0;
     assert!(steps.iter().all(|s| (s / mean - 1.0).abs() < 0.15), "{steps:?}");
     let [first, last] = [azimuth(&film.cameras[0]), azimuth(&film.cameras[59])];

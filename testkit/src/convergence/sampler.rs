@@ -3,7 +3,7 @@
 use super::{Method, Study, uniform};
 use crate::analytic::Field;
 use core::ops::ControlFlow;
-use render_core::occupancy::{OccupancyGrid, RaySpan, Settings, StepRule};
+use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use render_core::quadrature::{LastInterval, Samples, weights};
 use render_core::sample::{
     Spacing, bin_edges, dt_from_points, invert_cdf, invert_linear, merge_sorted, stratified_bins,
@@ -217,7 +217,7 @@ const HIDDEN: f64 = 1e-4;
 
 /// A grid with the span of the field along its x axis: a row of cells is occupied where the field is.
 fn occupancy(field: &Field) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(Settings { resolution: CELLS, ..Settings::default() })
+    let mut grid = OccupancyGrid::new(GridSettings { resolution: CELLS, ..GridSettings::default() })
         .unwrap_or_else(|e| unreachable!("the settings make a grid: {e}"));
     let [near, far] = field.span;
     let cell = (far - near) / f64::from(CELLS);

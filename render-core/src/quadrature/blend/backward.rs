@@ -25,7 +25,7 @@ pub struct BlendTrans<'a> {
     pub trans_end: &'a [f32],
 }
 
-/// Gradients that reach the outputs of [`composite_blend`](super::composite_blend); nothing where no loss looks.
+/// Gradients that reach the outputs of [`composite_blend`](super::composite_blend); `None` where no loss depends on an output.
 #[derive(Clone, Copy, Debug)]
 pub struct CompositeBlendBar<'a> {
     /// `[rays][channels]`
@@ -62,7 +62,7 @@ pub struct CompositeBlendGrads<'a> {
 /// Gradient of [`composite_blend`](super::composite_blend) with respect to optical depths, shares, colours and background.
 ///
 /// All gradients are **written**, but that of the background, which is added. `samples` and `values` are those of the forward
-/// call. A system that must not teach its static part, as the second stage of DynamicNeRF, drops what comes out for it.
+/// call. A system that must not train its static part, as the second stage of DynamicNeRF, ignores the gradients of that part.
 ///
 /// # Panics
 /// When the lengths disagree, or the offsets decrease or run past the samples.

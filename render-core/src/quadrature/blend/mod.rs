@@ -1,6 +1,6 @@
 //! A static and a dynamic part on one ray, mixed sample by sample by the share `m` of the dynamic one.
 //!
-//! Every interval has two optical depths `tau_s`, `tau_d`, two colours and a share `m` in `[0, 1]` that somebody predicts. With
+//! Every interval has two optical depths `tau_s`, `tau_d`, two colours and a predicted share `m` in `[0, 1]`. With
 //! `a = 1 - exp(-tau)` of each part,
 //!
 //! ```text

@@ -81,7 +81,7 @@ pub fn colour<const C: usize>(
     })
 }
 
-/// Gradients of [`weights`]: every sample looks at all that lies behind it, O(n²).
+/// Gradients of [`weights`]: every sample sums over all behind it, O(n²).
 ///
 /// # Panics
 /// Where a slice is shorter than its samples.

@@ -31,7 +31,7 @@ pub(in crate::quadrature) const NODES: [(f64, f64); 12] = [
     (0.990_780_317_123_359_6, 0.023_587_668_193_255_92),
 ];
 
-/// Optical depth behind which an interval is not looked at: a share of `exp(-15) = 3e-7` of its light. Deeper, the Gauss
+/// Optical depth behind which an interval is not integrated: a share of `exp(-15) = 3e-7` of its light. Deeper, the Gauss
 /// points would be too far apart; less deep, the cut would show.
 const REACH: f32 = 15.0;
 

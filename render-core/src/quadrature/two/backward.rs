@@ -27,7 +27,7 @@ pub struct WeightsTwo<'a> {
     pub trans_end: &'a [f32],
 }
 
-/// Gradients that reach the outputs of [`composite_two`](super::composite_two); nothing where no loss looks.
+/// Gradients that reach the outputs of [`composite_two`](super::composite_two); `None` where no loss depends on an output.
 #[derive(Clone, Copy, Debug)]
 pub struct CompositeTwoBar<'a> {
     /// `[rays][channels]`

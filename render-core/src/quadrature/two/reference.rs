@@ -103,12 +103,12 @@ fn own(mixture: Mixture, s: f64, t: f64) -> [[f64; 2]; 2] {
     }
     // a_s = f s with f = (1 - exp(-tau)) / tau.
     let f = if tau > 0.0 { -m64::exp_m1(-tau) / tau } else { 1.0 };
-    let slope = if tau > 1e-2 {
+    let derivative = if tau > 1e-2 {
         (m64::exp(-tau) - f) / tau
     } else {
         [1.0 / 840.0, -1.0 / 144.0, 1.0 / 30.0, -0.125, 1.0 / 3.0, -0.5].iter().fold(0.0, |sum, c| sum * tau + c)
     };
-    [[f + slope * s, slope * t], [slope * s, f + slope * t]]
+    [[f + derivative * s, derivative * t], [derivative * s, f + derivative * t]]
 }
 
 /// Shares of the two in their sum; nothing is divided into nothing, two infinities evenly.

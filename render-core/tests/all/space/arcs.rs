@@ -1,7 +1,7 @@
 //! Arcs, rails, the order of cameras, and up.
 
 use glam::{DMat3, DVec3};
-use render_core::path::order::{among_others, is_sequence, length, spread, step, tour};
+use render_core::path::order::{farthest_points, is_sequence, path_length, pose_distance, tour, without_outliers};
 use render_core::path::{Arc, Ends, Rail};
 use render_core::pose::Pose;
 use render_core::rig::{geometric_median, mean_up, robust_focus_point, up_axis};
@@ -146,14 +146,14 @@ fn a_rail_runs_at_constant_speed_near_its_keys() {
     let keys: Vec<Pose> = azimuths.iter().enumerate().map(|(i, a)| at(*a, 4.0 + 0.1 * chance(2 * i), 1.0)).collect();
     let rail = Rail::new(&keys, Ends::Open, 4.0, 0.15).unwrap();
     let frames = rail.poses(90);
-    let steps: Vec<f64> = frames.windows(2).map(|w| step(&w[0], &w[1], 4.0)).collect();
+    let steps: Vec<f64> = frames.windows(2).map(|w| pose_distance(&w[0], &w[1], 4.0)).collect();
     let mean = steps.iter().sum::<f64>() / steps.len() as f64;
     assert!(steps.iter().all(|s| (s / mean - 1.0).abs() < 0.03), "{steps:?}");
     for w in steps.windows(2) {
         assert!((w[1] - w[0]).abs() < 0.03 * mean);
     }
     for frame in &frames {
-        let away = keys.iter().map(|k| step(k, frame, 4.0)).fold(f64::INFINITY, f64::min);
+        let away = keys.iter().map(|k| pose_distance(k, frame, 4.0)).fold(f64::INFINITY, f64::min);
         assert!(away < 0.15, "{away}");
     }
     assert!(near(&frames[0], &keys[0], 0.15) && near(&frames[89], &keys[29], 0.15));
@@ -167,7 +167,7 @@ fn a_closed_rail_has_no_seam() {
     let rail = Rail::new(&keys, Ends::Closed, 4.0, 0.3).unwrap();
     let frames = rail.poses(64);
     for i in 0..64 {
-        let next = step(&frames[i], &frames[(i + 1) % 64], 4.0);
+        let next = pose_distance(&frames[i], &frames[(i + 1) % 64], 4.0);
         assert!((next * 64.0 / rail.length() - 1.0).abs() < 0.01, "{i}");
         assert!((frames[i].c.distance(CENTRE) - 17.0_f64.sqrt()).abs() < 0.2);
     }
@@ -210,7 +210,7 @@ fn a_video_is_a_sequence_and_a_shuffled_one_is_not() {
     assert!(!is_sequence(&video[..3], 4.0) && !is_sequence(&[], 4.0));
     // The shortest way finds the order again, from one end or the other.
     let way: Vec<Pose> = tour(&shuffled, 4.0).into_iter().map(|i| shuffled[i]).collect();
-    assert!(length(&way, 4.0) < 1.01 * length(&video, 4.0));
+    assert!(path_length(&way, 4.0) < 1.01 * path_length(&video, 4.0));
     assert!(tour(&[], 4.0).is_empty() && tour(&video[..1], 4.0) == [0]);
 }
 
@@ -218,13 +218,13 @@ fn a_video_is_a_sequence_and_a_shuffled_one_is_not() {
 fn cameras_far_from_all_others_are_left_out() {
     let mut poses: Vec<Pose> = (0..20).map(|i| at(0.1 * f64::from(i), 4.0, 1.0)).collect();
     poses.insert(7, at(2.0, 40.0, 9.0));
-    let kept = among_others(&poses, 4.0);
+    let kept = without_outliers(&poses, 4.0);
     assert_eq!(kept.len(), 20);
     assert!(!kept.contains(&7));
-    assert_eq!(among_others(&poses[5..9], 4.0), [0, 1, 2, 3], "of few none is off");
-    let few = spread(&poses[8..], 4.0, 4);
+    assert_eq!(without_outliers(&poses[5..9], 4.0), [0, 1, 2, 3], "of few none is off");
+    let few = farthest_points(&poses[8..], 4.0, 4);
     assert_eq!(few.len(), 4);
     assert!(few.contains(&0) && few.contains(&(poses.len() - 9)), "both ends are among them: {few:?}");
-    assert_eq!(spread(&poses, 4.0, 99).len(), 21);
-    assert!(spread(&[], 4.0, 3).is_empty() && spread(&[Pose::IDENTITY; 5], 4.0, 3).len() == 3);
+    assert_eq!(farthest_points(&poses, 4.0, 99).len(), 21);
+    assert!(farthest_points(&[], 4.0, 3).is_empty() && farthest_points(&[Pose::IDENTITY; 5], 4.0, 3).len() == 3);
 }

@@ -273,7 +273,7 @@ fn test_frames_know_where_the_one_nearby_shows_their_points() {
             let moments = [frame.time, other.time].map(|t| stage.at(t.unwrap()));
             let exact = moments[0].flow_to(&frame.camera, &moments[1], &other.camera);
             assert!(flow.seen.count() > 0);
-            for (k, (way, exact)) in flow.way.iter().zip(&exact.flow).enumerate() {
+            for (k, (way, exact)) in flow.vectors.iter().zip(&exact.flow).enumerate() {
                 assert!((way[0] - exact.x as f32).abs() + (way[1] - exact.y as f32).abs() < 1e-4, "pixel {k}");
             }
         }

@@ -166,7 +166,7 @@ fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
     let (width, height) = (map.width, map.height);
     let seen = |x: u32, y: u32| map.sight[y as usize * width as usize + x as usize] == Sight::Seen;
     let way = map.flow.iter().map(|f| f.as_vec2().to_array()).collect();
-    let flow = Flow { width, height, way, seen: BitMask::from_fn(width, height, seen) };
+    let flow = Flow { width, height, vectors: way, seen: BitMask::from_fn(width, height, seen) };
     FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
 }
 

@@ -47,7 +47,7 @@ fn one_frame_and_equal_times_cannot_move() {
     dataset.remove("transforms_test.json");
     let scene = plain(&dataset);
     assert_eq!(times(&scene), [0.0]);
-    notes(&scene, &["there is a single moment: nothing can move"]);
+    notes(&scene, &["there is a single time step: nothing can move"]);
     let scene = plain(&Dataset::d_nerf(&["7", "7"], &["7"]));
     assert_eq!(times(&scene), [0.0; 3]);
     notes(&scene, &["all 3 frames have the same time: nothing can move"]);

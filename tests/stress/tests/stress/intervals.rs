@@ -4,18 +4,18 @@ use losses::distortion::{distortion, distortion_backward};
 use losses::interlevel::{EPS, Levels, Scratch, interlevel, interlevel_backward};
 use losses::{Edges, RayIntervals, Reduction};
 use render_core::frustum::{Frustum, Moments};
-use render_core::ray_distance::{RayDistance, Warp};
+use render_core::ray_distance::{RayDistance, RaySpacing};
 use stress::{MAGNITUDES, Tally, close, ensure, finite};
 
 /// Normalised distances between near and far planes of any size.
 pub(crate) fn distances(tally: &mut Tally) {
     let ends = [f64::NAN, -1.0, 0.0, 1e-38, 1e-6, 0.5, 1.0, 2.0, 1e6, 1e20, 3e38, f64::INFINITY];
-    for warp in [Warp::Linear, Warp::Reciprocal, Warp::Log, Warp::Piecewise] {
+    for spacing in [RaySpacing::Linear, RaySpacing::Reciprocal, RaySpacing::Log, RaySpacing::Piecewise] {
         for near in ends {
             for far in ends {
                 let promise = "one error, or a map that meets its ends, is sorted, and inverts itself to 1e-9";
-                tally.case(format!("{warp:?} from {near:e} to {far:e}"), promise, || {
-                    let map = match RayDistance::new(warp, near, far) {
+                tally.case(format!("{spacing:?} from {near:e} to {far:e}"), promise, || {
+                    let map = match RayDistance::new(spacing, near, far) {
                         Ok(map) => map,
                         Err(e) => {
                             let said = e.to_string();

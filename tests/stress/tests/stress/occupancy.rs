@@ -1,11 +1,11 @@
 //! Marching through grids: axis-parallel rays, far cameras, near planes of 1e-6, spans to the end of the numbers.
 
 use core::ops::ControlFlow;
-use render_core::occupancy::{OccupancyGrid, RaySpan, Settings, StepRule};
+use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use stress::{Tally, Verdict, ensure};
 
 fn grid(cascades: u32, thickness: impl Fn(u32) -> f32) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(Settings { resolution: 32, cascades, ..Settings::default() }).unwrap();
+    let mut grid = OccupancyGrid::new(GridSettings { resolution: 32, cascades, ..GridSettings::default() }).unwrap();
     let cells: Vec<u32> = (0..grid.cells() as u32).collect();
     let thickness: Vec<f32> = cells.iter().map(|&c| thickness(c)).collect();
     grid.update(&cells, &thickness);

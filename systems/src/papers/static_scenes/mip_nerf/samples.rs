@@ -6,7 +6,7 @@ use crate::space::{InternalRay, Space, SpaceKind};
 use field_core::rng::Rng;
 use render_core::contract::{Norm, contract, contract_covariance};
 use render_core::frustum::{Frustum, Moments, symmetric};
-use render_core::histogram::{Shares, blur_weights, resample_fenceposts, shares};
+use render_core::histogram::{Quantiles, blur_weights, quantiles, resample_fenceposts};
 use render_core::sample::{bin_edges, dt_from_edges, stratified_nerf};
 
 /// Evenly spaced fenceposts from end to end, jittered in training.
@@ -49,10 +49,10 @@ pub(super) fn fine(config: &MipNerfConfig, space: &Space, rays: &[InternalRay], 
         scratch.bins[n] = t[n - 1] + dt[n - 1];
         blur_weights(&w[span], config.resample_padding, &mut scratch.blurred);
         let rule = match ray_random(random, r, n as u64 + 1, &mut scratch.random, m) {
-            Some(u) => Shares::Each(u),
-            None => Shares::Ends,
+            Some(u) => Quantiles::Each(u),
+            None => Quantiles::Ends,
         };
-        shares(rule, &mut scratch.u);
+        quantiles(rule, &mut scratch.u);
         resample_fenceposts(&scratch.bins, &scratch.blurred, &scratch.u, &mut scratch.cdf, &mut scratch.drawn);
         push(level, &scratch.drawn);
     }

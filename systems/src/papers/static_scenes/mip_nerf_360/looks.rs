@@ -7,9 +7,9 @@ use field_core::tape::Arena;
 use float_core::Simd;
 use render_core::contract::{Norm, contract, contract_covariance};
 use render_core::frustum::{Moments, symmetric};
-use render_core::histogram::Shares;
+use render_core::histogram::Quantiles;
 use render_core::proposal::{Refine, Resampler, annealing_exponent, dilation};
-use render_core::ray_distance::{RayDistance, Warp};
+use render_core::ray_distance::{RayDistance, RaySpacing};
 
 /// One look.
 #[derive(Default)]
@@ -47,7 +47,7 @@ pub(super) struct Looks<'a> {
 impl MipNerf360 {
     /// Normalised distance of a ray. Space that ends is cut evenly, space that does not evenly in parallax.
     fn distance(&self, ray: &InternalRay) -> RayDistance {
-        let warp = if self.space.kind() == SpaceKind::Contracted { Warp::Reciprocal } else { Warp::Linear };
+        let warp = if self.space.kind() == SpaceKind::Contracted { RaySpacing::Reciprocal } else { RaySpacing::Linear };
         let (near, far) = (f64::from(ray.start), f64::from(ray.end));
         RayDistance::new(warp, near, far).expect("rays that end where they start are left out")
     }
@@ -76,8 +76,8 @@ impl MipNerf360 {
         level.offsets.extend((0..=rays).map(|r| (r * m) as u32));
         for r in 0..rays {
             let rule = match &looks.random {
-                Some((rng, ids)) => Shares::Shared(rng.substream(ids[r] as u64).uniform_at(round as u64)),
-                None => Shares::Centres,
+                Some((rng, ids)) => Quantiles::Shared(rng.substream(ids[r] as u64).uniform_at(round as u64)),
+                None => Quantiles::Centres,
             };
             let (s, w) = match before {
                 None => (&[0.0, 1.0][..], &[1.0][..]),
