@@ -1,7 +1,19 @@
-//! FLIP: the difference a person sees when two pictures alternate in place.
+//! FLIP: the difference a person sees when two pictures alternate in place, bound to its reference implementation.
 //!
-//! It binds the reference implementation, which needs a C++ compiler to build: empty without the feature `reference`. A crate of its
-//! own, so that it is tested without building what uses it once more.
+//! * [`mean_flip`]: the mean over all pixels, 0 for equal pictures.
+//! * [`FlipError`]: a pair of images that FLIP is not defined for.
+//!
+//! # Features
+//! * `reference`: the reference implementation, which needs a C++ compiler to build. Without it this crate is empty, so that
+//!   others can depend on it and leave the choice to their users.
+//!
+//! ```
+//! // Two grey pictures of 32 x 32 pixels.
+//! let (reference, test) = (vec![128; 32 * 32 * 3], vec![160; 32 * 32 * 3]);
+//! let difference = flip::mean_flip(32, 32, &reference, &test)?;
+//! assert!(0.0 < difference && difference < 1.0);
+//! # Ok::<(), flip::FlipError>(())
+//! ```
 
 #![cfg(feature = "reference")]
 #![forbid(unsafe_code)]

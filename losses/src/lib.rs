@@ -1,25 +1,51 @@
-//! An error becomes a number and a gradient.
+//! An error to a number and a gradient: photometric losses, robust kernels, regularisers of radiance fields, image metrics.
 //!
-//! * [`kernel`]: what one colour channel's error costs, its derivative and its weight: squared, L1, Charbonnier, Huber,
-//!   log-squared; the general robust kernel, Cauchy, Geman-McClure, Welsch, Tukey, trimmed.
-//! * [`photometric`]: kernels over a batch of rays, weighted, with the backward twin.
-//! * [`dssim`]: L1 and structural similarity of a picture, as splats are trained.
-//! * [`irls`]: robust fits by iteratively reweighted least squares.
-//! * [`trimmed`]: which rays of a batch of patches to learn from, by the size of their errors (RobustNeRF).
-//! * [`heuristics`]: masks of what stands still, from feature tracks, errors and segments (HuGS).
-//! * [`uncertainty`]: errors under an uncertainty that is learned along (NeRF-W).
-//! * [`visibility`], [`codes`]: a learned mask of strangers, and appearance codes that renders agree with (Ha-NeRF).
-//! * [`concrete`], [`smoothness`], [`sparsity`]: opacities that decide, without flicker and without excess (SF-NeRF).
-//! * [`elastic`], [`background`]: how far a deformation is from rigid, and from leaving alone what stands still (Nerfies).
-//! * [`variation`]: neighbours in time and on a lattice should not differ.
-//! * [`entropy`], [`point_colour`]: rays that end on something or nothing, samples of their pixel's colour (TiNeuVox).
-//! * [`depth`]: measured depth, with its unit or up to a line.
-//! * [`distortion`]: how far apart the weights of a ray lie, in linear time.
-//! * [`interlevel`]: a proposal's weights have to bound those of the final network.
-//! * [`metrics`]: how good a picture is: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; how good a mask is: IoU and F1.
+//! **Colour**
 //!
-//! Axes, colour space and letters are those of the workspace's `CONVENTIONS.md`. `no_std` with `alloc`; `libm` instead of
-//! `std` for the float functions; `rayon` spreads LPIPS and D-SSIM over threads, with the same bits for any number of them.
+//! * [`kernel`]: loss of one channel, derivative and weight: squared, L1, Charbonnier, Huber, log-squared, Barron's general
+//!   kernel, Cauchy, Geman-McClure, Welsch, Tukey, trimmed
+//! * [`photometric`]: kernels over a batch of rays, weighted
+//! * [`dssim`]: L1 and structural similarity of a picture (3D Gaussian splatting)
+//!
+//! **Along rays**
+//!
+//! * [`distortion`]: how far apart the weights of a ray lie, in linear time (mip-NeRF 360)
+//! * [`interlevel`]: weights of a proposal bound those of the final network (mip-NeRF 360)
+//! * [`entropy`]: rays that end on matter or on the background (TiNeuVox)
+//! * [`point_colour`]: samples that have the colour of their pixel (TiNeuVox)
+//! * [`depth`]: measured depth: supervised (EndoNeRF, DyCheck), up to scale and shift (MiDaS, NSFF), by medians (MiDaS,
+//!   DynamicNeRF, RoDynRF)
+//!
+//! **Motion**
+//!
+//! * [`elastic`]: how far a deformation is from rigid (Nerfies)
+//! * [`background`]: static points that a deformation must not move (Nerfies)
+//! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-planes,
+//!   HexPlane, DVGO, TiNeuVox)
+//!
+//! **Occluders and appearance**
+//!
+//! * [`trimmed`]: inlier rays of a batch of patches, by the size of their errors (RobustNeRF)
+//! * [`heuristics`]: static masks from feature tracks, errors and segments (NeRF-HuGS), superpixels (SLIC)
+//! * [`uncertainty`]: errors under a learned uncertainty, sparsity of transient density (NeRF-W)
+//! * [`visibility`]: a learned mask of occluders (Ha-NeRF)
+//! * [`codes`]: appearance codes that renders agree with (Ha-NeRF)
+//! * [`concrete`]: nearly binary opacities with a derivative (SF-NeRF)
+//! * [`smoothness`]: opacities without flicker (SF-NeRF)
+//! * [`sparsity`]: opacities without excess (SF-NeRF)
+//!
+//! **Fits and metrics**
+//!
+//! * [`irls`]: robust fits by iteratively reweighted least squares
+//! * [`metrics`]: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; IoU and F1 of masks
+//!
+//! Every module names its source; a function `f` has a twin `f_backward`, which adds. Axes, colour space and letters are those of
+//! the workspace's `CONVENTIONS.md`.
+//!
+//! # Features
+//! * `std` (default): float functions of the standard library.
+//! * `libm`: those of `libm` instead, for `no_std` with `alloc`. One of the two is needed.
+//! * `rayon`: LPIPS and D-SSIM over threads, with the same bits for any number of them.
 //!
 //! ```
 //! use losses::{kernel::Kernel, photometric};
@@ -34,6 +60,7 @@
 //! # Ok::<(), losses::LossError>(())
 //! ```
 #![no_std]
+#![forbid(unsafe_code)]
 extern crate alloc;
 #[cfg(feature = "std")]
 extern crate std;
@@ -67,4 +94,6 @@ pub mod variation;
 pub mod visibility;
 
 pub use error::LossError;
+pub use float_core;
+pub use float_core::Simd;
 pub use ray_intervals::{Edges, RayIntervals, Reduction};

@@ -1,8 +1,74 @@
-//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction, lighting.
+//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction, lighting, on the CPU and without an allocator in
+//! hot paths.
 //!
-//! Axes, pixel centres, letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV
-//! axes (x right, y down, z forward), pixel centres at `+ 0.5`, unit ray directions, radians.
+//! **Cameras**
+//!
+//! * [`camera`]: lens models, projection, rays, their derivatives and the way back to pose and intrinsics
+//! * [`pose`]: camera poses, their file conventions and repair
+//! * [`ray`]: a ray, the positions of samples on it, gradients back to it
+//! * [`rig`]: what a set of cameras has in common: mean pose, up, focus point
+//! * [`path`]: camera paths for rendering
+//!
+//! **Space**
+//!
+//! * [`bounds`]: boxes, rays through them, the extent of a scene
+//! * [`contract`]: all of space into a ball or cube (mip-NeRF 360)
+//! * [`ndc`]: normalised device coordinates of forward-facing scenes (NeRF)
+//! * [`space_map`]: world to the coordinates of a field, for positions and rays, and back
+//! * [`coverage`]: which points of a scene photos have seen
+//!
+//! **Sampling**
+//!
+//! * [`sample`]: stratified samples, and samples drawn from weights
+//! * [`ray_distance`]: normalised distance along a ray
+//! * [`histogram`]: histograms of weights, blurred and resampled (mip-NeRF)
+//! * [`proposal`]: dilated and annealed proposals (mip-NeRF 360)
+//! * [`occupancy`]: the occupancy grid and the march through it (Instant-NGP)
+//! * [`frustum`]: conical frusta as Gaussians (mip-NeRF)
+//! * [`importance`]: which pixels to cast rays through where tools hide them (EndoNeRF)
+//!
+//! **Compositing**
+//!
+//! * [`quadrature`]: volume rendering: weights, colours, depths, and the same with two parts;
+//!   [`Compositor`](quadrature::Compositor) for the usual case
+//! * [`budget`]: work that may be left out, and the error that costs at most
+//! * [`lighting`]: spherical-harmonic lighting and shading (NeRF-OSR)
+//! * [`bilateral`]: depth smoothed without its edges
+//!
+//! **Below**
+//!
+//! * [`error`]: what can be wrong with the input
+//! * [`real`]: the two float types, for functions in both precisions
+//!
+//! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds gradients. Axes, pixel centres,
+//! letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV axes (x right, y down, z
+//! forward), pixel centres at `+ 0.5`, unit ray directions, radians.
+//!
+//! # Features
+//! * `std` (default): float functions of the standard library.
+//! * `libm`: those of `libm` instead, for `no_std` with `alloc`. One of the two is needed.
+//! * `rayon`: tables of rays and gradients of cameras over threads, with the same bits for any number of them.
+//!
+//! ```
+//! use render_core::camera::{Camera, Pose};
+//! use render_core::quadrature::{Compositor, PixelsBar, RaySamples};
+//! use render_core::sample::{Spacing, dt_from_points, stratified_bins};
+//! use render_core::{Simd, glam::DVec2};
+//!
+//! // The ray of a pixel, four samples on it, and red fog of density 0.5 along it.
+//! let camera = Camera::pinhole(640, 480, 500.0, 500.0, 320.0, 240.0, Pose::IDENTITY);
+//! let ray = camera.ray(DVec2::new(320.0, 240.0)).expect("a pinhole has a ray for every pixel");
+//! let (mut t, mut dt) = ([0.0; 4], [0.0; 4]);
+//! stratified_bins(1.0, 3.0, Spacing::Linear, &[0.0; 4], &mut t);
+//! dt_from_points(&t, 3.0, &mut dt);
+//! let (tau, rgb) = (dt.map(|dt| 0.5 * dt), [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+//! let mut compositor = Compositor::new(Simd::best());
+//! let pixels = compositor.render(RaySamples { offsets: &[0, 4], t: &t, tau: &tau, rgb: &rgb });
+//! assert!(ray.d.z == 1.0 && (pixels.rgb()[0] - (1.0 - (-1.0_f32).exp())).abs() < 1e-6);
+//! assert!(pixels.backward(PixelsBar::of_rgb(&[1.0, 0.0, 0.0])).tau()[3] > 0.0);
+//! ```
 #![no_std]
+#![forbid(unsafe_code)]
 extern crate alloc;
 #[cfg(feature = "std")]
 extern crate std;
@@ -34,3 +100,7 @@ pub mod rig;
 pub mod sample;
 pub mod space_map;
 mod symmetric;
+
+pub use float_core;
+pub use float_core::Simd;
+pub use glam;

@@ -1,9 +1,35 @@
-//! Files to a [`Scene`] and back.
+//! Files to a [`Scene`] and back: dataset readers, exporters, and drawn scenes with exact truth.
 //!
-//! [`load`] finds out which dialect a folder is written in and reads it; everything above sees one type. Axes, units
-//! and the pixel centre are those of `CONVENTIONS.md`: cameras are converted to CV axes here, world axes and the world
-//! unit stay those of the file. Images are decoded on demand by an [`ImageStore`]. [`check`] lists everything that is
-//! wrong with a dataset at once. Clouds of Gaussians are read and written by [`read_splats`] and [`write_splats`].
+//! * Reading: [`load`], [`load_cameras`] and [`LoadOptions`] find out which dialect a folder is written in and read it
+//!   (Blender, instant-ngp, nerfstudio, COLMAP, LLFF, NR-NeRF, Nerfies, EndoNeRF); [`check()`] lists everything that is wrong
+//!   with it at once; [`capture`] finds captures that cannot turn out well; [`unposed()`] finds photos without cameras.
+//! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
+//! * Pictures: [`Scene::picture`] for one photo as numbers; [`ImageStore`] decodes many on demand, within [`DecodeMemory`].
+//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`BitMask`].
+//! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
+//! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
+//! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
+//!
+//! Everything above sees one type, whatever the dialect. Axes, units and the pixel centre are those of `CONVENTIONS.md`: cameras are
+//! converted to CV axes here, world axes and the world unit stay those of the file. Errors name file, field, value and remedy.
+//! There are no features.
+//!
+//! ```
+//! use scene_io::synthetic::{TabletopOptions, tabletop};
+//! use scene_io::{Split, glam::DVec2};
+//!
+//! // A drawn scene; `load(path, &LoadOptions::default())?` reads one from a folder.
+//! let scene = tabletop(&TabletopOptions { train: 2, test: 1, ..TabletopOptions::default() });
+//! for i in scene.split(Split::Train) {
+//!     let (camera, picture) = (&scene.frames[i].camera, scene.picture(i)?);
+//!     let colours = picture.over([1.0; 3]);
+//!     assert_eq!(colours.len(), camera.width as usize * camera.height as usize);
+//!     let ray = camera.ray(DVec2::new(0.5, 0.5)).expect("a pinhole has a ray for every pixel");
+//!     assert!((ray.d.length() - 1.0).abs() < 1e-12);
+//! }
+//! # Ok::<(), scene_io::SceneError>(())
+//! ```
+#![forbid(unsafe_code)]
 #![expect(clippy::result_large_err, reason = "a problem is moved once for each bad frame: boxing would buy nothing")]
 
 mod assemble;
@@ -47,6 +73,10 @@ pub mod time;
 mod transforms;
 mod unposed;
 mod validation;
+
+pub use glam;
+pub use render_core;
+pub use splat_core;
 
 pub use check::{Depth, DepthSummary, Report, check};
 pub use decode_memory::{DecodeMemory, available_bytes};
