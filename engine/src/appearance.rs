@@ -152,7 +152,8 @@ impl Run<'_> {
         // What it is for is no matter here.
         frame.split = scene_io::Split::Unused;
         let longest_side = Some(self.train.longest_side().unwrap_or(MOST_SIDE).min(MOST_SIDE));
-        let store = ImageStore::new(std::slice::from_ref(&frame), StoreOptions { longest_side, ..Default::default() })?;
+        let store =
+            ImageStore::new(std::slice::from_ref(&frame), StoreOptions::default().with_longest_side(longest_side))?;
         let (photo, prepared) = (store.get(0)?, store.camera(0).prepare());
         let background = self.config.background.colour();
         let truth = over_background(&photo, background);

@@ -166,37 +166,36 @@ impl DataOptions {
         let word = |option: &str, given: &str, words: &str| {
             Err(RunError::Option(format!("`{option} {given}`: write one of {words}")))
         };
-        Ok(LoadOptions {
-            holdout: self.holdout.as_deref().map(Holdout::parse).transpose()?,
-            validation: self.validation()?,
-            dialect: match &self.format {
+        Ok(LoadOptions::default()
+            .with_holdout(self.holdout.as_deref().map(Holdout::parse).transpose()?)
+            .with_validation(self.validation()?)
+            .with_dialect(match &self.format {
                 Some(name) => Some(name.parse().map_err(|e| RunError::Option(format!("`--format`: {e}")))?),
                 None => None,
-            },
-            images: self.images.clone(),
-            train_photos: match &self.train_split {
+            })
+            .with_images(self.images.clone())
+            .with_train_photos(match &self.train_split {
                 Some(word) => word.parse().map_err(|e| RunError::Option(format!("`--train-split`: {e}")))?,
                 None => TrainPhotos::default(),
-            },
-            masks: match self.masks.as_deref() {
+            })
+            .with_masks(match self.masks.as_deref() {
                 None => Masks::Auto,
                 Some("off") => Masks::Off,
                 Some(folder) => Masks::Folder(folder.into()),
-            },
-            mask_polarity: match self.mask_white.as_deref() {
+            })
+            .with_mask_polarity(match self.mask_white.as_deref() {
                 None | Some("used") => MaskPolarity::WhiteIsUsed,
                 Some("ignored") => MaskPolarity::WhiteIsIgnored,
                 Some("object") => MaskPolarity::WhiteIsObject,
                 Some(other) => return word("--mask-white", other, "used, ignored, object"),
-            },
-            longest_side: self.longest_side,
-            missing_images: match self.missing_images.as_deref() {
+            })
+            .with_longest_side(self.longest_side)
+            .with_missing_images(match self.missing_images.as_deref() {
                 None => None,
                 Some("refuse") => Some(MissingImages::Refuse),
                 Some("skip") => Some(MissingImages::Skip),
                 Some(other) => return word("--missing-images", other, "refuse, skip"),
-            },
-        })
+            }))
     }
 
     /// Training views that are held out and measured in the place of the test views; `None`: the test views are measured.

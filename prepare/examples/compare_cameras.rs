@@ -48,7 +48,7 @@ fn main() -> ExitCode {
 
 /// Stems of the photos' names with their poses, sorted by name.
 fn cameras(path: &str) -> Result<Vec<(String, Pose)>, scene_io::SceneError> {
-    let options = LoadOptions { missing_images: Some(MissingImages::Skip), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_missing_images(MissingImages::Skip);
     let scene = load(Path::new(path), &options)?;
     let stem = |name: &str| Path::new(name).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     let mut cameras: Vec<(String, Pose)> = scene.frames.iter().map(|f| (stem(&f.name), f.camera.pose)).collect();

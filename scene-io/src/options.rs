@@ -4,8 +4,9 @@ use crate::scene::{Dialect, MaskPolarity};
 use crate::{ErrorKind, Problem, SceneError};
 use std::path::{Path, PathBuf};
 
-/// How a dataset is to be read; the default lets the files decide everything.
+/// How a dataset is to be read; the default lets the files decide everything, `with_` methods change one thing each.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct LoadOptions {
     /// Which frames are held out; `None`: as the dialect defines it.
     pub holdout: Option<Holdout>,
@@ -26,6 +27,62 @@ pub struct LoadOptions {
     /// What to do about images that are listed and not there; `None`: as the dialect's own tools do (instant-ngp skips
     /// them, the others refuse).
     pub missing_images: Option<MissingImages>,
+}
+
+impl LoadOptions {
+    /// The same with other frames held out; [`LoadOptions::holdout`].
+    #[must_use]
+    pub fn with_holdout(self, holdout: impl Into<Option<Holdout>>) -> Self {
+        Self { holdout: holdout.into(), ..self }
+    }
+
+    /// The same with other validation frames; [`LoadOptions::validation`].
+    #[must_use]
+    pub fn with_validation(self, validation: impl Into<Option<Validation>>) -> Self {
+        Self { validation: validation.into(), ..self }
+    }
+
+    /// The same for a dialect; [`LoadOptions::dialect`].
+    #[must_use]
+    pub fn with_dialect(self, dialect: impl Into<Option<Dialect>>) -> Self {
+        Self { dialect: dialect.into(), ..self }
+    }
+
+    /// The same with another folder of images; [`LoadOptions::images`].
+    #[must_use]
+    pub fn with_images(self, images: impl Into<Option<PathBuf>>) -> Self {
+        Self { images: images.into(), ..self }
+    }
+
+    /// The same with other photos to train on; [`LoadOptions::train_photos`].
+    #[must_use]
+    pub fn with_train_photos(self, train_photos: TrainPhotos) -> Self {
+        Self { train_photos, ..self }
+    }
+
+    /// The same with other masks; [`LoadOptions::masks`].
+    #[must_use]
+    pub fn with_masks(self, masks: Masks) -> Self {
+        Self { masks, ..self }
+    }
+
+    /// The same with another meaning of white; [`LoadOptions::mask_polarity`].
+    #[must_use]
+    pub fn with_mask_polarity(self, mask_polarity: MaskPolarity) -> Self {
+        Self { mask_polarity, ..self }
+    }
+
+    /// The same for images of another size; [`LoadOptions::longest_side`].
+    #[must_use]
+    pub fn with_longest_side(self, longest_side: impl Into<Option<u32>>) -> Self {
+        Self { longest_side: longest_side.into(), ..self }
+    }
+
+    /// The same with another treatment of missing images; [`LoadOptions::missing_images`].
+    #[must_use]
+    pub fn with_missing_images(self, missing_images: impl Into<Option<MissingImages>>) -> Self {
+        Self { missing_images: missing_images.into(), ..self }
+    }
 }
 
 /// Which photos are trained on, where a dataset holds the place both with and without things that do not belong there:

@@ -186,7 +186,7 @@ fn small_pictures_of_large_photos_take_turns() {
     let photos = vec![jpeg(false, 2400, 2400); 4];
     let folder = dataset(&photos, (2400, 2400));
     let scene = load(folder.path(), &LoadOptions::default()).unwrap();
-    let options = StoreOptions { longest_side: Some(16), ..StoreOptions::default() };
+    let options = StoreOptions::default().with_longest_side(16);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let (images, peak) = within(25 * MB, || {
         use rayon::prelude::*;

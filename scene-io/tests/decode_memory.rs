@@ -67,7 +67,11 @@ fn honest<T>(what: &str, work: impl FnOnce() -> T) -> T {
 
 fn store(frame: &Frame, longest_side: Option<u32>) -> ImageStore {
     // Nothing is kept: what comes out belongs to the caller.
-    ImageStore::new(std::slice::from_ref(frame), StoreOptions { longest_side, budget_bytes: 0 }).unwrap()
+    ImageStore::new(
+        std::slice::from_ref(frame),
+        StoreOptions::default().with_longest_side(longest_side).with_budget_bytes(0),
+    )
+    .unwrap()
 }
 
 fn frame(photo: &Path) -> Frame {

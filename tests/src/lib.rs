@@ -21,7 +21,7 @@ pub fn table(size: u32) -> Scene {
 /// Training views at `levels` scales, and the held-out ones at the first.
 #[must_use]
 pub fn views(scene: &Scene, levels: u32) -> (Dataset, Dataset) {
-    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
+    let store = StoreOptions::default().with_budget_bytes(1 << 30);
     let store = Arc::new(ImageStore::new(&scene.frames, store).expect("pictures in memory have headers"));
     let of = |split, levels| {
         let frames = scene.split(split).collect();

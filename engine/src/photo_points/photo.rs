@@ -43,7 +43,7 @@ impl Photo {
         let side = |c: &Camera| f64::from(c.width.max(c.height));
         let wanted = f64::from(longest_side).min(side(&native));
         let image = if side(&camera) < GOOD_ENOUGH * wanted {
-            let options = StoreOptions { longest_side: Some(longest_side), budget_bytes: 0 };
+            let options = StoreOptions::default().with_longest_side(longest_side).with_budget_bytes(0);
             ImageStore::new(std::slice::from_ref(view.source.as_ref()), options)?.get(0)?
         } else {
             let image = data.image(i)?;

@@ -10,7 +10,7 @@ use scene_io::{Frame, Image, ImageSource, ImageStore, Scene, Split, StoreOptions
 use std::sync::Arc;
 
 fn dataset(scene: &Scene, longest_side: Option<u32>) -> Dataset {
-    let options = StoreOptions { longest_side, ..StoreOptions::default() };
+    let options = StoreOptions::default().with_longest_side(longest_side);
     let store = Arc::new(ImageStore::new(&scene.frames, options).unwrap());
     Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
 }

@@ -48,7 +48,7 @@ pub(super) fn as_named(folder: &Path, data: &DataOptions) -> DataOptions {
 
 /// The training views, and those that are measured. A dataset without a test split is measured on its validation split.
 pub(super) fn datasets(scene: &Scene, data: &DataOptions) -> Result<(Dataset, Dataset), RunError> {
-    let options = StoreOptions { longest_side: data.longest_side, budget_bytes: data.image_bytes() };
+    let options = StoreOptions::default().with_longest_side(data.longest_side).with_budget_bytes(data.image_bytes());
     let store = Arc::new(ImageStore::new(&scene.frames, options)?);
     store.check_sizes()?;
     let train: Vec<usize> = scene.split(Split::Train).collect();

@@ -15,6 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// How an [`ImageStore`] keeps images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct StoreOptions {
     /// Images are scaled down by area averaging until their longest side is at most this; `None`: native size.
     pub longest_side: Option<u32>,
@@ -27,6 +28,20 @@ impl Default for StoreOptions {
     /// Native size, 2 GiB.
     fn default() -> Self {
         Self { longest_side: None, budget_bytes: 2 << 30 }
+    }
+}
+
+impl StoreOptions {
+    /// The same for images of another size; [`StoreOptions::longest_side`].
+    #[must_use]
+    pub fn with_longest_side(self, longest_side: impl Into<Option<u32>>) -> Self {
+        Self { longest_side: longest_side.into(), ..self }
+    }
+
+    /// The same with another budget; [`StoreOptions::budget_bytes`].
+    #[must_use]
+    pub fn with_budget_bytes(self, budget_bytes: u64) -> Self {
+        Self { budget_bytes, ..self }
     }
 }
 

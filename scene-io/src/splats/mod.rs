@@ -37,12 +37,27 @@ pub struct SplatFile {
 
 /// How to write a cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct SplatOptions {
     /// What the cloud was trained with: bit 0 of the flags of SPZ; the other formats cannot say it.
     pub widening: Widening,
     /// SPZ: positions are multiples of `2^-bits` and lie within `2^(23 - bits)`. `None`: as many bits, up to 24, as
     /// hold all positions.
     pub fractional_bits: Option<u32>,
+}
+
+impl SplatOptions {
+    /// The same for a cloud trained with another widening; [`SplatOptions::widening`].
+    #[must_use]
+    pub fn with_widening(self, widening: Widening) -> Self {
+        Self { widening, ..self }
+    }
+
+    /// The same with another precision of positions; [`SplatOptions::fractional_bits`].
+    #[must_use]
+    pub fn with_fractional_bits(self, fractional_bits: impl Into<Option<u32>>) -> Self {
+        Self { fractional_bits: fractional_bits.into(), ..self }
+    }
 }
 
 /// A format that splats are stored in.

@@ -113,7 +113,7 @@ fn missing_images_are_skipped_or_refused() {
     let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
     assert_eq!(scene.frames.len(), 3);
     assert!(scene.notes.iter().any(|n| n == "1 of 4 listed images are not there and were skipped: images/002.png"));
-    let strict = LoadOptions { missing_images: Some(MissingImages::Refuse), ..LoadOptions::default() };
+    let strict = LoadOptions::default().with_missing_images(MissingImages::Refuse);
     says(&refused(&dataset, &strict), &["frame `images/002.png`", "the image is not there", "add the file"]);
     // Nerfstudio refuses by itself.
     dataset.edit("transforms.json", "\"aabb_scale\": 1", "\"camera_model\": \"OPENCV\"");
@@ -178,7 +178,7 @@ fn splits_that_leave_nothing_are_refused() {
     assert!(scene.notes.iter().any(|n| n.contains("single image")));
     let report = check(dataset.path(), &LoadOptions::default(), Depth::Pixels);
     assert!(report.can_train() && report.problems.iter().any(|p| p.what.contains("no parallax")), "{report}");
-    let every = LoadOptions { holdout: Some(Holdout::Every(8)), ..LoadOptions::default() };
+    let every = LoadOptions::default().with_holdout(Holdout::Every(8));
     says(&refused(&dataset, &every), &["no frames are left to train on (1 frames: 0 train, 1 test)"]);
 
     let blender = Dataset::new();
@@ -283,10 +283,10 @@ fn masks_are_matched_scaled_and_turned_round() {
     let mask = image::GrayImage::from_fn(8, 6, |x, _| image::Luma([if x < 4 { 140 } else { 100 }]));
     let file = dataset.file("masks/001.jpg");
     mask.save(&file).unwrap();
-    let options = StoreOptions { longest_side: Some(4), ..StoreOptions::default() };
+    let options = StoreOptions::default().with_longest_side(4);
     for (polarity, used) in [(MaskPolarity::WhiteIsUsed, [true, false]), (MaskPolarity::WhiteIsIgnored, [false, true])]
     {
-        let load_options = LoadOptions { mask_polarity: polarity, ..LoadOptions::default() };
+        let load_options = LoadOptions::default().with_mask_polarity(polarity);
         let scene = load(dataset.path(), &load_options).unwrap();
         assert_eq!(scene.frames[0].mask, None);
         let store = ImageStore::new(&scene.frames, options).unwrap();
@@ -295,7 +295,7 @@ fn masks_are_matched_scaled_and_turned_round() {
         assert_eq!([image.is_used(0, 0), image.is_used(3, 0)], used);
     }
     // What cuts out an object is alpha, and colours around it stay out of its rim.
-    let load_options = LoadOptions { mask_polarity: MaskPolarity::WhiteIsObject, ..LoadOptions::default() };
+    let load_options = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsObject);
     let scene = load(dataset.path(), &load_options).unwrap();
     assert!(scene.notes.iter().any(|n| n.contains("1 of 2 frames have an object mask")));
     let store = ImageStore::new(&scene.frames, options).unwrap();
@@ -304,7 +304,7 @@ fn masks_are_matched_scaled_and_turned_round() {
     let image = store.get(1).unwrap();
     assert_eq!((image.channels, image.mask.as_ref(), image.bytes()), (4, None, 48));
     assert_eq!([0, 1, 2, 3].map(|x| image.pixel(x, 1)[3]), [255, 255, 0, 0]);
-    let narrow = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(3), ..options }).unwrap();
+    let narrow = ImageStore::new(&scene.frames, options.with_longest_side(3)).unwrap();
     let image = narrow.get(1).unwrap();
     assert_eq!([0, 1, 2].map(|x| image.pixel(x, 0)[3]), [255, 128, 0]);
 
@@ -319,7 +319,7 @@ fn stores_keep_to_their_budget_and_do_not_depend_on_it() {
     let dataset = Dataset::ngp(6);
     let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
     let store =
-        |budget_bytes| ImageStore::new(&scene.frames, StoreOptions { longest_side: None, budget_bytes }).unwrap();
+        |budget_bytes| ImageStore::new(&scene.frames, StoreOptions::default().with_budget_bytes(budget_bytes)).unwrap();
     let (all, two, none) = (store(u64::MAX), store(2 * 8 * 6 * 3), store(0));
     for i in [0, 1, 2, 1, 5, 0, 1, 4, 3, 0] {
         let want = all.get(i).unwrap();
@@ -471,11 +471,8 @@ fn llff_problems_name_row_and_column() {
     for name in ["images/a.png", "images/b.png", "images/c.png"] {
         dataset.image(name, 16, 12);
     }
-    let width = |side| {
-        load(dataset.path(), &LoadOptions { longest_side: side, ..LoadOptions::default() }).unwrap().frames[0]
-            .camera
-            .width
-    };
+    let width =
+        |side| load(dataset.path(), &LoadOptions::default().with_longest_side(side)).unwrap().frames[0].camera.width;
     assert_eq!([width(None), width(Some(16)), width(Some(9)), width(Some(8)), width(Some(100))], [16, 16, 16, 8, 16]);
 }
 
@@ -518,7 +515,7 @@ fn fingerprints_follow_cameras_and_splits() {
     let first = fingerprint(&LoadOptions::default());
     assert_eq!(first.len(), 64);
     assert_eq!(first, fingerprint(&LoadOptions::default()));
-    let other_split = LoadOptions { holdout: Some(Holdout::Every(2)), ..LoadOptions::default() };
+    let other_split = LoadOptions::default().with_holdout(Holdout::Every(2));
     assert_ne!(first, fingerprint(&other_split));
     dataset.edit("transforms.json", "1.5]", "1.5000001]");
     assert_ne!(first, fingerprint(&LoadOptions::default()));
@@ -558,7 +555,7 @@ fn numbers_that_no_camera_can_have_are_refused_with_field_and_value() {
 fn line_ends_and_escapes_in_names_stay_on_one_line() {
     let dataset = Dataset::ngp(3);
     dataset.edit("transforms.json", "./images/001.png", "./images/a\\n\\u001b[2J\\u2028b.png");
-    let options = LoadOptions { missing_images: Some(MissingImages::Refuse), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_missing_images(MissingImages::Refuse);
     let text = refused(&dataset, &options).to_string();
     assert!(text.contains(r"frame `images/a\n\u{1b}[2J\u{2028}b.png`"), "{text}");
     // Skipped ones are named in a note.

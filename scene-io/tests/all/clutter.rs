@@ -4,7 +4,7 @@ use crate::common::{Dataset, colmap_binary, ngp_json};
 use scene_io::{Dialect, Holdout, LoadOptions, Scene, Split, TrainPhotos, load};
 
 fn clean() -> LoadOptions {
-    LoadOptions { train_photos: TrainPhotos::Clean, ..LoadOptions::default() }
+    LoadOptions::default().with_train_photos(TrainPhotos::Clean)
 }
 
 /// A COLMAP dataset below `below` with 8x6 images of these names.
@@ -42,7 +42,7 @@ fn names_tell_cluttered_clean_and_extra_photos_apart() {
     assert_eq!(of(&scene, Split::Train), ["0clean000.png", "0clean001.png"]);
     assert_eq!(of(&scene, Split::Test), ["2extra000.png"]);
     // The caller's word comes first.
-    let options = LoadOptions { holdout: Some(Holdout::Names(vec!["other".into()])), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_holdout(Holdout::Names(vec!["other".into()]));
     let scene = load(dataset.path(), &options).unwrap();
     assert_eq!((of(&scene, Split::Test), scene.count(Split::Train)), (vec!["other.png"], 2));
 }
@@ -122,7 +122,7 @@ fn tables_of_phototourism_go_by_file_name_and_drop_rows_without_an_id() {
         let note = scene.notes.iter().find(|n| n.contains("gate.tsv")).unwrap();
         assert!(note.contains("splits of 3 photos") && note.contains("1 lines without an id dropped"), "{note}");
         assert!(note.contains("1 lines name no image"), "{note}");
-        let held = LoadOptions { holdout: Some(Holdout::None), ..LoadOptions::default() };
+        let held = LoadOptions::default().with_holdout(Holdout::None);
         assert_eq!(load(dataset.path(), &held).unwrap().count(Split::Train), 5);
     }
     // From the `dense` folder, the table stands above.

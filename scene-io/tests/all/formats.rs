@@ -77,7 +77,7 @@ fn a_photo_that_is_there_in_another_format_is_named() {
     let dataset = Dataset::ngp(3);
     std::fs::remove_file(dataset.path().join("images/001.png")).unwrap();
     dataset.write("images/001.heic", b"");
-    let options = LoadOptions { missing_images: Some(MissingImages::Refuse), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_missing_images(MissingImages::Refuse);
     let text = refusal(&dataset, &options);
     assert!(text.contains("images/001.heic: frame") && text.contains("heif-convert"), "{text}");
 

@@ -179,9 +179,9 @@ fn masks_beside_photos_ignore_black_and_come_before_the_mask_folder() {
     };
     assert_eq!(used(&scene, 0), [false, false, false, true, true, true, true, true]);
     assert_eq!(used(&scene, 1), [true, false, false, false, false, false, false, false]);
-    let options = LoadOptions { mask_polarity: MaskPolarity::WhiteIsIgnored, ..LoadOptions::default() };
+    let options = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsIgnored);
     assert_eq!(used(&load(dataset.path(), &options).unwrap(), 1)[..2], [false, true]);
-    let off = LoadOptions { masks: Masks::Off, ..LoadOptions::default() };
+    let off = LoadOptions::default().with_masks(Masks::Off);
     assert!(load(dataset.path(), &off).unwrap().frames.iter().all(|f| f.mask.is_none()));
 }
 
@@ -204,7 +204,7 @@ fn masks_that_ignore_more_than_half_of_the_photos_are_refused() {
     assert!(error.contains("001.mask.png: ignores every pixel, and so do the masks of 3 of 5 training"), "{error}");
     assert!(problems(&dataset).contains("3 of 5 training photos"));
     // The other way round nothing is ignored.
-    let options = LoadOptions { mask_polarity: MaskPolarity::WhiteIsIgnored, ..LoadOptions::default() };
+    let options = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsIgnored);
     refuse_blank_masks(&load(dataset.path(), &options).unwrap().frames).unwrap();
 }
 

@@ -19,7 +19,7 @@ fn counts(scene: &Scene) -> [usize; 4] {
 }
 
 fn with(holdout: Holdout) -> LoadOptions {
-    LoadOptions { holdout: Some(holdout), ..LoadOptions::default() }
+    LoadOptions::default().with_holdout(holdout)
 }
 
 fn has_note(scene: &Scene, part: &str) {
@@ -95,7 +95,7 @@ fn lego_is_a_blender_scene() {
     assert_eq!(scene.held_out_names(), names);
 
     // 4x4 boxes, RGBA: known values of one file, read by the same decoder at full size.
-    let store = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(100), ..Default::default() }).unwrap();
+    let store = ImageStore::new(&scene.frames, StoreOptions::default().with_longest_side(100)).unwrap();
     assert_eq!(store.estimate_bytes(), 135 * 100 * 100 * 4);
     assert!((store.camera(0).fx - 138.888_879).abs() < 1e-5);
     let full = ImageStore::new(&scene.frames[..1], StoreOptions::default()).unwrap().get(0).unwrap();
@@ -127,7 +127,7 @@ fn perturbed_lego_keeps_its_first_view_and_its_test_views() {
     let clean = load(&path, &LoadOptions::default()).unwrap();
     let scene = perturb(clean.clone(), Disturbance::Both, 0);
     assert_ne!(scene.fingerprint(), clean.fingerprint());
-    let small = StoreOptions { longest_side: Some(100), ..StoreOptions::default() };
+    let small = StoreOptions::default().with_longest_side(100);
     let [a, b] = [&clean, &scene].map(|s| ImageStore::new(&s.frames, small).unwrap());
     for (i, frame) in scene.frames.iter().enumerate().step_by(7) {
         let same = a.get(i).unwrap() == b.get(i).unwrap();
@@ -202,7 +202,7 @@ fn yard_trains_on_clutter_or_on_clean_photos_and_its_masks_are_truth() {
     let store = ImageStore::new(&clutter.frames, StoreOptions::default()).unwrap();
     assert!(store.get(0).unwrap().mask.is_none());
 
-    let options = LoadOptions { train_photos: TrainPhotos::Clean, ..LoadOptions::default() };
+    let options = LoadOptions::default().with_train_photos(TrainPhotos::Clean);
     let clean = load(&path, &options).unwrap();
     assert_eq!(counts(&clean), [60, 0, 20, 0]);
     assert_eq!(clean.frames[0].name, "train_clean/000");
@@ -299,10 +299,10 @@ fn statue_reads_the_same_as_colmap_and_llff() {
     has_note(&colmap, "`--format llff` reads that instead");
     has_note(&colmap, "40 of 40 frames have an ignore mask");
     refuse_blank_masks(&colmap.frames).unwrap();
-    let inverted = LoadOptions { mask_polarity: MaskPolarity::WhiteIsIgnored, ..LoadOptions::default() };
+    let inverted = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsIgnored);
     refuse_blank_masks(&load(&path, &inverted).unwrap().frames).unwrap();
     tracks_hit_their_points(&colmap, 3.0);
-    let llff = load(&path, &LoadOptions { dialect: Some(Dialect::Llff), ..LoadOptions::default() }).unwrap();
+    let llff = load(&path, &LoadOptions::default().with_dialect(Dialect::Llff)).unwrap();
     assert_eq!(llff.dialect, Dialect::Llff);
     assert_eq!(counts(&llff), [35, 0, 5, 0]);
     for (a, b) in colmap.frames.iter().zip(&llff.frames) {
@@ -317,13 +317,12 @@ fn statue_reads_the_same_as_colmap_and_llff() {
     }
     assert!(share_in_view(&colmap) > 0.5);
 
-    let store =
-        ImageStore::new(&colmap.frames, StoreOptions { longest_side: Some(120), ..Default::default() }).unwrap();
+    let store = ImageStore::new(&colmap.frames, StoreOptions::default().with_longest_side(120)).unwrap();
     let image = store.get(0).unwrap();
     let used = image.mask.as_ref().unwrap().iter().filter(|v| **v == 255).count();
     let share = used as f64 / (image.width * image.height) as f64;
     assert!((0.02..0.9).contains(&share), "{share} of the pixels are used");
-    let off = load(&path, &LoadOptions { masks: Masks::Off, ..LoadOptions::default() }).unwrap();
+    let off = load(&path, &LoadOptions::default().with_masks(Masks::Off)).unwrap();
     assert!(off.frames.iter().all(|f| f.mask.is_none()));
     assert_ne!(off.fingerprint(), colmap.fingerprint());
     assert_eq!(colmap.fingerprint(), load(&path, &LoadOptions::default()).unwrap().fingerprint());
@@ -379,7 +378,7 @@ fn binary_and_text_models_agree() {
 #[test]
 fn colmap_cameras_are_scaled_to_larger_photographs() {
     let (Some(model), Some(images)) = (data("instant_ngp/fox_colmap"), data("instant_ngp/fox/images")) else { return };
-    let options = LoadOptions { images: Some(images), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_images(images);
     let scene = load(&model, &options).unwrap();
     assert_eq!(counts(&scene), [43, 0, 7, 0]);
     assert_eq!((scene.frames[0].camera.width, scene.frames[0].camera.height), (1080, 1920));
@@ -433,7 +432,7 @@ fn nr_nerf_example_is_a_video_in_time_order() {
 fn nr_nerf_axes_fit_the_pictures() {
     let Some(path) = data("nr_nerf/example_sequence") else { return };
     let scene = load(&path, &LoadOptions::default()).unwrap();
-    let store = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(256), ..Default::default() }).unwrap();
+    let store = ImageStore::new(&scene.frames, StoreOptions::default().with_longest_side(256)).unwrap();
     // Had the columns been LLFF's (down, right, backwards), the axes would have been these.
     let as_llff = |camera: &Camera| {
         let r = camera.pose.r;

@@ -245,7 +245,7 @@ pub(crate) fn sky_scene(views: usize, side: u32, masked: bool) -> Scene {
 
 /// The train split of a scene with room for `budget` bytes of images.
 pub(crate) fn train_split(scene: &Scene, budget: u64) -> Dataset {
-    let options = StoreOptions { longest_side: None, budget_bytes: budget };
+    let options = StoreOptions::default().with_budget_bytes(budget);
     let store = Arc::new(ImageStore::new(&scene.frames, options).unwrap());
     Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
 }

@@ -119,9 +119,8 @@ fn smaller_scales_hold_the_means_of_the_pixels_and_weigh_as_much_as_their_area()
     let scene = sky_scene(4, 20, false);
     let frames: Vec<usize> = scene.split(Split::Train).collect();
     for budget in [ROOM, 20 * 20 * 3 * 2] {
-        let store = Arc::new(
-            ImageStore::new(&scene.frames, StoreOptions { longest_side: None, budget_bytes: budget }).unwrap(),
-        );
+        let store =
+            Arc::new(ImageStore::new(&scene.frames, StoreOptions::default().with_budget_bytes(budget)).unwrap());
         let data = Dataset::with_levels(&scene, store, frames.clone(), 0..4).unwrap();
         assert_eq!(data.len(), 12);
         // 20, 10, 5, and 2: a fifth pixel is shared.

@@ -132,12 +132,10 @@ fn written(root: &Path, scene: &scene_io::Scene) {
         // A lens that the format has no name for.
         Err(error) => sound::refused(&error.to_string(), "again.json"),
         Ok(()) => {
-            let options = LoadOptions {
-                dialect: Some(Dialect::Nerfstudio),
-                holdout: Some(Holdout::None),
-                masks: Masks::Off,
-                ..LoadOptions::default()
-            };
+            let options = LoadOptions::default()
+                .with_dialect(Dialect::Nerfstudio)
+                .with_holdout(Holdout::None)
+                .with_masks(Masks::Off);
             let again = load(&file, &options).unwrap_or_else(|error| panic!("what is written is read: {error}"));
             same(scene, &again, |frame| match &frame.image {
                 scene_io::ImageSource::File(path) => path.display().to_string(),

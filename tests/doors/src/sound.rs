@@ -99,7 +99,9 @@ pub(crate) fn belongings(frame: &Frame, root: &Path) {
     }
     if let Some((flow, _)) = read(frame.read_flow(), &root) {
         assert_eq!(flow.vectors.len() as u64, u64::from(width) * u64::from(height));
-        assert!(flow.vectors.iter().zip(flow.seen.iter()).all(|(way, seen)| !seen || way.iter().all(|x| x.is_finite())));
+        assert!(
+            flow.vectors.iter().zip(flow.seen.iter()).all(|(way, seen)| !seen || way.iter().all(|x| x.is_finite()))
+        );
         assert_eq!(flow.resized(3, 2).vectors.len(), 6);
     }
 }

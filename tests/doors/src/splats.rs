@@ -20,7 +20,7 @@ pub(crate) fn read(name: &str, bytes: &[u8]) -> Option<SplatFile> {
     let cloud = &file.cloud;
     cloud.check().expect("fields of one length");
     assert!(cloud.fields().iter().all(|(_, numbers)| numbers.iter().all(|x| x.is_finite())), "a number is not finite");
-    let options = SplatOptions { widening: file.widening.unwrap_or_default(), fractional_bits: None };
+    let options = SplatOptions::default().with_widening(file.widening.unwrap_or_default()).with_fractional_bits(None);
     let again = written("a.ply", cloud, &options).expect("PLY holds any finite numbers");
     assert!(bits(&again.cloud) == bits(cloud), "PLY changes numbers");
     assert!(again.notes.is_empty(), "PLY loses something: {:?}", again.notes);

@@ -169,7 +169,7 @@ fn data(size: u32) -> Dataset {
     let options =
         TabletopOptions { width: size, height: size, train: VIEWS, test: 1, rays: 1, ..TabletopOptions::default() };
     let scene = tabletop(&options);
-    let store = StoreOptions { longest_side: None, budget_bytes: 1 << 30 };
+    let store = StoreOptions::default().with_budget_bytes(1 << 30);
     let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }

@@ -154,7 +154,7 @@ fn splats_learn_the_fox_through_its_lens() {
     assert!(scene.frames.iter().all(|f| !f.camera.lens.is_pinhole()), "OPENCV distortion");
     // A few photos at a twentieth of their size.
     let frames: Vec<usize> = (0..scene.frames.len()).step_by(2).collect();
-    let store = scene_io::StoreOptions { longest_side: Some(96), ..Default::default() };
+    let store = scene_io::StoreOptions::default().with_longest_side(96);
     let store = Arc::new(scene_io::ImageStore::new(&scene.frames, store).unwrap());
     let of = |split: Split| {
         let held = |k: &usize| (k % 8 == 4) == (split == Split::Test);

@@ -85,7 +85,7 @@ fn passers_by_on_a_square_are_occluders() {
 fn real(name: &str, test: &str, side: u32, options: &LoadOptions) -> Option<(Scene, Dataset)> {
     let path = data_or_skip(env!("CARGO_MANIFEST_DIR"), name, test)?;
     let scene = scene_io::load(&path, options).unwrap();
-    let store = scene_io::StoreOptions { longest_side: Some(side), budget_bytes: 1 << 30 };
+    let store = scene_io::StoreOptions::default().with_longest_side(side).with_budget_bytes(1 << 30);
     let store = Arc::new(scene_io::ImageStore::new(&scene.frames, store).unwrap());
     let train = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
     Some((scene, train))
@@ -94,7 +94,7 @@ fn real(name: &str, test: &str, side: u32, options: &LoadOptions) -> Option<(Sce
 #[test]
 fn the_carton_and_the_statue_are_no_occluders() {
     const TEST: &str = "the_carton_and_the_statue_are_no_occluders";
-    let object = LoadOptions { mask_polarity: MaskPolarity::WhiteIsObject, ..LoadOptions::default() };
+    let object = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsObject);
     for (name, options, background) in [
         ("neroic_like/milk", LoadOptions::default(), Some(Background::White)),
         ("nerd_in_the_wild/statue_of_liberty_40", object, None),

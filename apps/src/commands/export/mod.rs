@@ -168,7 +168,7 @@ impl Job<'_> {
             return Err(self.stopped(&format!("{} was not written", path.display())));
         };
         let cloud = self.crop.cloud(&cloud)?;
-        let options = SplatOptions { widening: widening.unwrap_or_default(), ..SplatOptions::default() };
+        let options = SplatOptions::default().with_widening(widening.unwrap_or_default());
         for note in write_splats(path, &cloud, &options)? {
             line(note);
         }

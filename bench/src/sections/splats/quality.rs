@@ -239,7 +239,7 @@ fn frames_per_second(bench: &Bench, trained: &Trained<'_>) -> Option<f64> {
 
 /// Sizes of the exported files, MB: PLY, SPZ.
 fn files(splats: &Splats) -> Result<[f64; 2], BenchError> {
-    let options = SplatOptions { widening: splats.rules.widening, fractional_bits: None };
+    let options = SplatOptions::default().with_widening(splats.rules.widening);
     let size = |name: &str| -> Result<f64, BenchError> {
         let (bytes, _) = encode_splats(Path::new(name), &splats.gaussians, &options).map_err(BenchError::part)?;
         Ok(bytes.len() as f64 * 1e-6)

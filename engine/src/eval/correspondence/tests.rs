@@ -14,7 +14,7 @@ fn options() -> OrbitOptions {
 /// The held-out views.
 fn data(longest_side: Option<u32>) -> Dataset {
     let scene = orbit(&options());
-    let store = StoreOptions { longest_side, ..StoreOptions::default() };
+    let store = StoreOptions::default().with_longest_side(longest_side);
     let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Test).collect()).unwrap()
 }

@@ -39,10 +39,10 @@ fn endonerf_is_told_from_llff_by_its_poses() {
     let dataset = Dataset::endonerf(3);
     dataset.write("poses_bounds.npy", poses_bounds(3));
     assert_eq!(plain(&dataset).dialect, Dialect::Llff);
-    let options = LoadOptions { dialect: Some(Dialect::EndoNerf), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_dialect(Dialect::EndoNerf);
     assert_eq!(load(dataset.path(), &options).unwrap().dialect, Dialect::EndoNerf);
     dataset.write("poses_bounds.npy", still_poses(3));
-    let options = LoadOptions { dialect: Some(Dialect::Llff), ..LoadOptions::default() };
+    let options = LoadOptions::default().with_dialect(Dialect::Llff);
     assert_eq!(load(dataset.path(), &options).unwrap().dialect, Dialect::Llff);
     // The README's spelling.
     dataset.remove("poses_bounds.npy");
@@ -98,7 +98,7 @@ fn endonerf_without_masks_or_depth_says_so() {
     notes(&plain(&dataset), &["no folder `masks`: nothing counts as a tool", "no folder `depth`"]);
     warns(&dataset, "all 3 training cameras stand at the same place");
     let dataset = Dataset::endonerf(3);
-    let off = LoadOptions { masks: Masks::Off, ..LoadOptions::default() };
+    let off = LoadOptions::default().with_masks(Masks::Off);
     assert!(load(dataset.path(), &off).unwrap().frames.iter().all(|f| f.mask.is_none()));
 }
 

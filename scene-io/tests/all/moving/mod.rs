@@ -65,7 +65,7 @@ fn other_dialects_are_named_where_nothing_is_found() {
     for name in ["nr-nerf", "nerfies", "endonerf"] {
         let dialect: Dialect = name.parse().unwrap();
         assert_eq!(dialect.name(), name);
-        let options = LoadOptions { dialect: Some(dialect), ..LoadOptions::default() };
+        let options = LoadOptions::default().with_dialect(dialect);
         refused_with(&dataset, &options, &[&format!("holds no {name} dataset")]);
     }
 }

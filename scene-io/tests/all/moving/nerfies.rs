@@ -36,7 +36,7 @@ fn nerfies_folders_are_read_whole() {
     let image = store.get(0).unwrap();
     assert_eq!((image.channels, image.is_used(3, 2), image.is_used(4, 2)), (3, true, false));
     assert_eq!(store.bytes(0), image.bytes());
-    let half = ImageStore::new(&scene.frames, StoreOptions { longest_side: Some(4), ..Default::default() }).unwrap();
+    let half = ImageStore::new(&scene.frames, StoreOptions::default().with_longest_side(4)).unwrap();
     assert!(half.get(0).unwrap().is_used(1, 1) && !half.get(0).unwrap().is_used(2, 1));
     let depth = scene.frames[0].read_depth().unwrap().unwrap();
     assert_eq!((depth.width, depth.height, depth.holes(), depth.z[1]), (8, 6, 24, 1.51));
@@ -139,10 +139,7 @@ fn the_smallest_photos_that_do_are_taken() {
     for id in ["0_00000", "0_00002", "0_00004", "1_00001", "1_00003"] {
         dataset.image(&format!("rgb/1x/{id}.png"), 16, 12);
     }
-    let width = |side| {
-        load(dataset.path(), &LoadOptions { longest_side: side, ..LoadOptions::default() }).unwrap().frames[0]
-            .camera
-            .width
-    };
+    let width =
+        |side| load(dataset.path(), &LoadOptions::default().with_longest_side(side)).unwrap().frames[0].camera.width;
     assert_eq!([width(None), width(Some(20)), width(Some(16)), width(Some(9)), width(Some(8))], [16, 16, 16, 16, 8]);
 }

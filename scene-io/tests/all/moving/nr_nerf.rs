@@ -14,7 +14,7 @@ fn nr_nerf_is_read_in_time_order() {
     assert_eq!((camera.pose.c, camera.optical_axis()), (DVec3::new(1.5, 0.0, 0.0), DVec3::NEG_Z));
     assert_eq!(scene.frames[0].z_bounds, Some([0.1, 6.0]));
     let held = |word: &str| {
-        let options = LoadOptions { holdout: Some(Holdout::parse(word).unwrap()), ..LoadOptions::default() };
+        let options = LoadOptions::default().with_holdout(Holdout::parse(word).unwrap());
         load(Dataset::nr_nerf(9).path(), &options).unwrap().held_out_names()
     };
     assert_eq!(held("every:4+1"), ["image001.png", "image005.png"]);

@@ -87,7 +87,7 @@ fn exported_cameras_keep_their_times() {
     let scene = plain(&dataset);
     let file = dataset.path().join("transforms.json");
     export::write_transforms(&file, &scene.frames).unwrap();
-    let again = load(&file, &LoadOptions { holdout: Some(Holdout::None), ..LoadOptions::default() }).unwrap();
+    let again = load(&file, &LoadOptions::default().with_holdout(Holdout::None)).unwrap();
     for frame in &again.frames {
         let same = scene.frames.iter().find(|f| format!("{}.png", f.name) == frame.name).unwrap();
         assert_eq!((frame.time, frame.camera.pose.c), (same.time, same.camera.pose.c), "{}", frame.name);

@@ -143,7 +143,7 @@ fn empty_clouds_are_files() {
 fn how_a_cloud_wants_to_be_drawn_is_kept_by_spz_alone() {
     let cloud = Gaussians::new(1, 0).unwrap();
     for widening in [Widening::Keeps, Widening::Dims] {
-        let options = SplatOptions { widening, ..SplatOptions::default() };
+        let options = SplatOptions::default().with_widening(widening);
         let (bytes, notes) = encode_splats(Path::new("a.spz"), &cloud, &options).unwrap();
         assert_eq!((parse("a.spz", &bytes).unwrap().widening, notes), (Some(widening), vec![]));
         for name in ["a.ply", "a.splat"] {

@@ -67,7 +67,7 @@ fn files_built_by_hand_are_read() {
 fn headers_are_written_as_described() {
     let mut cloud = Gaussians::new(2, 1).unwrap();
     cloud.mean[3] = 2000.0;
-    let options = SplatOptions { widening: Widening::Dims, fractional_bits: Some(12) };
+    let options = SplatOptions::default().with_widening(Widening::Dims).with_fractional_bits(12);
     let (bytes, _) = encode_splats(Path::new("a.spz"), &cloud, &options).unwrap();
     let inside = inside(&bytes);
     assert_eq!(inside[..16], header(3, 2, 1, 12, 1));
@@ -90,7 +90,7 @@ fn fractional_bits_hold_what_is_farthest() {
         let back = parse("a.spz", &bytes).unwrap().cloud.mean[4];
         assert!((back - far).abs() <= 0.5_f32.powi(i32::from(bits) + 1), "{far} comes back as {back}");
     }
-    let with = |fractional_bits| SplatOptions { fractional_bits, ..SplatOptions::default() };
+    let with = |fractional_bits: Option<u32>| SplatOptions::default().with_fractional_bits(fractional_bits);
     cloud.mean[4] = 8_388_608.0;
     refused(encode_splats(Path::new("a.spz"), &cloud, &with(None)), &["`mean[1]` = 8388608", "Gaussian 1 lies beyond"]);
     cloud.mean[4] = -2048.0;
