@@ -188,7 +188,7 @@ mod tests {
             assert!(checked_rotation(m).unwrap_err().what.contains("singular"));
         }
         let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.0, 0.0), DVec3::Z);
-        assert!(checked_rotation(sheared).unwrap_err().what.contains("no rotation"));
+        assert!(checked_rotation(sheared).unwrap_err().what.contains("not a rotation"));
     }
 
     #[test]

@@ -132,7 +132,7 @@ mod tests {
             ("every:1", "no frames are left to train on, of 2"),
             ("every:9+5", "none of the 2 training frames"),
             ("dataset", "no validation split of its own"),
-            ("every:0", "0th"),
+            ("every:0", "one frame of 0"),
             ("sometimes", "--validation"),
         ] {
             let error = run(&mut frames(&two), word).unwrap_err().to_string();

@@ -272,7 +272,7 @@ fn files_that_hold_no_gaussians_are_one_clear_line() {
         ("points.ply", fs::read(&points).unwrap(), "points.ply"),
         ("half.ply", half(&ply), "cut off"),
         ("half.spz", half(&spz), "cut off"),
-        ("half.splat", half(&splat), "no multiple of 32"),
+        ("half.splat", half(&splat), "not a multiple of 32"),
         ("header.ply", b"ply\nformat binary_little_endian 1.0\n".to_vec(), "header.ply"),
         ("foreign.ply", renamed("float opacity", "float roughly"), "opacity"),
         ("words.ply", renamed("element vertex", "element wortex"), "wortex"),

@@ -211,6 +211,6 @@ mod tests {
             let (place, what) = Ply::parse(HEADER.replace(from, to).as_bytes()).unwrap_err();
             assert_eq!(place, Place::Line(line), "{what}");
         }
-        assert!(Ply::parse(b"png\n").unwrap_err().1.contains("no PLY"));
+        assert!(Ply::parse(b"png\n").unwrap_err().1.contains("not a PLY"));
     }
 }

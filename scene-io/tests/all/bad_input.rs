@@ -58,15 +58,15 @@ fn impossible_rotations_are_refused() {
     let row = "[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]";
     ngp_says((row, "[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]"), &["images/000.png", "singular", "remove the frame"]);
     ngp_says((row, "[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]"), &["left-handed", "determinant -1"]);
-    ngp_says((row, "[0.0, 1.0, 0.3, 0.0], [0.0, 0.0, 1.0, 0.0]"), &["no rotation"]);
+    ngp_says((row, "[0.0, 1.0, 0.3, 0.0], [0.0, 0.0, 1.0, 0.0]"), &["not a rotation"]);
     ngp_says(("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.1, 1.0]"), &["last row"]);
-    ngp_says(("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), &["`frames[0].transform_matrix`", "no 4x4"]);
+    ngp_says(("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), &["`frames[0].transform_matrix`", "not a 4x4"]);
 }
 
 #[test]
 fn impossible_intrinsics_are_refused() {
     ngp_says(("\"fl_x\": 10.0", "\"fl_x\": 0"), &["`fl_x` = 0", "focal length must be above 0"]);
-    ngp_says(("\"fl_x\": 10.0", "\"fl_x\": \"wide\""), &["`fl_x` = \"wide\"", "no number"]);
+    ngp_says(("\"fl_x\": 10.0", "\"fl_x\": \"wide\""), &["`fl_x` = \"wide\"", "not a number"]);
     ngp_says(("\"fl_x\": 10.0", "\"fl_x\": NaN"), &["`fl_x`", "not a finite number"]);
     ngp_says(("\"fl_x\": 10.0, \"fl_y\": 11.0", "\"f\": 10.0"), &["neither `fl_x` nor `camera_angle_x`"]);
     ngp_says(("\"fl_x\": 10.0, \"fl_y\": 11.0", "\"camera_angle_x\": 45"), &["`camera_angle_x` = 45", "radians"]);
@@ -461,7 +461,7 @@ fn llff_problems_name_row_and_column() {
     };
     says(&spoiled(1, 8, f64::NAN), &["poses_bounds.npy", "frame `b.png`", "`[1, 8]` = NaN", "not a finite number"]);
     says(&spoiled(2, 14, 0.0), &["`[2, 14]` = 0", "focal length must be above 0"]);
-    says(&spoiled(0, 4, 11.5), &["`[0, 4]` = 11.5", "no image size"]);
+    says(&spoiled(0, 4, 11.5), &["`[0, 4]` = 11.5", "not an image size"]);
     says(&spoiled(0, 12, 0.0), &["singular"]);
     says(&spoiled(0, 16, f64::INFINITY), &["`[0, 16]` = inf", "not a finite depth"]);
     dataset.write("poses_bounds.npy", poses_bounds(4));

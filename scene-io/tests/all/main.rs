@@ -8,6 +8,7 @@ mod export;
 mod formats;
 mod fuzz;
 mod moving;
+mod picture;
 mod priors;
 mod real_data;
 mod splats;

@@ -105,7 +105,7 @@ fn nerfies_problems_name_file_and_frame() {
     spoiled(camera, "\"focal_length\": 20.0", "\"focal_length\": 0", &["`focal_length` = 0", "above 0"]);
     spoiled(camera, "\"skew\": 0.0", "\"skew\": 1.0", &["`skew` = 1.0", "not supported", "undistort"]);
     spoiled(camera, "[16, 12]", "[16]", &["`image_size`", "two numbers"]);
-    spoiled(camera, "[0.01, 0.002, 0.0]", "[0.01]", &["`radial_distortion`", "no list of 3 coefficients"]);
+    spoiled(camera, "[0.01, 0.002, 0.0]", "[0.01]", &["`radial_distortion`", "not a list of 3 coefficients"]);
     spoiled(camera, "\"position\"", "\"place\"", &["`position`", "is missing"]);
     spoiled(
         "metadata.json",
@@ -113,7 +113,7 @@ fn nerfies_problems_name_file_and_frame() {
         "\"0_00009\"",
         &["metadata.json", "frame `0_00002`", "the frame is not in it"],
     );
-    spoiled("metadata.json", "\"warp_id\": 2", "\"warp_id\": -2", &["`0_00002.warp_id` = -2", "no whole number"]);
+    spoiled("metadata.json", "\"warp_id\": 2", "\"warp_id\": -2", &["`0_00002.warp_id` = -2", "not a whole number"]);
     spoiled("metadata.json", "\"warp_id\": 2", "\"wrap_id\": 2", &["frame `0_00002`", "warp_id", "is missing"]);
     spoiled("splits/train.json", "0, 2, 4", "0, 2", &["train.json", "`time_ids`", "2 numbers for 3 frames"]);
     spoiled("splits/train.json", "\"0_00000\"", "\"../0_00000\"", &["is not the name of a frame"]);

@@ -52,13 +52,13 @@ fn nr_nerf_problems_name_the_entry() {
         refused(&dataset, parts);
     };
     spoiled("1.5, 12.0", "NaN, 12.0", &["`poses[1][0][3]` = NaN", "not a finite number"]);
-    spoiled("1.5, 12.0]", "1.5]", &["`poses[1]`", "no list of 3x5 numbers"]);
+    spoiled("1.5, 12.0]", "1.5]", &["`poses[1]`", "not a list of 3x5 numbers"]);
     spoiled("[1, 0, 0, 1.5", "[0, 0, 0, 1.5", &["frame `image001.png`", "`poses[1]`", "singular"]);
-    spoiled("2.5, 12.0", "2.5, 0.5", &["`poses[2][0][4]` = 0.5", "no image size"]);
+    spoiled("2.5, 12.0", "2.5, 0.5", &["`poses[2][0][4]` = 0.5", "not an image size"]);
     spoiled("[0.1, 2.0], ", "", &["`bds`", "3 depth ranges for 4 poses"]);
     spoiled("[0.1, 2.0]", "[0.1, Infinity]", &["`bds[0][1]` = Infinity", "not a finite number"]);
     spoiled("\"i_test\": 2", "\"i_test\": 4", &["`i_test` = 4", "only 4 frames"]);
-    spoiled("\"i_test\": 2", "\"i_test\": -1", &["`i_test` = -1", "no whole number"]);
+    spoiled("\"i_test\": 2", "\"i_test\": -1", &["`i_test` = -1", "not a whole number"]);
     spoiled("\"poses\"", "\"pauses\"", &["`poses`", "is missing"]);
     let dataset = Dataset::nr_nerf(4);
     dataset.remove("images/image003.png");

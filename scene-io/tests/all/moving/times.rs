@@ -74,7 +74,8 @@ fn missing_times_are_the_place_in_the_list() {
 
 #[test]
 fn times_that_are_no_numbers_name_frame_and_field() {
-    for (time, what) in [("NaN", "not a finite number"), ("Infinity", "not a finite number"), ("\"late\"", "no number")]
+    for (time, what) in
+        [("NaN", "not a finite number"), ("Infinity", "not a finite number"), ("\"late\"", "not a number")]
     {
         let dataset = Dataset::d_nerf(&["0.0", time], &["0.5"]);
         refused(&dataset, &["transforms_train.json", "frame `train/r_1`", "`frames[1].time`", what]);

@@ -29,8 +29,8 @@ fn points_and_meshes_are_named() {
 #[test]
 fn other_files_are_refused_by_what_they_are_not() {
     for other in [&b"\x89PNG\r\n\x1a\n"[..], b"{}", b"", b"solid x", b"pl"] {
-        refused(parse("a.ply", other), &["a.ply", "no PLY file"]);
-        refused(parse("a.spz", other), &["no SPZ file"]);
+        refused(parse("a.ply", other), &["a.ply", "not a PLY file"]);
+        refused(parse("a.spz", other), &["not an SPZ file"]);
         refused(parse("a.png", other), &["a.png", "is neither PLY nor SPZ"]);
     }
     refused(parse("a.splat", b"{}"), &["2 bytes are not a multiple of 32"]);

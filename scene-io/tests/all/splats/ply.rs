@@ -199,5 +199,5 @@ fn forged_counts_do_not_allocate() {
             refused(parse("a.ply", &replaced(bytes, "vertex 1", &format!("vertex {count}"))), &["is cut off", count]);
         }
     }
-    refused(parse("a.ply", &replaced(&bytes, "vertex 1", "vertex -1")), &["a.ply:4", "no number"]);
+    refused(parse("a.ply", &replaced(&bytes, "vertex 1", "vertex -1")), &["a.ply:4", "not a number"]);
 }

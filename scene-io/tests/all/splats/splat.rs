@@ -59,7 +59,7 @@ fn cuts_inside_a_record_are_errors() {
     for length in 0..bytes.len() {
         match parse("a.splat", &bytes[..length]) {
             Ok(file) => assert_eq!(32 * file.cloud.len(), length),
-            Err(error) => assert!(length % 32 != 0 && error.to_string().contains("no multiple of 32"), "{error}"),
+            Err(error) => assert!(length % 32 != 0 && error.to_string().contains("not a multiple of 32"), "{error}"),
         }
     }
 }
