@@ -145,6 +145,7 @@ impl<T: Real> Ndc<T> {
     }
 
     /// Gradient of [`Ndc::s_at`]: adds to those of `o_z`, `d_z` and `t`.
+    #[expect(clippy::too_many_arguments, reason = "three inputs, the gradient that comes and those that go")]
     pub fn s_at_backward(&self, o_z: T, d_z: T, t: T, s_bar: T, o_z_bar: &mut T, d_z_bar: &mut T, t_bar: &mut T) {
         let z = o_z + t * d_z;
         let z_bar = -self.near / (z * z) * s_bar;
@@ -160,6 +161,7 @@ impl<T: Real> Ndc<T> {
     }
 
     /// Gradient of [`Ndc::t_at`]: adds to those of `o_z`, `d_z` and `s`.
+    #[expect(clippy::too_many_arguments, reason = "three inputs, the gradient that comes and those that go")]
     pub fn t_at_backward(&self, o_z: T, d_z: T, s: T, t_bar: T, o_z_bar: &mut T, d_z_bar: &mut T, s_bar: &mut T) {
         let z_bar = t_bar / d_z;
         *o_z_bar += -z_bar;

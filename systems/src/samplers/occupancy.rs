@@ -12,7 +12,7 @@ use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
 use field_core::rng::Rng;
 use rayon::prelude::*;
-use render_core::occupancy::{Marched, OccupancyGrid, RaySpan, GridSettings, StepRule};
+use render_core::occupancy::{GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
