@@ -1,5 +1,4 @@
-//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction, lighting, on the CPU and without an allocator in
-//! hot paths.
+//! A ray to a pixel: cameras, rays, sampling, quadrature, occupancy, contraction, lighting, on the CPU.
 //!
 //! **Cameras**
 //!
