@@ -1,7 +1,7 @@
 //! Rigid motions of points: the plain pair, and the tape with its Jacobian.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use field_core::deform::{rigid, rigid_points, rigid_points_backward};
+use field_core::deform::{RigidBars, rigid, rigid_points, rigid_points_backward};
 use field_core::rng::Rng;
 use field_core::tape::{Arena, Tape, TapeError};
 use float_core::Simd;
@@ -30,7 +30,10 @@ fn motions(c: &mut Criterion) {
         let mut bars = [vec![0.0; 3 * n], vec![0.0; 3 * n], vec![0.0; 3 * n]];
         group.bench_function(BenchmarkId::new("points backward", name), |b| {
             let [x_bar, w_bar, v_bar] = &mut bars;
-            b.iter(|| rigid_points_backward(simd, (black_box(&x), &omega, &v), &out_bar, (x_bar, w_bar, v_bar)));
+            b.iter(|| {
+                let bars = RigidBars { x: x_bar, omega: w_bar, v: v_bar };
+                rigid_points_backward(simd, black_box(&x), &omega, &v, &out_bar, bars)
+            });
         });
         let mut arena = Arena::new();
         group.bench_function(BenchmarkId::new("tape and Jacobian, backward", name), |b| {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use criterion::{
     BenchmarkGroup, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main, measurement::WallTime,
 };
+use field_core::encoding::EncodingBars;
 use field_core::encoding::multi_distance::{MultiDistance, STRIDES};
 use field_core::encoding::planes::{Combine, Planes};
 use field_core::rng::Rng;
@@ -93,8 +94,8 @@ fn planes(c: &mut Criterion) {
         });
         group.bench_function(BenchmarkId::new("backward", name), |b| {
             b.iter(|| {
-                let bars = (Some(&mut bar[..]), Some(&mut x_bar[..]));
-                planes.encode_backward(simd, (&table, black_box(x)), &out, bars.0, bars.1).unwrap();
+                let bars = EncodingBars::both(&mut bar, &mut x_bar);
+                planes.encode_backward(simd, &table, black_box(x), &out, bars).unwrap();
             });
         });
     }

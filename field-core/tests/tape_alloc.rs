@@ -1,7 +1,7 @@
 //! Nothing is allocated after the first tile of a shape. The counter sees this thread only: the test's
 //! harness allocates on its own while a test runs.
 
-use field_core::tape::{Arena, Bar, CustomOp, Node, Shape, Tape, TapeError, View};
+use field_core::tape::{Arena, BackwardArgs, Bar, CustomOp, Node, Shape, Tape, TapeError, View};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -62,15 +62,8 @@ impl CustomOp for Double {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        _inputs: &[View<'_>],
-        _out: &[f32],
-        _saved: &[f32],
-        out_bar: &[f32],
-        _scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, _scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { out_bar, .. } = args;
         bars[0].data.iter_mut().zip(out_bar).for_each(|(bar, g)| *bar += 2.0 * g);
         Ok(())
     }

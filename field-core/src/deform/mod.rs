@@ -12,7 +12,7 @@
 
 mod points;
 
-pub use points::{rigid_points, rigid_points_backward};
+pub use points::{RigidBars, rigid_points, rigid_points_backward};
 
 use crate::tape::{Node, Tape, TapeError};
 
@@ -39,8 +39,8 @@ pub fn rigid(tape: &mut Tape, x: Node, omega: Node, v: Node) -> Result<Node, Tap
     let squared = tape.dot(omega, omega)?;
     let [c1, c2, c3] = [tape.stumpff(squared, 1)?, tape.stumpff(squared, 2)?, tape.stumpff(squared, 3)?];
     // x + v + omega x ((c1 x + c2 v) + omega x (c2 x + c3 v)): two cross products instead of matrices.
-    let once = combine(tape, (x, c1), (v, c2))?;
-    let twice = combine(tape, (x, c2), (v, c3))?;
+    let once = combine(tape, x, c1, v, c2)?;
+    let twice = combine(tape, x, c2, v, c3)?;
     let twice = tape.cross(omega, twice)?;
     let bent = tape.add(once, twice)?;
     let bent = tape.cross(omega, bent)?;
@@ -61,7 +61,8 @@ pub fn rigid_about(tape: &mut Tape, x: Node, omega: Node, v: Node, pivot: Node) 
     tape.add(moved, pivot)
 }
 
-fn combine(tape: &mut Tape, (a, by_a): (Node, Node), (b, by_b): (Node, Node)) -> Result<Node, TapeError> {
+/// `by_a a + by_b b`, the factors one row each.
+fn combine(tape: &mut Tape, a: Node, by_a: Node, b: Node, by_b: Node) -> Result<Node, TapeError> {
     let a = tape.mul_row(a, by_a)?;
     let b = tape.mul_row(b, by_b)?;
     tape.add(a, b)

@@ -23,22 +23,35 @@ pub fn rigid_points(simd: Simd, x: &[f32], omega: &[f32], v: &[f32], out: &mut [
     Ok(())
 }
 
-/// Backward twin of [`rigid_points`]: adds into `x_bar`, `omega_bar` and `v_bar`, all `[3][n]`.
+/// Gradients of the inputs of [`rigid_points`], each `[3][n]`.
+#[derive(Debug)]
+pub struct RigidBars<'b> {
+    /// Of the points.
+    pub x: &'b mut [f32],
+    /// Of the rotation vectors.
+    pub omega: &'b mut [f32],
+    /// Of `v`.
+    pub v: &'b mut [f32],
+}
+
+/// Backward twin of [`rigid_points`]: adds into `bars`.
 ///
 /// # Errors
 /// As [`rigid_points`].
 pub fn rigid_points_backward(
     simd: Simd,
-    (x, omega, v): (&[f32], &[f32], &[f32]),
+    x: &[f32],
+    omega: &[f32],
+    v: &[f32],
     out_bar: &[f32],
-    (x_bar, omega_bar, v_bar): (&mut [f32], &mut [f32], &mut [f32]),
+    bars: RigidBars<'_>,
 ) -> Result<(), FieldError> {
     let n = samples(x, omega, v)?;
     check_len("out_bar", out_bar.len(), x.len())?;
-    check_len("x_bar", x_bar.len(), x.len())?;
-    check_len("omega_bar", omega_bar.len(), x.len())?;
-    check_len("v_bar", v_bar.len(), x.len())?;
-    simd.run(Backward { n, at: [x, omega, v], out_bar, bars: [x_bar, omega_bar, v_bar] });
+    check_len("x_bar", bars.x.len(), x.len())?;
+    check_len("omega_bar", bars.omega.len(), x.len())?;
+    check_len("v_bar", bars.v.len(), x.len())?;
+    simd.run(Backward { n, at: [x, omega, v], out_bar, bars: [bars.x, bars.omega, bars.v] });
     Ok(())
 }
 
@@ -96,7 +109,7 @@ fn add<V: Vector>(a: Triple<V>, b: Triple<V>) -> Triple<V> {
 
 /// `s a + t b`.
 #[inline(always)]
-fn mix<V: Vector>((s, a): (V, Triple<V>), (t, b): (V, Triple<V>)) -> Triple<V> {
+fn mix<V: Vector>(s: V, a: Triple<V>, t: V, b: Triple<V>) -> Triple<V> {
     [s * a[0] + t * b[0], s * a[1] + t * b[1], s * a[2] + t * b[2]]
 }
 
@@ -130,7 +143,7 @@ impl Task for Forward<'_> {
             let [x, w, v]: [Triple<V>; 3] = [load(x, n, s), load(omega, n, s), load(v, n, s)];
             let [c1, c2, c3] = coefficients(&stumpff, dot(w, w));
             // The terms of `deform::rigid`, in its order.
-            let inner = add(mix((c1, x), (c2, v)), cross(w, mix((c2, x), (c3, v))));
+            let inner = add(mix(c1, x, c2, v), cross(w, mix(c2, x, c3, v)));
             store(add(add(x, v), cross(w, inner)), out, n, s, |_, new| new);
         }
     }
@@ -148,14 +161,15 @@ impl Task for Backward<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { n, at: [x, omega, v], out_bar, bars: [x_bar, omega_bar, v_bar] } = self;
-        let (stumpff, slopes) = (stumpff(0), stumpff(1));
+        let (stumpff, derivatives) = (stumpff(0), stumpff(1));
         for s in (0..n).step_by(V::LANES) {
             let [x, w, v]: [Triple<V>; 3] = [load(x, n, s), load(omega, n, s), load(v, n, s)];
             let g: Triple<V> = load(out_bar, n, s);
             let squared = dot(w, w);
-            let ([c1, c2, c3], [d1, d2, d3]) = (coefficients(&stumpff, squared), coefficients(&slopes, squared));
-            let twice = mix((c2, x), (c3, v));
-            let inner = add(mix((c1, x), (c2, v)), cross(w, twice));
+            let [c1, c2, c3] = coefficients(&stumpff, squared);
+            let [d1, d2, d3] = coefficients(&derivatives, squared);
+            let twice = mix(c2, x, c3, v);
+            let inner = add(mix(c1, x, c2, v), cross(w, twice));
             // Of `y = a x b`: a_bar = b x y_bar, b_bar = y_bar x a.
             let inner_bar = cross(g, w);
             let twice_bar = cross(inner_bar, w);
@@ -166,8 +180,8 @@ impl Task for Backward<'_> {
             let w_bar = add(cross(inner, g), cross(twice, inner_bar));
             let w_bar = add(w_bar, [turn * w[0], turn * w[1], turn * w[2]]);
             let adds = |old: f32, new: f32| old + new;
-            store(add(g, mix((c1, inner_bar), (c2, twice_bar))), x_bar, n, s, adds);
-            store(add(g, mix((c2, inner_bar), (c3, twice_bar))), v_bar, n, s, adds);
+            store(add(g, mix(c1, inner_bar, c2, twice_bar)), x_bar, n, s, adds);
+            store(add(g, mix(c2, inner_bar, c3, twice_bar)), v_bar, n, s, adds);
             store(w_bar, omega_bar, n, s, adds);
         }
     }

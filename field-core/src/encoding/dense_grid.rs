@@ -68,6 +68,12 @@ impl DenseGrid {
         self.features
     }
 
+    /// Rows of the output: the features.
+    #[must_use]
+    pub fn out_rows(&self) -> usize {
+        self.features
+    }
+
     /// Length of the parameter buffer.
     #[must_use]
     pub fn params_len(&self) -> usize {

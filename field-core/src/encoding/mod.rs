@@ -16,6 +16,35 @@ pub mod window;
 use crate::FieldError;
 use crate::error::check_len;
 
+/// Where the gradients of an encoding with a table are added; `None` skips one.
+#[derive(Debug, Default)]
+pub struct EncodingBars<'b> {
+    /// Gradient of the table, as long as that.
+    pub table: Option<&'b mut [f32]>,
+    /// Gradient of the positions, `[in_rows][n]`.
+    pub x: Option<&'b mut [f32]>,
+}
+
+impl<'b> EncodingBars<'b> {
+    /// Only the gradient of the table.
+    #[must_use]
+    pub fn table(table: &'b mut [f32]) -> Self {
+        Self { table: Some(table), x: None }
+    }
+
+    /// Only the gradient of the positions.
+    #[must_use]
+    pub fn x(x: &'b mut [f32]) -> Self {
+        Self { table: None, x: Some(x) }
+    }
+
+    /// Both.
+    #[must_use]
+    pub fn both(table: &'b mut [f32], x: &'b mut [f32]) -> Self {
+        Self { table: Some(table), x: Some(x) }
+    }
+}
+
 /// The three rows of `[3][n]`.
 fn axes(x: &[f32]) -> [&[f32]; 3] {
     rows(x)

@@ -100,7 +100,7 @@ impl MultiDistance {
     /// # Errors
     /// [`FieldError::Shape`].
     pub fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        self.check("table", table.len(), x, (out.len(), self.out_rows()))?;
+        self.check("table", table.len(), x, out.len(), self.out_rows())?;
         for (stride, out) in self.parts_mut(x, out) {
             groups::gather(simd, self.place(stride, x, None), table, out);
         }
@@ -120,7 +120,7 @@ impl MultiDistance {
         out: &mut [f32],
     ) -> Result<(), FieldError> {
         check_stride(stride)?;
-        self.check("table", table.len(), x, (out.len(), self.features))?;
+        self.check("table", table.len(), x, out.len(), self.features)?;
         groups::gather(simd, self.place(stride, x, None), table, out);
         Ok(())
     }
@@ -137,7 +137,7 @@ impl MultiDistance {
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.check("table", table.len(), x, (out_dot.len(), self.out_rows()))?;
+        self.check("table", table.len(), x, out_dot.len(), self.out_rows())?;
         check_len("x_dot", x_dot.len(), x.len())?;
         for (stride, out_dot) in self.parts_mut(x, out_dot) {
             groups::gather(simd, self.place(stride, x, Some(x_dot)), table, out_dot);
@@ -156,7 +156,7 @@ impl MultiDistance {
         out_bar: &[f32],
         table_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.check("table_bar", table_bar.len(), x, (out_bar.len(), self.out_rows()))?;
+        self.check("table_bar", table_bar.len(), x, out_bar.len(), self.out_rows())?;
         for (stride, out_bar) in self.parts(x, out_bar) {
             groups::scatter(simd, self.place(stride, x, None), out_bar, table_bar, None);
         }
@@ -176,7 +176,7 @@ impl MultiDistance {
         table_bar: &mut [f32],
     ) -> Result<(), FieldError> {
         check_stride(stride)?;
-        self.check("table_bar", table_bar.len(), x, (out_bar.len(), self.features))?;
+        self.check("table_bar", table_bar.len(), x, out_bar.len(), self.features)?;
         groups::scatter(simd, self.place(stride, x, None), out_bar, table_bar, None);
         Ok(())
     }
@@ -196,7 +196,7 @@ impl MultiDistance {
         touched: &mut [u64],
     ) -> Result<(), FieldError> {
         check_stride(stride)?;
-        self.check("table_bar", table_bar.len(), x, (out_bar.len(), self.features))?;
+        self.check("table_bar", table_bar.len(), x, out_bar.len(), self.features)?;
         check_len("touched", touched.len(), self.touched_words())?;
         groups::scatter(simd, self.place(stride, x, None), out_bar, table_bar, Some(touched));
         Ok(())
@@ -214,7 +214,7 @@ impl MultiDistance {
         out_dot_bar: &[f32],
         table_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.check("table_bar", table_bar.len(), x, (out_dot_bar.len(), self.out_rows()))?;
+        self.check("table_bar", table_bar.len(), x, out_dot_bar.len(), self.out_rows())?;
         check_len("x_dot", x_dot.len(), x.len())?;
         for (stride, bar) in self.parts(x, out_dot_bar) {
             groups::scatter(simd, self.place(stride, x, Some(x_dot)), bar, table_bar, None);
@@ -235,7 +235,7 @@ impl MultiDistance {
         out_bar: &[f32],
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.check("table", table.len(), x, (out_bar.len(), self.out_rows()))?;
+        self.check("table", table.len(), x, out_bar.len(), self.out_rows())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         for (stride, out_bar) in self.parts(x, out_bar) {
             groups::slope(simd, self.place(stride, x, None), table, out_bar, x_bar);
@@ -257,7 +257,7 @@ impl MultiDistance {
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
         check_stride(stride)?;
-        self.check("table", table.len(), x, (out_bar.len(), self.features))?;
+        self.check("table", table.len(), x, out_bar.len(), self.features)?;
         check_len("x_bar", x_bar.len(), x.len())?;
         groups::slope(simd, self.place(stride, x, None), table, out_bar, x_bar);
         Ok(())
@@ -277,7 +277,7 @@ impl MultiDistance {
         out_dot_bar: &[f32],
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.check("table", table.len(), x, (out_dot_bar.len(), self.out_rows()))?;
+        self.check("table", table.len(), x, out_dot_bar.len(), self.out_rows())?;
         check_len("x_dot", x_dot.len(), x.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         for (stride, bar) in self.parts(x, out_dot_bar) {
@@ -303,13 +303,7 @@ impl MultiDistance {
         core::array::from_fn(|a| Axis { vertices: self.vertices[a] as usize, cells: self.resolution[a] as usize - 1 })
     }
 
-    fn check(
-        &self,
-        what: &'static str,
-        table: usize,
-        x: &[f32],
-        (out, rows): (usize, usize),
-    ) -> Result<(), FieldError> {
+    fn check(&self, what: &'static str, table: usize, x: &[f32], out: usize, rows: usize) -> Result<(), FieldError> {
         check_len(what, table, self.params_len())?;
         check_points(x)?;
         check_len("out", out, x.len() / 3 * rows)

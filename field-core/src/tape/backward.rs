@@ -1,7 +1,7 @@
 //! Reverse mode: gradients of all nodes that a loss depends on.
 
 use super::arena::{Arena, span};
-use super::custom::{Bar, Demand, MAX_INPUTS};
+use super::custom::{BackwardArgs, Bar, Demand, MAX_INPUTS};
 use super::forward::{Source, add, mul_add, mul_sub};
 use super::op::{Binary, Entry, NONE, Op};
 use super::product::{Product, Start, Transpose, sum};
@@ -101,7 +101,7 @@ impl Tape<'_> {
         let y = &values[range.clone()];
         let mut bars = Bars { entries: source.entries, before, grad };
         match entry.op {
-            Op::Linear { w, b, x } => linear(source, (w, b, x), g, &mut bars, work, *simd),
+            Op::Linear { w, b, x } => linear(Linear { w, b, x }, source, g, &mut bars, work, *simd),
             Op::Unary { f, x } => {
                 if let Some(x_bar) = bars.of(x) {
                     simd.run(unary::Backward { f, x: source.get(x), y, y_bar: g, x_bar });
@@ -116,7 +116,8 @@ impl Tape<'_> {
                 let len = op.scratch_len(&shapes[..links.len()]);
                 let saved = &values[range.end..range.end + saved as usize];
                 let bars = &mut bars.disjoint(links)[..links.len()];
-                op.backward(views, y, saved, g, grown(work, len), bars)?;
+                let args = BackwardArgs { inputs: views, out: y, saved, out_bar: g };
+                op.backward(args, grown(work, len), bars)?;
             }
             op => simd.run(Rows { op, source, y, g, n: entry.shape.cols, bars: &mut bars }),
         }
@@ -198,15 +199,15 @@ fn grown(buffer: &mut Vec<f32>, len: usize) -> &mut [f32] {
     &mut buffer[..len]
 }
 
-/// `y = w x + b`.
-fn linear(
-    source: Source<'_>,
-    (w, b, x): (u32, u32, u32),
-    g: &[f32],
-    bars: &mut Bars<'_>,
-    work: &mut Vec<f32>,
-    simd: Simd,
-) {
+/// Nodes of `y = w x + b`; `b` may be [`NONE`].
+struct Linear {
+    w: u32,
+    b: u32,
+    x: u32,
+}
+
+fn linear(op: Linear, source: Source<'_>, g: &[f32], bars: &mut Bars<'_>, work: &mut Vec<f32>, simd: Simd) {
+    let Linear { w, b, x } = op;
     let View { rows: k, cols: n, data } = source.view(x);
     let m = source.shape(w).rows;
     if let Some(out) = bars.of(w) {
@@ -245,7 +246,7 @@ impl Task for Rows<'_, '_> {
         let Self { op, source, y, g, n, bars } = self;
         let get = |node| source.get(node);
         match op {
-            Op::Binary { f, a, b } => binary(f, (a, b), source, y, g, bars),
+            Op::Binary { f, a, b } => binary(f, a, b, source, y, g, bars),
             Op::MulRow { x, w } => {
                 let rows = source.shape(x).rows;
                 if let Some(x_bar) = bars.of(x) {
@@ -332,7 +333,7 @@ impl Task for Rows<'_, '_> {
 }
 
 #[inline(always)]
-fn binary(f: Binary, (a, b): (u32, u32), source: Source<'_>, y: &[f32], g: &[f32], bars: &mut Bars<'_>) {
+fn binary(f: Binary, a: u32, b: u32, source: Source<'_>, y: &[f32], g: &[f32], bars: &mut Bars<'_>) {
     let (av, bv) = (source.get(a), source.get(b));
     if !matches!(f, Binary::Gate(_))
         && let Some(out) = bars.of(a)

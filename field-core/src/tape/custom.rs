@@ -52,6 +52,19 @@ pub enum Demand {
     Ignored,
 }
 
+/// What the backward pass of a custom operation reads.
+#[derive(Clone, Copy, Debug)]
+pub struct BackwardArgs<'v> {
+    /// The inputs of the forward pass.
+    pub inputs: &'v [View<'v>],
+    /// Its output, `[rows][cols]`.
+    pub out: &'v [f32],
+    /// What it kept, [`CustomOp::saved_len`] numbers.
+    pub saved: &'v [f32],
+    /// Gradient of the loss with respect to the output, `[rows][cols]`.
+    pub out_bar: &'v [f32],
+}
+
 /// A function pair as a node of the tape, so that crates write pairs without knowing the tape and whoever composes them
 /// writes these few lines.
 ///
@@ -104,15 +117,7 @@ pub trait CustomOp: Sync {
     ///
     /// # Panics
     /// May do so for inputs that [`shape`](Self::shape) refuses, and for slices of other lengths than these.
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError>;
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError>;
 
     /// Record the tangent of the output, in ordinary tape operations (custom ones included), from the tangents of the
     /// inputs; `None` stands for zero, and at least one is not. The result must have the shape of the output.

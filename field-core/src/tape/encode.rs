@@ -1,8 +1,9 @@
 //! Encodings as tape operations.
 
-use super::custom::{Bar, CustomOp, Demand, View};
+use super::custom::{BackwardArgs, Bar, CustomOp, Demand, View};
 use super::{Node, Shape, Tape, TapeError};
 use crate::FieldError;
+use crate::encoding::EncodingBars;
 use float_core::Simd;
 
 /// What an encoding can do, the same for all: features of positions, their derivative along a direction, and the
@@ -44,10 +45,10 @@ pub trait Encoder: Sync {
     fn backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError>;
 
     /// Derivative of the features along `x_dot`.
@@ -57,7 +58,14 @@ pub trait Encoder: Sync {
     ///
     /// # Panics
     /// May do so where lengths disagree.
-    fn tangent(&self, simd: Simd, at: (&[f32], &[f32]), x_dot: &[f32], out_dot: &mut [f32]) -> Result<(), FieldError>;
+    fn tangent(
+        &self,
+        simd: Simd,
+        table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError>;
 
     /// Gradients of [`tangent`](Self::tangent) with respect to the table and to `x`. With respect to `x_dot` it is
     /// [`backward`](Self::backward).
@@ -70,11 +78,11 @@ pub trait Encoder: Sync {
     fn tangent_backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError>;
 }
 
@@ -107,19 +115,12 @@ impl<E: Encoder> CustomOp for EncodingOp<E> {
         Ok(encoder.encode(*simd, table(inputs, 1), inputs[0].data, out)?)
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        _saved: &[f32],
-        out_bar: &[f32],
-        _scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, _scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
         let TangentOp { encoder, simd } = &self.dot;
-        let at = (table(inputs, 1), inputs[0].data);
+        let BackwardArgs { inputs, out_bar, .. } = args;
         let (x_bar, table_bar) = bars.split_at_mut(1);
-        Ok(encoder.backward(*simd, at, out_bar, wanted(table_bar), wanted(x_bar))?)
+        let bars = EncodingBars { table: wanted(table_bar), x: wanted(x_bar) };
+        Ok(encoder.backward(*simd, table(inputs, 1), inputs[0].data, out_bar, bars)?)
     }
 
     fn tangent<'a>(
@@ -191,27 +192,20 @@ impl<E: Encoder> CustomOp for TangentOp<E> {
     }
 
     fn forward(&self, inputs: &[View<'_>], out: &mut [f32], _saved: &mut [f32]) -> Result<(), TapeError> {
-        Ok(self.encoder.tangent(self.simd, (table(inputs, 2), inputs[0].data), inputs[1].data, out)?)
+        Ok(self.encoder.tangent(self.simd, table(inputs, 2), inputs[0].data, inputs[1].data, out)?)
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        _saved: &[f32],
-        out_bar: &[f32],
-        _scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
-        let at = (table(inputs, 2), inputs[0].data);
+    fn backward(&self, args: BackwardArgs<'_>, _scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, out_bar, .. } = args;
+        let (table, x) = (table(inputs, 2), inputs[0].data);
         let (x_bar, rest) = bars.split_at_mut(1);
         let (x_dot_bar, table_bar) = rest.split_at_mut(1);
-        let (x_bar, table_bar) = (wanted(x_bar), wanted(table_bar));
-        if x_bar.is_some() || table_bar.is_some() {
-            self.encoder.tangent_backward(self.simd, at, inputs[1].data, out_bar, table_bar, x_bar)?;
+        let bars = EncodingBars { table: wanted(table_bar), x: wanted(x_bar) };
+        if bars.table.is_some() || bars.x.is_some() {
+            self.encoder.tangent_backward(self.simd, table, x, inputs[1].data, out_bar, bars)?;
         }
         if let Some(x_dot_bar) = wanted(x_dot_bar) {
-            self.encoder.backward(self.simd, at, out_bar, None, Some(x_dot_bar))?;
+            self.encoder.backward(self.simd, table, x, out_bar, EncodingBars::x(x_dot_bar))?;
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use super::encode::Encoder;
 use crate::FieldError;
+use crate::encoding::EncodingBars;
 use crate::encoding::dense_grid::DenseGrid;
 use crate::encoding::hash_grid::HashGrid;
 use crate::encoding::multi_distance::MultiDistance;
@@ -16,182 +17,76 @@ pub struct HashGridTable<'g> {
     pub grid: &'g HashGrid,
 }
 
-impl Encoder for HashGridTable<'_> {
-    const NAME: &'static str = "hash_grid";
+/// [`Encoder`] of a grid with separate calls for the gradients of its table and of the positions. `$grid` is the field that
+/// holds it, `$touched` what its calls take where they can mark the entries they add to.
+macro_rules! grid_encoder {
+    ($type:ty, $name:literal $(, grid: $grid:ident, touched: $touched:expr)?) => {
+        impl Encoder for $type {
+            const NAME: &'static str = $name;
 
-    fn in_rows(&self) -> usize {
-        3
-    }
+            fn in_rows(&self) -> usize {
+                3
+            }
 
-    fn out_rows(&self) -> usize {
-        self.grid.out_rows()
-    }
+            fn out_rows(&self) -> usize {
+                self$(.$grid)?.out_rows()
+            }
 
-    fn params_len(&self) -> usize {
-        self.grid.params_len()
-    }
+            fn params_len(&self) -> usize {
+                self$(.$grid)?.params_len()
+            }
 
-    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        self.grid.encode(simd, table, x, out)
-    }
+            fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+                self$(.$grid)?.encode(simd, table, x, out)
+            }
 
-    fn backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            self.grid.encode_backward(simd, x, out_bar, bar, None)?;
+            fn backward(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                out_bar: &[f32],
+                bars: EncodingBars<'_>,
+            ) -> Result<(), FieldError> {
+                if let Some(bar) = bars.table {
+                    self$(.$grid)?.encode_backward(simd, x, out_bar, bar $(, $touched)?)?;
+                }
+                bars.x.map_or(Ok(()), |bar| self$(.$grid)?.encode_backward_x(simd, table, x, out_bar, bar))
+            }
+
+            fn tangent(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                x_dot: &[f32],
+                out_dot: &mut [f32],
+            ) -> Result<(), FieldError> {
+                self$(.$grid)?.tangent(simd, table, x, x_dot, out_dot)
+            }
+
+            fn tangent_backward(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                x_dot: &[f32],
+                out_dot_bar: &[f32],
+                bars: EncodingBars<'_>,
+            ) -> Result<(), FieldError> {
+                if let Some(bar) = bars.table {
+                    self$(.$grid)?.tangent_backward(simd, x, x_dot, out_dot_bar, bar $(, $touched)?)?;
+                }
+                bars.x.map_or(Ok(()), |bar| self$(.$grid)?.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
+            }
         }
-        x_bar.map_or(Ok(()), |bar| self.grid.encode_backward_x(simd, table, x, out_bar, bar))
-    }
-
-    fn tangent(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        self.grid.tangent(simd, table, x, x_dot, out_dot)
-    }
-
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            self.grid.tangent_backward(simd, x, x_dot, out_dot_bar, bar, None)?;
-        }
-        x_bar.map_or(Ok(()), |bar| self.grid.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
-    }
+    };
 }
 
-impl Encoder for DenseGrid {
-    const NAME: &'static str = "dense_grid";
-
-    fn in_rows(&self) -> usize {
-        3
-    }
-
-    fn out_rows(&self) -> usize {
-        self.features()
-    }
-
-    fn params_len(&self) -> usize {
-        DenseGrid::params_len(self)
-    }
-
-    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        DenseGrid::encode(self, simd, table, x, out)
-    }
-
-    fn backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            self.encode_backward(simd, x, out_bar, bar)?;
-        }
-        x_bar.map_or(Ok(()), |bar| self.encode_backward_x(simd, table, x, out_bar, bar))
-    }
-
-    fn tangent(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        DenseGrid::tangent(self, simd, table, x, x_dot, out_dot)
-    }
-
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            DenseGrid::tangent_backward(self, simd, x, x_dot, out_dot_bar, bar)?;
-        }
-        x_bar.map_or(Ok(()), |bar| self.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
-    }
-}
-
-impl Encoder for MultiDistance {
-    const NAME: &'static str = "multi_distance";
-
-    fn in_rows(&self) -> usize {
-        3
-    }
-
-    fn out_rows(&self) -> usize {
-        MultiDistance::out_rows(self)
-    }
-
-    fn params_len(&self) -> usize {
-        MultiDistance::params_len(self)
-    }
-
-    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        MultiDistance::encode(self, simd, table, x, out)
-    }
-
-    fn backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            self.encode_backward(simd, x, out_bar, bar)?;
-        }
-        x_bar.map_or(Ok(()), |bar| self.encode_backward_x(simd, table, x, out_bar, bar))
-    }
-
-    fn tangent(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        MultiDistance::tangent(self, simd, table, x, x_dot, out_dot)
-    }
-
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        (table, x): (&[f32], &[f32]),
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
-    ) -> Result<(), FieldError> {
-        if let Some(bar) = table_bar {
-            MultiDistance::tangent_backward(self, simd, x, x_dot, out_dot_bar, bar)?;
-        }
-        x_bar.map_or(Ok(()), |bar| self.tangent_backward_x(simd, table, x, x_dot, out_dot_bar, bar))
-    }
-}
+// Methods of the grids themselves go before those of the trait.
+grid_encoder!(HashGridTable<'_>, "hash_grid", grid: grid, touched: None);
+grid_encoder!(DenseGrid, "dense_grid");
+grid_encoder!(MultiDistance, "multi_distance");
 
 impl Encoder for Planes {
     const NAME: &'static str = "planes";
@@ -219,18 +114,19 @@ impl Encoder for Planes {
     fn backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        self.encode_backward(simd, at, out_bar, table_bar, x_bar)
+        self.encode_backward(simd, table, x, out_bar, bars)
     }
 
     fn tangent(
         &self,
         simd: Simd,
-        (table, x): (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
@@ -240,12 +136,12 @@ impl Encoder for Planes {
     fn tangent_backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        Planes::tangent_backward(self, simd, at, x_dot, out_dot_bar, table_bar, x_bar)
+        Planes::tangent_backward(self, simd, table, x, x_dot, out_dot_bar, bars)
     }
 }

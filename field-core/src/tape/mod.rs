@@ -135,7 +135,7 @@ mod unary;
 mod waves;
 
 pub use arena::Arena;
-pub use custom::{Bar, CustomOp, Demand, MAX_INPUTS, View};
+pub use custom::{BackwardArgs, Bar, CustomOp, Demand, MAX_INPUTS, View};
 pub use encode::{Encoder, EncodingOp};
 pub use error::TapeError;
 pub use grids::HashGridTable;

@@ -1,6 +1,6 @@
 //! Networks as tape operations: fused, or layer by layer.
 
-use super::custom::{Bar, CustomOp, View};
+use super::custom::{BackwardArgs, Bar, CustomOp, View};
 use super::{Node, Shape, Tape, TapeError};
 use crate::mlp::{Activation, Layer, Mlp, Packed};
 use float_core::Simd;
@@ -51,15 +51,8 @@ impl CustomOp for MlpOp<'_> {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, saved, out_bar, .. } = args;
         let n = inputs[0].cols;
         let (grad, scratch) = scratch.split_at_mut(self.mlp.packed_grad_len());
         grad.fill(0.0);

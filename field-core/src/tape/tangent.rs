@@ -196,7 +196,7 @@ impl Tape<'_> {
             },
             Op::Binary { f, a, b } => {
                 let (a_dot, b_dot) = (dot(self, a), dot(self, b));
-                self.binary_rule(f, (self.node(a), a_dot), (self.node(b), b_dot), y)?
+                self.binary_rule(f, self.node(a), a_dot, self.node(b), b_dot, y)?
             }
             Op::MulRow { x, w } => {
                 let (x_dot, w_dot) = (dot(self, x), dot(self, w));
@@ -301,8 +301,10 @@ impl Tape<'_> {
     fn binary_rule(
         &mut self,
         f: Binary,
-        (a, a_dot): (Node, Option<Node>),
-        (b, b_dot): (Node, Option<Node>),
+        a: Node,
+        a_dot: Option<Node>,
+        b: Node,
+        b_dot: Option<Node>,
         y: Node,
     ) -> Result<Option<Node>, TapeError> {
         match f {
@@ -320,7 +322,7 @@ impl Tape<'_> {
             Binary::Div => {
                 // (a_dot - y b_dot) / b
                 let right = b_dot.map(|b_dot| self.mul(y, b_dot)).transpose()?;
-                let Some(top) = self.binary_rule(Binary::Sub, (a, a_dot), (b, right), y)? else { return Ok(None) };
+                let Some(top) = self.binary_rule(Binary::Sub, a, a_dot, b, right, y)? else { return Ok(None) };
                 self.div(top, b).map(Some)
             }
             Binary::Gate(slope) => b_dot.map(|b_dot| self.gate(a, b_dot, slope)).transpose(),

@@ -2,6 +2,7 @@
 
 use super::encode::Encoder;
 use crate::FieldError;
+use crate::encoding::EncodingBars;
 use crate::encoding::frequency::Frequency;
 use crate::encoding::spherical_harmonics::SphericalHarmonics;
 use float_core::Simd;
@@ -33,18 +34,19 @@ impl Encoder for Windowed<'_> {
     fn backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        x_bar.map_or(Ok(()), |x_bar| self.encoding.encode_backward(simd, x, self.window, out_bar, x_bar))
+        bars.x.map_or(Ok(()), |x_bar| self.encoding.encode_backward(simd, x, self.window, out_bar, x_bar))
     }
 
     fn tangent(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
@@ -54,13 +56,13 @@ impl Encoder for Windowed<'_> {
     fn tangent_backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        let Some(x_bar) = x_bar else { return Ok(()) };
+        let Some(x_bar) = bars.x else { return Ok(()) };
         self.encoding.tangent_backward_x(simd, x, self.window, x_dot, out_dot_bar, x_bar)
     }
 }
@@ -83,28 +85,35 @@ impl Encoder for Frequency {
     fn backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.backward(simd, at, out_bar, table_bar, x_bar)
+        Windowed { encoding: *self, window: None }.backward(simd, table, x, out_bar, bars)
     }
 
-    fn tangent(&self, simd: Simd, at: (&[f32], &[f32]), x_dot: &[f32], out_dot: &mut [f32]) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.tangent(simd, at, x_dot, out_dot)
+    fn tangent(
+        &self,
+        simd: Simd,
+        table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        Windowed { encoding: *self, window: None }.tangent(simd, table, x, x_dot, out_dot)
     }
 
     fn tangent_backward(
         &self,
         simd: Simd,
-        at: (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.tangent_backward(simd, at, x_dot, out_dot_bar, table_bar, x_bar)
+        Windowed { encoding: *self, window: None }.tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
     }
 }
 
@@ -126,18 +135,19 @@ impl Encoder for SphericalHarmonics {
     fn backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        x_bar.map_or(Ok(()), |x_bar| self.encode_backward(simd, x, out_bar, x_bar))
+        bars.x.map_or(Ok(()), |x_bar| self.encode_backward(simd, x, out_bar, x_bar))
     }
 
     fn tangent(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
@@ -147,12 +157,12 @@ impl Encoder for SphericalHarmonics {
     fn tangent_backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        x_bar.map_or(Ok(()), |x_bar| self.tangent_backward_d(simd, x, x_dot, out_dot_bar, x_bar))
+        bars.x.map_or(Ok(()), |x_bar| self.tangent_backward_d(simd, x, x_dot, out_dot_bar, x_bar))
     }
 }

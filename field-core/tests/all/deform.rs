@@ -1,7 +1,7 @@
 //! Deformations on the tape and without: against matrices in f64, their derivatives to second order, rest and pi.
 
 use field_core::FieldError;
-use field_core::deform::{rigid, rigid_about, rigid_points, rigid_points_backward, translate};
+use field_core::deform::{RigidBars, rigid, rigid_about, rigid_points, rigid_points_backward, translate};
 use field_core::lie::{se3_exp, se3_exp_derivative};
 use field_core::rng::Rng;
 use field_core::tape::{Arena, Node, Tape, TapeError};
@@ -76,7 +76,8 @@ fn rigid_points_match_matrices_and_their_derivatives() {
                         let [x, w, v] = split(at);
                         let (x_bar, rest) = at_bar.split_at_mut(3 * n);
                         let (w_bar, v_bar) = rest.split_at_mut(3 * n);
-                        rigid_points_backward(simd, (x, w, v), bar, (x_bar, w_bar, v_bar)).unwrap();
+                        let bars = RigidBars { x: x_bar, omega: w_bar, v: v_bar };
+                        rigid_points_backward(simd, x, w, v, bar, bars).unwrap();
                     },
                 ),
                 (twin, twin_backward),
@@ -115,7 +116,8 @@ fn the_tape_gives_the_points_and_gradients_of_the_pair() {
         assert!(close(tape.value(out).unwrap().data, &want), "angle {angle}");
         let mut bars = [vec![0.0; 3 * n], vec![0.0; 3 * n], vec![0.0; 3 * n]];
         let [x_bar, w_bar, v_bar] = &mut bars;
-        rigid_points_backward(Simd::best(), (x, w, v), &out_bar, (x_bar, w_bar, v_bar)).unwrap();
+        let rigid_bars = RigidBars { x: x_bar, omega: w_bar, v: v_bar };
+        rigid_points_backward(Simd::best(), x, w, v, &out_bar, rigid_bars).unwrap();
         tape.backward(&[(out, &out_bar)], &mut []).unwrap();
         for (leaf, bar) in leaves.into_iter().zip(&bars) {
             assert!(close(tape.gradient(leaf).unwrap(), bar), "angle {angle}");
@@ -239,7 +241,8 @@ fn rigid_about_turns_around_its_pivot() {
 #[test]
 fn no_points_are_legal_and_wrong_shapes_are_refused() {
     rigid_points(Simd::best(), &[], &[], &[], &mut []).unwrap();
-    rigid_points_backward(Simd::best(), (&[], &[], &[]), &[], (&mut [], &mut [], &mut [])).unwrap();
+    let bars = RigidBars { x: &mut [], omega: &mut [], v: &mut [] };
+    rigid_points_backward(Simd::best(), &[], &[], &[], &[], bars).unwrap();
     let mut out = [0.0; 3];
     let shape = |what, want, got| Err(FieldError::Shape { what, want, got });
     assert_eq!(rigid_points(Simd::best(), &[0.0; 4], &[0.0; 4], &[0.0; 4], &mut out), shape("x", 6, 4));
@@ -281,7 +284,8 @@ proptest! {
         rigid_points(Simd::best(), &[x, 1.0, -x], &w, &[0.0, x, 1.0], &mut out).unwrap();
         prop_assert!(out.iter().all(|x| x.is_finite()), "{w:?}: {out:?}");
         let [a, b, c] = &mut bars;
-        rigid_points_backward(Simd::best(), (&[x, 1.0, -x], &w, &[0.0, x, 1.0]), &[1.0, -1.0, 0.5], (a, b, c)).unwrap();
+        let rigid_bars = RigidBars { x: a, omega: b, v: c };
+        rigid_points_backward(Simd::best(), &[x, 1.0, -x], &w, &[0.0, x, 1.0], &[1.0, -1.0, 0.5], rigid_bars).unwrap();
         prop_assert!(bars.iter().flatten().all(|x| x.is_finite()), "{w:?}: {bars:?}");
     }
 }

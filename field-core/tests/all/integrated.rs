@@ -1,7 +1,7 @@
 //! Integrated encoding: against its `f64` twin, differences, samples of the Gaussian, and the plain encoding.
 
 use field_core::encoding::frequency::{Base, Frequency, Identity};
-use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
+use field_core::encoding::integrated::{Gaussians, Integrated, Projection, icosahedron};
 use field_core::rng::Rng;
 use field_core::tape::{Arena, EncodingOp, Tape};
 use float_core::Simd;
@@ -95,15 +95,15 @@ fn integrated_matches_its_twin_and_differences() {
             check_tangent(&x64, &x_dot, rows, values, tangent, Tolerance::new(1e-6, 1e-7)).unwrap();
             let (mut got, mut want) = (vec![f32::NAN; rows], vec![0.0; rows]);
             let dot = f32s(&x_dot);
-            encoding.tangent(simd, x.split_at(dims), dot.split_at(dims), &mut got).unwrap();
+            encoding.tangent(simd, Gaussians::stacked(&x), Gaussians::stacked(&dot), &mut got).unwrap();
             tangent(&x64, &x_dot, &mut want);
             compare("tangent", &got, &want, Tolerance::SINGLE).unwrap();
             // The second derivative against differences of the f64 tangent.
             let bar = cotangent(rows, 2);
             let mut x_bar = vec![0.0; 2 * dims];
             let (mean_bar, var_bar) = x_bar.split_at_mut(dims);
-            let bars = (Some(mean_bar), Some(var_bar));
-            encoding.tangent_backward(simd, x.split_at(dims), dot.split_at(dims), &f32s(&bar), bars).unwrap();
+            let (at, dot) = (Gaussians::stacked(&x), Gaussians::stacked(&dot));
+            encoding.tangent_backward(simd, at, dot, &f32s(&bar), Some(mean_bar), Some(var_bar)).unwrap();
             let want = central_difference(&x64, |x| {
                 let mut out = vec![0.0; rows];
                 tangent(x, &x_dot, &mut out);
@@ -133,7 +133,8 @@ fn the_tape_sees_means_and_variances_as_one_matrix() {
         let along = tape.constant(6, n, &vec![0.1; 6 * n]).unwrap();
         let dot = tape.jvp([out], &[(node, along)]).unwrap();
         let (mut want, half) = (vec![0.0; bar.len()], [0.1; 63]);
-        encoding.tangent(simd, x.split_at(3 * n), (&half, &half), &mut want).unwrap();
+        let halves = Gaussians { mean: &half, var: &half };
+        encoding.tangent(simd, Gaussians::stacked(&x), halves, &mut want).unwrap();
         assert_eq!(tape.value(dot[0]).unwrap().data, want);
         tape.backward(&[(out, &bar)], &mut []).unwrap();
         let mut x_bar = vec![0.0; x.len()];

@@ -1,6 +1,7 @@
 //! Tri-planes, k-planes and hex-planes against a naive twin in `f64`, and what one expects of them.
 
 use field_core::FieldError;
+use field_core::encoding::EncodingBars;
 use field_core::encoding::planes::{Combine, Planes};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -211,8 +212,8 @@ fn values_and_gradients_match_the_twin() {
                 |both: &[f32], out: &mut [f32]| planes.encode(simd, &both[..len], &both[len..], out).unwrap(),
                 |both: &[f32], out_bar: &[f32], bars: &mut [f32]| {
                     let (table_bar, x_bar) = bars.split_at_mut(len);
-                    let at = both.split_at(len);
-                    planes.encode_backward(simd, at, out_bar, Some(table_bar), Some(x_bar)).unwrap();
+                    let (table, x) = both.split_at(len);
+                    planes.encode_backward(simd, table, x, out_bar, EncodingBars::both(table_bar, x_bar)).unwrap();
                 },
             );
             let twin = (
@@ -251,7 +252,9 @@ fn tangents_and_their_gradients_match_the_twin() {
                 compare("tangent", &out_dot, &want, Tolerance::new(3e-6, 1e-6)).unwrap();
                 let (mut table_bar, mut x_bar) = (vec![1.0; len], vec![1.0; x.len()]);
                 let bars = (Some(&mut table_bar[..]), Some(&mut x_bar[..]));
-                planes.tangent_backward(simd, (table, x), &x_dot, &f32s(&bar), bars.0, bars.1).unwrap();
+                planes
+                    .tangent_backward(simd, table, x, &x_dot, &f32s(&bar), EncodingBars { table: bars.0, x: bars.1 })
+                    .unwrap();
                 let got: Vec<f64> = table_bar.iter().chain(&x_bar).map(|g| f64::from(*g) - 1.0).collect();
                 compare("gradient of the tangent", &got, &want_bars, Tolerance::SINGLE).unwrap();
             }
@@ -274,12 +277,12 @@ fn the_levels_agree_and_gradients_may_be_left_out() {
             planes.tangent(simd, &table, &x, &x_dot, &mut out_dot).unwrap();
             let mut bars = [vec![0.0; len], vec![0.0; x.len()], vec![0.0; len], vec![0.0; x.len()]];
             let [a, b, c, d] = &mut bars;
-            planes.encode_backward(simd, (&table, &x), &bar, Some(a), Some(b)).unwrap();
-            planes.tangent_backward(simd, (&table, &x), &x_dot, &bar, Some(c), Some(d)).unwrap();
+            planes.encode_backward(simd, &table, &x, &bar, EncodingBars::both(a, b)).unwrap();
+            planes.tangent_backward(simd, &table, &x, &x_dot, &bar, EncodingBars::both(c, d)).unwrap();
             let mut alone = [vec![0.0; len], vec![0.0; x.len()]];
-            planes.encode_backward(simd, (&table, &x), &bar, Some(&mut alone[0]), None).unwrap();
-            planes.encode_backward(simd, (&table, &x), &bar, None, Some(&mut alone[1])).unwrap();
-            planes.encode_backward(simd, (&table, &x), &bar, None, None).unwrap();
+            planes.encode_backward(simd, &table, &x, &bar, EncodingBars::table(&mut alone[0])).unwrap();
+            planes.encode_backward(simd, &table, &x, &bar, EncodingBars::x(&mut alone[1])).unwrap();
+            planes.encode_backward(simd, &table, &x, &bar, EncodingBars::default()).unwrap();
             assert_eq!((bits(&alone[0]), bits(&alone[1])), (bits(&bars[0]), bits(&bars[1])));
             all.push((bits(&out), bits(&out_dot), bars.map(|bar| bits(&bar))));
         }
@@ -303,8 +306,8 @@ fn outside_the_box_the_border_counts_and_positions_have_no_gradient() {
                 planes.encode(simd, &table, &border, &mut want).unwrap();
                 assert_eq!(bits(&got), bits(&want), "{kind:?} {x:?}");
                 let (mut x_bar, mut inside) = (vec![0.0; rows], vec![0.0; rows]);
-                planes.encode_backward(simd, (&table, x), &[1.0; 3], None, Some(&mut x_bar)).unwrap();
-                planes.encode_backward(simd, (&table, &border), &[1.0; 3], None, Some(&mut inside)).unwrap();
+                planes.encode_backward(simd, &table, x, &[1.0; 3], EncodingBars::x(&mut x_bar)).unwrap();
+                planes.encode_backward(simd, &table, &border, &[1.0; 3], EncodingBars::x(&mut inside)).unwrap();
                 // Directions past the border do not count, whatever their size.
                 let mut out_dot = [nan; 3];
                 let x_dot: Vec<f32> = x.iter().map(|x| if (-1.0..=1.0).contains(x) { 0.0 } else { inf }).collect();
@@ -330,7 +333,7 @@ fn a_huge_table_neighbours_no_samples_that_do_not_exist() {
         table[end - 2..end].fill(1.0);
     }
     let mut table_bar = vec![0.0; table.len()];
-    planes.encode_backward(Simd::best(), (&table, &[1.0; 4]), &[1.0; 2], Some(&mut table_bar), None).unwrap();
+    planes.encode_backward(Simd::best(), &table, &[1.0; 4], &[1.0; 2], EncodingBars::table(&mut table_bar)).unwrap();
     assert!(table_bar.iter().all(|g| g.is_finite()));
     assert_eq!(table_bar.iter().sum::<f32>(), 12.0);
 }
@@ -342,16 +345,19 @@ fn empty_batches_are_legal_and_wrong_sizes_are_named() {
     let table = vec![0.0; len];
     assert_eq!(planes.encode(s, &table, &[], &mut []), Ok(()));
     assert_eq!(planes.tangent(s, &table, &[], &[], &mut []), Ok(()));
-    assert_eq!(planes.encode_backward(s, (&table, &[]), &[], Some(&mut vec![0.0; len]), Some(&mut [])), Ok(()));
-    assert_eq!(planes.tangent_backward(s, (&table, &[]), &[], &[], None, None), Ok(()));
+    assert_eq!(planes.encode_backward(s, &table, &[], &[], EncodingBars::both(&mut vec![0.0; len], &mut [])), Ok(()));
+    assert_eq!(planes.tangent_backward(s, &table, &[], &[], &[], EncodingBars::default()), Ok(()));
     let shape = |what, want, got| Err(FieldError::Shape { what, want, got });
     assert_eq!(planes.encode(s, &table[1..], &[], &mut []), shape("table", len, len - 1));
     assert_eq!(planes.encode(s, &table, &[0.0; 6], &mut [0.0; 2]), shape("x", 4, 6));
     assert_eq!(planes.encode(s, &table, &[0.0; 4], &mut [0.0; 3]), shape("out", 2, 3));
     assert_eq!(planes.tangent(s, &table, &[0.0; 4], &[], &mut [0.0; 2]), shape("x_dot", 4, 0));
-    let (at, bar) = ((&table[..], &[0.0; 4][..]), [0.0; 2]);
-    assert_eq!(planes.encode_backward(s, at, &bar, Some(&mut [0.0]), None), shape("table_bar", len, 1));
-    assert_eq!(planes.encode_backward(s, at, &bar, None, Some(&mut [0.0])), shape("x_bar", 4, 1));
+    let (x, bar) = ([0.0; 4], [0.0; 2]);
+    assert_eq!(
+        planes.encode_backward(s, &table, &x, &bar, EncodingBars::table(&mut [0.0])),
+        shape("table_bar", len, 1)
+    );
+    assert_eq!(planes.encode_backward(s, &table, &x, &bar, EncodingBars::x(&mut [0.0])), shape("x_bar", 4, 1));
     for (resolution, features, what) in [
         ([0, 2, 2, 2], 1, "resolution"),
         ([2, 2, 2, (1 << 22) + 1], 1, "resolution"),
@@ -438,7 +444,7 @@ proptest! {
         for (a, b) in a.iter().zip(&b) {
             prop_assert!((a - b).abs() < 1e-6);
         }
-        four.encode_backward(Simd::best(), (&of_four, &x), &[1.0; 20], None, Some(&mut x_bar)).unwrap();
+        four.encode_backward(Simd::best(), &of_four, &x, &[1.0; 20], EncodingBars::x(&mut x_bar)).unwrap();
         prop_assert!(x_bar[30..].iter().all(|g| g.abs() < 1e-5), "{:?}", &x_bar[30..]);
     }
 

@@ -1,7 +1,7 @@
 //! Errors, empty tiles, shared memory, repeated passes, custom operations.
 
 use crate::tape_twin::{self, close, narrow, numbers};
-use field_core::tape::{Arena, Bar, CustomOp, Demand, Node, Shape, Tape, TapeError, View};
+use field_core::tape::{Arena, BackwardArgs, Bar, CustomOp, Demand, Node, Shape, Tape, TapeError, View};
 
 /// Optical depths along rays of equal length to weights: `w_i = exp(-sum_{j<i} tau_j) (1 - exp(-tau_i))`, with the sums
 /// kept for the backward pass. Samples of a ray lie one after another.
@@ -38,15 +38,8 @@ impl CustomOp for Weights {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        _scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, _scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, out, saved, out_bar } = args;
         let tau = inputs[0].data;
         for ray in 0..tau.len() / self.per_ray {
             let mut behind = 0.0;
@@ -123,15 +116,8 @@ impl CustomOp for MulAdd {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        _saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, out_bar, .. } = args;
         scratch.copy_from_slice(out_bar);
         for (i, g) in scratch.iter().enumerate() {
             bars[0].data[i] += g * inputs[1].data[i];

@@ -108,8 +108,9 @@ fn step_slice<V: Vector, const SPARSE: bool>(
     // A lane counts at most n / LANES: exact in f32 for the fixed chunks.
     let mut wrong = V::splat(0.0);
     for i in (0..body).step_by(V::LANES) {
-        let lanes = (V::load(&p[i..]), V::load(&g[i..]), V::load(&m[i..]), V::load(&v[i..]));
-        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, lanes);
+        let (p_old, g) = (V::load(&p[i..]), V::load(&g[i..]));
+        let (m_old, v_old) = (V::load(&m[i..]), V::load(&v[i..]));
+        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, p_old, g, m_old, v_old);
         new_p.store(&mut p[i..]);
         new_m.store(&mut m[i..]);
         new_v.store(&mut v[i..]);
@@ -123,8 +124,9 @@ fn step_slice<V: Vector, const SPARSE: bool>(
             lanes[..x.len()].copy_from_slice(x);
             V::load(&lanes)
         };
-        let lanes = (load(&p[body..]), load(&g[body..]), load(&m[body..]), load(&v[body..]));
-        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, lanes);
+        let (p_old, g) = (load(&p[body..]), load(&g[body..]));
+        let (m_old, v_old) = (load(&m[body..]), load(&v[body..]));
+        let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, p_old, g, m_old, v_old);
         for (new, old) in [(new_p, &mut p[body..]), (new_m, &mut m[body..]), (new_v, &mut v[body..])] {
             let mut lanes = [0.0; 16];
             new.store(&mut lanes);
@@ -137,7 +139,7 @@ fn step_slice<V: Vector, const SPARSE: bool>(
 
 /// New parameter, moments, and 1 where the gradient is not finite.
 #[inline(always)]
-fn step_lanes<V: Vector, const SPARSE: bool>(k: Coefficients, (p, g, m, v): (V, V, V, V)) -> (V, V, V, V) {
+fn step_lanes<V: Vector, const SPARSE: bool>(k: Coefficients, p: V, g: V, m: V, v: V) -> (V, V, V, V) {
     let (zero, one) = (V::splat(0.0), V::splat(1.0));
     let size = g.max(-g);
     // inf - |g| is inf for a finite g, else NaN, which is not positive.

@@ -1,6 +1,6 @@
 //! The quadrature as a tape operation: densities and colours of a tile's samples to pixels.
 
-use field_core::tape::{Bar, CustomOp, Demand, Shape, TapeError, View};
+use field_core::tape::{BackwardArgs, Bar, CustomOp, Demand, Shape, TapeError, View};
 use float_core::Simd;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
@@ -64,15 +64,8 @@ impl CustomOp for CompositeOp<'_> {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, saved, out_bar, .. } = args;
         let n = self.dt.len();
         let (tau, w, trans_end) = split(saved, n, self.rays());
         let samples = Samples { offsets: self.offsets, tau, last: LastInterval::Finite };

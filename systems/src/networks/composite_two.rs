@@ -1,6 +1,6 @@
 //! The joint quadrature of a static and a transient part as a tape operation.
 
-use field_core::tape::{Bar, CustomOp, Demand, Shape, TapeError, View};
+use field_core::tape::{BackwardArgs, Bar, CustomOp, Demand, Shape, TapeError, View};
 use float_core::Simd;
 use render_core::quadrature::Values;
 use render_core::quadrature::two::{
@@ -98,15 +98,8 @@ impl CustomOp for CompositeTwoOp<'_> {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        _out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, saved, out_bar, .. } = args;
         let (n, rays) = (self.dt.len(), self.rays());
         let part = |i: usize| &saved[i * n..(i + 1) * n];
         let samples = TwoSamples { offsets: self.offsets, tau_s: part(0), tau_t: part(1) };

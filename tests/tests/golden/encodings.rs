@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use field_core::encoding::EncodingBars;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Addressing, Growth, HashGrid, HashGridConfig, Interpolation, Rule, Touched};
 use field_core::encoding::integrated::Integrated;
@@ -274,8 +275,8 @@ fn planes_match_golden() {
             assert_close(&label, &transposed(&out, n), &record.output("features").data, rtol, atol);
 
             let (mut table_bar, mut x_bar) = (vec![0.0; table.len()], vec![0.0; x.len()]);
-            let bars = (Some(&mut table_bar[..]), Some(&mut x_bar[..]));
-            planes.encode_backward(simd, (&table, &x), &out_bar, bars.0, bars.1).unwrap();
+            let bars = EncodingBars::both(&mut table_bar, &mut x_bar);
+            planes.encode_backward(simd, &table, &x, &out_bar, bars).unwrap();
             assert_close(&label, &transposed(&x_bar, n), &record.grad("x").data, rtol_gradient, atol_gradient);
             for p in 0..planes.pairs().len() {
                 let got = transposed(&table_bar[planes.plane_range(p)], features);

@@ -48,6 +48,20 @@ struct SlopeJob<'a> {
     x_bar: [&'a mut [f32]; 3],
 }
 
+impl<'a> SlopeJob<'a> {
+    /// The whole batch.
+    fn new(
+        params: &'a [f32],
+        levels: usize,
+        x: Axes<'a>,
+        x_dot: Option<Axes<'a>>,
+        out_bar: &'a [f32],
+        x_bar: &'a mut [f32],
+    ) -> Self {
+        Self { params, n: x[0].len(), levels, out_bar, at: 0, x, x_dot, x_bar: rows_mut(x_bar) }
+    }
+}
+
 impl HashGrid {
     /// Features of all levels: `out` `[levels * features][n]`.
     ///
@@ -134,7 +148,7 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x, out_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, params, (axes(x), None), out_bar, x_bar, self.config.levels);
+        self.slope_batch(simd, SlopeJob::new(params, self.config.levels, axes(x), None, out_bar, x_bar));
         Ok(())
     }
 
@@ -154,7 +168,8 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x, out_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, params, (axes(x), None), out_bar, x_bar, levels.min(self.config.levels));
+        let levels = levels.min(self.config.levels);
+        self.slope_batch(simd, SlopeJob::new(params, levels, axes(x), None, out_bar, x_bar));
         Ok(())
     }
 
@@ -174,7 +189,8 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x_dot, out_dot_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, params, (axes(x), Some(axes(x_dot))), out_dot_bar, x_bar, self.config.levels);
+        let levels = self.config.levels;
+        self.slope_batch(simd, SlopeJob::new(params, levels, axes(x), Some(axes(x_dot)), out_dot_bar, x_bar));
         Ok(())
     }
 
@@ -296,17 +312,7 @@ impl HashGrid {
         }
     }
 
-    fn slope_batch(
-        &self,
-        simd: Simd,
-        params: &[f32],
-        (x, x_dot): (Axes<'_>, Option<Axes<'_>>),
-        out_bar: &[f32],
-        x_bar: &mut [f32],
-        levels: usize,
-    ) {
-        let n = x[0].len();
-        let job = SlopeJob { params, n, levels, out_bar, at: 0, x, x_dot, x_bar: rows_mut(x_bar) };
+    fn slope_batch(&self, simd: Simd, job: SlopeJob<'_>) {
         match self.config.features {
             1 => self.slope_chunks::<1>(simd, job),
             2 => self.slope_chunks::<2>(simd, job),

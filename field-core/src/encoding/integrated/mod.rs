@@ -10,6 +10,7 @@ mod projection;
 pub use icosahedron::icosahedron;
 pub use projection::Projection;
 
+use super::EncodingBars;
 use super::lattice::cell::{BLOCK, Lanes};
 use crate::FieldError;
 use crate::error::check_len;
@@ -38,6 +39,30 @@ use float_core::{Simd, Task, Vector, vecmath};
 pub struct Integrated {
     dims: usize,
     octaves: usize,
+}
+
+/// Gaussians with independent coordinates, or a direction in the space of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Gaussians<'a> {
+    /// Means, `[dims][n]`.
+    pub mean: &'a [f32],
+    /// Variances, `[dims][n]`.
+    pub var: &'a [f32],
+}
+
+impl<'a> Gaussians<'a> {
+    /// The halves of `[mean; var]`, `[2 dims][n]`.
+    #[must_use]
+    pub fn stacked(rows: &'a [f32]) -> Self {
+        let (mean, var) = rows.split_at(rows.len() / 2);
+        Self { mean, var }
+    }
+
+    /// Whether this is a direction at `at`.
+    fn check_dot(self, at: Gaussians<'_>) -> Result<(), FieldError> {
+        check_len("mean_dot", self.mean.len(), at.mean.len())?;
+        check_len("var_dot", self.var.len(), at.var.len())
+    }
 }
 
 /// Most octaves: `2^31`.
@@ -120,26 +145,25 @@ impl Integrated {
         Ok(())
     }
 
-    /// Derivative along `(mean_dot, var_dot)`, each `[dims][n]`: `out_dot` `[out_rows][n]`.
+    /// Derivative along `dot`: `out_dot` `[out_rows][n]`.
     ///
     /// # Errors
     /// [`FieldError::Shape`].
     pub fn tangent(
         &self,
         simd: Simd,
-        (mean, var): (&[f32], &[f32]),
-        (mean_dot, var_dot): (&[f32], &[f32]),
+        at: Gaussians<'_>,
+        dot: Gaussians<'_>,
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
-        let n = self.check(mean, var, out_dot.len(), "out_dot")?;
-        check_len("mean_dot", mean_dot.len(), mean.len())?;
-        check_len("var_dot", var_dot.len(), var.len())?;
+        let n = self.check(at.mean, at.var, out_dot.len(), "out_dot")?;
+        dot.check_dot(at)?;
         simd.run(Octaves {
             encoding: *self,
-            mean,
-            var,
+            mean: at.mean,
+            var: at.var,
             body: |o: Octave, sin: &Lanes, cos: &Lanes| {
-                let (sin, cos) = push(&o, n, sin, cos, mean_dot, var_dot);
+                let (sin, cos) = push(&o, n, sin, cos, dot.mean, dot.var);
                 out_dot[o.sin_row * n + o.at..][..o.len].copy_from_slice(&sin[..o.len]);
                 out_dot[o.cos_row * n + o.at..][..o.len].copy_from_slice(&cos[..o.len]);
             },
@@ -154,22 +178,22 @@ impl Integrated {
     pub fn tangent_backward(
         &self,
         simd: Simd,
-        (mean, var): (&[f32], &[f32]),
-        (mean_dot, var_dot): (&[f32], &[f32]),
+        at: Gaussians<'_>,
+        dot: Gaussians<'_>,
         out_dot_bar: &[f32],
-        (mut mean_bar, mut var_bar): (Option<&mut [f32]>, Option<&mut [f32]>),
+        mut mean_bar: Option<&mut [f32]>,
+        mut var_bar: Option<&mut [f32]>,
     ) -> Result<(), FieldError> {
-        let n = self.check(mean, var, out_dot_bar.len(), "out_dot_bar")?;
-        check_len("mean_dot", mean_dot.len(), mean.len())?;
-        check_len("var_dot", var_dot.len(), var.len())?;
-        check_bars(mean.len(), &mean_bar, &var_bar)?;
+        let n = self.check(at.mean, at.var, out_dot_bar.len(), "out_dot_bar")?;
+        dot.check_dot(at)?;
+        check_bars(at.mean.len(), &mean_bar, &var_bar)?;
         simd.run(Octaves {
             encoding: *self,
-            mean,
-            var,
+            mean: at.mean,
+            var: at.var,
             body: |o: Octave, sin: &Lanes, cos: &Lanes| {
                 // With z = cos + i sin, the tangent is z w and its derivatives are those of z, times w.
-                let (sin, cos) = push(&o, n, sin, cos, mean_dot, var_dot);
+                let (sin, cos) = push(&o, n, sin, cos, dot.mean, dot.var);
                 pull(&o, n, &sin, &cos, out_dot_bar, mean_bar.as_deref_mut(), var_bar.as_deref_mut());
             },
         });
@@ -334,20 +358,20 @@ impl Encoder for Integrated {
     }
 
     fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        let (mean, var) = x.split_at(x.len() / 2);
+        let Gaussians { mean, var } = Gaussians::stacked(x);
         Integrated::encode(self, simd, mean, var, out)
     }
 
     fn backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        let Some(x_bar) = x_bar else { return Ok(()) };
-        let (mean, var) = x.split_at(x.len() / 2);
+        let Some(x_bar) = bars.x else { return Ok(()) };
+        let Gaussians { mean, var } = Gaussians::stacked(x);
         let (mean_bar, var_bar) = x_bar.split_at_mut(mean.len());
         self.encode_backward(simd, mean, var, out_bar, Some(mean_bar), Some(var_bar))
     }
@@ -355,27 +379,26 @@ impl Encoder for Integrated {
     fn tangent(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
-        let half = x.len() / 2;
-        Integrated::tangent(self, simd, x.split_at(half), x_dot.split_at(half), out_dot)
+        Integrated::tangent(self, simd, Gaussians::stacked(x), Gaussians::stacked(x_dot), out_dot)
     }
 
     fn tangent_backward(
         &self,
         simd: Simd,
-        (_, x): (&[f32], &[f32]),
+        _table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        _table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        let Some(x_bar) = x_bar else { return Ok(()) };
-        let half = x.len() / 2;
-        let (mean_bar, var_bar) = x_bar.split_at_mut(half);
-        let bars = (Some(mean_bar), Some(var_bar));
-        Integrated::tangent_backward(self, simd, x.split_at(half), x_dot.split_at(half), out_dot_bar, bars)
+        let Some(x_bar) = bars.x else { return Ok(()) };
+        let (mean_bar, var_bar) = x_bar.split_at_mut(x.len() / 2);
+        let (at, dot) = (Gaussians::stacked(x), Gaussians::stacked(x_dot));
+        Integrated::tangent_backward(self, simd, at, dot, out_dot_bar, Some(mean_bar), Some(var_bar))
     }
 }

@@ -61,7 +61,9 @@ impl Projection {
         along: &mut [f32],
         var: &mut [f32],
     ) -> Result<(), FieldError> {
-        let n = self.check((mean.len(), cov.len()), (along.len(), var.len()), ["along", "var"])?;
+        let n = Self::check(mean.len(), cov.len())?;
+        check_len("along", along.len(), n * self.len())?;
+        check_len("var", var.len(), n * self.len())?;
         simd.run(Project { columns: &self.columns, n, mean, cov, along, var });
         Ok(())
     }
@@ -78,8 +80,9 @@ impl Projection {
         mean_bar: &mut [f32],
         cov_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        let lens = (along_bar.len(), var_bar.len());
-        let n = self.check((mean_bar.len(), cov.len()), lens, ["along_bar", "var_bar"])?;
+        let n = Self::check(mean_bar.len(), cov.len())?;
+        check_len("along_bar", along_bar.len(), n * self.len())?;
+        check_len("var_bar", var_bar.len(), n * self.len())?;
         check_len("cov_bar", cov_bar.len(), cov.len())?;
         for (k, (p, squares)) in self.columns.iter().enumerate() {
             for i in 0..n {
@@ -98,17 +101,11 @@ impl Projection {
         Ok(())
     }
 
-    fn check(
-        &self,
-        (mean, cov): (usize, usize),
-        (along, var): (usize, usize),
-        names: [&'static str; 2],
-    ) -> Result<usize, FieldError> {
+    /// Number of Gaussians.
+    fn check(mean: usize, cov: usize) -> Result<usize, FieldError> {
         let n = mean / 3;
         check_len("mean", mean, 3 * n)?;
         check_len("cov", cov, 6 * n)?;
-        check_len(names[0], along, n * self.len())?;
-        check_len(names[1], var, n * self.len())?;
         Ok(n)
     }
 }

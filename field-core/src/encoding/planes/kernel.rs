@@ -191,7 +191,8 @@ impl Cells {
         &self,
         place: &Place<'_>,
         len: usize,
-        (weights, bar): (&Corners<f32>, &[Lanes; F]),
+        weights: &Corners<f32>,
+        bar: &[Lanes; F],
         table_bar: &mut [f32],
     ) where
         Packed: Features<F>,
@@ -325,9 +326,9 @@ where
             let mut pulls = [[0.0; BLOCK]; MAX_AXES];
             for (p, cells) in cells[..count].iter().enumerate() {
                 if let Some(table_bar) = table_bar.as_deref_mut() {
-                    cells.scatter(&place, len, (&cells.weights(), &bars[p]), table_bar);
+                    cells.scatter(&place, len, &cells.weights(), &bars[p], table_bar);
                     if place.x_dot.is_some() {
-                        cells.scatter(&place, len, (&cells.weights_dot(), &dot_bars[p]), table_bar);
+                        cells.scatter(&place, len, &cells.weights_dot(), &dot_bars[p], table_bar);
                     }
                 }
                 if x_bar.is_some() {

@@ -24,7 +24,7 @@ use self::kernel::{MAX_AXES, Place, Plane, Pull, Read};
 use super::lattice::features::{Features, Packed};
 use super::lattice::groups::groups;
 use super::resample::{Axis, resample};
-use super::{rows, rows_mut};
+use super::{EncodingBars, rows, rows_mut};
 use crate::FieldError;
 use crate::error::check_len;
 
@@ -194,13 +194,13 @@ impl Planes {
     pub fn encode_backward(
         &self,
         simd: Simd,
-        (table, x): (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         out_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         self.check(table, x, None, out_bar.len())?;
-        self.pull(simd, (table, x), None, out_bar, table_bar, x_bar)
+        self.pull(simd, table, x, None, out_bar, bars)
     }
 
     /// Adds the gradients of the table and of the positions through [`tangent`](Self::tangent), where wanted. With respect
@@ -212,14 +212,14 @@ impl Planes {
     pub fn tangent_backward(
         &self,
         simd: Simd,
-        (table, x): (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: &[f32],
         out_dot_bar: &[f32],
-        table_bar: Option<&mut [f32]>,
-        x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         self.check(table, x, Some(x_dot), out_dot_bar.len())?;
-        self.pull(simd, (table, x), Some(x_dot), out_dot_bar, table_bar, x_bar)
+        self.pull(simd, table, x, Some(x_dot), out_dot_bar, bars)
     }
 
     /// The table of planes of another resolution that hold the same features, as far as their vertices can: these planes
@@ -298,12 +298,13 @@ impl Planes {
     fn pull(
         &self,
         simd: Simd,
-        (table, x): (&[f32], &[f32]),
+        table: &[f32],
+        x: &[f32],
         x_dot: Option<&[f32]>,
         out_bar: &[f32],
-        mut table_bar: Option<&mut [f32]>,
-        mut x_bar: Option<&mut [f32]>,
+        bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
+        let EncodingBars { table: mut table_bar, x: mut x_bar } = bars;
         type Bar<'o> = Option<&'o mut [f32]>;
         fn some<const F: usize>(simd: Simd, place: Place<'_>, out_bar: &[f32], table_bar: Bar<'_>, x_bar: Bar<'_>)
         where

@@ -1,6 +1,7 @@
 //! Hash grids, frequencies and spherical harmonics of positions and directions that no scene has.
 
 use field_core::FieldError;
+use field_core::encoding::EncodingBars;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig};
 use field_core::encoding::integrated::Integrated;
@@ -119,7 +120,7 @@ fn planes(tally: &mut Tally, simd: Simd) {
                 let (mut table_bar, mut x_bar) = (vec![0.0; table.len()], vec![0.0; rows * n]);
                 let (at, bars) = (at(x), vec![1.0; 3 * n]);
                 planes
-                    .encode_backward(simd, (&table, &at), &bars, Some(&mut table_bar), Some(&mut x_bar))
+                    .encode_backward(simd, &table, &at, &bars, EncodingBars::both(&mut table_bar, &mut x_bar))
                     .map_err(|e| e.to_string())?;
                 finite("table gradient", &table_bar)?;
                 finite("position gradient", &x_bar)?;
@@ -131,7 +132,8 @@ fn planes(tally: &mut Tally, simd: Simd) {
             let (mut out, mut x_bar) = (vec![f32::NAN; 3], vec![0.0; planes.in_rows()]);
             let x = vec![0.3; planes.in_rows()];
             planes.encode(simd, &zeros, &x, &mut out).map_err(|e| e.to_string())?;
-            planes.encode_backward(simd, (&zeros, &x), &[1.0; 3], None, Some(&mut x_bar)).map_err(|e| e.to_string())?;
+            let bars = EncodingBars::x(&mut x_bar);
+            planes.encode_backward(simd, &zeros, &x, &[1.0; 3], bars).map_err(|e| e.to_string())?;
             ensure(out.iter().chain(&x_bar).all(|v| *v == 0.0), || format!("{out:?}, {x_bar:?}"))
         });
     }

@@ -1,6 +1,6 @@
 //! The quadrature as a tape operation whose weights are an output too: losses on them need their gradient.
 
-use field_core::tape::{Bar, CustomOp, Demand, Shape, TapeError, View};
+use field_core::tape::{BackwardArgs, Bar, CustomOp, Demand, Shape, TapeError, View};
 use float_core::Simd;
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
@@ -78,15 +78,8 @@ impl CustomOp for QuadratureOp<'_> {
         Ok(())
     }
 
-    fn backward(
-        &self,
-        inputs: &[View<'_>],
-        out: &[f32],
-        saved: &[f32],
-        out_bar: &[f32],
-        scratch: &mut [f32],
-        bars: &mut [Bar<'_>],
-    ) -> Result<(), TapeError> {
+    fn backward(&self, args: BackwardArgs<'_>, scratch: &mut [f32], bars: &mut [Bar<'_>]) -> Result<(), TapeError> {
+        let BackwardArgs { inputs, out, saved, out_bar } = args;
         let n = self.dt.len();
         let values = self.values(inputs);
         let pixels = self.pixels(values.channels);
