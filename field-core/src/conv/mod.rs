@@ -80,6 +80,40 @@ impl Size {
     pub const fn len(self, channels: usize) -> usize {
         self.images.saturating_mul(channels).saturating_mul(self.pixels())
     }
+
+    /// As many images of another extent.
+    const fn with_extent(self, extent: Extent) -> Self {
+        Self { images: self.images, height: extent.height, width: extent.width }
+    }
+}
+
+/// Rows and columns of one map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Extent {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+}
+
+impl Extent {
+    /// `height` rows of `width` numbers.
+    #[must_use]
+    pub const fn new(height: usize, width: usize) -> Self {
+        Self { height, width }
+    }
+
+    /// Numbers of a map; the most that can be counted where there are more.
+    #[must_use]
+    pub const fn len(self) -> usize {
+        self.height.saturating_mul(self.width)
+    }
+
+    /// Whether there is no number.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// Buffers of convolutions, of any layers and sizes one after the other. They grow and stay.

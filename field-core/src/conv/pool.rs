@@ -1,8 +1,9 @@
 //! Pooling.
 
-use super::Size;
+use super::{Extent, Size};
 use crate::FieldError;
 use crate::error::check_len;
+use core::ops::Range;
 
 /// Mean of each channel of each image.
 ///
@@ -15,7 +16,7 @@ use crate::error::check_len;
 /// # Panics
 /// May do so where a product of the extents does not fit `usize`.
 pub fn global_mean(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Result<(), FieldError> {
-    adaptive_mean(x, channels, size, (1, 1), y)
+    adaptive_mean(x, channels, size, Extent::new(1, 1), y)
 }
 
 /// Gradient of [`global_mean`]: adds into `x_bar`.
@@ -26,7 +27,7 @@ pub fn global_mean(x: &[f32], channels: usize, size: Size, y: &mut [f32]) -> Res
 /// # Panics
 /// As [`global_mean`].
 pub fn global_mean_backward(y_bar: &[f32], channels: usize, size: Size, x_bar: &mut [f32]) -> Result<(), FieldError> {
-    adaptive_mean_backward(y_bar, channels, size, (1, 1), x_bar)
+    adaptive_mean_backward(y_bar, channels, size, Extent::new(1, 1), x_bar)
 }
 
 /// Extent of what [`max_pool`] makes: halves, rounded down.
@@ -109,22 +110,18 @@ fn largest(x: &[f32], map: usize, width: usize, i: usize, j: usize) -> usize {
 /// neighbours share a pixel where the sizes do not divide.
 ///
 /// # Shapes
-/// * `x` `[images][channels][height][width]`, `y` `[images][channels][cells.0][cells.1]`: written
+/// * `x` `[images][channels][height][width]`, `y` `[images][channels][cells.height][cells.width]`: written
 ///
 /// # Errors
 /// [`FieldError::Shape`] for other lengths, [`FieldError::Config`] for images without pixels or a grid without cells.
 ///
 /// # Panics
 /// May do so where a product of the extents does not fit `usize`.
-pub fn adaptive_mean(
-    x: &[f32],
-    channels: usize,
-    size: Size,
-    cells: (usize, usize),
-    y: &mut [f32],
-) -> Result<(), FieldError> {
-    check_adaptive(x.len(), "x", y.len(), "y", channels, size, cells)?;
-    for (map, y) in y.chunks_exact_mut(cells.0 * cells.1).enumerate() {
+pub fn adaptive_mean(x: &[f32], channels: usize, size: Size, cells: Extent, y: &mut [f32]) -> Result<(), FieldError> {
+    check_adaptive(size, cells)?;
+    check_len("x", x.len(), size.len(channels))?;
+    check_len("y", y.len(), size.with_extent(cells).len(channels))?;
+    for (map, y) in y.chunks_exact_mut(cells.len()).enumerate() {
         let x = &x[map * size.pixels()..];
         for (i, y) in y.iter_mut().enumerate() {
             let cell = Cell::new(size, cells, i);
@@ -146,11 +143,13 @@ pub fn adaptive_mean_backward(
     y_bar: &[f32],
     channels: usize,
     size: Size,
-    cells: (usize, usize),
+    cells: Extent,
     x_bar: &mut [f32],
 ) -> Result<(), FieldError> {
-    check_adaptive(x_bar.len(), "x_bar", y_bar.len(), "y_bar", channels, size, cells)?;
-    for (map, bars) in y_bar.chunks_exact(cells.0 * cells.1).enumerate() {
+    check_adaptive(size, cells)?;
+    check_len("x_bar", x_bar.len(), size.len(channels))?;
+    check_len("y_bar", y_bar.len(), size.with_extent(cells).len(channels))?;
+    for (map, bars) in y_bar.chunks_exact(cells.len()).enumerate() {
         let x_bar = &mut x_bar[map * size.pixels()..];
         for (i, &bar) in bars.iter().enumerate() {
             let cell = Cell::new(size, cells, i);
@@ -163,46 +162,37 @@ pub fn adaptive_mean_backward(
     Ok(())
 }
 
-fn check_adaptive(
-    x: usize,
-    what_x: &'static str,
-    y: usize,
-    what_y: &'static str,
-    channels: usize,
-    size: Size,
-    cells: (usize, usize),
-) -> Result<(), FieldError> {
-    for (what, n) in [("height", size.height), ("width", size.width), ("cells", cells.0 * cells.1)] {
+fn check_adaptive(size: Size, cells: Extent) -> Result<(), FieldError> {
+    for (what, n) in [("height", size.height), ("width", size.width), ("cells", cells.len())] {
         if n == 0 {
             return Err(FieldError::Config { what, got: 0.0, accepts: "at least 1" });
         }
     }
-    check_len(what_x, x, size.len(channels))?;
-    check_len(what_y, y, Size { height: cells.0, width: cells.1, ..size }.len(channels))
+    Ok(())
 }
 
 /// The pixels of one cell.
 struct Cell {
-    y: (usize, usize),
-    x: (usize, usize),
+    y: Range<usize>,
+    x: Range<usize>,
     width: usize,
 }
 
 impl Cell {
-    fn new(size: Size, cells: (usize, usize), i: usize) -> Self {
-        let span = |i: usize, n: usize, pixels: usize| (i * pixels / n, ((i + 1) * pixels).div_ceil(n));
+    fn new(size: Size, cells: Extent, i: usize) -> Self {
+        let span = |i: usize, n: usize, pixels: usize| i * pixels / n..((i + 1) * pixels).div_ceil(n);
         Self {
-            y: span(i / cells.1, cells.0, size.height),
-            x: span(i % cells.1, cells.1, size.width),
+            y: span(i / cells.width, cells.height, size.height),
+            x: span(i % cells.width, cells.width, size.width),
             width: size.width,
         }
     }
 
-    fn rows(&self) -> impl Iterator<Item = core::ops::Range<usize>> {
-        (self.y.0..self.y.1).map(|y| y * self.width + self.x.0..y * self.width + self.x.1)
+    fn rows(&self) -> impl Iterator<Item = Range<usize>> {
+        self.y.clone().map(|y| y * self.width + self.x.start..y * self.width + self.x.end)
     }
 
     fn share(&self) -> f64 {
-        1.0 / ((self.y.1 - self.y.0) * (self.x.1 - self.x.0)) as f64
+        1.0 / (self.y.len() * self.x.len()) as f64
     }
 }

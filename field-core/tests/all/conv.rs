@@ -3,7 +3,7 @@
 use crate::conv_twin::Layer;
 use field_core::FieldError;
 use field_core::conv::{
-    Conv2d, Padding, Size, Workspace, adaptive_mean, adaptive_mean_backward, global_mean, global_mean_backward,
+    Conv2d, Extent, Padding, Size, Workspace, adaptive_mean, adaptive_mean_backward, global_mean, global_mean_backward,
     max_pool, max_pool_backward, max_pool_size, relu, relu_backward, resize, resize_backward,
 };
 use float_core::Simd;
@@ -209,7 +209,7 @@ fn wrong_shapes_are_refused_by_name() {
     assert_eq!(run(&params, &x[1..], size, &mut y), "`x` holds 89 values, expected 90");
     assert_eq!(run(&params, &x, size, &mut y[1..]), "`y` holds 149 values, expected 150");
     let wraps = 1 << (usize::BITS / 2);
-    let error = resize(&[1.0], 1, Size::one(1, 1), (wraps, wraps), &mut []).unwrap_err();
+    let error = resize(&[1.0], 1, Size::one(1, 1), Extent::new(wraps, wraps), &mut []).unwrap_err();
     assert_eq!(error, FieldError::Shape { what: "y", want: usize::MAX, got: 0 });
     let message = "`height` is 3, expected more pixels than the padding mirrors";
     assert_eq!(run(&params, &x, Size::one(3, 6), &mut y), message);
@@ -238,7 +238,7 @@ fn relu_is_gated_by_its_output() {
 }
 
 /// Cells of adaptive pooling by their definition in real numbers.
-fn mean_twin(x: &[f64], size: Size, cells: (usize, usize)) -> Vec<f64> {
+fn mean_twin(x: &[f64], size: Size, cells: Extent) -> Vec<f64> {
     let span = |i: usize, n: usize, pixels: usize| {
         let edge = |i: usize| i as f64 * pixels as f64 / n as f64;
         // Exact fractions: no edge lies within 1e-9 of an integer without being one.
@@ -246,10 +246,10 @@ fn mean_twin(x: &[f64], size: Size, cells: (usize, usize)) -> Vec<f64> {
     };
     let mut y = Vec::new();
     for map in x.chunks(size.pixels()) {
-        for i in 0..cells.0 {
-            for j in 0..cells.1 {
-                let (y0, y1) = span(i, cells.0, size.height);
-                let (x0, x1) = span(j, cells.1, size.width);
+        for i in 0..cells.height {
+            for j in 0..cells.width {
+                let (y0, y1) = span(i, cells.height, size.height);
+                let (x0, x1) = span(j, cells.width, size.width);
                 let sum: f64 = (y0..y1).flat_map(|y| (x0..x1).map(move |x| map[y * size.width + x])).sum();
                 y.push(sum / ((y1 - y0) * (x1 - x0)) as f64);
             }
@@ -261,15 +261,15 @@ fn mean_twin(x: &[f64], size: Size, cells: (usize, usize)) -> Vec<f64> {
 #[test]
 fn pooling_to_a_grid_matches_its_definition_and_gradient() {
     for (size, cells) in [
-        (Size { images: 2, height: 6, width: 9 }, (1, 1)),
-        (Size { images: 1, height: 7, width: 5 }, (3, 2)),
-        (Size { images: 2, height: 8, width: 8 }, (4, 8)),
+        (Size { images: 2, height: 6, width: 9 }, Extent::new(1, 1)),
+        (Size { images: 1, height: 7, width: 5 }, Extent::new(3, 2)),
+        (Size { images: 2, height: 8, width: 8 }, Extent::new(4, 8)),
         // More cells than pixels.
-        (Size { images: 1, height: 2, width: 3 }, (5, 7)),
+        (Size { images: 1, height: 2, width: 3 }, Extent::new(5, 7)),
     ] {
         let channels = 3;
         let x = noise(size.len(channels), 5);
-        let y_bar = noise(size.images * channels * cells.0 * cells.1, 6);
+        let y_bar = noise(size.images * channels * cells.len(), 6);
         let single = (
             |x: &[f32], y: &mut [f32]| adaptive_mean(x, channels, size, cells, y).unwrap(),
             |_: &[f32], y_bar: &[f32], x_bar: &mut [f32]| {
@@ -342,17 +342,19 @@ fn max_pooling_takes_the_largest_of_four_and_sends_the_gradient_there() {
 }
 
 /// Bilinear interpolation as the sum of tents around pixel centres, with the image continued at its edges.
-fn resize_twin(x: &[f64], size: Size, to: (usize, usize)) -> Vec<f64> {
+fn resize_twin(x: &[f64], size: Size, to: Extent) -> Vec<f64> {
     let tent = |i: usize, from: usize, to: usize, k: usize| {
         let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, from as f64 - 1.0);
         (1.0 - (at - k as f64).abs()).max(0.0)
     };
     let mut y = Vec::new();
     for map in x.chunks(size.pixels()) {
-        for i in 0..to.0 {
-            for j in 0..to.1 {
+        for i in 0..to.height {
+            for j in 0..to.width {
                 let term = |k: usize| {
-                    tent(i, size.height, to.0, k / size.width) * tent(j, size.width, to.1, k % size.width) * map[k]
+                    tent(i, size.height, to.height, k / size.width)
+                        * tent(j, size.width, to.width, k % size.width)
+                        * map[k]
                 };
                 y.push((0..size.pixels()).map(term).sum());
             }
@@ -364,15 +366,15 @@ fn resize_twin(x: &[f64], size: Size, to: (usize, usize)) -> Vec<f64> {
 #[test]
 fn resizing_matches_its_definition_and_gradient() {
     for (size, to) in [
-        (Size { images: 2, height: 4, width: 5 }, (8, 10)),
-        (Size { images: 1, height: 4, width: 5 }, (4, 5)),
-        (Size { images: 1, height: 6, width: 7 }, (3, 2)),
-        (Size { images: 1, height: 1, width: 1 }, (3, 4)),
-        (Size { images: 1, height: 5, width: 3 }, (1, 1)),
-        (Size { images: 2, height: 3, width: 4 }, (7, 11)),
+        (Size { images: 2, height: 4, width: 5 }, Extent::new(8, 10)),
+        (Size { images: 1, height: 4, width: 5 }, Extent::new(4, 5)),
+        (Size { images: 1, height: 6, width: 7 }, Extent::new(3, 2)),
+        (Size { images: 1, height: 1, width: 1 }, Extent::new(3, 4)),
+        (Size { images: 1, height: 5, width: 3 }, Extent::new(1, 1)),
+        (Size { images: 2, height: 3, width: 4 }, Extent::new(7, 11)),
     ] {
         let channels = 2;
-        let (x, y_bar) = (noise(size.len(channels), 5), noise(size.images * channels * to.0 * to.1, 6));
+        let (x, y_bar) = (noise(size.len(channels), 5), noise(size.images * channels * to.len(), 6));
         let single = (
             |x: &[f32], y: &mut [f32]| resize(x, channels, size, to, y).unwrap(),
             |_: &[f32], y_bar: &[f32], x_bar: &mut [f32]| resize_backward(y_bar, channels, size, to, x_bar).unwrap(),
@@ -392,8 +394,8 @@ fn resizing_matches_its_definition_and_gradient() {
     }
     let same = noise(20, 1);
     let mut y = vec![0.0; 20];
-    resize(&same, 1, Size::one(4, 5), (4, 5), &mut y).unwrap();
+    resize(&same, 1, Size::one(4, 5), Extent::new(4, 5), &mut y).unwrap();
     assert_eq!(y, same, "the same size is the same image");
-    assert!(resize(&[], 1, Size::one(0, 5), (4, 5), &mut y).is_err());
-    assert!(resize(&same, 1, Size::one(4, 5), (0, 5), &mut []).is_err());
+    assert!(resize(&[], 1, Size::one(0, 5), Extent::new(4, 5), &mut y).is_err());
+    assert!(resize(&same, 1, Size::one(4, 5), Extent::new(0, 5), &mut []).is_err());
 }
