@@ -43,4 +43,4 @@ pub mod vecmath;
 
 pub use bf16::Bf16;
 pub use door::{m32, m64};
-pub use simd::{Simd, SimdLevel, Task, Vector};
+pub use simd::{MAX_LANES, Simd, SimdLevel, Task, Vector};

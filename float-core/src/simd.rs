@@ -105,6 +105,9 @@ impl Simd {
     }
 }
 
+/// Lanes of the widest [`Vector`].
+pub const MAX_LANES: usize = 16;
+
 /// `LANES` numbers worked on together. All operations are lane by lane; loads and stores of slices check their lengths
 /// and panic on one shorter than `LANES`.
 pub trait Vector:
@@ -163,6 +166,28 @@ pub trait Vector:
     fn gather(table: &[f32], index: &[u32]) -> Self;
     /// Sum of the lanes, in a fixed tree order.
     fn sum(self) -> f32;
+
+    /// [`Vector::load`] of what may be shorter than a vector, such as the end of a row: the lanes past `x` are 0.
+    #[inline(always)]
+    fn load_part(x: &[f32]) -> Self {
+        if x.len() >= Self::LANES {
+            return Self::load(x);
+        }
+        let mut lanes = [0.0; MAX_LANES];
+        lanes[..x.len()].copy_from_slice(x);
+        Self::load(&lanes)
+    }
+
+    /// [`Vector::store`] to what may be shorter than a vector: the lanes past `out` are dropped.
+    #[inline(always)]
+    fn store_part(self, out: &mut [f32]) {
+        if out.len() >= Self::LANES {
+            return self.store(out);
+        }
+        let mut lanes = [0.0; MAX_LANES];
+        self.store(&mut lanes);
+        out.copy_from_slice(&lanes[..out.len()]);
+    }
 }
 
 /// Plain arrays of eight.

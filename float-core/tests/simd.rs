@@ -1,5 +1,5 @@
 //! Every level agrees with scalar arithmetic; vector functions stay within their stated error.
-use float_core::{Simd, Task, Vector, vecmath};
+use float_core::{MAX_LANES, Simd, Task, Vector, vecmath};
 
 struct Map<'a, F>(&'a [f32], &'a mut [f32], F);
 trait Op {
@@ -119,6 +119,40 @@ fn gather_reads_what_it_should_and_refuses_the_rest() {
         assert_eq!(level.run(Gather(&table, &index)), want);
         let bad = vec![100_u32; 16];
         assert!(std::panic::catch_unwind(|| level.run(Gather(&table, &bad))).is_err());
+    }
+}
+
+struct Parts<'a>(&'a [f32], &'a mut [f32]);
+impl Task for Parts<'_> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<V: Vector>(self) -> usize {
+        let x = V::load_part(self.0);
+        // Lanes past the slice are 0.
+        let mut all = [f32::NAN; MAX_LANES];
+        x.store(&mut all);
+        let count = self.0.len().min(V::LANES);
+        assert_eq!(all[..count], self.0[..count]);
+        assert!(all[count..V::LANES].iter().all(|x| *x == 0.0), "{all:?}");
+        x.store_part(self.1);
+        V::LANES
+    }
+}
+
+#[test]
+fn parts_of_vectors_are_filled_with_zeros_and_stored_as_far_as_there_is_room() {
+    let x: Vec<f32> = (0..20).map(|i| i as f32 + 1.0).collect();
+    for level in Simd::available() {
+        for len in 0..=x.len() {
+            for room in 0..=x.len() {
+                let mut out = vec![-1.0; room];
+                let lanes = level.run(Parts(&x[..len], &mut out));
+                for (i, out) in out.iter().enumerate() {
+                    let want = if i >= lanes { -1.0 } else { x[..len].get(i).copied().unwrap_or(0.0) };
+                    assert_eq!(*out, want, "{:?}, {len} numbers, room for {room}, lane {i}", level.level());
+                }
+            }
+        }
     }
 }
 

@@ -2,8 +2,8 @@
 
 use crate::FieldError;
 use crate::error::check_len;
-use crate::stumpff::{Lanes, WIDEST};
-use float_core::{Simd, Task, Vector};
+use crate::stumpff::Lanes;
+use float_core::{MAX_LANES, Simd, Task, Vector};
 
 /// The rigid motion `exp(omega, v)` of each point applied to it: [`rigid`](super::rigid) without a tape.
 ///
@@ -67,16 +67,7 @@ type Triple<V> = [V; 3];
 /// Three rows of one vector of samples from `s` on; past the end 0.
 #[inline(always)]
 fn load<V: Vector>(rows: &[f32], n: usize, s: usize) -> Triple<V> {
-    let len = V::LANES.min(n - s);
-    let row = |r: usize| {
-        let row = &rows[r * n + s..r * n + s + len];
-        if len == V::LANES {
-            return V::load(row);
-        }
-        let mut padded = [0.0; WIDEST];
-        padded[..len].copy_from_slice(row);
-        V::load(&padded)
-    };
+    let row = |r: usize| V::load_part(&rows[r * n + s..(r + 1) * n]);
     [row(0), row(1), row(2)]
 }
 
@@ -84,7 +75,7 @@ fn load<V: Vector>(rows: &[f32], n: usize, s: usize) -> Triple<V> {
 #[inline(always)]
 fn store<V: Vector>(x: Triple<V>, rows: &mut [f32], n: usize, s: usize, combine: impl Fn(f32, f32) -> f32) {
     for (r, x) in x.into_iter().enumerate() {
-        let mut values = [0.0; WIDEST];
+        let mut values = [0.0; MAX_LANES];
         x.store(&mut values);
         for (out, &value) in rows[r * n + s..(r + 1) * n].iter_mut().zip(&values[..V::LANES]) {
             *out = combine(*out, value);
@@ -116,7 +107,7 @@ fn mix<V: Vector>(s: V, a: Triple<V>, t: V, b: Triple<V>) -> Triple<V> {
 /// `c_1`, `c_2`, `c_3` (or their derivatives) of squared angles.
 #[inline(always)]
 fn coefficients<V: Vector>(of: &[Lanes; 3], squared: V) -> [V; 3] {
-    let mut u = [0.0; WIDEST];
+    let mut u = [0.0; MAX_LANES];
     squared.store(&mut u);
     let one = |c: &Lanes| V::load(&c.lanes::<V>(&u[..V::LANES]));
     [one(&of[0]), one(&of[1]), one(&of[2])]

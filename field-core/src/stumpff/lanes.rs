@@ -1,13 +1,10 @@
 //! Stumpff functions over whole rows: series in lanes, closed form for the few large angles.
 
 use super::{coefficient_ratio, first_coefficient, series_bound, stumpff_derivative};
-use float_core::Vector;
+use float_core::{MAX_LANES, Vector};
 
 /// Terms of the series: the first left out is below 1e-9 of the first for `k <= 9`.
 const TERMS: usize = 13;
-
-/// Lanes of the widest vector.
-pub(crate) const WIDEST: usize = 16;
 
 /// One derivative of one Stumpff function.
 #[derive(Clone, Copy)]
@@ -50,11 +47,9 @@ impl Lanes {
 
     /// Up to one vector of values. A value depends on its argument only, whatever lies beside it.
     #[inline(always)]
-    pub(crate) fn lanes<V: Vector>(&self, u: &[f32]) -> [f32; WIDEST] {
-        let mut y = [0.0; WIDEST];
-        let mut padded = [0.0; WIDEST];
-        padded[..u.len()].copy_from_slice(u);
-        let x = V::load(&padded);
+    pub(crate) fn lanes<V: Vector>(&self, u: &[f32]) -> [f32; MAX_LANES] {
+        let mut y = [0.0; MAX_LANES];
+        let x = V::load_part(u);
         let mut sum = V::splat(self.coefficients[TERMS - 1]);
         for &c in self.coefficients[..TERMS - 1].iter().rev() {
             sum = sum.mul_add(x, V::splat(c));

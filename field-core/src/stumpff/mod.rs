@@ -11,7 +11,7 @@
 
 mod lanes;
 
-pub(crate) use lanes::{Lanes, WIDEST};
+pub(crate) use lanes::Lanes;
 
 use float_core::m64;
 

@@ -148,34 +148,24 @@ impl Product<'_> {
             match self.start {
                 Start::Zero => {}
                 Start::Bias(bias) => *acc = V::splat(bias[i + h]),
-                Start::Add => *acc = load_part(&self.out[(i + h) * n + s..(i + h + 1) * n]),
+                Start::Add => *acc = V::load_part(&self.out[(i + h) * n + s..(i + h + 1) * n]),
             }
         }
         for k in 0..self.k {
             let at = k * n + s;
-            let x =
-                if at + V::LANES <= self.b.len() { V::load(&self.b[at..]) } else { load_part(&self.b[at..at + len]) };
+            let x = if at + V::LANES <= self.b.len() {
+                V::load(&self.b[at..])
+            } else {
+                V::load_part(&self.b[at..at + len])
+            };
             for (h, acc) in acc.iter_mut().enumerate() {
                 *acc = V::splat(self.a[(i + h) * self.a_row + k * self.a_column]).mul_add(x, *acc);
             }
         }
         for (h, acc) in acc.iter().enumerate() {
-            let mut lanes = [0.0; WIDEST];
-            acc.store(&mut lanes);
-            self.out[(i + h) * n + s..(i + h + 1) * n].copy_from_slice(&lanes[..len]);
+            acc.store_part(&mut self.out[(i + h) * n + s..(i + h + 1) * n]);
         }
     }
-}
-
-/// Lanes of the widest vector.
-const WIDEST: usize = 16;
-
-/// Fewer numbers than lanes; the others are 0.
-#[inline(always)]
-fn load_part<V: Vector>(x: &[f32]) -> V {
-    let mut lanes = [0.0; WIDEST];
-    lanes[..x.len()].copy_from_slice(x);
-    V::load(&lanes)
 }
 
 /// `out[s][k] = x[k][s]`, in square tiles so that both sides stay in cache.

@@ -1,7 +1,7 @@
 //! Functions of one number: value and derivative, over whole rows.
 
 use crate::stumpff::Lanes as Stumpff;
-use float_core::{Task, Vector, m32, vecmath};
+use float_core::{MAX_LANES, Task, Vector, m32, vecmath};
 
 /// Where the backward pass of `trunc_exp` clamps its argument.
 pub(super) const TRUNC_EXP_LIMIT: f32 = 15.0;
@@ -182,12 +182,8 @@ curves! {
     Exp |x| { vecmath::exp(x) }
     /// Derivative of `trunc_exp`.
     ClampedExp |x| { vecmath::exp(V::splat(-TRUNC_EXP_LIMIT).max(V::splat(TRUNC_EXP_LIMIT).min(x))) }
-    /// `1 / (1 + e^-(x + shift))` from an exponential of a non-positive number: small values keep their digits.
-    Logistic(shift) |x| {
-        let x = x + V::splat(shift);
-        let e = exp_minus_abs(x);
-        x.select_positive(V::splat(1.0), e) / (V::splat(1.0) + e)
-    }
+    /// `1 / (1 + e^-(x + shift))`, at least `e^-87`: its logarithm is finite. NaN stays NaN.
+    Logistic(shift) |x| { vecmath::logistic(V::splat(-87.0).max(x + V::splat(shift))) }
     /// `e^-|x| / (1 + e^-|x|)^2`.
     LogisticSlope |x| {
         let e = exp_minus_abs(x);
@@ -197,7 +193,7 @@ curves! {
     /// Second derivative of the logistic function.
     LogisticBend |x| { LogisticSlope.at(x) * (V::splat(1.0) - V::splat(2.0) * Logistic(0.0).at(x)) }
     TanhSlope |x| { V::splat(4.0) * LogisticSlope.at(V::splat(2.0) * x) }
-    /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`.
+    /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`. Not [`vecmath::softplus`]: docs/decisions/0036.
     Softplus(shift) |x| {
         let x = x + V::splat(shift);
         let e = exp_minus_abs(x);
@@ -232,23 +228,15 @@ fn fold(x: &[f32], g: &[f32], out: &mut [f32], f: impl Fn(f32) -> f32) {
     }
 }
 
-/// Lanes of the widest vector.
-const WIDEST: usize = 16;
-
 #[inline(always)]
 fn map_lanes<V: Vector>(x: &[f32], y: &mut [f32], f: impl Curve) {
     let body = x.len() / V::LANES * V::LANES;
     for (x, y) in x[..body].chunks_exact(V::LANES).zip(y.chunks_exact_mut(V::LANES)) {
         f.at(V::load(x)).store(y);
     }
-    if body == x.len() {
-        return;
+    if body < x.len() {
+        f.at(V::load_part(&x[body..])).store_part(&mut y[body..]);
     }
-    let mut tail = [0.0; WIDEST];
-    tail[..x.len() - body].copy_from_slice(&x[body..]);
-    let mut done = [0.0; WIDEST];
-    f.at(V::load(&tail)).store(&mut done);
-    y[body..].copy_from_slice(&done[..x.len() - body]);
 }
 
 #[inline(always)]
@@ -261,11 +249,10 @@ fn fold_lanes<V: Vector>(x: &[f32], g: &[f32], out: &mut [f32], f: impl Curve) {
     if body == x.len() {
         return;
     }
-    let mut tail = [0.0; WIDEST];
-    tail[..x.len() - body].copy_from_slice(&x[body..]);
-    let mut slope = [0.0; WIDEST];
-    f.at(V::load(&tail)).store(&mut slope);
-    for ((out, &g), &slope) in out[body..].iter_mut().zip(&g[body..]).zip(&slope) {
-        *out += slope * g;
+    // Not fused here, as the lanes are: the bits of a tail are those of a sum and a product.
+    let mut derivative = [0.0; MAX_LANES];
+    f.at(V::load_part(&x[body..])).store(&mut derivative);
+    for ((out, &g), &derivative) in out[body..].iter_mut().zip(&g[body..]).zip(&derivative) {
+        *out += derivative * g;
     }
 }

@@ -263,15 +263,11 @@ impl<C: Curve> Task for Map<'_, C> {
     fn run<V: Vector>(self) {
         let Self(x, y, _) = self;
         let body = x.len() / V::LANES * V::LANES;
-        let ((x, x_tail), (y, y_tail)) = (x.split_at(body), y.split_at_mut(body));
-        for (x, y) in x.chunks_exact(V::LANES).zip(y.chunks_exact_mut(V::LANES)) {
+        for (x, y) in x[..body].chunks_exact(V::LANES).zip(y.chunks_exact_mut(V::LANES)) {
             C::at(V::load(x)).store(y);
         }
-        if !x_tail.is_empty() {
-            let (mut from, mut to) = ([0.0; 16], [0.0; 16]);
-            from[..x_tail.len()].copy_from_slice(x_tail);
-            C::at(V::load(&from)).store(&mut to);
-            y_tail.copy_from_slice(&to[..x_tail.len()]);
+        if body < x.len() {
+            C::at(V::load_part(&x[body..])).store_part(&mut y[body..]);
         }
     }
 }

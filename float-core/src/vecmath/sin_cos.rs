@@ -1,6 +1,6 @@
 //! Sine and cosine. Nothing is fused, and arguments are reduced in `f64`: every level gives the same bits.
 
-use crate::{Vector, m64};
+use crate::{MAX_LANES, Vector, m64};
 
 /// Up to here the vector reduction holds its error; beyond it, `f64` functions do the work, number by number.
 const LARGE: f32 = 33_554_432.0;
@@ -53,12 +53,9 @@ pub fn sin_cos_pi<V: Vector>(x: V) -> (V, V) {
     V::turn(quadrant + V::splat(12_582_912.0), sin, cos)
 }
 
-/// Lanes of the widest vector.
-const WIDEST: usize = 16;
-
 #[inline(always)]
 fn with_large<V: Vector>(x: V, sin: V, cos: V) -> (V, V) {
-    let (mut at, mut s, mut c) = ([0.0; WIDEST], [0.0; WIDEST], [0.0; WIDEST]);
+    let (mut at, mut s, mut c) = ([0.0; MAX_LANES], [0.0; MAX_LANES], [0.0; MAX_LANES]);
     x.store(&mut at);
     sin.store(&mut s);
     cos.store(&mut c);
@@ -69,8 +66,8 @@ fn with_large<V: Vector>(x: V, sin: V, cos: V) -> (V, V) {
 /// Replace the large ones.
 #[cold]
 #[inline(never)]
-fn exact(x: &[f32; WIDEST], sin: &mut [f32; WIDEST], cos: &mut [f32; WIDEST]) {
-    for i in 0..WIDEST {
+fn exact(x: &[f32; MAX_LANES], sin: &mut [f32; MAX_LANES], cos: &mut [f32; MAX_LANES]) {
+    for i in 0..MAX_LANES {
         if x[i].abs() >= LARGE {
             let (s, c) = m64::sin_cos(f64::from(x[i]));
             (sin[i], cos[i]) = (s as f32, c as f32);

@@ -119,19 +119,12 @@ fn step_slice<V: Vector, const SPARSE: bool>(
     let mut wrong = wrong.sum();
     if body < n {
         // The tail runs in full lanes of zeros, so that its bits do not depend on where it lies.
-        let load = |x: &[f32]| {
-            let mut lanes = [0.0; 16];
-            lanes[..x.len()].copy_from_slice(x);
-            V::load(&lanes)
-        };
-        let (p_old, g) = (load(&p[body..]), load(&g[body..]));
-        let (m_old, v_old) = (load(&m[body..]), load(&v[body..]));
+        let (p_old, g) = (V::load_part(&p[body..]), V::load_part(&g[body..]));
+        let (m_old, v_old) = (V::load_part(&m[body..]), V::load_part(&v[body..]));
         let (new_p, new_m, new_v, not_finite) = step_lanes::<V, SPARSE>(k, p_old, g, m_old, v_old);
-        for (new, old) in [(new_p, &mut p[body..]), (new_m, &mut m[body..]), (new_v, &mut v[body..])] {
-            let mut lanes = [0.0; 16];
-            new.store(&mut lanes);
-            old.copy_from_slice(&lanes[..old.len()]);
-        }
+        new_p.store_part(&mut p[body..]);
+        new_m.store_part(&mut m[body..]);
+        new_v.store_part(&mut v[body..]);
         wrong += not_finite.sum();
     }
     wrong as usize

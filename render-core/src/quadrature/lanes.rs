@@ -1,28 +1,17 @@
 //! Vectors at the end of a ray, where fewer samples are left than there are lanes.
 
-use super::MAX_LANES;
 use float_core::Vector;
 
 /// The first values of `x`, with zeros where it is shorter than a vector: the last vector of a ray.
 #[inline(always)]
 pub(super) fn load_part<V: Vector>(x: &[f32]) -> V {
-    if x.len() >= V::LANES {
-        return V::load(x);
-    }
-    let mut padded = [0.0; MAX_LANES];
-    padded[..x.len()].copy_from_slice(x);
-    V::load(&padded)
+    V::load_part(x)
 }
 
 /// As much of `v` as `out` has room for.
 #[inline(always)]
 pub(super) fn store_part<V: Vector>(v: V, out: &mut [f32]) {
-    if out.len() >= V::LANES {
-        return v.store(out);
-    }
-    let mut padded = [0.0; MAX_LANES];
-    v.store(&mut padded);
-    out.copy_from_slice(&padded[..out.len()]);
+    v.store_part(out);
 }
 
 /// As [`load_part`] of `x[i..end]`, zeros where there is nothing.

@@ -3,19 +3,12 @@
 use float_core::Vector;
 
 /// Most lanes of a vector.
-pub(crate) const LANES_MAX: usize = 16;
+pub(crate) const LANES_MAX: usize = float_core::MAX_LANES;
 
 /// `LANES` values of row `row` from index `at` on; 0 past the end of the row.
 #[inline(always)]
 pub(crate) fn lanes<V: Vector>(rows: &[f32], n: usize, row: usize, at: usize) -> V {
-    let row = &rows[row * n..][..n];
-    if at + V::LANES <= n {
-        V::load(&row[at..])
-    } else {
-        let mut padded = [0.0; LANES_MAX];
-        padded[..n - at].copy_from_slice(&row[at..]);
-        V::load(&padded)
-    }
+    V::load_part(&rows[row * n..][at..n])
 }
 
 /// The lanes of a vector; the rest of the array is 0.
