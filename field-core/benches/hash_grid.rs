@@ -36,7 +36,10 @@ fn hash_grid(c: &mut Criterion) {
     group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
     group.throughput(Throughput::Elements(SAMPLES as u64));
     for (levels, features, log2_table) in [(16, 2, 19), (8, 4, 17)] {
-        let grid = HashGrid::new(HashGridConfig { levels, features, log2_table, ..HashGridConfig::default() }).unwrap();
+        let grid = HashGrid::new(
+            HashGridConfig::default().with_levels(levels).with_features(features).with_log2_table(log2_table),
+        )
+        .unwrap();
         let mut params = vec![0.0; grid.params_len()];
         Rng::new(2, 0).fill_uniform(0, &mut params);
         let mut out = vec![0.0; grid.out_rows() * SAMPLES];

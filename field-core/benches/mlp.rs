@@ -4,7 +4,7 @@
 mod mlp_twin;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed, Precision};
+use field_core::mlp::{Mlp, MlpConfig, Packed, Precision};
 use float_core::Simd;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -96,16 +96,7 @@ fn bench(c: &mut Criterion) {
         ("63-8x256-4", 63, vec![256; 8], 4, vec![5]),
     ];
     for (name, inputs, hidden, outputs, skips) in shapes {
-        let base = Mlp::new(&MlpConfig {
-            inputs,
-            hidden,
-            outputs,
-            bias: Bias::Zero,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips,
-        })
-        .expect("a valid shape");
+        let base = Mlp::new(&MlpConfig::new(inputs, hidden, outputs).with_skips(skips)).expect("a valid shape");
         print_errors(name, &base);
         // One batch's activations stay in the L2 cache.
         let n = if base.macs() > 100_000 { 96 } else { 480 };

@@ -1,7 +1,7 @@
 //! The tape against the sums of its parts: time of a whole step for a small network, and of single operations.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Arena, MlpOp, Tape, TapeError, layers};
 use float_core::Simd;
@@ -15,15 +15,7 @@ fn numbers(len: usize, stream: u64) -> Vec<f32> {
 }
 
 fn network(inputs: usize, hidden: &[usize], outputs: usize) -> Mlp {
-    let config = MlpConfig {
-        inputs,
-        hidden: hidden.to_vec(),
-        outputs,
-        bias: Bias::Zero,
-        hidden_activation: Activation::Relu,
-        output_activation: Activation::None,
-        skips: vec![],
-    };
+    let config = MlpConfig::new(inputs, hidden.to_vec(), outputs);
     Mlp::new(&config).unwrap_or_else(|e| panic!("{e}"))
 }
 

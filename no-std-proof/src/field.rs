@@ -5,7 +5,7 @@ use alloc::{vec, vec::Vec};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Touched};
 use field_core::init::Init;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Arena, Tape, TapeError};
 use float_core::{Simd, m64};
@@ -25,7 +25,7 @@ pub(crate) fn frequency() -> Result<(), Wrong> {
 /// Features are linear in the table: `<features, bar> = <table, gradient of the table>`.
 pub(crate) fn hash_grid() -> Result<(), Wrong> {
     const SAMPLES: usize = 40;
-    let config = HashGridConfig { levels: 4, log2_table: 9, growth: Growth::UpTo(64), ..HashGridConfig::default() };
+    let config = HashGridConfig::default().with_levels(4).with_log2_table(9).with_growth(Growth::UpTo(64));
     let grid = HashGrid::new(config).map_err(|_| refused("grid"))?;
     let table = uniform(1, grid.params_len());
     let x: Vec<f32> = uniform(2, 3 * SAMPLES).iter().map(|x| 0.5 + 0.5 * x).collect();
@@ -44,16 +44,11 @@ pub(crate) fn hash_grid() -> Result<(), Wrong> {
 /// The slope of a network's output along a direction, against a difference.
 pub(crate) fn network() -> Result<(), Wrong> {
     const STEP: f32 = 1.0 / 128.0;
-    let mlp = Mlp::new(&MlpConfig {
-        inputs: 3,
-        hidden: vec![16, 16],
-        outputs: 1,
-        bias: Bias::Zero,
-        hidden_activation: Activation::SOFTPLUS,
-        output_activation: Activation::LOGISTIC,
-        skips: vec![2],
-    })
-    .map_err(|_| refused("network"))?;
+    let config = MlpConfig::new(3, vec![16, 16], 1)
+        .with_hidden_activation(Activation::SOFTPLUS)
+        .with_output_activation(Activation::LOGISTIC)
+        .with_skips(vec![2]);
+    let mlp = Mlp::new(&config).map_err(|_| refused("network"))?;
     let mut params = vec![0.0; mlp.param_count()];
     Init::HeUniform.fill(Rng::new(7, 0), 16, 16, &mut params);
     let mut packed = Packed::default();

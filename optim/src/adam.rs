@@ -30,8 +30,9 @@ pub enum Decay {
     Decoupled(f64),
 }
 
-/// The constants of Adam.
+/// The constants of Adam: one of the sets below, changed by `with_` and the name of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct AdamConfig {
     /// Memory of the first moment, in `[0, 1)`.
     pub beta1: f64,
@@ -51,10 +52,29 @@ impl AdamConfig {
     /// `(0.9, 0.99)`, `1e-15`: Müller et al., "Instant neural graphics primitives", 2022.
     pub const NGP: Self = Self { beta2: 0.99, eps: 1e-15, ..Self::DEFAULT };
 
+    /// The same with another memory of the moments.
+    #[must_use]
+    pub const fn with_betas(self, beta1: f64, beta2: f64) -> Self {
+        Self { beta1, beta2, ..self }
+    }
+
+    /// The same with another `eps`.
+    #[must_use]
+    pub const fn with_eps(self, eps: f64) -> Self {
+        Self { eps, ..self }
+    }
+
     /// The same with weight decay.
     #[must_use]
     pub const fn with_decay(self, decay: Decay) -> Self {
         Self { decay, ..self }
+    }
+}
+
+impl Default for AdamConfig {
+    /// [`AdamConfig::DEFAULT`].
+    fn default() -> Self {
+        Self::DEFAULT
     }
 }
 

@@ -125,7 +125,7 @@ fn table_size(bench: &Bench) -> Result<Curve, BenchError> {
     let samples = bench.pick(1 << 13, 1 << 15);
     let mut batches = Vec::new();
     for &log2_table in &sizes {
-        batches.push(GridBatch::new(HashGridConfig { log2_table, ..HashGridConfig::default() }, samples)?);
+        batches.push(GridBatch::new(HashGridConfig::default().with_log2_table(log2_table), samples)?);
     }
     let pools = &bench.pools;
     let mut cases: Vec<Case<'_>> = batches

@@ -92,7 +92,11 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
 
 pub(super) fn config(levels: usize, features: usize, log2_table: u32) -> HashGridConfig {
     let growth = field_core::encoding::hash_grid::Growth::UpTo(512);
-    HashGridConfig { levels, features, log2_table, growth, ..HashGridConfig::default() }
+    HashGridConfig::default()
+        .with_levels(levels)
+        .with_features(features)
+        .with_log2_table(log2_table)
+        .with_growth(growth)
 }
 
 /// Points near a sphere, and the pattern there.

@@ -12,6 +12,7 @@ use float_core::Simd;
 
 /// Shape of an [`Encoder`].
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderConfig {
     /// Channels of the images.
     pub inputs: usize,
@@ -22,6 +23,13 @@ pub struct EncoderConfig {
 }
 
 impl EncoderConfig {
+    /// Images of `inputs` channels to codes of `code` numbers; `channels` after the first convolution and after each one that
+    /// halves.
+    #[must_use]
+    pub fn new(inputs: usize, channels: Vec<usize>, code: usize) -> Self {
+        Self { inputs, channels, code }
+    }
+
     /// Ha-NeRF's encoder: 2.8 million parameters.
     #[must_use]
     pub fn published() -> Self {

@@ -6,7 +6,7 @@ use super::{Padding, Size, Workspace, grown};
 use crate::FieldError;
 use crate::error::check_len;
 use crate::init::Init;
-use crate::mlp::{Activation, Bias, Mlp, MlpConfig, PANEL};
+use crate::mlp::{Activation, Mlp, MlpConfig, PANEL};
 use crate::rng::Rng;
 use alloc::vec::Vec;
 use float_core::Simd;
@@ -46,15 +46,9 @@ impl Conv2d {
         if let Some(&(what, _)) = bad.iter().find(|(_, n)| *n == 0) {
             return Err(FieldError::Config { what, got: 0.0, accepts: "at least 1" });
         }
-        let product = Mlp::new(&MlpConfig {
-            inputs: inputs * kernel * kernel,
-            hidden: Vec::new(),
-            outputs,
-            bias: Bias::Zero,
-            hidden_activation: Activation::None,
-            output_activation: Activation::None,
-            skips: Vec::new(),
-        });
+        let product = Mlp::new(
+            &MlpConfig::new(inputs * kernel * kernel, Vec::new(), outputs).with_hidden_activation(Activation::None),
+        );
         // Neither width can be 0 here.
         let product = product.map_err(|_| FieldError::Config { what: "inputs", got: 0.0, accepts: "at least 1" })?;
         Ok(Self { inputs, outputs, kernel, stride, padding, product })

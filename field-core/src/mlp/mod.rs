@@ -8,14 +8,28 @@
 //! Weights live in one flat slice, layer after layer, each `[out][in]` then biases `[out]` (if any): this is what
 //! optimisers and checkpoints see. Kernels read a [`Packed`] copy, made once a step.
 //!
+//! [`Network`] owns all of it, for one network in one thread:
+//!
 //! ```
-//! use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+//! use field_core::mlp::{MlpConfig, Network};
+//!
+//! let mut network = Network::new(&MlpConfig::new(3, vec![16, 16], 2), 0)?;
+//! let (x, mut y, mut x_bar) = ([1.0; 3 * 5], [0.0; 2 * 5], [0.0; 3 * 5]);
+//! network.forward(&x, &mut y)?;
+//! network.backward(&y, Some(&mut x_bar))?;
+//! let (parameters, gradient) = network.parameters_and_gradient();
+//! parameters.iter_mut().zip(gradient).for_each(|(p, g)| *p -= 0.01 * g);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`Mlp`] holds the layout alone. Its functions take all buffers from the caller, so that threads can share the parameters and
+//! rows of a larger matrix can be inputs and outputs:
+//!
+//! ```
+//! use field_core::mlp::{Mlp, MlpConfig, Packed};
 //! use float_core::Simd;
 //!
-//! let mlp = Mlp::new(&MlpConfig {
-//!     inputs: 3, hidden: vec![16, 16], outputs: 2, bias: Bias::Zero,
-//!     hidden_activation: Activation::Relu, output_activation: Activation::None, skips: vec![],
-//! }).unwrap();
+//! let mlp = Mlp::new(&MlpConfig::new(3, vec![16, 16], 2)).unwrap();
 //! let params = vec![0.1; mlp.param_count()];
 //! let mut packed = Packed::default();
 //! mlp.pack(&params, &mut packed);
@@ -34,9 +48,11 @@ mod backward;
 mod bf16;
 mod forward;
 mod kernel;
+mod network;
 mod transpose;
 
 pub use activation::Activation;
+pub use network::Network;
 
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -70,6 +86,7 @@ pub enum Precision {
 
 /// Shape of a network.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct MlpConfig {
     /// Input features.
     pub inputs: usize,
@@ -85,6 +102,46 @@ pub struct MlpConfig {
     pub output_activation: Activation,
     /// Layers (index, 0 is the first) that see `[network input, previous output]` instead of the previous output. NeRF: `[5]`.
     pub skips: Vec<usize>,
+}
+
+impl MlpConfig {
+    /// Layers with biases and ReLU between them, none after the last, no skips. `hidden` holds the width of each hidden layer.
+    #[must_use]
+    pub fn new(inputs: usize, hidden: Vec<usize>, outputs: usize) -> Self {
+        Self {
+            inputs,
+            hidden,
+            outputs,
+            bias: Bias::Zero,
+            hidden_activation: Activation::Relu,
+            output_activation: Activation::None,
+            skips: Vec::new(),
+        }
+    }
+
+    /// The same with or without biases.
+    #[must_use]
+    pub fn with_bias(self, bias: Bias) -> Self {
+        Self { bias, ..self }
+    }
+
+    /// The same with another activation after the hidden layers.
+    #[must_use]
+    pub fn with_hidden_activation(self, hidden_activation: Activation) -> Self {
+        Self { hidden_activation, ..self }
+    }
+
+    /// The same with another activation after the last layer.
+    #[must_use]
+    pub fn with_output_activation(self, output_activation: Activation) -> Self {
+        Self { output_activation, ..self }
+    }
+
+    /// The same with skips to these layers.
+    #[must_use]
+    pub fn with_skips(self, skips: Vec<usize>) -> Self {
+        Self { skips, ..self }
+    }
 }
 
 /// Why a network cannot be built.

@@ -83,16 +83,14 @@
 //!
 //! ```
 //! use field_core::encoding::frequency::{Base, Frequency, Identity};
-//! use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+//! use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
 //! use field_core::tape::{Arena, EncodingOp, MlpOp, Tape, TapeError};
 //! use float_core::Simd;
 //!
 //! let simd = Simd::best();
 //! let encoding = EncodingOp::new(Frequency::new(3, 4, Base::One, Identity::Include)?, simd);
-//! let mlp = Mlp::new(&MlpConfig {
-//!     inputs: 27, hidden: vec![32, 32], outputs: 4, bias: Bias::Zero,
-//!     hidden_activation: Activation::SOFTPLUS, output_activation: Activation::None, skips: vec![],
-//! }).unwrap();
+//! let config = MlpConfig::new(27, vec![32, 32], 4).with_hidden_activation(Activation::SOFTPLUS);
+//! let mlp = Mlp::new(&config).unwrap();
 //! let params: Vec<f32> = (0..mlp.param_count()).map(|i| ((i * 7919 % 1000) as f32 / 1000.0 - 0.5) * 0.4).collect();
 //! let mut packed = Packed::default();
 //! mlp.pack(&params, &mut packed);

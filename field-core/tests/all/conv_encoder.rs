@@ -8,7 +8,7 @@ use testkit::gradient::{Tolerance, check_kinked, compare, cotangent};
 
 /// Small enough for differences.
 fn tiny() -> EncoderConfig {
-    EncoderConfig { inputs: 2, channels: vec![3, 4, 4, 3, 2], code: 5 }
+    EncoderConfig::new(2, vec![3, 4, 4, 3, 2], 5)
 }
 
 fn wide(x: &[f32]) -> Vec<f64> {
@@ -55,11 +55,8 @@ fn codes_and_gradients_match_the_twin_at_every_level() {
         for (config, size) in [
             (tiny(), Size { images: 2, height: 17, width: 22 }),
             (tiny(), Size { images: 1, height: 16, width: 16 }),
-            (
-                EncoderConfig { inputs: 3, channels: vec![16, 20, 18], code: 4 },
-                Size { images: 1, height: 12, width: 31 },
-            ),
-            (EncoderConfig { inputs: 1, channels: vec![2], code: 1 }, Size { images: 3, height: 4, width: 5 }),
+            (EncoderConfig::new(3, vec![16, 20, 18], 4), Size { images: 1, height: 12, width: 31 }),
+            (EncoderConfig::new(1, vec![2], 1), Size { images: 3, height: 4, width: 5 }),
         ] {
             let mut run = Run::new(config.clone());
             let images: Vec<f32> = cotangent(size.len(config.inputs), 1).iter().map(|&x| x as f32).collect();
@@ -175,7 +172,7 @@ fn empty_batches_and_refusals() {
     let e = encoder.forward(Simd::best(), params, &[0.0; 768], size, &mut acts, &mut codes, work).unwrap_err();
     assert_eq!(e.to_string(), "`codes` holds 47 values, expected 48");
 
-    let config = |inputs, channels, code| Encoder::new(EncoderConfig { inputs, channels, code });
+    let config = |inputs, channels, code| Encoder::new(EncoderConfig::new(inputs, channels, code));
     assert!(config(0, vec![4], 1).is_err());
     assert!(config(3, vec![], 1).is_err());
     assert!(config(3, vec![4, 0], 1).is_err());

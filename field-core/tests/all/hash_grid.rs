@@ -104,7 +104,16 @@ fn configs() -> Vec<HashGridConfig> {
         for (levels, features, log2_table) in [(1, 1, 9), (4, 2, 9), (3, 4, 8), (2, 8, 7)] {
             for interpolation in [Interpolation::Linear, Interpolation::Smoothstep] {
                 let growth = Growth::Factor(1.7);
-                all.push(HashGridConfig { levels, features, log2_table, n_min: 5, growth, rule, interpolation });
+                all.push(
+                    HashGridConfig::default()
+                        .with_levels(levels)
+                        .with_features(features)
+                        .with_log2_table(log2_table)
+                        .with_n_min(5)
+                        .with_growth(growth)
+                        .with_rule(rule)
+                        .with_interpolation(interpolation),
+                );
             }
         }
     }
@@ -268,7 +277,7 @@ fn scatter_is_the_adjoint_of_gather() {
 
 #[test]
 fn hash_matches_reference_on_ten_thousand_triples() {
-    let config = HashGridConfig { levels: 1, n_min: 1 << 20, growth: Growth::Factor(1.0), ..HashGridConfig::default() };
+    let config = HashGridConfig::default().with_levels(1).with_n_min(1 << 20).with_growth(Growth::Factor(1.0));
     let level = HashGrid::new(config).unwrap().levels()[0];
     assert_eq!(level.addressing, Addressing::Hashed);
     let rng = Rng::new(11, 0);
@@ -284,14 +293,12 @@ fn hash_matches_reference_on_ten_thousand_triples() {
 #[test]
 fn dense_levels_reproduce_constants_and_linear_functions() {
     for rule in [Rule::Ngp, Rule::Paper] {
-        let config = HashGridConfig {
-            levels: 1,
-            features: 2,
-            n_min: 12,
-            growth: Growth::Factor(1.0),
-            rule,
-            ..Default::default()
-        };
+        let config = HashGridConfig::default()
+            .with_levels(1)
+            .with_features(2)
+            .with_n_min(12)
+            .with_growth(Growth::Factor(1.0))
+            .with_rule(rule);
         let grid = HashGrid::new(config).unwrap();
         let level = grid.levels()[0];
         assert_eq!(level.addressing, Addressing::Dense);
@@ -343,7 +350,7 @@ fn features_are_continuous_across_cell_faces() {
 
 #[test]
 fn two_points_in_one_cell_touch_the_same_eight_rows() {
-    let config = HashGridConfig { levels: 3, log2_table: 10, growth: Growth::Factor(2.0), ..Default::default() };
+    let config = HashGridConfig::default().with_levels(3).with_log2_table(10).with_growth(Growth::Factor(2.0));
     let grid = HashGrid::new(config).unwrap();
     for level in 0..3 {
         let scale = grid.levels()[level].scale;
@@ -385,7 +392,7 @@ fn touched_blocks_are_those_with_gradients() {
 #[cfg(feature = "rayon")]
 #[test]
 fn one_two_and_four_threads_give_the_same_bits() {
-    let config = HashGridConfig { levels: 5, log2_table: 10, ..Default::default() };
+    let config = HashGridConfig::default().with_levels(5).with_log2_table(10);
     let grid = HashGrid::new(config).unwrap();
     let b = batch(&grid, 10_001, 42);
     let all: Vec<_> = [1, 2, 4]
@@ -400,7 +407,7 @@ fn one_two_and_four_threads_give_the_same_bits() {
 
 #[test]
 fn batch_equals_levels_one_by_one() {
-    let grid = HashGrid::new(HashGridConfig { levels: 4, features: 4, log2_table: 9, ..Default::default() }).unwrap();
+    let grid = HashGrid::new(HashGridConfig::default().with_levels(4).with_features(4).with_log2_table(9)).unwrap();
     const N: usize = 5000;
     let b = batch(&grid, N, 8);
     let all = everything(&grid, Simd::best(), &b);
@@ -455,7 +462,7 @@ fn levels_have_the_resolutions_of_the_paper() {
     assert_eq!(grid.levels()[0].resolution, 16);
     assert_eq!(grid.levels()[15].resolution, 2048);
     assert_eq!(grid.levels()[15].scale, 2047.0);
-    let exact = HashGridConfig { levels: 5, growth: Growth::Factor(1.5), ..Default::default() };
+    let exact = HashGridConfig::default().with_levels(5).with_growth(Growth::Factor(1.5));
     let sizes: Vec<_> = HashGrid::new(exact).unwrap().levels().iter().map(|l| l.resolution).collect();
     assert_eq!(sizes, [16, 24, 36, 54, 81]);
 }
@@ -464,22 +471,22 @@ fn levels_have_the_resolutions_of_the_paper() {
 fn bad_configurations_and_shapes_are_named() {
     let base = HashGridConfig::default();
     for (config, what) in [
-        (HashGridConfig { levels: 0, ..base }, "levels"),
-        (HashGridConfig { levels: 33, ..base }, "levels"),
-        (HashGridConfig { features: 3, ..base }, "features"),
-        (HashGridConfig { log2_table: 2, ..base }, "log2_table"),
-        (HashGridConfig { log2_table: 29, ..base }, "log2_table"),
-        (HashGridConfig { n_min: 0, ..base }, "n_min"),
-        (HashGridConfig { growth: Growth::Factor(0.5), ..base }, "growth"),
-        (HashGridConfig { growth: Growth::Factor(f64::NAN), ..base }, "growth"),
-        (HashGridConfig { growth: Growth::UpTo(8), ..base }, "growth"),
-        (HashGridConfig { growth: Growth::Factor(1e9), ..base }, "n_min * growth^level"),
+        (base.with_levels(0), "levels"),
+        (base.with_levels(33), "levels"),
+        (base.with_features(3), "features"),
+        (base.with_log2_table(2), "log2_table"),
+        (base.with_log2_table(29), "log2_table"),
+        (base.with_n_min(0), "n_min"),
+        (base.with_growth(Growth::Factor(0.5)), "growth"),
+        (base.with_growth(Growth::Factor(f64::NAN)), "growth"),
+        (base.with_growth(Growth::UpTo(8)), "growth"),
+        (base.with_growth(Growth::Factor(1e9)), "n_min * growth^level"),
     ] {
         let error = HashGrid::new(config).unwrap_err();
         assert!(matches!(error, FieldError::Config { what: w, .. } if w == what), "{error}");
         assert!(error.to_string().contains(what));
     }
-    let grid = HashGrid::new(HashGridConfig { levels: 2, log2_table: 6, ..base }).unwrap();
+    let grid = HashGrid::new(base.with_levels(2).with_log2_table(6)).unwrap();
     let params = vec![0.0; grid.params_len()];
     let s = Simd::SCALAR;
     let shape = |what, want, got| Err(FieldError::Shape { what, want, got });

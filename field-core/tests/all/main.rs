@@ -13,6 +13,7 @@ mod mlp;
 mod mlp_bf16;
 mod mlp_twin;
 mod multi_distance;
+mod network;
 mod planes;
 mod tape_api;
 mod tape_graphs;

@@ -132,15 +132,10 @@ fn config(
     out: Activation,
     skips: &[usize],
 ) -> MlpConfig {
-    MlpConfig {
-        inputs,
-        hidden: hidden.to_vec(),
-        outputs,
-        bias: Bias::Zero,
-        hidden_activation: act,
-        output_activation: out,
-        skips: skips.to_vec(),
-    }
+    MlpConfig::new(inputs, hidden.to_vec(), outputs)
+        .with_hidden_activation(act)
+        .with_output_activation(out)
+        .with_skips(skips.to_vec())
 }
 
 #[test]

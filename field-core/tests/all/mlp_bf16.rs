@@ -1,20 +1,12 @@
 //! Networks whose products take bf16: every SIMD level against the scalar one, and both precisions against f64.
 
 use crate::mlp_twin::{distances, noise, run, twin, weights, wide};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, PANEL, Packed, Precision};
+use field_core::mlp::{Activation, Mlp, MlpConfig, PANEL, Packed, Precision};
 use float_core::{Bf16, Simd};
 use proptest::prelude::*;
 
 fn config(inputs: usize, hidden: &[usize], outputs: usize, act: Activation, skips: &[usize]) -> MlpConfig {
-    MlpConfig {
-        inputs,
-        hidden: hidden.to_vec(),
-        outputs,
-        bias: Bias::Zero,
-        hidden_activation: act,
-        output_activation: Activation::None,
-        skips: skips.to_vec(),
-    }
+    MlpConfig::new(inputs, hidden.to_vec(), outputs).with_hidden_activation(act).with_skips(skips.to_vec())
 }
 
 /// Relative errors of outputs, input gradients and parameter gradients against f64, of the networks of ngp and the

@@ -91,15 +91,16 @@ fn check_encoder<E: Encoder + Copy>(encoder: E, x: &[f32], h: f32, tolerance: f6
 }
 
 fn hash_grid(interpolation: Interpolation) -> HashGrid {
-    HashGrid::new(HashGridConfig {
-        levels: 3,
-        features: 2,
-        log2_table: 6,
-        n_min: 3,
-        growth: Growth::Factor(1.5),
-        rule: Rule::Ngp,
-        interpolation,
-    })
+    HashGrid::new(
+        HashGridConfig::default()
+            .with_levels(3)
+            .with_features(2)
+            .with_log2_table(6)
+            .with_n_min(3)
+            .with_growth(Growth::Factor(1.5))
+            .with_rule(Rule::Ngp)
+            .with_interpolation(interpolation),
+    )
     .unwrap()
 }
 
@@ -293,7 +294,11 @@ fn encodings_name_wrong_inputs() {
 fn networks() -> Vec<Mlp> {
     let config = |hidden: &[usize], skips: &[usize], bias, hidden_activation, output_activation| {
         let (hidden, skips) = (hidden.to_vec(), skips.to_vec());
-        let config = MlpConfig { inputs: 5, hidden, outputs: 3, bias, hidden_activation, output_activation, skips };
+        let config = MlpConfig::new(5, hidden, 3)
+            .with_bias(bias)
+            .with_hidden_activation(hidden_activation)
+            .with_output_activation(output_activation)
+            .with_skips(skips);
         Mlp::new(&config).unwrap()
     };
     vec![

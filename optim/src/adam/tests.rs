@@ -234,10 +234,10 @@ fn broken_state_is_refused() {
 #[test]
 fn constants_out_of_range_are_refused() {
     for config in [
-        AdamConfig { beta1: 1.0, ..AdamConfig::DEFAULT },
-        AdamConfig { beta2: f64::NAN, ..AdamConfig::DEFAULT },
-        AdamConfig { eps: 0.0, ..AdamConfig::DEFAULT },
-        AdamConfig { eps: 1e-60, ..AdamConfig::DEFAULT },
+        AdamConfig::DEFAULT.with_betas(1.0, 0.999),
+        AdamConfig::DEFAULT.with_betas(0.9, f64::NAN),
+        AdamConfig::DEFAULT.with_eps(0.0),
+        AdamConfig::DEFAULT.with_eps(1e-60),
         AdamConfig::DEFAULT.with_decay(Decay::L2(-1.0)),
     ] {
         assert!(std::panic::catch_unwind(|| Adam::new(1, config)).is_err(), "{config:?}");

@@ -51,7 +51,7 @@ fn fit(simd: Simd, settings: &RasterSettings, steps: u32) -> [f64; 2] {
         let rng = Rng::new(2, k as u64);
         rows.iter_mut().enumerate().for_each(|(i, x)| *x += MOVES[k] * rng.normal_at(i as u64));
     }
-    let mut adams = g.fields().map(|(_, rows)| Adam::new(rows.len(), AdamConfig { eps: 1e-15, ..AdamConfig::DEFAULT }));
+    let mut adams = g.fields().map(|(_, rows)| Adam::new(rows.len(), AdamConfig::DEFAULT.with_eps(1e-15)));
     let (mut grad, mut gradients) = (g.clone(), Vec::new());
     let mut decibels = [0.0; 2];
     for step in 0..=steps {

@@ -9,7 +9,7 @@ use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::planes::Planes;
 use field_core::init::Init;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
@@ -49,16 +49,7 @@ fn new_planes(config: &PlanesOfTime) -> Result<Vec<Planes>, SystemError> {
 /// Hidden layers with a skip of the input into the fifth, where there are so many.
 fn network(inputs: usize, (depth, width): (usize, usize), outputs: usize) -> Result<Mlp, SystemError> {
     let skips = if depth > 4 { vec![4] } else { vec![] };
-    Mlp::new(&MlpConfig {
-        inputs,
-        hidden: vec![width; depth],
-        outputs,
-        bias: Bias::Zero,
-        hidden_activation: Activation::Relu,
-        output_activation: Activation::None,
-        skips,
-    })
-    .map_err(refuse)
+    Mlp::new(&MlpConfig::new(inputs, vec![width; depth], outputs).with_skips(skips)).map_err(refuse)
 }
 
 impl Deform {

@@ -50,15 +50,16 @@ impl HashGridSettings {
         if self.n_max < self.n_min {
             return Err(bad("n_max", self.n_max.to_string(), "must be at least `n_min`".into()));
         }
-        HashGrid::new(HashGridConfig {
-            levels: self.levels,
-            features: self.features,
-            log2_table: self.log2_table,
-            n_min: self.n_min,
-            growth: Growth::UpTo(self.n_max),
-            rule: Rule::Ngp,
-            interpolation: Interpolation::Linear,
-        })
+        HashGrid::new(
+            HashGridConfig::default()
+                .with_levels(self.levels)
+                .with_features(self.features)
+                .with_log2_table(self.log2_table)
+                .with_n_min(self.n_min)
+                .with_growth(Growth::UpTo(self.n_max))
+                .with_rule(Rule::Ngp)
+                .with_interpolation(Interpolation::Linear),
+        )
         .map_err(|e| bad("levels, features, log2_table, n_min, n_max", String::new(), e.to_string()))
     }
 

@@ -57,17 +57,9 @@ impl NetworkConfig {
     /// # Panics
     /// If there is no memory for the layers; [`NetworkConfig::check`] refuses them.
     pub fn density_mlp(&self, inputs: usize) -> Result<Mlp, SystemError> {
-        Mlp::new(&MlpConfig {
-            inputs,
-            hidden: vec![self.width; self.density_layers],
-            outputs: self.geometry,
-            bias: Bias::None,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
-        .map(|mlp| self.precision.of(mlp))
-        .map_err(|e| bad("width, geometry", "", &e.to_string()))
+        Mlp::new(&MlpConfig::new(inputs, vec![self.width; self.density_layers], self.geometry).with_bias(Bias::None))
+            .map(|mlp| self.precision.of(mlp))
+            .map_err(|e| bad("width, geometry", "", &e.to_string()))
     }
 
     /// The colour network; `code` is the length of the appearance code it sees.
@@ -78,15 +70,15 @@ impl NetworkConfig {
     /// # Panics
     /// As [`NetworkConfig::density_mlp`].
     pub fn colour_mlp(&self, code: usize) -> Result<Mlp, SystemError> {
-        Mlp::new(&MlpConfig {
-            inputs: self.geometry + self.sh_degree * self.sh_degree + code,
-            hidden: vec![self.width; self.colour_layers],
-            outputs: 3,
-            bias: Bias::None,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::LOGISTIC,
-            skips: vec![],
-        })
+        Mlp::new(
+            &MlpConfig::new(
+                self.geometry + self.sh_degree * self.sh_degree + code,
+                vec![self.width; self.colour_layers],
+                3,
+            )
+            .with_bias(Bias::None)
+            .with_output_activation(Activation::LOGISTIC),
+        )
         .map(|mlp| self.precision.of(mlp))
         .map_err(|e| bad("width, colour_layers", "", &e.to_string()))
     }

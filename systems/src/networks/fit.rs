@@ -11,7 +11,7 @@ use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
 use crate::networks::cones::TILE;
 use crate::space::InternalRay;
 use engine::system::{Appearance, Fit, System};
-use field_core::mlp::{Activation, Bias, Layer, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, Layer, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
@@ -43,16 +43,9 @@ struct Cut<'a> {
 impl<'a> Cut<'a> {
     fn new(colour: &'a Mlp, params: &'a [f32]) -> Option<Self> {
         let [hidden, last] = colour.layers() else { return None };
-        let first = Mlp::new(&MlpConfig {
-            inputs: hidden.inputs,
-            hidden: vec![],
-            outputs: hidden.outputs,
-            bias: Bias::Zero,
-            hidden_activation: Activation::None,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
-        .ok()?;
+        let first =
+            Mlp::new(&MlpConfig::new(hidden.inputs, vec![], hidden.outputs).with_hidden_activation(Activation::None))
+                .ok()?;
         let mut packed = Packed::default();
         first.pack(&params[hidden.weights.start..hidden.biases.end], &mut packed);
         Some(Self { first, packed, hidden, last, params })

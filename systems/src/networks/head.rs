@@ -5,7 +5,7 @@ use super::network::refuse;
 use crate::networks::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::init::Init;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
 use float_core::Simd;
@@ -41,16 +41,7 @@ pub(super) struct Transient {
 impl Head {
     /// For a trunk of `width` features and codes of `dims`; its parameters begin at `at`.
     pub(super) fn new(width: usize, dims: usize, at: usize, mixture: Mixture) -> Result<Self, SystemError> {
-        let mlp = Mlp::new(&MlpConfig {
-            inputs: width + dims,
-            hidden: vec![width / 2; LAYERS],
-            outputs: OUTPUTS,
-            bias: Bias::Zero,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
-        .map_err(refuse)?;
+        let mlp = Mlp::new(&MlpConfig::new(width + dims, vec![width / 2; LAYERS], OUTPUTS)).map_err(refuse)?;
         Ok(Self { at, packed: [Packed::default()], mlp, mixture })
     }
 

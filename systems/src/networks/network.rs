@@ -5,7 +5,7 @@ use crate::networks::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, EncodingOp, Node, Tape, TapeError};
 use float_core::Simd;
@@ -57,16 +57,8 @@ impl<P: Encoder + Copy> Shapes<P> {
         let position = config.position;
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
-            Mlp::new(&MlpConfig {
-                inputs,
-                hidden,
-                outputs,
-                bias: Bias::Zero,
-                hidden_activation: Activation::Relu,
-                output_activation: out,
-                skips,
-            })
-            .map_err(refuse)
+            Mlp::new(&MlpConfig::new(inputs, hidden, outputs).with_output_activation(out).with_skips(skips))
+                .map_err(refuse)
         };
         let (w, d) = (config.width, config.depth.max(1));
         // The paper's skip goes into the sixth of eight layers.

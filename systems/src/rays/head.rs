@@ -122,20 +122,10 @@ impl Head {
         step_min: f32,
         rng: Rng,
     ) -> Result<Self, SystemError> {
-        let mlp = Mlp::new(&MlpConfig {
-            inputs: geometry + PLACE_ROWS + dims,
-            hidden: vec![config.head_width; 2],
-            outputs: OUTPUTS,
-            bias: Bias::Zero,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
-        .map_err(|e| SystemError::Config {
-            field: "transient_dims",
-            value: dims.to_string(),
-            problem: e.to_string(),
-        })?;
+        let mlp =
+            Mlp::new(&MlpConfig::new(geometry + PLACE_ROWS + dims, vec![config.head_width; 2], OUTPUTS)).map_err(
+                |e| SystemError::Config { field: "transient_dims", value: dims.to_string(), problem: e.to_string() },
+            )?;
         let params = xavier(&mlp, rng);
         let adam = Adam::new(params.len(), AdamConfig::NGP);
         let mut head = Self {

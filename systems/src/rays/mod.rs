@@ -210,7 +210,7 @@ impl Ngp {
         if moving && sampler.proposals().is_some() {
             return refuse("a scene that moves needs `occupancy`: proposals know of one moment only");
         }
-        let networks = AdamConfig { decay: Decay::L2(f64::from(config.rates.weight_decay)), ..AdamConfig::NGP };
+        let networks = AdamConfig::NGP.with_decay(Decay::L2(f64::from(config.rates.weight_decay)));
         let work = Work {
             inputs: Inputs::default(),
             chunks: (0..CHUNKS).map(|_| Chunk::new(&field, head.as_ref())).collect(),

@@ -195,22 +195,11 @@ fn names(round: usize) -> Names {
 impl ProposalField {
     fn new(source: &dyn FeatureSource, network: ProposalNetwork, rng: Rng) -> Result<Self, SystemError> {
         let features = source.features(rng.substream(0))?;
-        let mlp = Mlp::new(&MlpConfig {
-            inputs: features.rows(),
-            hidden: vec![WIDTH],
-            outputs: 1,
-            bias: Bias::None,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
-        .map_err(|e| SystemError::Config {
-            field: "proposal_samples",
-            value: String::new(),
-            problem: e.to_string(),
+        let mlp = Mlp::new(&MlpConfig::new(features.rows(), vec![WIDTH], 1).with_bias(Bias::None)).map_err(|e| {
+            SystemError::Config { field: "proposal_samples", value: String::new(), problem: e.to_string() }
         })?;
         let mlp_params = xavier(&mlp, rng.substream(1));
-        let networks = AdamConfig { decay: Decay::L2(network.weight_decay), ..AdamConfig::NGP };
+        let networks = AdamConfig::NGP.with_decay(Decay::L2(network.weight_decay));
         let mut field = Self {
             mlp_adam: Adam::new(mlp_params.len(), networks),
             mlp_grad: vec![0.0; mlp_params.len()],

@@ -8,7 +8,7 @@ use splat_core::density::{Fresh, Rows};
 use splat_core::{Gaussians, MAX_DEGREE, SplatError, rest_len};
 
 /// Kerbl et al., 2023: an epsilon this small makes steps that know no scale of the gradient.
-const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-15, ..AdamConfig::DEFAULT };
+const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-15);
 /// Names of the groups in checkpoints: fields of the cloud, the last one band by band.
 const NAMES: [&str; 8] = ["mean", "log_scale", "wxyz", "logit", "dc", "band1", "band2", "band3"];
 const LOGIT: usize = 3;

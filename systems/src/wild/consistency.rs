@@ -120,7 +120,7 @@ mod tests {
     }
 
     fn glance() -> (Glance, Vec<f32>) {
-        let encoder = Encoder::new(EncoderConfig { inputs: 3, channels: vec![3, 4], code: 2 }).unwrap();
+        let encoder = Encoder::new(EncoderConfig::new(3, vec![3, 4], 2)).unwrap();
         let glance = Glance::new(encoder, &[-3.0, 0.0, 3.0]);
         let mut params = vec![0.0; glance.param_count()];
         glance.init(Rng::new(5, 6), &mut params);

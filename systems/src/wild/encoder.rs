@@ -104,8 +104,7 @@ impl PhotoEncoder {
     /// [`SystemError::Config`] for a shape that is none, and photos too small for it.
     pub(super) fn new(config: &WildConfig, data: &Dataset, seed: u64) -> Result<Self, SystemError> {
         let bad = |field, value: String, problem: String| Err(SystemError::Config { field, value, problem });
-        let shape =
-            EncoderConfig { inputs: 3, channels: config.encoder_channels.clone(), code: config.appearance_dims };
+        let shape = EncoderConfig::new(3, config.encoder_channels.clone(), config.appearance_dims);
         let encoder = match Encoder::new(shape) {
             Ok(encoder) => encoder,
             Err(e) => return bad("encoder_channels", format!("{:?}", config.encoder_channels), e.to_string()),

@@ -15,7 +15,7 @@ use super::net::Net;
 use super::slopes::Slopes;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
+use field_core::mlp::{Mlp, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
 use scene_io::Features;
@@ -64,16 +64,11 @@ pub(super) struct Filter {
 }
 
 fn mlp(inputs: usize, width: usize, outputs: usize) -> Result<Mlp, SystemError> {
-    Mlp::new(&MlpConfig {
-        inputs,
-        hidden: vec![width; 2],
-        outputs,
-        bias: Bias::Zero,
-        hidden_activation: Activation::Relu,
-        output_activation: Activation::None,
-        skips: vec![],
+    Mlp::new(&MlpConfig::new(inputs, vec![width; 2], outputs)).map_err(|e| SystemError::Config {
+        field: "filter_width",
+        value: width.to_string(),
+        problem: e.to_string(),
     })
-    .map_err(|e| SystemError::Config { field: "filter_width", value: width.to_string(), problem: e.to_string() })
 }
 
 impl Filter {

@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn codes_and_their_gradients_are_those_of_differences() {
-        let encoder = Encoder::new(EncoderConfig { inputs: 3, channels: vec![3, 4], code: 2 }).unwrap();
+        let encoder = Encoder::new(EncoderConfig::new(3, vec![3, 4], 2)).unwrap();
         let glance = Glance::new(encoder, &[-4.0, 0.0, 6.0]);
         let rng = Rng::new(5, 6);
         let mut params = vec![0.0; glance.param_count()];

@@ -11,7 +11,7 @@ use crate::method::{Outcome, ViewSeen};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig};
+use field_core::mlp::{Mlp, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
 use losses::visibility::SizeSchedule;
@@ -73,15 +73,11 @@ impl Visibility {
             |field, value: usize, problem: String| SystemError::Config { field, value: value.to_string(), problem };
         let octaves = Frequency::new(2, config.visibility_octaves, Base::One, Identity::Include)
             .map_err(|e| bad("visibility_octaves", config.visibility_octaves, e.to_string()))?;
-        let mlp = Mlp::new(&MlpConfig {
-            inputs: config.visibility_dims + octaves.out_rows(),
-            hidden: vec![config.visibility_width; config.visibility_depth],
-            outputs: 1,
-            bias: Bias::Zero,
-            hidden_activation: Activation::Relu,
-            output_activation: Activation::None,
-            skips: vec![],
-        })
+        let mlp = Mlp::new(&MlpConfig::new(
+            config.visibility_dims + octaves.out_rows(),
+            vec![config.visibility_width; config.visibility_depth],
+            1,
+        ))
         .map_err(|e| bad("visibility_width", config.visibility_width, e.to_string()))?;
         let (start, floor) = (f64::from(config.mask_size_start), f64::from(config.mask_size));
         // The floor is met where the exponential is.

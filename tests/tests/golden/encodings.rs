@@ -101,19 +101,20 @@ fn spherical_harmonics_match_golden() {
 }
 
 fn grid_of(record: &Record) -> HashGrid {
-    HashGrid::new(HashGridConfig {
-        levels: record.param("levels").usize(),
-        features: record.param("features_per_level").usize(),
-        log2_table: record.param("log2_table").usize() as u32,
-        n_min: record.param("n_min").usize() as u32,
-        growth: Growth::Factor(record.param("growth").f64()),
-        rule: match record.param("rule").str() {
-            "ngp" => Rule::Ngp,
-            "paper" => Rule::Paper,
-            other => panic!("{}: unknown rule {other}", record.label()),
-        },
-        interpolation: Interpolation::Linear,
-    })
+    HashGrid::new(
+        HashGridConfig::default()
+            .with_levels(record.param("levels").usize())
+            .with_features(record.param("features_per_level").usize())
+            .with_log2_table(record.param("log2_table").usize() as u32)
+            .with_n_min(record.param("n_min").usize() as u32)
+            .with_growth(Growth::Factor(record.param("growth").f64()))
+            .with_rule(match record.param("rule").str() {
+                "ngp" => Rule::Ngp,
+                "paper" => Rule::Paper,
+                other => panic!("{}: unknown rule {other}", record.label()),
+            })
+            .with_interpolation(Interpolation::Linear),
+    )
     .unwrap()
 }
 

@@ -17,7 +17,7 @@ fn config(record: &Record) -> AdamConfig {
         _ => Decay::L2(rate),
     };
     let number = |name| record.param(name).f64();
-    AdamConfig { beta1: number("beta1"), beta2: number("beta2"), eps: number("eps"), decay }
+    AdamConfig::DEFAULT.with_betas(number("beta1"), number("beta2")).with_eps(number("eps")).with_decay(decay)
 }
 
 #[test]

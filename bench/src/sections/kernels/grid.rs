@@ -101,7 +101,7 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
     let big = Big::new(LARGE_TABLE);
     for (levels, features, log2_table, wanted) in [(16, 2, 19, true), (8, 4, 17, false)] {
         let name = format!("hash grid {levels}x{features}, T = 2^{log2_table}");
-        let config = HashGridConfig { levels, features, log2_table, ..HashGridConfig::default() };
+        let config = HashGridConfig::default().with_levels(levels).with_features(features).with_log2_table(log2_table);
         let samples = bench.pick(1 << 14, 1 << 16);
         let (values, gradients) = GridBatch::new(config, 512)?.errors(bench.simd);
         // Eight corners a level, each an entry of `4 * features` bytes; a training step reads and then adds to it.
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_grid_is_as_near_the_twin_as_its_tests_say() {
-        let config = HashGridConfig { levels: 4, log2_table: 10, ..HashGridConfig::default() };
+        let config = HashGridConfig::default().with_levels(4).with_log2_table(10);
         let (values, gradients) = GridBatch::new(config, 64).unwrap().errors(Simd::best());
         assert!(values > 0.0 && values < 3e-6 && gradients > 0.0 && gradients < 3e-6, "{values} {gradients}");
     }

@@ -6,7 +6,7 @@ use crate::machine::level_name;
 use crate::measure::{Case, interleaved, worst};
 use crate::sections::Bench;
 use crate::sections::ceilings::fma;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed, Precision};
+use field_core::mlp::{Mlp, MlpConfig, Packed, Precision};
 use field_core::rng::Rng;
 use float_core::Simd;
 use testkit::reference::network::{self as twin, Network};
@@ -34,16 +34,8 @@ pub(crate) fn shape(widths: &[usize], skips: &[usize]) -> Result<Shape, BenchErr
     let [inputs, hidden @ .., outputs] = widths else {
         return Err(BenchError::Part("a network has inputs and outputs".into()));
     };
-    let mlp = Mlp::new(&MlpConfig {
-        inputs: *inputs,
-        hidden: hidden.to_vec(),
-        outputs: *outputs,
-        bias: Bias::Zero,
-        hidden_activation: Activation::Relu,
-        output_activation: Activation::None,
-        skips: skips.to_vec(),
-    })
-    .map_err(BenchError::part)?;
+    let mlp = Mlp::new(&MlpConfig::new(*inputs, hidden.to_vec(), *outputs).with_skips(skips.to_vec()))
+        .map_err(BenchError::part)?;
     let width = hidden.iter().copied().max().unwrap_or(1);
     let mut params = vec![0.0; mlp.param_count()];
     Rng::new(11, 0).fill_uniform(0, &mut params);

@@ -42,7 +42,7 @@ pub(super) struct Stage {
 
 impl Stage {
     pub(super) fn new(simd: Simd, cloud: &Gaussians) -> Self {
-        let config = AdamConfig { eps: 1e-15, ..AdamConfig::DEFAULT };
+        let config = AdamConfig::DEFAULT.with_eps(1e-15);
         Self {
             simd,
             projection: Projection::default(),

@@ -37,8 +37,9 @@ pub enum Growth {
     UpTo(u32),
 }
 
-/// Size of a hash grid.
+/// Size of a hash grid: [`HashGridConfig::default`], changed by `with_` and the name of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct HashGridConfig {
     /// Levels, `1..=32`.
     pub levels: usize,
@@ -68,6 +69,50 @@ impl Default for HashGridConfig {
             rule: Rule::Ngp,
             interpolation: Interpolation::Linear,
         }
+    }
+}
+
+impl HashGridConfig {
+    /// Number of levels, `1..=32`.
+    #[must_use]
+    pub fn with_levels(self, levels: usize) -> Self {
+        Self { levels, ..self }
+    }
+
+    /// Features for each entry: 1, 2, 4 or 8.
+    #[must_use]
+    pub fn with_features(self, features: usize) -> Self {
+        Self { features, ..self }
+    }
+
+    /// At most `2^log2_table` entries for each level, `3..=28`.
+    #[must_use]
+    pub fn with_log2_table(self, log2_table: u32) -> Self {
+        Self { log2_table, ..self }
+    }
+
+    /// Size of the coarsest level.
+    #[must_use]
+    pub fn with_n_min(self, n_min: u32) -> Self {
+        Self { n_min, ..self }
+    }
+
+    /// Sizes of the other levels.
+    #[must_use]
+    pub fn with_growth(self, growth: Growth) -> Self {
+        Self { growth, ..self }
+    }
+
+    /// Where vertices lie.
+    #[must_use]
+    pub fn with_rule(self, rule: Rule) -> Self {
+        Self { rule, ..self }
+    }
+
+    /// How values between vertices are blended.
+    #[must_use]
+    pub fn with_interpolation(self, interpolation: Interpolation) -> Self {
+        Self { interpolation, ..self }
     }
 }
 

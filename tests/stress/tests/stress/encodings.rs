@@ -22,13 +22,13 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
 
 fn hash_grid(tally: &mut Tally, simd: Simd) {
     for (log2_table, n_min, n_max) in [(3, 1, 1), (10, 16, 2048), (14, 1, 1 << 20), (8, 1 << 20, 1 << 22)] {
-        let grid = HashGrid::new(HashGridConfig {
-            levels: 6,
-            log2_table,
-            n_min,
-            growth: Growth::UpTo(n_max),
-            ..HashGridConfig::default()
-        })
+        let grid = HashGrid::new(
+            HashGridConfig::default()
+                .with_levels(6)
+                .with_log2_table(log2_table)
+                .with_n_min(n_min)
+                .with_growth(Growth::UpTo(n_max)),
+        )
         .unwrap();
         let params: Vec<f32> = (0..grid.params_len()).map(|i| (i as f32 * 0.37).sin()).collect();
         let positions = MAGNITUDES.iter().flat_map(|&m| [m, -m]).chain([f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
@@ -57,7 +57,7 @@ fn hash_grid(tally: &mut Tally, simd: Simd) {
     }
     for value in [1e-45_f32, 1e-38, 1e30, 1e37] {
         tally.case(format!("hash grid that holds {value:e}"), "the features are what it holds, to 1e-6", || {
-            let grid = HashGrid::new(HashGridConfig { log2_table: 8, ..HashGridConfig::default() }).unwrap();
+            let grid = HashGrid::new(HashGridConfig::default().with_log2_table(8)).unwrap();
             let params = vec![value; grid.params_len()];
             let mut out = vec![f32::NAN; grid.out_rows() * 5];
             grid.encode(simd, &params, &[0.123; 15], &mut out).map_err(|e| e.to_string())?;

@@ -1,22 +1,13 @@
 //! Networks with inputs and weights at the ends of the numbers.
 
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
 use float_core::Simd;
 use stress::{MAGNITUDES, Tally, close, ensure, finite};
 
 const N: usize = 50; // a panel and two samples
 
 fn mlp(output: Activation) -> Mlp {
-    Mlp::new(&MlpConfig {
-        inputs: 3,
-        hidden: vec![17, 16],
-        outputs: 2,
-        bias: Bias::Zero,
-        hidden_activation: Activation::Relu,
-        output_activation: output,
-        skips: vec![],
-    })
-    .unwrap()
+    Mlp::new(&MlpConfig::new(3, vec![17, 16], 2).with_output_activation(output)).unwrap()
 }
 
 /// Outputs, input gradient and weight gradient.

@@ -23,7 +23,7 @@ use field_core::encoding::integrated::Integrated;
 use field_core::mlp::Activation;
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
-use optim::{AdamConfig, Decay};
+use optim::AdamConfig;
 
 /// The system.
 pub type MipNerf = TwoLevel<MipNerfConfig>;
@@ -33,7 +33,7 @@ const DENSITY_SHIFT: f32 = -1.0;
 
 impl Recipe for MipNerfConfig {
     const NAME: &'static str = "mip-nerf";
-    const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-8, decay: Decay::None };
+    const ADAM: AdamConfig = AdamConfig::DEFAULT;
     const NETWORKS: usize = 1;
     const FOOTPRINT: Footprint = Footprint::Cone;
     type Position = Integrated;

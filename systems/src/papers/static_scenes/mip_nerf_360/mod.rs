@@ -39,7 +39,7 @@ use losses::interlevel::{self, Levels, interlevel_backward};
 use losses::kernel::Kernel;
 use losses::{Edges, RayIntervals, Reduction, distortion};
 use network::{Ops, PackedNetworks, Shapes};
-use optim::{AdamConfig, Decay, clip};
+use optim::{AdamConfig, clip};
 use quadrature::QuadratureOp;
 use rayon::prelude::*;
 use render_core::proposal::Resampler;
@@ -53,7 +53,7 @@ const INIT: u64 = 0x6d33_3630;
 const SAMPLES: u64 = 0x7361_6d70;
 const BACKGROUND: u64 = 0x6261_636b;
 /// Adam of the paper.
-const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-6, decay: Decay::None };
+const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-6);
 
 /// The system.
 pub struct MipNerf360 {

@@ -7,7 +7,7 @@ use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
 use field_core::init::Init;
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use field_core::tape::{EncodingOp, Node, Tape, TapeError};
 use float_core::Simd;
@@ -47,15 +47,9 @@ impl Shapes {
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include)
             .map_err(|e| refuse(e.to_string()))?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, output_activation, skips| {
-            Mlp::new(&MlpConfig {
-                inputs,
-                hidden,
-                outputs,
-                bias: Bias::Zero,
-                hidden_activation: Activation::Relu,
-                output_activation,
-                skips,
-            })
+            Mlp::new(
+                &MlpConfig::new(inputs, hidden, outputs).with_output_activation(output_activation).with_skips(skips),
+            )
             .map_err(|e| refuse(e.to_string()))
         };
         let (w, d, rows) = (config.width, config.depth, position.out_rows());

@@ -21,7 +21,7 @@ use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
-use optim::{AdamConfig, Decay};
+use optim::AdamConfig;
 use render_core::quadrature::two::Mixture;
 
 /// The system.
@@ -29,7 +29,7 @@ pub type Nerf = TwoLevel<NerfConfig>;
 
 impl Recipe for NerfConfig {
     const NAME: &'static str = "nerf";
-    const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.999, eps: 1e-7, decay: Decay::None };
+    const ADAM: AdamConfig = AdamConfig::NERF;
     const NETWORKS: usize = 2;
     const FOOTPRINT: Footprint = Footprint::Point;
     type Position = Frequency;
