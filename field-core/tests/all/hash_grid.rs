@@ -4,6 +4,7 @@ use field_core::FieldError;
 use field_core::encoding::hash_grid::{Addressing, Growth, HashGrid, HashGridConfig, Interpolation, Rule, Touched};
 use field_core::rng::Rng;
 use float_core::Simd;
+use proptest::prelude::*;
 
 /// One corner: entry in the whole table, weight, and the weight's derivatives.
 struct Corner {
@@ -17,7 +18,7 @@ struct Corner {
 fn corners(grid: &HashGrid, level: usize, x: [f64; 3]) -> Vec<Corner> {
     let l = grid.levels()[level];
     let mut base = [0_u32; 3];
-    let (mut up, mut slope, mut bend) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    let (mut up, mut slope, mut second) = ([0.0; 3], [0.0; 3], [0.0; 3]);
     for a in 0..3 {
         let scale = if (0.0..=1.0).contains(&x[a]) { f64::from(l.scale) } else { 0.0 };
         let p = x[a].clamp(0.0, 1.0) * f64::from(l.scale) + f64::from(l.shift);
@@ -27,7 +28,7 @@ fn corners(grid: &HashGrid, level: usize, x: [f64; 3]) -> Vec<Corner> {
         }
         base[a] = cell as u32;
         let f = p - cell;
-        (up[a], slope[a], bend[a]) = match grid.config().interpolation {
+        (up[a], slope[a], second[a]) = match grid.config().interpolation {
             Interpolation::Linear => (f, scale, 0.0),
             Interpolation::Smoothstep => {
                 (f * f * (3.0 - 2.0 * f), scale * 6.0 * f * (1.0 - f), scale * scale * (6.0 - 12.0 * f))
@@ -39,7 +40,7 @@ fn corners(grid: &HashGrid, level: usize, x: [f64; 3]) -> Vec<Corner> {
             let bit = [c & 1, c >> 1 & 1, c >> 2];
             let w: Vec<f64> = (0..3).map(|a| if bit[a] == 1 { up[a] } else { 1.0 - up[a] }).collect();
             let s: Vec<f64> = (0..3).map(|a| if bit[a] == 1 { slope[a] } else { -slope[a] }).collect();
-            let b: Vec<f64> = (0..3).map(|a| if bit[a] == 1 { bend[a] } else { -bend[a] }).collect();
+            let b: Vec<f64> = (0..3).map(|a| if bit[a] == 1 { second[a] } else { -second[a] }).collect();
             // Derivative orders along each axis to a product.
             let product = |order: [usize; 3]| (0..3).map(|a| [w[a], s[a], b[a]][order[a]]).product::<f64>();
             let order = |axes: &[usize]| {
@@ -171,42 +172,132 @@ fn bits(all: &[Vec<f32>; 6]) -> Vec<u32> {
     all.iter().flatten().map(|x| x.to_bits()).collect()
 }
 
+/// All results of the twin, in the order of [`everything`]; table gradients by a plain scatter.
+fn everything_naive(grid: &HashGrid, b: &Batch) -> [Vec<f64>; 6] {
+    let (n, rows) = (b.x.len() / 3, grid.out_rows());
+    let (mut out, mut tangent) = (vec![0.0; rows * n], vec![0.0; rows * n]);
+    let (mut grad, mut tangent_grad) = (vec![0.0; b.params.len()], vec![0.0; b.params.len()]);
+    let (mut x_bar, mut tangent_x_bar) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
+    for i in 0..n {
+        let point = |x: &[f32]| [0, 1, 2].map(|a| f64::from(x[a * n + i]));
+        let out_bar: Vec<f64> = (0..rows).map(|r| f64::from(b.out_bar[r * n + i])).collect();
+        let one = naive(grid, &b.params, point(&b.x), point(&b.x_dot), &out_bar);
+        for r in 0..rows {
+            out[r * n + i] = one.out[r];
+            tangent[r * n + i] = one.tangent[r];
+        }
+        one.grad.iter().for_each(|&(at, g)| grad[at] += g);
+        one.tangent_grad.iter().for_each(|&(at, g)| tangent_grad[at] += g);
+        for a in 0..3 {
+            x_bar[a * n + i] = one.x_bar[a];
+            tangent_x_bar[a * n + i] = one.tangent_x_bar[a];
+        }
+    }
+    [out, tangent, grad, tangent_grad, x_bar, tangent_x_bar]
+}
+
+/// Every result at every SIMD level: within rounding of the twin, and the same bits.
+fn check_everything(grid: &HashGrid, b: &Batch) {
+    let want = everything_naive(grid, b);
+    let scalar = everything(grid, Simd::SCALAR, b);
+    // Cells are located in f64; weights and sums round in f32.
+    let names = ["features", "tangent", "grad", "tangent grad", "x_bar", "tangent x_bar"];
+    for ((name, got), want) in names.into_iter().zip(&scalar).zip(&want) {
+        close(name, got, want, 3e-6);
+    }
+    for simd in Simd::available() {
+        let got = everything(grid, simd, b);
+        assert_eq!(bits(&got), bits(&scalar), "{:?} {:?}", grid.config(), simd.level());
+    }
+}
+
 #[test]
 fn everything_matches_the_naive_twin_at_every_simd_level() {
     const N: usize = 53;
     for (seed, config) in configs().into_iter().enumerate() {
         let grid = HashGrid::new(config).unwrap();
-        let b = batch(&grid, N, seed as u64);
-        let rows = grid.out_rows();
-        let (mut out, mut tangent) = (vec![0.0; rows * N], vec![0.0; rows * N]);
-        let (mut grad, mut tangent_grad) = (vec![0.0; b.params.len()], vec![0.0; b.params.len()]);
-        let (mut x_bar, mut tangent_x_bar) = (vec![0.0; 3 * N], vec![0.0; 3 * N]);
-        for i in 0..N {
-            let point = |x: &[f32]| [0, 1, 2].map(|a| f64::from(x[a * N + i]));
-            let out_bar: Vec<f64> = (0..rows).map(|r| f64::from(b.out_bar[r * N + i])).collect();
-            let n = naive(&grid, &b.params, point(&b.x), point(&b.x_dot), &out_bar);
-            for r in 0..rows {
-                out[r * N + i] = n.out[r];
-                tangent[r * N + i] = n.tangent[r];
-            }
-            n.grad.iter().for_each(|&(at, g)| grad[at] += g);
-            n.tangent_grad.iter().for_each(|&(at, g)| tangent_grad[at] += g);
+        check_everything(&grid, &batch(&grid, N, seed as u64));
+    }
+}
+
+/// Whether a point lies within `distance` cells of a face of some level's cells, where derivatives jump.
+fn near_face(grid: &HashGrid, x: [f64; 3], distance: f64) -> bool {
+    grid.levels().iter().any(|l| {
+        x.iter().any(|x| {
+            let p = x * f64::from(l.scale) + f64::from(l.shift);
+            (p - p.round()).abs() < distance
+        })
+    })
+}
+
+fn any_config() -> impl Strategy<Value = HashGridConfig> {
+    let growth = prop_oneof![(1.0..3.0).prop_map(Growth::Factor), (32..200_u32).prop_map(Growth::UpTo)];
+    let features = prop::sample::select(vec![1_usize, 2, 4, 8]);
+    let rule = prop::sample::select(vec![Rule::Ngp, Rule::Paper]);
+    let interpolation = prop::sample::select(vec![Interpolation::Linear, Interpolation::Smoothstep]);
+    (1..=6_usize, features, 3..=12_u32, 1..=32_u32, growth, rule, interpolation).prop_map(
+        |(levels, features, log2_table, n_min, growth, rule, interpolation)| {
+            HashGridConfig::default()
+                .with_levels(levels)
+                .with_features(features)
+                .with_log2_table(log2_table)
+                .with_n_min(n_min)
+                .with_growth(growth)
+                .with_rule(rule)
+                .with_interpolation(interpolation)
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 2 } else { 64 }))]
+
+    #[test]
+    fn every_grid_matches_the_naive_twin(config in any_config(), n in 0..40_usize, seed in any::<u64>()) {
+        let grid = HashGrid::new(config).unwrap();
+        check_everything(&grid, &batch(&grid, n, seed));
+    }
+
+    #[test]
+    fn gradients_of_every_grid_are_those_of_differences(config in any_config(), n in 1..6_usize, seed in any::<u64>()) {
+        let grid = HashGrid::new(config).unwrap();
+        let b = batch(&grid, n, seed);
+        let [_, _, grad, _, x_bar, _] = everything(&grid, Simd::best(), &b);
+        // <out_bar, features> of point `i` at `x`, in f64.
+        let loss = |params: &[f32], i: usize, x: [f64; 3]| {
+            let out_bar: Vec<f64> = (0..grid.out_rows()).map(|r| f64::from(b.out_bar[r * n + i])).collect();
+            let one = naive(&grid, params, x, [0.0; 3], &out_bar);
+            one.out.iter().zip(&out_bar).map(|(o, g)| o * g).sum::<f64>()
+        };
+        let point = |i: usize| [0, 1, 2].map(|a| f64::from(b.x[a * n + i]));
+        let slopes = f64::from(grid.levels().iter().map(|l| l.scale).fold(1.0, f32::max));
+        let h = 1e-6;
+        for i in (0..n).filter(|&i| !near_face(&grid, point(i), 1e-3)) {
             for a in 0..3 {
-                x_bar[a * N + i] = n.x_bar[a];
-                tangent_x_bar[a * N + i] = n.tangent_x_bar[a];
+                let moved = |step: f64| {
+                    let mut x = point(i);
+                    x[a] += step;
+                    loss(&b.params, i, x)
+                };
+                // Outside of the box the value holds, as the position is clamped.
+                if point(i).iter().any(|x| x.abs() < 2.0 * h || (x - 1.0).abs() < 2.0 * h) {
+                    continue;
+                }
+                let (want, got) = ((moved(h) - moved(-h)) / (2.0 * h), f64::from(x_bar[a * n + i]));
+                let bound = 1e-5 * slopes * (grid.out_rows() as f64);
+                prop_assert!((got - want).abs() <= bound, "x_bar[{a}][{i}] {got} {want}");
             }
         }
-        let scalar = everything(&grid, Simd::SCALAR, &b);
-        // Cells are located in f64; weights and sums round in f32.
-        close("features", &scalar[0], &out, 3e-6);
-        close("tangent", &scalar[1], &tangent, 3e-6);
-        close("grad", &scalar[2], &grad, 3e-6);
-        close("tangent grad", &scalar[3], &tangent_grad, 3e-6);
-        close("x_bar", &scalar[4], &x_bar, 3e-6);
-        close("tangent x_bar", &scalar[5], &tangent_x_bar, 3e-6);
-        for simd in Simd::available() {
-            let got = everything(&grid, simd, &b);
-            assert_eq!(bits(&got), bits(&scalar), "{config:?} {:?}", simd.level());
+        // Of a function linear in the table differences are exact, whatever the step. Some entries that were touched.
+        let touched: Vec<usize> = (0..grad.len()).filter(|&at| grad[at] != 0.0).collect();
+        for &at in touched.iter().step_by(touched.len() / 8 + 1) {
+            let total = |value: f32| {
+                let mut params = b.params.clone();
+                params[at] = value;
+                (0..n).map(|i| loss(&params, i, point(i))).sum::<f64>()
+            };
+            let (want, got) = ((total(4.0) - total(-4.0)) / 8.0, f64::from(grad[at]));
+            prop_assert!((got - want).abs() <= 1e-5 * (1.0 + want.abs()), "grad[{at}] {got} {want}");
         }
     }
 }
@@ -226,13 +317,7 @@ fn naive_twin_matches_central_differences() {
             let x = [0, 1, 2].map(|a| f64::from(rng.uniform_at(a)));
             let x_dot = [3, 4, 5].map(|a| f64::from(rng.uniform_at(a)) - 0.5);
             // Differences across a cell face measure the jump.
-            let near_face = grid.levels().iter().any(|l| {
-                x.iter().any(|x| {
-                    let p = x * f64::from(l.scale) + f64::from(l.shift);
-                    (p - p.round()).abs() < 1e-4
-                })
-            });
-            if near_face {
+            if near_face(&grid, x, 1e-4) {
                 continue;
             }
             checked += 1;
