@@ -22,6 +22,7 @@
 //! * [`background`]: static points that a deformation must not move (Nerfies)
 //! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-planes,
 //!   HexPlane, DVGO, TiNeuVox)
+//! * [`planes`]: feature planes that are smooth in space and time, planes of time near 1 (K-Planes)
 //!
 //! **Occluders and appearance**
 //!
@@ -84,6 +85,7 @@ pub mod kernel;
 pub mod metrics;
 mod order;
 pub mod photometric;
+pub mod planes;
 pub mod point_colour;
 mod ray_intervals;
 pub mod smoothness;

@@ -13,6 +13,7 @@ mod lpips;
 mod metrics;
 mod opacity;
 mod photometric;
+mod planes;
 mod robust_kernels;
 mod segmentation;
 mod settled;
