@@ -6,7 +6,7 @@ use crate::encoding::EncodingBars;
 use crate::encoding::dense_grid::DenseGrid;
 use crate::encoding::hash_grid::HashGrid;
 use crate::encoding::multi_distance::MultiDistance;
-use crate::encoding::planes::Planes;
+use crate::encoding::planes::{KPlanes, Planes};
 use float_core::Simd;
 
 /// A hash grid. Operations are shared by threads, so they cannot mark what they touch: entries without gradient are those
@@ -88,60 +88,69 @@ grid_encoder!(HashGridTable<'_>, "hash_grid", grid: grid, touched: None);
 grid_encoder!(DenseGrid, "dense_grid");
 grid_encoder!(MultiDistance, "multi_distance");
 
-impl Encoder for Planes {
-    const NAME: &'static str = "planes";
+/// [`Encoder`] of planes, whose gradients come in one call. `$linear` says whether the features are linear in the table.
+macro_rules! planes_encoder {
+    ($type:ty, $name:literal, |$planes:ident| $linear:expr) => {
+        impl Encoder for $type {
+            const NAME: &'static str = $name;
 
-    fn in_rows(&self) -> usize {
-        Planes::in_rows(self)
-    }
+            fn in_rows(&self) -> usize {
+                self.in_rows()
+            }
 
-    fn out_rows(&self) -> usize {
-        self.features()
-    }
+            fn out_rows(&self) -> usize {
+                self.out_rows()
+            }
 
-    fn params_len(&self) -> usize {
-        Planes::params_len(self)
-    }
+            fn params_len(&self) -> usize {
+                self.params_len()
+            }
 
-    fn is_linear(&self) -> bool {
-        self.sums()
-    }
+            fn is_linear(&self) -> bool {
+                let $planes = self;
+                $linear
+            }
 
-    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        Planes::encode(self, simd, table, x, out)
-    }
+            fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+                self.encode(simd, table, x, out)
+            }
 
-    fn backward(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        out_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        self.encode_backward(simd, table, x, out_bar, bars)
-    }
+            fn backward(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                out_bar: &[f32],
+                bars: EncodingBars<'_>,
+            ) -> Result<(), FieldError> {
+                self.encode_backward(simd, table, x, out_bar, bars)
+            }
 
-    fn tangent(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        Planes::tangent(self, simd, table, x, x_dot, out_dot)
-    }
+            fn tangent(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                x_dot: &[f32],
+                out_dot: &mut [f32],
+            ) -> Result<(), FieldError> {
+                self.tangent(simd, table, x, x_dot, out_dot)
+            }
 
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        Planes::tangent_backward(self, simd, table, x, x_dot, out_dot_bar, bars)
-    }
+            fn tangent_backward(
+                &self,
+                simd: Simd,
+                table: &[f32],
+                x: &[f32],
+                x_dot: &[f32],
+                out_dot_bar: &[f32],
+                bars: EncodingBars<'_>,
+            ) -> Result<(), FieldError> {
+                self.tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
+            }
+        }
+    };
 }
+
+planes_encoder!(Planes, "planes", |planes| planes.sums());
+planes_encoder!(KPlanes, "k_planes", |_planes| false);

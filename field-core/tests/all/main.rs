@@ -8,6 +8,7 @@ mod deform;
 mod encodings;
 mod hash_grid;
 mod integrated;
+mod k_planes;
 mod lie;
 mod mlp;
 mod mlp_bf16;

@@ -8,16 +8,16 @@ use float_core::Simd;
 use proptest::prelude::*;
 use testkit::gradient::{PairTolerances, Tolerance, central_difference, check_f32_pair, compare, cotangent};
 
-fn uniform(seed: u64, len: usize, low: f32, high: f32) -> Vec<f32> {
+pub(crate) fn uniform(seed: u64, len: usize, low: f32, high: f32) -> Vec<f32> {
     let rng = Rng::new(seed, 0);
     (0..len).map(|i| low + (high - low) * rng.uniform_at(i as u64)).collect()
 }
 
-fn f32s(x: &[f64]) -> Vec<f32> {
+pub(crate) fn f32s(x: &[f64]) -> Vec<f32> {
     x.iter().map(|&x| x as f32).collect()
 }
 
-fn f64s(x: &[f32]) -> Vec<f64> {
+pub(crate) fn f64s(x: &[f32]) -> Vec<f64> {
     x.iter().map(|&x| x.into()).collect()
 }
 
@@ -27,7 +27,7 @@ fn bits(x: &[f32]) -> Vec<u32> {
 
 /// The kinds, for the twin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+pub(crate) enum Kind {
     Sum,
     Product,
     K,
@@ -130,7 +130,7 @@ fn column(x: &[f64], axes: usize, i: usize) -> Vec<f64> {
     (0..axes).map(|a| x[a * n + i]).collect()
 }
 
-fn twin(kind: Kind, planes: &Planes, both: &[f64], out: &mut [f64]) {
+pub(crate) fn twin(kind: Kind, planes: &Planes, both: &[f64], out: &mut [f64]) {
     let (table, x) = both.split_at(planes.params_len());
     let n = x.len() / planes.in_rows();
     for i in 0..n {
@@ -140,7 +140,7 @@ fn twin(kind: Kind, planes: &Planes, both: &[f64], out: &mut [f64]) {
     }
 }
 
-fn twin_backward(kind: Kind, planes: &Planes, both: &[f64], out_bar: &[f64], bars: &mut [f64]) {
+pub(crate) fn twin_backward(kind: Kind, planes: &Planes, both: &[f64], out_bar: &[f64], bars: &mut [f64]) {
     let (table, x) = both.split_at(planes.params_len());
     let n = x.len() / planes.in_rows();
     for i in 0..n {
@@ -153,7 +153,7 @@ fn twin_backward(kind: Kind, planes: &Planes, both: &[f64], out_bar: &[f64], bar
     }
 }
 
-fn twin_tangent(kind: Kind, planes: &Planes, both: &[f64], x_dot: &[f64], out_dot: &mut [f64]) {
+pub(crate) fn twin_tangent(kind: Kind, planes: &Planes, both: &[f64], x_dot: &[f64], out_dot: &mut [f64]) {
     let (table, x) = both.split_at(planes.params_len());
     let (axes, n) = (planes.in_rows(), x.len() / planes.in_rows());
     for i in 0..n {

@@ -5,7 +5,7 @@ use field_core::encoding::dense_grid::DenseGrid;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Interpolation, Rule};
 use field_core::encoding::multi_distance::MultiDistance;
-use field_core::encoding::planes::{Combine, Planes};
+use field_core::encoding::planes::{Combine, KPlanes, Planes};
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
 use field_core::tape::{
@@ -67,8 +67,8 @@ fn answers(recipe: Recipe<'_>, rows: usize, x: &[f32], v: &[f32], params: &[f32]
 /// Differences of the operation's own first-order answers along `v`: tangent of the value, and of the gradients, which
 /// by symmetry are the gradients of the tangent. A step of `h` misses a third derivative times `h^2`, and rounding over `h`.
 #[track_caller]
-fn check_encoder<E: Encoder + Copy>(encoder: E, x: &[f32], h: f32, tolerance: f64) {
-    let op = EncodingOp::new(encoder, Simd::best());
+fn check_encoder<E: Encoder + Clone>(encoder: E, x: &[f32], h: f32, tolerance: f64) {
+    let op = EncodingOp::new(encoder.clone(), Simd::best());
     let rows = encoder.in_rows();
     let table = narrow(&numbers(3, encoder.params_len(), -0.5, 0.5));
     let v = narrow(&numbers(4, x.len(), -1.0, 1.0));
@@ -202,6 +202,9 @@ fn planes_differentiate_twice() {
         let x = inside_plane_cells(planes.resolution(), 0.06);
         check_encoder(planes, &x, 2e-3, 1e-3);
     }
+    // The faces of the wide cells are among those of the narrow ones.
+    let scales = KPlanes::moving([3, 3, 3], 3, &[1, 3], 2).unwrap();
+    check_encoder(scales, &inside_plane_cells(&[9, 9, 9, 3], 0.06), 2e-3, 1e-3);
 }
 
 #[test]

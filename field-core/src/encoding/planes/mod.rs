@@ -6,13 +6,16 @@
 //! | k-planes | x y z t | xy, xz, xt, yz, yt, zt | product |
 //! | hex-plane | x y z t | the same | `xy zt + xz yt + xt yz` |
 //!
-//! Several resolutions are several [`Planes`], their outputs one below the other.
+//! Several resolutions are several [`Planes`], their outputs one below the other: [`KPlanes`] is that for products.
 //!
 //! Chan et al., "Efficient Geometry-aware 3D Generative Adversarial Networks", 2022, section 4.1 (tri-plane); Fridovich-Keil
 //! et al., "K-Planes", 2023, equation 1; Cao & Johnson, "HexPlane", 2023, equation 4.
 
 mod combine;
+mod k_planes;
 mod kernel;
+
+pub use k_planes::{KPlanes, PlaneInfo, SPACE_INIT};
 
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -138,6 +141,12 @@ impl Planes {
         self.features
     }
 
+    /// Rows of the output: the features.
+    #[must_use]
+    pub fn out_rows(&self) -> usize {
+        self.features
+    }
+
     /// Length of the table.
     #[must_use]
     pub fn params_len(&self) -> usize {
@@ -241,6 +250,11 @@ impl Planes {
             resample(lattice(self, plane), lattice(finer, plane), self.features, &table[self.plane_range(plane)])
         };
         (0..self.planes().len()).flat_map(of).collect()
+    }
+
+    /// The planes of space of a product, with the same resolution and features.
+    fn space_planes(&self) -> Self {
+        Self::new(&self.resolution[..3], self.features, Rule::Product).expect("fewer planes than were accepted before")
     }
 
     /// Whether nothing is multiplied.
