@@ -76,7 +76,7 @@ impl Embedding {
         Ok(())
     }
 
-    /// The mean of all vectors, `mean` `[width]`: the appearance of nobody in particular. All 0 for an empty table.
+    /// The mean of all vectors, `mean` `[width]`: a neutral code, as for an image that was not trained on. All 0 for an empty table.
     ///
     /// # Errors
     /// [`FieldError::Shape`].

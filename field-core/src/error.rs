@@ -1,4 +1,4 @@
-//! What the function pairs of this crate refuse.
+//! Errors of the function pairs of this crate.
 
 use core::fmt;
 

@@ -23,14 +23,14 @@ use float_core::m32;
 
 use crate::rng::Rng;
 
-/// How parameters start. `fan_in` and `fan_out` are the inputs and outputs of the layer.
+/// Distribution of the initial parameters. `fan_in` and `fan_out` are the inputs and outputs of the layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Init {
     /// Uniform in `[-bound, bound)`. The hash grid starts with `1e-4`, the bound of the plain name `uniform`.
     Uniform(f32),
     /// Normal with this deviation around 0. The plain name `normal` has 1.
     Normal(f32),
-    /// All the same.
+    /// All this value.
     Constant(f32),
     /// All 0.
     Zeros,
@@ -80,13 +80,13 @@ fn normal(rng: Rng, deviation: f32, out: &mut [f32]) {
     }
 }
 
-/// Why a text names no initialiser.
+/// Why a text is not the name of an initialiser.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum InitError {
     /// No such name.
     Unknown(String),
-    /// The name wants a number after a colon, or none.
+    /// A number after a colon is missing, wrong, or not allowed for this name.
     Argument(String),
 }
 

@@ -14,7 +14,7 @@
 //!
 //! # Numerics
 //! Rotations are orthonormal to 1e-14 up to `|w| = 1e3`. Angles are radians, and 2 pi is not wrapped: where a rotation
-//! vector is optimised, `wrap` it now and then. Not finite in, not finite out.
+//! vector is optimised, call `wrap` now and then. Input that is not finite gives output that is not finite.
 //!
 //! # Source
 //! Gallego and Yezzi, "A compact formula for the derivative of a 3-D rotation in exponential coordinates", 2015; Barfoot,
@@ -59,7 +59,7 @@ pub fn so3_left_jacobian(w: [f64; 3]) -> Matrix3 {
 
 /// The shortest rotation vector of a rotation, `|w| <= pi`: `log(exp(w)) = w` below pi. At pi one of the two.
 ///
-/// `r` is taken as a rotation and not checked; of a matrix that is nearly one, the result is nearly right.
+/// `r` is not checked to be a rotation; for a matrix that is nearly one, the result is nearly right.
 #[must_use]
 pub fn so3_log(r: &Matrix3) -> [f64; 3] {
     let a = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]].map(|x| 0.5 * x);
@@ -158,8 +158,8 @@ fn family_derivative(w: [f64; 3], k: u32) -> [Matrix3; 3] {
             for j in 0..3 {
                 // d [w]^2 / dw_n = e_n w^T + w e_n^T - 2 w_n 1
                 let diagonal = if i == j { 2.0 * w[n] } else { 0.0 };
-                let bend = e[i] * w[j] + w[i] * e[j] - diagonal;
-                d[i][j][n] = 2.0 * w[n] * (da * once[i][j] + db * twice[i][j]) + a * turn[i][j] + b * bend;
+                let outer = e[i] * w[j] + w[i] * e[j] - diagonal;
+                d[i][j][n] = 2.0 * w[n] * (da * once[i][j] + db * twice[i][j]) + a * turn[i][j] + b * outer;
             }
         }
     }

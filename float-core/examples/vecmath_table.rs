@@ -5,7 +5,7 @@
 //! cargo run --release -p float-core --example vecmath_table -- --all   every argument there is, minutes
 //! cargo run --release -p float-core --example vecmath_table -- --all sin cos   these functions only
 //! ```
-//! Times are medians over arguments in `[-8, 8]` that lie in the L1 cache; the door is the exact version, one by one.
+//! Times are medians over arguments in `[-8, 8]` that lie in the L1 cache; `m32` is the plain version, one by one.
 
 use float_core::Simd;
 use float_core::vecmath::{Function, Worst};
@@ -19,18 +19,18 @@ const CHUNK: u64 = 1 << 16;
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let step = if arguments.iter().any(|a| a == "--all") { 1 } else { 1009 };
-    println!("| function | level | ns a value | of the door | max error, ulp | at |");
+    println!("| function | level | ns a value | of `m32` | max error, ulp | at |");
     println!("| --- | --- | --- | --- | --- | --- |");
     let named = |f: &Function| arguments.iter().any(|a| a == f.name());
     let some = Function::ALL.iter().any(named);
     for function in Function::ALL.into_iter().filter(|f| !some || named(f)) {
         let worst = worst_everywhere(function, step);
-        let door = nanoseconds(|x, y| x.iter().zip(y).for_each(|(x, y)| *y = function.door(*x)));
-        println!("| `{}` | door | {door:.2} | | | |", function.name());
+        let plain = nanoseconds(|x, y| x.iter().zip(y).for_each(|(x, y)| *y = function.plain(*x)));
+        println!("| `{}` | m32 | {plain:.2} | | | |", function.name());
         for (simd, worst) in Simd::available().zip(worst) {
             let time = nanoseconds(|x, y| function.map(simd, x, y));
             let (name, level) = (function.name(), simd.level());
-            println!("| `{name}` | {level:?} | {time:.2} | {:.1}x | {:.3} | {:e} |", door / time, worst.ulp, worst.at);
+            println!("| `{name}` | {level:?} | {time:.2} | {:.1}x | {:.3} | {:e} |", plain / time, worst.ulp, worst.at);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Counter-based random numbers: a draw is a function of (seed, stream, index), never of history.
 //!
 //! The generator is Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", 2011): the 64-bit seed
-//! is the key, the 128-bit counter holds the index and the stream. Threads, tiles and resumed runs that ask for the
-//! same index get the same number, in any order.
+//! is the key, the 128-bit counter holds the index and the stream. Threads, tiles and resumed runs get the same
+//! number for the same index, in any order.
 //!
 //! ```
 //! use float_core::rng::Rng;

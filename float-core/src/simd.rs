@@ -78,8 +78,8 @@ impl Simd {
         Self::available().filter(|simd| simd.0 as u8 <= cap).last().unwrap_or(Self::SCALAR)
     }
 
-    /// From now on [`Simd::best`] is at most `level`, in all of this process: how programs that ask for no level are tested at
-    /// each. The levels of [`Simd::available`] stay, and tokens that are out keep theirs.
+    /// Cap [`Simd::best`] at `level` for the whole process, to test programs that use it at each level. [`Simd::available`] does not
+    /// change, and neither do tokens that exist.
     pub fn cap_best(level: SimdLevel) {
         CAP.store(level as u8, Ordering::Relaxed);
     }

@@ -99,7 +99,7 @@ fn fused_levels_agree_and_circular_functions_agree_at_every_level() {
 
 #[test]
 fn a_value_does_not_depend_on_its_neighbours() {
-    // Large arguments send their vector through the door; the others in it keep their bits.
+    // Large arguments send their vector through `f64` functions; the others in it keep their bits.
     let x: Vec<f32> = (0..70).map(|i| if i % 5 == 3 { 1e9 + 1e7 * i as f32 } else { 0.37 * i as f32 - 9.0 }).collect();
     for function in Function::ALL {
         for simd in Simd::available() {

@@ -34,9 +34,9 @@ pub enum Decay {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct AdamConfig {
-    /// Memory of the first moment, in `[0, 1)`.
+    /// Decay rate of the first moment, in `[0, 1)`.
     pub beta1: f64,
-    /// Memory of the second moment, in `[0, 1)`.
+    /// Decay rate of the second moment, in `[0, 1)`.
     pub beta2: f64,
     /// Added to `sqrt(v)` after bias correction, outside the root. `> 0`, also as `f32`.
     pub eps: f64,
@@ -52,7 +52,7 @@ impl AdamConfig {
     /// `(0.9, 0.99)`, `1e-15`: Müller et al., "Instant neural graphics primitives", 2022.
     pub const NGP: Self = Self { beta2: 0.99, eps: 1e-15, ..Self::DEFAULT };
 
-    /// The same with another memory of the moments.
+    /// The same with other decay rates of the moments.
     #[must_use]
     pub const fn with_betas(self, beta1: f64, beta2: f64) -> Self {
         Self { beta1, beta2, ..self }
@@ -93,7 +93,7 @@ impl Default for AdamConfig {
 /// # Numerics
 /// * An entry whose gradient is NaN or infinite is left as it is, parameter and moments; the steps return how many there
 ///   were. Hand that to a [`NonFiniteGuard`](crate::NonFiniteGuard).
-/// * Gradients beyond `±1.8e19` count as `±1.8e19`: their squares would overflow and freeze the entry for ever.
+/// * Gradients beyond `±1.8e19` count as `±1.8e19`: their squares would overflow and stop the entry for good.
 /// * Parameters stay finite with every learning rate: a step that overflows ends at the largest number of its sign.
 /// * Below `1e-19` the square underflows and the step is `lr m / eps`-like. With `eps >= 1e-8` it is the same to `1e-11`.
 /// * No fused multiply-add: all SIMD levels give the same bits.
@@ -148,7 +148,7 @@ impl Adam {
         self.m.len()
     }
 
-    /// No parameters at all?
+    /// Whether there are no parameters.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.m.is_empty()
@@ -178,7 +178,7 @@ impl Adam {
         self.steps
     }
 
-    /// One step for every entry. Returns how many were left alone because their gradient is not finite.
+    /// One step for every entry. Returns how many were skipped because their gradient is not finite.
     ///
     /// # Shapes
     /// * `params` `[len]`, changed; `grad` `[len]`

@@ -1,4 +1,4 @@
-//! Gradients made harmless before the step.
+//! Clipping of gradients.
 //!
 //! The order: [`sanitise`], [`clip_by_value`] if wanted, [`clip_by_global_norm`] for each network. (A NaN would make
 //! the norm NaN and cost the whole step, therefore sanitising comes first.)
@@ -24,12 +24,12 @@ pub fn clip_by_value(simd: Simd, limit: f32, grad: &mut [f32]) {
     for_chunks(grad, |chunk| simd.run(Clamp(chunk, limit)));
 }
 
-/// What [`clip_by_global_norm`] found and did.
+/// Result of [`clip_by_global_norm`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clipped {
     /// Norm before clipping.
     pub norm: f64,
-    /// What every entry was multiplied by, in `[0, 1]`.
+    /// Factor of every entry, in `[0, 1]`.
     pub factor: f64,
 }
 
@@ -68,14 +68,14 @@ pub fn clip_by_global_norm(simd: Simd, max_norm: f64, grads: &mut [&mut [f32]]) 
     Clipped { norm, factor }
 }
 
-/// Run over fixed chunks, in parallel where the feature is on, and add up what comes back.
+/// Run over fixed chunks, in parallel where the feature is on, and add up the results.
 #[cfg(feature = "rayon")]
 fn for_chunks(grad: &mut [f32], work: impl Fn(&mut [f32]) -> usize + Sync + Send) -> usize {
     use rayon::prelude::*;
     grad.par_chunks_mut(CHUNK).map(work).sum()
 }
 
-/// Run over fixed chunks and add up what comes back.
+/// Run over fixed chunks and add up the results.
 #[cfg(not(feature = "rayon"))]
 fn for_chunks(grad: &mut [f32], work: impl Fn(&mut [f32]) -> usize) -> usize {
     grad.chunks_mut(CHUNK).map(work).sum()

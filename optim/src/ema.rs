@@ -4,8 +4,8 @@ use crate::{CHUNK, OptimError};
 use alloc::{vec, vec::Vec};
 use float_core::{Simd, Task, Vector, m64};
 
-/// Exponential moving average of the parameters, free of the bias towards its start: after one update it equals the
-/// parameters. Rendered instead of them, it hides the noise of the last steps (0.95 in instant-ngp).
+/// Exponential moving average of the parameters, corrected for its start at 0: after one update it equals the
+/// parameters. Rendering with it instead of them removes the noise of the last steps (decay 0.95 in instant-ngp).
 ///
 /// `a_t = (decay a'_{t-1} + (1 - decay) p_t) / (1 - decay^t)` with `a'` the sum before the division; stored divided.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,7 +16,7 @@ pub struct Ema {
 }
 
 impl Ema {
-    /// An average of nothing yet: zeros.
+    /// Zeros, before the first update.
     ///
     /// # Panics
     /// If `decay` is not in `[0, 1)`, or there is no memory for `len` numbers.
@@ -47,13 +47,13 @@ impl Ema {
         &self.average
     }
 
-    /// How many updates went in.
+    /// Number of updates.
     #[must_use]
     pub fn updates(&self) -> u64 {
         self.updates
     }
 
-    /// Take in the parameters of one step.
+    /// Add the parameters of one step.
     ///
     /// # Panics
     /// If the length is another.

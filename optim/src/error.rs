@@ -1,4 +1,4 @@
-//! What can be wrong with state that comes from outside.
+//! Errors of state that comes from a checkpoint.
 
 use core::fmt;
 

@@ -1,10 +1,10 @@
-//! When is a run broken?
+//! A limit on steps with non-finite gradients.
 
 use core::fmt;
 
 /// Counts the steps in which a gradient was NaN or infinite and fails the run when they are too many.
 ///
-/// The default allows 0.1 % of the steps. Early in a run a share says little, so it is taken of at least `min_steps`
+/// The default allows 0.1 % of the steps. Early in a run a share means little, so it is taken of at least `min_steps`
 /// steps: with 0.1 % of 1000, one such step is forgiven at any time and the second one fails a run younger than 2000
 /// steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +67,7 @@ impl NonFiniteGuard {
     /// Count a step in which `non_finite` entries of the gradient were NaN or infinite, over all parameter groups.
     ///
     /// # Errors
-    /// If more steps than allowed had any. It can be asked again: counting goes on.
+    /// If more steps than allowed had any. Counting goes on afterwards.
     pub fn record(&mut self, non_finite: usize) -> Result<(), TooManyNonFinite> {
         self.steps += 1;
         self.bad_steps += u64::from(non_finite > 0);

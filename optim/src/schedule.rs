@@ -81,9 +81,9 @@ pub enum Warmup {
 /// A schedule times a warm-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LearningRate {
-    /// How it falls.
+    /// The schedule.
     pub schedule: Schedule,
-    /// How it begins.
+    /// The warm-up.
     pub warmup: Warmup,
 }
 

@@ -32,7 +32,7 @@ pub use ray::{any_densities, any_density, any_edges, any_histogram, any_point, a
 
 use proptest::prelude::*;
 
-/// A unit vector, exact to `2^-52`: anywhere on the sphere, on an axis, or a hair beside one.
+/// A unit vector, exact to `2^-52`: anywhere on the sphere, on an axis, or very near one.
 pub fn any_unit_vector() -> impl Strategy<Value = [f64; 3]> {
     let ordinary = [-1.0..1.0, -1.0..1.0, -1.0..1.0_f64];
     let axis = (0..3_usize, any::<bool>()).prop_map(|(axis, up)| {

@@ -48,7 +48,7 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
         let mut y = vec![0.0_f32; TIMED];
         cases.push(Case::new(move || {
             for (y, &x) in y.iter_mut().zip(black_box(x)) {
-                *y = function.door(x);
+                *y = function.plain(x);
             }
             black_box(&mut y);
         }));
@@ -71,7 +71,7 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
                     (level_name(simd.level()), Cell::from(error), Cell::from(stated))
                 }
                 None if k == levels.len() => {
-                    let worst = domain.iter().zip(&exact).map(|(&x, &exact)| ulp(function.door(x), exact));
+                    let worst = domain.iter().zip(&exact).map(|(&x, &exact)| ulp(function.plain(x), exact));
                     // `sin(pi * x)` overflows before the sine is taken.
                     let worst = worst.fold(0.0, f64::max);
                     let cell = if worst.is_finite() { Cell::from(worst) } else { "overflows".into() };

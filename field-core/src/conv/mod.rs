@@ -1,4 +1,4 @@
-//! Convolution and pooling of small images: what an encoder that runs beside a field needs.
+//! Convolution and pooling of small images: for encoders that turn a photo into an appearance code.
 //!
 //! A batch is `[image][channel][row][column]`, its extent a [`Size`]. Weights of a convolution are `[out][in][row][column]`, then
 //! biases `[out]`. Everything is a pair, `forward` and `backward`; backward functions **add** into gradients unless they say

@@ -22,7 +22,7 @@ impl Padding {
         }
     }
 
-    /// Whether images of this size can be padded so.
+    /// Error for images of this size that cannot be padded.
     pub(super) fn check(self, size: Size) -> Result<(), FieldError> {
         for (what, n) in [("height", size.height), ("width", size.width)] {
             let (enough, accepts) = match self {

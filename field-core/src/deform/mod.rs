@@ -1,9 +1,9 @@
-//! Deformations of space: where the point that is at `x` now lies in the canonical scene. Tape operations, and the rigid
-//! one as a plain pair ([`rigid_points`]) for rendering.
+//! Deformations of space: from a point at one time to its place in the canonical scene. Tape operations, and the rigid one
+//! as a plain pair ([`rigid_points`]) for rendering.
 //!
-//! A network answers with a displacement, or with a twist: rotation vector `omega` and `v`. Both deformations are the
-//! identity, bit for bit, where the network answers 0, and differentiable there to any order: their Jacobians (three
-//! tangents) take part in losses.
+//! A network outputs a displacement, or a twist: rotation vector `omega` and `v`. Both deformations are the identity, bit for
+//! bit, where that is 0, and differentiable there to any order, so that losses can contain their Jacobians (three
+//! tangents).
 //!
 //! # Source
 //! Pumarola et al., "D-NeRF", 2021, eq. 2 (translation); Park et al., "Nerfies", 2021, sec. 3.2 and eq. 4-6 (rigid
@@ -42,10 +42,10 @@ pub fn rigid(tape: &mut Tape, x: Node, omega: Node, v: Node) -> Result<Node, Tap
     let once = combine(tape, x, c1, v, c2)?;
     let twice = combine(tape, x, c2, v, c3)?;
     let twice = tape.cross(omega, twice)?;
-    let bent = tape.add(once, twice)?;
-    let bent = tape.cross(omega, bent)?;
+    let turned = tape.add(once, twice)?;
+    let turned = tape.cross(omega, turned)?;
     let moved = tape.add(x, v)?;
-    tape.add(moved, bent)
+    tape.add(moved, turned)
 }
 
 /// [`rigid`] around a pivot of each sample: `exp(omega, v)(x - pivot) + pivot`.

@@ -12,10 +12,10 @@ use float_core::{MAX_LANES, Simd, Task, Vector};
 ///
 /// # Numerics
 /// Values within 1e-6 of their size up to a few turns; with its backward twin finite up to angles of 1e12 (about 1e18 the
-/// square of the angle times a coordinate leaves `f32`). A rest of 0 keeps every bit of `x`.
+/// square of the angle times a coordinate leaves `f32`). With `omega = v = 0` the result is `x` to the bit.
 ///
 /// # Errors
-/// [`FieldError::Shape`] where lengths disagree or are no multiple of 3.
+/// [`FieldError::Shape`] where lengths disagree or are not a multiple of 3.
 pub fn rigid_points(simd: Simd, x: &[f32], omega: &[f32], v: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
     let n = samples(x, omega, v)?;
     check_len("out", out.len(), x.len())?;

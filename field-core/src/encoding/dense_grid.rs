@@ -148,7 +148,7 @@ impl DenseGrid {
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
         self.check(params.len(), x, x_bar.len(), out_bar.len())?;
-        groups::slope(simd, self.place(x, None), params, out_bar, x_bar);
+        groups::position_gradient(simd, self.place(x, None), params, out_bar, x_bar);
         Ok(())
     }
 
@@ -167,7 +167,7 @@ impl DenseGrid {
     ) -> Result<(), FieldError> {
         self.check(params.len(), x, x_dot.len(), out_dot_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        groups::slope(simd, self.place(x, Some(x_dot)), params, out_dot_bar, x_bar);
+        groups::position_gradient(simd, self.place(x, Some(x_dot)), params, out_dot_bar, x_bar);
         Ok(())
     }
 

@@ -41,7 +41,7 @@ pub enum Identity {
 ///
 /// Octaves of weight 0 are not computed: their rows are `+0`, they add nothing to gradients. That is what computing them and
 /// multiplying by 0 gives, but for two things: where the product would be `-0` there is `+0` (numerically equal, and no sum
-/// but one of `-0` alone can tell), and where `x` is NaN or infinite a closed octave says 0, not NaN. The open octaves and `x`
+/// but one of `-0` alone can tell), and where `x` is NaN or infinite a closed octave is 0, not NaN. The open octaves and `x`
 /// itself still pass NaN on.
 ///
 /// # Source
@@ -133,10 +133,10 @@ impl Frequency {
         self.octaves_of(simd, x, window, |o, sin, cos| {
             let s_bar = &out_bar[o.sin_row * n + o.at..][..o.len];
             let c_bar = &out_bar[o.cos_row * n + o.at..][..o.len];
-            let slope = o.window * o.frequency;
+            let factor = o.window * o.frequency;
             let x_bar = &mut x_bar[o.dim * n + o.at..][..o.len];
             for i in 0..o.len {
-                x_bar[i] += slope * (cos[i] * s_bar[i] - sin[i] * c_bar[i]);
+                x_bar[i] += factor * (cos[i] * s_bar[i] - sin[i] * c_bar[i]);
             }
         });
         Ok(())
@@ -162,10 +162,10 @@ impl Frequency {
         out_dot[..identity].copy_from_slice(&x_dot[..identity]);
         self.close(window, n, out_dot);
         self.octaves_of(simd, x, window, |o, sin, cos| {
-            let slope = o.window * o.frequency;
+            let factor = o.window * o.frequency;
             let dot = &x_dot[o.dim * n + o.at..][..o.len];
-            put(&mut out_dot[o.sin_row * n + o.at..][..o.len], cos, |i, c| slope * dot[i] * c);
-            put(&mut out_dot[o.cos_row * n + o.at..][..o.len], sin, |i, s| -slope * dot[i] * s);
+            put(&mut out_dot[o.sin_row * n + o.at..][..o.len], cos, |i, c| factor * dot[i] * c);
+            put(&mut out_dot[o.cos_row * n + o.at..][..o.len], sin, |i, s| -factor * dot[i] * s);
         });
         Ok(())
     }
@@ -189,11 +189,11 @@ impl Frequency {
         self.octaves_of(simd, x, window, |o, sin, cos| {
             let s_bar = &out_dot_bar[o.sin_row * n + o.at..][..o.len];
             let c_bar = &out_dot_bar[o.cos_row * n + o.at..][..o.len];
-            let bend = o.window * o.frequency * o.frequency;
+            let factor = o.window * o.frequency * o.frequency;
             let dot = &x_dot[o.dim * n + o.at..][..o.len];
             let x_bar = &mut x_bar[o.dim * n + o.at..][..o.len];
             for i in 0..o.len {
-                x_bar[i] -= bend * dot[i] * (sin[i] * s_bar[i] + cos[i] * c_bar[i]);
+                x_bar[i] -= factor * dot[i] * (sin[i] * s_bar[i] + cos[i] * c_bar[i]);
             }
         });
         Ok(())

@@ -19,8 +19,8 @@ pub const STRIDES: [usize; 3] = [1, 2, 4];
 /// A dense grid over `[0, 1]^3`, blended trilinearly at each of [`STRIDES`].
 ///
 /// Along an axis of `S` vertices the first lies at 0, the last at 1. The grid has `4 ceil((S - 1) / 4) + 1` of them, so that
-/// the three lattices end at the same vertex: those past `S` lie past 1, where nothing is asked, but they are corners of
-/// wide cells and learn as the others do. Positions are not stretched to the padded grid.
+/// the three lattices end at the same vertex: those past `S` lie past 1, where no position is, but they are corners of
+/// wide cells and are trained as the others are. Positions are not stretched to the padded grid.
 ///
 /// # Shapes
 /// * `table`, `table_bar` `[z][y][x][features]`, padded
@@ -238,7 +238,7 @@ impl MultiDistance {
         self.check("table", table.len(), x, out_bar.len(), self.out_rows())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         for (stride, out_bar) in self.parts(x, out_bar) {
-            groups::slope(simd, self.place(stride, x, None), table, out_bar, x_bar);
+            groups::position_gradient(simd, self.place(stride, x, None), table, out_bar, x_bar);
         }
         Ok(())
     }
@@ -259,7 +259,7 @@ impl MultiDistance {
         check_stride(stride)?;
         self.check("table", table.len(), x, out_bar.len(), self.features)?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        groups::slope(simd, self.place(stride, x, None), table, out_bar, x_bar);
+        groups::position_gradient(simd, self.place(stride, x, None), table, out_bar, x_bar);
         Ok(())
     }
 
@@ -281,7 +281,7 @@ impl MultiDistance {
         check_len("x_dot", x_dot.len(), x.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         for (stride, bar) in self.parts(x, out_dot_bar) {
-            groups::slope(simd, self.place(stride, x, Some(x_dot)), table, bar, x_bar);
+            groups::position_gradient(simd, self.place(stride, x, Some(x_dot)), table, bar, x_bar);
         }
         Ok(())
     }

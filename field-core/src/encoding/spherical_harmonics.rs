@@ -50,10 +50,10 @@ static BASIS: [&[Term]; MAX_DEGREE * MAX_DEGREE] = [
     &[t(0.6258357354491763, 4, 0, 0), t(-3.7550144126950573, 2, 2, 0), t(0.6258357354491763, 0, 4, 0)], // l = 4, m = 4
 ];
 
-/// What is known about the directions.
+/// Whether directions have unit length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Directions {
-    /// Nothing: they are normalised first.
+    /// Any length: they are normalised first.
     Any,
     /// They have unit length, to rounding: saves the square root and the check. Gradients are tangent to the sphere, as
     /// those of `Any` are.
@@ -102,8 +102,8 @@ impl SphericalHarmonics {
     /// `out` `[degree^2][n]`.
     ///
     /// # Errors
-    /// [`FieldError::Shape`]; [`FieldError::Direction`] for a direction that is zero or not finite, unless they are
-    /// said to be [`Directions::Unit`].
+    /// [`FieldError::Shape`]; [`FieldError::Direction`] for a direction that is zero or not finite, except with
+    /// [`Directions::Unit`].
     pub fn encode(&self, simd: Simd, d: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
         self.check(d, d.len(), out.len())?;
         let mut out = Rows { n: d.len() / 3, data: out };
@@ -128,7 +128,7 @@ impl SphericalHarmonics {
         let n = d.len() / 3;
         let mut d_bar: [&mut [f32]; 3] = rows_mut(d_bar);
         self.blocks(simd, d, |at, len, b| {
-            let u_bar = self.slope(b, |r| block(&out_bar[r * n + at..][..len]));
+            let u_bar = self.gradient(b, |r| block(&out_bar[r * n + at..][..len]));
             let tangential = b.project(&u_bar);
             for (d_bar, g) in d_bar.iter_mut().zip(&tangential) {
                 add(&mut d_bar[at..][..len], g);
@@ -153,11 +153,11 @@ impl SphericalHarmonics {
                 let mut y = [0.0; BLOCK];
                 for term in *terms {
                     for (a, u_dot) in u_dot.iter().enumerate() {
-                        if let Some((c, powers)) = derivative(term.c, term.powers, a) {
-                            let mut slope = [0.0; BLOCK];
-                            b.add(&mut slope, c, powers);
+                        if let Some((c, powers)) = term_derivative(term.c, term.powers, a) {
+                            let mut derivative = [0.0; BLOCK];
+                            b.add(&mut derivative, c, powers);
                             for i in 0..BLOCK {
-                                y[i] += slope[i] * u_dot[i];
+                                y[i] += derivative[i] * u_dot[i];
                             }
                         }
                     }
@@ -189,8 +189,8 @@ impl SphericalHarmonics {
             let cotangent = |r: usize| block(&out_dot_bar[r * n + at..][..len]);
             let q = d_dot.map(|row| block(&row[at..][..len]));
             let u_dot = b.project(&q);
-            let p = self.slope(b, cotangent);
-            let mut v = self.bend(b, &u_dot, cotangent);
+            let p = self.gradient(b, cotangent);
+            let mut v = self.hessian_product(b, &u_dot, cotangent);
             // u_dot = (q - u (u . q)) / |d| depends on d through u, twice, and through |d|.
             let (uq, pu, pu_dot) = (dot(&b.u, &q), dot(&p, &b.u), dot(&p, &u_dot));
             for a in 0..3 {
@@ -212,17 +212,17 @@ impl SphericalHarmonics {
 
     /// `sum over r of g_r grad Y_r(u)`.
     #[inline(always)]
-    fn slope(&self, b: &Block, g: impl Fn(usize) -> Lanes) -> [Lanes; 3] {
+    fn gradient(&self, b: &Block, g: impl Fn(usize) -> Lanes) -> [Lanes; 3] {
         let mut sum = [[0.0; BLOCK]; 3];
         for (r, terms) in BASIS[..self.out_rows()].iter().enumerate() {
             let g = g(r);
             for (a, sum) in sum.iter_mut().enumerate() {
-                let mut slope = [0.0; BLOCK];
-                for (c, powers) in terms.iter().filter_map(|term| derivative(term.c, term.powers, a)) {
-                    b.add(&mut slope, c, powers);
+                let mut derivative = [0.0; BLOCK];
+                for (c, powers) in terms.iter().filter_map(|term| term_derivative(term.c, term.powers, a)) {
+                    b.add(&mut derivative, c, powers);
                 }
                 for i in 0..BLOCK {
-                    sum[i] += g[i] * slope[i];
+                    sum[i] += g[i] * derivative[i];
                 }
             }
         }
@@ -231,19 +231,19 @@ impl SphericalHarmonics {
 
     /// `sum over r of g_r Hessian Y_r(u) v`.
     #[inline(always)]
-    fn bend(&self, b: &Block, v: &[Lanes; 3], g: impl Fn(usize) -> Lanes) -> [Lanes; 3] {
+    fn hessian_product(&self, b: &Block, v: &[Lanes; 3], g: impl Fn(usize) -> Lanes) -> [Lanes; 3] {
         let mut sum = [[0.0; BLOCK]; 3];
         for (r, terms) in BASIS[..self.out_rows()].iter().enumerate() {
             let g = g(r);
             for (a, sum) in sum.iter_mut().enumerate() {
                 for (e, v) in v.iter().enumerate() {
-                    let mut bend = [0.0; BLOCK];
-                    let first = terms.iter().filter_map(|term| derivative(term.c, term.powers, a));
-                    for (c, powers) in first.filter_map(|(c, powers)| derivative(c, powers, e)) {
-                        b.add(&mut bend, c, powers);
+                    let mut second = [0.0; BLOCK];
+                    let first = terms.iter().filter_map(|term| term_derivative(term.c, term.powers, a));
+                    for (c, powers) in first.filter_map(|(c, powers)| term_derivative(c, powers, e)) {
+                        b.add(&mut second, c, powers);
                     }
                     for i in 0..BLOCK {
-                        sum[i] += g[i] * bend[i] * v[i];
+                        sum[i] += g[i] * second[i] * v[i];
                     }
                 }
             }
@@ -358,7 +358,7 @@ impl Block {
 
 /// Derivative of a term along an axis, if it is not 0.
 #[inline(always)]
-fn derivative(c: f32, mut powers: [u8; 3], axis: usize) -> Option<(f32, [u8; 3])> {
+fn term_derivative(c: f32, mut powers: [u8; 3], axis: usize) -> Option<(f32, [u8; 3])> {
     let power = powers[axis];
     powers[axis] = power.checked_sub(1)?;
     Some((c * f32::from(power), powers))

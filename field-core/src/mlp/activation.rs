@@ -2,7 +2,7 @@
 
 use float_core::{Vector, m32, vecmath};
 
-/// What follows a linear layer.
+/// Activation after a linear layer.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub enum Activation {
     /// `y = x`.

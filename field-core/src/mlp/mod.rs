@@ -72,7 +72,7 @@ pub enum Bias {
     None,
 }
 
-/// Which numbers the products of a network take. Parameters, sums, outputs and gradients are f32 either way.
+/// Precision of the factors in a network's products. Parameters, sums, outputs and gradients are f32 either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Precision {
     /// f32 throughout.
@@ -96,9 +96,9 @@ pub struct MlpConfig {
     pub outputs: usize,
     /// Biases or none.
     pub bias: Bias,
-    /// After each hidden layer.
+    /// Activation after each hidden layer.
     pub hidden_activation: Activation,
-    /// After the last layer.
+    /// Activation after the last layer.
     pub output_activation: Activation,
     /// Layers (index, 0 is the first) that see `[network input, previous output]` instead of the previous output. NeRF: `[5]`.
     pub skips: Vec<usize>,
@@ -194,7 +194,7 @@ pub struct Layer {
     pub weights: Range<usize>,
     /// Where biases lie; empty without biases.
     pub biases: Range<usize>,
-    /// What follows.
+    /// Activation after the layer.
     pub activation: Activation,
     /// Features of the network's input in front of the previous output: 0, or all of them at a skip.
     pub skip_inputs: usize,
@@ -210,7 +210,7 @@ pub struct Layer {
     grad: usize,
 }
 
-/// A network's shape: which numbers of the flat parameters mean what. Holds no parameters.
+/// A network's layout: where each layer's weights and biases lie in the flat parameters. Holds no parameters; [`Network`] does.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp {
     layers: Vec<Layer>,
@@ -236,11 +236,11 @@ pub struct Packed {
     precision: Precision,
 }
 
-/// Most numbers of any buffer of a network, so that no product of a layer's widths wraps: the kernels stand on that.
+/// Most numbers of any buffer of a network, so that no product of a layer's widths wraps: the kernels rely on it.
 const LONGEST: usize = isize::MAX as usize / 32;
 
-/// Whether `rows` rows of `count` numbers, their starts `stride` apart, lie within `len` numbers. Nothing wraps, however wild the
-/// stride: this is what pointers of kernels are checked with.
+/// Whether `rows` rows of `count` numbers, their starts `stride` apart, lie within `len` numbers. Nothing wraps for any stride:
+/// pointers of kernels are checked with it.
 const fn reaches(rows: usize, stride: usize, count: usize, len: usize) -> bool {
     let Some(last) = rows.saturating_sub(1).checked_mul(stride) else { return false };
     let Some(end) = last.checked_add(count) else { return false };
@@ -328,21 +328,21 @@ impl Mlp {
         Ok(mlp)
     }
 
-    /// The same network with products of another precision ([`Precision::F32`] unless told). Lengths of buffers and packed
-    /// parameters depend on it: ask and pack anew.
+    /// The same network with products of another precision; [`Mlp::new`] takes [`Precision::F32`]. Lengths of buffers and packed
+    /// parameters depend on it: call this first.
     #[must_use]
     pub fn with_precision(mut self, precision: Precision) -> Self {
         self.precision = precision;
         self
     }
 
-    /// What the products take.
+    /// Precision of the products.
     #[must_use]
     pub fn precision(&self) -> Precision {
         self.precision
     }
 
-    /// The token for kernels on pairs of bf16, where this network and this CPU want them.
+    /// The token for kernels on pairs of bf16, where this network uses them and the CPU has them.
     #[cfg(target_arch = "x86_64")]
     fn pairs(&self, simd: float_core::Simd) -> Option<float_core::Bf16> {
         float_core::Bf16::of(simd).filter(|_| self.precision == Precision::Bf16)

@@ -45,7 +45,7 @@ impl Lanes {
         }
     }
 
-    /// Up to one vector of values. A value depends on its argument only, whatever lies beside it.
+    /// Up to one vector of values. A value depends on its argument alone, not on its neighbours.
     #[inline(always)]
     pub(crate) fn lanes<V: Vector>(&self, u: &[f32]) -> [f32; MAX_LANES] {
         let mut y = [0.0; MAX_LANES];

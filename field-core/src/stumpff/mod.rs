@@ -2,7 +2,7 @@
 //!
 //! `c_k(u) = sum((-u)^j / (k + 2 j)!, j)`, so that with `u = theta^2`
 //! `c_0 = cos theta`, `c_1 = sin theta / theta`, `c_2 = (1 - cos theta) / theta^2`,
-//! `c_3 = (theta - sin theta) / theta^3`. They are entire: nothing happens at 0, where the quotients are 0/0, nor at pi.
+//! `c_3 = (theta - sin theta) / theta^3`. They are entire: smooth also at 0, where the quotients are 0/0, and at pi.
 //! Derivatives stay in the family: `c_k' = -1/2 (c_{k+1} - k c_{k+2})`.
 //!
 //! # Source
@@ -42,8 +42,8 @@ pub fn stumpff(k: u32, u: f64) -> f64 {
     stumpff_derivative(k, 0, u)
 }
 
-/// The derivative of `c_k` of order `order`, at `u`. Orders above 3 or so grow slow: each doubles the work past the reach
-/// of the series.
+/// The derivative of `c_k` of order `order`, at `u`. Orders above about 3 are slow: past the range of the series each
+/// order doubles the work.
 #[must_use]
 pub fn stumpff_derivative(k: u32, order: u32, u: f64) -> f64 {
     let u = if u < LOWEST { LOWEST } else { u };

@@ -155,7 +155,7 @@ struct Bars<'b> {
 }
 
 impl<'b> Bars<'b> {
-    /// Of one node; `None` where nobody wants it.
+    /// Gradient of one node; `None` where it is not needed.
     #[inline(always)]
     fn of(&mut self, node: u32) -> Option<&mut [f32]> {
         let entry = &self.entries[node as usize];
@@ -163,7 +163,7 @@ impl<'b> Bars<'b> {
         entry.needs.then(|| if is_param { &mut self.grad[range] } else { &mut self.before[range] })
     }
 
-    /// Of several nodes whose memory does not overlap.
+    /// Gradients of several nodes whose memory does not overlap.
     fn disjoint(&mut self, nodes: &[u32]) -> [Bar<'_>; MAX_INPUTS] {
         let mut bars: [Bar<'_>; MAX_INPUTS] = core::array::from_fn(|_| Bar { data: &mut [], demand: Demand::Ignored });
         let mut order: [usize; MAX_INPUTS] = core::array::from_fn(|i| i);

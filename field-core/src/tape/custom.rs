@@ -5,7 +5,7 @@ use super::{Node, Shape, Tape, TapeError};
 /// Most inputs a custom operation can have.
 pub const MAX_INPUTS: usize = 8;
 
-/// A matrix to look at: `rows` features by `cols` samples, row by row.
+/// A matrix to read: `rows` features by `cols` samples, row by row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View<'v> {
     /// Features.
@@ -39,7 +39,7 @@ impl<'v> View<'v> {
 pub struct Bar<'b> {
     /// As the input, `[rows][cols]`. Where `demand` is [`Demand::Ignored`] it holds anything and is never read.
     pub data: &'b mut [f32],
-    /// Whether somebody wants it.
+    /// Whether the gradient is used.
     pub demand: Demand,
 }
 
@@ -48,7 +48,7 @@ pub struct Bar<'b> {
 pub enum Demand {
     /// It has to be added.
     Wanted,
-    /// The input is a constant: the work can be skipped, or written to scratch that nobody reads.
+    /// The input is a constant: the work can be skipped; what is written is not read.
     Ignored,
 }
 
@@ -65,11 +65,10 @@ pub struct BackwardArgs<'v> {
     pub out_bar: &'v [f32],
 }
 
-/// A function pair as a node of the tape, so that crates write pairs without knowing the tape and whoever composes them
-/// writes these few lines.
+/// A function pair as a node of the tape. Crates can write pairs without depending on the tape; this trait connects them.
 ///
 /// Settings and data of the pair (ray offsets, interval lengths) are fields of the implementing type, which has to be
-/// declared before the tape: the tape borrows it. Two inputs that share memory are told apart by a copy, so the bars
+/// declared before the tape: the tape borrows it. Of two inputs that share memory one is copied, so the bars
 /// never overlap.
 pub trait CustomOp: Sync {
     /// Name in errors.
@@ -81,7 +80,7 @@ pub trait CustomOp: Sync {
     /// Any [`TapeError`] when the inputs do not fit; [`TapeError::Custom`] carries a reason.
     fn shape(&self, inputs: &[Shape]) -> Result<Shape, TapeError>;
 
-    /// Numbers that `forward` leaves for `backward` beside the output, such as hidden activations.
+    /// Numbers that `forward` saves for `backward` besides the output, such as hidden activations.
     ///
     /// # Panics
     /// May do so for inputs that [`shape`](Self::shape) refuses.
@@ -90,7 +89,7 @@ pub trait CustomOp: Sync {
         0
     }
 
-    /// Numbers that `backward` needs to work with.
+    /// Length of the scratch that `backward` needs.
     ///
     /// # Panics
     /// May do so for inputs that [`shape`](Self::shape) refuses.
@@ -103,7 +102,7 @@ pub trait CustomOp: Sync {
     /// `saved` holds anything.
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the pair.
     ///
     /// # Panics
     /// May do so for inputs that [`shape`](Self::shape) refuses, and for slices of other lengths than these.
@@ -113,7 +112,7 @@ pub trait CustomOp: Sync {
     /// [`scratch_len`](Self::scratch_len) numbers of any value.
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the pair.
     ///
     /// # Panics
     /// May do so for inputs that [`shape`](Self::shape) refuses, and for slices of other lengths than these.

@@ -70,7 +70,7 @@ impl Tape<'_> {
         /// `1 / (1 + e^-x)`.
         logistic = Unary::Logistic;
         /// Derivative of the logistic function, with full digits where that saturates.
-        logistic_slope = Unary::LogisticSlope;
+        logistic_derivative = Unary::LogisticDerivative;
         /// Hyperbolic tangent.
         tanh = Unary::Tanh;
         /// `|x|`, derivative 0 at 0.
@@ -97,7 +97,7 @@ impl Tape<'_> {
         self.unary("affine", Unary::Affine(scale, shift), x)
     }
 
-    /// `x` above 0, else `slope * x`; derivative `slope` at 0.
+    /// `x` above 0, else `slope * x`; the derivative at 0 is `slope`.
     ///
     /// # Errors
     /// [`TapeError::ForeignNode`].

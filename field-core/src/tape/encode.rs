@@ -6,12 +6,12 @@ use crate::FieldError;
 use crate::encoding::EncodingBars;
 use float_core::Simd;
 
-/// What an encoding can do, the same for all: features of positions, their derivative along a direction, and the
-/// gradients of both. [`EncodingOp`] makes tape operations of it.
+/// An encoding: features of positions, their derivative along a direction, and the gradients of both. [`EncodingOp`] makes it a
+/// tape operation.
 ///
 /// # Shapes
 /// `x`, `x_dot`, `x_bar` `[in_rows][n]`; `out`, `out_bar` `[out_rows][n]`; `table`, `table_bar` `[params_len]`, empty for an
-/// encoding without parameters. Bars are added to; `None` where nobody wants them.
+/// encoding without parameters. Bars are added to; `None` skips one.
 pub trait Encoder: Sync {
     /// Name in errors.
     const NAME: &'static str;
@@ -32,13 +32,13 @@ pub trait Encoder: Sync {
     /// Features.
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the encoding.
     fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError>;
 
     /// Gradients of the features.
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the encoding.
     ///
     /// # Panics
     /// May do so where lengths disagree.
@@ -54,7 +54,7 @@ pub trait Encoder: Sync {
     /// Derivative of the features along `x_dot`.
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the encoding.
     ///
     /// # Panics
     /// May do so where lengths disagree.
@@ -71,7 +71,7 @@ pub trait Encoder: Sync {
     /// [`backward`](Self::backward).
     ///
     /// # Errors
-    /// What the pair refuses.
+    /// The errors of the encoding.
     ///
     /// # Panics
     /// May do so where lengths disagree.

@@ -1,4 +1,4 @@
-//! What the tape refuses.
+//! Errors of the tape.
 
 use super::Shape;
 use crate::FieldError;
@@ -32,16 +32,16 @@ pub enum TapeError {
     },
     /// A slice reaches past the rows of its matrix.
     Rows {
-        /// First row asked for.
+        /// First row requested.
         start: usize,
-        /// One past the last row asked for.
+        /// One past the last row requested.
         end: usize,
         /// Rows there are.
         rows: usize,
     },
     /// A parameter leaf reaches past the flat parameter vector.
     Parameters {
-        /// First parameter asked for.
+        /// First parameter requested.
         start: usize,
         /// How many.
         len: usize,
@@ -60,7 +60,7 @@ pub enum TapeError {
         /// Inputs given.
         got: usize,
     },
-    /// A tangent was asked through an operation that has no tangent rule.
+    /// A tangent was requested through an operation that has no tangent rule.
     NoTangent {
         /// Operation.
         op: &'static str,

@@ -65,9 +65,9 @@
 //!     let truth = tape.constant(3, samples, &truth)?;
 //!     let error = tape.sub(rgb, truth)?;
 //!     let error = tape.dot(error, error)?;
-//!     let slope = tape.dot(normal, normal)?;
-//!     let slope = tape.scale(slope, 0.1)?;
-//!     let loss = tape.add(error, slope)?;
+//!     let steepness = tape.dot(normal, normal)?;
+//!     let steepness = tape.scale(steepness, 0.1)?;
+//!     let loss = tape.add(error, steepness)?;
 //!     let loss = tape.mean_samples(loss)?;
 //!     tape.backward_from(loss, &mut grad)?;
 //!     assert_eq!(tape.gradient(x)?.len(), 3 * samples);

@@ -34,7 +34,7 @@ impl Task for Product<'_> {
         if m == 0 || n == 0 {
             return;
         }
-        // The `unsafe` in `block` stands on these: no wrapping.
+        // The `unsafe` in `block` relies on these: no wrapping.
         let reaches = |a: usize, b: usize, len: usize| a.checked_mul(b).is_some_and(|need| need <= len);
         assert!(reaches(k, n, self.b.len()) && reaches(m, n, self.out.len()), "product: buffers are too short");
         let rows = (m - 1).checked_mul(self.a_row);

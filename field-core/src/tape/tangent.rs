@@ -241,7 +241,7 @@ impl Tape<'_> {
     }
 
     fn unary_rule(&mut self, f: Unary, x: Node, y: Node, x_dot: Node) -> Result<Node, TapeError> {
-        let slope = match f {
+        let derivative = match f {
             Unary::Affine(scale, _) => return if scale == 1.0 { Ok(x_dot) } else { self.scale(x_dot, scale) },
             Unary::Relu => return self.gate(x, x_dot, 0.0),
             Unary::LeakyRelu(slope) => return self.gate(x, x_dot, slope),
@@ -274,16 +274,16 @@ impl Tape<'_> {
                 let shifted = if shift == 0.0 { x } else { self.affine(x, 1.0, shift)? };
                 self.logistic(shifted)?
             }
-            Unary::Logistic => self.logistic_slope(x)?,
-            Unary::LogisticSlope => {
+            Unary::Logistic => self.logistic_derivative(x)?,
+            Unary::LogisticDerivative => {
                 let logistic = self.logistic(x)?;
                 let odd = self.affine(logistic, -2.0, 1.0)?;
                 self.mul(y, odd)?
             }
             Unary::Tanh => {
                 let doubled = self.scale(x, 2.0)?;
-                let slope = self.logistic_slope(doubled)?;
-                self.scale(slope, 4.0)?
+                let quarter = self.logistic_derivative(doubled)?;
+                self.scale(quarter, 4.0)?
             }
             Unary::Abs => self.sign(x)?,
             Unary::Pow(0.0) => return self.scale(x_dot, 0.0),
@@ -295,7 +295,7 @@ impl Tape<'_> {
             Unary::Stumpff(k, order) => self.stumpff_derivative(x, k, order + 1)?,
             Unary::Sign | Unary::Inside(..) | Unary::Detach => return Ok(self.zeros_like(x)),
         };
-        self.mul(slope, x_dot)
+        self.mul(derivative, x_dot)
     }
 
     fn binary_rule(

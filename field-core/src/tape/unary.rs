@@ -23,18 +23,18 @@ pub(super) enum Unary {
     Sin,
     Cos,
     Relu,
-    /// ReLU with slope below 0.
+    /// `x` above 0, else this factor times `x`.
     LeakyRelu(f32),
     /// `ln(1 + exp(x + shift))`.
     Softplus(f32),
     Logistic,
     /// Derivative of the logistic function, with full digits where it saturates.
-    LogisticSlope,
+    LogisticDerivative,
     Tanh,
     Abs,
     Pow(f32),
     Clamp(f32, f32),
-    /// Derivative of the second number of the Stumpff function of the first.
+    /// `Stumpff(k, order)`: derivative of order `order` of the Stumpff function `c_k`.
     Stumpff(u32, u32),
     /// -1, 0 or 1. Flat.
     Sign,
@@ -78,7 +78,7 @@ impl Task for Forward<'_> {
             Unary::LeakyRelu(slope) => map(x, y, |x| if x <= 0.0 { slope * x } else { x }),
             Unary::Softplus(shift) => map_lanes::<V>(x, y, Softplus(shift)),
             Unary::Logistic => map_lanes::<V>(x, y, Logistic(0.0)),
-            Unary::LogisticSlope => map_lanes::<V>(x, y, LogisticSlope),
+            Unary::LogisticDerivative => map_lanes::<V>(x, y, LogisticDerivative),
             Unary::Tanh => map(x, y, m32::tanh),
             Unary::Abs => map(x, y, f32::abs),
             Unary::Pow(p) => map(x, y, |x| m32::powf(x, p)),
@@ -119,9 +119,9 @@ impl Task for Backward<'_> {
             Unary::Relu => fold(x, g, out, |x| if x <= 0.0 { 0.0 } else { 1.0 }),
             Unary::LeakyRelu(slope) => fold(x, g, out, |x| if x <= 0.0 { slope } else { 1.0 }),
             Unary::Softplus(shift) => fold_lanes::<V>(x, g, out, Logistic(shift)),
-            Unary::Logistic => fold_lanes::<V>(x, g, out, LogisticSlope),
-            Unary::LogisticSlope => fold_lanes::<V>(x, g, out, LogisticBend),
-            Unary::Tanh => fold_lanes::<V>(x, g, out, TanhSlope),
+            Unary::Logistic => fold_lanes::<V>(x, g, out, LogisticDerivative),
+            Unary::LogisticDerivative => fold_lanes::<V>(x, g, out, LogisticSecondDerivative),
+            Unary::Tanh => fold_lanes::<V>(x, g, out, TanhDerivative),
             Unary::Abs => fold(x, g, out, sign),
             Unary::Pow(0.0) => {}
             Unary::Pow(p) => fold(x, g, out, |x| p * m32::powf(x, p - 1.0)),
@@ -185,14 +185,14 @@ curves! {
     /// `1 / (1 + e^-(x + shift))`, at least `e^-87`: its logarithm is finite. NaN stays NaN.
     Logistic(shift) |x| { vecmath::logistic(V::splat(-87.0).max(x + V::splat(shift))) }
     /// `e^-|x| / (1 + e^-|x|)^2`.
-    LogisticSlope |x| {
+    LogisticDerivative |x| {
         let e = exp_minus_abs(x);
         let d = V::splat(1.0) + e;
         e / (d * d)
     }
     /// Second derivative of the logistic function.
-    LogisticBend |x| { LogisticSlope.at(x) * (V::splat(1.0) - V::splat(2.0) * Logistic(0.0).at(x)) }
-    TanhSlope |x| { V::splat(4.0) * LogisticSlope.at(V::splat(2.0) * x) }
+    LogisticSecondDerivative |x| { LogisticDerivative.at(x) * (V::splat(1.0) - V::splat(2.0) * Logistic(0.0).at(x)) }
+    TanhDerivative |x| { V::splat(4.0) * LogisticDerivative.at(V::splat(2.0) * x) }
     /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`. Not [`vecmath::softplus`]: docs/decisions/0036.
     Softplus(shift) |x| {
         let x = x + V::splat(shift);

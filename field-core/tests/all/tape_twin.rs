@@ -144,7 +144,7 @@ impl Unary {
             Self::LeakyRelu(a) => tape.leaky_relu(x, a),
             Self::Softplus(shift) => tape.softplus(x, shift),
             Self::Logistic => tape.logistic(x),
-            Self::LogisticSlope => tape.logistic_slope(x),
+            Self::LogisticSlope => tape.logistic_derivative(x),
             Self::Tanh => tape.tanh(x),
             Self::Abs => tape.abs(x),
             Self::Pow(p) => tape.pow(x, p),

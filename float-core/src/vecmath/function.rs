@@ -1,4 +1,4 @@
-//! The functions of [`vecmath`](super) as a list: each with its exact twin, the door's version and its stated error, so
+//! The functions of [`vecmath`](super) as a list: each with its exact value, the plain `f32` version and its stated error, so
 //! that tables, tests and benches measure the same thing.
 
 use super::{cos, exp, exp_m1, exp_neg, ln, logistic, sin, sin_cos_pi, softplus, tanh};
@@ -86,7 +86,7 @@ impl Function {
         }
     }
 
-    /// The value it stands for, in `f64`: with the clamped arguments that its documentation states.
+    /// The exact value in `f64`, with arguments clamped as its documentation states.
     #[must_use]
     pub fn exact(self, x: f64) -> f64 {
         // `f64::clamp` keeps NaN.
@@ -117,9 +117,9 @@ impl Function {
         }
     }
 
-    /// The door's `f32` version: what the vector function is faster than.
+    /// The version of [`m32`], one number at a time: the baseline of the vector function.
     #[must_use]
-    pub fn door(self, x: f32) -> f32 {
+    pub fn plain(self, x: f32) -> f32 {
         match self {
             Self::Exp => m32::exp(x.clamp(-87.0, 88.0)),
             Self::ExpM1 => m32::exp_m1(x.clamp(-87.0, 88.0)),

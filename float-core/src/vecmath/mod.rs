@@ -1,4 +1,5 @@
-//! Vector `exp`, logistic, sine and friends, over [`Vector`]. Fast versions of the door's functions, with measured errors.
+//! Vector `exp`, logistic, sine and others, over [`Vector`]. Fast versions of the functions of [`m32`](crate::m32), with measured
+//! errors.
 //!
 //! Largest error in units in the last place of the exact value, against `f64`, and the bound that the tests hold. Measured over
 //! every `f32` (4.3 billion arguments) or over every 1009th bit pattern, as the row says:
@@ -12,16 +13,16 @@
 //! | [`logistic`] | 2.402 | 2.402 | 2.5 | all, subnormal results too | every argument |
 //! | [`softplus`] | 2.221 | 1.850 | 2.3 / 1.9 | all, subnormal results too | every argument |
 //! | [`tanh`] | 2.499 | 2.499 | 2.6 | all | every argument |
-//! | [`sin`], [`cos`], [`sin_cos`] | 1.543 | 1.543 | 1.7 | all; rounded `f64` door from `2^25` on | every argument below `2^25` |
+//! | [`sin`], [`cos`], [`sin_cos`] | 1.543 | 1.543 | 1.7 | all; rounded [`m64`](crate::m64) from `2^25` on | every argument below `2^25` |
 //! | [`sin_cos_pi`] | 1.650 | 1.650 | 1.7 | all | every argument |
 //!
-//! Time beside it: `cargo run --release -p float-core --example vecmath_table` (`-- --all` for every argument).
+//! Table with times: `cargo run --release -p float-core --example vecmath_table` (`-- --all` for every argument).
 //!
 //! AVX2 and AVX-512 give the same bits. The scalar level rounds twice where they fuse ([`Vector::mul_add`]), so its last
 //! digits may differ; [`sin`], [`cos`], [`sin_cos`] and [`sin_cos_pi`] fuse nothing and give the same bits at every level.
 //! NaN gives NaN unless a function says otherwise.
 //!
-//! [`Function`] lists them with their exact twins, for tables and benches.
+//! [`Function`] lists them with exact versions, for tables and benches.
 
 mod exp;
 mod function;

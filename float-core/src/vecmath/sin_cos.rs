@@ -20,7 +20,7 @@ pub fn cos<V: Vector>(x: V) -> V {
 /// `(sin x, cos x)` of radians, for every argument; infinity gives NaN. Error at most 1.7 ulp.
 ///
 /// Below `2^25` the argument is reduced to `[-pi/4, pi/4]` in `f64`, with `pi / 2` in two parts (Cody-Waite, 78 bits).
-/// From there on the reduction would run out of digits: such lanes go through the `f64` door, about twenty times slower,
+/// From there on the reduction would run out of digits: such lanes go through `f64` functions, about twenty times slower,
 /// within half a unit in the last place. The other lanes keep the bits they have without them.
 #[inline(always)]
 pub fn sin_cos<V: Vector>(x: V) -> (V, V) {

@@ -3,16 +3,16 @@
 use super::BLOCK;
 use float_core::{Task, Vector};
 
-/// What a gradient of exactly 0 means.
+/// Meaning of a gradient of exactly 0.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ZeroGradient {
-    /// An ordinary gradient: the moments decay, the parameter drifts on.
+    /// An ordinary gradient: the moments decay, the parameter keeps moving.
     Decays,
-    /// Nothing happened here: leave the entry alone.
+    /// No gradient: the entry stays as it is.
     Untouched,
 }
 
-/// Everything about a step that is the same for all entries.
+/// The coefficients of a step, the same for all entries.
 #[derive(Clone, Copy)]
 pub(super) struct Coefficients {
     pub(super) beta1: f32,
@@ -145,7 +145,7 @@ fn step_lanes<V: Vector, const SPARSE: bool>(k: Coefficients, p: V, g: V, m: V, 
     let new_m = V::splat(k.beta1) * m + V::splat(k.rest1) * g;
     let new_v = V::splat(k.beta2) * v + V::splat(k.rest2) * (g * g);
     let step = V::splat(k.rate) * new_m / (new_v.sqrt() * V::splat(k.root) + V::splat(k.eps));
-    // A step may overflow where the learning rate is absurd, but not to NaN: the parameter ends at the largest number.
+    // A step may overflow where the learning rate is far too large, but not to NaN: the parameter ends at the largest number.
     let new_p = (V::splat(k.keep) * p - step).min(V::splat(f32::MAX)).max(V::splat(f32::MIN));
     (active.select_positive(new_p, p), active.select_positive(new_m, m), active.select_positive(new_v, v), not_finite)
 }

@@ -33,7 +33,7 @@ impl Tensor {
     /// Values as bytes.
     ///
     /// # Panics
-    /// If a value is no integer in `0..=255`.
+    /// If a value is not an integer in `0..=255`.
     #[must_use]
     #[track_caller]
     pub fn bytes(&self) -> Vec<u8> {
@@ -47,7 +47,7 @@ impl Tensor {
     /// Values as indices.
     ///
     /// # Panics
-    /// If a value is no integer `>= 0`.
+    /// If a value is not an integer `>= 0`.
     #[must_use]
     #[track_caller]
     pub fn indices(&self) -> Vec<usize> {
@@ -108,7 +108,7 @@ fn bytes_of(hex: &str) -> Result<Vec<u8>, GoldenError> {
     }
     let digit = |c: u8| match char::from(c).to_digit(16) {
         Some(d) => Ok(d as u8),
-        None => error(format!("`{}` is no hex digit", char::from(c))),
+        None => error(format!("`{}` is not a hex digit", char::from(c))),
     };
     hex.as_bytes().chunks_exact(2).map(|pair| Ok(digit(pair[0])? * 16 + digit(pair[1])?)).collect()
 }

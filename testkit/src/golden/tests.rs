@@ -1,4 +1,4 @@
-//! The reader reads exactly, and says what is wrong.
+//! The reader reads exactly, and names what is wrong.
 
 use super::*;
 
@@ -45,7 +45,7 @@ fn scalars_empty_tensors_and_image_bytes() {
 fn what_is_wrong_is_named() {
     for (text, want) in [
         (record(r#", "outputs": {"y": {"shape": [3], "data": [1]}}"#), "f/n: `outputs.y`: shape [3] needs 3"),
-        (record(r#", "outputs": {"y": {"shape": [1], "hex": "0g"}}"#), "`g` is no hex digit"),
+        (record(r#", "outputs": {"y": {"shape": [1], "hex": "0g"}}"#), "`g` is not a hex digit"),
         (record(r#", "outputs": {"y": {"shape": [1], "data": ["x"]}}"#), "`data[0]` is \"x\""),
         (file(r#"{"op": "f", "name": "n", "kind": "odd"}"#), "`kind` is `odd`"),
         (file("{}"), "record 0: `op` is missing"),

@@ -6,9 +6,9 @@ use crate::golden::Number;
 /// How many entries were excused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flips {
-    /// This many.
+    /// Entries excused.
     pub flipped: usize,
-    /// Of so many.
+    /// Entries in all.
     pub of: usize,
 }
 

@@ -8,7 +8,7 @@ use float_core::Simd;
 use super::{HashGrid, MAX_LEVELS, Touched};
 use crate::FieldError;
 use crate::encoding::lattice::features::{Features, Packed};
-use crate::encoding::lattice::kernel::{Axes, Gather, Slope};
+use crate::encoding::lattice::kernel::{Axes, Gather, PositionGradient};
 use crate::encoding::{axes, check_points, rows_mut};
 use crate::error::check_len;
 
@@ -35,7 +35,7 @@ struct LevelJob<'a> {
 }
 
 /// A stretch of the batch in the backward pass of the positions.
-struct SlopeJob<'a> {
+struct PositionJob<'a> {
     params: &'a [f32],
     /// Samples of the whole batch, the stride of `out_bar`.
     n: usize,
@@ -48,7 +48,7 @@ struct SlopeJob<'a> {
     x_bar: [&'a mut [f32]; 3],
 }
 
-impl<'a> SlopeJob<'a> {
+impl<'a> PositionJob<'a> {
     /// The whole batch.
     fn new(
         params: &'a [f32],
@@ -148,12 +148,12 @@ impl HashGrid {
     ) -> Result<(), FieldError> {
         self.check_batch(Some(params), x, x, out_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
-        self.slope_batch(simd, SlopeJob::new(params, self.config.levels, axes(x), None, out_bar, x_bar));
+        self.add_position_gradients(simd, PositionJob::new(params, self.config.levels, axes(x), None, out_bar, x_bar));
         Ok(())
     }
 
-    /// [`encode_backward_x`](Self::encode_backward_x) of the first `levels` levels alone: what moves points is led by the
-    /// coarse ones, as slopes grow with the resolution and say less and less about where to go.
+    /// [`encode_backward_x`](Self::encode_backward_x) of the first `levels` levels alone. Gradients grow with the resolution of
+    /// a level and become noisy, so a deformation learns better from those of the coarse levels.
     ///
     /// # Errors
     /// [`FieldError::Shape`].
@@ -169,7 +169,7 @@ impl HashGrid {
         self.check_batch(Some(params), x, x, out_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         let levels = levels.min(self.config.levels);
-        self.slope_batch(simd, SlopeJob::new(params, levels, axes(x), None, out_bar, x_bar));
+        self.add_position_gradients(simd, PositionJob::new(params, levels, axes(x), None, out_bar, x_bar));
         Ok(())
     }
 
@@ -190,7 +190,10 @@ impl HashGrid {
         self.check_batch(Some(params), x, x_dot, out_dot_bar.len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         let levels = self.config.levels;
-        self.slope_batch(simd, SlopeJob::new(params, levels, axes(x), Some(axes(x_dot)), out_dot_bar, x_bar));
+        self.add_position_gradients(
+            simd,
+            PositionJob::new(params, levels, axes(x), Some(axes(x_dot)), out_dot_bar, x_bar),
+        );
         Ok(())
     }
 
@@ -312,35 +315,35 @@ impl HashGrid {
         }
     }
 
-    fn slope_batch(&self, simd: Simd, job: SlopeJob<'_>) {
+    fn add_position_gradients(&self, simd: Simd, job: PositionJob<'_>) {
         match self.config.features {
-            1 => self.slope_chunks::<1>(simd, job),
-            2 => self.slope_chunks::<2>(simd, job),
-            4 => self.slope_chunks::<4>(simd, job),
-            _ => self.slope_chunks::<8>(simd, job),
+            1 => self.position_chunks::<1>(simd, job),
+            2 => self.position_chunks::<2>(simd, job),
+            4 => self.position_chunks::<4>(simd, job),
+            _ => self.position_chunks::<8>(simd, job),
         }
     }
 
     /// The samples of the batch, halved until a chunk is left; all levels of it, in order.
-    fn slope_chunks<const F: usize>(&self, simd: Simd, job: SlopeJob<'_>)
+    fn position_chunks<const F: usize>(&self, simd: Simd, job: PositionJob<'_>)
     where
         Packed: Features<F>,
     {
-        let SlopeJob { params, n, levels, out_bar, at, x, x_dot, x_bar } = job;
+        let PositionJob { params, n, levels, out_bar, at, x, x_dot, x_bar } = job;
         let len = x[0].len();
         if len > CHUNK {
             let mid = len.div_ceil(CHUNK) / 2 * CHUNK;
             let (bar_a, bar_b) = split_rows_mut(x_bar, mid);
             let (x_a, x_b) = split_rows(x, mid);
             let dot = x_dot.map(|x| split_rows(x, mid));
-            let a = SlopeJob { params, n, levels, out_bar, at, x: x_a, x_dot: dot.map(|d| d.0), x_bar: bar_a };
+            let a = PositionJob { params, n, levels, out_bar, at, x: x_a, x_dot: dot.map(|d| d.0), x_bar: bar_a };
             let b =
-                SlopeJob { params, n, levels, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
-            return join(|| self.slope_chunks::<F>(simd, a), || self.slope_chunks::<F>(simd, b));
+                PositionJob { params, n, levels, out_bar, at: at + mid, x: x_b, x_dot: dot.map(|d| d.1), x_bar: bar_b };
+            return join(|| self.position_chunks::<F>(simd, a), || self.position_chunks::<F>(simd, b));
         }
         let [mut x0, mut x1, mut x2] = x_bar;
         for level in 0..levels {
-            simd.run(Slope::<F> {
+            simd.run(PositionGradient::<F> {
                 place: self.place(level, x, x_dot),
                 table: &params[self.level_range(level)],
                 out_bar: core::array::from_fn(|f| &out_bar[(level * F + f) * n + at..][..len]),

@@ -1,6 +1,6 @@
 //! Integrated encoding: the mean of a frequency encoding over a Gaussian instead of its value at a point.
 //!
-//! Octaves finer than the Gaussian fade out by themselves, so that a network sees no detail that a pixel cannot resolve.
+//! Octaves finer than the Gaussian are damped, so that a network gets no detail that a pixel cannot resolve.
 //! Along the coordinate axes [`Integrated`] takes means and the diagonal of the covariances as they are; along other
 //! directions [`Projection`] comes first, for instance onto those of an [`icosahedron`].
 
@@ -119,7 +119,7 @@ impl Integrated {
         Ok(())
     }
 
-    /// Adds to `mean_bar` and `var_bar` `[dims][n]`; `None` where nobody wants it.
+    /// Adds to `mean_bar` and `var_bar` `[dims][n]`; `None` skips one.
     ///
     /// # Errors
     /// [`FieldError::Shape`].
@@ -139,7 +139,7 @@ impl Integrated {
             mean,
             var,
             body: |o: Octave, sin: &Lanes, cos: &Lanes| {
-                pull(&o, n, sin, cos, out_bar, mean_bar.as_deref_mut(), var_bar.as_deref_mut());
+                add_gradients(&o, n, sin, cos, out_bar, mean_bar.as_deref_mut(), var_bar.as_deref_mut());
             },
         });
         Ok(())
@@ -163,7 +163,7 @@ impl Integrated {
             mean: at.mean,
             var: at.var,
             body: |o: Octave, sin: &Lanes, cos: &Lanes| {
-                let (sin, cos) = push(&o, n, sin, cos, dot.mean, dot.var);
+                let (sin, cos) = tangent_of(&o, n, sin, cos, dot.mean, dot.var);
                 out_dot[o.sin_row * n + o.at..][..o.len].copy_from_slice(&sin[..o.len]);
                 out_dot[o.cos_row * n + o.at..][..o.len].copy_from_slice(&cos[..o.len]);
             },
@@ -193,8 +193,8 @@ impl Integrated {
             var: at.var,
             body: |o: Octave, sin: &Lanes, cos: &Lanes| {
                 // With z = cos + i sin, the tangent is z w and its derivatives are those of z, times w.
-                let (sin, cos) = push(&o, n, sin, cos, dot.mean, dot.var);
-                pull(&o, n, &sin, &cos, out_dot_bar, mean_bar.as_deref_mut(), var_bar.as_deref_mut());
+                let (sin, cos) = tangent_of(&o, n, sin, cos, dot.mean, dot.var);
+                add_gradients(&o, n, &sin, &cos, out_dot_bar, mean_bar.as_deref_mut(), var_bar.as_deref_mut());
             },
         });
         Ok(())
@@ -216,7 +216,7 @@ fn check_bars(len: usize, mean_bar: &Option<&mut [f32]>, var_bar: &Option<&mut [
 
 /// `dz / dmean = i F z`, `dz / dvar = -F^2 z / 2` for `z = cos + i sin` (damped) of frequency `F`, transposed.
 #[inline(always)]
-fn pull(
+fn add_gradients(
     o: &Octave,
     n: usize,
     sin: &Lanes,
@@ -233,16 +233,16 @@ fn pull(
         }
     }
     if let Some(bar) = var_bar {
-        let slope = -0.5 * o.frequency * o.frequency;
+        let factor = -0.5 * o.frequency * o.frequency;
         for (i, bar) in bar[o.dim * n + o.at..][..o.len].iter_mut().enumerate() {
-            *bar += slope * (sin[i] * s_bar[i] + cos[i] * c_bar[i]);
+            *bar += factor * (sin[i] * s_bar[i] + cos[i] * c_bar[i]);
         }
     }
 }
 
 /// `z (-F^2 var_dot / 2 + i F mean_dot)` as `(sin, cos)`.
 #[inline(always)]
-fn push(o: &Octave, n: usize, sin: &Lanes, cos: &Lanes, mean_dot: &[f32], var_dot: &[f32]) -> (Lanes, Lanes) {
+fn tangent_of(o: &Octave, n: usize, sin: &Lanes, cos: &Lanes, mean_dot: &[f32], var_dot: &[f32]) -> (Lanes, Lanes) {
     let mean_dot = &mean_dot[o.dim * n + o.at..][..o.len];
     let var_dot = &var_dot[o.dim * n + o.at..][..o.len];
     let (mut s, mut c) = ([0.0; BLOCK], [0.0; BLOCK]);

@@ -23,9 +23,9 @@ pub(crate) struct Cells {
     /// Weight of the upper side, for each axis.
     upper: [Lanes; 3],
     /// Its derivative with respect to `x`; 0 where `x` was clamped.
-    slope: [Lanes; 3],
+    derivative: [Lanes; 3],
     /// Its second derivative.
-    bend: [Lanes; 3],
+    second: [Lanes; 3],
 }
 
 /// What the corners are weighted with.
@@ -41,8 +41,12 @@ impl Cells {
     /// Locate points; coordinates outside `[0, 1]` are clamped, NaN counts as 0.
     #[inline(always)]
     pub(crate) fn locate(lattice: &Lattice, interpolation: Interpolation, x: &[Lanes; 3]) -> Self {
-        let mut cells =
-            Self { base: [[0; BLOCK]; 3], upper: [[0.0; BLOCK]; 3], slope: [[0.0; BLOCK]; 3], bend: [[0.0; BLOCK]; 3] };
+        let mut cells = Self {
+            base: [[0; BLOCK]; 3],
+            upper: [[0.0; BLOCK]; 3],
+            derivative: [[0.0; BLOCK]; 3],
+            second: [[0.0; BLOCK]; 3],
+        };
         for a in 0..3 {
             for i in 0..BLOCK {
                 let x = x[a][i];
@@ -56,12 +60,12 @@ impl Cells {
                 match interpolation {
                     Interpolation::Linear => {
                         cells.upper[a][i] = f;
-                        cells.slope[a][i] = inside;
+                        cells.derivative[a][i] = inside;
                     }
                     Interpolation::Smoothstep => {
                         cells.upper[a][i] = f * f * (3.0 - 2.0 * f);
-                        cells.slope[a][i] = inside * (6.0 * f * (1.0 - f));
-                        cells.bend[a][i] = inside * inside * (6.0 - 12.0 * f);
+                        cells.derivative[a][i] = inside * (6.0 * f * (1.0 - f));
+                        cells.second[a][i] = inside * inside * (6.0 - 12.0 * f);
                     }
                 }
             }
@@ -113,7 +117,7 @@ impl Cells {
                 w[i] = match kind {
                     Weights::Value => x * y * z,
                     Weights::Tangent(dot) => {
-                        let [dx, dy, dz] = [0, 1, 2].map(|a| sign(c >> a) * (self.slope[a][i] * dot[a][i]));
+                        let [dx, dy, dz] = [0, 1, 2].map(|a| sign(c >> a) * (self.derivative[a][i] * dot[a][i]));
                         dx * y * z + x * dy * z + x * y * dz
                     }
                 };
@@ -130,13 +134,13 @@ impl Cells {
             let s = [0, 1, 2].map(|a| sign(c >> a));
             for i in 0..BLOCK {
                 let w = [0, 1, 2].map(|a| side(c >> a, self.upper[a][i]));
-                let d = [0, 1, 2].map(|a| s[a] * self.slope[a][i]);
+                let d = [0, 1, 2].map(|a| s[a] * self.derivative[a][i]);
                 for a in 0..3 {
                     let (b, e) = ((a + 1) % 3, (a + 2) % 3);
                     by_x[a][i] = match kind {
                         Weights::Value => d[a] * w[b] * w[e],
                         Weights::Tangent(dot) => {
-                            s[a] * self.bend[a][i] * dot[a][i] * w[b] * w[e]
+                            s[a] * self.second[a][i] * dot[a][i] * w[b] * w[e]
                                 + d[a] * (d[b] * dot[b][i] * w[e] + w[b] * d[e] * dot[e][i])
                         }
                     };

@@ -3,7 +3,7 @@
 use float_core::Simd;
 
 use super::features::{Features, Packed};
-use super::kernel::{Gather, Place, Scatter, Slope};
+use super::kernel::{Gather, Place, PositionGradient, Scatter};
 use crate::encoding::{rows, rows_mut};
 
 /// Groups of 8, 6, 4, 2, 1 features: first feature and size.
@@ -72,12 +72,12 @@ pub(crate) fn scatter(
 }
 
 /// Adds to `x_bar` `[3][n]`, given `out_bar` `[features][n]`.
-pub(crate) fn slope(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32]) {
+pub(crate) fn position_gradient(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32]) {
     fn some<const F: usize>(simd: Simd, place: Place<'_>, table: &[f32], out_bar: &[f32], x_bar: &mut [f32])
     where
         Packed: Features<F>,
     {
-        simd.run(Slope::<F> { place, table, out_bar: rows(out_bar), x_bar: rows_mut(x_bar) });
+        simd.run(PositionGradient::<F> { place, table, out_bar: rows(out_bar), x_bar: rows_mut(x_bar) });
     }
     let n = place.x[0].len();
     for (first, size) in groups(place.features) {

@@ -44,7 +44,7 @@ pub(crate) struct Scatter<'a, 'o, const F: usize> {
 }
 
 /// `x_bar[a][i] += d / d x_a of <out_bar, out>`.
-pub(crate) struct Slope<'a, 'o, const F: usize> {
+pub(crate) struct PositionGradient<'a, 'o, const F: usize> {
     pub(crate) place: Place<'a>,
     pub(crate) table: &'a [f32],
     pub(crate) out_bar: [&'a [f32]; F],
@@ -119,7 +119,7 @@ impl Place<'_> {
 
     #[inline(always)]
     fn check<const F: usize>(&self, table: &[f32]) {
-        // The `unsafe` below stands on these: no wrapping, also where `usize` has 32 bits.
+        // The `unsafe` below relies on these: no wrapping, also where `usize` has 32 bits.
         let last = (self.lattice.entries as usize).checked_sub(1).and_then(|last| last.checked_mul(self.stride));
         let end = last.and_then(|last| last.checked_add(self.features)).unwrap_or(usize::MAX);
         assert!(table.len() >= end, "a grid's table has the wrong length");
@@ -213,7 +213,7 @@ where
     }
 }
 
-impl<const F: usize> Task for Slope<'_, '_, F>
+impl<const F: usize> Task for PositionGradient<'_, '_, F>
 where
     Packed: Features<F>,
 {
@@ -264,19 +264,19 @@ where
             } else {
                 // Many: the derivatives of all features of a sample first.
                 for i in 0..BLOCK {
-                    let mut slopes = [Packed::zero(); 3];
+                    let mut derivatives = [Packed::zero(); 3];
                     for c in 0..8 {
                         let start = starts[c][i] as usize + place.first;
                         debug_assert!(start + F <= table.len());
                         // SAFETY: as for `Gather`.
                         let e = unsafe { Packed::load(table.as_ptr().add(start)) };
                         for a in 0..3 {
-                            slopes[a] = Packed::add_scaled(slopes[a], by_x[c][a][i], e);
+                            derivatives[a] = Packed::add_scaled(derivatives[a], by_x[c][a][i], e);
                         }
                     }
                     for a in 0..3 {
-                        let slope = Packed::unpack(slopes[a]);
-                        x_bar[a][i] = out_bar.iter().zip(&slope).fold(0.0, |sum, (bar, s)| sum + bar[i] * s);
+                        let derivative = Packed::unpack(derivatives[a]);
+                        x_bar[a][i] = out_bar.iter().zip(&derivative).fold(0.0, |sum, (bar, s)| sum + bar[i] * s);
                     }
                 }
             }

@@ -1,4 +1,4 @@
-//! What becomes of the planes' features, and its derivatives: sums and products in any ring.
+//! Sums and products of the planes' features, and their derivatives, in any ring.
 
 use crate::encoding::lattice::cell::{BLOCK, Lanes};
 

@@ -1,4 +1,4 @@
-//! The loops over all planes of a block of points: read, and pull the gradients back.
+//! The loops over all planes of a block of points: forward and backward.
 
 use float_core::{Task, Vector};
 
@@ -47,13 +47,13 @@ pub(super) struct Place<'a> {
 }
 
 /// Features, or their derivative.
-pub(super) struct Read<'a, 'o, const F: usize> {
+pub(super) struct Forward<'a, 'o, const F: usize> {
     pub(super) place: Place<'a>,
     pub(super) out: [&'o mut [f32]; F],
 }
 
 /// Gradients of `<out_bar, read>` with respect to the table and the positions, where wanted.
-pub(super) struct Pull<'a, 'o, const F: usize> {
+pub(super) struct Backward<'a, 'o, const F: usize> {
     pub(super) place: Place<'a>,
     pub(super) out_bar: [&'a [f32]; F],
     pub(super) table_bar: Option<&'o mut [f32]>,
@@ -67,7 +67,7 @@ struct Along {
     /// Weight of the upper side.
     upper: Lanes,
     /// Its derivative with respect to the coordinate; 0 where that was clamped.
-    slope: Lanes,
+    derivative: Lanes,
     /// The same times the direction.
     dot: Lanes,
 }
@@ -80,7 +80,7 @@ struct Cells {
 }
 
 impl Along {
-    const NONE: Self = Self { cell: [0; BLOCK], upper: [0.0; BLOCK], slope: [0.0; BLOCK], dot: [0.0; BLOCK] };
+    const NONE: Self = Self { cell: [0; BLOCK], upper: [0.0; BLOCK], derivative: [0.0; BLOCK], dot: [0.0; BLOCK] };
 
     #[inline(always)]
     fn locate(resolution: u32, x: &Lanes, x_dot: &Lanes) -> Self {
@@ -89,15 +89,15 @@ impl Along {
         let last = f64::from(resolution.saturating_sub(2));
         for i in 0..BLOCK {
             let x = x[i];
-            let slope = if (-1.0..=1.0).contains(&x) { half as f32 } else { 0.0 };
+            let derivative = if (-1.0..=1.0).contains(&x) { half as f32 } else { 0.0 };
             let x = if x > -1.0 { x } else { -1.0 };
             let x = if x < 1.0 { x } else { 1.0 };
             let (cell, upper) = split((f64::from(x) + 1.0) * half, last);
             along.cell[i] = cell;
             along.upper[i] = upper;
-            along.slope[i] = slope;
+            along.derivative[i] = derivative;
             // A direction does not count past the border, however large.
-            along.dot[i] = if slope == 0.0 { 0.0 } else { slope * x_dot[i] };
+            along.dot[i] = if derivative == 0.0 { 0.0 } else { derivative * x_dot[i] };
         }
         along
     }
@@ -141,8 +141,8 @@ impl Cells {
         let [a, b] = &self.along;
         for (c, dots) in dots.iter().enumerate() {
             for i in 0..BLOCK {
-                bars[0][i] += dots[i] * (sign(c) * a.slope[i] * side(c >> 1, b.upper[i]));
-                bars[1][i] += dots[i] * (side(c, a.upper[i]) * (sign(c >> 1) * b.slope[i]));
+                bars[0][i] += dots[i] * (sign(c) * a.derivative[i] * side(c >> 1, b.upper[i]));
+                bars[1][i] += dots[i] * (side(c, a.upper[i]) * (sign(c >> 1) * b.derivative[i]));
             }
         }
     }
@@ -154,8 +154,8 @@ impl Cells {
         for (c, dots) in dots.iter().enumerate() {
             let sign = sign(c) * sign(c >> 1);
             for i in 0..BLOCK {
-                bars[0][i] += dots[i] * (sign * a.slope[i] * b.dot[i]);
-                bars[1][i] += dots[i] * (sign * b.slope[i] * a.dot[i]);
+                bars[0][i] += dots[i] * (sign * a.derivative[i] * b.dot[i]);
+                bars[1][i] += dots[i] * (sign * b.derivative[i] * a.dot[i]);
             }
         }
     }
@@ -202,7 +202,7 @@ impl Cells {
             for (starts, weights) in self.starts.iter().zip(weights) {
                 let start = starts[i] as usize + place.first;
                 debug_assert!(start + F <= table_bar.len());
-                // SAFETY: as in `gather`; `Pull::run` saw that `table_bar` is as long as the table.
+                // SAFETY: as in `gather`; `Backward::run` saw that `table_bar` is as long as the table.
                 unsafe {
                     let e = table_bar.as_mut_ptr().add(start);
                     Packed::store(Packed::add_scaled(Packed::load(e), weights[i], bar), e);
@@ -249,7 +249,7 @@ impl Place<'_> {
     }
 }
 
-impl<const F: usize> Task for Read<'_, '_, F>
+impl<const F: usize> Task for Forward<'_, '_, F>
 where
     Packed: Features<F>,
 {
@@ -284,7 +284,7 @@ where
     }
 }
 
-impl<const F: usize> Task for Pull<'_, '_, F>
+impl<const F: usize> Task for Backward<'_, '_, F>
 where
     Packed: Features<F>,
 {
@@ -323,7 +323,7 @@ where
                     }
                 }
             }
-            let mut pulls = [[0.0; BLOCK]; MAX_AXES];
+            let mut x_bars = [[0.0; BLOCK]; MAX_AXES];
             for (p, cells) in cells[..count].iter().enumerate() {
                 if let Some(table_bar) = table_bar.as_deref_mut() {
                     cells.scatter(&place, len, &cells.weights(), &bars[p], table_bar);
@@ -334,7 +334,7 @@ where
                 if x_bar.is_some() {
                     let [a, b] = place.planes[p].axes;
                     // The first axis of a pair is the smaller.
-                    let (low, high) = pulls.split_at_mut(b);
+                    let (low, high) = x_bars.split_at_mut(b);
                     cells.weights_backward(&cells.dots(&place, len, &bars[p]), [&mut low[a], &mut high[0]]);
                     if place.x_dot.is_some() {
                         let dots = cells.dots(&place, len, &dot_bars[p]);
@@ -343,9 +343,9 @@ where
                 }
             }
             if let Some(x_bar) = x_bar.as_deref_mut() {
-                for (a, pull) in pulls[..place.resolution.len()].iter().enumerate() {
-                    for (bar, pull) in x_bar[a * place.n + at..][..len].iter_mut().zip(pull) {
-                        *bar += pull;
+                for (a, gradient) in x_bars[..place.resolution.len()].iter().enumerate() {
+                    for (bar, gradient) in x_bar[a * place.n + at..][..len].iter_mut().zip(gradient) {
+                        *bar += gradient;
                     }
                 }
             }

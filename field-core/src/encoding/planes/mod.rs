@@ -1,4 +1,4 @@
-//! Planes of features: a point is projected on pairs of axes, and what lies there is summed or multiplied.
+//! Planes of features: a point is projected on pairs of axes, and the features found there are summed or multiplied.
 //!
 //! | encoding | axes | planes | features |
 //! | --- | --- | --- | --- |
@@ -23,7 +23,7 @@ use core::ops::Range;
 use float_core::Simd;
 
 use self::combine::{MAX_PLANES, Rule};
-use self::kernel::{MAX_AXES, Place, Plane, Pull, Read};
+use self::kernel::{Backward, Forward, MAX_AXES, Place, Plane};
 use super::lattice::features::{Features, Packed};
 use super::lattice::groups::groups;
 use super::resample::{Axis, resample};
@@ -31,7 +31,7 @@ use super::{EncodingBars, rows, rows_mut};
 use crate::FieldError;
 use crate::error::check_len;
 
-/// What becomes of the features of a tri-plane.
+/// How the features of a tri-plane become one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Combine {
     /// They are added.
@@ -75,7 +75,7 @@ impl Planes {
 
     /// The product of six planes of `resolution` vertices along x, y, z, t.
     ///
-    /// Planes of time that hold 1 change nothing: where a scene does not move.
+    /// Planes of time that hold 1 change nothing: the scene stands still.
     ///
     /// # Errors
     /// As [`tri_plane`](Self::tri_plane).
@@ -175,7 +175,7 @@ impl Planes {
     /// [`FieldError::Shape`].
     pub fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
         self.check(table, x, None, out.len())?;
-        self.read(simd, table, x, None, out);
+        self.blend(simd, table, x, None, out);
         Ok(())
     }
 
@@ -192,7 +192,7 @@ impl Planes {
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
         self.check(table, x, Some(x_dot), out_dot.len())?;
-        self.read(simd, table, x, Some(x_dot), out_dot);
+        self.blend(simd, table, x, Some(x_dot), out_dot);
         Ok(())
     }
 
@@ -209,7 +209,7 @@ impl Planes {
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         self.check(table, x, None, out_bar.len())?;
-        self.pull(simd, table, x, None, out_bar, bars)
+        self.add_gradients(simd, table, x, None, out_bar, bars)
     }
 
     /// Adds the gradients of the table and of the positions through [`tangent`](Self::tangent), where wanted. With respect
@@ -228,7 +228,7 @@ impl Planes {
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         self.check(table, x, Some(x_dot), out_dot_bar.len())?;
-        self.pull(simd, table, x, Some(x_dot), out_dot_bar, bars)
+        self.add_gradients(simd, table, x, Some(x_dot), out_dot_bar, bars)
     }
 
     /// The table of planes of another resolution that hold the same features, as far as their vertices can: these planes
@@ -289,12 +289,12 @@ impl Planes {
         }
     }
 
-    fn read(&self, simd: Simd, table: &[f32], x: &[f32], x_dot: Option<&[f32]>, out: &mut [f32]) {
+    fn blend(&self, simd: Simd, table: &[f32], x: &[f32], x_dot: Option<&[f32]>, out: &mut [f32]) {
         fn some<const F: usize>(simd: Simd, place: Place<'_>, out: &mut [f32])
         where
             Packed: Features<F>,
         {
-            simd.run(Read::<F> { place, out: rows_mut(out) });
+            simd.run(Forward::<F> { place, out: rows_mut(out) });
         }
         let n = x.len() / self.axes;
         for (first, size) in groups(self.features) {
@@ -309,7 +309,7 @@ impl Planes {
         }
     }
 
-    fn pull(
+    fn add_gradients(
         &self,
         simd: Simd,
         table: &[f32],
@@ -324,7 +324,7 @@ impl Planes {
         where
             Packed: Features<F>,
         {
-            simd.run(Pull::<F> { place, out_bar: rows(out_bar), table_bar, x_bar });
+            simd.run(Backward::<F> { place, out_bar: rows(out_bar), table_bar, x_bar });
         }
         table_bar.as_ref().map_or(Ok(()), |bar| check_len("table_bar", bar.len(), table.len()))?;
         x_bar.as_ref().map_or(Ok(()), |bar| check_len("x_bar", bar.len(), x.len()))?;

@@ -2,13 +2,13 @@
 
 use super::{Ellipse, Rules};
 
-/// Values of a pixel: colour, depth, what is left of the light.
+/// Values of a pixel: colour, depth, transmittance.
 const PLANES: usize = 5;
 
 /// One pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixel {
-    /// Colour, depth, what is left of the light.
+    /// Colour, depth, transmittance.
     pub values: [f64; PLANES],
     /// How far the nearest decision was from falling otherwise, in units of the numbers it was made of.
     pub margin: f64,
@@ -62,7 +62,7 @@ struct Cover {
     /// Pixel to centre.
     d: [f64; 2],
     q: f64,
-    /// What `q` is sure to, relative to its terms.
+    /// Error bound of `q`, relative to its terms.
     sure: f64,
 }
 
@@ -77,7 +77,7 @@ fn cover(e: &Ellipse, [x, y]: [usize; 2]) -> Cover {
 pub fn pixel(ellipses: &[Ellipse], at: [usize; 2], rules: &Rules) -> Pixel {
     let mut out = Pixel { values: [0.0; PLANES], margin: f64::INFINITY, order: f64::INFINITY, slack: 0.0, count: 0 };
     let mut t = 1.0;
-    // Of the light that is left, relative.
+    // Relative error bound of the transmittance.
     let mut loose = 1.0;
     let mut before = None;
     for e in ellipses {
@@ -169,7 +169,7 @@ pub fn pixel_backward(
 /// A picture.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    /// `[5][rows][columns]`: colour, depth, what is left of the light.
+    /// `[5][rows][columns]`: colour, depth, transmittance.
     pub planes: Vec<f64>,
     /// `[rows][columns]`, see [`Pixel::margin`].
     pub margins: Vec<f64>,

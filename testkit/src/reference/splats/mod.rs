@@ -1,4 +1,4 @@
-//! 3D Gaussian splatting from its definitions: every pixel looks at every Gaussian.
+//! 3D Gaussian splatting from its definitions: every pixel evaluates every Gaussian.
 //!
 //! [`project`](fn@project): raw parameters to ellipses. [`pixel`]: ellipses to a pixel, with how far its decisions were from falling
 //! otherwise; [`pixel_backward`]: the chain rule back; [`parameters_bar`]: from ellipses to raw parameters, by differences.
@@ -42,11 +42,11 @@ pub struct Rules {
     pub blur: f64,
     /// Whether opacity falls with the area that blur gains.
     pub dims: bool,
-    /// Fainter contributions are none.
+    /// Contributions of a smaller opacity are left out.
     pub alpha_min: f64,
-    /// No contribution is denser.
+    /// Upper bound of the opacity of a contribution.
     pub alpha_max: f64,
-    /// A pixel ends before the contribution that would leave no more of its light.
+    /// A pixel ends before the contribution that would bring its transmittance to this or below.
     pub stop: f64,
 }
 
@@ -61,7 +61,7 @@ pub struct Ellipse {
     pub cov: [f64; 3],
     /// and its inverse.
     pub conic: [f64; 3],
-    /// Opacity, less what blur takes.
+    /// Opacity, reduced by blur where that is on.
     pub opacity: f64,
     /// Squared radius within which it contributes, standard deviations.
     pub q_max: f64,

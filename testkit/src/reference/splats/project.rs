@@ -32,7 +32,7 @@ fn real_sh(d: [f64; 3]) -> [f64; 16] {
 }
 
 /// Gaussian `index`; `p` its own numbers, in the order of the rows. `None` where no pixel can see it for what it is; it may lie
-/// beside the picture.
+/// outside of the picture.
 #[must_use]
 pub fn project_one(p: &[f64], index: usize, degree: usize, camera: &Camera, rules: &Rules) -> Option<Ellipse> {
     let Camera { r, t, .. } = *camera;

@@ -74,7 +74,7 @@ fn one_gaussian_over_a_pixel_has_its_opacity() {
     (p[2], p[6], p[10]) = (2.0, 1.0, 0.0);
     let camera = Camera { c: [6.5, 5.5], ..CAMERA };
     let got = pixel(&project(&p, 1, 0, &camera, &Rules { dims: false, ..RULES }), [6, 5], &RULES);
-    // Half of grey, half of the light, two units away.
+    // Grey of opacity one half, two units away.
     for (got, want) in got.values.into_iter().zip([0.25, 0.25, 0.25, 1.0, 0.5]) {
         assert!((got - want).abs() < 1e-12, "{got}, {want}");
     }
