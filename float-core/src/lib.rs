@@ -1,12 +1,20 @@
-//! The floor the math crates stand on: one door to float functions, one SIMD token, one generator of
-//! random numbers.
+//! Float functions from `std` or `libm`, and kernels that are compiled for several SIMD levels: what the math crates build on.
 //!
-//! * [`m32`] and [`m64`]: `exp`, `sqrt`, `sin` … from `std` or, with the feature `libm`, from the pure Rust `libm`.
-//!   `libm` wins where both are on: then every platform gives the same bits. That makes it a choice for the binary,
-//!   never for a library in the middle.
-//! * [`Simd`]: proof that this CPU can run a vector level. Kernels are written once, over [`Vector`], and compiled for
-//!   each level (scalar, AVX2 with FMA, AVX-512).
-//! * [`rng`]: counter-based random numbers, the same in any order and on any number of threads.
+//! | module or type | content |
+//! | --- | --- |
+//! | [`m32`], [`m64`] | `exp`, `sqrt`, `sin` and others that `core` lacks |
+//! | [`Simd`], [`SimdLevel`] | a token: proof that this CPU can run a level (scalar, AVX2 with FMA, AVX-512) |
+//! | [`Task`], [`Vector`] | a kernel, written once over a vector type and compiled for each level |
+//! | [`vecmath`] | `exp`, `ln`, logistic, softplus, `tanh`, `sin`, `cos` of vectors, with measured errors |
+//! | [`Bf16`] | a token for products of bf16 pairs |
+//! | [`rng`] | counter-based random numbers, the same in any order and on any number of threads |
+//!
+//! # Features
+//! `std` (default), `libm` (the pure Rust functions; where both are on, `libm` wins and every platform gives the same bits, so it is a
+//! choice for the binary, not for a library in the middle).
+//!
+//! # Example
+//! The sum of a slice at every level of this CPU:
 //!
 //! ```
 //! use float_core::{Simd, Task, Vector};
@@ -16,12 +24,7 @@
 //!     type Output = f32;
 //!     #[inline(always)]
 //!     fn run<V: Vector>(self) -> f32 {
-//!         let mut acc = V::splat(0.0);
-//!         let (body, tail) = self.0.split_at(self.0.len() / V::LANES * V::LANES);
-//!         for x in body.chunks_exact(V::LANES) {
-//!             acc = acc + V::load(x);
-//!         }
-//!         acc.sum() + tail.iter().sum::<f32>()
+//!         self.0.chunks(V::LANES).fold(V::splat(0.0), |sum, x| sum + V::load_part(x)).sum()
 //!     }
 //! }
 //! for level in Simd::available() {

@@ -1,22 +1,25 @@
-//! A gradient to a step: Adam (dense and sparse), learning-rate schedules, clipping, and a guard against non-finite
-//! gradients.
+//! A gradient to a step: Adam (dense and sparse), learning-rate schedules, clipping, and a limit on non-finite gradients.
 //!
-//! Everything works on plain slices of `f32` with coefficients in `f64`. Results are the same bits at every SIMD level
-//! and for any number of threads. See `CONVENTIONS.md` for the letters.
+//! Everything works on plain slices of `f32` with coefficients in `f64`. Results are the same bits at every [`Simd`] level and for any
+//! number of threads.
 //!
-//! * [`Adam`]: state and the three ways to step ([`Adam::step`], [`Adam::step_nonzero`], [`Adam::step_touched`])
-//! * [`LearningRate`]: a [`Schedule`] times a [`Warmup`]
-//! * [`clip`]: by value, by global norm; [`clip::sanitise`]
-//! * [`NonFiniteGuard`]: fails a run in which too many steps had non-finite gradients
-//! * [`Ema`]: moving average of the parameters, for rendering
+//! | type or module | content |
+//! | --- | --- |
+//! | [`Adam`], [`AdamConfig`] | the optimiser's state, and three ways to step: [`Adam::step`], [`Adam::step_nonzero`], [`Adam::step_touched`] |
+//! | [`LearningRate`] | a [`Schedule`] times a [`Warmup`] |
+//! | [`clip`] | clipping by value and by global norm; [`clip::sanitise`] |
+//! | [`NonFiniteGuard`] | ends a run in which too many steps had non-finite gradients |
+//! | [`Ema`] | moving average of the parameters, for rendering |
 //!
-//! Features: `std` (default), `libm` (float functions without `std`), `rayon` (parallel over fixed chunks).
+//! # Features
+//! `std` (default), `libm` (float functions without `std`), `rayon` (parallel over fixed chunks).
+//!
+//! # Example
+//! Minimise `(x - 3)^2`:
 //!
 //! ```
-//! use float_core::Simd;
-//! use optim::{Adam, AdamConfig, LearningRate, NonFiniteGuard, Schedule};
+//! use optim::{Adam, AdamConfig, LearningRate, NonFiniteGuard, Schedule, Simd};
 //!
-//! // Minimise (x - 3)^2.
 //! let mut x = [0.0_f32];
 //! let rate = LearningRate::from(Schedule::LogLerp { lr_init: 0.1, lr_final: 1e-3, steps: 500 });
 //! let mut adam = Adam::new(x.len(), AdamConfig::DEFAULT);
@@ -30,6 +33,7 @@
 //! # Ok::<(), optim::TooManyNonFinite>(())
 //! ```
 #![no_std]
+#![forbid(unsafe_code)]
 extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
@@ -47,6 +51,8 @@ mod schedule;
 pub use adam::{Adam, AdamConfig, BLOCK, Decay, touched_len};
 pub use ema::Ema;
 pub use error::OptimError;
+pub use float_core;
+pub use float_core::Simd;
 pub use guard::{NonFiniteGuard, TooManyNonFinite};
 pub use schedule::{LearningRate, Schedule, Warmup};
 

@@ -1,18 +1,23 @@
-//! Tools for testing differentiable functions: ours, and yours.
+//! Tools for testing differentiable functions: proptest strategies, a gradient checker, golden vectors.
 //!
-//! * [`gradient`]: is a backward function the derivative of its forward function? An `f64` twin against central
-//!   differences, an `f32` kernel against the twin, functions with corners.
-//! * [`strategies`]: proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the
-//!   values that break code mixed in.
-//! * [`property`]: how many cases a property runs, and how a failed one runs again.
-//! * [`reference`](mod@reference): `f64` twins that several crates need.
-//! * [`analytic`]: densities and colours along a ray whose pixel is known.
-//! * [`golden`]: reader for the golden-vector files, [`golden::assert_close`], where the shared data lies.
+//! | module | content |
+//! | --- | --- |
+//! | [`gradient`] | is a backward function the derivative of its forward function? An `f64` twin against central differences, an `f32` kernel against the twin, functions with corners |
+//! | [`strategies`] | proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the values that break code mixed in |
+//! | [`property`] | number of cases of a property, and how a failed one runs again |
+//! | [`reference`](mod@reference) | `f64` twins that several crates need |
+//! | [`analytic`] | densities and colours along a ray whose pixel is known |
+//! | [`golden`] | reader of golden vectors, [`golden::assert_close`], the folder of shared data |
 //!
-//! With the feature `convergence`, `convergence` measures the quadrature rules and samplers of `render-core` on those. But for
-//! that, nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written
-//! elsewhere is tested in the same way as one of ours. `examples/own_pair.rs` does it from start to end:
+//! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written elsewhere is tested
+//! in the same way. `examples/own_pair.rs` does it from start to end. The checks return a [`gradient::Mismatch`], which names the
+//! worst entry, both values and the bound; they have tests of their own, which feed them wrong gradients.
 //!
+//! # Features
+//! `convergence`: measures the quadrature rules and samplers of `render-core` on the analytic fields; the one module that depends on a
+//! crate of the workspace.
+//!
+//! # Example
 //! ```
 //! use testkit::gradient::{PairTolerances, check_f32_pair};
 //!
@@ -24,9 +29,7 @@
 //!
 //! check_f32_pair(&[3.0], &[1.0], (square, square_backward), (twin, twin_backward), PairTolerances::default()).unwrap();
 //! ```
-//!
-//! The checks return a [`gradient::Mismatch`], which names the worst entry, both values and the bound; `unwrap` it in a
-//! test. They have tests of their own, which feed them wrong gradients: a check that always passes is the worst bug.
+#![forbid(unsafe_code)]
 
 pub mod analytic;
 #[cfg(feature = "convergence")]
@@ -36,3 +39,10 @@ pub mod gradient;
 pub mod property;
 pub mod reference;
 pub mod strategies;
+
+#[cfg(feature = "convergence")]
+pub use float_core;
+pub use proptest;
+#[cfg(feature = "convergence")]
+pub use render_core;
+pub use serde_json;
