@@ -250,7 +250,7 @@ fn any_config() -> impl Strategy<Value = HashGridConfig> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 2 } else { 64 }))]
+    #![proptest_config(testkit::property::cases(64))]
 
     #[test]
     fn every_grid_matches_the_naive_twin(config in any_config(), n in 0..40_usize, seed in any::<u64>()) {

@@ -29,7 +29,7 @@ fn raw(mlp: &Mlp, simd: Simd, params: &[f32], x: &[f32], y_bar: &[f32]) -> [Vec<
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 2 } else { 48 }))]
+    #![proptest_config(testkit::property::cases(48))]
     #[test]
     fn gives_the_bits_of_the_functions_on_slices(
         inputs in 1..9_usize, hidden in prop::collection::vec(1..40_usize, 0..3), outputs in 1..5_usize,
