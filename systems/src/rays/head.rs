@@ -10,7 +10,7 @@ use crate::buffers::sized;
 use crate::fields::xavier;
 use crate::method::Pixel;
 use engine::system::{MOST_UNITS, SystemError, at_most};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use optim::{Adam, AdamConfig};
 use render_core::quadrature::Values;

@@ -11,7 +11,7 @@
 use crate::fields::{FeatureSource, Features, Names, Part, fold_gradients, xavier};
 use crate::space::SpaceKind;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
-use field_core::mlp::{Activation, Bias, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Bias, Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig, Decay};
