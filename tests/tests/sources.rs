@@ -143,3 +143,30 @@ fn no_seed_is_set_for_everybody() {
     let ci = fs::read_to_string(root().join(".ci/run")).unwrap();
     assert!(ci.contains("export PROPTEST_RNG_SEED="), "the gate draws other cases in every run");
 }
+
+/// The first block of code behind a line that begins with `fence`, without the lines that documentation hides.
+fn example<'a>(lines: impl Iterator<Item = &'a str>, fence: &str) -> Vec<&'a str> {
+    let mut lines = lines.skip_while(|line| !line.starts_with(fence));
+    let inside = lines.by_ref().skip(1).take_while(|line| !line.starts_with("```"));
+    inside.filter(|line| !line.starts_with("# ")).collect()
+}
+
+#[test]
+fn a_crates_readme_shows_the_example_of_its_documentation() {
+    let mut compared = 0;
+    for folder in fs::read_dir(root()).unwrap().map(|entry| entry.unwrap().path()) {
+        let (library, readme) = (folder.join("src/lib.rs"), folder.join("README.md"));
+        let (Ok(library), Ok(readme)) = (fs::read_to_string(library), fs::read_to_string(readme)) else { continue };
+        let docs = library
+            .lines()
+            .map_while(|line| line.strip_prefix("//!"))
+            .map(|line| line.strip_prefix(' ').unwrap_or(line));
+        let (want, got) = (example(docs, "```"), example(readme.lines(), "```rust"));
+        if want.is_empty() {
+            continue;
+        }
+        assert_eq!(got, want, "{}: the README's example differs from that of src/lib.rs", folder.display());
+        compared += 1;
+    }
+    assert!(compared >= 4, "{compared} crates with a README");
+}

@@ -1,4 +1,13 @@
-//! Encodings of positions, directions and indices.
+//! Encodings of positions and directions.
+//!
+//! | module | of | source |
+//! | --- | --- | --- |
+//! | [`frequency`], [`window`] | numbers: sines and cosines of octaves, and weights that open them coarse to fine | NeRF; Nerfies |
+//! | [`integrated`] | Gaussians: the mean of those over them | mip-NeRF |
+//! | [`spherical_harmonics`] | directions | instant-ngp |
+//! | [`hash_grid`] | positions: learned features of several levels, in hashed tables | instant-ngp |
+//! | [`dense_grid`], [`multi_distance`] | positions: learned features at all vertices; the same read at three distances | TiNeuVox |
+//! | [`planes`] | positions, with time: learned features of planes, summed or multiplied | tri-planes, K-Planes, HexPlane |
 //!
 //! All batches are feature-major. Functions that vectorise take the [`Simd`](float_core::Simd) level to run at.
 
