@@ -16,7 +16,7 @@
 //! Fridovich-Keil et al., "K-Planes", 2023, section 3.3, equations 3 to 5. Factors in front differ between the paper and its code:
 //! weights are to be read with the definitions here.
 
-use crate::variation::{lattice, lattice_backward};
+use crate::variation::{total_variation, total_variation_backward};
 use crate::{LossError, error::same, kernel::Kernel};
 
 /// Extents of a plane `[second axis][first axis][features]`.
@@ -59,7 +59,7 @@ impl PlaneShape {
 /// # Errors
 /// [`LossError::Shape`] unless `plane` has that shape.
 pub fn plane_variation(plane: &[f32], shape: PlaneShape, along: Along) -> Result<f64, LossError> {
-    Ok(0.5 * lattice(plane, &shape.dims(), along.axes(), Kernel::Squared)?)
+    Ok(0.5 * total_variation(plane, &shape.dims(), along.axes(), Kernel::Squared)?)
 }
 
 /// Backward twin of [`plane_variation`]: adds into `plane_bar`.
@@ -73,7 +73,7 @@ pub fn plane_variation_backward(
     loss_bar: f64,
     plane_bar: &mut [f32],
 ) -> Result<(), LossError> {
-    lattice_backward(plane, &shape.dims(), along.axes(), Kernel::Squared, 0.5 * loss_bar, plane_bar)
+    total_variation_backward(plane, &shape.dims(), along.axes(), Kernel::Squared, 0.5 * loss_bar, plane_bar)
 }
 
 /// `mean (P[t + 2] - 2 P[t + 1] + P[t])^2` over time steps `t`; 0 for fewer than three time steps, and for planes that are linear
