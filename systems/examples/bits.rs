@@ -38,6 +38,7 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("film", "nerfies", &[]),
     ("film", "hypernerf", &["ambient_from=10", "ambient_anneal=20"]),
     ("film", "tineuvox", &["voxels=24", "voxels_every=10"]),
+    ("still", "k-planes", &["plane_vertices=16"]),
     ("tissue", "endo-nerf", &["refine_every=15"]),
 ];
 
@@ -64,7 +65,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
     let data = Dataset::new(&scene, store, scene.split(Split::Train).collect())?;
     let name_of = |set: &str| set.split('=').next().unwrap_or_default().to_owned();
     let absent: &[&str] = match (name, set.first()) {
-        ("tineuvox", _) => &["log2_table", "n_max"],
+        ("tineuvox" | "k-planes", _) => &["log2_table", "n_max"],
         (_, Some(&"sampler=proposal")) => &["occupancy"],
         _ => &[],
     };

@@ -114,7 +114,7 @@ impl Ground {
         let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
         let space = space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)?;
         let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
-        self.carve(&mut ngp, data, self.transparent)?;
+        self.carve(&mut ngp, data)?;
         Ok(ngp)
     }
 
@@ -139,12 +139,13 @@ impl Ground {
             deform.set_background(x);
         }
         let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, name, None, deform)?;
-        self.carve(&mut ngp, data, false)?;
+        self.carve(&mut ngp, data)?;
         Ok(ngp)
     }
 
-    fn carve(&mut self, ngp: &mut Ngp, data: &Dataset, alpha: bool) -> Result<(), SystemError> {
+    fn carve(&mut self, ngp: &mut Ngp, data: &Dataset) -> Result<(), SystemError> {
         ngp.carve(data)?;
+        let alpha = self.transparent && !ngp.is_timed();
         self.lines.extend(ngp.carved().map(|carved| {
             format!(
                 "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",

@@ -270,7 +270,7 @@ impl Ngp {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let scene = if self.field.is_timed() { Moves::Yes } else { Moves::No };
+        let scene = if self.is_timed() { Moves::Yes } else { Moves::No };
         self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 
@@ -302,6 +302,11 @@ impl Ngp {
     pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<bool, SystemError> {
         self.cues = MeasuredDepth::read(config, &self.space, data)?;
         Ok(self.cues.is_some())
+    }
+
+    /// Whether anything depends on the time.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.field.is_timed()
     }
 
     /// Share of the occupancy grid's cells that are empty for good; `None` where there is no such grid.

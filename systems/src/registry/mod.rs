@@ -7,6 +7,7 @@ mod tests;
 pub use choice::choose;
 
 use crate::claims::{Claim, names};
+use crate::papers::dynamic::k_planes;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::plan::{Ask, Built};
 use crate::settings::no_such_system;
@@ -22,11 +23,12 @@ pub(crate) struct Known {
     pub(crate) build: fn(Ask<'_>) -> Built,
 }
 
-const KNOWN: [Known; 5] = [
+const KNOWN: [Known; 6] = [
     Known { claim: ngp::CLAIM, build: ngp::build },
     Known { claim: nerf::CLAIM, build: nerf::build },
     Known { claim: mip_nerf::CLAIM, build: mip_nerf::build },
     Known { claim: mip_nerf_360::CLAIM, build: mip_nerf_360::build },
+    Known { claim: k_planes::CLAIM, build: k_planes::build },
     Known { claim: splats::CLAIM, build: splats::build },
 ];
 

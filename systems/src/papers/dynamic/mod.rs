@@ -1,0 +1,3 @@
+//! Systems for scenes that move.
+
+pub(crate) mod k_planes;
