@@ -5,13 +5,12 @@
 //! * [`layout`], [`space`]: what kind of place a scene is, and the map from world coordinates to those of a field.
 //! * [`static_scene`]: the hash grid (`ngp`) and the published networks.
 //! * [`method`]: the seam between a field and what a method for photographs from the wild adds to it; [`wild`]: those methods.
-//! * [`deform`]: warps of moving scenes; [`dynamic`]: the systems made of them.
+//! * `warps`: deformations of moving scenes; [`dynamic`]: the systems made of them.
 //! * [`splats`]: systems of Gaussian splats. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
 
 pub mod bake;
 pub(crate) mod buffers;
 pub mod claims;
-pub mod deform;
 pub mod dynamic;
 #[cfg(test)]
 mod engine_tests;
@@ -31,4 +30,7 @@ pub mod space;
 pub mod splats;
 pub(crate) mod survey;
 pub mod terms;
+pub(crate) mod warps;
 pub mod wild;
+
+pub(crate) use warps as deform;

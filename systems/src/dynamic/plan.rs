@@ -1,41 +1,61 @@
 //! What does this video need? The system built from its name and its settings.
 
-use super::config::DynamicConfig;
-use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
+use super::rays::RaySettings;
 use crate::claims::{Claim, names};
-use crate::deform::Deform;
-use crate::papers::static_scenes::ngp::CLAIM as NGP;
+use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
+use crate::papers::static_scenes::ngp;
 use crate::plan::{
-    Ground, NO_PARALLAX, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax,
-    no_such_system, refuse_unknown, set_near, settings, split, table,
+    Ground, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system, set_near,
 };
-use crate::rays::RayConfig;
+use crate::rays::{Ngp, RayConfig};
+use crate::samplers::CueConfig;
+use crate::warps::{Deform, Times};
 use engine::data::Dataset;
 use engine::error::RunError;
 use engine::options::{DataOptions, Plan, RunOptions};
 use engine::system::{System, SystemError};
 use scene_io::Scene;
 
-/// A system: what its name claims, its settings, and those of its field.
+/// A deformation from its settings, the times of the training views and a seed.
+type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, SystemError>;
+
+/// A system: what its name claims, its deformation, its rays, what it makes of measured depth, and what it changes of its field.
 struct Known {
     claim: Claim,
-    settings: fn() -> DynamicConfig,
+    deform: Option<NewDeform>,
+    rays: RaySettings,
+    depth: CueConfig,
     field: fn(&mut RayConfig),
 }
 
+impl Known {
+    /// A field in which nothing moves.
+    const STILL: Self =
+        Self { claim: ngp::CLAIM, deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_| {} };
+
+    /// A field that a deformation moves.
+    const fn moving(claim: Claim, deform: NewDeform) -> Self {
+        Self { claim, deform: Some(deform), ..Self::STILL }
+    }
+}
+
 const KNOWN: [Known; 7] = [
-    Known { claim: NGP, settings: DynamicConfig::still, field: |_| {} },
-    Known { claim: t_nerf::CLAIM, settings: t_nerf::settings, field: |_| {} },
-    Known { claim: d_nerf::CLAIM, settings: d_nerf::settings, field: |_| {} },
-    Known { claim: nerfies::CLAIM, settings: nerfies::settings, field: |_| {} },
-    Known { claim: hyper_nerf::CLAIM, settings: hyper_nerf::settings, field: |_| {} },
-    Known { claim: tineuvox::CLAIM, settings: tineuvox::settings, field: tineuvox::field },
-    Known { claim: endo_nerf::CLAIM, settings: endo_nerf::settings, field: |_| {} },
+    Known::STILL,
+    Known::moving(t_nerf::CLAIM, t_nerf::deform),
+    Known::moving(d_nerf::CLAIM, d_nerf::deform),
+    Known::moving(nerfies::CLAIM, nerfies::deform),
+    Known::moving(hyper_nerf::CLAIM, hyper_nerf::deform),
+    Known { field: tineuvox::field, ..Known::moving(tineuvox::CLAIM, tineuvox::deform) },
+    Known {
+        rays: RaySettings { guided: endo_nerf::GUIDED, ..RaySettings::ANYWHERE },
+        depth: endo_nerf::DEPTH,
+        ..Known::moving(endo_nerf::CLAIM, endo_nerf::deform)
+    },
 ];
 
 /// Systems by name, with what differs from their papers.
 pub const CLAIMS: [Claim; KNOWN.len()] = {
-    let mut claims = [NGP; KNOWN.len()];
+    let mut claims = [ngp::CLAIM; KNOWN.len()];
     let mut i = 0;
     while i < claims.len() {
         claims[i] = KNOWN[i].claim;
@@ -71,12 +91,15 @@ pub fn build(
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
     let known = KNOWN.iter().find(|known| known.claim.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
-    let planned = (known.settings)();
-    let (ours, fields) = split(run, &table(&planned));
-    let config: DynamicConfig = settings(&planned, &ours)?;
-    config.check()?;
+    let mut settings = Settings::new(run);
+    let rays = settings.of(&known.rays)?;
+    rays.check()?;
+    let depth = settings.of(&known.depth)?;
+    depth.check()?;
+    let deform = known.deform.map(|new| new(&mut settings, Times::of(data), run.seed)).transpose()?;
+    let deform = deform.filter(Deform::does_something).map(|deform| deform.with_curriculum(rays.curriculum));
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
-    let measured = has_depth && config.cues.asks();
+    let measured = has_depth && depth.asks();
     let frozen = !accepts_no_parallax(run)? && has_no_parallax(data);
     if frozen && has_depth {
         check_depth(name, data, measured)?;
@@ -86,35 +109,17 @@ pub fn build(
     ground.lines.extend(known.claim.line());
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
     set_near(&mut field.space, &mut ground, data, Shown::Moments);
-    if config.deform().is_some() {
-        // Cells that are full at some moment are empty at most others.
+    if deform.is_some() {
+        // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;
     }
     (known.field)(&mut field);
-    let mut parts = Settings::new(&fields);
-    let field = field.asked(&mut parts)?;
-    let mut all = table(&config);
-    all.extend(parts.known().clone());
-    refuse_unknown(run, &all)?;
-    let deform = config.deform().map(|deform| Deform::new(deform, data, run.seed)).transpose()?;
+    let field = field.asked(&mut settings)?;
+    let config = settings.all()?;
     let mut system = ground.moving(data, &field, run.seed, scene, known.claim.name, deform)?;
-    if config.by_error {
-        system.follow_errors(data);
-        ground.lines.push("rays: half of them where the errors are".into());
-    }
-    if config.guided {
-        ground.lines.push(match system.follow_masks(data)? {
-            Some(0) => "rays: none under the masks, more where they often are".into(),
-            Some(hidden) => format!(
-                "rays: none under the masks, more where they often are; {hidden} of {} photos lie all under theirs and are \
-                 left out",
-                data.len()
-            ),
-            None => "rays: anywhere (no masks, masks over everything, or views of different sizes)".into(),
-        });
-    }
-    if config.cues.asks() {
-        let known = system.follow_depth(config.cues, data)?;
+    ground.lines.extend(follow(&mut system, data, &rays)?);
+    if depth.asks() {
+        let known = system.follow_depth(depth, data)?;
         if frozen && !known {
             return Err(no_depth(data));
         }
@@ -124,9 +129,29 @@ pub fn build(
             "depth: none is measured, so nothing is held to it".into()
         });
     }
-    all.extend(run.set.get_key_value(NO_PARALLAX).map(|(k, v)| (k.clone(), v.clone())));
     let Ground { lines, background, error_budget, .. } = ground;
-    Ok((Box::new(system), Plan { lines, background, error_budget, config: all }))
+    Ok((Box::new(system), Plan { lines, background, error_budget, config }))
+}
+
+/// Let errors or masks lead the rays. Returns what is done, a line each.
+fn follow(system: &mut Ngp, data: &Dataset, rays: &RaySettings) -> Result<Vec<String>, SystemError> {
+    let mut lines = Vec::new();
+    if rays.by_error {
+        system.follow_errors(data);
+        lines.push("rays: half of them where the errors are".into());
+    }
+    if rays.guided {
+        lines.push(match system.follow_masks(data)? {
+            Some(0) => "rays: none under the masks, more where they often are".into(),
+            Some(hidden) => format!(
+                "rays: none under the masks, more where they often are; {hidden} of {} photos lie all under theirs and are \
+                 left out",
+                data.len()
+            ),
+            None => "rays: anywhere (no masks, masks over everything, or views of different sizes)".into(),
+        });
+    }
+    Ok(lines)
 }
 
 /// A camera that stands still sees depth by what was measured, or not at all.

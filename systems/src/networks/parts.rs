@@ -58,11 +58,6 @@ pub(crate) fn ops<'a, const N: usize>(
 }
 
 impl<'a> Part<'a> {
-    /// The operation of one network, whose parameters begin at `at` of those of the tape.
-    pub(crate) fn new(mlp: &'a Mlp, packed: &'a Packed, at: usize, simd: Simd) -> Self {
-        Self { op: MlpOp { mlp, packed, simd }, range: at..at + mlp.param_count() }
-    }
-
     /// Record the part.
     pub(crate) fn apply(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<Node, TapeError> {
         let params = tape.param(self.range.start, self.range.len(), 1)?;

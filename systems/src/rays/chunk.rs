@@ -335,8 +335,7 @@ impl Chunk {
             w.iter_mut().filter(|w| **w < FAINT).for_each(|w| *w = 0.0);
             // The mean over rays.
             let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
-            let terms = (deform.config().elastic_scale, factor);
-            let sum = deform.elastic(points, w, terms, &mut self.deform_grad, &mut self.deform);
+            let sum = deform.elastic(points, w, factor, &mut self.deform_grad, &mut self.deform);
             self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
         }
     }

@@ -1,3 +1,18 @@
-//! Systems for scenes that move.
+//! Systems for scenes that move. Each file reads like its paper: the equations of its [deformation](crate::warps), on the tape.
+//!
+//! | name | the time | where a point was | beyond space |
+//! | --- | --- | --- | --- |
+//! | `t-nerf` | octaves | - | - |
+//! | `d-nerf` | octaves | displacement, none at `t = 0` | - |
+//! | `nerfies` | free codes | rigid motion | - |
+//! | `hypernerf` | free codes | rigid motion | ambient coordinates |
+//! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
+//! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
 
+pub(crate) mod d_nerf;
+pub(crate) mod endo_nerf;
+pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
+pub(crate) mod nerfies;
+pub(crate) mod t_nerf;
+pub(crate) mod tineuvox;

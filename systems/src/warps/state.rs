@@ -10,12 +10,12 @@ impl Deform {
     pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
         let mut out = vec![
             f32_tensor("deform.networks", &self.params),
-            f32_tensor("deform.moments", &self.codes),
-            u64_tensor("deform.steps", vec![self.steps]),
+            self.time.learned_tensor(),
+            u64_tensor("deform.steps", vec![self.taken]),
         ];
         push_adam(&mut out, "deform.networks", &self.adam);
-        push_adam(&mut out, "deform.moments", &self.code_adam);
-        if !self.planes.is_empty() {
+        self.time.push_adam(&mut out);
+        if self.has_planes() {
             push_adam(&mut out, "deform.planes", &self.plane_adam);
         }
         out
@@ -27,21 +27,24 @@ impl Deform {
     /// [`SystemError::State`] naming the array that is missing or has another shape.
     pub(crate) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let params = take_numbers(state, "deform.networks", self.params.len())?;
-        let codes = take_numbers(state, "deform.moments", self.codes.len())?;
-        let steps = take_counts(state, "deform.steps", 1)?[0];
+        let taken = take_counts(state, "deform.steps", 1)?[0];
         let adam = take_adam(state, "deform.networks", &self.adam)?;
-        let code_adam = take_adam(state, "deform.moments", &self.code_adam)?;
-        (self.params, self.codes, self.steps) = (params, codes, steps);
-        if !self.planes.is_empty() {
+        let time = self.time.take(state)?;
+        if self.has_planes() {
             self.plane_adam = take_adam(state, "deform.planes", &self.plane_adam)?;
         }
-        (self.adam, self.code_adam) = (adam, code_adam);
+        (self.params, self.taken, self.adam) = (params, taken, adam);
+        self.time.put(time);
         self.renew();
         Ok(())
     }
 
-    /// Trainable numbers.
+    fn has_planes(&self) -> bool {
+        self.deformation.planes().is_some_and(|planes| !planes.is_empty())
+    }
+
+    /// Number of trainable parameters.
     pub(crate) fn parameter_count(&self) -> usize {
-        self.params.len() + self.codes.len()
+        self.params.len() + self.time.learned.len()
     }
 }

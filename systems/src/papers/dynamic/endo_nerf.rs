@@ -12,13 +12,11 @@
 //! and now and then the stereo depths that disagree most with rendered ones give way to these. Distances are along rays in world
 //! units, not in normalised device coordinates; samples never leave the ray.
 
-use super::config::DynamicConfig;
-use super::d_nerf;
 use crate::claims::Claim;
 use crate::samplers::CueConfig;
 
 /// What differs from the paper.
-pub(super) const CLAIM: Claim = Claim {
+pub(crate) const CLAIM: Claim = Claim {
     name: "endo-nerf",
     paper: "Wang et al., 2022",
     differs: "The field is the hybrid of `d-nerf` here, not the published networks; distances are in world units \
@@ -27,21 +25,21 @@ pub(super) const CLAIM: Claim = Claim {
     mark: "hybrid field, march cut by depth",
 };
 
-/// Settings.
-pub(super) fn settings() -> DynamicConfig {
-    DynamicConfig {
-        guided: true,
-        cues: CueConfig {
-            depth: 1.0,
-            depth_delta: 0.2,
-            // Besides those of the march: where a fifth of the depths are wrong, somebody has to look elsewhere.
-            cue_samples: 16,
-            cue_spread: 0.05,
-            cue_anywhere: 0.0,
-            refine_every: 400,
-            refine_rounds: 4,
-            refine_share: 0.1,
-        },
-        ..d_nerf::settings()
-    }
-}
+/// Its deformation is that of D-NeRF.
+pub(crate) use super::d_nerf::deform;
+
+/// Masks lead the rays: none through a tool, more where it often is.
+pub(crate) const GUIDED: bool = true;
+
+/// What measured depth does.
+pub(crate) const DEPTH: CueConfig = CueConfig {
+    depth: 1.0,
+    depth_delta: 0.2,
+    // Besides those of the march: where a fifth of the depths are wrong, other places of the ray need samples, too.
+    cue_samples: 16,
+    cue_spread: 0.05,
+    cue_anywhere: 0.0,
+    refine_every: 400,
+    refine_rounds: 4,
+    refine_share: 0.1,
+};

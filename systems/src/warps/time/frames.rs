@@ -1,15 +1,17 @@
-//! The moments of the training views, and what lies between them.
+//! The times of the training views, and what lies between them.
 
 use engine::data::Dataset;
 
 /// Distinct times of the training views, ascending, and which of them each view shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Times {
-    moments: Vec<f64>,
+    /// `[steps]`, in `[0, 1]`.
+    distinct: Vec<f64>,
+    /// `[views]`
     of_view: Vec<u32>,
 }
 
-/// Two moments and how far time is from the first to the second, `0..=1`.
+/// Two time steps and how far a time is from the first to the second, `0..=1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Between {
     pub(crate) before: usize,
@@ -18,32 +20,33 @@ pub(crate) struct Between {
 }
 
 impl Times {
+    /// Those of the training views.
     pub(crate) fn of(data: &Dataset) -> Self {
         Self::of_list(&data.views().iter().map(|view| view.time).collect::<Vec<f64>>())
     }
 
     /// Those of views with these times.
     pub(crate) fn of_list(times: &[f64]) -> Self {
-        let mut moments = times.to_vec();
-        moments.sort_by(f64::total_cmp);
-        moments.dedup();
-        let place = |t: &f64| moments.partition_point(|m| m < t) as u32;
+        let mut distinct = times.to_vec();
+        distinct.sort_by(f64::total_cmp);
+        distinct.dedup();
+        let place = |t: &f64| distinct.partition_point(|m| m < t) as u32;
         let of_view = times.iter().map(place).collect();
-        Self { moments, of_view }
+        Self { distinct, of_view }
     }
 
-    /// Number of moments.
+    /// Number of time steps.
     pub(crate) fn len(&self) -> usize {
-        self.moments.len()
+        self.distinct.len()
     }
 
     /// Time of each view.
     pub(crate) fn of_views(&self) -> impl Iterator<Item = f64> + '_ {
-        self.of_view.iter().map(|&m| self.moments[m as usize])
+        self.of_view.iter().map(|&step| self.distinct[step as usize])
     }
 
-    /// Moment of a view.
-    pub(crate) fn moment(&self, view: usize) -> usize {
+    /// Time step of a view.
+    pub(crate) fn step(&self, view: usize) -> usize {
         self.of_view[view] as usize
     }
 
@@ -54,13 +57,13 @@ impl Times {
         views
     }
 
-    /// The moments around a time; before the first and after the last one stands still.
+    /// The time steps around a time; before the first and after the last one stands still.
     pub(crate) fn between(&self, time: f64) -> Between {
-        let last = self.moments.len().saturating_sub(1);
-        let after = self.moments.partition_point(|&m| m < time).min(last);
-        let before = if self.moments.get(after).is_some_and(|&m| m <= time) { after } else { after.saturating_sub(1) };
-        let gap = self.moments.get(after).zip(self.moments.get(before)).map_or(0.0, |(b, a)| b - a);
-        let share = if gap > 0.0 { ((time - self.moments[before]) / gap).clamp(0.0, 1.0) as f32 } else { 0.0 };
+        let last = self.distinct.len().saturating_sub(1);
+        let after = self.distinct.partition_point(|&t| t < time).min(last);
+        let before = if self.distinct.get(after).is_some_and(|&t| t <= time) { after } else { after.saturating_sub(1) };
+        let gap = self.distinct.get(after).zip(self.distinct.get(before)).map_or(0.0, |(b, a)| b - a);
+        let share = if gap > 0.0 { ((time - self.distinct[before]) / gap).clamp(0.0, 1.0) as f32 } else { 0.0 };
         Between { before, after, share }
     }
 }
@@ -69,8 +72,8 @@ impl Times {
 mod tests {
     use super::*;
 
-    fn times(moments: &[f64]) -> Times {
-        Times { moments: moments.to_vec(), of_view: (0..moments.len() as u32).collect() }
+    fn times(distinct: &[f64]) -> Times {
+        Times { distinct: distinct.to_vec(), of_view: (0..distinct.len() as u32).collect() }
     }
 
     #[test]

@@ -1,0 +1,103 @@
+//! HyperNeRF: Nerfies' motions, and coordinates beyond space in which what motion cannot explain may change (Park, Sinha,
+//! Hedman, Barron, Bouaziz, Goldman, Martin-Brualla, Seitz, "HyperNeRF: A Higher-Dimensional Representation for
+//! Topologically Varying Neural Radiance Fields", 2021).
+//!
+//! ```text
+//! x' = T(x, w_i)                 as Nerfies, without the elastic loss
+//! a  = H(gamma(x), w_i)          ambient coordinates: a bendy sheet that cuts the template (section 3.3)
+//! (c, sigma) = F(x', gamma_b(a), d)
+//! ```
+
+use super::nerfies::{self, RigidMotion};
+use crate::claims::Claim;
+use crate::settings::Settings;
+use crate::warps::{
+    Ambient, AmbientSettings, At, Deform, Deformation, DensityInputs, DensitySettings, ElasticSettings, Moved,
+    Parameters, PlaneSettings, Time, TimePlanes, Times, Windows,
+};
+use engine::system::SystemError;
+use field_core::tape::{Tape, TapeError};
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "hypernerf",
+    paper: "Park et al., 2021",
+    differs: "As `nerfies` here, on a hash grid with planes of place and time in the warp and short schedules; the \
+              ambient coordinates are those of the bendy sheet alone. The axis-aligned plane and codes of \
+              appearance are not built.",
+    mark: "hash grid, short schedules",
+};
+
+/// A sheet in two coordinates, 3 x 64 where the paper has 6 x 64, which comes in from step 100 to 500.
+const AMBIENT: AmbientSettings = AmbientSettings { dims: 2, octaves: 6, width: 64, depth: 3, from: 100, anneal: 400 };
+
+struct HyperNerf {
+    /// `T`
+    t: RigidMotion,
+    /// `H`; `None` for `ambient=0`.
+    h: Option<Ambient>,
+    /// Time and place for density: nothing, as published.
+    density: DensityInputs,
+    /// Rows of all that density sees besides features.
+    rows: usize,
+}
+
+impl Deformation for HyperNerf {
+    fn record<'a>(&'a self, tape: &mut Tape<'a>, at: At<'_>) -> Result<Moved, TapeError> {
+        let p = self.t.planes.of(tape, &at)?;
+        // x' = T(x, w_i).
+        let x = self.t.of(tape, &at, &p)?;
+        // (c, sigma) = F(x', gamma_b(a), d), a = H(gamma(x), w_i) (section 3.3).
+        let mut seen = Vec::with_capacity(4);
+        if let Some(h) = &self.h {
+            seen.push(h.of(tape, &at)?);
+        }
+        seen.extend(self.density.of(tape, &at)?);
+        seen.extend(p.for_density());
+        Moved::new(tape, x, &seen)
+    }
+
+    fn warps(&self) -> bool {
+        self.t.w.is_some()
+    }
+
+    fn seen_rows(&self) -> usize {
+        self.rows
+    }
+
+    fn is_canonical(&self, time: f64) -> bool {
+        self.t.rests(time)
+    }
+
+    fn windows(&self) -> Windows<'_> {
+        Windows::of(self.t.w.as_ref(), self.h.as_ref())
+    }
+
+    fn planes(&self) -> Option<&TimePlanes> {
+        Some(&self.t.planes)
+    }
+
+    fn renew(&mut self, params: &[f32], steps: u64) {
+        self.t.renew(params, steps);
+        self.h.iter_mut().for_each(|h| h.renew(params, steps));
+    }
+}
+
+/// Its deformation.
+///
+/// # Errors
+/// [`SystemError::Config`] for settings that cannot be.
+pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Result<Deform, SystemError> {
+    let mut parameters = Parameters::new(seed);
+    let time = Time::new(settings.of(&nerfies::TIME)?, times, &parameters)?;
+    let planes: PlaneSettings = settings.of(&nerfies::planes())?;
+    let w = RigidMotion::warp(&settings.of(&nerfies::WARP)?, &planes, &time, &mut parameters)?;
+    let h = Ambient::new(&settings.of(&AMBIENT)?, time.rows(), &mut parameters)?;
+    let density = DensityInputs::new(&settings.of(&DensitySettings::PLACE)?, time.rows(), &parameters)?;
+    let rows = h.as_ref().map_or(0, Ambient::rows) + density.rows() + planes.density_rows();
+    let t = RigidMotion { planes: TimePlanes::new(planes, &mut parameters)?, w };
+    // The elastic loss is off, as published, and can be asked for, as in the released code.
+    Deform::new(Box::new(HyperNerf { t, h, density, rows }), time, parameters)
+        .with_elastic(settings.of(&ElasticSettings::NONE)?)?
+        .with_background(settings.of(&nerfies::BACKGROUND)?)
+}

@@ -1,0 +1,109 @@
+//! A deformation as its paper writes it: equations on the tape.
+
+use super::ambient::Ambient;
+use super::motion::Warp;
+use super::planes::TimePlanes;
+use field_core::tape::{Node, Tape, TapeError};
+
+/// Whether points of a tile move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Moves {
+    /// Any of them may.
+    Yes,
+    /// None does: they are of the canonical time.
+    No,
+}
+
+/// Points of a tile at their times.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct At<'t> {
+    /// `[3 x n]` in the cube `[-1, 1]^3`: encodings and rotations are about the middle of the scene.
+    pub(crate) x: Node,
+    /// `[dims x n]`, the time as networks see it: `gamma(t)`, `MLP(gamma(t))` or a free code.
+    pub(crate) time: Node,
+    /// `[n]`, the time itself in `[-1, 1]`, for what has an axis of time.
+    pub(crate) t: &'t [f32],
+    /// Whether points move.
+    pub(crate) moves: Moves,
+}
+
+/// Points that have been moved.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moved {
+    /// Canonical points, `[3 x n]` in the cube `[-1, 1]^3`; `None`: they stay where they are.
+    pub(crate) x: Option<Node>,
+    /// What the density network sees besides features of the canonical point, `[rows x n]`; `None`: nothing.
+    pub(crate) seen: Option<Node>,
+}
+
+impl Moved {
+    /// Canonical points, and what is seen besides, one matrix above the other.
+    pub(crate) fn new(tape: &mut Tape<'_>, x: Option<Node>, seen: &[Node]) -> Result<Self, TapeError> {
+        let seen = match *seen {
+            [] => None,
+            [one] => Some(one),
+            _ => Some(tape.concat(seen)?),
+        };
+        Ok(Self { x, seen })
+    }
+}
+
+/// Weights of octaves, 0 where a window is closed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Windows<'a> {
+    /// Of the point that the warp sees.
+    pub(crate) warp: &'a [f32],
+    /// Of the ambient coordinates that the density network sees.
+    pub(crate) ambient: &'a [f32],
+}
+
+impl<'a> Windows<'a> {
+    /// Those of the parts that are there.
+    pub(crate) fn of(warp: Option<&'a Warp>, ambient: Option<&'a Ambient>) -> Self {
+        Self { warp: warp.map_or(&[], |warp| warp.octaves.window()), ambient: ambient.map_or(&[], Ambient::window) }
+    }
+}
+
+/// Where the point that is at `x` at a time lies in the canonical scene, and what else its density depends on.
+///
+/// The parts of a deformation own their networks; parameters lie in one vector, which the tape reads.
+pub(crate) trait Deformation: Send + Sync {
+    /// The equations of the paper.
+    ///
+    /// # Errors
+    /// [`TapeError`] for shapes that do not fit: a mistake in a deformation.
+    fn record<'a>(&'a self, tape: &mut Tape<'a>, at: At<'_>) -> Result<Moved, TapeError>;
+
+    /// Whether points are moved at all: whether [`Moved::x`] is there where points move.
+    fn warps(&self) -> bool;
+
+    /// Rows of [`Moved::seen`].
+    fn seen_rows(&self) -> usize;
+
+    /// Whether nothing moves at a time in `[0, 1]`.
+    fn is_canonical(&self, _time: f64) -> bool {
+        false
+    }
+
+    /// Whether there is a time at which nothing moves.
+    fn has_canonical_time(&self) -> bool {
+        self.is_canonical(0.0)
+    }
+
+    /// Windows as of now.
+    fn windows(&self) -> Windows<'_> {
+        Windows::default()
+    }
+
+    /// Planes of place and time, which come with a loss and a learning rate of their own.
+    fn planes(&self) -> Option<&TimePlanes> {
+        None
+    }
+
+    /// New parameters, after so many steps: copies of them and schedules follow.
+    fn renew(&mut self, params: &[f32], steps: u64);
+
+    /// Other windows until the next step, where a test asks for them.
+    #[cfg(test)]
+    fn set_windows(&mut self, _warp: &[f32], _ambient: &[f32]) {}
+}

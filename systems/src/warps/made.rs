@@ -1,0 +1,100 @@
+//! A deformation of any parts, for tests.
+
+use super::*;
+use field_core::tape::{Tape, TapeError};
+
+/// Settings of the parts.
+#[derive(Clone, Debug)]
+pub(crate) struct MadeSettings {
+    pub(crate) time: TimeSettings,
+    pub(crate) warp: WarpSettings,
+    pub(crate) ambient: AmbientSettings,
+    pub(crate) planes: PlaneSettings,
+    pub(crate) density: DensitySettings,
+}
+
+impl MadeSettings {
+    /// Nothing but the time: no part sees it yet.
+    pub(crate) fn of_time(kind: TimeKind, octaves: usize, dims: usize) -> Self {
+        Self {
+            time: TimeSettings { kind, octaves, dims, width: 8, rate: 1.0, code_rate: 1.0 },
+            warp: WarpSettings { motion: Motion::None, origin: Origin::Free, octaves: 2, anneal: 0, depth: 2 },
+            ambient: AmbientSettings { dims: 0, octaves: 2, width: 8, depth: 2, from: 0, anneal: 0 },
+            planes: PlaneSettings::NONE,
+            density: DensitySettings::PLACE,
+        }
+    }
+
+    /// Of the times of training views.
+    pub(crate) fn deform(self, times: Times, seed: u64) -> Deform {
+        let mut parameters = Parameters::new(seed);
+        let time = Time::new(self.time, times, &parameters).unwrap();
+        let (width, rows, more) = (time.settings().width, time.rows(), self.planes.warp_rows());
+        let made = Made {
+            warp: Warp::new(&self.warp, width, rows, more, &mut parameters).unwrap(),
+            ambient: Ambient::new(&self.ambient, rows, &mut parameters).unwrap(),
+            density: DensityInputs::new(&self.density, rows, &parameters).unwrap(),
+            plane_rows: self.planes.density_rows(),
+            planes: TimePlanes::new(self.planes, &mut parameters).unwrap(),
+        };
+        Deform::new(Box::new(made), time, parameters)
+    }
+}
+
+/// All parts that there are.
+struct Made {
+    warp: Option<Warp>,
+    ambient: Option<Ambient>,
+    planes: TimePlanes,
+    plane_rows: usize,
+    density: DensityInputs,
+}
+
+impl Deformation for Made {
+    fn record<'a>(&'a self, tape: &mut Tape<'a>, at: At<'_>) -> Result<Moved, TapeError> {
+        let p = self.planes.of(tape, &at)?;
+        let mut x = None;
+        if let Some(warp) = moving(&self.warp, &at) {
+            let gamma = warp.octaves.of(tape, at.x)?;
+            let said = warp.network.of(tape, &[&[gamma, at.time], p.for_warp()].concat())?;
+            x = Some(warp.moved(tape, at.x, said)?);
+        }
+        let mut seen = Vec::new();
+        if let Some(ambient) = &self.ambient {
+            seen.push(ambient.of(tape, &at)?);
+        }
+        seen.extend(self.density.of(tape, &at)?);
+        seen.extend(p.for_density());
+        Moved::new(tape, x, &seen)
+    }
+
+    fn warps(&self) -> bool {
+        self.warp.is_some()
+    }
+
+    fn seen_rows(&self) -> usize {
+        self.ambient.as_ref().map_or(0, Ambient::rows) + self.density.rows() + self.plane_rows
+    }
+
+    fn is_canonical(&self, time: f64) -> bool {
+        self.warp.as_ref().is_some_and(|warp| warp.rests(time))
+    }
+
+    fn windows(&self) -> Windows<'_> {
+        Windows::of(self.warp.as_ref(), self.ambient.as_ref())
+    }
+
+    fn planes(&self) -> Option<&TimePlanes> {
+        Some(&self.planes)
+    }
+
+    fn renew(&mut self, params: &[f32], steps: u64) {
+        self.warp.iter_mut().for_each(|warp| warp.renew(params, steps));
+        self.ambient.iter_mut().for_each(|ambient| ambient.renew(params, steps));
+    }
+
+    fn set_windows(&mut self, warp: &[f32], ambient: &[f32]) {
+        self.warp.iter_mut().for_each(|part| part.octaves.set_window(warp));
+        self.ambient.iter_mut().for_each(|part| part.set_window(ambient));
+    }
+}

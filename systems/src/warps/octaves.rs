@@ -1,0 +1,178 @@
+//! Sines and cosines of points, which come in coarse to fine.
+
+use super::settings::refuse;
+use engine::system::SystemError;
+use field_core::FieldError;
+use field_core::encoding::EncodingBars;
+use field_core::encoding::frequency::{Base, Frequency, Identity};
+use field_core::encoding::window;
+use field_core::tape::{Encoder, EncodingOp, Node, Tape, TapeError, Windowed};
+use float_core::Simd;
+
+/// Octaves `1, 2, 4, ..` of numbers.
+///
+/// # Errors
+/// [`SystemError::Config`] for numbers of octaves that cannot be.
+pub(super) fn frequency(dims: usize, octaves: usize, identity: Identity) -> Result<Frequency, SystemError> {
+    Frequency::new(dims, octaves, Base::One, identity).map_err(refuse)
+}
+
+/// When octaves come in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Schedule {
+    /// All of them are there from the start.
+    Open,
+    /// One after the other.
+    Over {
+        /// Steps before the first of them begins to come in.
+        from: u64,
+        /// Steps from then on until all are there.
+        length: u64,
+    },
+}
+
+impl Schedule {
+    /// Share of the schedule that is over after so many steps.
+    fn done(self, steps: u64) -> f64 {
+        match self {
+            Self::Open => 1.0,
+            Self::Over { from, length } => (steps.saturating_sub(from) as f64 / length.max(1) as f64).min(1.0),
+        }
+    }
+}
+
+/// Sines and cosines with a weight for each octave (Nerfies, equation 8).
+pub(crate) struct Octaves {
+    frequency: Frequency,
+    schedule: Schedule,
+    simd: Simd,
+    op: EncodingOp<Weighted>,
+    /// `[octaves]`, as of this step.
+    window: Vec<f32>,
+}
+
+impl Octaves {
+    /// Octaves of a matrix of `dims` rows, with these rows themselves or without.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for numbers of octaves that cannot be.
+    pub(crate) fn new(
+        dims: usize,
+        octaves: usize,
+        identity: Identity,
+        schedule: Schedule,
+        simd: Simd,
+    ) -> Result<Self, SystemError> {
+        let frequency = frequency(dims, octaves, identity)?;
+        let op = EncodingOp::new(Weighted { frequency, window: None }, simd);
+        let mut new = Self { frequency, schedule, simd, op, window: vec![0.0; octaves] };
+        new.renew(0);
+        Ok(new)
+    }
+
+    /// Rows of [`Octaves::of`].
+    pub(crate) fn rows(&self) -> usize {
+        self.frequency.out_rows()
+    }
+
+    /// Weights as of this step.
+    pub(crate) fn window(&self) -> &[f32] {
+        &self.window
+    }
+
+    /// Whether no octave has come in yet.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.window.iter().all(|&w| w == 0.0)
+    }
+
+    /// The octaves of `x` `[dims x n]`: `[rows x n]`.
+    ///
+    /// # Errors
+    /// [`TapeError`] for another number of rows.
+    pub(crate) fn of<'a>(&'a self, tape: &mut Tape<'a>, x: Node) -> Result<Node, TapeError> {
+        tape.custom(&self.op, &[x])
+    }
+
+    /// The weights after so many steps.
+    pub(super) fn renew(&mut self, steps: u64) {
+        window::nerfies(self.schedule.done(steps) * self.window.len() as f64, &mut self.window);
+        if self.schedule != Schedule::Open {
+            self.weigh();
+        }
+    }
+
+    fn weigh(&mut self) {
+        let weighted = Weighted { frequency: self.frequency, window: Some(self.window.as_slice().into()) };
+        self.op = EncodingOp::new(weighted, self.simd);
+    }
+
+    /// Other weights until the next step.
+    #[cfg(test)]
+    pub(crate) fn set_window(&mut self, window: &[f32]) {
+        self.window.copy_from_slice(window);
+        self.weigh();
+    }
+}
+
+/// [`Windowed`] that owns its window: a deformation is recorded on many tapes.
+struct Weighted {
+    frequency: Frequency,
+    /// `[octaves]`, or `None` for 1.
+    window: Option<Box<[f32]>>,
+}
+
+impl Weighted {
+    fn borrowed(&self) -> Windowed<'_> {
+        Windowed { encoding: self.frequency, window: self.window.as_deref() }
+    }
+}
+
+impl Encoder for Weighted {
+    const NAME: &'static str = "frequency";
+
+    fn in_rows(&self) -> usize {
+        self.borrowed().in_rows()
+    }
+
+    fn out_rows(&self) -> usize {
+        self.borrowed().out_rows()
+    }
+
+    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        self.borrowed().encode(simd, table, x, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        table: &[f32],
+        x: &[f32],
+        out_bar: &[f32],
+        bars: EncodingBars<'_>,
+    ) -> Result<(), FieldError> {
+        self.borrowed().backward(simd, table, x, out_bar, bars)
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        self.borrowed().tangent(simd, table, x, x_dot, out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        bars: EncodingBars<'_>,
+    ) -> Result<(), FieldError> {
+        self.borrowed().tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
+    }
+}

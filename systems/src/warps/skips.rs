@@ -1,0 +1,45 @@
+//! What a deformation left out, and what it counted, for the table of skips.
+
+use super::Deform;
+use engine::system::SkipRow;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Points that were asked for, and those that had to be warped.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    pub(super) all: AtomicU64,
+    pub(super) warped: AtomicU64,
+    /// Points of an elastic loss, and those of them where it saw space folded over itself.
+    pub(super) elastic: AtomicU64,
+    pub(super) folded: AtomicU64,
+    /// Octaves of windows, once for each point that was asked for, and those of them that were closed.
+    pub(super) octaves: AtomicU64,
+    pub(super) closed: AtomicU64,
+}
+
+impl Deform {
+    /// Rows of the table of skips: points that were not warped; octaves that were closed; and where space folds over itself.
+    pub(crate) fn skips(&self) -> Vec<SkipRow> {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let (all, warped) = (read(&self.counts.all), read(&self.counts.warped));
+        let mut rows = Vec::new();
+        if self.deformation.has_canonical_time() {
+            let bound = "exact: nothing is warped at t = 0".to_string();
+            let counted = (all.saturating_sub(warped), all);
+            rows.push(SkipRow::counted("points at the canonical time", counted, "points", bound));
+        }
+        let closed = read(&self.counts.closed);
+        if closed > 0 {
+            let (bound, all) = ("exact: they are multiplied by 0".to_string(), read(&self.counts.octaves));
+            rows.push(SkipRow::counted("octaves of closed windows", (closed, all), "octaves of points", bound));
+        }
+        let elastic = read(&self.counts.elastic);
+        if elastic > 0 {
+            // Nothing is skipped here: the loss does not depend on the sign of a determinant, so a fold shows nowhere else.
+            let bound = "not skipped, counted: the elastic loss does not see it".to_string();
+            let counted = (read(&self.counts.folded), elastic);
+            rows.push(SkipRow::counted("points where space folds over", counted, "points", bound));
+        }
+        rows
+    }
+}
