@@ -2,8 +2,9 @@
 
 use super::Ngp;
 use super::budget_tests::{query, random_rays, randomised, small};
-use crate::deform::{Deform, DeformConfig, Moment, Motion, Origin, Warp};
 use crate::space::SpaceKind;
+use crate::warps::made::MadeSettings;
+use crate::warps::{Motion, Origin, TimeKind, Times, WarpSettings};
 use engine::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
@@ -13,18 +14,9 @@ const WAY: [f32; 3] = [0.1, -0.2, 0.05];
 
 /// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
 fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
-    let config = DeformConfig {
-        warp: Some(Warp {
-            octaves: 2,
-            anneal: 0,
-            width: 8,
-            depth: 2,
-            motion: Motion::Translation,
-            origin: Origin::Canonical,
-        }),
-        ..DeformConfig::of_moments(Moment::Time { octaves: 2 })
-    };
-    let mut deform = Deform::new(config, &super::budget_tests::table().1, seed).unwrap();
+    let nothing = MadeSettings::of_time(TimeKind::Time, 2, 1);
+    let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Canonical, ..nothing.warp };
+    let mut deform = MadeSettings { warp, ..nothing }.deform(Times::of(&super::budget_tests::table().1), seed);
     let mut state: TensorMap = deform.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let TensorData::F32(networks) = &mut state.get_mut("deform.networks").unwrap().data else { panic!("floats") };
     let networks = networks.to_mut();

@@ -3,10 +3,11 @@
 use super::budget_tests::small;
 use super::budget_tests::{biased, occupancy};
 use super::{Ngp, RayConfig};
-use crate::deform::{Deform, DeformConfig, Moment, Sees};
 use crate::fields::VoxelSettings;
 use crate::samplers::OccupancyConfig;
 use crate::space::{Space, SpaceKind};
+use crate::warps::made::MadeSettings;
+use crate::warps::{DensitySettings, Sees, TimeKind, Times};
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::{Query, System, TensorData, TensorMap};
@@ -28,9 +29,9 @@ fn filmed(side: u32) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }
 
-fn of(config: RayConfig, data: &Dataset, moment: Moment) -> Ngp {
-    let deform = DeformConfig { sees: Sees::Moment, ..DeformConfig::of_moments(moment) };
-    let deform = Deform::new(deform, data, 1).unwrap();
+fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> Ngp {
+    let density = DensitySettings { sees: Sees::Time, ..time.density };
+    let deform = MadeSettings { density, ..time }.deform(Times::of(data), 1);
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
     Ngp::moving(config, space, Background::White, 1, "ngp", None, Some(deform)).unwrap()
 }
@@ -41,7 +42,7 @@ fn flash(full: bool) -> Ngp {
     let mut config = biased(SpaceKind::Box, -8.0);
     let grid = occupancy(&mut config);
     *grid = OccupancyConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, ..*grid };
-    let mut ngp = of(config, &filmed(4), Moment::Codes { dims: 1 });
+    let mut ngp = of(config, &filmed(4), MadeSettings::of_time(TimeKind::Codes, 0, 1));
     let mut state: TensorMap = ngp.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let mut write = |name: &str, values: &[(usize, f32)]| match &mut state.get_mut(name).unwrap().data {
         TensorData::F32(data) => {
@@ -106,7 +107,7 @@ fn finer_voxels_show_the_same_scene() {
     config.features = Arc::new(VoxelSettings { voxels: 24, voxels_every: 1000, features: 4 });
     config.rates.lr = 1e-2;
     (config.batch.batch_rays, config.batch.batch_samples) = (512, 1 << 13);
-    let mut ngp = of(config, &data, Moment::Time { octaves: 2 });
+    let mut ngp = of(config, &data, MadeSettings::of_time(TimeKind::Time, 2, 1));
     let nothing_yet = shown(&ngp, &data, 0.5);
     for step in 0..60 {
         ngp.step(&data, step).unwrap();

@@ -37,12 +37,6 @@ impl Network {
     pub(super) fn renew(&mut self, params: &[f32]) {
         self.op.mlp.pack(&params[self.range.clone()], &mut self.op.packed);
     }
-
-    /// Number of parameters.
-    #[cfg(test)]
-    pub(crate) fn param_count(&self) -> usize {
-        self.range.len()
-    }
 }
 
 impl Op {

@@ -1,42 +1,43 @@
+use super::made::MadeSettings;
 use super::*;
 use field_core::rng::Rng;
+use std::sync::atomic::Ordering::Relaxed;
 
-fn warp(motion: Motion, origin: Origin) -> Warp {
-    Warp { octaves: 3, anneal: 0, width: 16, depth: 2, motion, origin }
-}
-
-fn config(moment: Moment, motion: Motion) -> DeformConfig {
-    DeformConfig {
-        moment,
-        warp: Some(warp(motion, Origin::Free)),
-        ambient: Some(Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [0, 0] }),
-        planes: Some(PlanesOfTime {
+fn settings(kind: TimeKind, motion: Motion) -> MadeSettings {
+    MadeSettings {
+        time: TimeSettings { kind, octaves: 2, dims: 4, width: 16, rate: 1.0, code_rate: 1.0 },
+        warp: WarpSettings { motion, origin: Origin::Free, octaves: 3, anneal: 0, depth: 2 },
+        ambient: AmbientSettings { dims: 2, octaves: 2, width: 8, depth: 2, from: 0, anneal: 0 },
+        planes: PlaneSettings {
             cells: vec![3, 5],
             features: 2,
             times: 4,
             rate: 1.0,
-            variation: [0.0; 2],
             seen_by: SeenBy::Both,
-        }),
-        sees: Sees::MomentAndPoint { octaves: 2 },
-        elastic: 0.0,
-        elastic_scale: 0.03,
-        elastic_at: ElasticAt::All,
-        background: 0.0,
-        background_points: 0,
-        curriculum: 0,
-        rate: 1.0,
-        code_rate: 1.0,
+            ..PlaneSettings::NONE
+        },
+        density: DensitySettings { sees: Sees::Point, octaves: 2 },
+    }
+}
+
+/// The same with a warp alone.
+fn warp_alone(kind: TimeKind, motion: Motion) -> MadeSettings {
+    let all = settings(kind, motion);
+    MadeSettings {
+        ambient: AmbientSettings { dims: 0, ..all.ambient },
+        planes: PlaneSettings::NONE,
+        density: DensitySettings::PLACE,
+        ..all
     }
 }
 
 /// A deformation whose parameters are all of some size.
-fn busy(config: DeformConfig) -> Deform {
-    let mut deform = Deform::of_times(config, Times::of_list(&[0.0, 0.4, 1.0]), 3).unwrap();
+fn busy(settings: MadeSettings) -> Deform {
+    let mut deform = settings.deform(Times::of_list(&[0.0, 0.4, 1.0]), 3);
     let mut noise = vec![0.0; deform.params.len()];
     Rng::new(5, 7).fill_uniform(0, &mut noise);
     deform.params.iter_mut().zip(noise).for_each(|(p, u)| *p += 0.3 * (u - 0.5));
-    deform.steps = 1;
+    deform.taken = 1;
     deform.renew();
     deform
 }
@@ -58,13 +59,13 @@ fn value(deform: &Deform, x: &[f32], which: &[u32], bars: &(Vec<f32>, Vec<f32>))
 }
 
 #[test]
-fn gradients_of_networks_moments_and_points_are_those_of_differences() {
-    for (moment, motion) in [
-        (Moment::Time { octaves: 2 }, Motion::Translation),
-        (Moment::Codes { dims: 4 }, Motion::Rigid),
-        (Moment::TimeNetwork { octaves: 2, width: 8, dims: 4 }, Motion::Translation),
+fn gradients_of_networks_time_steps_and_points_are_those_of_differences() {
+    for (kind, motion) in [
+        (TimeKind::Time, Motion::Translation),
+        (TimeKind::Codes, Motion::Rigid),
+        (TimeKind::Network, Motion::Translation),
     ] {
-        let mut deform = busy(config(moment, motion));
+        let mut deform = busy(settings(kind, motion));
         let n = 7;
         let (x, which) = points(n);
         let mut bars = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
@@ -75,14 +76,14 @@ fn gradients_of_networks_moments_and_points_are_those_of_differences() {
         let mut x_bar = bars.0.clone();
         let at = Points { x: &x, which: &which, moments: deform.moments() };
         deform.learn(at, &mut x_bar, &bars.1, &mut grad, &mut DeformScratch::default());
-        // Where a hidden unit opens or closes within the step, the gradient is the slope of one side.
+        // Where a hidden unit opens or closes within the step, the gradient is that of one side.
         let close = |got: f32, [minus, here, plus]: [f64; 3], h: f64, what: &str| {
             let [before, after] = [(here - minus) / h, (plus - here) / h];
             let room = 2e-2 * before.abs().max(after.abs()).max(0.3);
             let [low, high] = [before.min(after) - room, before.max(after) + room];
             assert!(
                 (low..high).contains(&f64::from(got)),
-                "{moment:?} {motion:?} {what}: {got}, not {before} to {after}"
+                "{kind:?} {motion:?} {what}: {got}, not {before} to {after}"
             );
         };
         let h = 5e-4_f32;
@@ -105,37 +106,31 @@ fn gradients_of_networks_moments_and_points_are_those_of_differences() {
             };
             close(x_bar[i], [at(x[i] - h), at(x[i]), at(x[i] + h)], f64::from(h), &format!("coordinate {i}"));
         }
-        // Rows of moments: those of codes are the codes themselves.
-        for i in 0..deform.moments.rows.len() {
-            let kept = deform.moments.rows[i];
+        // Rows of time steps: those of codes are the codes themselves.
+        for i in 0..deform.steps.rows.len() {
+            let kept = deform.steps.rows[i];
             let mut at = |value_there: f32| {
-                deform.moments.rows[i] = value_there;
+                deform.steps.rows[i] = value_there;
                 value(&deform, &x, &which, &bars)
             };
             let around = [at(kept - h), at(kept), at(kept + h)];
             at(kept);
-            close(grad.moments[i], around, f64::from(h), &format!("moment {i}"));
+            close(grad.times[i], around, f64::from(h), &format!("time step {i}"));
         }
     }
 }
 
 #[test]
-fn nothing_is_warped_at_the_canonical_moment_and_its_gradient_passes() {
-    let still = DeformConfig {
-        warp: Some(warp(Motion::Translation, Origin::Canonical)),
-        ambient: None,
-        planes: None,
-        sees: Sees::Place,
-        ..config(Moment::Time { octaves: 2 }, Motion::Translation)
-    };
-    let deform = busy(still);
+fn nothing_is_warped_at_the_canonical_time_and_its_gradient_passes() {
+    let free = warp_alone(TimeKind::Time, Motion::Translation);
+    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Canonical, ..free.warp }, ..free });
     let (x, _) = points(5);
     let which = vec![0; 5];
     let mut there = vec![0.0; 15];
     let at = Points { x: &x, which: &which, moments: deform.moments() };
     deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
     assert_eq!(there, x, "bit for bit");
-    assert_eq!(deform.counts.warped.load(std::sync::atomic::Ordering::Relaxed), 0, "no network is asked");
+    assert_eq!(deform.counts.warped.load(Relaxed), 0, "no network runs");
     let mut grad = DeformGrad::default();
     grad.begin(&deform);
     let mut x_bar = vec![1.5; 15];
@@ -146,13 +141,9 @@ fn nothing_is_warped_at_the_canonical_moment_and_its_gradient_passes() {
 #[test]
 fn points_begin_where_they_are() {
     for motion in [Motion::Translation, Motion::Rigid] {
-        let start = DeformConfig {
-            ambient: None,
-            planes: None,
-            sees: Sees::Place,
-            ..config(Moment::Codes { dims: 8 }, motion)
-        };
-        let deform = Deform::of_times(start, Times::of_list(&[0.0, 1.0]), 1).unwrap();
+        let start = warp_alone(TimeKind::Codes, motion);
+        let start = MadeSettings { time: TimeSettings { dims: 8, ..start.time }, ..start };
+        let deform = start.deform(Times::of_list(&[0.0, 1.0]), 1);
         let (x, _) = points(9);
         let which = vec![1; 9];
         let mut there = vec![0.0; 27];
@@ -165,28 +156,30 @@ fn points_begin_where_they_are() {
 
 #[test]
 fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names() {
-    for (variation, along_time) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
-        let planes = PlanesOfTime { variation, ..config(Moment::Time { octaves: 1 }, Motion::Rigid).planes.unwrap() };
-        let planes = Some(planes);
-        let mut deform = busy(DeformConfig { planes, ..config(Moment::Time { octaves: 1 }, Motion::Rigid) });
+    for ([variation, variation_in_time], along_time) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
+        let all = settings(TimeKind::Time, Motion::Rigid);
+        let time = TimeSettings { octaves: 1, ..all.time };
+        let planes = PlaneSettings { variation, variation_in_time, ..all.planes };
+        let mut deform = busy(MadeSettings { time, planes, ..all });
         deform.grad.fill(0.0);
-        deform.smooth_planes();
+        let part = deform.deformation.planes().unwrap();
+        part.smooth(&deform.params, &mut deform.grad);
         let before = deform.params.clone();
         let moved: Vec<usize> = (0..before.len()).filter(|&i| deform.grad[i] != 0.0).collect();
-        assert!(moved.iter().all(|&i| i >= deform.plane_start), "networks are left alone");
-        let mut at = deform.plane_start;
-        for planes in &deform.planes {
+        assert!(moved.iter().all(|&i| i >= deform.networks), "networks are left alone");
+        for (planes, params) in part.sets() {
+            let at = params.start;
             for (k, pair) in planes.pairs().enumerate() {
                 let range = planes.plane_range(k);
                 let touched = moved.iter().any(|i| (at + range.start..at + range.end).contains(i));
                 assert_eq!(touched, !along_time || pair.contains(&3), "{pair:?}");
             }
-            at += planes.params_len();
         }
         // The gradient against differences of the value, whose sum over planes is what is lowered.
         let value = |params: &[f32]| {
-            let (mut sum, mut at) = (0.0, deform.plane_start);
-            for planes in &deform.planes {
+            let mut sum = 0.0;
+            for (planes, all) in part.sets() {
+                let at = all.start;
                 for (k, pair) in planes.pairs().enumerate() {
                     let range = planes.plane_range(k);
                     let [wide, high] = pair.map(|axis| planes.resolution()[axis] as usize);
@@ -207,7 +200,6 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
                         }
                     }
                 }
-                at += planes.params_len();
             }
             sum
         };
@@ -230,15 +222,16 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
 
 #[test]
 fn closed_windows_are_not_computed_and_change_nothing() {
-    let sheet = Ambient { dims: 2, octaves: 2, width: 8, depth: 2, seen_octaves: 1, anneal: [100, 100] };
-    let config = DeformConfig {
-        ambient: Some(sheet),
-        planes: None,
-        warp: Some(Warp { anneal: 300, ..warp(Motion::Rigid, Origin::Free) }),
-        ..config(Moment::Time { octaves: 2 }, Motion::Rigid)
-    };
-    let mut deform = busy(config);
-    assert!(deform.ambient_is_closed() && deform.warp_window[1..] == [0.0, 0.0]);
+    let all = settings(TimeKind::Time, Motion::Rigid);
+    let mut deform = busy(MadeSettings {
+        ambient: AmbientSettings { from: 100, anneal: 100, ..all.ambient },
+        planes: PlaneSettings::NONE,
+        warp: WarpSettings { anneal: 300, ..all.warp },
+        ..all
+    });
+    let windows = deform.deformation.windows();
+    assert!(windows.ambient == [0.0] && windows.warp[1..] == [0.0, 0.0]);
+    let warp_window = windows.warp.to_vec();
     let n = 7;
     let (x, which) = points(n);
     let (mut there, mut seen) = (vec![f32::NAN; 3 * n], vec![f32::NAN; deform.seen_rows() * n]);
@@ -249,14 +242,15 @@ fn closed_windows_are_not_computed_and_change_nothing() {
     assert!(seen[..4 * n].iter().all(|&s| s == 0.0) && seen.iter().all(|s| s.is_finite()));
     let (mut x_bar, seen_bar) = (vec![1.0; 3 * n], vec![1.0; seen.len()]);
     deform.learn(at, &mut x_bar, &seen_bar, &mut grad, &mut DeformScratch::default());
-    let warps = deform.warp.as_ref().unwrap().param_count();
+    // Parameters of the warp come first: two layers of 16 units behind 21 rows of the point and 5 of the time, and 6 outputs.
+    let warps = (21 + 5) * 16 + 16 + 16 * 16 + 16 + 16 * 6 + 6;
     assert!(grad.params[warps..].iter().all(|&g| g == 0.0) && grad.params[..warps].iter().any(|&g| g != 0.0));
     let rows = deform.skips();
     let row = rows.iter().find(|row| row.what == "octaves of closed windows").unwrap();
     // Two of the warp's three, and the sheet's one; there and back.
     assert_eq!((row.skipped, row.total), (2 * 7 * 3, 2 * 7 * 4));
-    // A sheet that is hardly open says hardly anything else.
-    deform.ambient_window[0] = 1e-7;
+    // A sheet that is hardly open changes hardly anything.
+    deform.deformation.set_windows(&warp_window, &[1e-7]);
     let (mut there_open, mut seen_open) = (there.clone(), seen.clone());
     let at = Points { x: &x, which: &which, moments: deform.moments() };
     deform.place(at, &mut there_open, &mut seen_open, &mut DeformScratch::default());
@@ -265,23 +259,21 @@ fn closed_windows_are_not_computed_and_change_nothing() {
 }
 
 #[test]
-fn what_is_seen_at_the_canonical_moment_is_said_without_the_warp() {
-    let deform = busy(DeformConfig {
-        warp: Some(warp(Motion::Rigid, Origin::Canonical)),
-        ..config(Moment::Time { octaves: 2 }, Motion::Rigid)
-    });
+fn what_is_seen_at_the_canonical_time_is_computed_without_the_warp() {
+    let all = settings(TimeKind::Time, Motion::Rigid);
+    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Canonical, ..all.warp }, ..all });
     let (x, which) = points(9);
-    let at_all = |moments: &Moments| {
+    let at_all = |steps: &TimeSteps| {
         let (mut there, mut seen) = (vec![f32::NAN; 27], vec![f32::NAN; 9 * deform.seen_rows()]);
-        let at = Points { x: &x, which: &which, moments };
+        let at = Points { x: &x, which: &which, moments: steps };
         deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
         (there, seen)
     };
     let (there, seen) = at_all(deform.moments());
-    let warped = deform.counts.warped.load(std::sync::atomic::Ordering::Relaxed);
+    let warped = deform.counts.warped.load(Relaxed);
     assert_eq!(warped, which.iter().filter(|&&w| w != 0).count() as u64);
-    // The same where the warp is asked everywhere.
-    let (there_free, seen_free) = at_all(&Moments { still: vec![false; 3], ..deform.moments().clone() });
+    // The same where the warp runs everywhere.
+    let (there_free, seen_free) = at_all(&TimeSteps { still: vec![false; 3], ..deform.moments().clone() });
     assert_eq!(seen, seen_free);
     for i in 0..27 {
         assert_eq!(there[i], if which[i % 9] == 0 { x[i] } else { there_free[i] });
