@@ -21,7 +21,9 @@ const NARROW: [&str; 4] = ["--set", "warp_width=16", "--set", "warp_depth=2"];
 
 fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
     let words = ["train", text(scene), "--out", text(run), "--progress", "off"];
-    nerf_dynamic(&[&words[..], &SMALL, &NARROW, extra].concat())
+    // `t-nerf` warps nothing.
+    let narrow = if extra.contains(&"t-nerf") { &NARROW[..2] } else { &NARROW[..] };
+    nerf_dynamic(&[&words[..], &SMALL, narrow, extra].concat())
 }
 
 fn json(path: &Path) -> Value {

@@ -67,7 +67,7 @@ pub const CLAIMS: [Claim; KNOWN.len()] = {
 /// Systems by name.
 pub const SYSTEMS: [&str; KNOWN.len()] = names(&CLAIMS);
 
-/// The scene a word or path names; images that say nothing of time are in the order of time.
+/// The scene a word or path names; images without times are in the order of time.
 ///
 /// # Errors
 /// As [`engine::source::load`].
@@ -77,7 +77,7 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
     Ok(scene)
 }
 
-/// Part of a ray's light that its faintest samples are left out with in training: half a step of 8 bits.
+/// Weight of a ray that its faintest samples may have together to be left out in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
 /// Build the system `name` for a scene.

@@ -103,7 +103,7 @@ pub(crate) trait Deformation: Send + Sync {
     /// New parameters, after so many steps: copies of them and schedules follow.
     fn renew(&mut self, params: &[f32], steps: u64);
 
-    /// Other windows until the next step, where a test asks for them.
+    /// Other windows until the next step.
     #[cfg(test)]
     fn set_windows(&mut self, _warp: &[f32], _ambient: &[f32]) {}
 }

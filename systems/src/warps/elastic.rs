@@ -13,7 +13,7 @@ use std::sync::atomic::Ordering;
 /// Points of a tile: the tangents of a network need several times the memory of the network.
 const TILE: usize = 128;
 
-/// Which samples of a ray an elastic loss looks at.
+/// Which samples of a ray an elastic loss depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ElasticAt {
@@ -31,7 +31,7 @@ pub(crate) struct ElasticSettings {
     pub(crate) elastic: f32,
     /// Size of a logarithmic stretch from which on it hardly costs more.
     pub(crate) elastic_scale: f32,
-    /// Samples it looks at: `middle` (one a ray) or `all` that carry weight.
+    /// Samples it depends on: `middle` (one a ray) or `all` that carry weight.
     pub(crate) elastic_at: ElasticAt,
 }
 

@@ -1,6 +1,7 @@
 //! A deformation of any parts, for tests.
 
 use super::*;
+use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 
 /// Settings of the parts.
@@ -56,8 +57,8 @@ impl Deformation for Made {
         let mut x = None;
         if let Some(warp) = moving(&self.warp, &at) {
             let gamma = warp.octaves.of(tape, at.x)?;
-            let said = warp.network.of(tape, &[&[gamma, at.time], p.for_warp()].concat())?;
-            x = Some(warp.moved(tape, at.x, said)?);
+            let outputs = warp.network.of(tape, &[&[gamma, at.time], p.for_warp()].concat())?;
+            x = Some(warp.moved(tape, at.x, outputs)?);
         }
         let mut seen = Vec::new();
         if let Some(ambient) = &self.ambient {
@@ -96,5 +97,28 @@ impl Deformation for Made {
     fn set_windows(&mut self, warp: &[f32], ambient: &[f32]) {
         self.warp.iter_mut().for_each(|part| part.octaves.set_window(warp));
         self.ambient.iter_mut().for_each(|part| part.set_window(ambient));
+    }
+}
+
+impl Deform {
+    /// Parameters of some size each, after so many steps.
+    pub(crate) fn stir(&mut self, taken: u64) {
+        for (k, numbers) in [&mut self.params, &mut self.time.learned].into_iter().enumerate() {
+            let mut noise = vec![0.0; numbers.len()];
+            Rng::new(5, 7 + k as u64).fill_uniform(0, &mut noise);
+            numbers.iter_mut().zip(noise).for_each(|(p, u)| *p += 0.6 * (u - 0.5));
+        }
+        self.taken = taken;
+        self.renew();
+    }
+
+    /// Parameters of networks and planes, and what is learned of the time.
+    pub(crate) fn parameters(&self) -> (&[f32], &[f32]) {
+        (&self.params, &self.time.learned)
+    }
+
+    /// Their gradients, from what [`Deform::learn`] gave.
+    pub(crate) fn gradients(&self, grad: &DeformGrad) -> (Vec<f32>, Vec<f32>) {
+        (grad.params.clone(), self.time.gradient(&grad.times))
     }
 }

@@ -1,6 +1,6 @@
 //! Deformations: the seam between a radiance field and a scene that is not the same at all times.
 //!
-//! A field knows one scene, the *canonical* one. A [`Deform`] says where in it the point of a time is, and what else the density
+//! A field knows one scene, the *canonical* one. A [`Deform`] computes where in it the point of a time is, and what else the density
 //! there depends on:
 //!
 //! 1. a time step is a row of numbers ([`TimeSteps`]): the time's sines and cosines, or a free code;

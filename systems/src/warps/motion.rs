@@ -12,11 +12,11 @@ use field_core::encoding::frequency::Identity;
 use field_core::tape::{Node, Tape, TapeError};
 use serde::{Deserialize, Serialize};
 
-/// What a network says of a point.
+/// What the outputs of the network are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Motion {
-    /// Nothing: points stay where they are.
+    /// There is no network: points stay where they are.
     None,
     /// A displacement.
     Translation,
@@ -38,7 +38,7 @@ pub(crate) enum Origin {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct WarpSettings {
-    /// What it says of a point: `none`, `translation` or `rigid`.
+    /// What its outputs are: `none`, `translation` or `rigid`.
     #[serde(rename = "warp")]
     pub(crate) motion: Motion,
     /// What happens at `t = 0`: `canonical` (nothing) or `free`.
@@ -104,17 +104,17 @@ impl Warp {
         self.origin == Origin::Canonical && time == 0.0
     }
 
-    /// Points `x` `[3 x n]` moved by what the network said: `x + delta` (D-NeRF, equation 2), or `exp(omega) x + V(omega) v`
+    /// Points `x` `[3 x n]` moved by outputs of the network: `x + delta` (D-NeRF, equation 2), or `exp(omega) x + V(omega) v`
     /// (Nerfies, section 3.2).
     ///
     /// # Errors
     /// [`TapeError`] for other shapes.
-    pub(crate) fn moved(&self, tape: &mut Tape<'_>, x: Node, said: Node) -> Result<Node, TapeError> {
+    pub(crate) fn moved(&self, tape: &mut Tape<'_>, x: Node, outputs: Node) -> Result<Node, TapeError> {
         if self.motion == Motion::Rigid {
-            let (omega, v) = (tape.slice(said, 0..3)?, tape.slice(said, 3..6)?);
+            let (omega, v) = (tape.slice(outputs, 0..3)?, tape.slice(outputs, 3..6)?);
             return deform::rigid(tape, x, omega, v);
         }
-        deform::translate(tape, x, said)
+        deform::translate(tape, x, outputs)
     }
 
     /// New parameters, after so many steps.

@@ -23,7 +23,7 @@ impl Network {
         Self { op: Op { mlp, packed: Packed::default(), simd }, range }
     }
 
-    /// What the network says of matrices with `n` columns, one above the other.
+    /// The outputs of the network for inputs `[rows x n]`, one matrix above the other.
     ///
     /// # Errors
     /// [`TapeError`] for another number of rows.

@@ -160,7 +160,7 @@ impl TimePlanes {
         self.sets.is_empty()
     }
 
-    /// Features of points at their times; none of those that nobody asks for.
+    /// Features of points at their times; none where no network sees them.
     ///
     /// # Errors
     /// [`TapeError`] for other shapes.

@@ -4,7 +4,7 @@ use super::Deform;
 use engine::system::SkipRow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Points that were asked for, and those that had to be warped.
+/// Points that were placed, and those of them that had to be warped.
 #[derive(Debug, Default)]
 pub(crate) struct Counts {
     pub(super) all: AtomicU64,
@@ -12,7 +12,7 @@ pub(crate) struct Counts {
     /// Points of an elastic loss, and those of them where it saw space folded over itself.
     pub(super) elastic: AtomicU64,
     pub(super) folded: AtomicU64,
-    /// Octaves of windows, once for each point that was asked for, and those of them that were closed.
+    /// Octaves of windows, once for each point that was recorded, and those of them that were closed.
     pub(super) octaves: AtomicU64,
     pub(super) closed: AtomicU64,
 }

@@ -29,12 +29,12 @@ impl Deform {
         let params = take_numbers(state, "deform.networks", self.params.len())?;
         let taken = take_counts(state, "deform.steps", 1)?[0];
         let adam = take_adam(state, "deform.networks", &self.adam)?;
-        let time = self.time.take(state)?;
+        let (learned, time_adam) = self.time.take(state)?;
         if self.has_planes() {
             self.plane_adam = take_adam(state, "deform.planes", &self.plane_adam)?;
         }
         (self.params, self.taken, self.adam) = (params, taken, adam);
-        self.time.put(time);
+        self.time.put(learned, time_adam);
         self.renew();
         Ok(())
     }

@@ -4,14 +4,14 @@
 use engine::data::Dataset;
 use engine::options::{Background, DataOptions, Plan, RunOptions, parse_set};
 use engine::render::{plain_query, render};
-use engine::system::{Layers, Query, System, TensorData, TensorMap};
+use engine::system::{Layers, Query, System, SystemError, TensorData, TensorMap};
 use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
 use scene_io::{Image, ImageSource, Point, Scene};
 use std::sync::Arc;
 use systems::dynamic::{SYSTEMS, build, load};
 use tests::{assert_same_bits, state_after, state_of, views};
 
-/// Settings with which a step takes milliseconds.
+/// Settings with which a step takes milliseconds; a system takes those that its parts have.
 const SMALL: [&str; 13] = [
     "levels=4",
     "log2_table=12",
@@ -62,9 +62,31 @@ fn scene_of(name: &str) -> Scene {
 }
 
 fn planned(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> (Box<dyn System>, Plan) {
-    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let small = SMALL.iter().filter(|s| has_part(name, s));
+    try_planned(name, scene, train, &small.chain(set).copied().collect::<Vec<_>>())
+        .unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+fn try_planned(
+    name: &str,
+    scene: &Scene,
+    train: &Dataset,
+    set: &[&str],
+) -> Result<(Box<dyn System>, Plan), SystemError> {
+    let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
-    build(name, scene, train, &run).unwrap_or_else(|e| panic!("{name}: {e}"))
+    build(name, scene, train, &run)
+}
+
+/// Whether a system has the part that a setting of [`SMALL`] is of.
+fn has_part(name: &str, setting: &str) -> bool {
+    let has = |systems: &[&str]| systems.contains(&name);
+    match setting.split('=').next().unwrap() {
+        "warp_width" => !has(&["ngp"]),
+        "warp_depth" => !has(&["ngp", "t-nerf"]),
+        "ambient_width" | "ambient_depth" => has(&["hypernerf"]),
+        _ => true,
+    }
 }
 
 fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Box<dyn System> {
@@ -198,7 +220,8 @@ fn a_deformation_that_does_nothing_is_the_static_system_bit_for_bit() {
     let (train, _) = views(&scene, 1);
     // So that both keep the same samples, and densities see the same.
     let set = ["occupancy_every=3", "train_faint=0.0", "planes_seen_by=warp", "plane_tv=0.0", "plane_slow=0.0"];
-    let [mut still, mut moving] = ["ngp", "d-nerf"].map(|name| system(name, &scene, &train, &set));
+    let mut still = system("ngp", &scene, &train, &set[..2]);
+    let mut moving = system("d-nerf", &scene, &train, &set);
     for step in 0..20 {
         let [a, b] = [&mut still, &mut moving].map(|s| s.step(&train, step).unwrap());
         assert_eq!(a, b, "step {step}");
@@ -222,7 +245,7 @@ fn a_deformation_that_does_nothing_is_the_static_system_bit_for_bit() {
 }
 
 #[test]
-fn the_canonical_moment_asks_no_deformation() {
+fn the_canonical_time_needs_no_deformation() {
     for name in ["d-nerf", "endo-nerf"] {
         let scene = scene_of(name);
         let (train, _) = views(&scene, 1);
@@ -235,8 +258,8 @@ fn the_canonical_moment_asks_no_deformation() {
         spoil(&mut state, "deform.networks", 0);
         system.load_state(&state).unwrap();
         let after = [0.0, 0.5].map(|t| seen(system.as_ref(), &train, t));
-        assert!(before[0] == after[0], "{name}: t = 0 is the canonical scene whatever the networks say");
-        assert!(before[1] != after[1], "{name}: at other times they are asked");
+        assert!(before[0] == after[0], "{name}: t = 0 is the canonical scene whatever the parameters are");
+        assert!(before[1] != after[1], "{name}: at other times they matter");
     }
 }
 
@@ -290,6 +313,43 @@ fn losses_without_weight_change_nothing() {
     // The same of measured depth, where there is none.
     let plain = trained("d-nerf", &bare, &train, &[], 8);
     assert!(trained("d-nerf", &bare, &train, &["depth=1.0", "refine_every=3"], 8) == plain);
+}
+
+#[test]
+fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_parts_train() {
+    let scene = stage();
+    let (train, _) = views(&scene, 1);
+    for (name, setting) in [
+        ("ngp", "warp_lr=0.1"),
+        ("ngp", "planes=[4]"),
+        ("t-nerf", "warp=rigid"),
+        ("d-nerf", "elastic=0.1"),
+        ("d-nerf", "background=1.0"),
+        ("d-nerf", "ambient=2"),
+        ("nerfies", "ambient=2"),
+        ("nerfies", "sees=moment"),
+        ("tineuvox", "planes=[4]"),
+        ("tineuvox", "elastic=0.1"),
+        ("endo-nerf", "elastic=0.1"),
+    ] {
+        let Err(error) = try_planned(name, &scene, &train, &[setting]) else { panic!("{name} takes {setting}") };
+        let (line, key) = (error.to_string(), setting.split('=').next().unwrap());
+        assert!(line.contains(&format!("`set` = {key}: there is no such setting; there are ")), "{name}: {line}");
+        assert!(!line.contains('\n'), "{name}: {line}");
+    }
+    for (name, set) in [
+        ("ngp", &["depth=1.0", "guided=true"][..]),
+        ("t-nerf", &["moment=codes"]),
+        ("t-nerf", &["planes=[]"]),
+        ("d-nerf", &["warp=rigid", "planes=[]"]),
+        ("d-nerf", &["origin=free", "sees=moment"]),
+        ("nerfies", &["warp=translation", "moment=time", "origin=canonical"]),
+        ("hypernerf", &["elastic=0.1", "sees=point", "ambient=0"]),
+    ] {
+        let mut system = system(name, &scene, &train, set);
+        let stats = system.step(&train, 0).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "{name} {set:?}: {stats:?}");
+    }
 }
 
 #[test]

@@ -96,7 +96,7 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let density = DensityInputs::new(&settings.of(&DensitySettings::PLACE)?, time.rows(), &parameters)?;
     let rows = h.as_ref().map_or(0, Ambient::rows) + density.rows() + planes.density_rows();
     let t = RigidMotion { planes: TimePlanes::new(planes, &mut parameters)?, w };
-    // The elastic loss is off, as published, and can be asked for, as in the released code.
+    // The elastic loss is off, as published; it can be set, as in the released code.
     Deform::new(Box::new(HyperNerf { t, h, density, rows }), time, parameters)
         .with_elastic(settings.of(&ElasticSettings::NONE)?)?
         .with_background(settings.of(&nerfies::BACKGROUND)?)

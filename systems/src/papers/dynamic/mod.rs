@@ -11,6 +11,8 @@
 
 pub(crate) mod d_nerf;
 pub(crate) mod endo_nerf;
+#[cfg(test)]
+mod gradient_tests;
 pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
 pub(crate) mod nerfies;

@@ -96,7 +96,7 @@ impl RigidMotion {
 
 struct Nerfies {
     motion: RigidMotion,
-    /// Rows of planes that density sees: none, unless asked for.
+    /// Rows of planes that density sees: none, as planned.
     rows: usize,
 }
 

@@ -186,6 +186,14 @@ impl Time {
         self.adam.step(self.simd, lr * self.settings.code_rate, &mut self.learned, &self.grad)
     }
 
+    /// The gradient of what is learned, from that of the training views' rows.
+    #[cfg(test)]
+    pub(super) fn gradient(&self, rows_bar: &[f32]) -> Vec<f32> {
+        let mut grad = vec![0.0; self.learned.len()];
+        self.input.backward(&self.learned, rows_bar, &mut grad);
+        grad
+    }
+
     /// What is learned has changed.
     pub(super) fn renew(&mut self) {
         self.input.renew(&self.learned);
@@ -209,7 +217,8 @@ impl Time {
         Ok((learned, take_adam(state, "deform.moments", &self.adam)?))
     }
 
-    pub(super) fn put(&mut self, (learned, adam): (Vec<f32>, Adam)) {
+    /// Put back what [`Time::take`] gave.
+    pub(super) fn put(&mut self, learned: Vec<f32>, adam: Adam) {
         (self.learned, self.adam) = (learned, adam);
         self.renew();
     }

@@ -51,7 +51,7 @@ fn usual_operation() -> Scene {
     operation(TissueOptions { frames: 4, ..TissueOptions::default() })
 }
 
-/// Build a system with settings written as on the command line; later ones win.
+/// Build a system with settings written as on the command line; later ones win. It takes those of [`SMALL`] whose part it has.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let own: &[&str] = match name {
         "tineuvox" => &["voxels=12", "voxels_every=2"],
@@ -59,9 +59,24 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],
     };
-    let set = TINY_NGP.iter().chain(&SMALL).chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let small = SMALL.iter().filter(|s| has_part(name, s));
+    let set = TINY_NGP.iter().chain(small).chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::dynamic::build(name, scene, data, &options)
+}
+
+/// Whether a system has the part that a setting is of.
+fn has_part(name: &str, setting: &str) -> bool {
+    let has = |systems: &[&str]| systems.contains(&name);
+    match setting.split(['=', '_']).next().unwrap_or_default() {
+        "ambient" => has(&["hypernerf"]),
+        "elastic" | "background" => has(&["nerfies", "hypernerf"]),
+        "plane" | "planes" => !has(&["ngp", "tineuvox"]),
+        "moment" => !has(&["ngp"]),
+        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp"]),
+        "warp" => !has(&["ngp", "t-nerf"]),
+        _ => true,
+    }
 }
 
 /// It learns for a few steps: every loss and every gradient is finite, and so is all that it says afterwards.

@@ -8,7 +8,7 @@ use stress::Tally;
 
 /// Accepted at either end, by system.
 const ACCEPTED: [(&str, &str); 7] = [
-    ("ngp", "warp_lr=0.0 guided=true depth=1000.0 curriculum=1"),
+    ("ngp", "guided=true depth=1000.0 curriculum=1"),
     (
         "t-nerf",
         "time_octaves=0 time_octaves=1 time_octaves=16 moment=codes moment=network moment_dims=1 moment_dims=1024
@@ -25,7 +25,7 @@ const ACCEPTED: [(&str, &str); 7] = [
         planes=[4]+plane_times=1024 planes=[4]+plane_features=1 planes=[4]+plane_features=32
         planes=[4]+plane_lr=0.0 planes=[4]+plane_lr=100.0 warp_levels=0 warp_levels=1 warp_levels=1000
         levels_anneal=1 levels_anneal=9223372036854775807 levels_anneal=9+levels_first=0
-        levels_anneal=9+levels_first=1000 elastic=1000.0+elastic_at=all background=1000.0",
+        levels_anneal=9+levels_first=1000",
     ),
     (
         "nerfies",
@@ -33,7 +33,9 @@ const ACCEPTED: [(&str, &str); 7] = [
         elastic=1000.0+elastic_scale=1e-6+elastic_at=all elastic=1e-38+elastic_at=all background=0.0 background=1000.0
         background=1e-38 background_points=0 background_points=1 background_points=1048576 moment=time moment=network
         moment_dims=1 moment_dims=1024 moment_lr=0.0 moment_lr=100.0 warp_lr=0.0 warp_lr=100.0
-        origin=canonical+moment=time warp=translation warp=none",
+        origin=canonical+moment=time warp=translation warp=none
+        origin=canonical+moment=time+warp=translation+planes_seen_by=both+elastic=1000.0+elastic_at=all
+        origin=canonical+moment=time+warp=translation+planes_seen_by=both+background=1000.0",
     ),
     (
         "hypernerf",
@@ -76,6 +78,16 @@ const REFUSED: &str = "
     moment=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
     sampler=proposal";
 
+/// Refused by systems that have no such part.
+const ABSENT: [(&str, &str); 6] = [
+    ("ngp", "warp_lr=0.0"),
+    ("t-nerf", "warp=rigid"),
+    ("d-nerf", "elastic=1000.0"),
+    ("d-nerf", "background=1000.0"),
+    ("nerfies", "ambient=2"),
+    ("tineuvox", "planes=[4]"),
+];
+
 pub(crate) fn cases(tally: &mut Tally) {
     let (mut stage, operation) = (usual_stage(), usual_operation());
     let at = |k: u32| DVec3::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0, 0.0) * 0.3;
@@ -99,6 +111,15 @@ pub(crate) fn cases(tally: &mut Tally) {
             let name = if key.starts_with("voxels") { "tineuvox" } else { "hypernerf" };
             match build(name, &stage, &data[0], &[setting]) {
                 Err(e) => says(&e, &[key]).and(says(&e, &[value]).or(says(&e, &[&number]))),
+                Ok(_) => Err("taken".into()),
+            }
+        });
+    }
+    for (name, setting) in ABSENT {
+        tally.case(format!("{name} --set {setting}"), "one line that says that there is no such setting", || {
+            let key = setting.split('=').next().unwrap_or_default();
+            match build(name, &stage, &data[0], &[setting]) {
+                Err(e) => says(&e, &[&format!("`set` = {key}"), "there is no such setting"]),
                 Ok(_) => Err("taken".into()),
             }
         });
