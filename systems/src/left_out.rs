@@ -10,8 +10,8 @@ pub(crate) struct LeftOut {
     drawn: u64,
     /// No other was found instead of them: a file's mask ignores them, or the lens has no ray for them.
     ignored: u64,
-    /// The method's masks say that they show strangers.
-    strangers: u64,
+    /// The method's masks say that they show occluders.
+    occluders: u64,
 }
 
 /// Pixels of a batch that do not count.
@@ -24,12 +24,12 @@ impl LeftOut {
     pub(crate) fn count(&mut self, batch: &Batch, ignored: u64) {
         self.drawn += batch.len() as u64;
         self.ignored += ignored;
-        self.strangers += unweighted(batch) - ignored;
+        self.occluders += unweighted(batch) - ignored;
     }
 
     /// Pixels that the method's masks left out.
-    pub(crate) fn strangers(&self) -> u64 {
-        self.strangers
+    pub(crate) fn occluders(&self) -> u64 {
+        self.occluders
     }
 
     /// The row of ignored pixels; `None` where there were none.
@@ -37,9 +37,9 @@ impl LeftOut {
         self.row("training: pixels that files' masks ignore", self.ignored)
     }
 
-    /// The row of strangers; `None` where no mask left out any.
-    pub(crate) fn strangers_row(&self) -> Option<SkipRow> {
-        self.row("training: pixels of strangers, by the method's masks", self.strangers)
+    /// The row of occluders; `None` where no mask left out any.
+    pub(crate) fn occluders_row(&self) -> Option<SkipRow> {
+        self.row("training: pixels of occluders, by the method's masks", self.occluders)
     }
 
     fn row(&self, what: &'static str, count: u64) -> Option<SkipRow> {
@@ -58,7 +58,7 @@ mod tests {
         let mut batch = Batch::of_rays(&[ray; 5], &[[0.0; 3]; 5]);
         let mut left_out = LeftOut::default();
         left_out.count(&batch, unweighted(&batch));
-        assert!(left_out.ignored_row().is_none() && left_out.strangers_row().is_none());
+        assert!(left_out.ignored_row().is_none() && left_out.occluders_row().is_none());
         batch.weight[1] = 0.0;
         let ignored = unweighted(&batch);
         // One that is ignored anyhow, and two that are not.
@@ -66,9 +66,9 @@ mod tests {
             batch.weight[i] = 0.0;
         }
         left_out.count(&batch, ignored);
-        assert_eq!(left_out, LeftOut { drawn: 10, ignored: 1, strangers: 2 });
+        assert_eq!(left_out, LeftOut { drawn: 10, ignored: 1, occluders: 2 });
         let counts = |row: Option<SkipRow>| row.map(|row| (row.skipped, row.total));
         assert_eq!(counts(left_out.ignored_row()), Some((1, 10)));
-        assert_eq!(counts(left_out.strangers_row()), Some((2, 10)));
+        assert_eq!(counts(left_out.occluders_row()), Some((2, 10)));
     }
 }

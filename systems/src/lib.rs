@@ -4,13 +4,16 @@
 //!   paper.
 //! * [`layout`], [`space`]: what kind of place a scene is, and the map from world coordinates to those of a field.
 //! * [`static_scene`]: the hash grid (`ngp`) and the published networks.
-//! * [`method`]: the seam between a field and what a method for photographs from the wild adds to it; [`wild`]: those methods.
+//! * [`method`]: the seam between a field and the models of photographs from the wild; [`appearance`] and [`occluders`]: these
+//!   models; [`papers`]: the systems made of them.
 //! * `warps`: deformations of moving scenes; [`dynamic`]: the systems made of them.
 //! * [`splats`]: systems of Gaussian splats. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
 
+pub mod appearance;
 pub mod bake;
 pub(crate) mod buffers;
 pub mod claims;
+mod codes;
 pub mod dynamic;
 #[cfg(test)]
 mod engine_tests;
@@ -18,8 +21,10 @@ pub mod fields;
 pub(crate) mod free_space;
 pub mod layout;
 pub(crate) mod left_out;
+pub(crate) mod limits;
 pub mod method;
 pub mod networks;
+pub mod occluders;
 pub mod papers;
 pub mod plan;
 pub mod rays;
@@ -31,6 +36,6 @@ pub mod splats;
 pub(crate) mod survey;
 pub mod terms;
 pub(crate) mod warps;
-pub mod wild;
 
+pub use papers::wild;
 pub(crate) use warps as deform;

@@ -1,17 +1,17 @@
-//! The seam between a radiance field and what a method adds to it: codes for each photo, a transient part of its own, and
-//! what the error of a pixel costs.
+//! The seam between a radiance field and the models that a method adds to it: codes for each photo, a transient part, and
+//! the loss of a pixel.
 //!
-//! A field (`ngp`, or the published networks) knows how to render rays and how to learn from the gradient of their pixels.
-//! A [`Method`] knows nothing of samples. A step calls it in this order:
+//! A field (`ngp`, or the published networks) renders rays and learns from the gradient of their pixels. A [`Method`] knows
+//! nothing of samples. A step calls it in this order:
 //!
 //! 1. [`Method::drawing`]: how pixels are drawn; [`Method::begin`]: the batch is drawn;
 //! 2. where [`Method::looks_ahead`]: the field renders the batch, and [`Method::judge`] sees all of it;
 //! 3. [`Method::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
-//! 4. where [`Method::second_light`] asks for it: patches in the light of other photos, and [`Method::judge_second`] (`ngp`
-//!    alone does this);
-//! 5. [`Method::learn`]: what came out, for the method's own parameters.
+//! 4. where [`Method::second_light`] asks for it: patches rendered with codes of other photos, and [`Method::judge_second`]
+//!    (`ngp` alone does this);
+//! 5. [`Method::learn`]: the outcome, for the method's own parameters.
 //!
-//! Before some of the steps ([`Method::survey`]) it sees all training photos beside what the field renders there.
+//! Before some of the steps ([`Method::survey`]) it sees all training photos beside their renders.
 //!
 //! A field without a method does none of this and pays for none of it.
 
@@ -112,7 +112,7 @@ impl PixelBar {
     }
 }
 
-/// What a step left behind for the method's own parameters. Derivatives are those of the mean over the pixels that count.
+/// The outcome of a step, for the method's own parameters. Derivatives are those of the mean over the pixels that count.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome<'a> {
     /// Number of the step.
@@ -135,12 +135,12 @@ pub struct Outcome<'a> {
     pub transient_bar: &'a [f32],
 }
 
-/// All pixels of a training view beside what the field renders there.
+/// All pixels of a training view beside their render.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewSeen<'a> {
     /// The view.
     pub view: usize,
-    /// Columns and rows of what is seen.
+    /// Columns and rows.
     pub size: [usize; 2],
     /// Pixels of the photo along each side of one of these.
     pub stride: usize,
@@ -154,25 +154,25 @@ pub struct ViewSeen<'a> {
     pub place: &'a [[f32; 3]],
 }
 
-/// Patches that are rendered twice: in the light of their own photo, and in that of another.
+/// Patches that are rendered twice: with the appearance of their own photo, and with that of another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SecondLight {
     /// Their form.
     pub patches: Patches,
-    /// For each patch the view in whose light it is rendered.
+    /// For each patch the view with whose code it is rendered.
     pub views: Vec<u32>,
 }
 
 /// These patches, static part alone, before a grey of one half.
 #[derive(Clone, Copy, Debug)]
 pub struct Relit<'a> {
-    /// What was asked for.
+    /// The request.
     pub light: &'a SecondLight,
     /// The patches, one after the other, with their own views.
     pub batch: &'a Batch,
-    /// Colours in the light of that view.
+    /// Colours with the code of their own view.
     pub own: &'a [[f32; 3]],
-    /// Colours in the other light.
+    /// Colours with the code of the other view.
     pub other: &'a [[f32; 3]],
 }
 
@@ -181,7 +181,7 @@ pub trait Method: Send + Sync {
     /// Name on the command line.
     fn name(&self) -> &'static str;
 
-    /// Codes that the colour of the static part depends on; `None`: all photos have the same light.
+    /// Codes that the colour of the static part depends on; `None`: all photos have the same appearance.
     fn appearance(&self) -> Option<Codes<'_>> {
         None
     }
@@ -220,25 +220,25 @@ pub trait Method: Send + Sync {
         let _ = (batch, step, pixels, truth);
     }
 
-    /// What the error of pixel `i` of the batch costs, and the derivative of that. Times the pixel's weight it is summed.
+    /// The loss of pixel `i` of the batch, and its derivative. Times the pixel's weight it is summed.
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar);
 
-    /// What the error of pixel `i` of a field's first look costs, and its derivative, for fields that look twice along each
-    /// ray; summed as [`Method::loss`] is. The first look only says where the second one looks closer, and has no transient
-    /// part: unless told otherwise, this is the mean squared error over channels. A method whose masks leave pixels out of
-    /// the loss leaves them out here too, without a derivative of the mask.
+    /// The loss of pixel `i` of the coarse render, and its derivative, for fields that render twice along each ray; summed as
+    /// [`Method::loss`] is. The coarse render only places the samples of the fine one, and has no transient part: the default is
+    /// the mean squared error over channels. A method whose masks leave pixels out of the loss leaves them out here too, without
+    /// a derivative of the mask.
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let _ = i;
         let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
         (e.iter().map(|e| e * e).sum::<f32>() / 3.0, e.map(|e| 2.0 * e / 3.0))
     }
 
-    /// Patches to be rendered in another light in this step, besides the batch. `None`: none.
+    /// Patches to be rendered with codes of other photos in this step, besides the batch. `None`: there are none.
     fn second_light(&self, _step: u64) -> Option<SecondLight> {
         None
     }
 
-    /// Those patches. Returns the derivatives of what they cost with respect to [`Relit::other`], one for each pixel: only the
+    /// Those patches. Returns the derivatives of the loss on them with respect to [`Relit::other`], one for each pixel: only the
     /// network that knows colours learns from them, neither density, nor what both are computed from, nor the codes.
     fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; relit.other.len()]
@@ -250,8 +250,8 @@ pub trait Method: Send + Sync {
         0
     }
 
-    /// Before this step the method wants to see every training view as the field renders it: the mean of the photo over
-    /// squares of so many pixels a side, and the ray through the middle of each. `None`: it does not.
+    /// Before this step all training views are to be rendered for the method: the mean of the photo over squares of so many
+    /// pixels a side, and the ray through the middle of each. `None`: they are not.
     fn survey(&self, _step: u64) -> Option<u32> {
         None
     }
@@ -273,13 +273,13 @@ pub trait Method: Send + Sync {
         None
     }
 
-    /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the method has no opinion.
+    /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the method does not say.
     fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
         let _ = seen;
         None
     }
 
-    /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the method gives no number.
+    /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the method does not say.
     fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
         let _ = seen;
         None
@@ -305,7 +305,7 @@ pub trait Method: Send + Sync {
         Ok(())
     }
 
-    /// Trainable numbers.
+    /// Trainable parameters.
     fn parameter_count(&self) -> usize {
         0
     }

@@ -79,6 +79,11 @@ impl<'a> Settings<'a> {
         &self.all
     }
 
+    /// Write other values of settings that a part has: those that were only known once it had read something.
+    pub(crate) fn record<C: Serialize>(&mut self, part: &C) {
+        self.all.extend(table(part));
+    }
+
     /// All settings by name, after the last part was asked for its own.
     ///
     /// # Errors

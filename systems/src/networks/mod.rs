@@ -283,8 +283,8 @@ impl<R: Recipe> System for TwoLevel<R> {
 
     fn skips(&self) -> Vec<SkipRow> {
         // A ray that a method leaves out is one of those not looked at, too: it is counted once.
-        let mut rows = vec![cones::missed_row(self.missed - self.left_out.strangers(), self.cast)];
-        rows.extend(self.left_out.strangers_row());
+        let mut rows = vec![cones::missed_row(self.missed - self.left_out.occluders(), self.cast)];
+        rows.extend(self.left_out.occluders_row());
         rows
     }
 

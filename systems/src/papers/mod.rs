@@ -2,3 +2,4 @@
 
 pub(crate) mod dynamic;
 pub mod static_scenes;
+pub mod wild;

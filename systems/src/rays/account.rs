@@ -75,7 +75,7 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
     ];
     rows.extend(ngp.field.deform.iter().flat_map(Deform::skips));
     rows.extend(ngp.skipped.left_out.ignored_row());
-    rows.extend(ngp.skipped.left_out.strangers_row());
+    rows.extend(ngp.skipped.left_out.occluders_row());
     rows.extend(render::skip_rows(&ngp.skipped.renders));
     rows
 }

@@ -1,4 +1,4 @@
-//! What `auto` decides about light and occluders: on clean photos, on photos with other colours, with something in front, with
+//! What `auto` decides about appearance and occluders: on clean photos, on photos with other colours, with something in front, with
 //! both, on an object before a backdrop, and on a place with passers-by.
 
 use engine::data::Dataset;
@@ -13,11 +13,11 @@ use systems::wild::build;
 use testkit::golden::data_or_skip;
 use tests::views;
 
-/// What was decided: light, occluders; and the lines about it.
+/// What was decided: appearance, occluders; and the lines about it.
 fn decided(scene: &Scene, background: Option<Background>) -> ([String; 2], String) {
     let (_, plan) = built(scene, &views(scene, 1).0, background);
     let word = |key: &str| plan.config[key].as_str().unwrap().to_string();
-    let about = |line: &&String| line.starts_with("light:") || line.starts_with("occluders:");
+    let about = |line: &&String| line.starts_with("appearance:") || line.starts_with("occluders:");
     let lines: Vec<&str> = plan.lines.iter().filter(about).map(String::as_str).collect();
     println!("{}", lines.join("\n"));
     ([word("appearance"), word("occluders")], lines.join("\n"))
@@ -32,12 +32,12 @@ fn table() -> Scene {
     tabletop(&TabletopOptions { width: 48, height: 48, train: 24, test: 1, rays: 2, ..TabletopOptions::default() })
 }
 
-/// The table as a photographer cuts it out: before plain white, without alpha, each photo in a light of its own.
-fn before_white(light: f32) -> Scene {
+/// The table as a photographer cuts it out: before plain white, without alpha, each photo of its own brightness.
+fn before_white(range: f32) -> Scene {
     let mut scene = table();
     for (i, frame) in scene.frames.iter_mut().enumerate() {
         let ImageSource::Memory(image) = &frame.image else { panic!("a drawn scene is in memory") };
-        let gain = [0, 1, 2].map(|c| 1.0 + light * (((i * 7 + c * 2) % 11) as f32 / 5.0 - 1.0));
+        let gain = [0, 1, 2].map(|c| 1.0 + range * (((i * 7 + c * 2) % 11) as f32 / 5.0 - 1.0));
         let pixel = |p: &[u8]| -> [u8; 3] {
             let alpha = f32::from(p[3]) / 255.0;
             [0, 1, 2].map(|c| ((f32::from(p[c]) * gain[c]).min(255.0) * alpha + 255.0 * (1.0 - alpha)).round() as u8)
@@ -50,7 +50,7 @@ fn before_white(light: f32) -> Scene {
 
 #[test]
 fn disturbed_photos_get_what_they_need_and_clean_ones_nothing() {
-    for (what, light, occluders) in [
+    for (what, appearance, occluders) in [
         (None, "none", "none"),
         (Some(Disturbance::Colour), "codes", "none"),
         (Some(Disturbance::Occluder), "none", "robust"),
@@ -58,17 +58,17 @@ fn disturbed_photos_get_what_they_need_and_clean_ones_nothing() {
     ] {
         let scene = what.map_or_else(table, |what| perturb(table(), what, 0));
         let (decided, lines) = decided(&scene, None);
-        assert_eq!(decided, [light, occluders], "{what:?}: {lines}");
+        assert_eq!(decided, [appearance, occluders], "{what:?}: {lines}");
     }
 }
 
 #[test]
-fn an_object_before_a_backdrop_is_no_occluder() {
-    for light in [0.0, 0.3] {
-        let ([appearance, occluders], lines) = decided(&before_white(light), Some(Background::White));
-        assert_eq!(occluders, "none", "{light}: {lines}");
-        // A code too many costs little where light is the same.
-        assert!(light == 0.0 || appearance == "codes", "{lines}");
+fn an_object_before_a_backdrop_is_not_an_occluder() {
+    for range in [0.0, 0.3] {
+        let ([appearance, occluders], lines) = decided(&before_white(range), Some(Background::White));
+        assert_eq!(occluders, "none", "{range}: {lines}");
+        // A code too many costs little where photos are alike.
+        assert!(range == 0.0 || appearance == "codes", "{lines}");
     }
 }
 
@@ -92,8 +92,8 @@ fn real(name: &str, test: &str, side: u32, options: &LoadOptions) -> Option<(Sce
 }
 
 #[test]
-fn the_carton_and_the_statue_are_no_occluders() {
-    const TEST: &str = "the_carton_and_the_statue_are_no_occluders";
+fn the_carton_and_the_statue_are_not_occluders() {
+    const TEST: &str = "the_carton_and_the_statue_are_not_occluders";
     let object = LoadOptions::default().with_mask_polarity(MaskPolarity::WhiteIsObject);
     for (name, options, background) in [
         ("neroic_like/milk", LoadOptions::default(), Some(Background::White)),

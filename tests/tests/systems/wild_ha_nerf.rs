@@ -48,7 +48,7 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
 }
 
 #[test]
-fn codes_follow_the_light_of_photos_and_photos_nobody_trained_on_have_one() {
+fn codes_follow_the_appearance_of_photos_and_photos_that_were_not_trained_on_have_one() {
     let (scene, train) = data(24, 12, Disturbance::Colour);
     let mut system = try_system("ha-nerf-a", &scene, &train, &[]).unwrap();
     assert_eq!(system.name(), "ha-nerf-a");
@@ -100,7 +100,7 @@ fn what_stands_in_one_photo_is_left_out() {
         }
     }
     println!("{hidden} of {bars} pixels of bars left out, {lost} of {rest} others");
-    // What is hard to learn goes with the strangers in so short a training.
+    // What is hard to learn is left out with the occluders in so short a training.
     assert!(10 * hidden > 9 * bars && 10 * lost < 3 * rest, "{hidden} of {bars}, {lost} of {rest}");
 }
 

@@ -20,31 +20,45 @@ use stress::{Verdict, ensure, finite};
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
 
-/// Settings with which methods are small, and have judged their photos twice after five steps.
-const SMALL: [&str; 15] = [
-    "judge_first=2",
-    "warmup_steps=2",
-    "view_every=1",
-    "appearance_dims=3",
-    "transient_dims=4",
-    "encoder_channels=[4,4]",
-    "encoder_side=16",
-    "encoder_photos=2",
-    "lattice=16",
-    "filter_width=8",
-    "filter_octaves=3",
-    "visibility_width=8",
-    "visibility_depth=1",
-    "visibility_dims=4",
-    "superpixels=9",
-];
+/// Settings with which the parts of a system are small, and have judged their photos twice after five steps.
+fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
+    let chosen = |key: &str| set.iter().rev().find_map(|s| s.strip_prefix(key)?.strip_prefix('='));
+    let appearance = chosen("appearance").unwrap_or(match name {
+        "nerf-w" | "nerf-a" | "sf-nerf" => "codes",
+        "ha-nerf" | "ha-nerf-a" => "encoder",
+        _ => "none",
+    });
+    let mut small = match appearance {
+        "codes" => vec!["appearance_dims=3"],
+        "encoder" => vec![
+            "appearance_dims=3",
+            "view_every=1",
+            "encoder_channels=[4,4]",
+            "encoder_side=16",
+            "encoder_photos=2",
+            "lattice=16",
+        ],
+        _ => Vec::new(),
+    };
+    let of_occluders: &[&str] = match name {
+        "robust-nerf" => &["judge_first=2"],
+        "hugs" => &["warmup_steps=2", "superpixels=9"],
+        "nerf-w" | "nerf-u" => &["transient_dims=4"],
+        "ha-nerf" | "ha-nerf-t" => &["visibility_width=8", "visibility_depth=1", "visibility_dims=4"],
+        "sf-nerf" => &["transient_dims=4", "filter_width=8", "filter_octaves=3"],
+        _ => &[],
+    };
+    small.extend(of_occluders);
+    small
+}
 
 const STEPS: u64 = 5;
 
 /// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let field: &[&str] = if set.contains(&"field=mlp") { &TINY_NERF } else { &TINY_NGP };
-    let set = SMALL.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let small = small(name, set);
+    let set = small.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     Ok(systems::wild::build(name, scene, data, &options)?.0)
 }
@@ -55,7 +69,7 @@ fn trains(system: &mut dyn System, data: &Dataset, steps: u64) -> Verdict {
     is_sound(system, data)
 }
 
-/// What a checkpoint holds, what it renders in the light of each photo, and what it thinks of them are numbers.
+/// What a checkpoint holds, what it renders with the code of each photo, and its masks of them are numbers.
 fn is_sound(system: &dyn System, data: &Dataset) -> Verdict {
     state_is_sound(system)?;
     let looks = |view: usize, appearance| {
@@ -78,7 +92,7 @@ fn is_sound(system: &dyn System, data: &Dataset) -> Verdict {
 fn state_is_sound(system: &dyn System) -> Verdict {
     for tensor in system.state() {
         match &tensor.data {
-            // Infinite: nothing was judged yet, so nothing is a stranger.
+            // Infinite: nothing was judged yet, so nothing is an outlier.
             TensorData::F32(data) if tensor.name == "robust.threshold" => {
                 ensure(data.iter().all(|t| *t >= 0.0), || format!("the threshold is {data:?}"))?;
             }

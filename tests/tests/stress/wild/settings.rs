@@ -75,7 +75,7 @@ const ACCEPTED_MLP: [(&str, &str); 5] = [
     ("hugs", "restart=on restart=anew warmup_steps=1"),
 ];
 
-/// Refused, whatever the method.
+/// Refused by any system that has them.
 const REFUSED: &str = "
     appearance_dims=0 appearance_dims=513 transient_dims=0 transient_dims=513 filter_width=0 filter_width=513
     lattices=4097 encoder_photos=0 encoder_photos=4097 encoder_side=0 encoder_side=1025 visibility_dims=0
@@ -113,6 +113,20 @@ const POSITIVE: [(&str, &str); 13] = [
 const PRICES: [&str; 7] =
     ["lambda_u", "code_size", "tail", "view_weight", "mode_weight", "filter_opacity", "filter_smoothness"];
 
+/// A system that has a setting.
+fn system_with(key: &str) -> &'static str {
+    match key {
+        "transient_dims" | "transient_lr" | "beta_min" | "tail" | "lambda_u" => "nerf-w",
+        "judging" | "judge_first" | "judge_scale" | "patch" | "patch_inner" => "robust-nerf",
+        "superpixels" | "warmup_steps" | "restart" | "segments" | "segment_share" | "file_share" | "track_share" => {
+            "hugs"
+        }
+        _ if key.starts_with("filter") => "sf-nerf",
+        _ if key.starts_with("trim") => "robust-nerf",
+        _ => "ha-nerf",
+    }
+}
+
 pub(crate) fn cases(tally: &mut Tally) {
     let scene = perturb(tiny_scene(4, 0.82), Disturbance::Both, 3);
     let data = dataset(&scene);
@@ -140,7 +154,7 @@ pub(crate) fn cases(tally: &mut Tally) {
             let (key, value) = setting.split_once('=').unwrap_or_default();
             // As it was written, or as numbers and lists are.
             let number = value.parse::<f32>().map(|v| v.to_string()).unwrap_or(value.replace(',', ", "));
-            let name = if key.starts_with("filter") { "sf-nerf" } else { "ha-nerf" };
+            let name = system_with(key);
             match build(name, &scene, &data, &[setting]) {
                 Err(e) => says(&e, &[key]).and(says(&e, &[value]).or(says(&e, &[&number]))),
                 Ok(_) => Err("taken".into()),

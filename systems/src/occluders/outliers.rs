@@ -1,0 +1,271 @@
+//! Occluders in photos, found by comparing all photos with the renders of the field.
+//!
+//! The residual of a square is that of means over its neighbourhood: texture that is not learnt yet errs both ways and averages
+//! out, an occluder does not. It is divided by the expected error of the place where its ray ends ([`ExpectedError`]): gloss and
+//! thin things err in all photos that show them. Residuals above a threshold, after the diffusion and the vote of trimmed
+//! masks, are certainly an occluder; squares connected to it with smaller residuals belong to it or to its shadow. What most
+//! photos would leave out at one place in space, and what holds features of other photos, is the scene: it stays
+//! ([`super::scene_guard`]).
+
+use super::expected_error::ExpectedError;
+use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
+use super::static_maps::StaticMap;
+use crate::limits::{positive, refuse, within};
+use crate::method::ViewSeen;
+use engine::data::Dataset;
+use engine::options::Background;
+use engine::system::SystemError;
+use losses::heuristics::{Extent, close, grow};
+use losses::trimmed::TrimmedMask;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Settings of masks that are found from residuals.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutlierConfig {
+    /// Whole photos: the residual of an occluder, in units of the expected error at the same place.
+    pub judge_scale: f32,
+    /// Share of the rays (whole photos: at the same place) whose residuals the threshold is made of.
+    pub trim_quantile: f32,
+    /// Share of inliers around a ray that makes it an inlier.
+    pub trim_diffuse: f32,
+    /// Share of inliers in a patch that makes its inner block inliers.
+    pub trim_vote: f32,
+    /// Pixels (whole photos: squares) along a side of a patch.
+    pub patch: usize,
+    /// Pixels (whole photos: squares) along a side of the inner block of a patch.
+    pub patch_inner: usize,
+}
+
+impl OutlierConfig {
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        positive("judge_scale", self.judge_scale)?;
+        if let Err(e) = self.trimming().check() {
+            let Self { trim_quantile, trim_diffuse, trim_vote, patch, patch_inner, .. } = self;
+            let value = format!("{trim_quantile}, {trim_diffuse}, {trim_vote}, {patch}, {patch_inner}");
+            return refuse("trim_quantile, trim_diffuse, trim_vote, patch, patch_inner", value, e.to_string());
+        }
+        within("patch", self.patch, 2..=256)
+    }
+
+    /// How residuals become masks.
+    #[must_use]
+    pub fn trimming(&self) -> TrimmedMask {
+        TrimmedMask {
+            quantile: self.trim_quantile,
+            diffuse: self.trim_diffuse,
+            vote: self.trim_vote,
+            patch: self.patch,
+            inner: self.patch_inner,
+            ..TrimmedMask::default()
+        }
+    }
+}
+
+/// Squares along a side of the neighbourhood whose mean residual counts.
+pub(crate) const NEIGHBOURHOOD: usize = 3;
+/// Hysteresis: squares connected to a detected occluder join it above this share of the threshold.
+const WEAK: f32 = 0.4;
+/// Gaps in an occluder of up to this many squares are part of it.
+const GAP: usize = 5;
+
+/// Largest difference of a channel from the backdrop's colour.
+const BACKDROP: f32 = 0.03;
+
+/// The colour behind the scene in all photos, where it is one: pixels of it are no evidence.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Backdrop(Option<[f32; 3]>);
+
+impl Backdrop {
+    pub(crate) fn new(background: Background) -> Self {
+        Self((background != Background::Random).then(|| background.colour()))
+    }
+
+    pub(crate) fn is(self, rgb: [f32; 3]) -> bool {
+        self.0.is_some_and(|colour| (0..3).all(|c| (rgb[c] - colour[c]).abs() < BACKDROP))
+    }
+}
+
+/// Residuals of the photos of a survey.
+#[derive(Default)]
+pub(crate) struct PhotoOutliers {
+    expected: ExpectedError,
+    photos: Vec<Photo>,
+    backdrop: Backdrop,
+    brightness: Brightness,
+}
+
+/// Whether photos differ in brightness and tint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Brightness {
+    /// One for all.
+    #[default]
+    Same,
+    /// Each its own: there is an appearance model.
+    Each,
+}
+
+/// What is static in a photo.
+pub(crate) struct StaticParts {
+    /// All but what is certainly an occluder.
+    pub(crate) seed: StaticMap,
+    /// Without what is connected to it.
+    pub(crate) whole: StaticMap,
+}
+
+/// A photo of a survey.
+struct Photo {
+    extent: Extent,
+    stride: usize,
+    residuals: Vec<f32>,
+    place: Vec<[f32; 3]>,
+    geometry: PhotoGeometry,
+    colours: Vec<[f32; 3]>,
+    /// Which squares show anything but the backdrop.
+    evidence: Vec<bool>,
+}
+
+/// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
+pub(crate) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
+    let [width, height] = seen.size;
+    // Sums over all pixels above and to the left.
+    let mut sums = vec![[0.0_f64; 3]; (width + 1) * (height + 1)];
+    for y in 0..height {
+        let mut row = [0.0; 3];
+        for x in 0..width {
+            let (i, at) = (y * width + x, (y + 1) * (width + 1) + x + 1);
+            for c in 0..3 {
+                row[c] += f64::from(seen.pixels[i].rgb[c] - seen.truth[i][c]);
+                sums[at][c] = sums[at - width - 1][c] + row[c];
+            }
+        }
+    }
+    let reach = side / 2;
+    (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let (x0, x1) = (x.saturating_sub(reach), (x + reach + 1).min(width));
+            let (y0, y1) = (y.saturating_sub(reach), (y + reach + 1).min(height));
+            let at = |x: usize, y: usize, c: usize| sums[y * (width + 1) + x][c];
+            let count = ((x1 - x0) * (y1 - y0)) as f64;
+            let mean = |c| (at(x1, y1, c) - at(x0, y1, c) - at(x1, y0, c) + at(x0, y0, c)) / count;
+            (0..3).map(|c| mean(c).powi(2)).sum::<f64>().sqrt() as f32
+        })
+        .collect()
+}
+
+impl PhotoOutliers {
+    pub(crate) fn new(backdrop: Backdrop, brightness: Brightness) -> Self {
+        Self { backdrop, brightness, ..Self::default() }
+    }
+
+    /// Add a photo; they come in the order of the views.
+    pub(crate) fn add(&mut self, data: &Dataset, seen: &ViewSeen<'_>) {
+        let residuals = mean_residuals(seen, NEIGHBOURHOOD);
+        let alpha: Vec<f32> =
+            seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if self.backdrop.is(*rgb) { 0.0 } else { *a }).collect();
+        self.expected.add(&ViewSeen { alpha: &alpha, ..*seen }, &residuals);
+        let [width, height] = seen.size;
+        let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
+        let (geometry, colours) = (PhotoGeometry::of(data, seen.view), seen.truth.to_vec());
+        let evidence = alpha.iter().map(|a| *a > 0.5).collect();
+        self.photos.push(Photo { extent, stride, residuals, place, geometry, colours, evidence });
+    }
+
+    /// Static squares of all photos of the survey, in the order they came; `threshold` in units of the expected error. Forgets
+    /// the photos.
+    pub(crate) fn static_parts(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<StaticParts> {
+        self.expected.settle(rule.quantile);
+        let expected = &self.expected;
+        let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
+            .into_par_iter()
+            .map(|Photo { extent, stride, mut residuals, place, geometry, colours, evidence }| {
+                residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
+                let seed = mask_of(rule, threshold, extent, &residuals);
+                let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
+                (Marked { geometry, extent, stride, marks, colours, evidence }, residuals, seed)
+            })
+            .collect();
+        let (mut marked, kept): (Vec<Marked>, Vec<_>) = photos
+            .into_iter()
+            .map(|(marked, residuals, seed)| {
+                let place = (marked.extent, marked.stride);
+                (marked, (place, residuals, seed))
+            })
+            .unzip();
+        if self.brightness == Brightness::Each {
+            even_out(&mut marked);
+        }
+        let scene = marks_of_the_scene(marked, STRICT);
+        kept.into_par_iter()
+            .zip(scene)
+            .map(|(((extent, stride), mut residuals, mut seed), scene)| {
+                for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
+                    (residuals[i], seed[i]) = (0.0, 1);
+                }
+                let bits = grown(extent, &residuals, threshold, &seed);
+                let map = |bits: Vec<u8>| StaticMap { width: extent.width, stride, bits };
+                StaticParts { whole: map(bits), seed: map(seed) }
+            })
+            .collect()
+    }
+}
+
+/// What is static: all but what is certainly an occluder, what is connected to it, and gaps in both.
+fn grown(extent: Extent, residuals: &[f32], threshold: f32, seed: &[u8]) -> Vec<u8> {
+    let fits = "one residual and one mask for each square, and an odd window";
+    let (mut mask, mut bits) = (seed.to_vec(), vec![0; seed.len()]);
+    grow(extent, residuals, WEAK * threshold, &mut mask).expect(fits);
+    close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
+    bits
+}
+
+/// The mask of a whole picture: whole patches; the last of a row or column reaches over what the one before it covers.
+pub(crate) fn mask_of(rule: &TrimmedMask, threshold: f32, extent: Extent, residuals: &[f32]) -> Vec<u8> {
+    let (Extent { width, height }, side) = (extent, rule.patch);
+    let mut out = vec![1; width * height];
+    let starts = |size: usize| (0..size.div_ceil(side)).map(move |k| (k * side).min(size.saturating_sub(side)));
+    let (mut scratch, mut weights, mut patch) = (Vec::new(), vec![0.0; side * side], vec![0.0; side * side]);
+    for y in starts(height) {
+        for x in starts(width) {
+            let at = |k: usize| (y + k / side).min(height - 1) * width + (x + k % side).min(width - 1);
+            patch.iter_mut().enumerate().for_each(|(k, e)| *e = residuals[at(k)]);
+            let fits = "a patch is whole, and the settings are checked before";
+            rule.weights(&patch, threshold, &mut scratch, &mut weights).expect(fits);
+            (0..side * side).for_each(|k| out[at(k)] = u8::from(weights[k] > 0.0));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_would_end_a_training_are_refused_before_it() {
+        let good = OutlierConfig {
+            judge_scale: 4.0,
+            trim_quantile: 0.5,
+            trim_diffuse: 0.5,
+            trim_vote: 0.6,
+            patch: 16,
+            patch_inner: 8,
+        };
+        good.check().unwrap();
+        for (settings, want) in [
+            (OutlierConfig { trim_quantile: 7.0, ..good.clone() }, "`quantile`"),
+            (OutlierConfig { trim_vote: -1.0, ..good.clone() }, "`vote`"),
+            (OutlierConfig { trim_diffuse: f32::NAN, ..good.clone() }, "`diffuse`"),
+            (OutlierConfig { patch_inner: 99, ..good.clone() }, "`inner`"),
+            (OutlierConfig { judge_scale: 0.0, ..good.clone() }, "`judge_scale` = 0: must be positive and finite"),
+            (OutlierConfig { patch: 257, ..good }, "257"),
+        ] {
+            let error = settings.check().unwrap_err().to_string();
+            assert!(error.contains(want), "{want}: {error}");
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! When all photos are compared with the field, and at what scale.
+
+use engine::data::Dataset;
+
+/// Rays of a survey, at most: some seconds.
+const SURVEY_RAYS: u64 = 300_000;
+
+/// Whether `step` is `first`, twice as many, four times as many, and so on.
+pub(crate) fn is_doubled(step: u64, first: u64) -> bool {
+    step.is_multiple_of(first) && (step / first).is_power_of_two()
+}
+
+/// Pixels of a photo along a side of a square that is compared.
+pub(crate) fn survey_stride(data: &Dataset) -> u32 {
+    (data.pixel_count() as f64 / SURVEY_RAYS as f64).sqrt().ceil().max(1.0) as u32
+}

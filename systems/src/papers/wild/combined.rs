@@ -1,0 +1,122 @@
+//! Any appearance model with any occluder model: all systems of this folder are one of these pairs.
+
+use crate::appearance::AppearanceModel;
+use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
+use crate::occluders::OccluderModel;
+use engine::data::{Batch, Dataset};
+use engine::system::{SystemError, Tensor, TensorMap};
+
+/// The pair.
+pub(super) struct Wild {
+    pub(super) name: &'static str,
+    /// `None`: all photos have the same appearance.
+    pub(super) appearance: Option<Box<dyn AppearanceModel>>,
+    pub(super) occluders: Box<dyn OccluderModel>,
+}
+
+impl Method for Wild {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn appearance(&self) -> Option<Codes<'_>> {
+        self.appearance.as_ref().map(|model| model.codes())
+    }
+
+    fn learning_appearance(&self) -> Option<Codes<'_>> {
+        self.appearance.as_ref().map(|model| model.learning_codes())
+    }
+
+    fn transient(&self) -> Option<Codes<'_>> {
+        self.occluders.transient_codes()
+    }
+
+    fn drawing(&self) -> Drawing {
+        let of_appearance = || self.appearance.as_ref().map_or(Drawing::Pixels, |model| model.drawing());
+        self.occluders.drawing().unwrap_or_else(of_appearance)
+    }
+
+    fn begin(&mut self, data: &Dataset, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
+        self.occluders.begin(batch, step)?;
+        self.appearance.as_mut().map_or(Ok(()), |model| model.begin(data, batch, step))
+    }
+
+    fn looks_ahead(&self, _step: u64) -> bool {
+        self.occluders.looks_ahead()
+    }
+
+    fn judge(&mut self, batch: &Batch, _step: u64, pixels: &[Pixel], truth: &[[f32; 3]]) {
+        self.occluders.judge(batch, pixels, truth);
+    }
+
+    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        self.occluders.loss(i, pixel, truth)
+    }
+
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        self.occluders.coarse_loss(i, rgb, truth)
+    }
+
+    fn second_light(&self, step: u64) -> Option<SecondLight> {
+        self.appearance.as_ref()?.second_render(step)
+    }
+
+    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+        match &mut self.appearance {
+            Some(model) => model.judge_second_render(relit),
+            None => vec![[0.0; 3]; relit.other.len()],
+        }
+    }
+
+    fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
+        self.appearance.as_mut().map_or(0, |model| model.learn(outcome)) + self.occluders.learn(outcome)
+    }
+
+    fn survey(&self, step: u64) -> Option<u32> {
+        self.occluders.survey(step)
+    }
+
+    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+        self.occluders.survey_view(data, seen)
+    }
+
+    fn surveyed(&mut self) {
+        self.occluders.surveyed();
+    }
+
+    fn begins_anew(&self) -> Option<u64> {
+        self.occluders.begins_anew()
+    }
+
+    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        self.occluders.visibility(seen)
+    }
+
+    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        self.occluders.uncertainty(seen)
+    }
+
+    fn encode(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
+        self.appearance.as_ref()?.encode(photo)
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = Vec::new();
+        self.appearance.iter().for_each(|model| model.push_state(&mut out));
+        self.occluders.push_state(&mut out);
+        out
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        self.appearance.as_mut().map_or(Ok(()), |model| model.load_state(state))?;
+        self.occluders.load_state(state)
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.appearance.as_ref().map_or(0, |model| model.parameter_count()) + self.occluders.parameter_count()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.appearance.as_ref().map_or(0, |model| model.memory_bytes()) + self.occluders.memory_bytes()
+    }
+}

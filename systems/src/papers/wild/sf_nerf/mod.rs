@@ -1,0 +1,420 @@
+//! SF-NeRF: occluders are filtered out in image space.
+//!
+//! Lee, Kim, Heo, Lee, "Semantic-aware Occlusion Filtering Neural Radiance Fields in the Wild", 2023, section 3.
+//!
+//! Each photo has a code; a network ([`filter`]) whose input is the place of a pixel, the code and, where the photo has them,
+//! features of a self-supervised network predicts how opaque (`alpha`), of what colour (`C_t`) and how uncertain (`beta`) the
+//! occluder before the pixel is. It is composited over the render of the field:
+//!
+//! ```text
+//! Y' = alpha C_t + (1 - alpha) C
+//! L  = |Y' - Y|^2 / (2 beta^2) + ln beta + lambda_alpha alpha      ([`layer`])
+//!    + 0.1 (1 - alpha) |C_coarse - Y|^2                            for fields with a coarse render; alpha a constant
+//!    + lambda_sm sum_k 2^k |d alpha / d gamma_k(p)|_1              on 256 pixels of the batch, evenly spread ([`smoothness`])
+//! ```
+//!
+//! Opacities are samples of a Binary Concrete distribution in training, nearly a coin toss, so that the field cannot rely
+//! on shares; elsewhere the noise is left out. Pictures of the scene show the field alone.
+//!
+//! With few photos the filter comes from another scene's run ([`pretrained`]). The prior on densities, of weight 1e-10, is the
+//! field's: its setting `sparsity`.
+
+mod filter;
+mod layer;
+mod photo_features;
+mod pretrained;
+mod rates;
+mod second_order;
+mod smoothness;
+#[cfg(test)]
+mod twin;
+
+use super::planning::{Build, Planning};
+use crate::codes::CodeTable;
+use crate::limits::{MOST, above_0, positive, within};
+use crate::method::{Outcome, Pixel, PixelBar, ViewSeen};
+use crate::occluders::OccluderModel;
+use crate::occluders::likelihood::{self, likelihood};
+use crate::occluders::pixel_error::squared;
+use engine::data::Batch;
+use engine::system::{SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use filter::{Filter, FilterInput, OUTPUTS, Shape};
+use float_core::Simd;
+use layer::{Cost, Layer, LayerLoss};
+use losses::concrete::{BinaryConcrete, noise};
+use photo_features::read_features;
+use pretrained::{FilterStart, Pretrained};
+pub use pretrained::{Freeze, PretrainedConfig};
+use rates::Rates;
+use scene_io::Features;
+use second_order::Terms;
+use serde::{Deserialize, Serialize};
+use smoothness::{Pick, smoothness};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Random streams: initial weights, and the noise of each pixel of a step.
+const INIT: u64 = 0x6669_6c74;
+const NOISE: u64 = 0x636f_696e;
+
+/// Weight of the loss of a coarse render.
+const COARSE: f32 = 0.1;
+
+/// Pixels of a batch that the smoothness of opacities is measured on.
+const SMOOTH_PIXELS: usize = 256;
+
+/// Factor of the prior on densities.
+const SPARSITY: f32 = 1e-10;
+
+/// The features of photos.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FeatureKind {
+    /// Files beside the photos; none where no photo has one.
+    #[default]
+    Files,
+    /// There are none.
+    None,
+}
+
+/// Settings of the filter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilterConfig {
+    /// Length of a photo's code.
+    pub transient_dims: usize,
+    /// Learning rate of the codes, relative to that of the field's networks.
+    pub transient_lr: f32,
+    /// Octaves of the place in the photo.
+    pub filter_octaves: usize,
+    /// Width of the layers.
+    pub filter_width: usize,
+    /// `files`, the features beside the photos where there are any, or `none`.
+    pub filter_features: FeatureKind,
+    /// Learning rate of the network, relative to that of the field's networks.
+    pub filter_lr: f32,
+    /// Steps in which all but the branch of the place learns at a tenth of that.
+    pub filter_hold: u64,
+    /// Steps from there until it does not.
+    pub filter_ease: u64,
+}
+
+impl FilterConfig {
+    /// As published (section 4).
+    pub const PUBLISHED: Self = Self {
+        transient_dims: 128,
+        transient_lr: 1.0,
+        filter_octaves: 15,
+        filter_width: 128,
+        filter_features: FeatureKind::Files,
+        filter_lr: 0.1,
+        filter_hold: 12_000,
+        filter_ease: 10_000,
+    };
+
+    /// On the hash grid: a smaller filter, and hundreds of steps for thousands.
+    pub const HASH_GRID: Self = Self {
+        transient_dims: 32,
+        transient_lr: 0.25,
+        filter_octaves: 8,
+        filter_width: 64,
+        filter_hold: 250,
+        filter_ease: 250,
+        ..Self::PUBLISHED
+    };
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        within("transient_dims", self.transient_dims, 1..=512)?;
+        within("filter_width", self.filter_width, 1..=512)?;
+        above_0("transient_lr", self.transient_lr, MOST)?;
+        above_0("filter_lr", self.filter_lr, MOST)
+    }
+}
+
+/// Settings of the loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LayerConfig {
+    /// Least uncertainty of a pixel, colour units.
+    pub beta_min: f32,
+    /// Errors well above this cost their length instead of their square, colour units; 0: always the square, as published.
+    pub tail: f32,
+    /// `kappa`, temperature of the opacities; towards 0 they are a coin toss.
+    pub filter_temperature: f32,
+    /// `lambda_alpha`, factor of the opacity.
+    pub filter_opacity: f32,
+    /// `lambda_sm`, factor of the opacities' change over the picture.
+    pub filter_smoothness: f32,
+}
+
+impl LayerConfig {
+    /// As published (section 4).
+    pub const PUBLISHED: Self =
+        Self { beta_min: 0.03, tail: 0.0, filter_temperature: 1.0, filter_opacity: 0.2, filter_smoothness: 5e-7 };
+
+    /// On the hash grid.
+    pub const HASH_GRID: Self = Self { beta_min: 0.1, ..Self::PUBLISHED };
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        positive("filter_temperature", self.filter_temperature)?;
+        likelihood::check(self.beta_min, self.tail)?;
+        within("filter_opacity", self.filter_opacity, 0.0..=MOST)?;
+        within("filter_smoothness", self.filter_smoothness, 0.0..=MOST)
+    }
+}
+
+/// The filter.
+pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn OccluderModel>, SystemError> {
+    let filter: FilterConfig =
+        planning.settings.of(&planning.by_field(FilterConfig::HASH_GRID, FilterConfig::PUBLISHED))?;
+    filter.check()?;
+    let layer: LayerConfig = planning.settings.of(&planning.by_field(LayerConfig::HASH_GRID, LayerConfig::PUBLISHED))?;
+    layer.check()?;
+    let mut pretrained: PretrainedConfig = planning.settings.of(&PretrainedConfig::default())?;
+    let start = FilterStart::of(&mut pretrained)?;
+    planning.settings.record(&pretrained);
+    planning.lines.push(start.line(pretrained.filter_freeze));
+    planning.of_field.sparsity = SPARSITY;
+    let (scene, data, seed) = (planning.scene, planning.data, planning.run.seed);
+    Ok(Box::new(move || {
+        let features = match filter.filter_features {
+            FeatureKind::Files => read_features(scene, data)?,
+            FeatureKind::None => Vec::new(),
+        };
+        let mut model = SfNerf::new(&filter, &layer, features, data.len(), seed)?;
+        model.begin_with(start, pretrained.filter_freeze)?;
+        Ok(Box::new(model))
+    }))
+}
+
+/// The filter, and the loss with it.
+struct SfNerf {
+    filter: Filter,
+    codes: CodeTable,
+    /// Of each training view; empty where there are none.
+    features: Vec<Arc<Features>>,
+    loss: LayerLoss,
+    lambda_smooth: f64,
+    rates: Rates,
+    seed: u64,
+    /// A filter to be read before the first step, and the SHA-256 of its file.
+    later: Option<(PathBuf, String)>,
+    /// Each pixel of the batch.
+    layers: Vec<Layer>,
+    raw_bar: Vec<[f32; OUTPUTS]>,
+    code_bar: Vec<f32>,
+}
+
+impl SfNerf {
+    /// For `views` photos with these features, one of each, or none.
+    fn new(
+        filter: &FilterConfig,
+        layer: &LayerConfig,
+        features: Vec<Arc<Features>>,
+        views: usize,
+        seed: u64,
+    ) -> Result<Self, SystemError> {
+        let shape = Shape {
+            octaves: filter.filter_octaves,
+            width: filter.filter_width,
+            code: filter.transient_dims,
+            channels: features.first().map_or(0, |f| f.channels),
+        };
+        Ok(Self {
+            filter: Filter::new(shape, Rng::new(seed, INIT))?,
+            codes: CodeTable::new("filter", views, filter.transient_dims, seed),
+            features,
+            loss: LayerLoss {
+                concrete: BinaryConcrete { temperature: layer.filter_temperature },
+                likelihood: likelihood(layer.beta_min, layer.tail),
+                lambda_alpha: layer.filter_opacity,
+            },
+            lambda_smooth: f64::from(layer.filter_smoothness),
+            rates: Rates {
+                filter: f64::from(filter.filter_lr),
+                codes: f64::from(filter.transient_lr),
+                hold: filter.filter_hold,
+                ease: filter.filter_ease,
+            },
+            seed,
+            later: None,
+            layers: Vec::new(),
+            raw_bar: Vec::new(),
+            code_bar: Vec::new(),
+        })
+    }
+
+    /// Take the weights of another run, where there are any.
+    fn begin_with(&mut self, start: FilterStart, freeze: Freeze) -> Result<(), SystemError> {
+        match start {
+            FilterStart::Scratch => return Ok(()),
+            FilterStart::Of(pretrained) => pretrained.fill(&mut self.filter)?,
+            FilterStart::Later(path, sha256) => self.later = Some((path, sha256)),
+        }
+        self.filter.freeze = freeze;
+        Ok(())
+    }
+
+    /// The occluder before each pixel of a batch.
+    fn predict(&mut self, batch: &Batch, step: u64) {
+        let rng = Rng::new(self.seed, NOISE).substream(step);
+        let Self { filter, codes, features, layers, loss, .. } = self;
+        layers.clear();
+        filter.forward(
+            Simd::best(),
+            batch.len(),
+            |i| input_of(codes, features, batch, i),
+            |i, raw| layers.push(loss.layer(raw, noise(rng.uniform_at(i as u64)))),
+        );
+    }
+
+    /// Gradients of the filter and of the codes of the batch.
+    fn gradients(&mut self, outcome: &Outcome<'_>) {
+        self.raw_bars(outcome);
+        let terms = self.smoothness(outcome);
+        self.filter.backward(outcome.simd, &self.raw_bar, &mut self.code_bar);
+        terms.add_to(&mut self.filter);
+    }
+
+    /// Derivative of the mean over the batch with respect to the raw outputs, without the prior.
+    fn raw_bars(&mut self, outcome: &Outcome<'_>) {
+        let mut bars = std::mem::take(&mut self.raw_bar);
+        bars.clear();
+        bars.extend(self.layers.iter().enumerate().map(|(i, layer)| {
+            let factor = outcome.share * outcome.batch.weight[i];
+            self.loss.raw_bar(layer, outcome.pixels[i].rgb, outcome.truth[i], factor)
+        }));
+        self.raw_bar = bars;
+    }
+
+    /// The prior on opacities, on pixels evenly spread over the batch; its derivatives with respect to the raw opacities are
+    /// added to theirs.
+    fn smoothness(&mut self, outcome: &Outcome<'_>) -> Terms {
+        if self.lambda_smooth == 0.0 {
+            return Terms::default();
+        }
+        let n = self.layers.len();
+        let count = SMOOTH_PIXELS.min(n);
+        let picks: Vec<Pick> = (0..count)
+            .map(|k| k * n / count)
+            .filter(|&index| outcome.batch.weight[index] > 0.0)
+            .map(|index| Pick { index, noise: self.layers[index].noise })
+            .collect();
+        let input_of = |i: usize| input_of(&self.codes, &self.features, outcome.batch, i);
+        let terms = smoothness(&self.filter, outcome.simd, self.loss.concrete, self.lambda_smooth, &picks, input_of);
+        for (pick, bar) in picks.iter().zip(&terms.h_bar) {
+            self.raw_bar[pick.index][0] += bar;
+        }
+        terms
+    }
+}
+
+/// The input of the filter at a pixel of a batch.
+fn input_of<'a>(codes: &'a CodeTable, features: &'a [Arc<Features>], batch: &Batch, i: usize) -> FilterInput<'a> {
+    let view = batch.view[i] as usize;
+    FilterInput { place: batch.place[i], code: codes.codes().of(view), features: features.get(view).map(|f| &**f) }
+}
+
+impl OccluderModel for SfNerf {
+    fn begin(&mut self, batch: &mut Batch, step: u64) -> Result<(), SystemError> {
+        if let Some((path, sha256)) = self.later.take() {
+            Pretrained::read_again(&path, &sha256)?.fill(&mut self.filter)?;
+        }
+        self.predict(batch, step);
+        Ok(())
+    }
+
+    /// `|Y' - Y|^2 / (2 beta^2) + ln beta + lambda_alpha alpha`, and its derivative with respect to `C`.
+    fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar) {
+        let layer = &self.layers[i];
+        let Cost { loss, over_bar, .. } = self.loss.cost(layer, pixel.rgb, truth);
+        (loss, PixelBar::colour(over_bar.map(|bar| bar * (1.0 - layer.alpha))))
+    }
+
+    /// `0.1 (1 - alpha) |C_coarse - Y|^2`
+    fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
+        let (loss, bar) = squared(rgb, truth, COARSE * (1.0 - self.layers[i].alpha));
+        (loss, bar.rgb)
+    }
+
+    fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
+        self.gradients(outcome);
+        let lr = outcome.lr * self.rates.filter;
+        let filter = self.filter.step(outcome.simd, lr, lr * self.rates.eased(outcome.step));
+        let lr = outcome.lr * self.rates.codes;
+        filter + self.codes.learn(outcome.simd, lr, outcome.batch, &self.code_bar, 0.0)
+    }
+
+    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+        let [width, height] = seen.size;
+        let code = self.codes.codes().of(seen.view);
+        let features = self.features.get(seen.view).map(|f| &**f);
+        let input_of = |i: usize| {
+            let place = [(i % width, width), (i / width, height)].map(|(at, size)| (at as f32 + 0.5) / size as f32);
+            FilterInput { place, code, features }
+        };
+        let raw = self.filter.infer(Simd::best(), width * height, input_of);
+        let alpha = |raw: [f32; OUTPUTS]| self.loss.layer(raw, 0.0).alpha;
+        Some(raw.into_iter().map(|raw| if alpha(raw) < 0.5 { 1.0 } else { 0.0 }).collect())
+    }
+
+    fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        self.codes.push_state(out);
+        self.filter.push_state(out);
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        self.codes.load_state(state)?;
+        self.filter.load_state(state)?;
+        self.later = None;
+        Ok(())
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.codes.len() + self.filter.parameter_count()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        let held = |f: &Arc<Features>| 4 * f.data.len() / Arc::strong_count(f);
+        let batch = size_of::<Layer>() * self.layers.capacity() + 4 * OUTPUTS * self.raw_bar.capacity();
+        let codes = self.codes.bytes() + 4 * self.code_bar.capacity();
+        self.filter.bytes() + codes + batch + self.features.iter().map(held).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod gradients;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_would_end_a_training_are_refused_before_it() {
+        let (filter, layer) = (FilterConfig::HASH_GRID, LayerConfig::HASH_GRID);
+        filter.check().unwrap();
+        layer.check().unwrap();
+        for (result, want) in [
+            (FilterConfig { filter_width: 0, ..filter.clone() }.check(), "`filter_width` = 0: must be in 1..=512"),
+            (
+                FilterConfig { filter_lr: 1e10, ..filter }.check(),
+                "`filter_lr` = 10000000000: must be above 0 and at most 1000",
+            ),
+            (
+                LayerConfig { filter_temperature: 0.0, ..layer.clone() }.check(),
+                "`filter_temperature` = 0: must be positive and finite",
+            ),
+            (
+                LayerConfig { filter_smoothness: f32::NAN, ..layer }.check(),
+                "`filter_smoothness` = NaN: must be in 0..=1000",
+            ),
+        ] {
+            assert_eq!(result.unwrap_err().to_string(), want);
+        }
+    }
+}
