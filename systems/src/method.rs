@@ -76,7 +76,7 @@ impl<'a> Codes<'a> {
 pub enum Drawing {
     /// Each at random.
     Pixels,
-    /// In patches, at least so many of them: one photo alone says little about the others.
+    /// In patches, at least this many: one photo alone says little about the others.
     Patches(Patches, usize),
 }
 

@@ -75,7 +75,7 @@ const GAP: usize = 5;
 /// Largest difference of a channel from the backdrop's colour.
 const BACKDROP: f32 = 0.03;
 
-/// The colour behind the scene in all photos, where it is one: pixels of it are no evidence.
+/// The colour behind the scene in all photos, where it is one: pixels of it are not evidence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Backdrop(Option<[f32; 3]>);
 

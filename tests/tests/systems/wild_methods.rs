@@ -2,9 +2,10 @@
 //! photos that say little.
 
 use engine::data::Dataset;
+use engine::halt::Halt;
 use engine::options::{Background, RunOptions, parse_set};
 use engine::render::{plain_query, render};
-use engine::system::{Appearance, Query, System, SystemError};
+use engine::system::{Appearance, Fit, Query, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, ImageSource, Scene, perturb};
 use std::sync::Arc;
@@ -77,6 +78,33 @@ fn appearance_changes_colours_and_nothing_else() {
     assert!(a.rgb != b.rgb, "two photos of different appearance are the same");
     let code: Arc<[f32]> = system.appearance_code(&Appearance::View(1)).unwrap().into();
     assert!(shown(Appearance::Code(code)).rgb == b.rgb);
+}
+
+/// Pixels of a photo rendered with a planted code: the least squares of the fit are 0 there and nowhere else.
+#[test]
+fn a_fit_finds_the_code_that_was_planted() {
+    let scene = scene(8);
+    let train = train_of(&scene);
+    let field = ["field=mlp", "width=32", "depth=2", "coarse=8", "fine=8", "batch_rays=512", "lr=5e-3"];
+    for (set, what) in [(&SMALL[..], "ngp"), (&field, "mlp")] {
+        let set = set.iter().chain(&["appearance_dims=2", "code_lr=1.0"]).map(|s| parse_set(s).unwrap()).collect();
+        let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+        let mut system = build("nerf-a", &scene, &train, &run).unwrap().0;
+        for step in 0..80 {
+            system.step(&train, step).unwrap();
+        }
+        let mean = system.appearance_code(&Appearance::Mean).unwrap();
+        let planted = [mean[0] + 0.5, mean[1] - 0.4];
+        let view = train.view(0);
+        let rays: Vec<_> = view.rays(0..view.camera.height).map(Option::unwrap).collect();
+        let query = Query { appearance: Appearance::Code(Arc::from(planted)), ..plain_query([1.0; 3], 0.0) };
+        let rgb = system.render(&rays, &query).rgb;
+        let fit =
+            Fit { rays: &rays, rgb: &rgb, background: [1.0; 3], steps: 600, lr: 0.05, seed: 1, halt: &Halt::NEVER };
+        let found = system.fit_appearance(&fit).unwrap();
+        let far = found.iter().zip(planted).map(|(found, planted)| (found - planted).abs()).fold(0.0, f32::max);
+        assert!(far < 0.02, "{what}: {found:?}, planted {planted:?}, mean {mean:?}");
+    }
 }
 
 #[test]

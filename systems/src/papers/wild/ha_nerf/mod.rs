@@ -13,7 +13,7 @@
 //! L = (1 - m) |C - Y|^2 + 2 lambda m^2        at best  m = min(1, |C - Y|^2 / (4 lambda))
 //! ```
 //!
-//! (squares are means over channels: twice what [`losses::visibility`] says, so that a pixel which counts costs what it does
+//! (squares are means over channels: twice the loss of [`losses::visibility`], so that a pixel which counts costs what it does
 //! elsewhere). `lambda` falls over the first steps: while the scene is not there yet nothing fits it, and all would be left out.
 //! On the hash grid what is not left out costs the scene a robust error (`kernel`), as the network needs its time to find
 //! occluders; the network learns from the square.

@@ -24,7 +24,6 @@ mod layer;
 mod photo_features;
 mod pretrained;
 mod rates;
-mod second_order;
 mod smoothness;
 #[cfg(test)]
 mod twin;
@@ -48,9 +47,8 @@ use pretrained::{FilterStart, Pretrained};
 pub use pretrained::{Freeze, PretrainedConfig};
 use rates::Rates;
 use scene_io::Features;
-use second_order::Terms;
 use serde::{Deserialize, Serialize};
-use smoothness::{Pick, smoothness};
+use smoothness::{Pick, Smoothness};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -200,6 +198,7 @@ struct SfNerf {
     features: Vec<Arc<Features>>,
     loss: LayerLoss,
     lambda_smooth: f64,
+    smoothness: Smoothness,
     rates: Rates,
     seed: u64,
     /// A filter to be read before the first step, and the SHA-256 of its file.
@@ -235,6 +234,7 @@ impl SfNerf {
                 lambda_alpha: layer.filter_opacity,
             },
             lambda_smooth: f64::from(layer.filter_smoothness),
+            smoothness: Smoothness::default(),
             rates: Rates {
                 filter: f64::from(filter.filter_lr),
                 codes: f64::from(filter.transient_lr),
@@ -276,9 +276,9 @@ impl SfNerf {
     /// Gradients of the filter and of the codes of the batch.
     fn gradients(&mut self, outcome: &Outcome<'_>) {
         self.raw_bars(outcome);
-        let terms = self.smoothness(outcome);
+        self.measure_smoothness(outcome);
         self.filter.backward(outcome.simd, &self.raw_bar, &mut self.code_bar);
-        terms.add_to(&mut self.filter);
+        self.smoothness.add_to(&mut self.filter);
     }
 
     /// Derivative of the mean over the batch with respect to the raw outputs, without the prior.
@@ -294,23 +294,23 @@ impl SfNerf {
 
     /// The prior on opacities, on pixels evenly spread over the batch; its derivatives with respect to the raw opacities are
     /// added to theirs.
-    fn smoothness(&mut self, outcome: &Outcome<'_>) -> Terms {
-        if self.lambda_smooth == 0.0 {
-            return Terms::default();
+    fn measure_smoothness(&mut self, outcome: &Outcome<'_>) {
+        let Self { filter, codes, features, layers, loss, lambda_smooth, smoothness, raw_bar, .. } = self;
+        if *lambda_smooth == 0.0 {
+            return smoothness.clear();
         }
-        let n = self.layers.len();
+        let n = layers.len();
         let count = SMOOTH_PIXELS.min(n);
         let picks: Vec<Pick> = (0..count)
             .map(|k| k * n / count)
             .filter(|&index| outcome.batch.weight[index] > 0.0)
-            .map(|index| Pick { index, noise: self.layers[index].noise })
+            .map(|index| Pick { index, noise: layers[index].noise })
             .collect();
-        let input_of = |i: usize| input_of(&self.codes, &self.features, outcome.batch, i);
-        let terms = smoothness(&self.filter, outcome.simd, self.loss.concrete, self.lambda_smooth, &picks, input_of);
-        for (pick, bar) in picks.iter().zip(&terms.h_bar) {
-            self.raw_bar[pick.index][0] += bar;
+        let input_of = |i: usize| input_of(codes, features, outcome.batch, i);
+        smoothness.measure(filter, outcome.simd, loss.concrete, *lambda_smooth, &picks, input_of);
+        for (pick, bar) in picks.iter().zip(&smoothness.h_bar) {
+            raw_bar[pick.index][0] += bar;
         }
-        terms
     }
 }
 
@@ -383,7 +383,7 @@ impl OccluderModel for SfNerf {
         let held = |f: &Arc<Features>| 4 * f.data.len() / Arc::strong_count(f);
         let batch = size_of::<Layer>() * self.layers.capacity() + 4 * OUTPUTS * self.raw_bar.capacity();
         let codes = self.codes.bytes() + 4 * self.code_bar.capacity();
-        self.filter.bytes() + codes + batch + self.features.iter().map(held).sum::<usize>()
+        self.filter.bytes() + self.smoothness.bytes() + codes + batch + self.features.iter().map(held).sum::<usize>()
     }
 }
 

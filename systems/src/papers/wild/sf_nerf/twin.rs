@@ -92,7 +92,7 @@ pub(super) fn alpha(h: f64, kappa: f64, noise: f64) -> f64 {
 
 /// Central differences of `f` with respect to every number that `numbers` names.
 pub(super) fn differences(n: usize, f: impl Fn(usize, f64) -> f64) -> Vec<f64> {
-    // Small: the smoothness prior jumps where a unit passes 0, and a step across such a place is no derivative.
+    // Small: the smoothness prior jumps where a unit passes 0, and a step across such a place does not give a derivative.
     const H: f64 = 1e-7;
     (0..n).map(|i| (f(i, H) - f(i, -H)) / (2.0 * H)).collect()
 }
