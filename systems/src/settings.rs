@@ -38,13 +38,6 @@ pub(crate) fn refuse_unknown(run: &RunOptions, known: &toml::Table) -> Result<()
     }
 }
 
-/// Settings after `--set`: unknown names and values of the wrong kind are errors that name them.
-pub(crate) fn settings<C: Serialize + DeserializeOwned>(planned: &C, run: &RunOptions) -> Result<C, SystemError> {
-    let all = table(planned);
-    refuse_unknown(run, &all)?;
-    typed(over(all, run), run)
-}
-
 /// The settings of a system, part by part.
 pub(crate) struct Settings<'a> {
     run: &'a RunOptions,
@@ -116,20 +109,6 @@ fn typed<C: DeserializeOwned>(settings: toml::Table, run: &RunOptions) -> Result
         value: run.set.to_string().trim().replace('\n', ", "),
         problem: e.message().into(),
     })
-}
-
-/// `--set` for a method, whose settings are `ours`, and for its field.
-pub(crate) fn split(run: &RunOptions, ours: &toml::Table) -> (RunOptions, RunOptions) {
-    let keep = |mine: bool| RunOptions {
-        set: run
-            .set
-            .iter()
-            .filter(|(key, _)| ours.contains_key(*key) == mine)
-            .map(|(k, v)| (k.clone(), v.clone()))
-            .collect(),
-        ..run.clone()
-    };
-    (keep(true), keep(false))
 }
 
 /// Every field of a configuration with its value.

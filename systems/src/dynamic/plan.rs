@@ -4,11 +4,10 @@ use super::rays::RaySettings;
 use crate::claims::{Claim, names};
 use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::papers::static_scenes::ngp;
-use crate::plan::{
-    Ground, Settings, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, no_such_system, set_near,
-};
+use crate::plan::{Ground, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, set_near};
 use crate::rays::{Ngp, RayConfig};
 use crate::samplers::CueConfig;
+use crate::settings::{Settings, no_such_system};
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
 use engine::error::RunError;

@@ -14,7 +14,6 @@ mod near;
 mod ngp_settings;
 mod parallax;
 
-pub(crate) use crate::settings::{Settings, no_such_system, refuse_unknown, settings, split, table};
 pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
 pub(crate) use field_settings::{field_settings, moving_field_settings};
@@ -23,4 +22,4 @@ pub(crate) use near::set_near;
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names, ngp_settings};
-pub(crate) use parallax::{NO_PARALLAX, accepts_no_parallax, has_no_parallax, no_parallax};
+pub(crate) use parallax::{accepts_no_parallax, has_no_parallax, no_parallax};

@@ -1,7 +1,7 @@
 //! Whether the training cameras see depth by parallax, and what accepts that they do not.
 
 use crate::layout::stands_still;
-pub(crate) use crate::settings::NO_PARALLAX;
+use crate::settings::NO_PARALLAX;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::SystemError;
