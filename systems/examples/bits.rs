@@ -48,6 +48,7 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("film", "hypernerf", &["ambient_from=10", "ambient_anneal=20"]),
     ("film", "tineuvox", &["voxels=24", "voxels_every=10"]),
     ("still", "k-planes", &["plane_vertices=16"]),
+    ("film", "k-planes", &["plane_vertices=16"]),
     ("tissue", "endo-nerf", &["refine_every=15"]),
 ];
 

@@ -2,7 +2,7 @@
 
 use super::rays::RaySettings;
 use crate::claims::{Claim, names};
-use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
+use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
 use crate::papers::static_scenes::ngp;
 use crate::plan::{Ground, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, set_near};
 use crate::rays::{Ngp, RayConfig};
@@ -24,13 +24,13 @@ struct Known {
     deform: Option<NewDeform>,
     rays: RaySettings,
     depth: CueConfig,
-    field: fn(&mut RayConfig),
+    field: fn(&mut RayConfig, &Dataset),
 }
 
 impl Known {
     /// A field in which nothing moves.
     const STILL: Self =
-        Self { claim: ngp::CLAIM, deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_| {} };
+        Self { claim: ngp::CLAIM, deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_, _| {} };
 
     /// A field that a deformation moves.
     const fn moving(claim: Claim, deform: NewDeform) -> Self {
@@ -38,13 +38,14 @@ impl Known {
     }
 }
 
-const KNOWN: [Known; 7] = [
+const KNOWN: [Known; 8] = [
     Known::STILL,
     Known::moving(t_nerf::CLAIM, t_nerf::deform),
     Known::moving(d_nerf::CLAIM, d_nerf::deform),
     Known::moving(nerfies::CLAIM, nerfies::deform),
     Known::moving(hyper_nerf::CLAIM, hyper_nerf::deform),
     Known { field: tineuvox::field, ..Known::moving(tineuvox::CLAIM, tineuvox::deform) },
+    Known { claim: k_planes::CLAIM, field: k_planes::field, ..Known::STILL },
     Known {
         rays: RaySettings { guided: endo_nerf::GUIDED, ..RaySettings::ANYWHERE },
         depth: endo_nerf::DEPTH,
@@ -112,7 +113,7 @@ pub fn build(
         // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;
     }
-    (known.field)(&mut field);
+    (known.field)(&mut field, data);
     let field = field.asked(&mut settings)?;
     let config = settings.all()?;
     let mut system = ground.moving(data, &field, run.seed, scene, known.claim.name, deform)?;

@@ -29,10 +29,3 @@ pub(crate) fn field_settings(ground: &mut Ground, data: &Dataset) -> RayConfig {
     set_near(&mut config.space, ground, data, Shown::Scene);
     config
 }
-
-/// Settings of `ngp` for a scene that moves: no photo stands for the others.
-pub(crate) fn moving_field_settings(ground: &mut Ground, data: &Dataset) -> RayConfig {
-    let mut config = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
-    set_near(&mut config.space, ground, data, Shown::Moments);
-    config
-}

@@ -16,7 +16,7 @@ mod parallax;
 
 pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
-pub(crate) use field_settings::{field_settings, moving_field_settings};
+pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, has_alpha, percent, space};
 pub(crate) use near::set_near;
 #[cfg(test)]

@@ -1,14 +1,19 @@
 //! The gradient of a step as wired, from pixels to every learned number, against differences of the loss in f64.
 
 use super::budget_tests::{biased, randomised_with, small, table};
+use super::moving_tests::filmed;
 use super::step::Plan;
 use super::{HeadConfig, MixtureKind, Ngp, RayConfig};
-use crate::fields::{HashGridSettings, VoxelSettings, fold_gradients};
+use crate::fields::{HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
 use crate::method::{Codes, Method, Pixel, PixelBar};
+use crate::papers::dynamic::k_planes;
 use crate::plan::HASH_GRID;
+use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
 use engine::data::Dataset;
+use engine::options::RunOptions;
+use field_core::rng::Rng;
 use std::sync::Arc;
 
 /// Photos of the scene.
@@ -56,8 +61,7 @@ fn tiny(kind: SpaceKind) -> RayConfig {
     let mut config = small(kind);
     config.features =
         Arc::new(HashGridSettings { levels: 2, features: 2, log2_table: 6, n_min: 2, n_max: 5, ..HASH_GRID });
-    config.networks =
-        crate::fields::NetworkConfig { width: 8, geometry: 5, sh_degree: 2, ..biased(kind, -1.0).networks };
+    config.networks = NetworkConfig { width: 8, geometry: 5, sh_degree: 2, ..biased(kind, -1.0).networks };
     (config.batch.train_stop, config.batch.train_faint) = (0.0, 0.0);
     (config.batch.batch_rays, config.batch.batch_samples) = (64, 1500);
     config
@@ -255,4 +259,31 @@ fn parts_of_a_batch_add_up() {
     for (a, b) in all.iter().zip(sum) {
         assert!((a - b).abs() <= 1e-5 * a.abs().max(1e-3), "{a} {b}");
     }
+}
+
+#[test]
+fn of_planes_of_space_and_of_planes_of_time() {
+    let small = |data: &Dataset| {
+        let mut config = tiny(SpaceKind::Box);
+        k_planes::field(&mut config, data);
+        let run = RunOptions {
+            seed: 0,
+            background: None,
+            error_budget: None,
+            set: toml::toml! {
+                plane_vertices = 6
+                plane_scales = [1, 2]
+                plane_features = 3
+            },
+        };
+        config.features = config.features.asked(&mut Settings::new(&run)).unwrap();
+        config.networks = NetworkConfig { width: 8, colour_layers: 1, ..config.networks };
+        config
+    };
+    let (_, still) = table();
+    check(small(&still), None, &still);
+    let film = filmed(8);
+    let config = small(&film);
+    assert!(!config.features.features(Rng::new(0, 0)).unwrap().view_times().is_empty());
+    check(config, None, &film);
 }

@@ -21,7 +21,7 @@ use std::sync::Arc;
 const MOMENTS: usize = 20;
 
 /// A photo of each of so many moments.
-fn filmed(side: u32) -> Dataset {
+pub(super) fn filmed(side: u32) -> Dataset {
     let options =
         OrbitOptions { width: side, height: side, train: MOMENTS, test: 0, rays: 1, ..OrbitOptions::default() };
     let scene = orbit(&options);

@@ -13,7 +13,7 @@
 use crate::buffers::{shapes_hold, sized};
 use crate::claims::Claim;
 use crate::fields::{Detail, FeatureSource, Features, Names, Part, Places};
-use crate::plan::{Ask, Built, Ground, chosen_sampler, field_settings, moving_field_settings, planned};
+use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
 use crate::rays::RayConfig;
 use crate::settings::Settings;
 use engine::data::Dataset;
@@ -123,6 +123,11 @@ impl PlaneSource {
         }
         let settings = if times.is_empty() { PlaneSettings::still() } else { PlaneSettings::moving() };
         Self { settings, times: times.into() }
+    }
+
+    /// Planes of space alone.
+    fn still() -> Self {
+        Self { settings: PlaneSettings::still(), times: Arc::default() }
     }
 
     /// Vertices along the time: half as many as there are times, at least two.
@@ -339,34 +344,30 @@ impl Features for PlaneFeatures {
     }
 }
 
-/// The planes of these photos behind the networks of the hybrid model.
-fn field(config: &mut RayConfig, data: &Dataset) {
-    let source = PlaneSource::of(data);
-    let still = source.times.is_empty();
-    config.features = Arc::new(source);
-    (config.networks.width, config.networks.colour_layers) = (64, 2);
-    config.rates.lr = RATE;
-    if still && config.terms.distortion == 0.0 {
+/// Planes behind the networks of the hybrid model.
+fn hybrid(config: &mut RayConfig, planes: PlaneSource) {
+    if planes.times.is_empty() && config.terms.distortion == 0.0 {
         config.terms.distortion = DISTORTION;
     }
+    config.features = Arc::new(planes);
+    (config.networks.width, config.networks.colour_layers) = (64, 2);
+    config.rates.lr = RATE;
+}
+
+/// The field of a scene that moves.
+pub(crate) fn field(config: &mut RayConfig, data: &Dataset) {
+    hybrid(config, PlaneSource::of(data));
 }
 
 /// Learning rate as released, and the factor of the distortion loss of scenes at rest.
 const RATE: f32 = 0.01;
 const DISTORTION: f32 = 1e-3;
 
-/// Planes for a scene at rest or in motion.
+/// Planes for a scene at rest.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
-    let moves = !PlaneSource::of(ask.data).times.is_empty();
-    let mut ground = if moves {
-        Ground::of_moments(ask.scene, ask.data, ask.run)?
-    } else {
-        Ground::of(ask.scene, ask.data, ask.run)?
-    };
-    ground.lines.extend(ask.claim.line());
-    let mut config =
-        if moves { moving_field_settings(&mut ground, ask.data) } else { field_settings(&mut ground, ask.data) };
-    field(&mut config, ask.data);
+    let mut ground = ask.ground()?;
+    let mut config = field_settings(&mut ground, ask.data);
+    hybrid(&mut config, PlaneSource::still());
     let config = chosen_sampler(config, &mut ask.settings)?;
     let all = ask.settings.all()?;
     let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, None)?;

@@ -19,6 +19,7 @@ use crate::warps::{
     At, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, Sees, Time, TimeKind,
     TimeSettings, Times, Warp, WarpSettings, Windows, moving,
 };
+use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::tape::{Node, Tape, TapeError};
 use std::sync::Arc;
@@ -114,7 +115,7 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
 }
 
 /// Its field.
-pub(crate) fn field(config: &mut RayConfig) {
+pub(crate) fn field(config: &mut RayConfig, _: &Dataset) {
     config.features = Arc::new(VoxelSettings { voxels: VOXELS, voxels_every: VOXELS_EVERY, features: FEATURES });
     config.networks.width = 64;
     config.terms.background_entropy = BACKGROUND_ENTROPY;
