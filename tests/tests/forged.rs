@@ -21,6 +21,8 @@ const MOST_MORE: u64 = 1 << 30;
 const STEPS: u64 = 2;
 
 const GRID: &[&str] = &["levels=4", "log2_table=8", "occupancy=16", "batch_samples=256", "batch_rays=32"];
+const VOXELS: &[&str] = &["voxels=12", "occupancy=16", "batch_samples=256", "batch_rays=32"];
+const PLANES: &[&str] = &["plane_vertices=6", "occupancy=16", "batch_samples=256", "batch_rays=32"];
 const NETWORK: &[&str] = &["width=16", "depth=2", "coarse=4", "fine=4", "batch_rays=16"];
 const MIP_360: &[&str] = &["width=16", "depth=2", "proposal_width=16", "proposal_depth=2", "batch_rays=16"];
 
@@ -283,6 +285,6 @@ fn forged_checkpoints_of_moving_scenes() {
 
 #[test]
 fn forged_checkpoints_of_moving_scenes_of_more_networks() {
-    let names = ["nerfies", "hypernerf", "tineuvox"];
-    check(&names.map(|name| (name, GRID)), moving, &systems::dynamic::build, false);
+    let systems = [("nerfies", GRID), ("hypernerf", GRID), ("tineuvox", VOXELS), ("k-planes", PLANES)];
+    check(&systems, moving, &systems::dynamic::build, false);
 }

@@ -36,6 +36,7 @@ fn schedules(name: &str) -> &'static [&'static str] {
         "hypernerf" => &["warp_anneal=4", "ambient_from=2", "ambient_anneal=3", "background_points=32"],
         // Doubled after steps 2, 4 and 6.
         "tineuvox" => &["voxels=24", "voxels_every=2"],
+        "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
         // Depths give way before steps 2 and 4.
         "endo-nerf" => &["refine_every=2", "refine_share=0.3"],
         _ => &[],
@@ -82,8 +83,9 @@ fn try_planned(
 fn has_part(name: &str, setting: &str) -> bool {
     let has = |systems: &[&str]| systems.contains(&name);
     match setting.split('=').next().unwrap() {
-        "warp_width" => !has(&["ngp"]),
-        "warp_depth" => !has(&["ngp", "t-nerf"]),
+        "levels" | "log2_table" | "n_max" => !has(&["tineuvox", "k-planes"]),
+        "warp_width" => !has(&["ngp", "k-planes"]),
+        "warp_depth" => !has(&["ngp", "k-planes", "t-nerf"]),
         "ambient_width" | "ambient_depth" => has(&["hypernerf"]),
         _ => true,
     }

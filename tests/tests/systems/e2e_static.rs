@@ -94,6 +94,8 @@ fn tabletop_is_recovered_where_it_is() {
 fn proposing() -> Request {
     let set = ["sampler=proposal", "proposal_samples=[32, 24]", "final_samples=16"].map(|s| parse_set(s).unwrap());
     let mut request = request("tabletop");
+    // Proposals have no occupancy grid.
+    request.set.remove("occupancy");
     request.set.extend(set);
     request
 }

@@ -55,12 +55,13 @@ fn usual_operation() -> Scene {
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let own: &[&str] = match name {
         "tineuvox" => &["voxels=12", "voxels_every=2"],
+        "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
         // The others look at no depth.
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],
     };
-    let small = SMALL.iter().filter(|s| has_part(name, s));
-    let set = TINY_NGP.iter().chain(small).chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s));
+    let set = small.chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::dynamic::build(name, scene, data, &options)
 }
@@ -71,10 +72,11 @@ fn has_part(name: &str, setting: &str) -> bool {
     match setting.split(['=', '_']).next().unwrap_or_default() {
         "ambient" => has(&["hypernerf"]),
         "elastic" | "background" => has(&["nerfies", "hypernerf"]),
+        "levels" | "log2" | "n" => !has(&["tineuvox", "k-planes"]),
         "plane" | "planes" => !has(&["ngp", "tineuvox"]),
-        "moment" => !has(&["ngp"]),
-        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp"]),
-        "warp" => !has(&["ngp", "t-nerf"]),
+        "moment" => !has(&["ngp", "k-planes"]),
+        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp", "k-planes"]),
+        "warp" => !has(&["ngp", "k-planes", "t-nerf"]),
         _ => true,
     }
 }

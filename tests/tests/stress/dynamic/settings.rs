@@ -7,7 +7,7 @@ use scene_io::Point;
 use stress::Tally;
 
 /// Accepted at either end, by system.
-const ACCEPTED: [(&str, &str); 7] = [
+const ACCEPTED: [(&str, &str); 8] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1"),
     (
         "t-nerf",
@@ -46,8 +46,14 @@ const ACCEPTED: [(&str, &str); 7] = [
     ),
     (
         "tineuvox",
-        "voxels=8 voxels=32+voxels_every=1 voxels_every=0 voxels_every=9223372036854775807 voxels=0 features=1 features=8
+        "voxels=8 voxels=32+voxels_every=1 voxels_every=0 voxels_every=9223372036854775807 features=1 features=8
         moment_dims=1 moment_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place",
+    ),
+    (
+        "k-planes",
+        "plane_vertices=2 plane_scales=[1] plane_scales=[1,1,1,1,1,1] plane_scales=[16] plane_features=1 plane_features=64
+        plane_times=0 plane_times=1 plane_times=2 plane_times=1024 plane_variation=0.0 plane_variation=100.0
+        plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0",
     ),
     (
         "endo-nerf",
@@ -74,18 +80,21 @@ const REFUSED: &str = "
     depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
     cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
     cue_anywhere=-0.1 cue_anywhere=1.1 cue_anywhere=nan refine_share=-0.1 refine_share=1.1 refine_share=nan
-    refine_every=-1 refine_rounds=-1 curriculum=-1 voxels=7 voxels=513 moment_dims=1.5 moment_dims=-1
+    refine_every=-1 refine_rounds=-1 curriculum=-1 voxels=0 voxels=7 voxels=513 moment_dims=1.5 moment_dims=-1
     moment=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
-    sampler=proposal";
+    plane_vertices=1 plane_vertices=1025 plane_scales=[] plane_scales=[0] plane_scales=[17] plane_variation=-1.0
+    plane_variation=nan plane_smoothness=101.0 plane_transients=inf";
 
 /// Refused by systems that have no such part.
-const ABSENT: [(&str, &str); 6] = [
+const ABSENT: [(&str, &str); 8] = [
     ("ngp", "warp_lr=0.0"),
     ("t-nerf", "warp=rigid"),
     ("d-nerf", "elastic=1000.0"),
     ("d-nerf", "background=1000.0"),
     ("nerfies", "ambient=2"),
     ("tineuvox", "planes=[4]"),
+    ("tineuvox", "log2_table=8"),
+    ("hypernerf", "sampler=proposal"),
 ];
 
 pub(crate) fn cases(tally: &mut Tally) {
@@ -108,7 +117,12 @@ pub(crate) fn cases(tally: &mut Tally) {
             let (key, value) = setting.split_once('=').unwrap_or_default();
             // As it was written, or as numbers and lists are.
             let number = value.parse::<f32>().map(|v| v.to_string()).unwrap_or(value.replace(',', ", "));
-            let name = if key.starts_with("voxels") { "tineuvox" } else { "hypernerf" };
+            let of_planes = ["vertices", "scales", "variation", "smoothness", "transients"];
+            let name = match key.split_once('_') {
+                _ if key.starts_with("voxels") => "tineuvox",
+                Some(("plane", rest)) if of_planes.contains(&rest) => "k-planes",
+                _ => "hypernerf",
+            };
             match build(name, &stage, &data[0], &[setting]) {
                 Err(e) => says(&e, &[key]).and(says(&e, &[value]).or(says(&e, &[&number]))),
                 Ok(_) => Err("taken".into()),
