@@ -1,4 +1,5 @@
-//! Float functions from `std` or `libm`, and kernels that are compiled for several SIMD levels: what the math crates build on.
+//! Float functions from `std` or `libm`, kernels that are compiled for several SIMD levels, and random numbers: what the math
+//! crates build on.
 //!
 //! | module or type | content |
 //! | --- | --- |
@@ -7,7 +8,7 @@
 //! | [`Task`], [`Vector`] | a kernel, written once over a vector type and compiled for each level |
 //! | [`vecmath`] | `exp`, `ln`, logistic, softplus, `tanh`, `sin`, `cos` of vectors, with measured errors |
 //! | [`Bf16`] | a token for products of bf16 pairs |
-//! | [`rng`] | counter-based random numbers, the same in any order and on any number of threads |
+//! | [`rng`] | counter-based random numbers: a function of (seed, stream, index), the same in any order |
 //!
 //! # Features
 //! `std` (default), `libm` (the pure Rust functions; where both are on, `libm` wins and every platform gives the same bits, so it is a
