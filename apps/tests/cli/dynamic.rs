@@ -152,7 +152,7 @@ fn what_a_system_of_moving_scenes_has_not_is_said_in_one_line() {
         (&["--system", "nerf-w"][..], "tineuvox"),
         (&["--set", "warp=sideways"], "sideways"),
         (&["--set", "warp_depth=0"], "`warp_depth` = 0"),
-        (&["--set", "sampler=\"proposal\""], "proposals know of one moment only"),
+        (&["--set", "sampler=\"proposal\""], "`set` = sampler: there is no such setting"),
     ] {
         let answer = train(&scene, &run, &[&["--steps", "1"], extra].concat());
         assert_eq!(answer.code, 1, "{extra:?}: {}", answer.out);

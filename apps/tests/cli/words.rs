@@ -55,7 +55,7 @@ fn every_option_that_a_message_names_is_one_of_some_app() {
     let (commands, options) = known();
     assert!(commands.contains("train") && options.contains("--holdout"), "{commands:?} {options:?}");
     let mut files = Vec::new();
-    for part in ["scene-io", "systems", "apps"] {
+    for part in ["scene-io", "engine", "systems", "apps"] {
         sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(part).join("src"), &mut files);
     }
     let (mut seen, mut unknown) = (0, Vec::new());
