@@ -348,8 +348,8 @@ mod tests {
             assert_eq!(visibility.learn(&outcome(&batch, &pixels, &batch.rgb)), 0);
         }
         visibility.begin(&mut batch, 1500).unwrap();
-        for i in 0..128 {
-            let (m, best) = (visibility.m[i], best_map(f64::from(squares[i]), lambda) as f32);
+        for (i, (&m, &e2)) in visibility.m.iter().zip(&squares).enumerate() {
+            let best = best_map(f64::from(e2), lambda) as f32;
             assert!((m - best).abs() < 0.1, "pixel {i}: {m}, best {best}");
         }
     }
