@@ -1,13 +1,12 @@
 //! Radiance-field systems, composed from the math crates, on the engine that they share (crate `engine`).
 //!
-//! * [`plan`]: what a scene needs, and the systems for scenes that stand still; [`claims`]: what each does otherwise than its
-//!   paper.
-//! * [`layout`], [`space`]: what kind of place a scene is, and the map from world coordinates to those of a field.
-//! * [`static_scene`]: the hash grid (`ngp`) and the published networks.
-//! * [`method`]: the seam between a field and the models of photographs from the wild; [`appearance`] and [`occluders`]: these
-//!   models; [`papers`]: the systems made of them.
-//! * `warps`: deformations of moving scenes; [`dynamic`]: the systems made of them.
-//! * [`splats`]: systems of Gaussian splats. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
+//! * [`registry`]: the systems by name; [`claims`]: what each does otherwise than its paper.
+//! * [`papers`]: one file or folder a system, with the paper's equations. [`dynamic`]: the systems for scenes that move.
+//! * [`plan`], [`layout`], [`space`]: what a scene needs, what kind of place it is, and the map from world coordinates to those of a
+//!   field.
+//! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
+//!   [`method`] is the seam to the last two. [`networks`]: the driver of networks as published.
+//! * [`splats`]: clouds of Gaussians. [`bake`]: any field as such a cloud, to look at and to export.
 
 pub mod appearance;
 pub mod bake;

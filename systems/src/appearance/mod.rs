@@ -2,8 +2,8 @@
 //!
 //! Colours of the field depend on a code of each photo, density does not.
 //!
-//! * [`codes`]: a free code for each training photo;
-//! * [`encoder`]: a network that makes the code of any photo, from `thumbnail`s by `photo_network`, held to what it sees in
+//! * `codes`: a free code for each training photo;
+//! * `encoder`: a network that makes the code of any photo, from `thumbnail`s by `photo_network`, held to what it sees in
 //!   renders by `view_consistency`;
 //! * [`config`]: the settings of these.
 

@@ -1,6 +1,6 @@
 //! What a field of radiance learns about places: features of points, which small networks turn into density and colour.
 //!
-//! A [`Features`] is a hash grid ([`HashGridFeatures`]), voxels ([`VoxelFeatures`]), or another table of learned numbers, with the
+//! A `Features` is a hash grid (`HashGridFeatures`), voxels (`VoxelFeatures`), or another table of learned numbers, with the
 //! optimiser of these numbers.
 
 mod field;

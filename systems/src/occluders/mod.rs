@@ -2,12 +2,12 @@
 //!
 //! Here lie the trait and what several models are made of; each paper's own model lies in its file (`papers::wild`).
 //!
-//! * [`none`]: no occluders, every pixel shows the scene;
-//! * [`pixel_error`]: the loss of a pixel's error, squared or robust; [`likelihood`]: its likelihood under an uncertainty;
-//! * [`pixel_network`]: a small network over the pixels of photos;
-//! * [`static_maps`]: which squares of each photo are static;
-//! * [`survey`]: when all photos are compared with the field, and at what scale; [`outliers`]: the static maps found by that, from
-//!   `expected_error`; [`scene_guard`]: what is part of the scene, however badly it is rendered.
+//! * `none`: no occluders, every pixel shows the scene;
+//! * `pixel_error`: the loss of a pixel's error, squared or robust; `likelihood`: its likelihood under an uncertainty;
+//! * `pixel_network`: a small network over the pixels of photos;
+//! * `static_maps`: which squares of each photo are static;
+//! * `survey`: when all photos are compared with the field, and at what scale; `outliers`: the static maps found by that, from
+//!   `expected_error`; `scene_guard`: what is part of the scene, however badly it is rendered.
 
 pub(crate) mod expected_error;
 pub(crate) mod likelihood;

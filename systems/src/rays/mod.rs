@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | [`crate::deform`] |
+//! | what moves | `deform` |
 //! | appearance of photos, and what hides the scene in them | [`crate::method`] |
 //!
 //! A step:

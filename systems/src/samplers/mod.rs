@@ -1,8 +1,8 @@
 //! Where samples lie along a ray.
 //!
-//! * [`Occupancy`]: a march through what an occupancy grid does not know to be empty.
-//! * [`Proposals`]: small density fields that say where the weight of a ray lies; a fixed number of samples a ray.
-//! * [`MeasuredDepth`]: cuts a march around depths that were measured.
+//! * `Occupancy`: a march through what an occupancy grid does not know to be empty.
+//! * `Proposals`: small density fields that say where the weight of a ray lies; a fixed number of samples a ray.
+//! * `MeasuredDepth`: cuts a march around depths that were measured.
 
 mod depth;
 mod occupancy;

@@ -1,7 +1,7 @@
 //! Terms of the loss that read whole rays, beside the error of pixels: how weight is spread, where rays end, how dense the
 //! samples are and of which colour.
 //!
-//! Each is a [`RayTerm`]. The driver renders a tile of rays, hands it to the terms one after the other, and takes the gradients
+//! Each is a `RayTerm`. The driver renders a tile of rays, hands it to the terms one after the other, and takes the gradients
 //! that they add back through compositing and networks.
 
 mod depth;

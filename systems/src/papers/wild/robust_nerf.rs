@@ -9,7 +9,7 @@
 //!
 //! * `judging = "batch"`, as published: batches are made of patches, each rendered before it is learnt from.
 //! * `judging = "photos"`: all photos are compared with the renders of the field, at ever longer intervals
-//!   ([`crate::occluders::outliers`]), and batches stay random pixels. Why: `docs/decisions/0014-robust-nerf-by-photos.md`.
+//!   (`outliers`), and batches stay random pixels. Why: `docs/decisions/0014-robust-nerf-by-photos.md`.
 //! * `judging = "never"`: each ray is weighted by its own residual alone.
 //!
 //! The error of what is not left out is that of `kernel`; squared as published.

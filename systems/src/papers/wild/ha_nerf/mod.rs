@@ -3,10 +3,10 @@
 //! Chen, Zhang, Li, Chen, Feng, Wang, Wang, "Hallucinated Neural Radiance Fields in the Wild", 2022, section 3.
 //!
 //! The appearance of a photo is encoded by a network, so that a photo that was not trained on has one, too
-//! ([`crate::appearance::encoder`]). Now and then a lattice of a photo's pixels is rendered with the code of another photo, in
+//! (`encoder`). Now and then a lattice of a photo's pixels is rendered with the code of another photo, in
 //! which the encoder should find that code again (view consistency; on the hash grid alone).
 //!
-//! Occluders are found in the plane of the photo: a network ([`VisibilityMap`]) predicts how far each pixel is left out, `m` in
+//! Occluders are found in the plane of the photo: a network (`VisibilityMap`) predicts how far each pixel is left out, `m` in
 //! 0 to 1, which has a price:
 //!
 //! ```text

@@ -9,10 +9,10 @@
 //! M = vote(H_CR or H_SfM)
 //! ```
 //!
-//! * `H_SfM`: features that many photos share are static, as structure from motion knows ([`segments::shared_features`]);
-//! * `H_CR`: so is what is rendered no worse than most photos are at the same place ([`crate::occluders::outliers`]; published:
+//! * `H_SfM`: features that many photos share are static, as structure from motion knows (`shared_features`);
+//! * `H_CR`: so is what is rendered no worse than most photos are at the same place (`outliers`; published:
 //!   no worse than the mean of the photo);
-//! * `vote`: on the segments of the photo, from files or else its superpixels ([`segments::Pieces`]).
+//! * `vote`: on the segments of the photo, from files or else its superpixels (`Pieces`).
 //!
 //! The field then goes on with what was found to be static, and compares again, or starts anew, as published. Segments from
 //! files have outlines as sharp as the photo. Where the field goes on, it leaves out what errs, too, whatever segment it is in:

@@ -2,7 +2,7 @@
 //!
 //! Lee, Kim, Heo, Lee, "Semantic-aware Occlusion Filtering Neural Radiance Fields in the Wild", 2023, section 3.
 //!
-//! Each photo has a code; a network ([`filter`]) whose input is the place of a pixel, the code and, where the photo has them,
+//! Each photo has a code; a network (`filter`) whose input is the place of a pixel, the code and, where the photo has them,
 //! features of a self-supervised network predicts how opaque (`alpha`), of what colour (`C_t`) and how uncertain (`beta`) the
 //! occluder before the pixel is. It is composited over the render of the field:
 //!
@@ -16,7 +16,7 @@
 //! Opacities are samples of a Binary Concrete distribution in training, nearly a coin toss, so that the field cannot rely
 //! on shares; elsewhere the noise is left out. Pictures of the scene show the field alone.
 //!
-//! With few photos the filter comes from another scene's run ([`pretrained`]). The prior on densities, of weight 1e-10, is the
+//! With few photos the filter comes from another scene's run (`pretrained`). The prior on densities, of weight 1e-10, is the
 //! field's: its setting `sparsity`.
 
 mod filter;
