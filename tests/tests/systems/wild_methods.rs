@@ -80,7 +80,8 @@ fn appearance_changes_colours_and_nothing_else() {
     assert!(shown(Appearance::Code(code)).rgb == b.rgb);
 }
 
-/// Pixels of a photo rendered with a planted code: the least squares of the fit are 0 there and nowhere else.
+/// Pixels of a photo rendered with a planted code: the fit finds it, but for what it leaves out. Its samples are those of a training
+/// step, and of mist (the field is hardly trained) the faintest hold a part of the colour; a render with a budget of 0 has all.
 #[test]
 fn a_fit_finds_the_code_that_was_planted() {
     let scene = scene(8);
@@ -103,7 +104,22 @@ fn a_fit_finds_the_code_that_was_planted() {
             Fit { rays: &rays, rgb: &rgb, background: [1.0; 3], steps: 600, lr: 0.05, seed: 1, halt: &Halt::NEVER };
         let found = system.fit_appearance(&fit).unwrap();
         let far = found.iter().zip(planted).map(|(found, planted)| (found - planted).abs()).fold(0.0, f32::max);
-        assert!(far < 0.02, "{what}: {found:?}, planted {planted:?}, mean {mean:?}");
+        let again = Query { appearance: Appearance::Code(Arc::from(&found[..])), ..query.clone() };
+        let off = |code: &Query| {
+            let squares = system
+                .render(&rays, code)
+                .rgb
+                .iter()
+                .zip(&rgb)
+                .flat_map(|(a, b)| [0, 1, 2].map(|c| (a[c] - b[c]).powi(2)))
+                .sum::<f32>();
+            (squares / (3 * rgb.len()) as f32).sqrt()
+        };
+        let (found_off, mean_off) = (off(&again), off(&Query { appearance: Appearance::Mean, ..query }));
+        println!("{what}: {far} from the planted code; colours off by {found_off}, with the mean code by {mean_off}");
+        let least = if what == "mlp" { 0.02 } else { 0.1 };
+        assert!(far < least, "{what}: {found:?}, planted {planted:?}, mean {mean:?}");
+        assert!(found_off < 0.05 * mean_off, "{what}: colours off by {found_off}, with the mean code by {mean_off}");
     }
 }
 
