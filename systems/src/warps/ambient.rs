@@ -1,6 +1,6 @@
 //! Ambient coordinates: the bendy sheet that cuts a template of more than three dimensions (HyperNeRF, section 3.3).
 
-use super::At;
+use super::at::At;
 use super::network::Network;
 use super::octaves::{Octaves, Schedule};
 use super::parameters::{NetworkShape, Parameters, Stream};

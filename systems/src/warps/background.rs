@@ -1,34 +1,10 @@
 //! The background loss: points of what stands still stay where they are (Nerfies, section 3.4).
 
-use super::Deform;
-use super::pass::{DeformGrad, DeformScratch, Points};
-use super::settings::in_range;
-use engine::system::SystemError;
+use super::deform::Deform;
+use super::points::{DeformGrad, DeformScratch, Points};
+use super::regularisers::BackgroundSettings;
 use field_core::rng::Rng;
 use losses::background;
-use serde::{Deserialize, Serialize};
-
-/// Settings of the background loss.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BackgroundSettings {
-    /// Factor of the loss; 0: none.
-    pub(crate) background: f32,
-    /// Points of a step for it.
-    pub(crate) background_points: usize,
-}
-
-impl BackgroundSettings {
-    /// No background loss.
-    pub(crate) const NONE: Self = Self { background: 0.0, background_points: 1024 };
-
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting.
-    pub(crate) fn check(&self) -> Result<(), SystemError> {
-        in_range("background", self.background, 0.0..=1e3)?;
-        in_range("background_points", self.background_points, 0..=1 << 20)
-    }
-}
 
 /// Work space of the background loss.
 #[derive(Default)]

@@ -1,6 +1,6 @@
 //! What the density network sees of a point at its time, besides features of the canonical point.
 
-use super::At;
+use super::at::At;
 use super::octaves::{Octaves, Schedule};
 use super::parameters::Parameters;
 use super::settings::in_range;

@@ -1,51 +1,15 @@
 //! The elastic loss: a deformation should be nearly rigid where matter is (Nerfies, section 3.3).
 
-use super::Deform;
-use super::deformation::{Moved, Moves};
-use super::pass::{DeformGrad, DeformScratch, Points, recorded};
-use super::settings::in_range;
-use engine::system::SystemError;
+use super::at::{Moved, Moves};
+use super::deform::Deform;
+use super::pass::recorded;
+use super::points::{DeformGrad, DeformScratch, Points};
 use field_core::tape::Tape;
 use losses::elastic;
-use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
 
 /// Points of a tile: the tangents of a network need several times the memory of the network.
 const TILE: usize = 128;
-
-/// Which samples of a ray an elastic loss depends on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum ElasticAt {
-    /// The one behind which half of the transmittance is left.
-    Middle,
-    /// All, by their weights; those of next to no weight are left out.
-    All,
-}
-
-/// Settings of the elastic loss.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ElasticSettings {
-    /// Factor of the loss; 0: none.
-    pub(crate) elastic: f32,
-    /// Size of a logarithmic stretch from which on it hardly costs more.
-    pub(crate) elastic_scale: f32,
-    /// Samples it depends on: `middle` (one a ray) or `all` that carry weight.
-    pub(crate) elastic_at: ElasticAt,
-}
-
-impl ElasticSettings {
-    /// No elastic loss.
-    pub(crate) const NONE: Self = Self { elastic: 0.0, elastic_scale: 0.03, elastic_at: ElasticAt::Middle };
-
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting.
-    pub(crate) fn check(&self) -> Result<(), SystemError> {
-        in_range("elastic", self.elastic, 0.0..=1e3)?;
-        in_range("elastic_scale", self.elastic_scale, 1e-6..=1e3)
-    }
-}
 
 impl Deform {
     /// Sum over points of `w` times the robust elastic energy of the deformation there (equations 5 and 6), and `factor` times

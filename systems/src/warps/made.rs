@@ -102,7 +102,7 @@ impl Deformation for Made {
 
 impl Deform {
     /// Parameters of some size each, after so many steps.
-    pub(crate) fn stir(&mut self, taken: u64) {
+    pub(crate) fn randomise(&mut self, taken: u64) {
         for (k, numbers) in [&mut self.params, &mut self.time.learned].into_iter().enumerate() {
             let mut noise = vec![0.0; numbers.len()];
             Rng::new(5, 7 + k as u64).fill_uniform(0, &mut noise);

@@ -3,7 +3,7 @@
 //! A field knows one scene, the *canonical* one. A [`Deform`] computes where in it the point of a time is, and what else the density
 //! there depends on:
 //!
-//! 1. a time step is a row of numbers ([`TimeSteps`]): the time's sines and cosines, or a free code;
+//! 1. a time step is a row of numbers ([`time::TimeSteps`]): the time's sines and cosines, or a free code;
 //! 2. [`Deform::place`]: points of a time, in the unit cube, to canonical points, and rows for the density network;
 //! 3. the field learns; [`Deform::learn`]: the gradient of both, back to networks, time steps and points.
 //!
@@ -15,13 +15,16 @@
 //! * `time`: what networks see of the time; `octaves`: what they see of points, coarse to fine; `network`: a network on the tape;
 //! * `motion`: the network that moves points; `ambient`: coordinates beyond space; `planes`: features of place and time;
 //! * `density`: what the density network sees besides;
-//! * `elastic`, `background`: losses; `curriculum`: which views are drawn first.
+//! * `elastic`, `background`: losses (settings in `regularisers`); `curriculum`: which views are drawn first.
 //!
-//! The driver is `pass` (tiles, forwards and backwards), `state` (checkpoints) and `skips`.
+//! The driver is `deform` (parameters, optimiser), `pass` (tiles of `points`, forwards and backwards), `state` (checkpoints) and
+//! `skips`.
 
 mod ambient;
+mod at;
 mod background;
 mod curriculum;
+mod deform;
 mod deformation;
 mod density;
 mod elastic;
@@ -33,6 +36,8 @@ mod octaves;
 mod parameters;
 mod pass;
 mod planes;
+mod points;
+mod regularisers;
 mod settings;
 mod skips;
 mod state;
@@ -41,162 +46,14 @@ mod tests;
 mod time;
 
 pub(crate) use ambient::{Ambient, AmbientSettings};
-pub(crate) use background::{BackgroundSettings, StillWork};
-pub(crate) use deformation::{At, Deformation, Moved, Windows};
+pub(crate) use at::{At, Moved};
+pub(crate) use background::StillWork;
+pub(crate) use deform::Deform;
+pub(crate) use deformation::{Deformation, Windows};
 pub(crate) use density::{DensityInputs, DensitySettings, Sees};
-pub(crate) use elastic::{ElasticAt, ElasticSettings};
 pub(crate) use motion::{Motion, Origin, Warp, WarpSettings, moving};
 pub(crate) use parameters::Parameters;
-pub(crate) use pass::{DeformGrad, DeformScratch, Points};
 pub(crate) use planes::{PlaneFeatures, PlaneSettings, SeenBy, TimePlanes};
-pub(crate) use time::{Time, TimeKind, TimeSettings, TimeSteps, TimeSteps as Moments, Times};
-
-use curriculum::Curriculum;
-use engine::system::SystemError;
-use float_core::Simd;
-use optim::{Adam, AdamConfig};
-use skips::Counts;
-
-/// A deformation, its parameters and their optimiser.
-pub(crate) struct Deform {
-    deformation: Box<dyn Deformation>,
-    time: Time,
-    elastic: ElasticSettings,
-    background: BackgroundSettings,
-    curriculum: Curriculum,
-    simd: Simd,
-    /// Those of networks, then those of planes.
-    params: Vec<f32>,
-    /// How many of them are of networks.
-    networks: usize,
-    adam: Adam,
-    plane_adam: Adam,
-    grad: Vec<f32>,
-    /// The time steps of the training views.
-    steps: TimeSteps,
-    /// Optimiser steps taken.
-    taken: u64,
-    /// `[3][n]`, points of the background in the unit cube.
-    background_points: Vec<f32>,
-    /// Points that were warped, and all of them.
-    counts: Counts,
-}
-
-impl Deform {
-    /// A deformation that moves nothing yet.
-    pub(crate) fn new(deformation: Box<dyn Deformation>, time: Time, parameters: Parameters) -> Self {
-        let Parameters { simd, values: params, networks, .. } = parameters;
-        let mut deform = Self {
-            adam: Adam::new(networks, AdamConfig::DEFAULT),
-            plane_adam: Adam::new(params.len() - networks, AdamConfig::DEFAULT),
-            grad: vec![0.0; params.len()],
-            curriculum: Curriculum::new(time.times()),
-            elastic: ElasticSettings::NONE,
-            background: BackgroundSettings::NONE,
-            steps: TimeSteps::default(),
-            taken: 0,
-            background_points: Vec::new(),
-            counts: Counts::default(),
-            deformation,
-            time,
-            simd,
-            params,
-            networks,
-        };
-        deform.renew();
-        deform
-    }
-
-    /// The same with an elastic loss.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting that cannot be.
-    pub(crate) fn with_elastic(self, elastic: ElasticSettings) -> Result<Self, SystemError> {
-        elastic.check()?;
-        Ok(Self { elastic, ..self })
-    }
-
-    /// The same with a background loss.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting that cannot be.
-    pub(crate) fn with_background(self, background: BackgroundSettings) -> Result<Self, SystemError> {
-        background.check()?;
-        Ok(Self { background, ..self })
-    }
-
-    /// The same with views that come in one after the other, within so many steps; 0: all are there from the start.
-    pub(crate) fn with_curriculum(mut self, steps: u64) -> Self {
-        self.curriculum.steps = steps;
-        self
-    }
-
-    /// Whether anything depends on the time.
-    pub(crate) fn does_something(&self) -> bool {
-        self.warps() || self.seen_rows() > 0
-    }
-
-    /// Rows that the density network sees besides features.
-    pub(crate) fn seen_rows(&self) -> usize {
-        self.deformation.seen_rows()
-    }
-
-    /// The training views that this step draws from; `None`: all.
-    pub(crate) fn open_views(&self) -> Option<&[u32]> {
-        self.curriculum.open(self.taken)
-    }
-
-    /// Whether points are moved at all.
-    pub(crate) fn warps(&self) -> bool {
-        self.deformation.warps()
-    }
-
-    /// Its elastic loss.
-    pub(crate) fn config(&self) -> &ElasticSettings {
-        &self.elastic
-    }
-
-    /// The time steps of the training views.
-    pub(crate) fn moments(&self) -> &TimeSteps {
-        &self.steps
-    }
-
-    /// The time steps of times in `[0, 1]`.
-    pub(crate) fn moments_at(&self, times: &[f64]) -> TimeSteps {
-        self.time.steps_at(times, |t| self.deformation.is_canonical(t))
-    }
-
-    /// Everything that follows from parameters and the count of steps.
-    fn renew(&mut self) {
-        self.deformation.renew(&self.params, self.taken);
-        self.time.renew();
-        let times: Vec<f64> = self.time.times().of_views().collect();
-        self.steps = self.moments_at(&times);
-    }
-
-    /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.
-    pub(crate) fn step<'g>(&mut self, parts: impl Iterator<Item = &'g DeformGrad> + Clone, lr: f64) -> usize {
-        self.grad.fill(0.0);
-        let mut rows_bar = vec![0.0; self.steps.rows.len()];
-        for part in parts {
-            self.grad.iter_mut().zip(&part.params).for_each(|(sum, g)| *sum += g);
-            rows_bar.iter_mut().zip(&part.times).for_each(|(sum, g)| *sum += g);
-        }
-        let planes = self.deformation.planes().filter(|planes| !planes.is_empty());
-        if let Some(planes) = planes {
-            planes.smooth(&self.params, &mut self.grad);
-        }
-        let plane_rate = planes.map(|planes| planes.settings().rate);
-        let lr = lr * self.time.settings().rate;
-        let (networks, planes) = self.params.split_at_mut(self.networks);
-        let (network_grad, plane_grad) = self.grad.split_at(self.networks);
-        let mut bad = self.adam.step(self.simd, lr, networks, network_grad);
-        if let Some(rate) = plane_rate {
-            bad += self.plane_adam.step(self.simd, lr * rate, planes, plane_grad);
-        }
-        bad += self.time.learn(&rows_bar, lr);
-        self.taken += 1;
-        self.renew();
-        bad
-    }
-}
+pub(crate) use points::{DeformGrad, DeformScratch, Points};
+pub(crate) use regularisers::{BackgroundSettings, ElasticAt, ElasticSettings};
+pub(crate) use time::{Time, TimeKind, TimeSettings, TimeSteps as Moments, Times};

@@ -1,7 +1,6 @@
 //! The network that moves points, and what its outputs do to them.
 
-use super::At;
-use super::deformation::Moves;
+use super::at::{At, Moves};
 use super::network::Network;
 use super::octaves::{Octaves, Schedule};
 use super::parameters::{NetworkShape, Parameters, Stream};

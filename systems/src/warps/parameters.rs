@@ -16,6 +16,9 @@ const INIT: u64 = 0x6465_666f;
 /// Largest weight that the last layer of a network begins with: points start where they are.
 const SMALL: f32 = 1e-4;
 
+/// The axis of time of planes.
+pub(super) const TIME: usize = 3;
+
 /// Streams of the parts' initial parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stream {
@@ -99,7 +102,7 @@ impl Parameters {
         let params = &mut self.values[range.clone()];
         for (k, pair) in planes.pairs().enumerate() {
             let params = &mut params[planes.plane_range(k)];
-            if pair.contains(&super::planes::TIME) {
+            if pair.contains(&TIME) {
                 params.fill(1.0);
             } else {
                 rng.substream(k as u64).fill_uniform(0, params);

@@ -1,9 +1,8 @@
 //! Planes of features of place and time (Fridovich-Keil et al., "K-Planes", 2023): a network that sees them need not tell one place
 //! from another by its coordinates alone.
 
-use super::At;
-use super::deformation::Moves;
-use super::parameters::Parameters;
+use super::at::{At, Moves};
+use super::parameters::{Parameters, TIME};
 use super::settings::{bad, in_range, refuse};
 use engine::system::SystemError;
 use field_core::encoding::planes::Planes;
@@ -13,8 +12,6 @@ use losses::variation;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// The axis of time of planes.
-pub(super) const TIME: usize = 3;
 /// Sets of planes at most.
 const MOST: usize = 8;
 

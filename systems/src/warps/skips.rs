@@ -1,21 +1,8 @@
 //! What a deformation left out, and what it counted, for the table of skips.
 
-use super::Deform;
+use super::deform::Deform;
 use engine::system::SkipRow;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Points that were placed, and those of them that had to be warped.
-#[derive(Debug, Default)]
-pub(crate) struct Counts {
-    pub(super) all: AtomicU64,
-    pub(super) warped: AtomicU64,
-    /// Points of an elastic loss, and those of them where it saw space folded over itself.
-    pub(super) elastic: AtomicU64,
-    pub(super) folded: AtomicU64,
-    /// Octaves of windows, once for each point that was recorded, and those of them that were closed.
-    pub(super) octaves: AtomicU64,
-    pub(super) closed: AtomicU64,
-}
 
 impl Deform {
     /// Rows of the table of skips: points that were not warped; octaves that were closed; and where space folds over itself.

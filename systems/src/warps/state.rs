@@ -1,6 +1,6 @@
 //! What a checkpoint holds of a deformation.
 
-use super::Deform;
+use super::deform::Deform;
 use engine::system::{
     SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_numbers, u64_tensor,
 };

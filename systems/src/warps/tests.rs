@@ -1,4 +1,5 @@
 use super::made::MadeSettings;
+use super::time::TimeSteps;
 use super::*;
 use field_core::rng::Rng;
 use std::sync::atomic::Ordering::Relaxed;

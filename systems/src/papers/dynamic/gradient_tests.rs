@@ -221,7 +221,7 @@ fn small(new: NewDeform) -> Deform {
     let (_, known) = of(toml::Table::new());
     let set = SMALL.iter().map(|s| parse_set(s).unwrap()).filter(|(name, _)| known.contains_key(name));
     let mut deform = of(set.collect()).0;
-    deform.stir(TAKEN);
+    deform.randomise(TAKEN);
     deform
 }
 

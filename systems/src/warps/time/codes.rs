@@ -1,6 +1,7 @@
 //! `w_i`: a free code for each time step (Nerfies, section 3.1), linear in between.
 
-use super::{TimeInput, Times};
+use super::frames::Times;
+use super::input::TimeInput;
 use field_core::rng::Rng;
 
 /// Codes begin in `0..CODE` (Nerfies, as released).

@@ -1,6 +1,6 @@
 //! `gamma(t)`: the time, its sines and cosines (D-NeRF).
 
-use super::{TimeInput, transposed};
+use super::input::{TimeInput, transposed};
 use crate::warps::octaves::frequency;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Frequency, Identity};

@@ -8,6 +8,7 @@
 mod codes;
 mod frames;
 mod gamma;
+mod input;
 mod network;
 
 pub(crate) use frames::Times;
@@ -18,6 +19,7 @@ use codes::Codes;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use float_core::Simd;
 use gamma::Gamma;
+use input::TimeInput;
 use network::TimeNetwork;
 use optim::{Adam, AdamConfig};
 use serde::{Deserialize, Serialize};
@@ -68,26 +70,6 @@ impl TimeSettings {
         in_range("warp_lr", self.rate, 0.0..=100.0)?;
         in_range("moment_lr", self.code_rate, 0.0..=100.0)
     }
-}
-
-/// A row of numbers for any time, of what was learned.
-pub(super) trait TimeInput: Send + Sync {
-    /// Numbers of a row.
-    fn dims(&self) -> usize;
-
-    /// `[times][dims]`, of times in `[0, 1]`.
-    fn rows(&self, learned: &[f32], times: &[f64]) -> Vec<f32>;
-
-    /// Add the gradient of what is learned, from that of the rows of the training views, `[views][dims]`.
-    fn backward(&self, learned: &[f32], rows_bar: &[f32], learned_bar: &mut [f32]);
-
-    /// Whether anything is learned.
-    fn learns(&self) -> bool {
-        true
-    }
-
-    /// What is learned has changed.
-    fn renew(&mut self, _learned: &[f32]) {}
 }
 
 /// Time steps as networks see them.
@@ -222,9 +204,4 @@ impl Time {
         (self.learned, self.adam) = (learned, adam);
         self.renew();
     }
-}
-
-/// `[rows][n]` to `[n][rows]`.
-fn transposed(rows: usize, n: usize, from: &[f32]) -> Vec<f32> {
-    (0..n).flat_map(|i| (0..rows).map(move |r| from[r * n + i])).collect()
 }

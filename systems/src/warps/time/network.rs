@@ -1,7 +1,8 @@
 //! `MLP_t(gamma(t))`: octaves of the time through a network of one hidden layer (TiNeuVox, section 3.2).
 
+use super::frames::Times;
 use super::gamma::Gamma;
-use super::{TimeInput, Times, transposed};
+use super::input::{TimeInput, transposed};
 use crate::networks::parts;
 use crate::warps::parameters::NetworkShape;
 use engine::system::SystemError;

@@ -1,0 +1,169 @@
+//! A deformation with its parameters, their optimiser and its losses.
+
+use super::curriculum::Curriculum;
+use super::deformation::Deformation;
+use super::parameters::Parameters;
+use super::points::DeformGrad;
+use super::regularisers::{BackgroundSettings, ElasticSettings};
+use super::time::{Time, TimeSteps};
+use engine::system::SystemError;
+use float_core::Simd;
+use optim::{Adam, AdamConfig};
+use std::sync::atomic::AtomicU64;
+
+/// Points that were placed, and those of them that had to be warped.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    pub(super) all: AtomicU64,
+    pub(super) warped: AtomicU64,
+    /// Points of an elastic loss, and those of them where it saw space folded over itself.
+    pub(super) elastic: AtomicU64,
+    pub(super) folded: AtomicU64,
+    /// Octaves of windows, once for each point that was recorded, and those of them that were closed.
+    pub(super) octaves: AtomicU64,
+    pub(super) closed: AtomicU64,
+}
+
+/// A deformation, its parameters and their optimiser.
+pub(crate) struct Deform {
+    pub(super) deformation: Box<dyn Deformation>,
+    pub(super) time: Time,
+    pub(super) elastic: ElasticSettings,
+    pub(super) background: BackgroundSettings,
+    pub(super) curriculum: Curriculum,
+    pub(super) simd: Simd,
+    /// Those of networks, then those of planes.
+    pub(super) params: Vec<f32>,
+    /// How many of them are of networks.
+    pub(super) networks: usize,
+    pub(super) adam: Adam,
+    pub(super) plane_adam: Adam,
+    pub(super) grad: Vec<f32>,
+    /// The time steps of the training views.
+    pub(super) steps: TimeSteps,
+    /// Optimiser steps taken.
+    pub(super) taken: u64,
+    /// `[3][n]`, points of the background in the unit cube.
+    pub(super) background_points: Vec<f32>,
+    /// Points that were warped, and all of them.
+    pub(super) counts: Counts,
+}
+
+impl Deform {
+    /// A deformation that moves nothing yet.
+    pub(crate) fn new(deformation: Box<dyn Deformation>, time: Time, parameters: Parameters) -> Self {
+        let Parameters { simd, values: params, networks, .. } = parameters;
+        let mut deform = Self {
+            adam: Adam::new(networks, AdamConfig::DEFAULT),
+            plane_adam: Adam::new(params.len() - networks, AdamConfig::DEFAULT),
+            grad: vec![0.0; params.len()],
+            curriculum: Curriculum::new(time.times()),
+            elastic: ElasticSettings::NONE,
+            background: BackgroundSettings::NONE,
+            steps: TimeSteps::default(),
+            taken: 0,
+            background_points: Vec::new(),
+            counts: Counts::default(),
+            deformation,
+            time,
+            simd,
+            params,
+            networks,
+        };
+        deform.renew();
+        deform
+    }
+
+    /// The same with an elastic loss.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot be.
+    pub(crate) fn with_elastic(self, elastic: ElasticSettings) -> Result<Self, SystemError> {
+        elastic.check()?;
+        Ok(Self { elastic, ..self })
+    }
+
+    /// The same with a background loss.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot be.
+    pub(crate) fn with_background(self, background: BackgroundSettings) -> Result<Self, SystemError> {
+        background.check()?;
+        Ok(Self { background, ..self })
+    }
+
+    /// The same with views that come in one after the other, within so many steps; 0: all are there from the start.
+    pub(crate) fn with_curriculum(mut self, steps: u64) -> Self {
+        self.curriculum.steps = steps;
+        self
+    }
+
+    /// Whether anything depends on the time.
+    pub(crate) fn does_something(&self) -> bool {
+        self.warps() || self.seen_rows() > 0
+    }
+
+    /// Rows that the density network sees besides features.
+    pub(crate) fn seen_rows(&self) -> usize {
+        self.deformation.seen_rows()
+    }
+
+    /// The training views that this step draws from; `None`: all.
+    pub(crate) fn open_views(&self) -> Option<&[u32]> {
+        self.curriculum.open(self.taken)
+    }
+
+    /// Whether points are moved at all.
+    pub(crate) fn warps(&self) -> bool {
+        self.deformation.warps()
+    }
+
+    /// Its elastic loss.
+    pub(crate) fn config(&self) -> &ElasticSettings {
+        &self.elastic
+    }
+
+    /// The time steps of the training views.
+    pub(crate) fn moments(&self) -> &TimeSteps {
+        &self.steps
+    }
+
+    /// The time steps of times in `[0, 1]`.
+    pub(crate) fn moments_at(&self, times: &[f64]) -> TimeSteps {
+        self.time.steps_at(times, |t| self.deformation.is_canonical(t))
+    }
+
+    /// Everything that follows from parameters and the count of steps.
+    pub(super) fn renew(&mut self) {
+        self.deformation.renew(&self.params, self.taken);
+        self.time.renew();
+        let times: Vec<f64> = self.time.times().of_views().collect();
+        self.steps = self.moments_at(&times);
+    }
+
+    /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.
+    pub(crate) fn step<'g>(&mut self, parts: impl Iterator<Item = &'g DeformGrad> + Clone, lr: f64) -> usize {
+        self.grad.fill(0.0);
+        let mut rows_bar = vec![0.0; self.steps.rows.len()];
+        for part in parts {
+            self.grad.iter_mut().zip(&part.params).for_each(|(sum, g)| *sum += g);
+            rows_bar.iter_mut().zip(&part.times).for_each(|(sum, g)| *sum += g);
+        }
+        let planes = self.deformation.planes().filter(|planes| !planes.is_empty());
+        if let Some(planes) = planes {
+            planes.smooth(&self.params, &mut self.grad);
+        }
+        let plane_rate = planes.map(|planes| planes.settings().rate);
+        let lr = lr * self.time.settings().rate;
+        let (networks, planes) = self.params.split_at_mut(self.networks);
+        let (network_grad, plane_grad) = self.grad.split_at(self.networks);
+        let mut bad = self.adam.step(self.simd, lr, networks, network_grad);
+        if let Some(rate) = plane_rate {
+            bad += self.plane_adam.step(self.simd, lr * rate, planes, plane_grad);
+        }
+        bad += self.time.learn(&rows_bar, lr);
+        self.taken += 1;
+        self.renew();
+        bad
+    }
+}

@@ -1,0 +1,61 @@
+//! Settings of what a deformation costs besides the error of pixels (Nerfies, sections 3.3 and 3.4).
+
+use super::settings::in_range;
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// Which samples of a ray an elastic loss depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ElasticAt {
+    /// The one behind which half of the transmittance is left.
+    Middle,
+    /// All, by their weights; those of next to no weight are left out.
+    All,
+}
+
+/// Settings of the elastic loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ElasticSettings {
+    /// Factor of the loss; 0: none.
+    pub(crate) elastic: f32,
+    /// Size of a logarithmic stretch from which on it hardly costs more.
+    pub(crate) elastic_scale: f32,
+    /// Samples it depends on: `middle` (one a ray) or `all` that carry weight.
+    pub(crate) elastic_at: ElasticAt,
+}
+
+impl ElasticSettings {
+    /// No elastic loss.
+    pub(crate) const NONE: Self = Self { elastic: 0.0, elastic_scale: 0.03, elastic_at: ElasticAt::Middle };
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        in_range("elastic", self.elastic, 0.0..=1e3)?;
+        in_range("elastic_scale", self.elastic_scale, 1e-6..=1e3)
+    }
+}
+
+/// Settings of the background loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BackgroundSettings {
+    /// Factor of the loss; 0: none.
+    pub(crate) background: f32,
+    /// Points of a step for it.
+    pub(crate) background_points: usize,
+}
+
+impl BackgroundSettings {
+    /// No background loss.
+    pub(crate) const NONE: Self = Self { background: 0.0, background_points: 1024 };
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        in_range("background", self.background, 0.0..=1e3)?;
+        in_range("background_points", self.background_points, 0..=1 << 20)
+    }
+}
