@@ -2,7 +2,8 @@
 
 use crate::page::Item;
 use crate::table::Cell;
-use systems::claims::{Claim, find};
+use systems::claims::Claim;
+use systems::registry::find;
 
 /// The column that says it.
 pub(crate) const COLUMN: &str = "not as published";

@@ -20,7 +20,7 @@ use float_core::m32;
 /// The filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bilateral {
-    /// The window reaches so many pixels to each side.
+    /// Pixels that the window reaches to each side.
     pub radius: usize,
     /// Deviation in the picture, pixels, `> 0`.
     pub sigma_s: f32,

@@ -33,6 +33,20 @@ impl Claim {
     }
 }
 
+/// The claims of a table of systems, each of which has a `claim`.
+macro_rules! claims_of {
+    ($known:ident) => {{
+        let mut claims = [$known[0].claim; $known.len()];
+        let mut i = 1;
+        while i < claims.len() {
+            claims[i] = $known[i].claim;
+            i += 1;
+        }
+        claims
+    }};
+}
+pub(crate) use claims_of;
+
 /// The names of some systems.
 pub(crate) const fn names<const N: usize>(claims: &[Claim; N]) -> [&'static str; N] {
     let mut names = [""; N];
@@ -53,13 +67,6 @@ pub(crate) fn claim(claims: &[Claim], name: &str) -> Result<Claim, SystemError> 
     found.copied().ok_or_else(|| crate::settings::no_such_system(name, claims.iter().map(|claim| claim.name)))
 }
 
-/// The claim of a system's name: of those for scenes that stand still, from the wild, or that move. `ngp` is the same everywhere.
-#[must_use]
-pub fn find(name: &str) -> Option<Claim> {
-    let all = crate::registry::CLAIMS.iter().chain(&crate::wild::CLAIMS).chain(&crate::dynamic::CLAIMS);
-    all.copied().find(|claim| claim.name == name)
-}
-
 /// All systems as text for `--help`: a name a line, what differs below.
 #[must_use]
 pub fn listing(claims: &[Claim]) -> String {
@@ -68,60 +75,4 @@ pub fn listing(claims: &[Claim]) -> String {
         false => format!("{}: {}", claim.name, claim.differs),
     };
     claims.iter().map(entry).collect::<Vec<_>>().join("\n\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::plan::made::{Points, capture};
-    use engine::options::RunOptions;
-
-    /// Names that are no paper's.
-    const OWN: [&str; 2] = ["auto", "plain"];
-
-    fn all() -> impl Iterator<Item = Claim> {
-        crate::registry::CLAIMS.into_iter().chain(crate::wild::CLAIMS).chain(crate::dynamic::CLAIMS)
-    }
-
-    #[test]
-    fn every_system_with_a_paper_s_name_says_what_differs_in_a_sentence_or_two() {
-        for claim in all() {
-            assert_eq!(claim.is_of_a_paper(), !OWN.contains(&claim.name), "{}", claim.name);
-            assert!(claim.differs.ends_with('.'), "{}: {}", claim.name, claim.differs);
-            let sentences = claim.differs.matches(". ").count() + 1;
-            assert!(sentences <= 3 && claim.differs.len() <= 420, "{}: {}", claim.name, claim.differs);
-            if claim.is_of_a_paper() {
-                assert!((5..60).contains(&claim.mark.len()), "{}: {}", claim.name, claim.mark);
-                assert!(claim.line().unwrap().contains(claim.differs));
-            }
-        }
-        assert_eq!(find("hugs").unwrap().name, "hugs");
-        assert!(find("nerfstudio").is_none());
-    }
-
-    #[test]
-    fn plans_say_it_where_the_system_starts() {
-        let (scene, data) = capture(Points::WithTracks);
-        let run = |set: &str| RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
-        let mut seen = 0;
-        let mut check = |claim: Claim, lines: &[String]| {
-            seen += 1;
-            match claim.line() {
-                Some(line) => assert!(lines.contains(&line), "{}: {lines:#?}", claim.name),
-                None => assert!(!lines.iter().any(|l| l.contains("as published (")), "{}: {lines:#?}", claim.name),
-            }
-        };
-        for claim in crate::registry::CLAIMS {
-            check(claim, &crate::registry::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
-        }
-        for claim in crate::wild::CLAIMS {
-            // What `auto` takes is told to it: looking takes a training.
-            let set = if claim.name == "auto" { "appearance = 'none'\noccluders = 'none'" } else { "" };
-            check(claim, &crate::wild::build(claim.name, &scene, &data, &run(set)).unwrap().1.lines);
-        }
-        for claim in crate::dynamic::CLAIMS {
-            check(claim, &crate::dynamic::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
-        }
-        assert_eq!(seen, all().count());
-    }
 }

@@ -37,4 +37,3 @@ pub mod terms;
 pub(crate) mod warps;
 
 pub use papers::wild;
-pub(crate) use warps as deform;

@@ -250,7 +250,7 @@ pub trait Method: Send + Sync {
         0
     }
 
-    /// Before this step all training views are to be rendered for the method: the mean of the photo over squares of so many
+    /// Before this step all training views are to be rendered for the method: the mean of the photo over squares of this many
     /// pixels a side, and the ray through the middle of each. `None`: they are not.
     fn survey(&self, _step: u64) -> Option<u32> {
         None

@@ -71,7 +71,7 @@ fn each_holds(program: &str, scene: &str, systems: &[&str], words: &[&str]) {
 #[test]
 fn static_systems_take_no_more_memory_than_they_say() {
     let (folder, scene) = dataset();
-    each_holds("nerf-static", text(&scene), &["ngp"], &TEN);
+    each_holds("nerf-static", text(&scene), &["ngp", "k-planes"], &TEN);
     // Networks as published train a few rays a step and render one small view here: the test is about memory.
     let small = folder.path().join("small");
     let options = TabletopOptions { width: 16, height: 16, train: 4, test: 1, rays: 1, ..TabletopOptions::default() };
@@ -94,7 +94,7 @@ fn moving_systems_take_no_more_memory_than_they_say() {
     let scene = folder.path().join("scene");
     let options = OrbitOptions { width: 32, height: 32, train: 8, test: 1, rays: 1, ..OrbitOptions::default() };
     write_orbit(&options, &scene).unwrap();
-    let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "ngp"];
+    let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "k-planes", "ngp"];
     each_holds("nerf-dynamic", text(&scene), &systems, &TEN);
     // Of a scene whose depth was measured: it is held to that.
     let small = [&TEN[..], &["--longest-side", "32"]].concat();

@@ -8,10 +8,11 @@ struct Knob {
 }
 
 /// In the order in which they are tried, over and over: what costs least quality first.
-const KNOBS: [Knob; 5] = [
+const KNOBS: [Knob; 6] = [
     Knob { name: "max_splats", reduce: |n| n * 4 / 5, least: 1000 },
     Knob { name: "batch_samples", reduce: |n| n / 2, least: 4096 },
     Knob { name: "log2_table", reduce: |n| n - 1, least: 12 },
+    Knob { name: "plane_vertices", reduce: |n| n * 4 / 5, least: 16 },
     Knob { name: "voxels", reduce: |n| n * 4 / 5, least: 24 },
     Knob { name: "batch_rays", reduce: |n| n / 2, least: 16 },
 ];

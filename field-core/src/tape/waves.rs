@@ -7,16 +7,30 @@ use crate::encoding::frequency::Frequency;
 use crate::encoding::spherical_harmonics::SphericalHarmonics;
 use float_core::Simd;
 
-/// A frequency encoding with a weight for each octave.
+/// A frequency encoding with a weight for each octave; `W` borrows the weights (`&[f32]`) or owns them (`Vec<f32>`).
 #[derive(Clone, Copy, Debug)]
-pub struct Windowed<'w> {
+pub struct Windowed<W> {
     /// The encoding.
     pub encoding: Frequency,
     /// `[octaves]`, or `None` for 1.
-    pub window: Option<&'w [f32]>,
+    pub window: Option<W>,
 }
 
-impl Encoder for Windowed<'_> {
+impl Windowed<&[f32]> {
+    /// An encoding whose octaves all have weight 1.
+    #[must_use]
+    pub fn open(encoding: Frequency) -> Self {
+        Self { encoding, window: None }
+    }
+}
+
+impl<W: AsRef<[f32]>> Windowed<W> {
+    fn weights(&self) -> Option<&[f32]> {
+        self.window.as_ref().map(W::as_ref)
+    }
+}
+
+impl<W: AsRef<[f32]> + Send + Sync> Encoder for Windowed<W> {
     const NAME: &'static str = "frequency";
 
     fn in_rows(&self) -> usize {
@@ -28,7 +42,7 @@ impl Encoder for Windowed<'_> {
     }
 
     fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        self.encoding.encode(simd, x, self.window, out)
+        self.encoding.encode(simd, x, self.weights(), out)
     }
 
     fn backward(
@@ -39,7 +53,7 @@ impl Encoder for Windowed<'_> {
         out_bar: &[f32],
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        bars.x.map_or(Ok(()), |x_bar| self.encoding.encode_backward(simd, x, self.window, out_bar, x_bar))
+        bars.x.map_or(Ok(()), |x_bar| self.encoding.encode_backward(simd, x, self.weights(), out_bar, x_bar))
     }
 
     fn tangent(
@@ -50,7 +64,7 @@ impl Encoder for Windowed<'_> {
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
-        self.encoding.tangent(simd, x, self.window, x_dot, out_dot)
+        self.encoding.tangent(simd, x, self.weights(), x_dot, out_dot)
     }
 
     fn tangent_backward(
@@ -63,7 +77,7 @@ impl Encoder for Windowed<'_> {
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         let Some(x_bar) = bars.x else { return Ok(()) };
-        self.encoding.tangent_backward_x(simd, x, self.window, x_dot, out_dot_bar, x_bar)
+        self.encoding.tangent_backward_x(simd, x, self.weights(), x_dot, out_dot_bar, x_bar)
     }
 }
 
@@ -79,7 +93,7 @@ impl Encoder for Frequency {
     }
 
     fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        Encoder::encode(&Windowed { encoding: *self, window: None }, simd, table, x, out)
+        Encoder::encode(&Windowed::open(*self), simd, table, x, out)
     }
 
     fn backward(
@@ -90,7 +104,7 @@ impl Encoder for Frequency {
         out_bar: &[f32],
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.backward(simd, table, x, out_bar, bars)
+        Windowed::open(*self).backward(simd, table, x, out_bar, bars)
     }
 
     fn tangent(
@@ -101,7 +115,7 @@ impl Encoder for Frequency {
         x_dot: &[f32],
         out_dot: &mut [f32],
     ) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.tangent(simd, table, x, x_dot, out_dot)
+        Windowed::open(*self).tangent(simd, table, x, x_dot, out_dot)
     }
 
     fn tangent_backward(
@@ -113,7 +127,7 @@ impl Encoder for Frequency {
         out_dot_bar: &[f32],
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
-        Windowed { encoding: *self, window: None }.tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
+        Windowed::open(*self).tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
     }
 }
 

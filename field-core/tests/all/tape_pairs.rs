@@ -125,7 +125,7 @@ fn frequency_encodings_differentiate_twice() {
     let x = narrow(&numbers(1, 3 * N, -1.0, 1.0));
     let encoding = Frequency::new(3, 3, Base::One, Identity::Include).unwrap();
     check_encoder(encoding, &x, 4e-3, 1e-3);
-    check_encoder(Windowed { encoding, window: Some(&[1.0, 0.5, 0.0]) }, &x, 4e-3, 1e-3);
+    check_encoder(Windowed { encoding, window: Some([1.0, 0.5, 0.0]) }, &x, 4e-3, 1e-3);
 }
 
 #[test]

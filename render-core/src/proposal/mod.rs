@@ -26,7 +26,7 @@ pub struct Refine {
     pub exponent: f32,
 }
 
-/// `bias + multiplier / product(counts)`: half width of the dilation after passes of so many intervals each.
+/// `bias + multiplier / product(counts)`: half width of the dilation after passes of `counts` intervals.
 #[must_use]
 pub fn dilation(bias: f32, multiplier: f32, counts: &[usize]) -> f32 {
     counts.iter().fold(multiplier, |d, &n| d / n.max(1) as f32) + bias

@@ -1,6 +1,6 @@
 //! Gradients with respect to the camera, against differences of whole pictures of the specification.
 
-use crate::common::{bars, cloud, shoot, view};
+use crate::common::{bars, beside_the_picture, cloud, shoot, view};
 use crate::twin::{self, Camera};
 use float_core::Simd;
 use splat_core::{CameraGradient, Gaussians, RasterSettings, View, Widening};
@@ -121,18 +121,9 @@ fn the_view_dependence_of_colours_is_part_of_the_camera_gradient() {
 
 #[test]
 fn gradients_of_the_camera_hold_where_the_jacobian_is_clamped() {
-    // Beside the picture on all sides, large enough to reach into it.
     let view = view([21, 18]);
     let mut compared = 0;
-    for (k, [x, y]) in [[2.2, 0.2], [-2.2, -0.3], [0.4, 2.0], [-0.3, -2.2], [2.0, 1.8]].into_iter().enumerate() {
-        let mut g = cloud(k as u64, 3, 1);
-        for i in 0..3 {
-            let camera = [x + 0.1 * i as f32, y, 2.0 + 0.5 * i as f32];
-            for a in 0..3 {
-                g.mean[a * 3 + i] = (0..3).map(|b| view.r[b][a] * (camera[b] - view.t[b])).sum();
-                g.log_scale[a * 3 + i] += 1.4;
-            }
-        }
+    for (k, g) in beside_the_picture(&view) {
         for simd in Simd::available() {
             let Some((worst, what)) = worst(&g, &view, &widening(k as u64), simd, 7) else { continue };
             compared += 1;

@@ -161,3 +161,20 @@ pub(crate) fn reordered(g: &Gaussians, order: &[usize]) -> Gaussians {
     }
     out
 }
+
+/// Clouds beside the picture of [`view`]`([21, 18])` on all sides, large enough to reach into it: there the Jacobian is clamped.
+pub(crate) fn beside_the_picture(view: &View) -> impl Iterator<Item = (usize, Gaussians)> {
+    let places = [[2.2, 0.2], [-2.2, -0.3], [0.4, 2.0], [-0.3, -2.2], [2.0, 1.8]];
+    places.into_iter().enumerate().map(|(k, [x, y])| {
+        let mut g = cloud(k as u64, 3, 1);
+        for i in 0..3 {
+            // Camera axes: world = r^T (camera - t).
+            let camera = [x + 0.1 * i as f32, y, 2.0 + 0.5 * i as f32];
+            for a in 0..3 {
+                g.mean[a * 3 + i] = (0..3).map(|b| view.r[b][a] * (camera[b] - view.t[b])).sum();
+                g.log_scale[a * 3 + i] += 1.4;
+            }
+        }
+        (k, g)
+    })
+}

@@ -1,6 +1,6 @@
 //! The rasteriser against the specification.
 
-use crate::common::{bars, cloud, shoot, view};
+use crate::common::{bars, beside_the_picture, cloud, shoot, view};
 use crate::twin;
 use float_core::Simd;
 use float_core::rng::Rng;
@@ -110,19 +110,9 @@ fn gradients_are_those_of_the_specification() {
 
 #[test]
 fn gradients_hold_where_slopes_are_clamped() {
-    // Beside the picture on all sides, large enough to reach into it.
     let view = view([21, 18]);
     let mut compared = 0;
-    for (k, [x, y]) in [[2.2, 0.2], [-2.2, -0.3], [0.4, 2.0], [-0.3, -2.2], [2.0, 1.8]].into_iter().enumerate() {
-        let mut g = cloud(k as u64, 3, 1);
-        for i in 0..3 {
-            // Camera axes: world = r^T (camera - t).
-            let camera = [x + 0.1 * i as f32, y, 2.0 + 0.5 * i as f32];
-            for a in 0..3 {
-                g.mean[a * 3 + i] = (0..3).map(|b| view.r[b][a] * (camera[b] - view.t[b])).sum();
-                g.log_scale[a * 3 + i] += 1.4;
-            }
-        }
+    for (k, g) in beside_the_picture(&view) {
         for simd in Simd::available() {
             assert!(
                 !shoot(simd, &g, &view, &settings(k as u64)).p.gaussians.is_empty(),

@@ -34,7 +34,7 @@ pub(super) struct Consistency {
 impl Consistency {
     /// With lattices of `lattice` pixels a side.
     pub(super) fn new(settings: &ConsistencyConfig, lattice: usize, seed: u64) -> Self {
-        // In one step of `view_every`, with so many times the weight.
+        // In one step of `view_every`, with `view_every` times the weight.
         let weight = |w: f32| f64::from(w) * settings.view_every as f64;
         Self {
             view_weight: weight(settings.view_weight),

@@ -1,11 +1,11 @@
 //! What does this video need? The system built from its name and its settings.
 
 use super::rays::RaySettings;
-use crate::claims::{Claim, names};
+use crate::claims::{Claim, claims_of, names};
 use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
 use crate::papers::static_scenes::ngp;
 use crate::plan::{Ground, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, set_near};
-use crate::rays::{Ngp, RayConfig};
+use crate::rays::{RayConfig, RaySystem};
 use crate::samplers::CueConfig;
 use crate::settings::{Settings, no_such_system};
 use crate::warps::{Deform, Times};
@@ -54,15 +54,7 @@ const KNOWN: [Known; 8] = [
 ];
 
 /// Systems by name, with what differs from their papers.
-pub const CLAIMS: [Claim; KNOWN.len()] = {
-    let mut claims = [ngp::CLAIM; KNOWN.len()];
-    let mut i = 0;
-    while i < claims.len() {
-        claims[i] = KNOWN[i].claim;
-        i += 1;
-    }
-    claims
-};
+pub const CLAIMS: [Claim; KNOWN.len()] = claims_of!(KNOWN);
 
 /// Systems by name.
 pub const SYSTEMS: [&str; KNOWN.len()] = names(&CLAIMS);
@@ -134,7 +126,7 @@ pub fn build(
 }
 
 /// Let errors or masks lead the rays. Returns what is done, a line each.
-fn follow(system: &mut Ngp, data: &Dataset, rays: &RaySettings) -> Result<Vec<String>, SystemError> {
+fn follow(system: &mut RaySystem, data: &Dataset, rays: &RaySettings) -> Result<Vec<String>, SystemError> {
     let mut lines = Vec::new();
     if rays.by_error {
         system.follow_errors(data);

@@ -2,8 +2,8 @@
 
 use super::{Features, NetworkConfig, Places, xavier};
 use crate::buffers::{shapes_hold, sized};
-use crate::deform::{Deform, DeformScratch, Moments, Points};
 use crate::space::InternalRay;
+use crate::warps::{Deform, DeformScratch, Points, TimeSteps};
 use engine::system::SystemError;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::{Mlp, Packed};
@@ -26,19 +26,19 @@ pub(crate) struct Field {
     pub(crate) density_bias: f32,
     /// What moves points; `None`: nothing does.
     pub(crate) deform: Option<Deform>,
-    /// Moments of the training views, where no deformation has them.
-    moments: Moments,
+    /// Time steps of the training views, where no deformation has them.
+    time_steps: TimeSteps,
 }
 
-/// Moments of these times, for features that know the time.
-fn moments_of(times: Vec<f32>) -> Moments {
-    Moments { dims: 0, rows: Vec::new(), still: vec![true; times.len()], times }
+/// Time steps of these times, for features that know the time.
+fn steps_of(times: Vec<f32>) -> TimeSteps {
+    TimeSteps { dims: 0, rows: Vec::new(), still: vec![true; times.len()], times }
 }
 
-/// The moments of points: which row of `moments` is that of each. Unused where nothing moves.
+/// The time steps of points: which of `time_steps` is that of each. Unused where nothing moves.
 #[derive(Clone, Copy)]
 pub(crate) struct When<'a> {
-    pub(crate) moments: &'a Moments,
+    pub(crate) time_steps: &'a TimeSteps,
     /// `[n]`
     pub(crate) which: &'a [u32],
 }
@@ -99,7 +99,7 @@ impl Field {
         let mut field = Self {
             density_params: xavier(&density, rng.substream(1)),
             colour_params: xavier(&colour, rng.substream(2)),
-            moments: moments_of(features.view_times().to_vec()),
+            time_steps: steps_of(features.view_times().to_vec()),
             deform,
             simd: Simd::best(),
             features,
@@ -153,17 +153,17 @@ impl Field {
         codes
     }
 
-    /// Moments of the training views.
-    pub(crate) fn moments(&self) -> &Moments {
-        self.deform.as_ref().map_or(&self.moments, Deform::moments)
+    /// Time steps of the training views.
+    pub(crate) fn time_steps(&self) -> &TimeSteps {
+        self.deform.as_ref().map_or(&self.time_steps, Deform::time_steps)
     }
 
     /// The moment of a time.
-    pub(crate) fn moments_at(&self, time: f64) -> Moments {
+    pub(crate) fn time_steps_at(&self, time: f64) -> TimeSteps {
         match &self.deform {
-            Some(deform) => deform.moments_at(&[time]),
-            None if self.moments.times.is_empty() => Moments::default(),
-            None => moments_of(vec![(2.0 * time - 1.0) as f32]),
+            Some(deform) => deform.time_steps_at(&[time]),
+            None if self.time_steps.times.is_empty() => TimeSteps::default(),
+            None => steps_of(vec![(2.0 * time - 1.0) as f32]),
         }
     }
 
@@ -178,7 +178,7 @@ impl Field {
         if let Some(deform) = &self.deform {
             let was = sized(&mut placing.x, x.len());
             was.copy_from_slice(x);
-            let points = Points { x: was, which: when.which, moments: when.moments };
+            let points = Points { x: was, which: when.which, time_steps: when.time_steps };
             deform.place(points, x, seen, &mut placing.deform);
         }
         self.fill_times(when, &mut placing.times);
@@ -198,7 +198,7 @@ impl Field {
     pub(crate) fn fill_times(&self, when: When<'_>, out: &mut Vec<f32>) {
         out.clear();
         if self.features_know_time() {
-            out.extend(when.which.iter().map(|&i| when.moments.times[i as usize]));
+            out.extend(when.which.iter().map(|&i| when.time_steps.times[i as usize]));
         }
     }
 

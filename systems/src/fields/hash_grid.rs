@@ -63,7 +63,7 @@ impl HashGridSettings {
         .map_err(|e| bad("levels, features, log2_table, n_min, n_max", String::new(), e.to_string()))
     }
 
-    /// Weights of the levels after so many steps: 0 for those that are not there yet (Nerfies, equation 8).
+    /// Weight of each level after `steps` steps: 0 for levels that are not open yet (Nerfies, equation 8).
     fn level_weights(&self, steps: u64, out: &mut [f32]) {
         let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
         let first = self.levels_first.min(out.len());

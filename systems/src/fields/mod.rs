@@ -131,13 +131,13 @@ pub(crate) trait Features: Send + Sync {
     /// One step. The parts add up in order, whatever the number of threads. Returns the count of non-finite gradients.
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize;
 
-    /// The table as it is after so many steps: more levels or more cells, which the optimiser has not seen before.
+    /// The table after `steps` steps of training: more levels or more cells, which the optimiser has not seen before.
     fn refine(&mut self, steps: u64);
 
     /// Everything the next step depends on, besides the number of steps.
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>);
 
-    /// A table that goes on from what [`Features::push_state`] gave after so many steps. This one stays as it is.
+    /// A table that continues from what [`Features::push_state`] gave after `steps` steps. This one stays as it is.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.

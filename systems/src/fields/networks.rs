@@ -49,7 +49,7 @@ fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError 
 }
 
 impl NetworkConfig {
-    /// The density network of so many inputs.
+    /// The density network of `inputs` features.
     ///
     /// # Errors
     /// [`SystemError::Config`] for an empty layer.

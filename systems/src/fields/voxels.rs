@@ -35,14 +35,14 @@ pub struct VoxelSettings {
 }
 
 impl VoxelSettings {
-    /// Voxels along an axis after so many steps.
+    /// Voxels along an axis after `steps` steps.
     fn after(&self, steps: u64) -> usize {
         let left = DOUBLINGS.saturating_sub(steps.checked_div(self.voxels_every).unwrap_or(DOUBLINGS));
         let share = 2.0_f64.powf(-(left as f64) / 3.0);
         ((self.voxels as f64 * share).round() as usize).max(2)
     }
 
-    /// The grid after so many steps.
+    /// The grid after `steps` steps.
     fn grid(&self, steps: u64) -> Result<MultiDistance, SystemError> {
         if !(8..=512).contains(&self.voxels) {
             let problem = "must be in 8..=512".into();

@@ -38,7 +38,7 @@ pub(crate) trait OccluderModel: Send + Sync {
         None
     }
 
-    /// Before this step all training views are to be rendered: the mean of the photo over squares of so many pixels a side, and
+    /// Before this step all training views are to be rendered: the mean of the photo over squares of this many pixels a side, and
     /// the ray through the middle of each. `None`: they are not.
     fn survey(&self, step: u64) -> Option<u32> {
         let _ = step;

@@ -2,12 +2,11 @@
 
 use super::backdrop::Backdrop;
 use super::parallax::check_parallax;
-use crate::deform::Deform;
 use crate::layout::{Layout, layout};
 use crate::method::Method;
-use crate::papers::static_scenes::nerf::{Nerf, NerfConfig};
-use crate::rays::{Ngp, RayConfig};
+use crate::rays::{RayConfig, RaySystem};
 use crate::space::{Space, SpaceConfig, SpaceKind};
+use crate::warps::Deform;
 use engine::data::Dataset;
 use engine::options::{Background, RunOptions};
 use engine::system::SystemError;
@@ -79,46 +78,21 @@ impl Ground {
         Ok(Self { layout, lines, background, transparent, error_budget })
     }
 
-    /// Settings of `nerf` for the scene.
-    pub(crate) fn nerf_settings(&mut self) -> NerfConfig {
-        NerfConfig {
-            centre: self.layout.centre.to_array(),
-            radius: self.layout.radius,
-            extent: f64::from(1_u32 << (self.layout.cascades - 1)),
-            ..NerfConfig::published(self.layout.kind)
-        }
-    }
-
-    /// A new `nerf` that learns what a method says.
-    pub(crate) fn nerf(
-        &self,
-        data: &Dataset,
-        config: &NerfConfig,
-        seed: u64,
-        method: Option<Box<dyn Method>>,
-    ) -> Result<Nerf, SystemError> {
-        let place = (config.centre, config.radius, config.extent);
-        let space = space(&self.layout, data, config.space, place, config.near)?;
-        Nerf::with_method(config.clone(), space, self.background, seed, method)
-    }
-
-    /// A new `ngp` that learns what a method says.
+    /// A system of rays for a scene at rest, under the method's name; without a method it is `ngp`.
     pub(crate) fn ngp(
         &mut self,
         data: &Dataset,
         config: &RayConfig,
         seed: u64,
         method: Option<Box<dyn Method>>,
-    ) -> Result<Ngp, SystemError> {
-        config.check()?;
-        let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
-        let space = space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)?;
-        let mut ngp = Ngp::with_method(config.clone(), space, self.background, seed, method)?;
-        self.carve(&mut ngp, data)?;
-        Ok(ngp)
+    ) -> Result<RaySystem, SystemError> {
+        let name = method.as_ref().map_or("ngp", |method| method.name());
+        let space = self.space_of(config, data)?;
+        let system = RaySystem::new(config.clone(), space, self.background, seed, name, method, None)?;
+        self.carved(system, data)
     }
 
-    /// A new `ngp` of a scene that moves, under a system's name.
+    /// A system of rays under a system's name, of a scene that moves or of one at rest.
     pub(crate) fn moving(
         &mut self,
         data: &Dataset,
@@ -127,10 +101,8 @@ impl Ground {
         scene: &Scene,
         name: &'static str,
         mut deform: Option<Deform>,
-    ) -> Result<Ngp, SystemError> {
-        config.check()?;
-        let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
-        let space = space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)?;
+    ) -> Result<RaySystem, SystemError> {
+        let space = self.space_of(config, data)?;
         if let Some(deform) = &mut deform {
             let inside: Vec<[f32; 3]> = scene.points.iter().filter_map(|p| space.internal_point(p.xyz)).collect();
             let p: Vec<f32> = (0..3).flat_map(|a| inside.iter().map(move |p| p[a])).collect();
@@ -138,22 +110,28 @@ impl Ground {
             space.grid_positions(Simd::best(), &p, &mut x);
             deform.set_background(x);
         }
-        let mut ngp = Ngp::moving(config.clone(), space, self.background, seed, name, None, deform)?;
-        self.carve(&mut ngp, data)?;
-        Ok(ngp)
+        let system = RaySystem::new(config.clone(), space, self.background, seed, name, None, deform)?;
+        self.carved(system, data)
     }
 
-    fn carve(&mut self, ngp: &mut Ngp, data: &Dataset) -> Result<(), SystemError> {
-        ngp.carve(data)?;
-        let alpha = self.transparent && !ngp.is_timed();
-        self.lines.extend(ngp.carved().map(|carved| {
+    fn space_of(&self, config: &RayConfig, data: &Dataset) -> Result<Space, SystemError> {
+        config.check()?;
+        let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
+        space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)
+    }
+
+    /// The same with what the cameras rule out.
+    fn carved(&mut self, mut system: RaySystem, data: &Dataset) -> Result<RaySystem, SystemError> {
+        system.carve(data)?;
+        let alpha = self.transparent && !system.is_timed();
+        self.lines.extend(system.carved().map(|carved| {
             format!(
                 "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",
                 percent(carved),
                 if alpha { " and the images' alpha" } else { "" }
             )
         }));
-        Ok(())
+        Ok(system)
     }
 }
 

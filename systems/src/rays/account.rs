@@ -1,8 +1,8 @@
 //! What a training did and did not do: seconds by part, samples skipped.
 
-use super::{Ngp, render};
-use crate::deform::Deform;
+use super::{RaySystem, render};
 use crate::left_out::LeftOut;
+use crate::warps::Deform;
 use engine::system::SkipRow;
 use render_core::budget::Ledger;
 use std::sync::Mutex;
@@ -37,11 +37,11 @@ pub(super) struct Skipped {
 }
 
 /// Rows of the table of skips.
-pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
-    let faint = ngp.faint();
+pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
+    let faint = driver.faint();
     let read = |a: &AtomicU64| a.load(Ordering::Relaxed);
-    let (placed, dense) = (read(&ngp.skipped.placed), read(&ngp.skipped.dense));
-    let space = if let Some(occupancy) = ngp.sampler.occupancy() {
+    let (placed, dense) = (read(&driver.skipped.placed), read(&driver.skipped.dense));
+    let space = if let Some(occupancy) = driver.sampler.occupancy() {
         SkipRow::counted(
             "training: empty space",
             (dense.saturating_sub(placed), dense),
@@ -52,7 +52,7 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
             ),
         )
     } else {
-        let proposed = read(&ngp.skipped.proposed);
+        let proposed = read(&driver.skipped.proposed);
         SkipRow::counted(
             "training: weighed by proposals alone",
             (proposed, proposed + placed),
@@ -64,26 +64,26 @@ pub(super) fn skips(ngp: &Ngp) -> Vec<SkipRow> {
         space,
         SkipRow::counted(
             if faint > 0.0 { "training: faint, or behind what is opaque" } else { "training: behind what is opaque" },
-            (placed.saturating_sub(read(&ngp.skipped.kept)), placed),
+            (placed.saturating_sub(read(&driver.skipped.kept)), placed),
             "samples",
             if faint > 0.0 {
-                format!("at most {faint} of a ray's light, and transmittance < {}", ngp.config.batch.train_stop)
+                format!("at most {faint} of a ray's light, and transmittance < {}", driver.config.batch.train_stop)
             } else {
-                format!("transmittance < {}", ngp.config.batch.train_stop)
+                format!("transmittance < {}", driver.config.batch.train_stop)
             },
         ),
     ];
-    rows.extend(ngp.field.deform.iter().flat_map(Deform::skips));
-    rows.extend(ngp.skipped.left_out.ignored_row());
-    rows.extend(ngp.skipped.left_out.occluders_row());
-    rows.extend(render::skip_rows(&ngp.skipped.renders));
+    rows.extend(driver.field.deform.iter().flat_map(Deform::skips));
+    rows.extend(driver.skipped.left_out.ignored_row());
+    rows.extend(driver.skipped.left_out.occluders_row());
+    rows.extend(render::skip_rows(&driver.skipped.renders));
     rows
 }
 
 /// Seconds by part.
-pub(super) fn timings(ngp: &Ngp) -> Vec<(&'static str, f64)> {
-    let s = &ngp.seconds;
-    let proposed = ngp.sampler.proposals().is_some();
+pub(super) fn timings(driver: &RaySystem) -> Vec<(&'static str, f64)> {
+    let s = &driver.seconds;
+    let proposed = driver.sampler.proposals().is_some();
     vec![
         ("draw rays", s.draw),
         (if proposed { "proposals (all threads)" } else { "march (all threads)" }, s.march),

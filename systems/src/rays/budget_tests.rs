@@ -1,7 +1,7 @@
 //! Renders against the full sum, over random fields, occupancy grids, spaces and rays.
 
 use super::render::render_trial;
-use super::{Ngp, RayConfig};
+use super::{RayConfig, RaySystem};
 use crate::fields::HashGridSettings;
 use crate::method::Method;
 use crate::plan::{Ground, HASH_GRID, field_settings};
@@ -70,35 +70,35 @@ pub(super) fn biased(kind: SpaceKind, density_bias: f32) -> RayConfig {
 }
 
 /// A field of random parameters: from mist to walls, with cells that count as empty and cells the cameras rule out.
-fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> Ngp {
+fn random_field(seed: u64, kind: SpaceKind, density_bias: f32) -> RaySystem {
     randomised(biased(kind, density_bias), seed)
 }
 
 /// Random parameters for these settings.
-pub(super) fn randomised(config: RayConfig, seed: u64) -> Ngp {
+pub(super) fn randomised(config: RayConfig, seed: u64) -> RaySystem {
     randomised_with(config, seed, None)
 }
 
 /// Random parameters for these settings and a method.
-pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn Method>>) -> Ngp {
+pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn Method>>) -> RaySystem {
     let kind = config.space.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
     };
-    let mut ngp = Ngp::with_method(config, space, Background::White, seed, method).unwrap();
+    let mut driver = RaySystem::new(config, space, Background::White, seed, "ngp", method, None).unwrap();
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
-    for (i, x) in ngp.field.features.parameters_mut().iter_mut().enumerate() {
+    for (i, x) in driver.field.features.parameters_mut().iter_mut().enumerate() {
         *x = 4.0 * (uniform(1, i) - 0.5);
     }
-    for (i, x) in ngp.field.density_params.iter_mut().enumerate() {
+    for (i, x) in driver.field.density_params.iter_mut().enumerate() {
         *x = 3.0 * (uniform(2, i) - 0.5);
     }
-    for (i, x) in ngp.field.colour_params.iter_mut().enumerate() {
+    for (i, x) in driver.field.colour_params.iter_mut().enumerate() {
         *x = 3.0 * (uniform(3, i) - 0.5);
     }
-    ngp.field.pack();
-    for proposal in proposals(&mut ngp) {
+    driver.field.pack();
+    for proposal in proposals(&mut driver) {
         for (i, x) in proposal.features.parameters_mut().iter_mut().enumerate() {
             *x = 4.0 * (uniform(5, i) - 0.5);
         }
@@ -107,7 +107,7 @@ pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<d
         }
         proposal.pack();
     }
-    if let Some(occupancy) = ngp.sampler.occupancy_mut() {
+    if let Some(occupancy) = driver.sampler.occupancy_mut() {
         occupancy.stretch = 1.0;
         let grid = &occupancy.grid;
         let thickness: Vec<f32> = (0..grid.cells())
@@ -119,12 +119,12 @@ pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<d
             .collect();
         occupancy.grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
     }
-    ngp
+    driver
 }
 
 /// The proposals' fields; none where an occupancy grid places samples.
-pub(super) fn proposals(ngp: &mut Ngp) -> &mut [ProposalField] {
-    match &mut ngp.sampler {
+pub(super) fn proposals(driver: &mut RaySystem) -> &mut [ProposalField] {
+    match &mut driver.sampler {
         Sampler::Occupancy(_) => &mut [],
         Sampler::Proposals(proposals) => &mut proposals.fields,
     }
@@ -153,9 +153,9 @@ pub(super) fn query(background: [f32; 3], error_budget: f32) -> Query {
 }
 
 /// The sum over all samples of a ray, one at a time, straight from the definition.
-fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32; 3] {
-    let (field, ray) = (&ngp.field, ngp.space.internal_ray(ray));
-    let occupancy = ngp.sampler.occupancy().unwrap();
+fn naive(driver: &RaySystem, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32; 3] {
+    let (field, ray) = (&driver.field, driver.space.internal_ray(ray));
+    let occupancy = driver.sampler.occupancy().unwrap();
     let marcher = occupancy.marcher();
     let all = OccupancyGrid::new(occupancy.grid.settings()).unwrap();
     let (mut samples, mut occupied) = (Vec::new(), Vec::new());
@@ -168,7 +168,7 @@ fn naive(ngp: &Ngp, ray: &Ray, background: [f32; 3], empty: EmptyCells) -> [f32;
             continue;
         }
         let mut x = [0.0; 3];
-        ngp.space.grid_positions(field.simd, &p, &mut x);
+        driver.space.grid_positions(field.simd, &p, &mut x);
         let mut features = vec![0.0; field.features.rows()];
         field.features.encode(crate::fields::Places::still(&x), &mut features, &mut Vec::new());
         let mut input = vec![0.0; field.colour.inputs()];
@@ -203,29 +203,29 @@ proptest! {
     fn a_budget_of_0_is_the_full_sum_bit_for_bit(
         seed in any::<u64>(), kind in kinds(), bias in -3.0..4.0_f32, background in [0.0..1.0_f32, 0.0..1.0, 0.0..1.0],
     ) {
-        let (ngp, rays) = (random_field(seed, kind, bias), random_rays(seed));
-        let (layers, ledger) = render_trial(&ngp, &rays, &query(background, 0.0), &Trial::USUAL);
+        let (driver, rays) = (random_field(seed, kind, bias), random_rays(seed));
+        let (layers, ledger) = render_trial(&driver, &rays, &query(background, 0.0), &Trial::USUAL);
         for (rgb, ray) in layers.rgb.iter().zip(&rays) {
-            prop_assert_eq!(*rgb, naive(&ngp, ray, background, EmptyCells::Nothing));
+            prop_assert_eq!(*rgb, naive(&driver, ray, background, EmptyCells::Nothing));
         }
         for skip in Skip::ALL {
             prop_assert_eq!((ledger.entry(skip).skipped, ledger.entry(skip).spent()), (0, 0.0));
         }
         // Allowing the skips by name does not help where there is no budget; forbidding them is the same as no budget.
         let forbidden = Trial { skips: SkipSet::NONE, ..Trial::USUAL };
-        prop_assert_eq!(&render_trial(&ngp, &rays, &query(background, 0.1), &forbidden).0.rgb, &layers.rgb);
+        prop_assert_eq!(&render_trial(&driver, &rays, &query(background, 0.1), &forbidden).0.rgb, &layers.rgb);
     }
 
     #[test]
     fn the_picture_stays_inside_its_budget(
         seed in any::<u64>(), kind in kinds(), bias in -3.0..4.0_f32, background in [0.0..1.0_f32, 0.0..1.0, 0.0..1.0],
     ) {
-        let (ngp, rays) = (random_field(seed, kind, bias), random_rays(seed));
-        let full = ngp.render(&rays, &query(background, 0.0));
+        let (driver, rays) = (random_field(seed, kind, bias), random_rays(seed));
+        let full = driver.render(&rays, &query(background, 0.0));
         for eps in [1.0 / 2048.0, 1.0 / 255.0, 1e-2, 0.1] {
             for skips in [SkipSet::ALL, SkipSet::only(Skip::Behind), SkipSet::only(Skip::Faint), SkipSet::only(Skip::Empty)] {
                 let trial = Trial { skips, ..Trial::USUAL };
-                let (layers, ledger) = render_trial(&ngp, &rays, &query(background, eps), &trial);
+                let (layers, ledger) = render_trial(&driver, &rays, &query(background, eps), &trial);
                 let error = largest_difference(&layers, &full);
                 prop_assert!(error <= eps, "{error} > {eps}");
                 let promised = Skip::ALL.map(|s| ledger.entry(s).most()).iter().sum::<f64>();
@@ -243,48 +243,48 @@ proptest! {
 #[test]
 fn what_the_field_holds_in_empty_cells_is_within_its_thickness_of_the_model() {
     for seed in 0..4 {
-        let (mut ngp, rays) = (random_field(seed, SpaceKind::Box, -2.0), random_rays(seed));
-        let model = ngp.render(&rays, &query([1.0; 3], 0.0));
+        let (mut driver, rays) = (random_field(seed, SpaceKind::Box, -2.0), random_rays(seed));
+        let model = driver.render(&rays, &query([1.0; 3], 0.0));
         let field = Trial { skips: SkipSet::NONE, empty: EmptyCells::Field };
-        let (seen, ledger) = render_trial(&ngp, &rays, &query([1.0; 3], 0.0), &field);
+        let (seen, ledger) = render_trial(&driver, &rays, &query([1.0; 3], 0.0), &field);
         let (error, bound) = (largest_difference(&seen, &model), ledger.entry(Skip::Empty).most());
         assert!(error > 1e-3 && f64::from(error) <= bound + 1e-6, "{error}, {bound}");
         // Nothing ruled out: the field everywhere.
-        let grid = &mut ngp.sampler.occupancy_mut().unwrap().grid;
+        let grid = &mut driver.sampler.occupancy_mut().unwrap().grid;
         let thickness: Vec<f32> = grid.thickness().iter().map(|t| t.max(0.0)).collect();
         *grid = OccupancyGrid::from_state(grid.settings(), &thickness, 1).unwrap();
-        let (seen, _) = render_trial(&ngp, &rays, &query([1.0; 3], 0.0), &field);
+        let (seen, _) = render_trial(&driver, &rays, &query([1.0; 3], 0.0), &field);
         for (rgb, ray) in seen.rgb.iter().zip(&rays) {
-            assert_eq!(*rgb, naive(&ngp, ray, [1.0; 3], EmptyCells::Field));
+            assert_eq!(*rgb, naive(&driver, ray, [1.0; 3], EmptyCells::Field));
         }
     }
 }
 
 #[test]
 fn renders_have_the_same_bits_with_1_2_and_4_threads() {
-    let ngp = random_field(7, SpaceKind::Contracted, 0.0);
+    let driver = random_field(7, SpaceKind::Contracted, 0.0);
     let rays: Vec<Ray> = (0..20).flat_map(random_rays).collect();
     let layers = LayerRequest { normals: Normals::Compute, ..LayerRequest::default() };
     for eps in [0.0, 1.0 / 255.0] {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let query = Query { layers, ..query([0.2, 0.5, 1.0], eps) };
-            pool.install(|| render_trial(&ngp, &rays, &query, &Trial::USUAL))
+            pool.install(|| render_trial(&driver, &rays, &query, &Trial::USUAL))
         };
         let one = on(1);
         assert!(on(2) == one && on(4) == one);
         // Colours do not depend on what else is asked for, nor on what the rays are rendered with.
-        let plain = ngp.render(&rays, &query([0.2, 0.5, 1.0], eps));
+        let plain = driver.render(&rays, &query([0.2, 0.5, 1.0], eps));
         assert_eq!(plain.rgb, one.0.rgb);
-        assert_eq!(ngp.render(&rays[333..334], &query([0.2, 0.5, 1.0], eps)).rgb[0], plain.rgb[333]);
+        assert_eq!(driver.render(&rays[333..334], &query([0.2, 0.5, 1.0], eps)).rgb[0], plain.rgb[333]);
     }
 }
 
 #[test]
 fn the_measured_table_holds_every_skip_and_keeps_to_the_budget() {
-    let (ngp, (_, data)) = (random_field(3, SpaceKind::Box, 0.0), table());
+    let (driver, (_, data)) = (random_field(3, SpaceKind::Box, 0.0), table());
     let eps = 1.0 / 255.0;
-    let measured = measure(&ngp, &data, &query([1.0; 3], eps)).unwrap();
+    let measured = measure(&driver, &data, &query([1.0; 3], eps)).unwrap();
     assert_eq!(measured.rays, 3 * 64);
     let names: Vec<&str> = measured.rows.iter().map(|r| r.what.as_str()).collect();
     let skips = [Skip::Behind, Skip::Faint, Skip::Empty].map(|s| format!("{}, alone", s.name()));
@@ -305,6 +305,6 @@ fn the_measured_table_holds_every_skip_and_keeps_to_the_budget() {
 
 #[test]
 fn no_rays_are_no_work() {
-    let ngp = random_field(1, SpaceKind::Box, 0.0);
-    assert_eq!(ngp.render(&[], &query([0.0; 3], 0.0)), Layers::default());
+    let driver = random_field(1, SpaceKind::Box, 0.0);
+    assert_eq!(driver.render(&[], &query([0.0; 3], 0.0)), Layers::default());
 }

@@ -1,6 +1,6 @@
 //! Canonical points of rays: where a known warp sends them, nowhere for rays that hit nothing, the same bits always.
 
-use super::Ngp;
+use super::RaySystem;
 use super::budget_tests::{query, random_rays, randomised, small};
 use crate::space::SpaceKind;
 use crate::warps::made::MadeSettings;
@@ -13,7 +13,7 @@ use render_core::ray::Ray;
 const WAY: [f32; 3] = [0.1, -0.2, 0.05];
 
 /// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
-fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
+fn shifted(kind: SpaceKind, seed: u64) -> RaySystem {
     let nothing = MadeSettings::of_time(TimeKind::Time, 2, 1);
     let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Canonical, ..nothing.warp };
     let mut deform = MadeSettings { warp, ..nothing }.deform(Times::of(&super::budget_tests::table().1), seed);
@@ -25,12 +25,12 @@ fn shifted(kind: SpaceKind, seed: u64) -> Ngp {
     let last = networks.len() - 3;
     networks[last..].copy_from_slice(&WAY);
     deform.load_state(&state).unwrap();
-    let mut ngp = still(kind, seed);
-    ngp.field.deform = Some(deform);
-    ngp
+    let mut driver = still(kind, seed);
+    driver.field.deform = Some(deform);
+    driver
 }
 
-fn still(kind: SpaceKind, seed: u64) -> Ngp {
+fn still(kind: SpaceKind, seed: u64) -> RaySystem {
     let mut config = small(kind);
     // Thin enough for rays that hit nothing.
     config.networks.density_bias = if kind == SpaceKind::Contracted { -4.0 } else { 0.5 };
@@ -66,10 +66,10 @@ fn pairs(rays: &[Ray], layers: &Layers) -> Vec<(DVec3, DVec3)> {
 fn what_nothing_warps_is_canonical_where_it_is_and_only_when_asked_for() {
     let rays = rays();
     for kind in [SpaceKind::Box, SpaceKind::Contracted] {
-        let ngp = still(kind, 3);
-        let layers = ngp.render(&rays, &asked(0.5));
+        let driver = still(kind, 3);
+        let layers = driver.render(&rays, &asked(0.5));
         assert!(pairs(&rays, &layers).iter().all(|(x, there)| x == there), "{kind:?}");
-        let plain = ngp.render(&rays, &Query { time: 0.5, ..query([1.0; 3], 0.0) });
+        let plain = driver.render(&rays, &Query { time: 0.5, ..query([1.0; 3], 0.0) });
         assert!(plain.canonical.is_empty());
         assert!(Layers { canonical: Vec::new(), ..layers } == plain, "the other layers do not change");
     }
@@ -78,30 +78,30 @@ fn what_nothing_warps_is_canonical_where_it_is_and_only_when_asked_for() {
 #[test]
 fn canonical_points_are_where_the_warp_sends_them() {
     let rays = rays();
-    let ngp = shifted(SpaceKind::Box, 3);
+    let driver = shifted(SpaceKind::Box, 3);
     // The radius of the box is 1.
     let way = DVec3::from(WAY.map(f64::from));
-    for (x, there) in pairs(&rays, &ngp.render(&rays, &asked(0.5))) {
+    for (x, there) in pairs(&rays, &driver.render(&rays, &asked(0.5))) {
         assert!((there - x - way).length() < 1e-5, "{x} to {there}");
     }
     // Nothing is warped at the canonical moment: not a bit.
-    assert!(pairs(&rays, &ngp.render(&rays, &asked(0.0))).iter().all(|(x, there)| x == there));
+    assert!(pairs(&rays, &driver.render(&rays, &asked(0.0))).iter().all(|(x, there)| x == there));
     let asked_directly = |point: DVec3| {
         let mut out = [[0.0; 3]];
-        ngp.canonical(&[point.to_array()], 0.5, &mut out);
+        driver.canonical(&[point.to_array()], 0.5, &mut out);
         DVec3::from(out[0])
     };
     // A canonical point may lie beyond the box; what the space does not reach stays.
     assert!((asked_directly(DVec3::new(0.99, 0.0, 0.0)).x - 1.09).abs() < 1e-5);
     assert_eq!(asked_directly(DVec3::new(3.0, 0.0, 0.0)), DVec3::new(3.0, 0.0, 0.0));
-    ngp.canonical(&[], 0.5, &mut []);
+    driver.canonical(&[], 0.5, &mut []);
 }
 
 #[test]
 fn a_warp_of_contracted_space_is_brought_back_to_the_world() {
     let rays = rays();
-    let ngp = shifted(SpaceKind::Contracted, 3);
-    let layers = ngp.render(&rays, &asked(0.5));
+    let driver = shifted(SpaceKind::Contracted, 3);
+    let layers = driver.render(&rays, &asked(0.5));
     let pairs = pairs(&rays, &layers);
     // In the contracted cube [-2, 2]^3 the way is twice as long; inside the inner cube contraction does nothing.
     let way = 2.0 * DVec3::from(WAY.map(f64::from));
@@ -117,10 +117,10 @@ fn a_warp_of_contracted_space_is_brought_back_to_the_world() {
 #[test]
 fn canonical_points_have_the_same_bits_with_1_2_and_4_threads() {
     let rays = rays();
-    let ngp = shifted(SpaceKind::Box, 5);
+    let driver = shifted(SpaceKind::Box, 5);
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| ngp.render(&rays, &asked(0.7)))
+        pool.install(|| driver.render(&rays, &asked(0.7)))
     };
     let one = on(1);
     assert!(on(2) == one && on(4) == one);

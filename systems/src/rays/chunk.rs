@@ -10,11 +10,11 @@ use super::head::{PLACE_ROWS, place_features};
 use super::prepass::{Kept, Look};
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::buffers::sized;
-use crate::deform::{DeformGrad, DeformScratch, ElasticAt, Points};
 use crate::fields::{Detail, Features, Field, Part, Places, When};
 use crate::method::{Codes, Pixel, PixelBar};
 use crate::samplers::{Draw, Proposed};
 use crate::space::InternalRay;
+use crate::warps::{DeformGrad, DeformScratch, ElasticAt, Points};
 use engine::data::Batch;
 use std::ops::Range;
 use std::time::Instant;
@@ -203,9 +203,9 @@ impl Chunk {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
                 let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
-                let moments = ctx.field.moments();
+                let time_steps = ctx.field.time_steps();
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
-                let time = |r: usize| moments.times.get(view(r)).copied().unwrap_or(0.0);
+                let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
                 self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, time, draw);
                 self.look.take(&self.proposed, self.rays.len());
                 self.stats.proposed = self.proposed.looked();
@@ -215,7 +215,7 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.look.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
-        ctx.field.fill_times(When { moments: ctx.field.moments(), which: &self.which }, &mut self.times);
+        ctx.field.fill_times(When { time_steps: ctx.field.time_steps(), which: &self.which }, &mut self.times);
         self.stats.dense = self.look.dense;
         self.stats.placed = self.look.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
@@ -325,7 +325,7 @@ impl Chunk {
             let places = Places { x: &self.x[..3 * n], times: &self.times };
             field.features.pull_positions(places, raw_bar, Detail::Coarse, x_bar);
         }
-        let points = Points { x: &self.was[..3 * n], which: &self.which, moments: deform.moments() };
+        let points = Points { x: &self.was[..3 * n], which: &self.which, time_steps: deform.time_steps() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
         if ctx.elastic() > 0.0 {
             let w = &mut self.w[..n];

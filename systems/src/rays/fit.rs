@@ -3,7 +3,7 @@
 //! Geometry does not depend on the code, so the samples of the rays are placed, weighed and encoded once; a step of the fit
 //! asks the colour network alone (NeRF in the Wild, section 5: the left half of a test photo).
 
-use super::Ngp;
+use super::RaySystem;
 use super::chunk::Chunk;
 use super::context::StepContext;
 use super::step::Plan;
@@ -41,10 +41,10 @@ struct Kept {
 }
 
 /// See [`System::fit_appearance`].
-pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
-    let mut code = ngp.appearance_code(&Appearance::Mean)?;
-    let numbers = ngp.field.colour.inputs() - code.len() + 1;
-    let kept = pixels.keep(PIXELS, numbers, |every, most| keep(ngp, pixels, code.len(), every, most));
+pub(super) fn fit(driver: &RaySystem, pixels: &Fit<'_>) -> Option<Vec<f32>> {
+    let mut code = driver.appearance_code(&Appearance::Mean)?;
+    let numbers = driver.field.colour.inputs() - code.len() + 1;
+    let kept = pixels.keep(PIXELS, numbers, |every, most| keep(driver, pixels, code.len(), every, most));
     let count = kept.rest.len();
     if count == 0 {
         return Some(code);
@@ -64,12 +64,12 @@ pub(super) fn fit(ngp: &Ngp, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         };
         let share = 1.0 / (3 * chosen.len()) as f32;
         let groups = rooms.par_iter_mut().zip(chosen.par_chunks(GROUP));
-        groups.for_each(|(room, chosen)| room.slope(ngp, &kept, chosen, &code, share));
+        groups.for_each(|(room, chosen)| room.slope(driver, &kept, chosen, &code, share));
         // Always in this order, whoever was ready first.
         let bar: Vec<f32> = (0..code.len()).map(|k| rooms.iter().map(|room| room.bar[k]).sum()).collect();
         let third = (3 * step / pixels.steps.max(1)) as i32;
         // Entries that are not finite stay as they are.
-        let _ = adam.step(ngp.field.simd, pixels.lr * 0.1_f64.powi(third), &mut code, &bar);
+        let _ = adam.step(driver.field.simd, pixels.lr * 0.1_f64.powi(third), &mut code, &bar);
     }
     Some(code)
 }
@@ -92,9 +92,9 @@ struct Room {
 impl Room {
     /// The gradient of half the squared errors of the pixels `chosen`, times `share`, with respect to `code`: into
     /// [`Room::bar`].
-    fn slope(&mut self, ngp: &Ngp, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
+    fn slope(&mut self, driver: &RaySystem, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
         let Self { columns, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
-        let field = &ngp.field;
+        let field = &driver.field;
         let mlp = &field.colour;
         let (inputs, rows) = (mlp.inputs(), mlp.inputs() - code.len());
         columns.clear();
@@ -136,21 +136,21 @@ impl Room {
 }
 
 /// Samples that carry weight along every `every`-th ray; `None` where these are more than `most`.
-fn keep(ngp: &Ngp, pixels: &Fit<'_>, dims: usize, every: usize, most: usize) -> Option<Kept> {
+fn keep(driver: &RaySystem, pixels: &Fit<'_>, dims: usize, every: usize, most: usize) -> Option<Kept> {
     let rays: Vec<_> = pixels.rays.iter().step_by(every).copied().collect();
     let truth: Vec<[f32; 3]> = pixels.rgb.iter().step_by(every).copied().collect();
-    let inputs = ngp.not_random(Batch::of_rays(&rays, &truth), pixels.background);
+    let inputs = driver.not_random(Batch::of_rays(&rays, &truth), pixels.background);
     let n = rays.len();
-    let rows = ngp.field.colour.inputs() - dims;
+    let rows = driver.field.colour.inputs() - dims;
     // The codes of these rays are what is sought: any will do for where their samples lie.
     let blank = vec![0.0; dims];
     let ctx = StepContext {
         appearance: Some(Codes { dims, rows: &blank }),
-        transient: ngp.method.as_ref().and_then(|method| method.transient()),
-        ..ngp.context(&Plan::PICTURE, &inputs)
+        transient: driver.method.as_ref().and_then(|method| method.transient()),
+        ..driver.context(&Plan::PICTURE, &inputs)
     };
     let mut kept = Kept { offsets: vec![0], ..Kept::default() };
-    let mut chunk = Chunk::new(&ngp.field, ngp.head.as_ref());
+    let mut chunk = Chunk::new(&driver.field, driver.head.as_ref());
     for first in (0..n).step_by(RAYS) {
         let span = first..(first + RAYS).min(n);
         chunk.sample(&ctx, span.clone());

@@ -3,7 +3,7 @@
 use super::budget_tests::{biased, randomised_with, small, table};
 use super::moving_tests::filmed;
 use super::step::Plan;
-use super::{HeadConfig, MixtureKind, Ngp, RayConfig};
+use super::{HeadConfig, MixtureKind, RayConfig, RaySystem};
 use crate::fields::{HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
 use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::papers::dynamic::k_planes;
@@ -73,18 +73,18 @@ const TERMS: TermConfig = TermConfig { distortion: 0.3, sparsity: 0.05, backgrou
 type Groups = Vec<(&'static str, Vec<f32>)>;
 
 /// The loss of the batch that was drawn, mean over the pixels that count; the chunks hold the gradients afterwards.
-fn loss(ngp: &mut Ngp, plan: &Plan) -> f64 {
-    ngp.each_chunk(plan, |chunk, ctx, pixels| {
+fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
+    driver.each_chunk(plan, |chunk, ctx, pixels| {
         chunk.sample(ctx, pixels.clone());
         chunk.learn(ctx, pixels);
     });
-    ngp.work.chunks.iter().map(|chunk| chunk.stats.loss).sum::<f64>() * f64::from(plan.share)
+    driver.work.chunks.iter().map(|chunk| chunk.stats.loss).sum::<f64>() * f64::from(plan.share)
 }
 
 /// Gradients as a step folds them.
-fn gradients(ngp: &mut Ngp, plan: &Plan) -> Groups {
-    loss(ngp, plan);
-    let (field, chunks) = (&ngp.field, &ngp.work.chunks);
+fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
+    loss(driver, plan);
+    let (field, chunks) = (&driver.field, &driver.work.chunks);
     let mut features = vec![0.0; field.features.parameters().len()];
     chunks.iter().for_each(|chunk| field.features.scatter(&chunk.part(&*field.features), &mut features));
     let mut packed = Vec::new();
@@ -96,13 +96,13 @@ fn gradients(ngp: &mut Ngp, plan: &Plan) -> Groups {
     let density = of(&field.density, field.density_params.len(), chunks.iter().map(|c| &c.density_grad[..]).collect());
     let colour = of(&field.colour, field.colour_params.len(), chunks.iter().map(|c| &c.colour_grad[..]).collect());
     let mut out = vec![("features", features), ("density network", density), ("colour network", colour)];
-    if let Some(head) = &ngp.head {
+    if let Some(head) = &driver.head {
         let grads = chunks.iter().map(|c| &c.head_grad[..]).collect();
         out.push(("transient head", of(&head.mlp, head.params.len(), grads)));
     }
-    let views = &ngp.work.inputs.batch.view;
+    let views = &driver.work.inputs.batch.view;
     for (name, transient) in [("appearance codes", false), ("transient codes", true)] {
-        let Some(method) = &ngp.method else { continue };
+        let Some(method) = &driver.method else { continue };
         let Some(codes) = (if transient { method.transient() } else { method.appearance() }) else { continue };
         let mut bars = vec![0.0; codes.rows.len()];
         let of = |chunk: &super::chunk::Chunk| {
@@ -119,20 +119,20 @@ fn gradients(ngp: &mut Ngp, plan: &Plan) -> Groups {
 }
 
 /// Add to number `i` of a group.
-fn shift(ngp: &mut Ngp, method: &mut Coded, group: &str, i: usize, by: f32) {
+fn shift(driver: &mut RaySystem, method: &mut Coded, group: &str, i: usize, by: f32) {
     match group {
-        "features" => ngp.field.features.parameters_mut()[i] += by,
-        "density network" => ngp.field.density_params[i] += by,
-        "colour network" => ngp.field.colour_params[i] += by,
-        "transient head" => ngp.head.as_mut().unwrap().params[i] += by,
+        "features" => driver.field.features.parameters_mut()[i] += by,
+        "density network" => driver.field.density_params[i] += by,
+        "colour network" => driver.field.colour_params[i] += by,
+        "transient head" => driver.head.as_mut().unwrap().params[i] += by,
         "appearance codes" => method.appearance[i] += by,
         "transient codes" => method.transient.as_mut().unwrap()[i] += by,
         other => panic!("{other} has no numbers"),
     }
-    ngp.field.pack();
-    ngp.head.iter_mut().for_each(|head| head.pack());
-    if ngp.method.is_some() {
-        ngp.method = Some(Box::new(method.clone()));
+    driver.field.pack();
+    driver.head.iter_mut().for_each(|head| head.pack());
+    if driver.method.is_some() {
+        driver.method = Some(Box::new(method.clone()));
     }
 }
 
@@ -141,17 +141,17 @@ const CHECKED: usize = 60;
 
 fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
     let boxed = method.clone().map(|method| Box::new(method) as Box<dyn Method>);
-    let mut ngp = randomised_with(config, 5, boxed);
+    let mut driver = randomised_with(config, 5, boxed);
     let mut method = method.unwrap_or_else(|| coded(false));
-    let per_pixel = (ngp.config.batch.rays_per_side * ngp.config.batch.rays_per_side) as usize;
-    ngp.rays = 48;
-    ngp.draw(data, 3, per_pixel).unwrap();
-    let counted: f32 = ngp.work.inputs.batch.weight.iter().sum();
+    let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;
+    driver.rays = 48;
+    driver.draw(data, 3, per_pixel).unwrap();
+    let counted: f32 = driver.work.inputs.batch.weight.iter().sum();
     let plan = Plan { step: 3, per_pixel, share: 1.0 / counted.max(1.0) };
-    let groups = gradients(&mut ngp, &plan);
+    let groups = gradients(&mut driver, &plan);
     for (group, gradient) in groups {
         // Colours of samples teach colours alone: the weights of the samples are held, as published.
-        if ngp.config.terms.point_colour > 0.0 && group != "colour network" {
+        if driver.config.terms.point_colour > 0.0 && group != "colour network" {
             continue;
         }
         let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
@@ -162,11 +162,11 @@ fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
         let mut checked = 0;
         for i in chosen {
             let mut slope = |h: f32| {
-                shift(&mut ngp, &mut method, group, i, h);
-                let above = loss(&mut ngp, &plan);
-                shift(&mut ngp, &mut method, group, i, -2.0 * h);
-                let below = loss(&mut ngp, &plan);
-                shift(&mut ngp, &mut method, group, i, h);
+                shift(&mut driver, &mut method, group, i, h);
+                let above = loss(&mut driver, &plan);
+                shift(&mut driver, &mut method, group, i, -2.0 * h);
+                let below = loss(&mut driver, &plan);
+                shift(&mut driver, &mut method, group, i, h);
                 (above - below) / f64::from(2.0 * h)
             };
             let (wide, narrow) = (slope(4e-3), slope(2e-3));
@@ -238,18 +238,18 @@ fn of_voxels() {
 #[test]
 fn parts_of_a_batch_add_up() {
     // What a chunk brings to the gradient is what a step folds: no sample twice, none left out.
-    let mut ngp = randomised_with(tiny(SpaceKind::Box), 5, None);
-    ngp.rays = 48;
-    ngp.draw(&table().1, 3, 1).unwrap();
+    let mut driver = randomised_with(tiny(SpaceKind::Box), 5, None);
+    driver.rays = 48;
+    driver.draw(&table().1, 3, 1).unwrap();
     let plan = Plan { step: 3, per_pixel: 1, share: 1.0 };
-    loss(&mut ngp, &plan);
-    let features = &*ngp.field.features;
-    let samples: usize = ngp.work.chunks.iter().map(|chunk| chunk.part(features).places.len()).sum();
-    let placed: u64 = ngp.work.chunks.iter().map(|chunk| chunk.stats.placed).sum();
+    loss(&mut driver, &plan);
+    let features = &*driver.field.features;
+    let samples: usize = driver.work.chunks.iter().map(|chunk| chunk.part(features).places.len()).sum();
+    let placed: u64 = driver.work.chunks.iter().map(|chunk| chunk.stats.placed).sum();
     assert!(samples > 100 && samples as u64 == placed, "{samples} of {placed}");
     let mut all = vec![0.0; features.parameters().len()];
     let mut sum = all.clone();
-    for chunk in &ngp.work.chunks {
+    for chunk in &driver.work.chunks {
         let part = chunk.part(features);
         let mut one = vec![0.0; all.len()];
         features.scatter(&part, &mut one);

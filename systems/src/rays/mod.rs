@@ -45,13 +45,13 @@ mod tile;
 pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 pub use head::{HeadConfig, MixtureKind};
 
-use crate::deform::{Deform, StillWork};
 use crate::fields::Field;
 use crate::method::{Method, Pixel};
 use crate::samplers::{CueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
 use crate::space::{Space, SpaceKind};
 use crate::survey::Surveys;
 use crate::terms::RayTerm;
+use crate::warps::{Deform, StillWork};
 use account::{Seconds, Skipped};
 use chunk::Chunk;
 use engine::data::{Batch, Dataset, ErrorMap, Guide};
@@ -77,7 +77,7 @@ const INIT: u64 = 0x696e_6974;
 const FIRST_RAYS: usize = 256;
 
 /// The system.
-pub struct Ngp {
+pub struct RaySystem {
     name: &'static str,
     config: RayConfig,
     seed: u64,
@@ -149,35 +149,12 @@ fn normalised_distance(space: &Space, near: f32) -> RayDistance {
     RayDistance::new(warp, near, far).expect("`near` is positive and finite, and checked before")
 }
 
-impl Ngp {
-    /// A new field for a space.
+impl RaySystem {
+    /// A system of these parts before its first step, under the name of the composition.
     ///
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot work.
-    pub fn new(config: RayConfig, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
-        Self::with_method(config, space, background, seed, None)
-    }
-
-    /// A new field that learns what a method says.
-    ///
-    /// # Errors
-    /// As [`Ngp::new`].
-    pub fn with_method(
-        config: RayConfig,
-        space: Space,
-        background: Background,
-        seed: u64,
-        method: Option<Box<dyn Method>>,
-    ) -> Result<Self, SystemError> {
-        let name = method.as_ref().map_or("ngp", |method| method.name());
-        Self::moving(config, space, background, seed, name, method, None)
-    }
-
-    /// A new field of a scene that moves, under a system's name.
-    ///
-    /// # Errors
-    /// As [`Ngp::new`].
-    pub(crate) fn moving(
+    pub(crate) fn new(
         config: RayConfig,
         space: Space,
         background: Background,
@@ -324,7 +301,7 @@ impl Ngp {
     }
 }
 
-impl System for Ngp {
+impl System for RaySystem {
     fn name(&self) -> &'static str {
         self.name
     }

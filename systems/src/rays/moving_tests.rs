@@ -2,7 +2,7 @@
 
 use super::budget_tests::small;
 use super::budget_tests::{biased, occupancy};
-use super::{Ngp, RayConfig};
+use super::{RayConfig, RaySystem};
 use crate::fields::VoxelSettings;
 use crate::samplers::OccupancyConfig;
 use crate::space::{Space, SpaceKind};
@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 const MOMENTS: usize = 20;
 
-/// A photo of each of so many moments.
+/// A photo of each time step.
 pub(super) fn filmed(side: u32) -> Dataset {
     let options =
         OrbitOptions { width: side, height: side, train: MOMENTS, test: 0, rays: 1, ..OrbitOptions::default() };
@@ -29,21 +29,21 @@ pub(super) fn filmed(side: u32) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }
 
-fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> Ngp {
+fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> RaySystem {
     let density = DensitySettings { sees: Sees::Time, ..time.density };
     let deform = MadeSettings { density, ..time }.deform(Times::of(data), 1);
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
-    Ngp::moving(config, space, Background::White, 1, "ngp", None, Some(deform)).unwrap()
+    RaySystem::new(config, space, Background::White, 1, "ngp", None, Some(deform)).unwrap()
 }
 
 /// A field that is full everywhere at one moment of [`MOMENTS`], or at none, and empty at all others: the density is that of the
 /// moment's code.
-fn flash(full: bool) -> Ngp {
+fn flash(full: bool) -> RaySystem {
     let mut config = biased(SpaceKind::Box, -8.0);
     let grid = occupancy(&mut config);
     *grid = OccupancyConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, ..*grid };
-    let mut ngp = of(config, &filmed(4), MadeSettings::of_time(TimeKind::Codes, 0, 1));
-    let mut state: TensorMap = ngp.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
+    let mut driver = of(config, &filmed(4), MadeSettings::of_time(TimeKind::Codes, 0, 1));
+    let mut state: TensorMap = driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let mut write = |name: &str, values: &[(usize, f32)]| match &mut state.get_mut(name).unwrap().data {
         TensorData::F32(data) => {
             data.to_mut().fill(0.0);
@@ -53,19 +53,19 @@ fn flash(full: bool) -> Ngp {
     };
     write("deform.moments", &[(7, if full { 1.0 } else { 1e-3 })]);
     // The first hidden unit takes the last input, which is the code; the first output is the log-density.
-    let layers = ngp.field.density.layers();
-    let code = layers[0].weights.start + ngp.field.density.inputs() - 1;
+    let layers = driver.field.density.layers();
+    let code = layers[0].weights.start + driver.field.density.inputs() - 1;
     write("field.density", &[(code, 1.0), (layers[1].weights.start, 10.0)]);
-    ngp.load_state(&state).unwrap();
-    ngp
+    driver.load_state(&state).unwrap();
+    driver
 }
 
 /// Share of the occupancy grid's cells that count as empty, the worst of many updates after the grid has settled.
-fn lost(mut ngp: Ngp) -> f64 {
+fn lost(mut driver: RaySystem) -> f64 {
     let mut worst = 0.0_f64;
     for step in 0..400 {
-        let occupancy = ngp.sampler.occupancy_mut().unwrap();
-        occupancy.update(&ngp.field, &ngp.space, ngp.seed, step);
+        let occupancy = driver.sampler.occupancy_mut().unwrap();
+        occupancy.update(&driver.field, &driver.space, driver.seed, step);
         if step >= 100 {
             let grid = &occupancy.grid;
             let full: u32 = grid.bits().iter().map(|word| word.count_ones()).sum();
@@ -77,22 +77,22 @@ fn lost(mut ngp: Ngp) -> f64 {
 
 #[test]
 fn a_cell_that_is_full_at_one_moment_in_twenty_stays_in_sight() {
-    let ngp = flash(true);
+    let driver = flash(true);
     let at = |k: usize| {
         let mut out = [0.0];
-        ngp.density(&[[0.1, 0.2, 0.3]], k as f64 / (MOMENTS - 1) as f64, &mut out);
+        driver.density(&[[0.1, 0.2, 0.3]], k as f64 / (MOMENTS - 1) as f64, &mut out);
         out[0]
     };
     assert!(at(7) > 5.0 && at(3) < 1e-2 && at(19) < 1e-2, "{} {} {}", at(7), at(3), at(19));
-    assert_eq!(lost(ngp), 0.0, "a cell is lost");
+    assert_eq!(lost(driver), 0.0, "a cell is lost");
     assert!(lost(flash(false)) > 0.85, "what is never full is empty");
 }
 
 /// What an orbiting camera sees of a field at a time.
-fn shown(ngp: &Ngp, data: &Dataset, time: f64) -> Vec<f32> {
+fn shown(driver: &RaySystem, data: &Dataset, time: f64) -> Vec<f32> {
     let query = Query { time, ..engine::render::plain_query([1.0; 3], 0.0) };
     let rays: Vec<Ray> = data.view(3).rays(0..24).flatten().collect();
-    ngp.render(&rays, &query).rgb.into_flattened()
+    driver.render(&rays, &query).rgb.into_flattened()
 }
 
 fn distance(a: &[f32], b: &[f32]) -> f64 {
@@ -107,30 +107,30 @@ fn finer_voxels_show_the_same_scene() {
     config.features = Arc::new(VoxelSettings { voxels: 24, voxels_every: 1000, features: 4 });
     config.rates.lr = 1e-2;
     (config.batch.batch_rays, config.batch.batch_samples) = (512, 1 << 13);
-    let mut ngp = of(config, &data, MadeSettings::of_time(TimeKind::Time, 2, 1));
-    let nothing_yet = shown(&ngp, &data, 0.5);
+    let mut driver = of(config, &data, MadeSettings::of_time(TimeKind::Time, 2, 1));
+    let nothing_yet = shown(&driver, &data, 0.5);
     for step in 0..60 {
-        ngp.step(&data, step).unwrap();
+        driver.step(&data, step).unwrap();
     }
-    let before = shown(&ngp, &data, 0.5);
+    let before = shown(&driver, &data, 0.5);
     let learnt = distance(&nothing_yet, &before);
     for doublings in 1..=3 {
-        let params = ngp.field.features.parameters().len();
-        ngp.guard = NonFiniteGuard::default().resumed(doublings * 1000, 0, 0);
-        ngp.field.features.refine(ngp.guard.steps());
-        let more = ngp.field.features.parameters().len() as f64 / params as f64;
+        let params = driver.field.features.parameters().len();
+        driver.guard = NonFiniteGuard::default().resumed(doublings * 1000, 0, 0);
+        driver.field.features.refine(driver.guard.steps());
+        let more = driver.field.features.parameters().len() as f64 / params as f64;
         assert!((1.5..2.6).contains(&more), "doubling {doublings}: {more} times as many");
-        let off = distance(&before, &shown(&ngp, &data, 0.5));
+        let off = distance(&before, &shown(&driver, &data, 0.5));
         println!("doubling {doublings}: {off:.4} of {learnt:.4}");
         // The wider distances shrink with the voxels: the picture is not the same, but it is not forgotten.
         assert!(doublings > 1 || off < 0.75 * learnt, "the picture changes by {off}, and {learnt} was learnt");
     }
-    let params = ngp.field.features.parameters().len();
-    ngp.guard = NonFiniteGuard::default().resumed(9000, 0, 0);
-    ngp.field.features.refine(ngp.guard.steps());
-    assert_eq!(ngp.field.features.parameters().len(), params, "three times and no more");
+    let params = driver.field.features.parameters().len();
+    driver.guard = NonFiniteGuard::default().resumed(9000, 0, 0);
+    driver.field.features.refine(driver.guard.steps());
+    assert_eq!(driver.field.features.parameters().len(), params, "three times and no more");
     // It learns on.
     for step in 60..64 {
-        assert!(ngp.step(&data, step).unwrap().nonfinite == 0);
+        assert!(driver.step(&data, step).unwrap().nonfinite == 0);
     }
 }

@@ -1,9 +1,9 @@
 //! Density and colour at points of the scene's frame, for surfaces, slices and tests; and where points are canonical.
 
-use super::Ngp;
+use super::RaySystem;
 use crate::buffers::shapes_hold;
-use crate::deform::{DeformScratch, Points};
 use crate::fields::{Placing, When};
+use crate::warps::{DeformScratch, Points};
 use engine::system::{Appearance, System};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,48 +12,48 @@ use rayon::prelude::*;
 const TASK: usize = 256;
 
 /// Grid positions of points of the scene's frame, and which of them the space reaches.
-fn place(ngp: &Ngp, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
+fn place(driver: &RaySystem, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
     let n = points.len();
     let (mut p, mut x) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
     let inside = points
         .iter()
         .enumerate()
         .map(|(i, &point)| {
-            let at = ngp.space.internal_point(DVec3::from(point));
+            let at = driver.space.internal_point(DVec3::from(point));
             let q = at.unwrap_or([0.0; 3]);
             (p[i], p[n + i], p[2 * n + i]) = (q[0], q[1], q[2]);
-            at.is_some_and(|q| ngp.sampler.occupancy().is_none_or(|occupancy| occupancy.grid.occupied(q, 0.0)))
+            at.is_some_and(|q| driver.sampler.occupancy().is_none_or(|occupancy| occupancy.grid.occupied(q, 0.0)))
         })
         .collect();
-    ngp.space.grid_positions(ngp.field.simd, &p, &mut x);
+    driver.space.grid_positions(driver.field.simd, &p, &mut x);
     (x, inside)
 }
 
 /// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty.
-pub(super) fn density(ngp: &Ngp, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
-    let moments = ngp.field.moments_at(time);
+pub(super) fn density(driver: &RaySystem, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
+    let time_steps = driver.field.time_steps_at(time);
     out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).for_each(|(out, points)| {
-        let (mut x, inside) = place(ngp, points);
+        let (mut x, inside) = place(driver, points);
         let which = vec![0; points.len()];
-        ngp.field.densities(&mut x, When { moments: &moments, which: &which }, out, &mut Default::default());
+        driver.field.densities(&mut x, When { time_steps: &time_steps, which: &which }, out, &mut Default::default());
         for ((out, point), inside) in out.iter_mut().zip(points).zip(inside) {
-            let scale = ngp.space.per_world_unit(DVec3::from(*point)) as f32;
+            let scale = driver.space.per_world_unit(DVec3::from(*point)) as f32;
             *out = if inside { *out * scale } else { 0.0 };
         }
     });
 }
 
 /// Colour at points of the scene's frame seen along `d`.
-pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
-    let moments = ngp.field.moments_at(time);
-    let code = ngp.appearance_code(&Appearance::Mean).unwrap_or_default();
+pub(super) fn colour(driver: &RaySystem, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
+    let time_steps = driver.field.time_steps_at(time);
+    let code = driver.appearance_code(&Appearance::Mean).unwrap_or_default();
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).zip(d.par_chunks(TASK));
     tasks.for_each(|((out, points), d)| {
-        let (field, n) = (&ngp.field, points.len());
-        let (mut x, _) = place(ngp, points);
+        let (field, n) = (&driver.field, points.len());
+        let (mut x, _) = place(driver, points);
         let mut features = vec![0.0; field.rows() * n];
         let which = vec![0; n];
-        field.seen(&mut x, When { moments: &moments, which: &which }, &mut features, &mut Placing::default());
+        field.seen(&mut x, When { time_steps: &time_steps, which: &which }, &mut features, &mut Placing::default());
         let mut input = vec![0.0; field.colour.inputs() * n];
         let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
         field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);
@@ -74,28 +74,28 @@ pub(super) fn colour(ngp: &Ngp, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, 
 /// Canonical points of points of the scene's frame at a time. Those that are not moved keep their bits, and so do those that
 /// the space does not reach. Where space is contracted or projective a canonical point may lie beyond all space; the nearest
 /// that does not is given.
-pub(super) fn canonical(ngp: &Ngp, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+pub(super) fn canonical(driver: &RaySystem, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
     out.copy_from_slice(points);
-    let Some(deform) = ngp.field.deform.as_ref().filter(|deform| deform.warps()) else { return };
-    let moments = ngp.field.moments_at(time);
+    let Some(deform) = driver.field.deform.as_ref().filter(|deform| deform.warps()) else { return };
+    let time_steps = driver.field.time_steps_at(time);
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK));
     tasks.for_each_init(DeformScratch::default, |scratch, (out, points)| {
         let n = points.len();
-        let internal: Vec<_> = points.iter().map(|&point| ngp.space.internal_point(DVec3::from(point))).collect();
+        let internal: Vec<_> = points.iter().map(|&point| driver.space.internal_point(DVec3::from(point))).collect();
         let mut p = vec![0.0; 3 * n];
         for (i, at) in internal.iter().enumerate() {
             let at = at.unwrap_or([0.0; 3]);
             (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
         }
         let mut was = vec![0.0; 3 * n];
-        ngp.space.grid_positions(ngp.field.simd, &p, &mut was);
+        driver.space.grid_positions(driver.field.simd, &p, &mut was);
         // The rows that the density network sees are of no interest here.
         let (mut x, mut seen) = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
-        deform.place(Points { x: &was, which: &vec![0; n], moments: &moments }, &mut x, &mut seen, scratch);
+        deform.place(Points { x: &was, which: &vec![0; n], time_steps: &time_steps }, &mut x, &mut seen, scratch);
         for (i, out) in out.iter_mut().enumerate() {
             let [from, to] = [&was, &x].map(|x| [x[i], x[n + i], x[2 * n + i]]);
             if internal[i].is_some() && from != to {
-                *out = ngp.space.world_point(ngp.space.internal_of_grid(to)).to_array();
+                *out = driver.space.world_point(driver.space.internal_of_grid(to)).to_array();
             }
         }
     });

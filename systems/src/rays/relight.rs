@@ -4,7 +4,7 @@ use super::chunk::Chunk;
 use super::context::StepContext;
 use super::step::Plan;
 use super::tile::{Gradients, Tile};
-use super::{CHUNKS, Inputs, Ngp};
+use super::{CHUNKS, Inputs, RaySystem};
 use crate::buffers::sized;
 use crate::method::{Relit, SecondLight};
 use engine::data::Dataset;
@@ -34,7 +34,7 @@ impl Relighting {
     }
 }
 
-impl Ngp {
+impl RaySystem {
     /// Render the patches a method asks for, and keep what it says of them until the networks learn.
     pub(super) fn relight(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let mut own = std::mem::take(&mut self.work.relighting);
@@ -49,7 +49,7 @@ impl Ngp {
         Ok(())
     }
 
-    /// [`Ngp::relight`] for the patches in `own`.
+    /// [`RaySystem::relight`] for the patches in `own`.
     pub(super) fn relight_patches(&mut self, own: &mut Relighting, light: &SecondLight, step: u64) {
         let inputs = &mut own.inputs;
         let n = inputs.batch.len();

@@ -1,6 +1,6 @@
 //! What renders in another light teach: the colour network what the method says, everything else nothing.
 
-use super::Ngp;
+use super::RaySystem;
 use super::budget_tests::{biased, randomised_with, table};
 use crate::fields::fold_gradients;
 use crate::method::{Codes, Method, Pixel, PixelBar, Relit, SecondLight};
@@ -55,7 +55,7 @@ impl Method for Says {
     }
 }
 
-fn field(seed: u64, asks: bool) -> (Ngp, Shown) {
+fn field(seed: u64, asks: bool) -> (RaySystem, Shown) {
     let shown = Shown::default();
     let mut config = biased(SpaceKind::Box, 1.0);
     (config.rates.weight_decay, config.terms.distortion) = (0.0, 0.0);
@@ -64,23 +64,23 @@ fn field(seed: u64, asks: bool) -> (Ngp, Shown) {
 
 #[test]
 fn the_colour_network_learns_what_differences_say() {
-    let (mut ngp, shown) = field(4, true);
+    let (mut driver, shown) = field(4, true);
     let (_, data) = table();
-    ngp.relight(&data, 7).unwrap();
+    driver.relight(&data, 7).unwrap();
     let [own, other] = shown.lock().unwrap().clone();
     assert!(own.len() == 50 && other.len() == 50 && own != other, "another light looks the same");
-    let mut grad = vec![0.0; ngp.field.colour_params.len()];
-    let parts = ngp.work.relighting.chunks().map(|c| &c.colour_grad[..]);
-    fold_gradients(&ngp.field.colour, parts, &mut Vec::new(), &mut grad);
+    let mut grad = vec![0.0; driver.field.colour_params.len()];
+    let parts = driver.work.relighting.chunks().map(|c| &c.colour_grad[..]);
+    fold_gradients(&driver.field.colour, parts, &mut Vec::new(), &mut grad);
     let largest = grad.iter().fold(0.0, |m: f32, g| m.max(g.abs()));
     let h = 2e-3;
     for i in (0..grad.len()).step_by(37) {
         let mut at = |by: f32| {
-            let before = ngp.field.colour_params[i];
-            ngp.field.colour_params[i] += by;
-            ngp.field.pack();
-            ngp.relight(&data, 7).unwrap();
-            ngp.field.colour_params[i] = before;
+            let before = driver.field.colour_params[i];
+            driver.field.colour_params[i] += by;
+            driver.field.pack();
+            driver.relight(&data, 7).unwrap();
+            driver.field.colour_params[i] = before;
             cost(&shown.lock().unwrap()[1])
         };
         let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
@@ -92,31 +92,31 @@ fn the_colour_network_learns_what_differences_say() {
 
 #[test]
 fn density_and_what_it_is_computed_from_learn_exactly_nothing() {
-    let (mut ngp, _) = field(4, true);
+    let (mut driver, _) = field(4, true);
     let (_, data) = table();
-    let parts = |ngp: &Ngp| {
-        let f = &ngp.field;
+    let parts = |driver: &RaySystem| {
+        let f = &driver.field;
         [f.features.parameters().to_vec(), f.density_params.clone(), f.colour_params.clone()]
     };
-    let before = parts(&ngp);
+    let before = parts(&driver);
     for step in 0..3 {
-        assert_eq!(ngp.step(&data, step).unwrap().nonfinite, 0);
-        for chunk in ngp.work.relighting.chunks() {
+        assert_eq!(driver.step(&data, step).unwrap().nonfinite, 0);
+        for chunk in driver.work.relighting.chunks() {
             let all = [&chunk.density_grad, &chunk.head_grad, &chunk.features_bar, &chunk.appearance_bar];
             assert!(all.iter().all(|bars| bars.iter().all(|b| *b == 0.0)));
         }
     }
-    let after = parts(&ngp);
+    let after = parts(&driver);
     assert!(before[0] == after[0] && before[1] == after[1], "density has learnt");
     assert!(before[2] != after[2], "the colour network has not");
 }
 
 #[test]
 fn a_method_that_does_not_ask_pays_nothing() {
-    let (mut ngp, shown) = field(4, false);
+    let (mut driver, shown) = field(4, false);
     let (_, data) = table();
-    let before = ngp.field.colour_params.clone();
-    ngp.step(&data, 0).unwrap();
-    assert!(shown.lock().unwrap()[1].is_empty() && ngp.work.relighting.chunks().next().is_none());
-    assert_eq!(ngp.field.colour_params, before);
+    let before = driver.field.colour_params.clone();
+    driver.step(&data, 0).unwrap();
+    assert!(shown.lock().unwrap()[1].is_empty() && driver.work.relighting.chunks().next().is_none());
+    assert_eq!(driver.field.colour_params, before);
 }

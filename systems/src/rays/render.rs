@@ -7,12 +7,12 @@
 //! visits all samples of the lattice and asks for every density and every colour. Where proposals place the samples, these
 //! are the lattice, and no cell is empty.
 
-use super::Ngp;
+use super::RaySystem;
 use crate::buffers::sized;
-use crate::deform::{DeformGrad, DeformScratch, Moments, Points};
 use crate::fields::{Detail, Field, Places, Placing, When};
 use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
 use crate::space::{InternalRay, Space};
+use crate::warps::{DeformGrad, DeformScratch, Points, TimeSteps};
 use engine::canonical::add_canonical;
 use engine::skips::bound_of;
 use engine::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
@@ -47,7 +47,7 @@ struct Scratch {
     kept: Vec<Kept>,
     p: Vec<f32>,
     x: Vec<f32>,
-    /// `[3][n]`, positions before they were canonical, and moments of them; only for normals where something moves.
+    /// `[3][n]`, positions before they were canonical, and their time steps; only for normals where something moves.
     was: Vec<f32>,
     which: Vec<u32>,
     placing: Placing,
@@ -111,7 +111,7 @@ impl Progress {
 
 /// What all tasks of a render share.
 struct Job<'a> {
-    ngp: &'a Ngp,
+    driver: &'a RaySystem,
     query: &'a Query,
     budget: Budget,
     empty: EmptyCells,
@@ -120,22 +120,30 @@ struct Job<'a> {
     /// Appearance code of the query; empty where the field knows one light only.
     code: Vec<f32>,
     /// The query's moment.
-    moments: Moments,
+    time_steps: TimeSteps,
 }
 
 /// Layers of rays of the scene's frame.
-pub(super) fn render(ngp: &Ngp, rays: &[Ray], query: &Query) -> Layers {
-    let (layers, ledger) = render_trial(ngp, rays, query, &Trial::USUAL);
-    ngp.skipped.renders.lock().unwrap_or_else(PoisonError::into_inner).merge(&ledger);
+pub(super) fn render(driver: &RaySystem, rays: &[Ray], query: &Query) -> Layers {
+    let (layers, ledger) = render_trial(driver, rays, query, &Trial::USUAL);
+    driver.skipped.renders.lock().unwrap_or_else(PoisonError::into_inner).merge(&ledger);
     layers
 }
 
 /// The same with some skips only, and what they were.
-pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial) -> (Layers, Ledger) {
+pub(super) fn render_trial(driver: &RaySystem, rays: &[Ray], query: &Query, trial: &Trial) -> (Layers, Ledger) {
     let budget = Budget::new(query.error_budget, Radiance::UNIT, query.background).only(trial.skips);
-    let code = ngp.appearance_code(&query.appearance).unwrap_or_default();
-    let moments = ngp.field.moments_at(query.time);
-    let job = Job { ngp, query, budget, empty: trial.empty, full: full_grid(ngp, &budget, trial.empty), code, moments };
+    let code = driver.appearance_code(&query.appearance).unwrap_or_default();
+    let time_steps = driver.field.time_steps_at(query.time);
+    let job = Job {
+        driver,
+        query,
+        budget,
+        empty: trial.empty,
+        full: full_grid(driver, &budget, trial.empty),
+        code,
+        time_steps,
+    };
     let task = |scratch: &mut Scratch, rays: &[Ray]| match query.halt.raised() {
         true => (Layers::nothing(rays.len(), query), Ledger::default()),
         false => job.render(rays, scratch),
@@ -146,7 +154,7 @@ pub(super) fn render_trial(ngp: &Ngp, rays: &[Ray], query: &Query, trial: &Trial
         Layers::extend(&mut out, layers);
         Ledger::merge(&mut ledger, &part);
     }
-    add_canonical(ngp, rays, query, &mut out);
+    add_canonical(driver, rays, query, &mut out);
     (out, ledger)
 }
 
@@ -165,8 +173,8 @@ pub(super) fn skip_rows(ledger: &Mutex<Ledger>) -> Vec<SkipRow> {
 }
 
 /// All cells, or all but those that the cameras rule out; `None` where empty ones are passed over.
-fn full_grid(ngp: &Ngp, budget: &Budget, empty: EmptyCells) -> Option<OccupancyGrid> {
-    let grid = &ngp.sampler.occupancy()?.grid;
+fn full_grid(driver: &RaySystem, budget: &Budget, empty: EmptyCells) -> Option<OccupancyGrid> {
+    let grid = &driver.sampler.occupancy()?.grid;
     if empty == EmptyCells::Nothing && budget.takes(Skip::Empty) {
         return None;
     }
@@ -181,7 +189,7 @@ fn full_grid(ngp: &Ngp, budget: &Budget, empty: EmptyCells) -> Option<OccupancyG
 
 impl Job<'_> {
     fn render(&self, rays: &[Ray], s: &mut Scratch) -> (Layers, Ledger) {
-        let (field, space) = (&self.ngp.field, &self.ngp.space);
+        let (field, space) = (&self.driver.field, &self.driver.space);
         s.rays.clear();
         s.rays.extend(rays.iter().map(|r| space.internal_ray(r)));
         let codes = field.basis(&s.rays, self.code.len(), &mut s.views, &mut s.basis);
@@ -189,10 +197,10 @@ impl Job<'_> {
             row.fill(*value);
         }
         let mut ledger = Ledger::default();
-        match &self.ngp.sampler {
+        match &self.driver.sampler {
             Sampler::Occupancy(occupancy) => self.march(occupancy, s, &mut ledger),
             Sampler::Proposals(proposals) => {
-                let time = self.moments.times.first().copied().unwrap_or(0.0);
+                let time = self.time_steps.times.first().copied().unwrap_or(0.0);
                 s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, |_| time, Draw::Render);
                 s.proposed.intervals(rays.len(), &mut s.t, &mut s.dt, &mut s.offsets);
             }
@@ -262,7 +270,7 @@ impl Job<'_> {
 
     /// Samples `round * ROUND ..` of the rays still alive. Returns how many there were.
     fn shade_round(&self, round: usize, progress: &mut [Progress], s: &mut Scratch, ledger: &mut Ledger) -> u64 {
-        let (field, space, lead) = (&self.ngp.field, &self.ngp.space, self.ngp.sampler.lead());
+        let (field, space, lead) = (&self.driver.field, &self.driver.space, self.driver.sampler.lead());
         let span = |offsets: &[u32], r: usize| {
             let first = offsets[r] as usize + round * ROUND;
             first..(first + ROUND).min(offsets[r + 1] as usize)
@@ -287,7 +295,7 @@ impl Job<'_> {
             sized(&mut s.was, 3 * n).copy_from_slice(x);
         }
         let features = sized(&mut s.features, field.rows() * n);
-        field.seen(x, When { moments: &self.moments, which: &s.which }, features, &mut s.placing);
+        field.seen(x, When { time_steps: &self.time_steps, which: &s.which }, features, &mut s.placing);
         let raw = sized(&mut s.raw, field.density.outputs() * n);
         let acts = sized(&mut s.acts, field.density.activations_len(n));
         field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
@@ -335,16 +343,16 @@ impl Job<'_> {
         }
         ledger.count(Skip::Faint, shaded - s.kept.len() as u64, shaded);
         if self.query.layers.normals == Normals::Compute {
-            add_normals(field, space, &self.moments, progress, (n, s));
+            add_normals(field, space, &self.time_steps, progress, (n, s));
         }
-        add_colours(self.ngp, n, progress, s);
+        add_colours(self.driver, n, progress, s);
         n as u64
     }
 }
 
 /// Colours of the kept samples.
-fn add_colours(ngp: &Ngp, n: usize, progress: &mut [Progress], s: &mut Scratch) {
-    let (field, m) = (&ngp.field, s.kept.len());
+fn add_colours(driver: &RaySystem, n: usize, progress: &mut [Progress], s: &mut Scratch) {
+    let (field, m) = (&driver.field, s.kept.len());
     let geometry = field.density.outputs();
     let input = sized(&mut s.input, field.colour.inputs() * m);
     for g in 0..geometry {
@@ -373,7 +381,7 @@ fn add_colours(ngp: &Ngp, n: usize, progress: &mut [Progress], s: &mut Scratch) 
 fn add_normals(
     field: &Field,
     space: &Space,
-    moments: &Moments,
+    time_steps: &TimeSteps,
     progress: &mut [Progress],
     (n, s): (usize, &mut Scratch),
 ) {
@@ -394,13 +402,13 @@ fn add_normals(
     x_bar.fill(0.0);
     let (x, features) = (&s.x[..3 * n], &s.features[..field.rows() * n]);
     let (raw_bar, seen_bar) = field.pull(features, n, features_bar, &mut s.raw_bar);
-    field.fill_times(When { moments, which: &s.which }, &mut s.times);
+    field.fill_times(When { time_steps, which: &s.which }, &mut s.times);
     field.features.pull_positions(Places { x, times: &s.times }, raw_bar, Detail::All, x_bar);
     if let Some(deform) = &field.deform {
         // The gradient where the point is, not where it is canonical.
         let (grad, scratch) = &mut s.deform;
-        grad.begin_at(deform, moments);
-        deform.learn(Points { x: &s.was[..3 * n], which: &s.which, moments }, x_bar, seen_bar, grad, scratch);
+        grad.begin_at(deform, time_steps);
+        deform.learn(Points { x: &s.was[..3 * n], which: &s.which, time_steps }, x_bar, seen_bar, grad, scratch);
     }
     for kept in &s.kept {
         let (i, ray) = (kept.column as usize, &s.rays[kept.ray as usize]);

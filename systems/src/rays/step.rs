@@ -2,14 +2,14 @@
 
 use super::context::Placing;
 use super::context::StepContext;
-use super::{CHUNKS, Inputs, Ngp, Work};
-use crate::deform::Deform;
+use super::{CHUNKS, Inputs, RaySystem, Work};
 use crate::fields::{Part, fold_gradients};
 use crate::left_out::unweighted;
 use crate::method::mean_transient;
 use crate::method::{Drawing, Outcome, Pixel};
 use crate::samplers::{Proposals, Sampler};
 use crate::survey::Surveys;
+use crate::warps::Deform;
 use engine::data::{Batch, Dataset};
 use engine::system::{StepStats, SystemError};
 use field_core::rng::Rng;
@@ -44,7 +44,7 @@ impl Plan {
 /// Where the first sample of a ray lies within its step where nothing is random.
 const MIDDLE: f32 = 0.5;
 
-impl Ngp {
+impl RaySystem {
     /// Pixels of one ray each before `background`; nothing of them is random.
     pub(super) fn not_random(&self, batch: Batch, background: [f32; 3]) -> Inputs {
         let n = batch.len();

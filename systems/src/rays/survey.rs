@@ -3,7 +3,7 @@
 use super::chunk::Chunk;
 use super::context::{Placing, StepContext};
 use super::step::Plan;
-use super::{Inputs, Ngp};
+use super::{Inputs, RaySystem};
 use crate::method::{Method, Pixel};
 use crate::survey::{Shown, Surveys};
 use engine::data::{Batch, Dataset};
@@ -16,10 +16,10 @@ const TASK: usize = 256;
 /// Samples that a ray looks at, in the mean at most, in units of [`samples_per_ray`](crate::samplers::OccupancyConfig::samples_per_ray):
 /// where nothing is opaque yet, a survey of all photos with the steps of training costs as much as a thousand steps of training.
 const MOST_SAMPLES: f64 = 2.0;
-/// One pixel in so many says how many samples the rays of a picture look at.
+/// One pixel in this many says how many samples the rays of a picture look at.
 const PROBE_EVERY: usize = 64;
 
-impl Ngp {
+impl RaySystem {
     /// The pixels of a view and their rays; nothing of it is random.
     fn of_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<([usize; 2], Inputs), SystemError> {
         let mut batch = Batch::default();
@@ -54,7 +54,7 @@ impl Ngp {
     }
 }
 
-impl Surveys for Ngp {
+impl Surveys for RaySystem {
     fn method(&self) -> Option<&dyn Method> {
         self.method.as_deref()
     }
@@ -84,7 +84,7 @@ impl Surveys for Ngp {
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {
         let seed = self.seed.wrapping_add(1);
         let method = self.method.take();
-        let mut fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
+        let mut fresh = Self::new(self.config.clone(), self.space, self.background, seed, self.name, method, None)?;
         fresh.carve(data)?;
         (fresh.seed, fresh.seconds, fresh.guard) = (self.seed, self.seconds, self.guard);
         fresh.skipped = std::mem::take(&mut self.skipped);
@@ -111,11 +111,11 @@ mod tests {
             let grid = occupancy(&mut config);
             *grid = OccupancyConfig { samples_per_ray: 12.0, step_min: 0.002, step_cone: 0.002, ..*grid };
             let space = Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01);
-            let ngp = Ngp::with_method(config, space, Background::Random, 3, None).unwrap();
-            let (_, inputs) = ngp.of_view(&data, 0, 1).unwrap();
+            let driver = RaySystem::new(config, space, Background::Random, 3, "ngp", None, None).unwrap();
+            let (_, inputs) = driver.of_view(&data, 0, 1).unwrap();
             let n = inputs.batch.len();
-            let of_training = ngp.looked(&ngp.context(&Plan::PICTURE, &inputs), n);
-            (of_training, ngp.looked(&ngp.view_context(&inputs), n))
+            let of_training = driver.looked(&driver.context(&Plan::PICTURE, &inputs), n);
+            (of_training, driver.looked(&driver.view_context(&inputs), n))
         };
         let (mist, longer) = looked(-9.0);
         assert!(mist > 60.0 && (12.0..36.0).contains(&longer), "{mist} {longer}");

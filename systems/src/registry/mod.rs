@@ -2,11 +2,13 @@
 
 mod choice;
 #[cfg(test)]
+mod claim_tests;
+#[cfg(test)]
 mod tests;
 
 pub use choice::choose;
 
-use crate::claims::{Claim, names};
+use crate::claims::{Claim, claims_of, names};
 use crate::papers::dynamic::k_planes;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::plan::{Ask, Built};
@@ -33,18 +35,17 @@ const KNOWN: [Known; 6] = [
 ];
 
 /// Systems by name, with what differs from their papers.
-pub const CLAIMS: [Claim; KNOWN.len()] = {
-    let mut claims = [ngp::CLAIM; KNOWN.len()];
-    let mut i = 0;
-    while i < claims.len() {
-        claims[i] = KNOWN[i].claim;
-        i += 1;
-    }
-    claims
-};
+pub const CLAIMS: [Claim; KNOWN.len()] = claims_of!(KNOWN);
 
 /// Systems by name.
 pub const SYSTEMS: [&str; CLAIMS.len()] = names(&CLAIMS);
+
+/// The claim of a system's name: of those for scenes that stand still, from the wild, or that move. `ngp` is the same everywhere.
+#[must_use]
+pub fn find(name: &str) -> Option<Claim> {
+    let all = CLAIMS.iter().chain(&crate::wild::CLAIMS).chain(&crate::dynamic::CLAIMS);
+    all.copied().find(|claim| claim.name == name)
+}
 
 /// Build the system `name` for a scene.
 ///

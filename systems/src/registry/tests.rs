@@ -143,7 +143,7 @@ fn points_empty_cells_before_each_camera() {
     // A quarter of the way from a camera to the floor nothing can be; at the floor something can.
     let c = data.view(0).camera.pose.c;
     let points = [(0.75 * c).to_array(), DVec3::new(0.1, 0.1, 0.0).to_array()];
-    let density = |ngp: &crate::rays::Ngp| {
+    let density = |ngp: &crate::rays::RaySystem| {
         let mut density = [0.0; 2];
         ngp.density(&points, 0.0, &mut density);
         density.map(|sigma| sigma > 0.0)

@@ -98,7 +98,7 @@ impl Sampler {
         }
     }
 
-    /// What a checkpoint says after so many updates and steps.
+    /// The state in a checkpoint that was written after these numbers of updates and steps.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or does not fit.

@@ -17,10 +17,10 @@ use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-/// Stream of the points looked at, and of their moments within it.
+/// Streams of the points looked at, and of their times.
 const POINTS: u64 = 0x6f63_6375;
-const MOMENTS: u64 = 0x6d6f_6d65;
-/// Each update looks at one of so many cells, and at one of so many occupied ones.
+const TIMES: u64 = 0x6d6f_6d65;
+/// An update looks at one in this many cells, and at one in this many occupied ones.
 const SHARE: u32 = 8;
 const OCCUPIED_SHARE: u32 = 4;
 /// The first updates look at every second cell, so that empty space is known early.
@@ -29,19 +29,19 @@ const EAGER_SHARE: u32 = 2;
 /// Factor on a cell's running maximum each time it is looked at. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
-/// Moments in which a cell is looked at where things move: it is full now and then.
-const MOMENTS_OF_A_LOOK: u32 = 4;
-/// From one moment to the next that a cell is looked at in, as a share of all: the golden ratio leaves no gap for long.
-const NEXT_MOMENT: f64 = 0.618_033_988_749_894_9;
+/// Times at which a cell is looked at where things move: it is full now and then.
+const TIMES_OF_A_LOOK: u32 = 4;
+/// From one time to the next that a cell is looked at, as a share of all: the golden ratio leaves no gap for long.
+const NEXT_TIME: f64 = 0.618_033_988_749_894_9;
 /// Cells looked at together.
 const TASK: usize = 4096;
-/// One in so many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
+/// One in this many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
 const DOUBTED: usize = 10;
 /// Tasks of an update at most.
 const TASKS: usize = 32;
 /// Samples of a ray at most: [`OccupancyConfig::check`] sees to it that no march ends early.
 pub(crate) const MAX_SAMPLES: u32 = 1 << 16;
-/// Where the sky's sample is, and how long: so many times the way to the end of the occupancy grid. There the contraction
+/// Where the sky's sample is, and how long: this many times the way to the end of the occupancy grid. There the contraction
 /// leaves nothing of a ray but its direction, and any density is opaque.
 const SKY: f32 = 1e3;
 /// Longest step: in a cascade the step doubles with the cells.
@@ -78,7 +78,7 @@ pub struct OccupancyConfig {
 }
 
 impl OccupancyConfig {
-    /// Check the ranges, in a space of so many cascades.
+    /// Check the ranges, in a space of `cascades` cubes.
     ///
     /// # Errors
     /// [`SystemError::Config`] naming the setting.
@@ -130,7 +130,7 @@ pub(crate) struct Occupancy {
     lookers: Mutex<Vec<Looker>>,
 }
 
-/// Settings after so many updates. The threshold begins below what the field starts with and rises to its place while
+/// Settings after a number of updates. The threshold begins below what the field starts with and rises to its place while
 /// the field learns: cells must not be ruled out before they had their turn, nor keep a fog that nothing needs.
 fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u64) -> GridSettings {
     let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
@@ -150,27 +150,27 @@ struct Looker {
     densities: DensityScratch,
     p: Vec<f32>,
     x: Vec<f32>,
-    /// Views whose moments are looked at, and what is seen in one of them; only where something moves.
+    /// Views whose times are looked at, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
     now: Vec<f32>,
 }
 
-/// Where in its cell, and in which moments, an update looks.
+/// Where in its cell, and at which times, an update looks.
 struct Draws {
     points: Rng,
-    moments: Rng,
+    times: Rng,
     /// Number of the update.
     phase: u32,
 }
 
 impl Draws {
-    /// Which of so many moments a cell is looked at in: what is empty has to be so at all times. Moments of successive looks are
+    /// Which of `steps` time steps a cell is looked at in: what is empty has to be so at all times. Those of successive looks are
     /// far from each other and leave no gap for long, so that what is there for a twentieth of the time is seen every few looks.
-    fn moment(&self, id: u32, round: u32, moments: usize) -> u32 {
+    fn time_step(&self, id: u32, round: u32, steps: usize) -> u32 {
         let look = u64::from(id.wrapping_add(self.phase) / OCCUPIED_SHARE);
-        let steps = (look * u64::from(MOMENTS_OF_A_LOOK) + u64::from(round)) as f64;
-        let at = (f64::from(self.moments.uniform_at(id.into())) + steps * NEXT_MOMENT).fract();
-        ((at * moments as f64) as u32).min(moments as u32 - 1)
+        let looks = (look * u64::from(TIMES_OF_A_LOOK) + u64::from(round)) as f64;
+        let at = (f64::from(self.times.uniform_at(id.into())) + looks * NEXT_TIME).fract();
+        ((at * steps as f64) as u32).min(steps as u32 - 1)
     }
 }
 
@@ -262,7 +262,7 @@ impl Occupancy {
         step.is_multiple_of(self.config.occupancy_every)
     }
 
-    /// A batch had so many samples a ray: steps become longer or shorter, slowly.
+    /// A batch had `per_ray` samples a ray: steps become longer or shorter, slowly.
     pub(crate) fn adapt(&mut self, per_ray: f32) {
         let change = (per_ray / self.config.samples_per_ray).clamp(1.0 / STRETCH_RATE, STRETCH_RATE);
         self.stretch = (self.stretch * change).clamp(1.0, MAX_STRETCH);
@@ -279,7 +279,7 @@ impl Occupancy {
         out.push(f32_tensor("step.stretch", std::slice::from_ref(&self.stretch)));
     }
 
-    /// Grid and stretch of a checkpoint after so many updates.
+    /// Grid and stretch of a checkpoint after `updates` updates.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or does not fit.
@@ -319,7 +319,7 @@ impl Occupancy {
             let share = if occupied { share.min(OCCUPIED_SHARE) } else { share };
             thickness[id as usize] >= 0.0 && turn.is_multiple_of(share)
         }));
-        let draws = Draws { points: Rng::new(seed, POINTS).substream(step), moments: Rng::new(seed, MOMENTS), phase };
+        let draws = Draws { points: Rng::new(seed, POINTS).substream(step), times: Rng::new(seed, TIMES), phase };
         self.thickness.resize(self.cells.len(), 0.0);
         let (grid, step_min) = (&self.grid, self.config.step_min);
         // Whole blocks of `TASK` to each task.
@@ -394,7 +394,7 @@ impl Occupancy {
 impl Looker {
     /// Densities of cells, each at a random point, written over `out`.
     ///
-    /// Where something moves, a cell is looked at in several moments, and its fullest counts: what is there for a short while
+    /// Where something moves, a cell is looked at at several times, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
     fn look(
         &mut self,
@@ -405,11 +405,11 @@ impl Looker {
         cells: &[u32],
         out: &mut [f32],
     ) {
-        if !field.moments().differ() {
+        if !field.time_steps().differ() {
             return self.look_once((grid, field, space), (draws, 0), cells, out);
         }
         out.fill(0.0);
-        for round in 0..MOMENTS_OF_A_LOOK {
+        for round in 0..TIMES_OF_A_LOOK {
             let mut now = std::mem::take(&mut self.now);
             self.look_once((grid, field, space), (draws, round), cells, sized(&mut now, cells.len()));
             out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
@@ -425,8 +425,8 @@ impl Looker {
         out: &mut [f32],
     ) {
         let n = cells.len();
-        let moments = field.moments();
-        let points = if moments.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
+        let time_steps = field.time_steps();
+        let points = if time_steps.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
         let p = sized(&mut self.p, 3 * n);
         for (i, &id) in cells.iter().enumerate() {
             let u = [0, 1, 2].map(|a| points.uniform_at(3 * u64::from(id) + a));
@@ -436,10 +436,10 @@ impl Looker {
         let x = sized(&mut self.x, 3 * n);
         space.grid_positions(field.simd, p, x);
         self.which.clear();
-        if let 1.. = moments.len() {
-            self.which.extend(cells.iter().map(|&id| draws.moment(id, round, moments.len())));
+        if let 1.. = time_steps.len() {
+            self.which.extend(cells.iter().map(|&id| draws.time_step(id, round, time_steps.len())));
         }
-        field.densities(x, When { moments, which: &self.which }, out, &mut self.densities);
+        field.densities(x, When { time_steps, which: &self.which }, out, &mut self.densities);
     }
 
     fn bytes(&self) -> usize {

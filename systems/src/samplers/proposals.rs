@@ -151,7 +151,7 @@ impl Proposals {
         }
     }
 
-    /// The proposals of a checkpoint after so many steps.
+    /// The proposals of a checkpoint that was written after `steps` steps.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.

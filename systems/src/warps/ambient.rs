@@ -105,7 +105,7 @@ impl Ambient {
         self.seen.of(tape, a)
     }
 
-    /// New parameters, after so many steps.
+    /// New parameters, after `steps` steps.
     pub(crate) fn renew(&mut self, params: &[f32], steps: u64) {
         self.seen.renew(steps);
         self.network.renew(params);

@@ -33,7 +33,7 @@ impl Deform {
         let rows = self.background_points.chunks_exact(known);
         let x: Vec<f32> = rows.flat_map(|row| chosen.iter().map(move |&i| row[i])).collect();
         work.grad.begin(self);
-        let points = Points { x: &x, which: &which, moments: &self.steps };
+        let points = Points { x: &x, which: &which, time_steps: &self.steps };
         self.background_loss(points, f64::from(factor) / n as f64, &mut work.grad, &mut work.scratch);
         true
     }

@@ -19,7 +19,7 @@ impl Curriculum {
         Self { steps: 0, order: times.in_order() }
     }
 
-    /// The views that have come in after so many steps; `None`: all.
+    /// The views that have come in after `steps` steps; `None`: all.
     pub(super) fn open(&self, taken: u64) -> Option<&[u32]> {
         let all = self.order.len();
         let open = (u128::from(taken) * all as u128).checked_div(self.steps.into());

@@ -92,7 +92,7 @@ impl Deform {
         Ok(Self { background, ..self })
     }
 
-    /// The same with views that come in one after the other, within so many steps; 0: all are there from the start.
+    /// The same with views that come in one after the other, within `curriculum` steps; 0: all are there from the start.
     pub(crate) fn with_curriculum(mut self, steps: u64) -> Self {
         self.curriculum.steps = steps;
         self
@@ -124,12 +124,12 @@ impl Deform {
     }
 
     /// The time steps of the training views.
-    pub(crate) fn moments(&self) -> &TimeSteps {
+    pub(crate) fn time_steps(&self) -> &TimeSteps {
         &self.steps
     }
 
     /// The time steps of times in `[0, 1]`.
-    pub(crate) fn moments_at(&self, times: &[f64]) -> TimeSteps {
+    pub(crate) fn time_steps_at(&self, times: &[f64]) -> TimeSteps {
         self.time.steps_at(times, |t| self.deformation.is_canonical(t))
     }
 
@@ -138,7 +138,7 @@ impl Deform {
         self.deformation.renew(&self.params, self.taken);
         self.time.renew();
         let times: Vec<f64> = self.time.times().of_views().collect();
-        self.steps = self.moments_at(&times);
+        self.steps = self.time_steps_at(&times);
     }
 
     /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.

@@ -58,7 +58,7 @@ pub(crate) trait Deformation: Send + Sync {
         None
     }
 
-    /// New parameters, after so many steps: copies of them and schedules follow.
+    /// New parameters, after `steps` steps: copies of them and schedules follow.
     fn renew(&mut self, params: &[f32], steps: u64);
 
     /// Other windows until the next step.

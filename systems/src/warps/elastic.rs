@@ -28,7 +28,7 @@ impl Deform {
         let DeformScratch { tape: arena, columns, x, time, t, x_bar: j_bar, .. } = scratch;
         columns.clear();
         columns.extend((0..points.which.len() as u32).filter(|&i| w[i as usize] > 0.0 && !points.rests(i)));
-        let (dims, mut sum) = (points.moments.dims, 0.0);
+        let (dims, mut sum) = (points.time_steps.dims, 0.0);
         for columns in columns.chunks(TILE) {
             let m = columns.len();
             points.gather(columns, x, time, t);

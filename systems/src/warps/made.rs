@@ -101,7 +101,7 @@ impl Deformation for Made {
 }
 
 impl Deform {
-    /// Parameters of some size each, after so many steps.
+    /// Parameters of some size each, after `steps` steps.
     pub(crate) fn randomise(&mut self, taken: u64) {
         for (k, numbers) in [&mut self.params, &mut self.time.learned].into_iter().enumerate() {
             let mut noise = vec![0.0; numbers.len()];

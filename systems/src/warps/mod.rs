@@ -56,4 +56,4 @@ pub(crate) use parameters::Parameters;
 pub(crate) use planes::{PlaneFeatures, PlaneSettings, SeenBy, TimePlanes};
 pub(crate) use points::{DeformGrad, DeformScratch, Points};
 pub(crate) use regularisers::{BackgroundSettings, ElasticAt, ElasticSettings};
-pub(crate) use time::{Time, TimeKind, TimeSettings, TimeSteps as Moments, Times};
+pub(crate) use time::{Time, TimeKind, TimeSettings, TimeSteps, Times};

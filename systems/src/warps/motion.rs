@@ -116,7 +116,7 @@ impl Warp {
         deform::translate(tape, x, outputs)
     }
 
-    /// New parameters, after so many steps.
+    /// New parameters, after `steps` steps.
     pub(crate) fn renew(&mut self, params: &[f32], steps: u64) {
         self.octaves.renew(steps);
         self.network.renew(params);

@@ -2,11 +2,9 @@
 
 use super::settings::refuse;
 use engine::system::SystemError;
-use field_core::FieldError;
-use field_core::encoding::EncodingBars;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::window;
-use field_core::tape::{Encoder, EncodingOp, Node, Tape, TapeError, Windowed};
+use field_core::tape::{EncodingOp, Node, Tape, TapeError, Windowed};
 use float_core::Simd;
 
 /// Octaves `1, 2, 4, ..` of numbers.
@@ -32,7 +30,7 @@ pub(crate) enum Schedule {
 }
 
 impl Schedule {
-    /// Share of the schedule that is over after so many steps.
+    /// Share of the schedule that is over after `steps` steps.
     fn done(self, steps: u64) -> f64 {
         match self {
             Self::Open => 1.0,
@@ -46,7 +44,7 @@ pub(crate) struct Octaves {
     frequency: Frequency,
     schedule: Schedule,
     simd: Simd,
-    op: EncodingOp<Weighted>,
+    op: EncodingOp<Windowed<Vec<f32>>>,
     /// `[octaves]`, as of this step.
     window: Vec<f32>,
 }
@@ -64,7 +62,7 @@ impl Octaves {
         simd: Simd,
     ) -> Result<Self, SystemError> {
         let frequency = frequency(dims, octaves, identity)?;
-        let op = EncodingOp::new(Weighted { frequency, window: None }, simd);
+        let op = EncodingOp::new(Windowed { encoding: frequency, window: None }, simd);
         let mut new = Self { frequency, schedule, simd, op, window: vec![0.0; octaves] };
         new.renew(0);
         Ok(new)
@@ -93,7 +91,7 @@ impl Octaves {
         tape.custom(&self.op, &[x])
     }
 
-    /// The weights after so many steps.
+    /// The weights after `steps` steps.
     pub(super) fn renew(&mut self, steps: u64) {
         window::nerfies(self.schedule.done(steps) * self.window.len() as f64, &mut self.window);
         if self.schedule != Schedule::Open {
@@ -102,8 +100,8 @@ impl Octaves {
     }
 
     fn weigh(&mut self) {
-        let weighted = Weighted { frequency: self.frequency, window: Some(self.window.as_slice().into()) };
-        self.op = EncodingOp::new(weighted, self.simd);
+        let windowed = Windowed { encoding: self.frequency, window: Some(self.window.clone()) };
+        self.op = EncodingOp::new(windowed, self.simd);
     }
 
     /// Other weights until the next step.
@@ -111,68 +109,5 @@ impl Octaves {
     pub(crate) fn set_window(&mut self, window: &[f32]) {
         self.window.copy_from_slice(window);
         self.weigh();
-    }
-}
-
-/// [`Windowed`] that owns its window: a deformation is recorded on many tapes.
-struct Weighted {
-    frequency: Frequency,
-    /// `[octaves]`, or `None` for 1.
-    window: Option<Box<[f32]>>,
-}
-
-impl Weighted {
-    fn borrowed(&self) -> Windowed<'_> {
-        Windowed { encoding: self.frequency, window: self.window.as_deref() }
-    }
-}
-
-impl Encoder for Weighted {
-    const NAME: &'static str = "frequency";
-
-    fn in_rows(&self) -> usize {
-        self.borrowed().in_rows()
-    }
-
-    fn out_rows(&self) -> usize {
-        self.borrowed().out_rows()
-    }
-
-    fn encode(&self, simd: Simd, table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        self.borrowed().encode(simd, table, x, out)
-    }
-
-    fn backward(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        out_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        self.borrowed().backward(simd, table, x, out_bar, bars)
-    }
-
-    fn tangent(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        self.borrowed().tangent(simd, table, x, x_dot, out_dot)
-    }
-
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        self.borrowed().tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
     }
 }

@@ -44,7 +44,7 @@ pub(crate) struct NetworkShape {
 }
 
 impl NetworkShape {
-    /// ReLU layers with a skip of the input into the fifth, where there are so many.
+    /// ReLU layers with a skip of the input into the fifth, where there is a fifth.
     pub(super) fn mlp(self) -> Result<Mlp, SystemError> {
         let Self { inputs, depth, width, outputs } = self;
         let skips = if depth > 4 { vec![4] } else { vec![] };

@@ -82,7 +82,7 @@ impl Deform {
                 points.gather(columns, tile_x, time, t);
                 let mut tape = Tape::new(arena, &self.params);
                 let at = recorded(tape.constant(3, m, tile_x));
-                let when = recorded(tape.constant(points.moments.dims, m, time));
+                let when = recorded(tape.constant(points.time_steps.dims, m, time));
                 let moved = recorded(self.record(&mut tape, at, when, t, moves));
                 if let Some(there) = moved.x {
                     scatter(recorded(tape.value(there)).data, n, columns, x);
@@ -110,7 +110,7 @@ impl Deform {
         columns.clear();
         columns.extend((0..n as u32).filter(|&i| everywhere || !points.rests(i)));
         self.count_octaves(columns.len(), Moves::Yes);
-        let dims = points.moments.dims;
+        let dims = points.time_steps.dims;
         for columns in columns.chunks(TILE) {
             let m = columns.len();
             points.gather(columns, tile_x, time, t);

@@ -11,20 +11,20 @@ pub(crate) struct Points<'a> {
     /// `[n]`, which of the time steps each belongs to.
     pub(crate) which: &'a [u32],
     /// The time steps.
-    pub(crate) moments: &'a TimeSteps,
+    pub(crate) time_steps: &'a TimeSteps,
 }
 
 impl Points<'_> {
     /// Whether nothing moves at a point's time.
     #[inline(always)]
     pub(super) fn rests(&self, i: u32) -> bool {
-        self.moments.still[self.which[i as usize] as usize]
+        self.time_steps.still[self.which[i as usize] as usize]
     }
 
     /// Points `[3][columns]`, rows of time steps `[dims][columns]` and times `[columns]` of some columns.
     pub(super) fn gather(&self, columns: &[u32], x: &mut Vec<f32>, time: &mut Vec<f32>, t: &mut Vec<f32>) {
         gather(self.x, self.which.len(), columns, x);
-        let TimeSteps { dims, rows, times, .. } = self.moments;
+        let TimeSteps { dims, rows, times, .. } = self.time_steps;
         let step = |i: u32| self.which[i as usize] as usize;
         t.clear();
         t.extend(columns.iter().map(|&i| times[step(i)]));
@@ -47,7 +47,7 @@ pub(crate) struct DeformGrad {
 impl DeformGrad {
     /// Add the gradients of the time of some columns, `[dims][columns]`, to those of their time steps.
     pub(super) fn add_times(&mut self, points: &Points<'_>, columns: &[u32], bars: &[f32]) {
-        let (dims, m) = (points.moments.dims, columns.len());
+        let (dims, m) = (points.time_steps.dims, columns.len());
         for (k, &i) in columns.iter().enumerate() {
             let out = &mut self.times[points.which[i as usize] as usize * dims..][..dims];
             out.iter_mut().enumerate().for_each(|(d, sum)| *sum += bars[d * m + k]);

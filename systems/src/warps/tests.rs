@@ -53,7 +53,7 @@ fn points(n: usize) -> (Vec<f32>, Vec<u32>) {
 fn value(deform: &Deform, x: &[f32], which: &[u32], bars: &(Vec<f32>, Vec<f32>)) -> f64 {
     let n = which.len();
     let (mut there, mut seen) = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
-    let points = Points { x, which, moments: deform.moments() };
+    let points = Points { x, which, time_steps: deform.time_steps() };
     deform.place(points, &mut there, &mut seen, &mut DeformScratch::default());
     let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
     dot(&there, &bars.0) + dot(&seen, &bars.1)
@@ -75,7 +75,7 @@ fn gradients_of_networks_time_steps_and_points_are_those_of_differences() {
         let mut grad = DeformGrad::default();
         grad.begin(&deform);
         let mut x_bar = bars.0.clone();
-        let at = Points { x: &x, which: &which, moments: deform.moments() };
+        let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
         deform.learn(at, &mut x_bar, &bars.1, &mut grad, &mut DeformScratch::default());
         // Where a hidden unit opens or closes within the step, the gradient is that of one side.
         let close = |got: f32, [minus, here, plus]: [f64; 3], h: f64, what: &str| {
@@ -128,7 +128,7 @@ fn nothing_is_warped_at_the_canonical_time_and_its_gradient_passes() {
     let (x, _) = points(5);
     let which = vec![0; 5];
     let mut there = vec![0.0; 15];
-    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
     deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
     assert_eq!(there, x, "bit for bit");
     assert_eq!(deform.counts.warped.load(Relaxed), 0, "no network runs");
@@ -148,7 +148,7 @@ fn points_begin_where_they_are() {
         let (x, _) = points(9);
         let which = vec![1; 9];
         let mut there = vec![0.0; 27];
-        let at = Points { x: &x, which: &which, moments: deform.moments() };
+        let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
         deform.place(at, &mut there, &mut [], &mut DeformScratch::default());
         let furthest = there.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(furthest > 0.0 && furthest < 5e-3, "{furthest}");
@@ -238,7 +238,7 @@ fn closed_windows_are_not_computed_and_change_nothing() {
     let (mut there, mut seen) = (vec![f32::NAN; 3 * n], vec![f32::NAN; deform.seen_rows() * n]);
     let mut grad = DeformGrad::default();
     grad.begin(&deform);
-    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
     deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
     assert!(seen[..4 * n].iter().all(|&s| s == 0.0) && seen.iter().all(|s| s.is_finite()));
     let (mut x_bar, seen_bar) = (vec![1.0; 3 * n], vec![1.0; seen.len()]);
@@ -253,7 +253,7 @@ fn closed_windows_are_not_computed_and_change_nothing() {
     // A sheet that is hardly open changes hardly anything.
     deform.deformation.set_windows(&warp_window, &[1e-7]);
     let (mut there_open, mut seen_open) = (there.clone(), seen.clone());
-    let at = Points { x: &x, which: &which, moments: deform.moments() };
+    let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
     deform.place(at, &mut there_open, &mut seen_open, &mut DeformScratch::default());
     assert_eq!(there, there_open);
     assert!(seen.iter().zip(&seen_open).all(|(a, b)| (a - b).abs() <= 1e-7) && seen != seen_open);
@@ -266,15 +266,15 @@ fn what_is_seen_at_the_canonical_time_is_computed_without_the_warp() {
     let (x, which) = points(9);
     let at_all = |steps: &TimeSteps| {
         let (mut there, mut seen) = (vec![f32::NAN; 27], vec![f32::NAN; 9 * deform.seen_rows()]);
-        let at = Points { x: &x, which: &which, moments: steps };
+        let at = Points { x: &x, which: &which, time_steps: steps };
         deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
         (there, seen)
     };
-    let (there, seen) = at_all(deform.moments());
+    let (there, seen) = at_all(deform.time_steps());
     let warped = deform.counts.warped.load(Relaxed);
     assert_eq!(warped, which.iter().filter(|&&w| w != 0).count() as u64);
     // The same where the warp runs everywhere.
-    let (there_free, seen_free) = at_all(&TimeSteps { still: vec![false; 3], ..deform.moments().clone() });
+    let (there_free, seen_free) = at_all(&TimeSteps { still: vec![false; 3], ..deform.time_steps().clone() });
     assert_eq!(seen, seen_free);
     for i in 0..27 {
         assert_eq!(there[i], if which[i % 9] == 0 { x[i] } else { there_free[i] });

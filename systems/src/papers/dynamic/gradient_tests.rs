@@ -239,7 +239,7 @@ fn check(name: &str, deform: &Deform, twin: Twin, which: &[u32]) {
     let (n, seen_rows) = (which.len(), deform.seen_rows());
     let mut x = vec![0.0; 3 * n];
     Rng::new(1, 2).fill_uniform(0, &mut x);
-    let points = Points { x: &x, which, moments: deform.moments() };
+    let points = Points { x: &x, which, time_steps: deform.time_steps() };
     // A random linear functional of what comes out.
     let (mut x_bar, mut seen_bar) = (vec![0.0; 3 * n], vec![0.0; seen_rows * n]);
     Rng::new(8, 9).fill_uniform(0, &mut x_bar);

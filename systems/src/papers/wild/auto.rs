@@ -20,7 +20,7 @@ use crate::occluders::outliers::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use crate::occluders::scene_guard::{DARK, LEAST_PHOTOS, LOOSE, Marked, PhotoGeometry, marks_of_the_scene};
 use crate::occluders::survey::survey_stride;
 use crate::plan::{Ground, field_settings};
-use crate::rays::Ngp;
+use crate::rays::RaySystem;
 use crate::survey::Surveys;
 use engine::data::Dataset;
 use engine::options::RunOptions;
@@ -65,7 +65,7 @@ pub(super) fn needs(
     // The field that stays has lines of its own.
     ground.lines.truncate(lines);
     let backdrop = Backdrop::new(ground.background);
-    let train = |field: &mut Ngp, steps: std::ops::Range<u64>| -> Result<(), SystemError> {
+    let train = |field: &mut RaySystem, steps: std::ops::Range<u64>| -> Result<(), SystemError> {
         for step in steps {
             field.step(data, step)?;
         }

@@ -9,7 +9,7 @@ use super::{ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf};
 use crate::limits::refuse;
 use crate::method::{Drawing, Method};
 use crate::occluders::outliers::Backdrop;
-use crate::papers::static_scenes::nerf::NerfConfig;
+use crate::papers::static_scenes::nerf::{self, NerfConfig};
 use crate::plan::{Ground, chosen_sampler, field_settings, planned};
 use crate::rays::HeadConfig;
 use engine::data::Dataset;
@@ -90,10 +90,10 @@ pub fn build(
             (Box::new(ground.ngp(data, &config, run.seed, method)?), all)
         }
         FieldKind::Mlp => {
-            let planned = NerfConfig { sparsity: of_field.sparsity, ..ground.nerf_settings() };
+            let planned = NerfConfig { sparsity: of_field.sparsity, ..nerf::settings(&ground) };
             let config = settings.of(&planned)?;
             let all = settings.all()?;
-            (Box::new(ground.nerf(data, &config, run.seed, method)?), all)
+            (Box::new(nerf::system(&ground, data, &config, run.seed, method)?), all)
         }
     };
     Ok((system, planned(ground, config)))

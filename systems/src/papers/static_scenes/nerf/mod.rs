@@ -14,9 +14,11 @@ mod samples;
 pub use config::NerfConfig;
 
 use crate::claims::Claim;
+use crate::method::Method;
 use crate::networks::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
-use crate::plan::{Ask, Built, planned};
+use crate::plan::{Ask, Built, Ground, planned, space};
 use crate::space::{InternalRay, Space};
+use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;
@@ -102,11 +104,38 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "batches of 128 rays",
 };
 
+/// The published settings for a scene.
+pub(crate) fn settings(ground: &Ground) -> NerfConfig {
+    let layout = &ground.layout;
+    NerfConfig {
+        centre: layout.centre.to_array(),
+        radius: layout.radius,
+        extent: f64::from(1_u32 << (layout.cascades - 1)),
+        ..NerfConfig::published(layout.kind)
+    }
+}
+
+/// The networks of a scene, with a method for photos from the wild or without.
+///
+/// # Errors
+/// [`SystemError::Config`] for settings that cannot work.
+pub(crate) fn system(
+    ground: &Ground,
+    data: &Dataset,
+    config: &NerfConfig,
+    seed: u64,
+    method: Option<Box<dyn Method>>,
+) -> Result<Nerf, SystemError> {
+    let place = (config.centre, config.radius, config.extent);
+    let space = space(&ground.layout, data, config.space, place, config.near)?;
+    Nerf::with_method(config.clone(), space, ground.background, seed, method)
+}
+
 /// The published settings in the scene's box.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
-    let mut ground = ask.ground()?;
-    let config = ask.settings.of(&ground.nerf_settings())?;
+    let ground = ask.ground()?;
+    let config = ask.settings.of(&settings(&ground))?;
     let all = ask.settings.all()?;
-    let system = ground.nerf(ask.data, &config, ask.run.seed, None)?;
+    let system = system(&ground, ask.data, &config, ask.run.seed, None)?;
     Ok((Box::new(system), planned(ground, all)))
 }

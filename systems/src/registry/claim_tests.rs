@@ -1,0 +1,55 @@
+//! What every system says of itself, in its claim and where it starts.
+
+use super::find;
+use crate::claims::Claim;
+use crate::plan::made::{Points, capture};
+use engine::options::RunOptions;
+
+/// Names that are no paper's.
+const OWN: [&str; 2] = ["auto", "plain"];
+
+fn all() -> impl Iterator<Item = Claim> {
+    crate::registry::CLAIMS.into_iter().chain(crate::wild::CLAIMS).chain(crate::dynamic::CLAIMS)
+}
+
+#[test]
+fn every_system_with_a_paper_s_name_says_what_differs_in_a_sentence_or_two() {
+    for claim in all() {
+        assert_eq!(claim.is_of_a_paper(), !OWN.contains(&claim.name), "{}", claim.name);
+        assert!(claim.differs.ends_with('.'), "{}: {}", claim.name, claim.differs);
+        let sentences = claim.differs.matches(". ").count() + 1;
+        assert!(sentences <= 3 && claim.differs.len() <= 420, "{}: {}", claim.name, claim.differs);
+        if claim.is_of_a_paper() {
+            assert!((5..60).contains(&claim.mark.len()), "{}: {}", claim.name, claim.mark);
+            assert!(claim.line().unwrap().contains(claim.differs));
+        }
+    }
+    assert_eq!(find("hugs").unwrap().name, "hugs");
+    assert!(find("nerfstudio").is_none());
+}
+
+#[test]
+fn plans_say_it_where_the_system_starts() {
+    let (scene, data) = capture(Points::WithTracks);
+    let run = |set: &str| RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
+    let mut seen = 0;
+    let mut check = |claim: Claim, lines: &[String]| {
+        seen += 1;
+        match claim.line() {
+            Some(line) => assert!(lines.contains(&line), "{}: {lines:#?}", claim.name),
+            None => assert!(!lines.iter().any(|l| l.contains("as published (")), "{}: {lines:#?}", claim.name),
+        }
+    };
+    for claim in crate::registry::CLAIMS {
+        check(claim, &crate::registry::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
+    }
+    for claim in crate::wild::CLAIMS {
+        // What `auto` takes is told to it: looking takes a training.
+        let set = if claim.name == "auto" { "appearance = 'none'\noccluders = 'none'" } else { "" };
+        check(claim, &crate::wild::build(claim.name, &scene, &data, &run(set)).unwrap().1.lines);
+    }
+    for claim in crate::dynamic::CLAIMS {
+        check(claim, &crate::dynamic::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
+    }
+    assert_eq!(seen, all().count());
+}
