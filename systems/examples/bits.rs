@@ -6,16 +6,25 @@ use engine::checkpoint::{serialise, sha256};
 use engine::data::Dataset;
 use engine::options::{RunOptions, parse_set};
 use engine::render::plain_query;
-use engine::system::{Appearance, Fit, System, SystemError};
+use engine::system::{Appearance, Canonical, Fit, LayerRequest, Median, Normals, Query, System, SystemError};
+use render_core::camera::{Camera, Lens};
 use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
+use splat_core::Gaussians;
 use std::sync::Arc;
+use systems::bake::{BakeOptions, bake, relight};
 
 const STEPS: u64 = 40;
+/// Steps of a cloud of Gaussians: across some changes of their number.
+const CLOUD_STEPS: u64 = 60;
 
 type Build = fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, engine::options::Plan), SystemError>;
 
 const SMALL: &[&str] = &["occupancy=32", "batch_samples=1500", "batch_rays=256", "log2_table=12", "n_max=128"];
+
+/// Settings of clouds besides the planned ones: their number changes at steps 20, 40 and 60.
+const BUSY: &[&str] =
+    &["densify_from=10", "densify_every=20", "max_splats=3000", "sh_every=15", "coarse=1", "coarse_steps=25"];
 
 /// Family, system, settings besides the small ones.
 const RUNS: &[(&str, &str, &[&str])] = &[
@@ -25,6 +34,19 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("still", "ngp", &["background_entropy=1e-3", "point_colour=0.01", "precision=bf16", "levels_anneal=20"]),
     ("still", "ngp", &["levels=6", "features=2", "geometry=8"]),
     ("still", "ngp", &["space=contracted", "cascades=3", "sky=true", "free_space=true", "distortion=0.02"]),
+    ("still", "splat", &["densify_gradient=1e-6"]),
+    (
+        "still",
+        "splat",
+        &["start=random", "start_count=500", "densify_gradient=1e-6", "reset_every=30", "prune_size=0.5"],
+    ),
+    ("still", "splat", &["density=mcmc", "mcmc_cost=0.02", "widening=dims"]),
+    ("still", "splat", &["sh_degree=0", "dssim=0.5", "near=0.02", "lr_dc=0.01"]),
+    ("still", "splat", &["start=random", "start_count=300", "density=mcmc", "free_space=true"]),
+    ("thing", "splat", &["densify_gradient=1e-6"]),
+    ("thing", "splat", &["start=random", "start_count=400", "free_space=true"]),
+    ("lens", "splat", &["densify_gradient=1e-6"]),
+    ("bake", "ngp", &[]),
     ("photos", "nerf-w", &[]),
     ("photos", "nerf-w", &["distortion=0.01", "sparsity=1e-4", "mixture=proportional"]),
     ("photos", "ha-nerf", &["view_every=3"]),
@@ -55,10 +77,21 @@ const RUNS: &[(&str, &str, &[&str])] = &[
 fn scene(family: &str) -> (Scene, Build) {
     let (width, height) = (32, 24);
     match family {
-        "still" => (
+        "still" | "bake" => (
             tabletop(&TabletopOptions { width, height, train: 8, test: 1, ..Default::default() }),
             systems::registry::build,
         ),
+        "thing" => {
+            (orbit(&OrbitOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::registry::build)
+        }
+        // Photos of lenses that bend light, with masks.
+        "lens" => {
+            let mut scene = tabletop(&TabletopOptions { width, height, train: 8, test: 1, ..Default::default() });
+            for frame in &mut scene.frames {
+                frame.camera.lens = LENS;
+            }
+            (scene, systems::registry::build)
+        }
         "photos" => {
             (plaza(&PlazaOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::wild::build)
         }
@@ -67,6 +100,28 @@ fn scene(family: &str) -> (Scene, Build) {
         }
         _ => (tissue(&TissueOptions { width, height, frames: 8, ..Default::default() }), systems::dynamic::build),
     }
+}
+
+const LENS: Lens = Lens::Perspective { k: [0.1, -0.05, 0.0, 0.0, 0.0, 0.0], p: [1e-3, -2e-3] };
+
+/// What a cloud shows of itself: whole pictures, one through a lens, and what is exported.
+fn push_pictures(system: &dyn System, camera: &Camera, bytes: &mut Vec<u8>) {
+    let layers = LayerRequest { median: Median::Compute, normals: Normals::Compute, canonical: Canonical::Compute };
+    let query = Query { layers, ..plain_query([0.2; 3], 1e-3) };
+    for lens in [camera.lens, LENS] {
+        let camera = Camera { lens, ..*camera };
+        let Some(layers) = system.render_view(&camera, &query) else { return };
+        let before = system.render_before(&camera, 2.0, &query).unwrap_or_default();
+        let planes = [&layers.opacity, &layers.depth, &layers.median_depth, &before];
+        planes.into_iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+        layers.rgb.iter().chain(&layers.normal).flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+        layers.canonical.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+    }
+    system.splats().iter().for_each(|splats| push_cloud(&splats.gaussians, bytes));
+}
+
+fn push_cloud(cloud: &Gaussians, bytes: &mut Vec<u8>) {
+    cloud.fields().iter().flat_map(|(_, values)| *values).for_each(|v| bytes.extend(v.to_le_bytes()));
 }
 
 fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
@@ -79,7 +134,8 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         (_, Some(&"sampler=proposal")) => &["occupancy"],
         _ => &[],
     };
-    let mut all: Vec<&str> = SMALL.iter().copied().filter(|set| !absent.contains(&&*name_of(set))).collect();
+    let small = if name == "splat" { BUSY } else { SMALL };
+    let mut all: Vec<&str> = small.iter().copied().filter(|set| !absent.contains(&&*name_of(set))).collect();
     if family == "tissue" || family == "film" {
         all.push("train_stop=1e-3");
     }
@@ -88,13 +144,14 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
     let run = RunOptions { seed: 3, background: None, error_budget: None, set };
     let (mut system, _) = build(name, &scene, &data, &run)?;
     let mut loss = 0.0;
-    for step in 0..STEPS {
+    let steps = if name == "splat" { CLOUD_STEPS } else { STEPS };
+    for step in 0..steps {
         loss += system.step(&data, step)?.mse;
     }
     let mut bytes = serialise(&system.state());
     let view = data.view(0);
     let rays: Vec<_> = (0..200).filter_map(|k| view.ray(k % 20, k / 20)).collect();
-    let query = engine::system::Query { time: view.time, ..plain_query([0.2; 3], 1e-3) };
+    let query = Query { time: view.time, ..plain_query([0.2; 3], 1e-3) };
     let layers = system.render(&rays, &query);
     layers.rgb.iter().flatten().chain(&layers.depth).for_each(|v| bytes.extend(v.to_le_bytes()));
     if system.appearance_code(&Appearance::Mean).is_some() {
@@ -110,7 +167,17 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         };
         system.fit_appearance(&fit).iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
     }
-    Ok(format!("{} mse {:.6}", &sha256(&bytes)[..16], loss / STEPS as f64))
+    push_pictures(&*system, &view.camera, &mut bytes);
+    if family == "bake" {
+        let options = BakeOptions { rays: 5000, most: 400, steps: 20, ..BakeOptions::DEFAULT };
+        let query = plain_query([0.2; 3], 1e-3);
+        let baked = bake(&*system, &data, &query, &options, &|| true).expect("a bake").expect("not halted");
+        push_cloud(&baked.splats.gaussians, &mut bytes);
+        let options = BakeOptions { steps: 5, ..options };
+        let relit = relight(&baked, &*system, &data, &query, &options, &|| true).expect("a bake").expect("not halted");
+        push_cloud(&relit.splats.gaussians, &mut bytes);
+    }
+    Ok(format!("{} mse {:.6}", &sha256(&bytes)[..16], loss / steps as f64))
 }
 
 fn main() {
