@@ -6,7 +6,8 @@
 //!   field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`method`] is the seam to the last two. [`networks`]: the driver of networks as published.
-//! * [`splats`]: clouds of Gaussians. [`bake`]: any field as such a cloud, to look at and to export.
+//! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians to look at. [`bake`]: any field as a cloud of
+//!   Gaussians, to look at and to export.
 
 pub mod appearance;
 pub mod bake;
@@ -34,6 +35,7 @@ pub mod space;
 pub mod splats;
 pub(crate) mod survey;
 pub mod terms;
+pub mod views;
 pub(crate) mod warps;
 
 pub use papers::wild;

@@ -12,7 +12,10 @@ use tempfile::TempDir;
 const SMALL: [&str; 8] =
     ["--system", "splat", "--background", "black", "--max-splats", "400", "--set", "start_count=200"];
 /// Density control after a few steps.
-const BUSY: [&str; 6] = ["--set", "densify_from=10", "--set", "densify_every=10", "--set", "densify_gradient=1e-7"];
+const BUSY: [&str; 4] = ["--set", "densify_from=10", "--set", "densify_every=10"];
+/// The density controls, with settings of theirs alone.
+const ADC: [&str; 4] = ["--set", "density=adc", "--set", "densify_gradient=1e-7"];
+const MCMC: [&str; 2] = ["--set", "density=mcmc"];
 
 fn train(scene: &Path, run: &Path, steps: &str, more: &[&[&str]]) -> Answer {
     let words = ["train", text(scene), "--out", text(run), "--steps", steps, "--progress", "off"];
@@ -23,7 +26,7 @@ fn train(scene: &Path, run: &Path, steps: &str, more: &[&[&str]]) -> Answer {
 fn trained() -> (TempDir, PathBuf) {
     let (folder, scene) = dataset();
     let run = folder.path().join("run");
-    let answer = train(&scene, &run, "60", &[&SMALL, &BUSY]);
+    let answer = train(&scene, &run, "60", &[&SMALL, &BUSY, &ADC]);
     assert_eq!(answer.code, 0, "{}", answer.err);
     (folder, run)
 }
@@ -296,12 +299,13 @@ fn files_that_hold_no_gaussians_are_one_clear_line() {
 
 #[test]
 fn max_splats_holds_from_the_first_step_to_the_last() {
-    for density in ["density=adc", "density=mcmc"] {
+    for control in [&ADC[..], &MCMC] {
+        let density = control[1];
         let (folder, scene) = dataset();
-        let limited = ["--system", "splat", "--max-splats", "50", "--set", "start_count=2000", "--set", density];
+        let limited = ["--system", "splat", "--max-splats", "50", "--set", "start_count=2000"];
         for steps in ["1", "60"] {
             let run = folder.path().join(steps);
-            let answer = train(&scene, &run, steps, &[&limited, &BUSY]);
+            let answer = train(&scene, &run, steps, &[&limited, &BUSY, control]);
             assert_eq!(answer.code, 0, "{}", answer.err);
             assert!(answer.out.contains("start: 50 Gaussians at random"), "{}", answer.out);
             assert!(answer.out.contains("at most 50 Gaussians"), "{}", answer.out);
@@ -311,11 +315,12 @@ fn max_splats_holds_from_the_first_step_to_the_last() {
         }
     }
     // Room for more is used.
-    for density in ["density=adc", "density=mcmc"] {
+    for control in [&ADC[..], &MCMC] {
+        let density = control[1];
         let (folder, scene) = dataset();
         let run = folder.path().join("run");
-        let roomy = ["--system", "splat", "--max-splats", "90", "--set", "start_count=50", "--set", density];
-        assert_eq!(train(&scene, &run, "200", &[&roomy, &BUSY]).code, 0);
+        let roomy = ["--system", "splat", "--max-splats", "90", "--set", "start_count=50"];
+        assert_eq!(train(&scene, &run, "200", &[&roomy, &BUSY, control]).code, 0);
         let n = exported(&run, "x.ply").1.cloud.len();
         assert!((51..=90).contains(&n), "{density}: {n}");
     }
@@ -324,10 +329,12 @@ fn max_splats_holds_from_the_first_step_to_the_last() {
 #[test]
 fn a_resumed_run_of_splats_makes_the_same_bits() {
     let (folder, scene) = dataset();
-    for density in ["density=adc", "density=mcmc"] {
+    for control in [&ADC[..], &MCMC] {
+        let density = control[1];
         let [whole, halves] = ["whole", "halves"].map(|name| folder.path().join(format!("{name} {density}")));
-        let settings = ["--set", density, "--set", "reset_every=15", "--max-splats", "2000"];
-        let words = [&["--system", "splat", "--set", "start_count=200"][..], &settings, &BUSY].concat();
+        let resets: &[&str] = if control.len() > 2 { &["--set", "reset_every=15"] } else { &[] };
+        let settings = ["--system", "splat", "--set", "start_count=200", "--max-splats", "2000"];
+        let words = [&settings[..], control, resets, &BUSY].concat();
         assert_eq!(train(&scene, &whole, "40", &[&words]).code, 0);
         assert_eq!(train(&scene, &halves, "21", &[&words]).code, 0);
         let half = exported(&halves, "half.ply").1.cloud.len();

@@ -16,7 +16,7 @@ mod shots;
 pub use cache::{FILE, load, store};
 
 use crate::splats::Cloud;
-use crate::splats::refine::{Learns, RefineOptions, refine};
+use crate::views::refine::{Fitted, RefineOptions, refine};
 use engine::data::Dataset;
 use engine::error::RunError;
 use engine::system::{Query, Splats, System};
@@ -82,7 +82,7 @@ pub fn bake(
     let fitted: Vec<&Picture> = pictures.iter().filter(|p| !p.is_aside).collect();
     let cloud = seeds::cloud(&fitted, options)?;
     let terms =
-        RefineOptions { steps: options.steps, learns: Learns::All, background: query.background, seed: options.seed };
+        RefineOptions { steps: options.steps, fitted: Fitted::All, background: query.background, seed: options.seed };
     fit(&cloud, &pictures, query, &terms, go_on)
 }
 
@@ -105,7 +105,7 @@ pub fn relight(
     let Some(pictures) = pictures(system, data, query, options.rays, go_on) else { return Ok(None) };
     let terms = RefineOptions {
         steps: options.steps,
-        learns: Learns::Colours,
+        fitted: Fitted::Colours,
         background: query.background,
         seed: options.seed,
     };
@@ -119,9 +119,9 @@ fn fit(
     terms: &RefineOptions,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Option<Baked>, RunError> {
-    let shots: Vec<_> = pictures.iter().filter(|p| !p.is_aside).map(Picture::shot).collect();
-    let Some(mut splats) = refine(cloud, &shots, terms, go_on)? else { return Ok(None) };
-    if terms.learns == Learns::All {
+    let fitted: Vec<_> = pictures.iter().filter(|p| !p.is_aside).map(Picture::fitted).collect();
+    let Some(mut splats) = refine(cloud, &fitted, terms, go_on)? else { return Ok(None) };
+    if terms.fitted == Fitted::All {
         let shows = |i: usize| opacity(&splats.gaussians, i) >= FAINT;
         if let Ok(kept) = Rows::keep(splats.gaussians.len(), shows).and_then(|rows| rows.follow(&splats.gaussians)) {
             splats.gaussians = kept;

@@ -1,6 +1,6 @@
 //! Pictures of a field from training cameras: small enough that all together are no more rays than asked for.
 
-use crate::splats::refine::Shot;
+use crate::views::refine::FittedPicture;
 use engine::data::Dataset;
 use engine::render::render;
 use engine::system::{LayerRequest, Layers, Query, System};
@@ -24,7 +24,7 @@ pub(super) struct Picture {
 
 impl Picture {
     /// What the fit takes.
-    pub(super) fn shot(&self) -> Shot {
+    pub(super) fn fitted(&self) -> FittedPicture {
         let n = self.layers.rgb.len();
         let mut rgb = vec![0.0; 3 * n];
         for (i, colour) in self.layers.rgb.iter().enumerate() {
@@ -32,7 +32,7 @@ impl Picture {
                 rgb[c * n + i] = colour[c];
             }
         }
-        Shot { camera: self.camera, rgb }
+        FittedPicture { camera: self.camera, rgb }
     }
 }
 

@@ -2,9 +2,8 @@
 //!
 //! The rule and the figures that it was chosen by: `docs/decisions/0028-field-or-cloud.md`.
 
+use crate::papers::gaussians::splat;
 use crate::plan::{backdrop, field_names, has_alpha, percent};
-use crate::settings::table;
-use crate::splats::SplatConfig;
 use engine::data::{Dataset, View};
 use engine::options::{Choice, Purpose, RunOptions};
 use engine::system::SystemError;
@@ -141,7 +140,7 @@ pub fn choose(
 
 /// The system that a setting asks for, and the setting.
 fn implied(set: &toml::Table) -> Result<Option<(&'static str, &str)>, SystemError> {
-    let cloud = table(&SplatConfig::published([0.0; 3], 1.0, 1));
+    let cloud = splat::names();
     let field = field_names();
     let only = |mine: &toml::Table, other: &toml::Table| {
         set.keys().find(|key| mine.contains_key(*key) && !other.contains_key(*key)).map(String::as_str)

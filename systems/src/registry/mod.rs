@@ -10,10 +10,10 @@ pub use choice::choose;
 
 use crate::claims::{Claim, claims_of, names};
 use crate::papers::dynamic::k_planes;
+use crate::papers::gaussians::splat;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::plan::{Ask, Built};
 use crate::settings::no_such_system;
-use crate::splats;
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions};
 use engine::system::{System, SystemError};
@@ -31,7 +31,7 @@ const KNOWN: [Known; 6] = [
     Known { claim: mip_nerf::CLAIM, build: mip_nerf::build },
     Known { claim: mip_nerf_360::CLAIM, build: mip_nerf_360::build },
     Known { claim: k_planes::CLAIM, build: k_planes::build },
-    Known { claim: splats::CLAIM, build: splats::build },
+    Known { claim: splat::CLAIM, build: splat::build },
 ];
 
 /// Systems by name, with what differs from their papers.

@@ -1,8 +1,8 @@
 //! Gaussians from a file: something to look at, without photos and without training.
 
-use super::frame::Frame;
-use super::look::{Kept, Look};
 use super::upright;
+use crate::views::cloud_frame::CloudFrame;
+use crate::views::{CloudRenderer, DrawnCloud, RenderBuffers};
 use engine::camera_path::{PathKind, from_file};
 use engine::error::RunError;
 use engine::memory::{available_bytes, human};
@@ -54,13 +54,13 @@ const FRAMES: usize = 60;
 pub struct Cloud {
     /// In a frame around its middle, so that places far from the origin keep their digits.
     cloud: Gaussians,
-    frame: Frame,
-    rules: RasterSettings,
+    frame: CloudFrame,
+    settings: RasterSettings,
     middle: DVec3,
     radius: f64,
     up: DVec3,
     notes: Vec<String>,
-    kept: Kept,
+    buffers: RenderBuffers,
 }
 
 impl Cloud {
@@ -89,26 +89,26 @@ impl Cloud {
     /// # Panics
     /// When fields of the cloud disagree in length.
     #[must_use]
-    pub fn new(mut cloud: Gaussians, rules: RasterSettings) -> Self {
+    pub fn new(mut cloud: Gaussians, settings: RasterSettings) -> Self {
         if let Ok(placed) = morton_order(&cloud).and_then(|rows| rows.follow(&cloud)) {
             cloud = placed;
         }
         let (middle, radius) = extent(&cloud);
-        let frame = Frame { centre: middle.to_array(), scale: 1.0 };
+        let frame = CloudFrame { centre: middle.to_array(), scale: 1.0 };
         frame.cloud_to_internal(&mut cloud);
-        let rules = rules.with_near((NEAR * radius) as f32);
+        let settings = settings.with_near((NEAR * radius) as f32);
         let up = upright::guess(&cloud);
-        Self { cloud, frame, rules, middle, radius, up, notes: Vec::new(), kept: Kept::default() }
+        Self { cloud, frame, settings, middle, radius, up, notes: Vec::new(), buffers: RenderBuffers::default() }
     }
 
-    /// A cloud of a training or a bake, drawn by its own rules.
+    /// A cloud of a training or a bake, drawn with its own settings.
     ///
     /// # Panics
     /// As [`Cloud::new`].
     #[must_use]
     pub fn exact(splats: Splats) -> Self {
-        let rules = splats.rules;
-        Self { rules, ..Self::new(splats.gaussians, rules) }
+        let settings = splats.rules;
+        Self { settings, ..Self::new(splats.gaussians, settings) }
     }
 
     /// All Gaussians in the scene's frame, in the order that [`part`](Self::part) asks for them.
@@ -126,12 +126,12 @@ impl Cloud {
         Self {
             cloud: kept.unwrap_or_default(),
             frame: self.frame,
-            rules: self.rules,
+            settings: self.settings,
             middle: self.middle,
             radius: self.radius,
             up: self.up,
             notes: Vec::new(),
-            kept: Kept::default(),
+            buffers: RenderBuffers::default(),
         }
     }
 
@@ -170,15 +170,15 @@ impl Cloud {
     /// # Errors
     /// [`RunError::Option`] for a camera that cannot see.
     pub fn render(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
-        let look = Look {
-            cloud: &self.cloud,
+        let renderer = CloudRenderer {
+            clouds: &[DrawnCloud::alone(&self.cloud)],
             frame: &self.frame,
-            rules: self.rules,
-            degree: self.cloud.degree(),
+            settings: self.settings,
+            appearance: None,
             simd: Simd::best(),
         };
-        let (layers, _) = look
-            .layers(camera, query, &self.kept)
+        let (layers, _) = renderer
+            .layers(camera, query, &self.buffers)
             .map_err(|e| RunError::Option(format!("the picture cannot be drawn: {e}")))?;
         Ok(Rendered { width: camera.width, height: camera.height, layers })
     }

@@ -12,20 +12,23 @@ use stress::{Tally, Verdict, ensure, finite};
 
 const STEPS: u64 = 45;
 /// Density control and fading within the steps.
-const TINY: [&str; 8] = [
-    "start_count=60",
+const TINY: [&str; 4] = [
     "max_splats=120",
     "sh_every=10",
     "densify_from=4",
     "densify_every=5",
-    "densify_gradient=1e-6",
-    "reset_every=20",
-    "mcmc_cost=0.02",
 ];
+/// Settings of the parts that are there only where they are chosen.
+const OF_ADC: [&str; 2] = ["densify_gradient=1e-6", "reset_every=20"];
+const OF_MCMC: [&str; 1] = ["mcmc_cost=0.02"];
+const OF_RANDOM_PLACES: [&str; 1] = ["start_count=60"];
 const DENSITIES: [&str; 2] = ["density=adc", "density=mcmc"];
 
 fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let set = TINY.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
+    let control: &[&str] = if set.contains(&"density=mcmc") { &OF_MCMC } else { &OF_ADC };
+    let usable = scene.points.iter().any(|p| p.xyz.as_vec3().is_finite());
+    let random: &[&str] = if usable && !set.contains(&"start=\"random\"") { &[] } else { &OF_RANDOM_PLACES };
+    let set = TINY.iter().chain(control).chain(random).chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::registry::build("splat", scene, data, &options)
 }

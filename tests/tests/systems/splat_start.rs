@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use scene_io::{LoadOptions, load};
-use systems::splats::frame::Frame;
-use systems::splats::start::{Start, StartOptions};
+use systems::views::cloud_frame::CloudFrame;
+use systems::views::start::{Start, StartOptions};
 
 #[test]
 fn clouds_begin_at_the_points_of_real_reconstructions() {
@@ -18,7 +18,7 @@ fn clouds_begin_at_the_points_of_real_reconstructions() {
             continue;
         }
         let cameras: Vec<DVec3> = scene.frames.iter().map(|f| f.camera.pose.c).collect();
-        let (frame, note) = Frame::around(&cameras, &[]);
+        let (frame, note) = CloudFrame::around(&cameras, &[]);
         assert_eq!(note, None, "{name}");
         let start = Start::from_points(&scene.points, &frame, &options).unwrap();
         let (mut cloud, n) = (start.cloud, scene.points.len().min(5000));

@@ -1,6 +1,7 @@
 //! Adam over a cloud: a rate for each kind of parameter, and rows that come and go.
 
-use super::config::Rates;
+use super::cloud::CloudParameters;
+use super::config::StepRates;
 use engine::system::{SystemError, Tensor, TensorMap, push_adam, take_adam};
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
@@ -11,6 +12,8 @@ use splat_core::{Gaussians, MAX_DEGREE, SplatError, rest_len};
 const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-15);
 /// Names of the groups in checkpoints: fields of the cloud, the last one band by band.
 const NAMES: [&str; 8] = ["mean", "log_scale", "wxyz", "logit", "dc", "band1", "band2", "band3"];
+/// Name of the group of extra rows.
+const EXTRA: &str = "extra";
 const LOGIT: usize = 3;
 
 /// Moments of all parameters of a cloud. Bands of spherical harmonics that are not active yet have neither gradient nor
@@ -18,6 +21,10 @@ const LOGIT: usize = 3;
 #[derive(Clone, Debug)]
 pub(super) struct Optimiser {
     groups: Vec<Adam>,
+    /// Of the extra rows, where there are any.
+    extra: Option<Adam>,
+    /// Number of extra rows.
+    rows: usize,
 }
 
 /// Rows of coefficients of band `degree` (from 1) among those above the constant one.
@@ -31,11 +38,11 @@ fn rows(degree: usize) -> impl Iterator<Item = usize> {
     [3, 3, 4, 1, 3].into_iter().chain(bands)
 }
 
-/// The numbers of each group, in order.
+/// The parameters of each group, in order.
 fn groups(cloud: &mut Gaussians) -> Vec<&mut [f32]> {
     let (n, degree) = (cloud.len(), cloud.degree());
     let mut out = Vec::with_capacity(NAMES.len());
-    let mut fields = cloud.fields_mut().map(|(_, numbers)| numbers).into_iter();
+    let mut fields = cloud.fields_mut().map(|(_, values)| values).into_iter();
     out.extend(fields.by_ref().take(5));
     for mut rest in fields {
         for d in 1..=degree {
@@ -49,34 +56,39 @@ fn groups(cloud: &mut Gaussians) -> Vec<&mut [f32]> {
 }
 
 impl Optimiser {
-    pub(super) fn new(cloud: &Gaussians) -> Self {
-        Self { groups: rows(cloud.degree()).map(|rows| Adam::new(rows * cloud.len(), ADAM)).collect() }
+    pub(super) fn new(cloud: &CloudParameters) -> Self {
+        let groups = rows(cloud.gaussians.degree()).map(|rows| Adam::new(rows * cloud.len(), ADAM)).collect();
+        let extra = (cloud.rows > 0).then(|| Adam::new(cloud.extra.len(), ADAM));
+        Self { groups, extra, rows: cloud.rows }
     }
 
     /// One step of all parameters but the bands above `degree`. Returns how many entries of the gradient were not finite.
     pub(super) fn step(
         &mut self,
         simd: Simd,
-        rates: &Rates,
+        rates: &StepRates,
         degree: usize,
-        cloud: &mut Gaussians,
-        grad: &mut Gaussians,
+        cloud: &mut CloudParameters,
+        gradient: &mut CloudParameters,
     ) -> usize {
-        let rates = rates.groups();
+        let by_group = rates.groups();
         let mut bad = 0;
-        for (k, ((params, grad), adam)) in
-            groups(cloud).into_iter().zip(groups(grad)).zip(&mut self.groups).enumerate().take(5 + degree)
-        {
+        let parameters = groups(&mut cloud.gaussians).into_iter().zip(groups(&mut gradient.gaussians));
+        for (k, ((params, grad), adam)) in parameters.zip(&mut self.groups).enumerate().take(5 + degree) {
             if !params.is_empty() {
-                bad += adam.step(simd, rates[k], params, grad);
+                bad += adam.step(simd, by_group[k], params, grad);
             }
+        }
+        if let Some(adam) = self.extra.as_mut().filter(|adam| adam.len() > 0) {
+            bad += adam.step(simd, rates.extra, &mut cloud.extra, &mut gradient.extra);
         }
         bad
     }
 
     /// The moments of the Gaussians that are left, and none for new ones.
     pub(super) fn follow(&mut self, changed: &Rows, degree: usize) -> Result<(), SplatError> {
-        for (adam, rows) in self.groups.iter_mut().zip(rows(degree)) {
+        let groups = self.groups.iter_mut().zip(rows(degree)).chain(self.extra.as_mut().map(|adam| (adam, self.rows)));
+        for (adam, rows) in groups {
             let m = changed.apply("moments", adam.first_moment(), rows, Fresh::Is(0.0))?;
             let v = changed.apply("moments", adam.second_moment(), rows, Fresh::Is(0.0))?;
             *adam = restored(adam, m, v);
@@ -91,19 +103,24 @@ impl Optimiser {
         *adam = restored(adam, zeros.clone(), zeros);
     }
 
-    pub(super) fn push<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+    pub(super) fn push<'a>(&'a self, prefix: &str, out: &mut Vec<Tensor<'a>>) {
         for (name, adam) in NAMES.iter().zip(&self.groups) {
-            push_adam(out, name, adam);
+            push_adam(out, &format!("{prefix}{name}"), adam);
+        }
+        if let Some(adam) = &self.extra {
+            push_adam(out, &format!("{prefix}{EXTRA}"), adam);
         }
     }
 
-    /// What [`push`](Self::push) wrote, for a cloud.
-    pub(super) fn take(state: &TensorMap, cloud: &Gaussians) -> Result<Self, SystemError> {
-        let mut new = Self::new(cloud);
-        for (name, adam) in NAMES.iter().zip(&mut new.groups) {
-            *adam = take_adam(state, name, adam)?;
+    /// Take what [`push`](Self::push) wrote, for a cloud of as many Gaussians as this one's.
+    pub(super) fn take(&mut self, prefix: &str, state: &TensorMap) -> Result<(), SystemError> {
+        for (name, adam) in NAMES.iter().zip(&mut self.groups) {
+            *adam = take_adam(state, &format!("{prefix}{name}"), adam)?;
         }
-        Ok(new)
+        if let Some(adam) = &mut self.extra {
+            *adam = take_adam(state, &format!("{prefix}{EXTRA}"), adam)?;
+        }
+        Ok(())
     }
 }
 

@@ -1,4 +1,5 @@
-//! What photos say of a place before anything is reconstructed: whether it can be matter, and which colour is seen there.
+//! The visual hull: what photos say of a place before anything is reconstructed. Where one of them is transparent nothing is; elsewhere the
+//! colours of the photos are the first guess.
 
 use engine::data::Dataset;
 use glam::DVec3;
@@ -13,14 +14,14 @@ const TRANSPARENT: u8 = 32;
 /// Nothing is known of a place that fewer photos see.
 const FEWEST: usize = 2;
 
-/// Photos to ask.
-pub(super) struct Sight {
+/// The visual hull of some photos.
+pub(crate) struct VisualHull {
     photos: Vec<(Prepared, Arc<Image>)>,
 }
 
-impl Sight {
+impl VisualHull {
     /// Some photos of a dataset, evenly spread.
-    pub(super) fn new(data: &Dataset) -> Result<Self, SceneError> {
+    pub(crate) fn new(data: &Dataset) -> Result<Self, SceneError> {
         let count = data.len().min(PHOTOS);
         let photos = (0..count).map(|k| {
             let i = k * data.len() / count;
@@ -31,7 +32,7 @@ impl Sight {
 
     /// Mean colour of a place of the scene's frame over the photos that have it in the picture; `None` where one of them shows
     /// that nothing is there, or hardly any has it. Grey where there are no photos.
-    pub(super) fn of(&self, x: DVec3) -> Option<[f32; 3]> {
+    pub(crate) fn colour_at(&self, x: DVec3) -> Option<[f32; 3]> {
         let (mut sum, mut count) = ([0.0_f32; 3], 0);
         for (camera, image) in &self.photos {
             let Some(at) = camera.project(x) else { continue };

@@ -1,5 +1,5 @@
-//! Lenses that bend light: Gaussians are drawn onto a plane, so photos are drawn onto it before training, and pictures
-//! from it after rendering.
+//! Undistortion. Gaussians are drawn by pinhole cameras: photos of lenses that bend light are resampled onto the plane of one before
+//! training, and pictures of such lenses from it after rendering.
 
 use glam::DVec2;
 use rayon::prelude::*;
@@ -8,21 +8,21 @@ use scene_io::Image;
 
 /// Directions farther from the axis than this slope are on no plane of a reasonable size.
 const STEEPEST: f64 = 4.0;
-/// A canvas has so many pixels to one of the picture along each side, so that drawing it again costs no sharpness,
+/// The plane has so many pixels to one of the picture along each side, so that resampling it costs no sharpness,
 const FINER: f64 = 2.0;
 /// and no side longer than this.
 const LONGEST: f64 = 8192.0;
 
-/// A photo's lens and the plane that its photos are drawn onto.
+/// The plane of a pinhole camera that photos of a lens are resampled onto.
 #[derive(Debug)]
-pub(super) struct Flat {
+pub(super) struct UndistortedPlane {
     lens: Camera,
     plane: Camera,
     /// Where in the photo each pixel of the plane is, pixels; NaN where it is not.
     sources: Vec<[f32; 2]>,
 }
 
-impl Flat {
+impl UndistortedPlane {
     /// The plane has the photo's size and focal lengths.
     pub(super) fn new(camera: &Camera) -> Self {
         let lens = Camera { pose: Pose::IDENTITY, ..*camera };
@@ -50,7 +50,7 @@ impl Flat {
         Camera { pose: camera.pose, ..self.plane }
     }
 
-    /// A photo drawn onto the plane; what it does not show is masked.
+    /// A photo resampled onto the plane; what it does not show is masked.
     pub(super) fn photo(&self, image: &Image) -> Image {
         let channels = usize::from(image.channels);
         let (w, h) = (image.width as usize, image.height as usize);
@@ -75,14 +75,14 @@ impl Flat {
 
 /// Catmull and Rom's cubic through four pixels along each axis: sharper than a linear one, and exact at centres. Colours count as
 /// much as they are opaque: what is behind an edge's transparent side is nobody's colour.
-fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
+fn cubic(image: &Image, at: [f32; 2], out: &mut [u8]) {
     let channels = usize::from(image.channels);
     let weights = |at: f32| {
         let f = at - at.floor();
         let (f2, f3) = (f * f, f * f * f);
         [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, 0.5 * (f3 - f2)]
     };
-    let (x, y) = (x - 0.5, y - 0.5);
+    let [x, y] = at.map(|x| x - 0.5);
     let (wx, wy) = (weights(x), weights(y));
     let (left, top) = (x.floor() as i64 - 1, y.floor() as i64 - 1);
     let inside = |at: i64, n: u32| at.clamp(0, i64::from(n) - 1) as usize;
@@ -107,7 +107,7 @@ fn cubic(image: &Image, [x, y]: [f32; 2], out: &mut [u8]) {
 
 /// A plane large enough for all that a lens sees, and where each pixel of the picture is on it.
 #[derive(Debug)]
-pub(super) struct Canvas {
+pub(super) struct DistortedPicture {
     /// The plane, standing where the camera stands.
     pub(super) camera: Camera,
     /// How many of its pixels there are to one of the picture, along each side.
@@ -116,7 +116,7 @@ pub(super) struct Canvas {
     pub(super) places: Vec<[f32; 2]>,
 }
 
-impl Canvas {
+impl DistortedPicture {
     pub(super) fn new(camera: &Camera) -> Self {
         let (prepared, w) = (Camera { pose: Pose::IDENTITY, ..*camera }.prepare(), camera.width as usize);
         let slopes: Vec<Option<DVec2>> = (0..w * camera.height as usize)
@@ -174,7 +174,7 @@ mod tests {
             (128.0 + 150.0 * d.x / d.z).round().clamp(0.0, 255.0) as u8
         };
         let data = (0..40).flat_map(|y| (0..60).flat_map(move |x| [(x, y); 3])).map(|(x, y)| grey(x, y)).collect();
-        let flat = Flat::new(&camera).photo(&Image::rgb(60, 40, data).unwrap());
+        let flat = UndistortedPlane::new(&camera).photo(&Image::rgb(60, 40, data).unwrap());
         let mask = flat.mask.as_ref().unwrap();
         let mut seen = 0;
         for (i, p) in flat.data.chunks_exact(3).enumerate().filter(|(i, _)| mask[*i] > 0) {
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn a_photo_s_edge_to_nothing_keeps_its_colour_on_the_plane() {
         let data = (0..60 * 40).flat_map(|i| if i % 60 < 50 { [200, 100, 50, 255] } else { [0; 4] }).collect();
-        let flat = Flat::new(&bent()).photo(&Image::rgba(60, 40, data).unwrap());
+        let flat = UndistortedPlane::new(&bent()).photo(&Image::rgba(60, 40, data).unwrap());
         let (mut edge, mut clear) = (0, 0);
         for p in flat.data.chunks_exact(4).zip(flat.mask.as_ref().unwrap()).filter(|(_, m)| **m > 0).map(|(p, _)| p) {
             if p[3] > 0 {
@@ -202,12 +202,12 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_of_a_lens_is_on_its_canvas() {
+    fn every_pixel_of_a_lens_is_on_its_plane() {
         let camera = bent();
-        let canvas = Canvas::new(&camera);
+        let picture = DistortedPicture::new(&camera);
         let prepared = camera.prepare();
-        let plane = Camera { pose: Pose::IDENTITY, ..canvas.camera };
-        for (i, &[x, y]) in canvas.places.iter().enumerate() {
+        let plane = Camera { pose: Pose::IDENTITY, ..picture.camera };
+        for (i, &[x, y]) in picture.places.iter().enumerate() {
             assert!(x >= 0.5 && y >= 0.5 && x + 0.5 <= plane.width as f32 && y + 0.5 <= plane.height as f32);
             let want = prepared.direction(DVec2::new((i % 60) as f64 + 0.5, (i / 60) as f64 + 0.5)).unwrap();
             let got = plane.direction_in_camera(DVec2::new(f64::from(x), f64::from(y))).unwrap();

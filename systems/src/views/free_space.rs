@@ -1,7 +1,7 @@
 //! Gaussians where photos say that nothing is: points behind are seen through there. One photo alone is explained as well by what
 //! floats before its camera.
 
-use super::frame::Frame;
+use super::cloud_frame::CloudFrame;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::Space;
 use engine::data::Dataset;
@@ -30,7 +30,7 @@ impl FreeSpace {
     ///
     /// # Errors
     /// [`SystemError::Config`] for a grid that cannot be made.
-    pub(super) fn new(data: &Dataset, frame: &Frame) -> Result<Self, SystemError> {
+    pub(super) fn new(data: &Dataset, frame: &CloudFrame) -> Result<Self, SystemError> {
         let refused = |e: render_core::occupancy::GridError| SystemError::Config {
             field: "free_space",
             value: "true".into(),
@@ -53,7 +53,7 @@ impl FreeSpace {
     }
 
     /// The rows of those whose centres are not in free space; `None` where that is all of them.
-    pub(super) fn without_floaters(&self, cloud: &Gaussians, frame: &Frame) -> Result<Option<Rows>, SplatError> {
+    pub(super) fn without_floaters(&self, cloud: &Gaussians, frame: &CloudFrame) -> Result<Option<Rows>, SplatError> {
         cloud.check()?;
         let n = cloud.len();
         let floats: Vec<bool> = (0..n)
@@ -77,15 +77,15 @@ mod tests {
         0.5 * (data.view(0).camera.pose.c + data.view(0).points[0])
     }
 
-    fn capture() -> (Scene, Dataset, FreeSpace, Frame) {
+    fn capture() -> (Scene, Dataset, FreeSpace, CloudFrame) {
         let (scene, data) = made::capture(made::Points::WithTracks);
-        let frame = Frame { centre: [0.3, -0.1, 0.2], scale: 2.5 };
+        let frame = CloudFrame { centre: [0.3, -0.1, 0.2], scale: 2.5 };
         let free = FreeSpace::new(&data, &frame).unwrap();
         (scene, data, free, frame)
     }
 
     /// A cloud of the frame with its Gaussians at places of the world.
-    fn cloud(frame: &Frame, places: &[DVec3]) -> Gaussians {
+    fn cloud(frame: &CloudFrame, places: &[DVec3]) -> Gaussians {
         let mut cloud = Gaussians::new(places.len(), 0).unwrap();
         for (i, x) in places.iter().enumerate() {
             let x = frame.to_internal(*x).as_vec3();
@@ -123,7 +123,7 @@ mod tests {
                 system.step(&data, step).unwrap();
             }
             let splats = system.splats().unwrap().gaussians;
-            assert_eq!(free.without_floaters(&splats, &Frame::WORLD).unwrap().is_some(), floats);
+            assert_eq!(free.without_floaters(&splats, &CloudFrame::WORLD).unwrap().is_some(), floats);
         }
     }
 
@@ -133,7 +133,7 @@ mod tests {
         let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
         let (_, plan) = build("splat", &scene, &data, &run).unwrap();
         assert_eq!(plan.config["free_space"].as_bool(), Some(false));
-        let free = FreeSpace::new(&data, &Frame::WORLD).unwrap();
+        let free = FreeSpace::new(&data, &CloudFrame::WORLD).unwrap();
         assert!([DVec3::ZERO, data.view(0).camera.pose.c, DVec3::splat(0.5)].iter().all(|x| !free.holds(*x)));
     }
 }

@@ -1,4 +1,4 @@
-//! The frame a cloud is trained in: cameras about the origin, their extent the unit.
+//! The frame that a cloud is trained in, and the way back to the scene's: cameras about the origin, their extent the unit.
 //!
 //! Learning rates and thresholds of splats are in units of the extent `E`, and positions are `f32`: in this frame `E = 1`, and a
 //! scene that lies at a million units keeps its digits.
@@ -16,14 +16,14 @@ const ONE_PLACE: f64 = 1e-9;
 
 /// World to internal: `(x - centre) / scale`. Axes stay as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Frame {
+pub struct CloudFrame {
     /// World units.
     pub centre: [f64; 3],
     /// World units of one internal unit, positive.
     pub scale: f64,
 }
 
-impl Frame {
+impl CloudFrame {
     /// The scene's own.
     pub const WORLD: Self = Self { centre: [0.0; 3], scale: 1.0 };
 
@@ -86,7 +86,7 @@ impl Frame {
     /// a sixteenth of one.
     ///
     /// # Panics
-    /// As [`Frame::cloud_to_internal`].
+    /// As [`CloudFrame::cloud_to_internal`].
     pub fn cloud_to_world(&self, cloud: &mut Gaussians) {
         let centre = self.centre;
         map(cloud, self.scale.ln(), |axis, x| x * self.scale + centre[axis]);
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn the_extent_is_one_inside() {
         let cameras = [DVec3::new(3.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0), DVec3::new(1.0, 5.0, -3.0)];
-        let (frame, note) = Frame::around(&cameras, &[]);
+        let (frame, note) = CloudFrame::around(&cameras, &[]);
         assert_eq!(note, None);
         let inside: Vec<DVec3> = cameras.iter().map(|c| frame.to_internal(*c)).collect();
         assert!(close(inside.iter().sum::<DVec3>(), DVec3::ZERO, 1e-12), "about the origin");
@@ -142,20 +142,20 @@ mod tests {
     fn cameras_at_one_place_have_extent_one_and_say_so() {
         let far = DVec3::new(1e6, -1e6, 3.0);
         for (cameras, word) in [(vec![far], "one camera"), (vec![far; 4], "4 cameras at one place")] {
-            let (frame, note) = Frame::around(&cameras, &[DVec3::ZERO]);
+            let (frame, note) = CloudFrame::around(&cameras, &[DVec3::ZERO]);
             assert!(frame.scale == 1.0 && close(frame.centre.into(), far, 1e-9));
             assert!(note.unwrap().contains(word));
         }
         let points = [DVec3::new(2.0, 0.0, 0.0), DVec3::NAN, DVec3::new(4.0, 2.0, 0.0)];
-        let (frame, note) = Frame::around(&[], &points);
-        assert_eq!(frame, Frame { centre: [3.0, 1.0, 0.0], scale: 1.0 });
+        let (frame, note) = CloudFrame::around(&[], &points);
+        assert_eq!(frame, CloudFrame { centre: [3.0, 1.0, 0.0], scale: 1.0 });
         assert!(note.unwrap().contains("no cameras"));
-        assert_eq!(Frame::around(&[DVec3::NAN], &[]).0, Frame::WORLD);
+        assert_eq!(CloudFrame::around(&[DVec3::NAN], &[]).0, CloudFrame::WORLD);
     }
 
     #[test]
     fn clouds_go_to_the_scene_and_back() {
-        let frame = Frame { centre: [10.0, -20.0, 5.0], scale: 4.0 };
+        let frame = CloudFrame { centre: [10.0, -20.0, 5.0], scale: 4.0 };
         let mut cloud = Gaussians::new(2, 1).unwrap();
         cloud.mean = vec![0.5, -1.0, 0.25, 0.0, 2.0, 1.0];
         cloud.log_scale = vec![-1.0, -2.0, -3.0, 0.0, 0.5, 1.0];

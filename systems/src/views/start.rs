@@ -7,10 +7,10 @@
 //! | size | `sqrt(max(m, 1e-7))`, at most a tenth of the extent; `m` the mean of the squared distances to the three nearest others | the same |
 //! | opacity | 0.1 | 0.1 |
 //!
-//! All in the [`Frame`] of training, where the extent is 1. Points behind all cameras are kept: a photo that is added later may
+//! All in the [`CloudFrame`] of training, where the extent is 1. Points behind all cameras are kept: a photo that is added later may
 //! see them.
 
-use super::frame::Frame;
+use super::cloud_frame::CloudFrame;
 use crate::layout::Layout;
 use crate::plan::space;
 use engine::data::Dataset;
@@ -32,7 +32,7 @@ const ROUNDS: u64 = 64;
 /// Stream of random numbers.
 const STREAM: u64 = 0x5350_4C41_5453;
 
-/// What a start is told.
+/// How a cloud begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StartOptions {
     /// Degree of the spherical harmonics there is room for; all coefficients but the constant one are 0.
@@ -63,7 +63,7 @@ impl Start {
     ///
     /// # Source
     /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, section 5.1 and released code.
-    pub fn from_points(points: &[Point], frame: &Frame, options: &StartOptions) -> Result<Self, SplatError> {
+    pub fn from_points(points: &[Point], frame: &CloudFrame, options: &StartOptions) -> Result<Self, SplatError> {
         let usable: Vec<&Point> = points.iter().filter(|p| fits(p, frame)).collect();
         let mut notes = Vec::new();
         if usable.len() < points.len() {
@@ -90,15 +90,15 @@ impl Start {
 
     /// At `random` places (no more than `max`), uniform in a box of the scene's frame, where photos do not show that nothing is:
     /// what is transparent in one of them is empty, what hardly any has in the picture would not learn. Each begins with the mean of
-    /// the colours seen there: `sight` says which, or `None` of a place that is ruled out.
+    /// the colours seen there: `colour_at` says which, or `None` of a place that is ruled out.
     ///
     /// # Errors
     /// [`SplatError::Degree`].
     pub fn random(
         within: Bounds,
-        frame: &Frame,
+        frame: &CloudFrame,
         options: &StartOptions,
-        sight: impl Fn(DVec3) -> Option<[f32; 3]> + Sync,
+        colour_at: impl Fn(DVec3) -> Option<[f32; 3]> + Sync,
     ) -> Result<Self, SplatError> {
         let count = options.random.min(options.max);
         let rng = Rng::new(options.seed, STREAM);
@@ -110,7 +110,7 @@ impl Start {
         let batch = count.max(1) as u64;
         for round in 0..ROUNDS {
             let range = round * batch..(round + 1) * batch;
-            let found: Vec<_> = range.into_par_iter().filter_map(|k| Some((draw(k), sight(draw(k))?))).collect();
+            let found: Vec<_> = range.into_par_iter().filter_map(|k| Some((draw(k), colour_at(draw(k))?))).collect();
             for (x, rgb) in found {
                 if inside.len() < count {
                     inside.push(frame.to_internal(x).to_array());
@@ -164,7 +164,7 @@ impl Start {
 }
 
 /// An `f32` can hold it.
-fn fits(point: &Point, frame: &Frame) -> bool {
+fn fits(point: &Point, frame: &CloudFrame) -> bool {
     frame.to_internal(point.xyz).as_vec3().is_finite()
 }
 

@@ -51,7 +51,7 @@ fn gaussians_begin_at_the_points_with_their_colours_and_the_distance_of_their_ne
     // A tetrahedron: every point has the three others at squared distances 0.02.
     let d = 0.1;
     let points = [at(d, d, d), at(d, -d, -d), at(-d, d, -d), at(-d, -d, d)];
-    let frame = Frame { centre: [0.0; 3], scale: 4.0 };
+    let frame = CloudFrame { centre: [0.0; 3], scale: 4.0 };
     let start = Start::from_points(&points, &frame, &OPTIONS).unwrap();
     is_sound(&start, 4);
     let cloud = &start.cloud;
@@ -68,12 +68,12 @@ fn gaussians_begin_at_the_points_with_their_colours_and_the_distance_of_their_ne
 fn a_scene_in_other_units_and_far_from_zero_begins_alike() {
     let cameras: Vec<DVec3> = ball(7, DVec3::ZERO, 3.0).iter().map(|p| p.xyz).collect();
     let points = ball(300, DVec3::new(0.5, 0.0, 1.0), 1.0);
-    let here = Start::from_points(&points, &Frame::around(&cameras, &[]).0, &OPTIONS).unwrap();
+    let here = Start::from_points(&points, &CloudFrame::around(&cameras, &[]).0, &OPTIONS).unwrap();
     let (scale, shift) = (1000.0, DVec3::new(1e6, -1e6, 2e6));
     let there = |x: DVec3| scale * x + shift;
     let cameras: Vec<DVec3> = cameras.iter().map(|c| there(*c)).collect();
     let points: Vec<Point> = points.iter().map(|p| Point { xyz: there(p.xyz), ..*p }).collect();
-    let far = Start::from_points(&points, &Frame::around(&cameras, &[]).0, &OPTIONS).unwrap();
+    let far = Start::from_points(&points, &CloudFrame::around(&cameras, &[]).0, &OPTIONS).unwrap();
     is_sound(&far, 300);
     for (a, b) in here.cloud.mean.iter().zip(&far.cloud.mean) {
         assert!((a - b).abs() < 1e-6, "{a} {b}");
@@ -87,7 +87,7 @@ fn a_scene_in_other_units_and_far_from_zero_begins_alike() {
 fn points_at_one_place_have_the_smallest_size() {
     let mut points = vec![at(0.3, 0.2, 0.1); 10_000];
     points.extend(ball(50, DVec3::ZERO, 1.0));
-    let start = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let start = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     is_sound(&start, 10_050);
     let sizes = sizes(&start.cloud);
     assert!(sizes[..10_000].iter().all(|s| (s - 1e-7_f32.sqrt()).abs() < 1e-8));
@@ -97,7 +97,7 @@ fn points_at_one_place_have_the_smallest_size() {
 #[test]
 fn points_on_a_line_are_as_large_as_their_spacing_says() {
     let points: Vec<Point> = (0..400).map(|i| at(0.0, 0.01 * f64::from(i), 0.0)).collect();
-    let start = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let start = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     is_sound(&start, 400);
     // Neighbours at 1, 1 and 2 steps; at the end of the line at 1, 2 and 3.
     let sizes = sizes(&start.cloud);
@@ -108,9 +108,9 @@ fn points_on_a_line_are_as_large_as_their_spacing_says() {
 #[test]
 fn a_stray_far_away_is_kept_small_and_changes_no_other() {
     let mut points = ball(200, DVec3::ZERO, 1.0);
-    let without = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let without = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     points.push(at(1e6, -1e6, 1e6));
-    let with = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let with = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     is_sound(&with, 201);
     assert_eq!(sizes(&with.cloud)[..200], sizes(&without.cloud));
     assert!((sizes(&with.cloud)[200] - 0.1).abs() < 1e-6 && with.cloud.mean[200] == 1e6);
@@ -120,11 +120,11 @@ fn a_stray_far_away_is_kept_small_and_changes_no_other() {
 fn few_points_take_what_neighbours_there_are() {
     let points = [at(0.0, 0.0, 0.0), at(0.05, 0.0, 0.0), at(0.0, 0.02, 0.0)];
     for (n, want) in [(0, vec![]), (1, vec![0.01]), (2, vec![0.05, 0.05])] {
-        let start = Start::from_points(&points[..n], &Frame::WORLD, &OPTIONS).unwrap();
+        let start = Start::from_points(&points[..n], &CloudFrame::WORLD, &OPTIONS).unwrap();
         is_sound(&start, n);
         assert!(sizes(&start.cloud).iter().zip(&want).all(|(s, want): (&f32, &f32)| (s - want).abs() < 1e-6));
     }
-    let three = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let three = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     is_sound(&three, 3);
     assert!((sizes(&three.cloud)[0] - (0.5 * (0.0025_f32 + 0.0004)).sqrt()).abs() < 1e-6);
 }
@@ -133,15 +133,15 @@ fn few_points_take_what_neighbours_there_are() {
 fn no_more_than_max_are_taken_evenly() {
     let points: Vec<Point> = (0..1000).map(|i| at(f64::from(i), 0.0, 0.0)).collect();
     for (max, want) in [(4, vec![0.0, 250.0, 500.0, 750.0]), (1, vec![0.0]), (0, vec![])] {
-        let start = Start::from_points(&points, &Frame::WORLD, &StartOptions { max, ..OPTIONS }).unwrap();
+        let start = Start::from_points(&points, &CloudFrame::WORLD, &StartOptions { max, ..OPTIONS }).unwrap();
         is_sound(&start, max);
         assert_eq!(start.cloud.mean[..max], want);
         assert!(start.notes[0].contains("over its 1000"), "{:?}", start.notes);
     }
-    let most = Start::from_points(&points, &Frame::WORLD, &StartOptions { max: 999, ..OPTIONS }).unwrap();
+    let most = Start::from_points(&points, &CloudFrame::WORLD, &StartOptions { max: 999, ..OPTIONS }).unwrap();
     let distinct: std::collections::BTreeSet<u32> = most.cloud.mean[..999].iter().map(|x| x.to_bits()).collect();
     assert_eq!(distinct.len(), 999, "no point twice");
-    let random = Start::random(UNIT, &Frame::WORLD, &StartOptions { max: 20, ..OPTIONS }, red).unwrap();
+    let random = Start::random(UNIT, &CloudFrame::WORLD, &StartOptions { max: 20, ..OPTIONS }, red).unwrap();
     is_sound(&random, 20);
 }
 
@@ -150,16 +150,16 @@ fn points_that_are_no_numbers_are_left_out_and_counted() {
     let mut points = ball(10, DVec3::ZERO, 1.0);
     points[3].xyz.y = f64::NAN;
     points[7].xyz.x = 1e300;
-    let start = Start::from_points(&points, &Frame::WORLD, &OPTIONS).unwrap();
+    let start = Start::from_points(&points, &CloudFrame::WORLD, &OPTIONS).unwrap();
     is_sound(&start, 8);
     assert!(start.notes[0].starts_with("2 of 10 points left out"), "{:?}", start.notes);
-    assert!(Start::from_points(&[at(f64::NAN, 0.0, 0.0)], &Frame::WORLD, &OPTIONS).unwrap().cloud.is_empty());
+    assert!(Start::from_points(&[at(f64::NAN, 0.0, 0.0)], &CloudFrame::WORLD, &OPTIONS).unwrap().cloud.is_empty());
 }
 
 #[test]
 fn random_starts_fill_their_box_and_depend_on_the_seed_alone() {
     let within = Bounds { min: DVec3::new(10.0, -4.0, 0.0), max: DVec3::new(14.0, -2.0, 1.0) };
-    let frame = Frame { centre: [12.0, -3.0, 0.0], scale: 8.0 };
+    let frame = CloudFrame { centre: [12.0, -3.0, 0.0], scale: 8.0 };
     let options = StartOptions { random: 4000, ..OPTIONS };
     let start = Start::random(within, &frame, &options, red).unwrap();
     is_sound(&start, 4000);
@@ -182,11 +182,11 @@ fn random_starts_fill_their_box_and_depend_on_the_seed_alone() {
 #[test]
 fn places_that_photos_rule_out_stay_empty() {
     let right = |x: DVec3| (x.x > 0.5).then_some([0.5; 3]);
-    let start = Start::random(UNIT, &Frame::WORLD, &OPTIONS, right).unwrap();
+    let start = Start::random(UNIT, &CloudFrame::WORLD, &OPTIONS, right).unwrap();
     is_sound(&start, 500);
     assert!(start.cloud.mean[..500].iter().all(|x| *x > 0.5));
     // Where nothing is left there has to be something all the same.
-    let start = Start::random(UNIT, &Frame::WORLD, &OPTIONS, |_| None).unwrap();
+    let start = Start::random(UNIT, &CloudFrame::WORLD, &OPTIONS, |_| None).unwrap();
     is_sound(&start, 500);
     assert!(start.notes[0].contains("no place"), "{:?}", start.notes);
 }
@@ -194,7 +194,7 @@ fn places_that_photos_rule_out_stay_empty() {
 #[test]
 fn degrees_that_cannot_be_are_refused() {
     let options = StartOptions { degree: 4, ..OPTIONS };
-    assert_eq!(Start::random(UNIT, &Frame::WORLD, &options, red), Err(SplatError::Degree { got: 4 }));
+    assert_eq!(Start::random(UNIT, &CloudFrame::WORLD, &options, red), Err(SplatError::Degree { got: 4 }));
 }
 
 fn data(scene: &Scene) -> Dataset {
@@ -207,7 +207,7 @@ fn points_behind_all_cameras_are_kept() {
     let mut scene = orbit(&OrbitOptions { width: 16, height: 12, ..OrbitOptions::default() });
     assert!(!scene.points.is_empty());
     let cameras: Vec<_> = data(&scene).views().iter().map(|v| v.camera.pose).collect();
-    let (frame, _) = Frame::around(&cameras.iter().map(|p| p.c).collect::<Vec<_>>(), &[]);
+    let (frame, _) = CloudFrame::around(&cameras.iter().map(|p| p.c).collect::<Vec<_>>(), &[]);
     // Upwards from cameras that look down or level.
     scene.points = (0..5).map(|i| at(0.1 * f64::from(i), 0.0, 1e4)).collect();
     assert!(scene.points.iter().all(|p| cameras.iter().all(|c| c.to_camera(p.xyz).z < 0.0)));

@@ -1,0 +1,3 @@
+//! Systems of Gaussians.
+
+pub(crate) mod splat;

@@ -1,0 +1,345 @@
+//! 3D Gaussian splatting: a cloud of Gaussians, drawn and compared photo by photo.
+//!
+//! Kerbl, Kopanas, Leimkühler, Drettakis, "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023.
+//!
+//! ```text
+//! G(x) = exp(-1/2 (x - p)^T Sigma^-1 (x - p)),  Sigma = R S S^T R^T        a Gaussian (equations 4, 6)
+//! Sigma' = J W Sigma W^T J^T                                              on the picture (equation 5)
+//! C = sum_i c_i alpha_i prod_{j < i} (1 - alpha_j)                        compositing, nearest first (equation 3)
+//! L = (1 - lambda) L1 + lambda (1 - SSIM),  lambda = 0.2                  the loss (equation 7)
+//! ```
+//!
+//! `alpha_i` is the opacity times `G`, `c_i` spherical harmonics of the direction. A Gaussian with a mean view-space gradient of at least
+//! `tau = 2e-4` is cloned where it is small and split where it is large; transparent ones are pruned (section 5.2, algorithm 1).
+//! `--set density=mcmc` takes the Markov chain of Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024, instead.
+//!
+//! Where `C` is composited: `splat_core`; the step: [`crate::views`]. What differs from the paper, and why:
+//! `docs/decisions/0022-gaussians-on-the-cpu.md`.
+
+use crate::claims::Claim;
+use crate::free_space::free_space_line;
+use crate::plan::{Ask, Built, Ground};
+use crate::settings::Settings;
+use crate::views::cloud_frame::CloudFrame;
+use crate::views::start::{Start, StartOptions, scene_box};
+use crate::views::{
+    AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
+    L1DssimConfig, MOST, MaskWeight, McmcConfig, PictureConfig, TrainedCloud, ViewParts, ViewSpaceGradient, Views,
+    VisualHull, WideningKind, first_of, refused, unless,
+};
+use engine::data::Dataset;
+use engine::memory::room_for;
+use engine::options::{Plan, RunOptions};
+use engine::system::SystemError;
+use float_core::Simd;
+use glam::DVec3;
+use scene_io::{Point, Scene};
+use serde::{Deserialize, Serialize};
+use splat_core::Gaussians;
+
+/// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
+const COARSE_PIXELS: u64 = 65_536;
+/// Steps that the schedules are for; the published ones are for 30 000.
+const HORIZON: u64 = 10_000;
+const PUBLISHED_HORIZON: u64 = 30_000;
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "splat",
+    paper: "Kerbl et al., 2023",
+    differs: "Opacities are never reset, large Gaussians are not pruned, there are at most 100 000, the schedules take a \
+              third of the steps, and large photos are drawn at half their size first. Random starts keep to places that \
+              no photo shows to be empty.",
+    mark: "no opacity reset, no size prune",
+};
+
+/// Where Gaussians begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum StartKind {
+    /// At the points that the scene comes with.
+    Points,
+    /// Anywhere in the box that the cameras look at.
+    Random,
+}
+
+/// Where Gaussians begin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StartConfig {
+    /// Where Gaussians begin: `points` or `random`.
+    start: StartKind,
+}
+
+/// A start at random places: chosen, or because the scene has no points.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RandomStartConfig {
+    /// How many begin at random places.
+    start_count: usize,
+}
+
+const START: StartConfig = StartConfig { start: StartKind::Points };
+const RANDOM_START: RandomStartConfig = RandomStartConfig { start_count: 20_000 };
+const CLOUD: CloudConfig =
+    CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: scaled(1000, 500) };
+/// The released code's `OptimizationParams`; the rates of opacity and centres are those of its first release.
+const RATES: CloudRates = CloudRates {
+    horizon: HORIZON,
+    lr_mean: 1.6e-4,
+    lr_mean_end: 1.6e-6,
+    lr_dc: 2.5e-3,
+    lr_logit: 0.05,
+    lr_scale: 5e-3,
+    lr_rotation: 1e-3,
+};
+const DENSITY: DensityConfig = DensityConfig {
+    density: DensityKind::Adc,
+    densify_from: scaled(500, 300),
+    densify_until: scaled(15_000, 1),
+    densify_every: 100,
+    free_space: false,
+};
+/// The published threshold; `reset_every` is 3000 there and `prune_size` 0.1.
+const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 };
+/// Kheradmand et al., 2024: `lambda_o = lambda_s = 0.01` (equation 10), `lambda_noise = 5e5` (section 5).
+const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
+/// Pictures that have a coarse level keep it for 700 steps each: not of the paper.
+const PICTURES: PictureConfig =
+    PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: 700 };
+/// Equation 7.
+const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
+
+/// A published number of steps for this horizon, at least `least`.
+const fn scaled(steps: u64, least: u64) -> u64 {
+    let scaled = steps * HORIZON / PUBLISHED_HORIZON;
+    if scaled > least { scaled } else { least }
+}
+
+/// A cloud at its start, and why it is as it is.
+pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    let (scene, data, run) = (ask.scene, ask.data, ask.run);
+    let mut ground = Ground::of_clouds(scene, data, run)?;
+    let planned = Planned::of(scene, data, &mut ground.lines);
+    let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
+    let all = ask.settings.all()?;
+    let Ground { layout, mut lines, background, error_budget, .. } = ground;
+    lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
+    let cloud = &asked.training.cloud;
+    let start = match asked.start {
+        AskedStart::Points(start) => start,
+        AskedStart::Random(config) => {
+            let count = config.start_count.min(cloud.max_splats);
+            let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
+            room_for("start_count", count, count.saturating_mul(one))?;
+            let hull = VisualHull::new(data)?;
+            let options = StartOptions { random: config.start_count, ..start_options(cloud, run.seed) };
+            Start::random(scene_box(&layout, data), &asked.frame, &options, |x| hull.colour_at(x)).map_err(refused)?
+        }
+    };
+    lines.extend(start.notes.iter().map(|note| format!("start: {note}")));
+    lines.push(format!("at most {} Gaussians", cloud.max_splats));
+    let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
+    if bent > 0 {
+        lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
+    }
+    let parts = ViewParts {
+        name: CLAIM.name,
+        frame: asked.frame,
+        pictures: asked.pictures,
+        clouds: vec![TrainedCloud::new(asked.training, 0, &start.cloud).map_err(refused)?],
+        terms: vec![Box::new(L1Dssim::new(Simd::best(), &asked.loss))],
+        weights: vec![Box::new(MaskWeight)],
+        appearance: None,
+        motion: None,
+        view_space: ViewSpaceGradient::Plain,
+        background,
+        seed: run.seed,
+    };
+    let splat = Views::new(parts, data)?;
+    lines.extend(ask.claim.line());
+    Ok((Box::new(splat), Plan { lines, background, error_budget, config: all }))
+}
+
+/// What a scene asks for, before `--set`.
+#[derive(Clone, Debug)]
+struct Planned {
+    cloud: CloudConfig,
+    start: StartConfig,
+    density: DensityConfig,
+    pictures: PictureConfig,
+    /// Why places are known to be empty, where they are.
+    free_space: Option<String>,
+}
+
+impl Planned {
+    /// Of no scene.
+    const PUBLISHED: Self = Self { cloud: CLOUD, start: START, density: DENSITY, pictures: PICTURES, free_space: None };
+
+    /// Of a scene; what was decided, and why, is added to `lines`.
+    fn of(scene: &Scene, data: &Dataset, lines: &mut Vec<String>) -> Self {
+        let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
+        let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+        let (frame, note) = CloudFrame::around(&cameras, &points);
+        lines.extend(note);
+        lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
+        let pixels = data.pixel_count() / data.len().max(1) as u64;
+        let coarse = (pixels.max(1) / COARSE_PIXELS).checked_ilog2().map_or(0, |octaves| octaves / 2 + 1).min(4);
+        if coarse > 0 {
+            lines.push(format!("pictures begin {} times smaller ({pixels} pixels each)", 1 << coarse));
+        }
+        let free_space = free_space_line(data);
+        let start = if scene.points.is_empty() { StartKind::Random } else { StartKind::Points };
+        Self {
+            cloud: CloudConfig { centre: frame.centre, radius: frame.scale, ..CLOUD },
+            start: StartConfig { start },
+            density: DensityConfig { free_space: free_space.is_some(), ..DENSITY },
+            pictures: PictureConfig { coarse, ..PICTURES },
+            free_space,
+        }
+    }
+
+    /// The settings of the parts that are there, after `--set`.
+    fn asked(&self, points: &[Point], settings: &mut Settings<'_>, seed: u64) -> Result<AskedParts, SystemError> {
+        let cloud = settings.of(&self.cloud)?;
+        cloud.check()?;
+        let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
+        let start = self.asked_start(points, &cloud, &frame, settings, seed)?;
+        let training = CloudTraining {
+            cloud,
+            rates: settings.of(&RATES)?,
+            density: DensityRules::asked(&self.density, &ADC, &MCMC, settings)?,
+            extra: ExtraRows::default(),
+        };
+        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&LOSS)?);
+        training.rates.check()?;
+        training.density.check()?;
+        pictures.check()?;
+        loss.check()?;
+        Ok(AskedParts { training, frame, pictures, loss, start })
+    }
+
+    /// Where the cloud begins, after `--set`. Settings of random places are there where it begins at random: it was asked to, or no
+    /// point can be used.
+    fn asked_start(
+        &self,
+        points: &[Point],
+        cloud: &CloudConfig,
+        frame: &CloudFrame,
+        settings: &mut Settings<'_>,
+        seed: u64,
+    ) -> Result<AskedStart, SystemError> {
+        let StartConfig { start } = settings.of(&self.start)?;
+        if start == StartKind::Points {
+            let options = start_options(cloud, seed);
+            let start = Start::from_points(points, frame, &options).map_err(refused)?;
+            if !start.cloud.is_empty() {
+                return Ok(AskedStart::Points(start));
+            }
+        }
+        let random: RandomStartConfig = settings.of(&RANDOM_START)?;
+        random.check()?;
+        Ok(AskedStart::Random(random))
+    }
+}
+
+/// Settings after `--set`.
+struct AskedParts {
+    training: CloudTraining,
+    frame: CloudFrame,
+    pictures: PictureConfig,
+    loss: L1DssimConfig,
+    start: AskedStart,
+}
+
+/// Where a cloud begins.
+enum AskedStart {
+    Points(Start),
+    Random(RandomStartConfig),
+}
+
+impl RandomStartConfig {
+    fn check(&self) -> Result<(), SystemError> {
+        let count = self.start_count;
+        first_of([
+            unless(count <= MOST, "start_count", count, "must be at most 50 million"),
+            unless(count > 0, "start_count", count, "must be at least 1 where they start at random"),
+        ])
+    }
+}
+
+/// How the cloud begins, but for the number of random places.
+fn start_options(cloud: &CloudConfig, seed: u64) -> StartOptions {
+    StartOptions { degree: cloud.sh_degree, max: cloud.max_splats, random: 0, seed }
+}
+
+/// All settings by name, whatever is chosen; values are of no scene.
+pub(crate) fn names() -> toml::Table {
+    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, set };
+    let mut names = toml::Table::new();
+    for set in [
+        toml::toml! { start = "random" },
+        toml::toml! { start = "random"
+        density = "mcmc" },
+    ] {
+        let run = run(set);
+        let mut settings = Settings::new(&run);
+        Planned::PUBLISHED.asked(&[], &mut settings, 0).expect("settings as published");
+        names.extend(settings.all().expect("words of its own"));
+    }
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_those_of_the_parts_that_are_there() {
+        let asked = |set: toml::Table| {
+            let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+            let mut settings = Settings::new(&run);
+            Planned::PUBLISHED.asked(&[], &mut settings, 0).and_then(|_| settings.all())
+        };
+        let all = names();
+        assert_eq!(all.len(), 28, "{all:?}");
+        let adc = asked(toml::Table::new()).unwrap();
+        assert!(adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost"));
+        let mcmc = asked(toml::toml! { density = "mcmc" }).unwrap();
+        assert!(mcmc.contains_key("mcmc_cost") && !mcmc.contains_key("reset_every"));
+        let error = asked(toml::toml! { density = "mcmc"
+        prune_size = 1.0 });
+        assert!(error.unwrap_err().to_string().contains("prune_size"));
+    }
+
+    #[test]
+    fn points_leave_no_settings_of_random_places() {
+        let run = RunOptions { seed: 0, background: None, error_budget: None, set: toml::Table::new() };
+        let mut settings = Settings::new(&run);
+        let points = [Point { xyz: DVec3::ZERO, rgb: [0; 3] }];
+        let asked = Planned::PUBLISHED.asked(&points, &mut settings, 0).unwrap();
+        assert!(matches!(asked.start, AskedStart::Points(_)));
+        assert!(!settings.all().unwrap().contains_key("start_count"));
+    }
+
+    #[test]
+    fn what_cannot_work_is_refused_by_its_name() {
+        for (name, value) in [
+            ("radius", toml::Value::from(0.0)),
+            ("max_splats", 0.into()),
+            ("sh_degree", 4.into()),
+            ("start_count", 0.into()),
+            ("densify_every", 0.into()),
+            ("densify_gradient", (-1.0).into()),
+            ("lr_dc", f64::NAN.into()),
+            ("near", 0.0.into()),
+            ("coarse", 7.into()),
+            ("dssim", 1.5.into()),
+        ] {
+            let set = toml::Table::from_iter([(name.to_owned(), value)]);
+            let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+            let error = Planned::PUBLISHED.asked(&[], &mut Settings::new(&run), 0).err().map(|e| e.to_string());
+            assert!(error.as_ref().is_some_and(|e| e.contains(name)), "{name}: {error:?}");
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! A cloud that is trained: its parameters, their gradients, its optimiser and its density control.
+
+use super::config::{CloudConfig, CloudRates, ExtraRows};
+use super::density_control::{Change, DensityControl, DensityRules};
+use super::drawing::{DrawnCloud, SeenGaussians};
+use super::memory;
+use super::optimiser::Optimiser;
+use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_numbers};
+use float_core::Simd;
+use splat_core::density::{Fresh, Rows, morton_order};
+use splat_core::{Gaussians, SplatError};
+
+/// Parameters of a cloud: those of every Gaussian, and rows that a system adds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct CloudParameters {
+    /// Positions, sizes, rotations, opacities, colours.
+    pub(crate) gaussians: Gaussians,
+    /// `[rows][n]`: codes, labels, features of each Gaussian.
+    pub(crate) extra: Vec<f32>,
+    /// Number of extra rows.
+    pub(crate) rows: usize,
+}
+
+impl CloudParameters {
+    /// With `rows` extra rows of 0.
+    pub(crate) fn new(gaussians: Gaussians, rows: usize) -> Self {
+        Self { extra: vec![0.0; rows * gaussians.len()], rows, gaussians }
+    }
+
+    /// Number of Gaussians.
+    pub(crate) fn len(&self) -> usize {
+        self.gaussians.len()
+    }
+
+    /// Number of parameters of one Gaussian.
+    pub(crate) fn per_gaussian(&self) -> usize {
+        self.gaussians.parameters_per_gaussian() + self.rows
+    }
+
+    /// The extra rows after a change of the Gaussians; new ones are copies.
+    fn follow_extra(&mut self, changed: &Rows) -> Result<(), SplatError> {
+        self.extra = changed.apply("extra", &self.extra, self.rows, Fresh::Copied)?;
+        Ok(())
+    }
+}
+
+/// How a cloud is trained.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CloudTraining {
+    pub(crate) cloud: CloudConfig,
+    pub(crate) rates: CloudRates,
+    pub(crate) density: DensityRules,
+    /// Rows beyond those of every Gaussian.
+    pub(crate) extra: ExtraRows,
+}
+
+/// A cloud that is trained.
+#[derive(Clone, Debug)]
+pub(crate) struct TrainedCloud {
+    pub(crate) training: CloudTraining,
+    /// Number of the cloud in its picture.
+    index: usize,
+    pub(crate) parameters: CloudParameters,
+    pub(crate) gradient: CloudParameters,
+    optimiser: Optimiser,
+    density: DensityControl,
+}
+
+impl TrainedCloud {
+    /// Cloud number `index` of a picture at its start, of the frame of training.
+    ///
+    /// # Errors
+    /// [`SplatError`] for fields of the wrong length.
+    pub(crate) fn new(training: CloudTraining, index: usize, start: &Gaussians) -> Result<Self, SplatError> {
+        let gaussians = morton_order(start).and_then(|rows| rows.follow(start))?;
+        let parameters = CloudParameters::new(gaussians, training.extra.rows);
+        Ok(Self::restored(training, index, parameters))
+    }
+
+    fn restored(training: CloudTraining, index: usize, parameters: CloudParameters) -> Self {
+        Self {
+            optimiser: Optimiser::new(&parameters),
+            density: DensityControl::new(&training.density, index, parameters.len()),
+            gradient: parameters.clone(),
+            training,
+            index,
+            parameters,
+        }
+    }
+
+    /// As it is drawn in a step, `parameters` at the moment of the picture.
+    pub(crate) fn drawn<'a>(&self, step: u64, parameters: &'a CloudParameters) -> DrawnCloud<'a> {
+        DrawnCloud {
+            index: self.index,
+            gaussians: &parameters.gaussians,
+            extra: &parameters.extra,
+            composited: self.training.extra.composited,
+            degree: self.training.cloud.degree(step),
+        }
+    }
+
+    /// Gaussians were seen in step `step`, in a picture of `size`.
+    pub(crate) fn see(&mut self, step: u64, size: [usize; 2], seen: SeenGaussians<'_>) -> Result<(), SplatError> {
+        self.density.see(step, size, seen)
+    }
+
+    /// What the density control adds to the loss; its gradient is added.
+    pub(crate) fn regularise(&mut self) -> Result<f64, SplatError> {
+        self.density.regularise(&self.parameters.gaussians, &mut self.gradient.gaussians)
+    }
+
+    /// One step of the optimiser. Returns how many entries of the gradient were not finite.
+    pub(crate) fn learn(&mut self, simd: Simd, step: u64) -> usize {
+        let rates = self.training.rates.at(step, self.training.extra.rate);
+        let degree = self.training.cloud.degree(step);
+        self.optimiser.step(simd, &rates, degree, &mut self.parameters, &mut self.gradient)
+    }
+
+    /// Gaussians come and go after step `step`, and what belongs to them with them. `floaters` says which rows are left without those
+    /// where nothing is, if any are.
+    pub(crate) fn change(
+        &mut self,
+        seed: u64,
+        step: u64,
+        non_finite: usize,
+        floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
+    ) -> Result<(), SplatError> {
+        let CloudTraining { cloud, rates, extra, .. } = &self.training;
+        let change = Change {
+            seed,
+            step,
+            max: cloud.max_splats,
+            rate: rates.at(step, extra.rate).mean,
+            has_non_finite: non_finite > 0,
+        };
+        let changed = self.density.change(&change, &mut self.parameters.gaussians, floaters)?;
+        if let Some(rows) = &changed.rows {
+            self.parameters.follow_extra(rows)?;
+            self.optimiser.follow(rows, self.parameters.gaussians.degree())?;
+        }
+        if changed.opacity_reset {
+            self.optimiser.forget_opacity();
+        }
+        if self.gradient.len() != self.parameters.len() {
+            self.gradient = self.parameters.clone();
+        }
+        Ok(())
+    }
+
+    /// What stands before the names of its arrays in a checkpoint; the first cloud's have nothing.
+    fn prefix(&self) -> String {
+        if self.index == 0 { String::new() } else { format!("cloud{}.", self.index) }
+    }
+
+    /// Everything its next step depends on.
+    pub(crate) fn push<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
+        let prefix = self.prefix();
+        for (field, values) in self.parameters.gaussians.fields() {
+            out.push(f32_tensor(name(&prefix, field.name()), values));
+        }
+        if self.parameters.rows > 0 {
+            out.push(f32_tensor(name(&prefix, EXTRA), &self.parameters.extra));
+        }
+        self.optimiser.push(&prefix, out);
+        self.density.push(&prefix, out);
+    }
+
+    /// What [`push`](Self::push) wrote for a cloud like this one. The number of Gaussians is that of the arrays.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or does not fit.
+    pub(crate) fn take(&self, state: &TensorMap) -> Result<Self, SystemError> {
+        let prefix = self.prefix();
+        let logits = name(&prefix, "logit");
+        let n = match state.get(&logits).map(|t| &t.data) {
+            Some(TensorData::F32(logit)) => logit.len(),
+            _ => return Err(SystemError::State { name: logits, problem: "32-bit floats expected".into() }),
+        };
+        let refused = |e: SplatError| SystemError::State { name: name(&prefix, ""), problem: e.to_string() };
+        let gaussians = Gaussians::new(n, self.training.cloud.sh_degree).map_err(refused)?;
+        let mut parameters = CloudParameters::new(gaussians, self.training.extra.rows);
+        for (field, values) in parameters.gaussians.fields_mut() {
+            values.copy_from_slice(&take_numbers(state, &name(&prefix, field.name()), values.len())?);
+        }
+        if parameters.rows > 0 {
+            parameters.extra = take_numbers(state, &name(&prefix, EXTRA), parameters.extra.len())?;
+        }
+        let mut new = Self::restored(self.training, self.index, parameters);
+        new.optimiser.take(&prefix, state)?;
+        new.density.take(&prefix, state, n)?;
+        Ok(new)
+    }
+
+    /// Number of parameters.
+    pub(crate) fn parameter_count(&self) -> usize {
+        self.parameters.len() * self.parameters.per_gaussian()
+    }
+
+    /// Bytes of `gaussians` of them, at most.
+    pub(crate) fn bytes(&self, gaussians: usize) -> usize {
+        memory::of_gaussians(gaussians, self.parameters.per_gaussian())
+    }
+
+    /// Bytes that may come yet.
+    pub(crate) fn growth_bytes(&self) -> usize {
+        self.bytes(self.training.cloud.max_splats).saturating_sub(self.bytes(self.parameters.len()))
+    }
+}
+
+/// Name of the extra rows in checkpoints.
+const EXTRA: &str = "extra";
+
+fn name(prefix: &str, field: &str) -> String {
+    format!("splats.{prefix}{field}")
+}

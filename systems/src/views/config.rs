@@ -1,0 +1,210 @@
+//! Settings of the driver's parts, each with what it does. Lengths are in *internal* units: the extent of the cameras is 1.
+
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+use splat_core::{MAX_DEGREE, RasterSettings, Widening};
+
+/// More Gaussians than this have no memory anywhere near a CPU.
+pub(crate) const MOST: usize = 50_000_000;
+
+/// A setting that cannot work: its name, its value, what it must be.
+pub(crate) struct Problem {
+    pub(crate) field: &'static str,
+    pub(crate) value: String,
+    pub(crate) problem: &'static str,
+}
+
+/// Refuse `value` unless it is `fine`.
+pub(crate) fn unless(fine: bool, field: &'static str, value: impl ToString, problem: &'static str) -> Option<Problem> {
+    (!fine).then(|| Problem { field, value: value.to_string(), problem })
+}
+
+/// Refuse what is not a positive number.
+pub(crate) fn positive(field: &'static str, x: f64) -> Option<Problem> {
+    unless(x.is_finite() && x > 0.0, field, x, "must be a positive number")
+}
+
+/// Refuse what is negative or not a number.
+pub(crate) fn not_negative(field: &'static str, x: f64) -> Option<Problem> {
+    unless(x.is_finite() && x >= 0.0, field, x, "must be 0 or more")
+}
+
+/// # Errors
+/// [`SystemError::Config`] naming the first problem.
+pub(crate) fn first_of(problems: impl IntoIterator<Item = Option<Problem>>) -> Result<(), SystemError> {
+    match problems.into_iter().flatten().next() {
+        Some(Problem { field, value, problem }) => Err(SystemError::Config { field, value, problem: problem.into() }),
+        None => Ok(()),
+    }
+}
+
+/// A cloud: where it is, and how much of it there may be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CloudConfig {
+    /// Centre of the scene, world units.
+    pub(crate) centre: [f64; 3],
+    /// Internal length 1 in world units: 1.1 times the largest distance of a camera from the mean of all.
+    pub(crate) radius: f64,
+    /// There are never more Gaussians than this, from the first step on.
+    pub(crate) max_splats: usize,
+    /// Degree of the spherical harmonics, 0 to 3.
+    pub(crate) sh_degree: usize,
+    /// Steps after which one more degree is active.
+    pub(crate) sh_every: u64,
+}
+
+impl CloudConfig {
+    /// Active degree at a step, counted from 0.
+    pub(crate) fn degree(&self, step: u64) -> usize {
+        let degrees = step.checked_div(self.sh_every).unwrap_or(u64::MAX);
+        self.sh_degree.min(usize::try_from(degrees).unwrap_or(MAX_DEGREE))
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        let centre = self.centre;
+        first_of([
+            positive("radius", self.radius),
+            unless(
+                centre.iter().all(|x| x.is_finite()),
+                "centre",
+                format!("{centre:?}"),
+                "must be three finite numbers",
+            ),
+            unless(self.sh_degree <= MAX_DEGREE, "sh_degree", self.sh_degree, "must be 0 to 3"),
+            unless((1..=MOST).contains(&self.max_splats), "max_splats", self.max_splats, "must be 1 to 50 million"),
+        ])
+    }
+}
+
+/// Learning rates of a cloud.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CloudRates {
+    /// Steps in which the learning rate of the centres falls to its end.
+    pub(crate) horizon: u64,
+    /// Learning rate of centres at the start,
+    pub(crate) lr_mean: f64,
+    /// and at the end.
+    pub(crate) lr_mean_end: f64,
+    /// Learning rate of colours at degree 0; those above: a twentieth of it.
+    pub(crate) lr_dc: f64,
+    /// Learning rate of opacities.
+    pub(crate) lr_logit: f64,
+    /// Learning rate of sizes.
+    pub(crate) lr_scale: f64,
+    /// Learning rate of rotations.
+    pub(crate) lr_rotation: f64,
+}
+
+/// Learning rates of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StepRates {
+    pub(crate) mean: f64,
+    dc: f64,
+    logit: f64,
+    scale: f64,
+    rotation: f64,
+    /// Of extra rows.
+    pub(crate) extra: f64,
+}
+
+impl StepRates {
+    /// In the order of the optimiser's groups.
+    pub(crate) fn groups(&self) -> [f64; 8] {
+        let rest = self.dc / 20.0;
+        [self.mean, self.scale, self.rotation, self.logit, self.dc, rest, rest, rest]
+    }
+}
+
+impl CloudRates {
+    /// Rates of a step, counted from 0; `extra` is that of extra rows. That of the centres falls log-linearly.
+    pub(crate) fn at(&self, step: u64, extra: f64) -> StepRates {
+        let part = (step as f64 / self.horizon.max(1) as f64).min(1.0);
+        let mean = (self.lr_mean.ln() * (1.0 - part) + self.lr_mean_end.ln() * part).exp();
+        StepRates {
+            mean,
+            dc: self.lr_dc,
+            logit: self.lr_logit,
+            scale: self.lr_scale,
+            rotation: self.lr_rotation,
+            extra,
+        }
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        first_of([
+            positive("lr_mean", self.lr_mean),
+            positive("lr_mean_end", self.lr_mean_end),
+            not_negative("lr_dc", self.lr_dc),
+            not_negative("lr_logit", self.lr_logit),
+            not_negative("lr_scale", self.lr_scale),
+            not_negative("lr_rotation", self.lr_rotation),
+        ])
+    }
+}
+
+/// Rows of parameters of each Gaussian beyond those that every cloud has.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ExtraRows {
+    /// How many.
+    pub(crate) rows: usize,
+    /// The first so many are composited as features of the picture.
+    pub(crate) composited: usize,
+    /// Their learning rate.
+    pub(crate) rate: f64,
+}
+
+/// [`Widening`] as a word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum WideningKind {
+    /// Opacity stays.
+    Keeps,
+    /// Opacity falls with the area gained.
+    Dims,
+}
+
+/// Pictures: how they are rasterised, and how large they are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PictureConfig {
+    /// Gaussians at this depth or nearer are left out.
+    pub(crate) near: f32,
+    /// What widening to a pixel does to opacity: `keeps` (as 3DGS) or `dims` (antialiased).
+    pub(crate) widening: WideningKind,
+    /// Pictures begin at `2^-coarse` of their size, and double
+    pub(crate) coarse: u32,
+    /// after so many steps each.
+    pub(crate) coarse_steps: u64,
+}
+
+impl PictureConfig {
+    /// What rasterising goes by.
+    pub(crate) fn raster(&self) -> RasterSettings {
+        let widening = match self.widening {
+            WideningKind::Keeps => Widening::Keeps,
+            WideningKind::Dims => Widening::Dims,
+        };
+        RasterSettings::DEFAULT.with_near(self.near).with_widening(widening)
+    }
+
+    /// By how many halvings the picture of a step is smaller.
+    pub(crate) fn level(&self, step: u64) -> u32 {
+        let doubled = step.checked_div(self.coarse_steps).unwrap_or(u64::MAX);
+        self.coarse.saturating_sub(u32::try_from(doubled).unwrap_or(u32::MAX))
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        first_of([
+            positive("near", self.near.into()),
+            unless(self.coarse <= 6, "coarse", self.coarse, "must be at most 6"),
+        ])
+    }
+}

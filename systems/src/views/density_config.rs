@@ -1,0 +1,140 @@
+//! Settings of the density control: when it works, and those of the one that is taken.
+
+use super::config::{first_of, not_negative, positive, unless};
+use crate::settings::Settings;
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+use splat_core::density::{Adc, Mcmc};
+
+/// How the number and the places of Gaussians change while they learn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum DensityKind {
+    /// Adaptive density control: clone, split, prune, opacity reset (Kerbl et al., 2023, section 5.2).
+    Adc,
+    /// Relocation as a Markov chain, with noise (Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024).
+    Mcmc,
+}
+
+/// When the number and the places of Gaussians change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DensityConfig {
+    /// How their number and places change: `adc` or `mcmc`.
+    pub(crate) density: DensityKind,
+    /// It changes after this step,
+    pub(crate) densify_from: u64,
+    /// before this one,
+    pub(crate) densify_until: u64,
+    /// and so often.
+    pub(crate) densify_every: u64,
+    /// Gaussians where points are seen through are removed, every [`densify_every`](Self::densify_every) steps to the end.
+    pub(crate) free_space: bool,
+}
+
+/// Settings of adaptive density control.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct AdcConfig {
+    /// Densification threshold: clone or split where the mean view-space gradient is at least this, in normalised device coordinates.
+    pub(crate) densify_gradient: f32,
+    /// Steps between two opacity resets, each of which takes some hundred steps to recover from; 0: none.
+    pub(crate) reset_every: u64,
+    /// Gaussians larger than so many extents of the cameras are removed after the first opacity reset, without resets from the start;
+    /// 0: none. Far things are made of large ones.
+    pub(crate) prune_size: f32,
+}
+
+/// Settings of the Markov chain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct McmcConfig {
+    /// What opacity and size cost, each a factor of its mean.
+    pub(crate) mcmc_cost: f32,
+    /// Strength of the noise, a factor of the learning rate of the centres.
+    pub(crate) mcmc_noise: f32,
+}
+
+/// The density control that is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ControlConfig {
+    Adc(AdcConfig),
+    Mcmc(McmcConfig),
+}
+
+/// When and how the density of a cloud is controlled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct DensityRules {
+    pub(crate) schedule: DensityConfig,
+    pub(crate) control: ControlConfig,
+}
+
+impl DensityRules {
+    /// The settings after `--set`, which may choose `density=mcmc`: those of the other control are not there.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    pub(crate) fn asked(
+        planned: &DensityConfig,
+        adc: &AdcConfig,
+        mcmc: &McmcConfig,
+        settings: &mut Settings<'_>,
+    ) -> Result<Self, SystemError> {
+        let schedule = settings.of(planned)?;
+        let control = match schedule.density {
+            DensityKind::Adc => ControlConfig::Adc(settings.of(adc)?),
+            DensityKind::Mcmc => ControlConfig::Mcmc(settings.of(mcmc)?),
+        };
+        Ok(Self { schedule, control })
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        let every = self.schedule.densify_every;
+        first_of([unless(every > 0, "densify_every", every, "must be at least 1")])?;
+        match &self.control {
+            ControlConfig::Adc(adc) => first_of([
+                positive("densify_gradient", adc.densify_gradient.into()),
+                not_negative("prune_size", adc.prune_size.into()),
+            ]),
+            ControlConfig::Mcmc(mcmc) => first_of([
+                not_negative("mcmc_cost", mcmc.mcmc_cost.into()),
+                not_negative("mcmc_noise", mcmc.mcmc_noise.into()),
+            ]),
+        }
+    }
+
+    /// Whether floaters are looked for after a step, counted from 0.
+    pub(crate) fn looks_for_floaters(&self, step: u64) -> bool {
+        self.schedule.free_space && (step + 1).is_multiple_of(self.schedule.densify_every)
+    }
+}
+
+impl AdcConfig {
+    /// The rules of `splat_core`.
+    pub(crate) fn rules(&self, schedule: &DensityConfig) -> Adc {
+        Adc::DEFAULT
+            .with_after(schedule.densify_from)
+            .with_until(schedule.densify_until)
+            .with_every(schedule.densify_every)
+            .with_reset_every(if self.reset_every == 0 { u64::MAX } else { self.reset_every })
+            .with_size_after(self.reset_every)
+            .with_size_max(if self.prune_size > 0.0 { self.prune_size.into() } else { f64::INFINITY })
+            .with_gradient_threshold(self.densify_gradient)
+    }
+}
+
+impl McmcConfig {
+    /// The rules of `splat_core`.
+    pub(crate) fn rules(&self, schedule: &DensityConfig) -> Mcmc {
+        let cost = f64::from(self.mcmc_cost);
+        Mcmc::DEFAULT
+            .with_after(schedule.densify_from)
+            .with_until(schedule.densify_until)
+            .with_every(schedule.densify_every)
+            .with_noise(f64::from(self.mcmc_noise))
+            .with_opacity_weight(cost)
+            .with_scale_weight(cost)
+    }
+}

@@ -1,0 +1,283 @@
+//! The driver: draws a photo's picture of the clouds, compares it, takes the gradient back, steps the optimisers, controls the density.
+
+use super::cloud::{CloudParameters, TrainedCloud};
+use super::cloud_frame::CloudFrame;
+use super::config::PictureConfig;
+use super::drawing::DrawnCloud;
+use super::free_space::FreeSpace;
+use super::hooks::{CloudMotion, ColourAppearance, InLight};
+use super::memory::Pictures;
+use super::pass::{LossParts, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
+use super::photo::{PhotoSet, StepTarget, view};
+use super::planes::PlaneLayout;
+use super::render::{CloudRenderer, RenderBuffers};
+use super::skipped::Skipped;
+use super::terms::{PictureTerm, TargetPicture};
+use super::turn::turn;
+use super::weights::{PixelWeight, StepPhoto};
+use engine::data::Dataset;
+use engine::options::Background;
+use engine::system::{Query, StepStats, SystemError};
+use field_core::rng::Rng;
+use float_core::Simd;
+use optim::NonFiniteGuard;
+use render_core::camera::Camera;
+use splat_core::View;
+use std::borrow::Cow;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Streams of random numbers.
+const EPOCHS: u64 = 0x6570_6f63;
+const BACKGROUNDS: u64 = 0x6261_636b;
+/// Timed besides the parts of the pass.
+pub(super) const OWN: [&str; 2] = ["optimiser", "density control"];
+
+/// What a system of Gaussians is made of.
+pub(crate) struct ViewParts {
+    /// Name of the system.
+    pub(crate) name: &'static str,
+    /// The frame that its clouds are trained in.
+    pub(crate) frame: CloudFrame,
+    pub(crate) pictures: PictureConfig,
+    /// The clouds of a picture, in the order of their numbers.
+    pub(crate) clouds: Vec<TrainedCloud>,
+    /// The loss is their sum.
+    pub(crate) terms: Vec<Box<dyn PictureTerm>>,
+    /// A pixel's weight is their product.
+    pub(crate) weights: Vec<Box<dyn PixelWeight>>,
+    /// Colours in the light of a photo; `None`: as the spherical harmonics are.
+    pub(crate) appearance: Option<Box<dyn ColourAppearance>>,
+    /// Clouds at a moment; `None`: they stand still.
+    pub(crate) motion: Option<Box<dyn CloudMotion>>,
+    /// Which view-space gradients the density control is given.
+    pub(crate) view_space: ViewSpaceGradient,
+    pub(crate) background: Background,
+    pub(crate) seed: u64,
+}
+
+/// A system of Gaussians.
+pub(crate) struct Views {
+    pub(super) parts: ViewParts,
+    pub(super) simd: Simd,
+    pub(super) guard: NonFiniteGuard,
+    /// Steps made.
+    pub(super) steps: u64,
+    /// Photos at the size that steps are at.
+    photos: Option<(u32, PhotoSet)>,
+    /// Where photos show that nothing is, as soon as it is asked for.
+    free_space: Option<FreeSpace>,
+    pub(super) sizes: Pictures,
+    target: StepTarget,
+    pass: Box<dyn PicturePass>,
+    pub(super) buffers: RenderBuffers,
+    pub(super) skipped: Mutex<Skipped>,
+    pub(super) seconds: [f64; PARTS.len() + OWN.len()],
+}
+
+/// What is rendered of a cloud that stands still, or moved.
+pub(super) type Clouds<'a> = Vec<Cow<'a, CloudParameters>>;
+
+/// The photo of a step.
+struct Shown {
+    /// Index of its view.
+    view: usize,
+    time: f64,
+    camera: Camera,
+    background: [f32; 3],
+}
+
+impl Views {
+    /// A system at its start.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for more features than pictures have room for.
+    pub(crate) fn new(parts: ViewParts, data: &Dataset) -> Result<Self, SystemError> {
+        let simd = Simd::best();
+        let layout = PlaneLayout {
+            depth: parts.terms.iter().any(|term| term.reads_depth()),
+            extras: parts.clouds.iter().map(|cloud| cloud.training.extra.composited).max().unwrap_or(0),
+        };
+        let pass = picture_pass(simd, layout).ok_or_else(|| SystemError::Config {
+            field: "system",
+            value: parts.name.into(),
+            problem: format!("pictures of {} features are not drawn", layout.features()),
+        })?;
+        Ok(Self {
+            parts,
+            simd,
+            guard: NonFiniteGuard::default(),
+            steps: 0,
+            photos: None,
+            free_space: None,
+            sizes: Pictures::of(data),
+            target: StepTarget::default(),
+            pass,
+            buffers: RenderBuffers::default(),
+            skipped: Mutex::default(),
+            seconds: [0.0; PARTS.len() + OWN.len()],
+        })
+    }
+
+    /// The photo of a step: all of them, in an order of their own, before any comes again; its camera, and what is behind it.
+    fn show(&mut self, data: &Dataset, step: u64) -> Result<Shown, SystemError> {
+        let clock = Instant::now();
+        let level = self.parts.pictures.level(step);
+        // Those of another level go before new ones come.
+        let photos = match self.photos.take().filter(|(at, _)| *at == level) {
+            Some((_, photos)) => photos,
+            None => PhotoSet::new(data, level)?,
+        };
+        let view = turn(Rng::new(self.parts.seed, EPOCHS), step, photos.len());
+        let shown = photos.get(data, view);
+        self.photos = Some((level, photos));
+        let (image, camera) = shown?;
+        let rng = Rng::new(self.parts.seed, BACKGROUNDS).substream(step);
+        let background = self.parts.background.of_ray(&rng, 0);
+        self.target.fill(&image, background);
+        let photo = StepPhoto { view, image: &image };
+        for part in &self.parts.weights {
+            part.weigh(&photo, &mut self.target.weights);
+        }
+        self.seconds[0] += clock.elapsed().as_secs_f64();
+        Ok(Shown { view, time: data.view(view).time, camera, background })
+    }
+
+    /// The clouds as they are at a moment.
+    pub(super) fn clouds_at(&self, time: f64) -> Clouds<'_> {
+        clouds_at(&self.parts, time)
+    }
+
+    /// Learn from the photo that is shown.
+    fn learn(&mut self, step: u64, view: &View, shown: &Shown) -> Result<StepStats, SystemError> {
+        let settings = self.parts.pictures.raster();
+        let mut seconds = [0.0; PARTS.len()];
+        let target =
+            TargetPicture { view: shown.view, colour: &self.target.colour, weights: self.target.weights.get() };
+        let camera = StepCamera { view, settings: &settings, background: shown.background };
+        let ViewParts { clouds, terms, appearance, motion, view_space, .. } = &mut self.parts;
+        // Gradients beside the clouds they are of.
+        let mut gradients: Vec<CloudParameters> =
+            clouds.iter_mut().map(|cloud| std::mem::take(&mut cloud.gradient)).collect();
+        let moved = motion.as_deref().map(|motion| at_time(motion, clouds, shown.time));
+        let drawn: Vec<DrawnCloud<'_>> = match &moved {
+            Some(moved) => clouds.iter().zip(moved).map(|(cloud, at)| cloud.drawn(step, at)).collect(),
+            None => clouds.iter().map(|cloud| cloud.drawn(step, &cloud.parameters)).collect(),
+        };
+        let mut parts =
+            LossParts { terms, appearance: appearance.as_deref_mut(), view_space: *view_space, seconds: &mut seconds };
+        let outcome = self.pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).map_err(refused);
+        drop(drawn);
+        for (cloud, gradient) in clouds.iter_mut().zip(gradients) {
+            cloud.gradient = gradient;
+        }
+        let outcome = outcome?;
+        if let Some(motion) = motion {
+            for (index, cloud) in clouds.iter_mut().enumerate() {
+                motion.pull_back(shown.time, index, &cloud.parameters, &mut cloud.gradient);
+            }
+        }
+        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
+            *sum += more;
+        }
+        let clock = Instant::now();
+        let all: usize = clouds.iter().map(|cloud| cloud.parameters.len()).sum();
+        let mut skipped = Skipped::default();
+        let mut seen = 0;
+        let (mut cost, mut bad) = (0.0, 0);
+        for (index, cloud) in clouds.iter_mut().enumerate() {
+            let visible = self.pass.seen(index);
+            seen += visible.gaussians.len();
+            cloud.see(step, view.size, visible).map_err(refused)?;
+            cost += cloud.regularise().map_err(refused)?;
+            bad += cloud.learn(self.simd, step);
+        }
+        skipped.count(all, seen, &outcome.drawn);
+        bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, step));
+        bad += motion.as_deref_mut().map_or(0, |part| part.step(self.simd, step));
+        self.note(&skipped);
+        self.guard.record(bad)?;
+        self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();
+        Ok(StepStats {
+            loss: outcome.loss + cost,
+            mse: outcome.mse,
+            samples: outcome.drawn.pairs,
+            nonfinite: bad as u64,
+            ..StepStats::default()
+        })
+    }
+
+    /// Gaussians come and go, and what belongs to them with them.
+    fn change(&mut self, data: &Dataset, step: u64, non_finite: usize) -> Result<(), SystemError> {
+        let clock = Instant::now();
+        let frame = self.parts.frame;
+        let looks = |cloud: &TrainedCloud| cloud.training.density.looks_for_floaters(step);
+        if self.free_space.is_none() && self.parts.clouds.iter().any(looks) {
+            self.free_space = Some(FreeSpace::new(data, &frame)?);
+        }
+        for cloud in &mut self.parts.clouds {
+            let free_space = self.free_space.as_ref().filter(|_| looks(cloud));
+            let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
+            cloud.change(self.parts.seed, step, non_finite, floaters).map_err(refused)?;
+        }
+        self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// A step.
+    pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        if data.is_empty() {
+            return Ok(StepStats::default());
+        }
+        let shown = self.show(data, step)?;
+        let view = view(&shown.camera, &self.parts.frame);
+        let blank = self.target.weights.are_zero();
+        self.note(&Skipped { blank: [u64::from(blank), 1], ..Skipped::default() });
+        let stats = if blank { StepStats::default() } else { self.learn(step, &view, &shown)? };
+        self.change(data, step, stats.nonfinite as usize)?;
+        self.steps = step + 1;
+        Ok(StepStats { rays: (view.size[0] * view.size[1]) as u64, ..stats })
+    }
+
+    /// The clouds as the next step would draw them, `clouds` at the moment of the picture.
+    pub(super) fn drawn<'a>(&self, clouds: &'a Clouds<'_>) -> Vec<DrawnCloud<'a>> {
+        let all = self.parts.clouds.iter().zip(clouds);
+        all.map(|(trained, at)| trained.drawn(self.steps, at)).collect()
+    }
+
+    /// Draws clouds as the system is now.
+    pub(super) fn renderer<'a>(&'a self, clouds: &'a [DrawnCloud<'a>], query: &'a Query) -> CloudRenderer<'a> {
+        CloudRenderer {
+            clouds,
+            frame: &self.parts.frame,
+            settings: self.parts.pictures.raster(),
+            appearance: self.parts.appearance.as_deref().map(|part| InLight { part, appearance: &query.appearance }),
+            simd: self.simd,
+        }
+    }
+
+    /// Work was skipped.
+    pub(super) fn note(&self, more: &Skipped) {
+        if let Ok(mut sum) = self.skipped.lock() {
+            sum.add(more);
+        }
+    }
+}
+
+/// The clouds of a system at a moment.
+fn clouds_at(parts: &ViewParts, time: f64) -> Clouds<'_> {
+    match parts.motion.as_deref() {
+        None => parts.clouds.iter().map(|cloud| Cow::Borrowed(&cloud.parameters)).collect(),
+        Some(motion) => at_time(motion, &parts.clouds, time).into_iter().map(Cow::Owned).collect(),
+    }
+}
+
+/// Clouds that move, at a moment.
+fn at_time(motion: &dyn CloudMotion, clouds: &[TrainedCloud], time: f64) -> Vec<CloudParameters> {
+    clouds.iter().enumerate().map(|(index, cloud)| motion.cloud_at(time, index, &cloud.parameters)).collect()
+}
+
+/// A refusal of the rasteriser: more than can be counted.
+pub(crate) fn refused(e: impl std::fmt::Display) -> SystemError {
+    SystemError::Config { field: "max_splats", value: e.to_string(), problem: "allow fewer Gaussians".into() }
+}

@@ -1,0 +1,62 @@
+//! Systems of Gaussians: the driver over the pictures of photos, whatever a system is made of.
+//!
+//! | part | file |
+//! | --- | --- |
+//! | the frame that clouds are trained in, and where they begin | [`cloud_frame`], [`start`], `visual_hull` |
+//! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `optimiser`, `density_control`, `free_space` |
+//! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
+//! | what a picture costs | `terms` |
+//! | appearance of photos, and time | `hooks` |
+//! | pictures: drawn for a step, and rendered | `drawing`, `planes`, `pass`, `render` |
+//!
+//! A step (`driver.rs`, `pass.rs`):
+//!
+//! 1. a photo, each once before any comes again; how much its pixels count;
+//! 2. the clouds at its moment; projected together, coloured in its light, composited;
+//! 3. the terms of the loss, and their gradients with respect to the planes of the picture;
+//! 4. those taken back to the parameters of each cloud, of appearance and motion; a step of each one's optimiser;
+//! 5. density control: what the gradients that it was given say of where Gaussians are missing.
+//!
+//! What is published under a name is in [`crate::papers::gaussians`]; clouds to look at are in [`crate::splats`].
+
+mod cloud;
+pub mod cloud_frame;
+mod config;
+mod density_config;
+mod density_control;
+mod drawing;
+mod driver;
+mod free_space;
+#[cfg(test)]
+mod gradient_tests;
+mod hooks;
+mod memory;
+mod optimiser;
+mod pass;
+mod photo;
+#[cfg_attr(not(test), expect(dead_code, reason = "parts that no published system is made of yet"))]
+mod planes;
+pub(crate) mod refine;
+mod render;
+mod skipped;
+pub mod start;
+mod system;
+mod terms;
+#[cfg(test)]
+mod tests;
+mod turn;
+mod undistortion;
+mod visual_hull;
+#[cfg_attr(not(test), expect(dead_code, reason = "parts that no published system is made of yet"))]
+mod weights;
+
+pub(crate) use cloud::{CloudTraining, TrainedCloud};
+pub(crate) use config::{CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, unless};
+pub(crate) use density_config::{AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig};
+pub(crate) use drawing::DrawnCloud;
+pub(crate) use driver::{ViewParts, Views, refused};
+pub(crate) use pass::ViewSpaceGradient;
+pub(crate) use render::{CloudRenderer, RenderBuffers};
+pub(crate) use terms::{L1Dssim, L1DssimConfig};
+pub(crate) use visual_hull::VisualHull;
+pub(crate) use weights::MaskWeight;

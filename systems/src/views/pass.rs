@@ -1,0 +1,302 @@
+//! One training step's picture: draw the clouds as a photo's camera sees them, compare, and take the gradient back.
+
+use super::cloud::CloudParameters;
+use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
+use super::hooks::{ColourAppearance, InLight};
+use super::planes::{COLOUR, PIXELS, PlaneBars, PlaneLayout, RenderedPicture};
+use super::terms::{PictureTerm, TargetPicture};
+use engine::system::Appearance;
+use float_core::Simd;
+use rayon::prelude::*;
+use splat_core::{DrawStats, ProjectedGradient, Raster, RasterSettings, SplatError, View};
+use std::time::Instant;
+
+/// Parts of a step that are timed.
+pub(crate) const PARTS: [&str; 6] =
+    ["photo", "projection", "rasterising", "loss", "rasterising, backwards", "projection, backwards"];
+
+/// Which view-space gradients the density control is given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum ViewSpaceGradient {
+    /// The gradient of the loss (3DGS).
+    #[default]
+    Plain,
+    /// Sums of absolute values over pixels (AbsGS).
+    #[cfg_attr(not(test), expect(dead_code, reason = "no published system takes them yet"))]
+    Absolute,
+}
+
+/// The camera of a step and what is behind its picture.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StepCamera<'a> {
+    pub(crate) view: &'a View,
+    pub(crate) settings: &'a RasterSettings,
+    pub(crate) background: [f32; 3],
+}
+
+/// What came out, besides the gradients.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Outcome {
+    pub(crate) loss: f64,
+    pub(crate) mse: f64,
+    pub(crate) drawn: DrawStats,
+}
+
+/// A pass that could not be made.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum PassError {
+    /// What the rasteriser refuses.
+    #[error(transparent)]
+    Splat(#[from] SplatError),
+    /// What the loss refuses.
+    #[error(transparent)]
+    Loss(#[from] losses::LossError),
+}
+
+/// The pictures of steps.
+pub(crate) trait PicturePass: Send + Sync {
+    /// The loss of a picture of `clouds` against a photo, and its gradient with respect to each cloud, written to `gradients`.
+    fn run(
+        &mut self,
+        clouds: &[DrawnCloud<'_>],
+        camera: &StepCamera<'_>,
+        target: &TargetPicture<'_>,
+        parts: &mut LossParts<'_>,
+        gradients: &mut [CloudParameters],
+    ) -> Result<Outcome, PassError>;
+
+    /// The Gaussians of cloud `index` that the last photo shows, and what it says of them.
+    fn seen(&self, index: usize) -> SeenGaussians<'_>;
+}
+
+/// What a picture's loss is made of, and where time is written.
+pub(crate) struct LossParts<'a> {
+    pub(crate) terms: &'a mut [Box<dyn PictureTerm>],
+    pub(crate) appearance: Option<&'a mut (dyn ColourAppearance + 'static)>,
+    pub(crate) view_space: ViewSpaceGradient,
+    /// Seconds of each of [`PARTS`], added to.
+    pub(crate) seconds: &'a mut [f64; PARTS.len()],
+}
+
+/// Most features that a pass composites.
+pub(crate) const MOST_FEATURES: usize = 8;
+
+/// A pass over pictures of this layout; `None` for more features than [`MOST_FEATURES`].
+pub(crate) fn picture_pass(simd: Simd, layout: PlaneLayout) -> Option<Box<dyn PicturePass>> {
+    match layout.features() {
+        COLOUR => Some(Box::new(Pass::<COLOUR>::new(simd, layout))),
+        4 => Some(Box::new(Pass::<4>::new(simd, layout))),
+        5..=MOST_FEATURES => Some(Box::new(Pass::<MOST_FEATURES>::new(simd, layout))),
+        _ => None,
+    }
+}
+
+/// Buffers of a pass that composites `K` features, of which the layout's are read.
+#[derive(Debug)]
+struct Pass<const K: usize> {
+    simd: Simd,
+    layout: PlaneLayout,
+    projections: Projections,
+    /// Colours before and after the appearance.
+    colours: Vec<[f32; 3]>,
+    in_light: Vec<[f32; 3]>,
+    features: Vec<[f32; K]>,
+    raster: Raster<K>,
+    planes: Vec<f32>,
+    bars: PlaneBars,
+    gradients: Vec<ProjectedGradient<K>>,
+    uv: Vec<[f32; 2]>,
+    clock: Clock,
+}
+
+impl<const K: usize> Pass<K> {
+    fn new(simd: Simd, layout: PlaneLayout) -> Self {
+        Self {
+            simd,
+            layout,
+            projections: Projections::default(),
+            colours: Vec::new(),
+            in_light: Vec::new(),
+            features: Vec::new(),
+            raster: Raster::default(),
+            planes: Vec::new(),
+            bars: PlaneBars::default(),
+            gradients: Vec::new(),
+            uv: Vec::new(),
+            clock: Clock::default(),
+        }
+    }
+
+    /// Draw the clouds, over the background.
+    fn draw(
+        &mut self,
+        clouds: &[DrawnCloud<'_>],
+        camera: &StepCamera<'_>,
+        appearance: Option<InLight<'_>>,
+    ) -> Result<DrawStats, PassError> {
+        let StepCamera { view, settings, background } = *camera;
+        self.projections.project(self.simd, clouds, view, settings)?;
+        self.projections.colours(&mut self.colours);
+        let colours = match appearance {
+            None => &self.colours,
+            Some(in_light) => {
+                self.in_light.clone_from(&self.colours);
+                self.projections.in_light(clouds, in_light, &mut self.in_light);
+                &self.in_light
+            }
+        };
+        self.projections.features(clouds, self.layout, colours, &mut self.features);
+        self.clock.lap(1);
+        let drawn = self.raster.draw(self.simd, self.projections.gaussians(), &self.features, view.size, settings)?;
+        let pixels = view.size[0] * view.size[1];
+        self.planes.resize((K + 1) * pixels, 0.0);
+        self.raster.planes(&mut self.planes)?;
+        let (features, transmittance) = self.planes.split_at_mut(K * pixels);
+        for (plane, back) in features.chunks_exact_mut(pixels.max(1)).zip(background) {
+            plane.par_chunks_mut(PIXELS).zip(transmittance.par_chunks(PIXELS)).for_each(|(plane, transmittance)| {
+                for (c, t) in plane.iter_mut().zip(transmittance) {
+                    *c += t * back;
+                }
+            });
+        }
+        self.clock.lap(2);
+        Ok(drawn)
+    }
+
+    /// The loss of the last picture and its gradient with respect to the planes.
+    fn compare(
+        &mut self,
+        size: [usize; 2],
+        target: &TargetPicture<'_>,
+        terms: &mut [Box<dyn PictureTerm>],
+    ) -> Result<(f64, f64), PassError> {
+        let pixels = size[0] * size[1];
+        let plane = |first: usize, count: usize| &self.planes[first * pixels..][..count * pixels];
+        let picture = RenderedPicture {
+            size,
+            colour: plane(0, COLOUR),
+            depth: self.layout.depth_feature().map(|depth| plane(depth, 1)),
+            extras: plane(self.layout.first_extra(), self.layout.extras),
+            transmittance: plane(K, 1),
+        };
+        self.bars.begin(pixels, K, self.layout);
+        let mut loss = 0.0;
+        for term in terms {
+            term.add(&picture, target, &mut self.bars, &mut loss)?;
+        }
+        Ok((loss, squared_error(&picture, target)))
+    }
+
+    /// The gradient with respect to the colours as spherical harmonics give them, in the place of that with respect to those that were
+    /// composited.
+    fn appearance_backward(
+        &mut self,
+        clouds: &[DrawnCloud<'_>],
+        part: &mut dyn ColourAppearance,
+        appearance: &Appearance,
+        gradients: &mut [CloudParameters],
+    ) {
+        let mut bar: Vec<[f32; 3]> = self.gradients.iter().map(|g| [0, 1, 2].map(|c| g.features[c])).collect();
+        for (((range, projection), cloud), gradient) in self.projections.each().zip(clouds).zip(gradients) {
+            let (rgb, bar) = (&self.colours[range.clone()], &mut bar[range]);
+            part.backward(appearance, cloud, &projection.gaussians, rgb, bar, &mut gradient.extra);
+        }
+        for (gradient, bar) in self.gradients.iter_mut().zip(&bar) {
+            gradient.features[..COLOUR].copy_from_slice(bar);
+        }
+    }
+
+    /// Take the gradient with respect to the planes back to the features and the view-space positions.
+    fn raster_backward(&mut self, camera: &StepCamera<'_>, view_space: ViewSpaceGradient) -> Result<(), SplatError> {
+        let Self { simd, projections, features, raster, bars, gradients, uv, .. } = self;
+        let (simd, gaussians, settings) = (*simd, projections.gaussians(), camera.settings);
+        let bars = bars.composited(camera.background);
+        self.clock.lap(3);
+        match view_space {
+            ViewSpaceGradient::Plain => {
+                raster.backward(simd, gaussians, features, settings, bars, gradients)?;
+                uv.clear();
+                uv.extend(gradients.iter().map(|gradient| gradient.uv));
+            }
+            ViewSpaceGradient::Absolute => {
+                raster.backward_absolute(simd, gaussians, features, settings, bars, gradients, uv)?;
+            }
+        }
+        self.clock.lap(4);
+        Ok(())
+    }
+}
+
+impl<const K: usize> PicturePass for Pass<K> {
+    fn run(
+        &mut self,
+        clouds: &[DrawnCloud<'_>],
+        camera: &StepCamera<'_>,
+        target: &TargetPicture<'_>,
+        parts: &mut LossParts<'_>,
+        gradients: &mut [CloudParameters],
+    ) -> Result<Outcome, PassError> {
+        self.clock = Clock::default();
+        let light = Appearance::View(target.view);
+        let in_light = parts.appearance.as_deref().map(|part| InLight { part, appearance: &light });
+        let drawn = self.draw(clouds, camera, in_light)?;
+        let (loss, mse) = self.compare(camera.view.size, target, parts.terms)?;
+        self.raster_backward(camera, parts.view_space)?;
+        for gradient in gradients.iter_mut() {
+            gradient.extra.fill(0.0);
+        }
+        if let Some(part) = parts.appearance.as_deref_mut() {
+            self.appearance_backward(clouds, part, &light, gradients);
+        }
+        let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
+        for (cloud, gradient) in clouds.iter().zip(gradients) {
+            self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient)?;
+        }
+        self.clock.lap(5);
+        for (sum, more) in parts.seconds.iter_mut().zip(self.clock.seconds) {
+            *sum += more;
+        }
+        Ok(Outcome { loss, mse, drawn })
+    }
+
+    fn seen(&self, index: usize) -> SeenGaussians<'_> {
+        let range = self.projections.of_cloud(index);
+        SeenGaussians { gaussians: &self.projections.gaussians()[range.clone()], uv: &self.uv[range] }
+    }
+}
+
+/// Mean squared error over every eighth row that counts: for the progress line, not for learning.
+fn squared_error(picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> f64 {
+    let [width, height] = [picture.size[0].max(1), picture.size[1].max(1)];
+    let (mut sum, mut count) = (0.0, 0.0);
+    let rows = picture.colour.chunks_exact(width).zip(target.colour.chunks_exact(width));
+    for (row, (x, y)) in rows.enumerate().step_by(8) {
+        for (column, (x, y)) in x.iter().zip(y).enumerate() {
+            let weight = target.weights.map_or(1.0, |w| w[row % height * width + column]);
+            sum += f64::from(weight * (x - y) * (x - y));
+            count += f64::from(weight);
+        }
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+/// Seconds of each part of a step.
+#[derive(Debug)]
+struct Clock {
+    at: Instant,
+    seconds: [f64; PARTS.len()],
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { at: Instant::now(), seconds: [0.0; PARTS.len()] }
+    }
+}
+
+impl Clock {
+    fn lap(&mut self, part: usize) {
+        let now = Instant::now();
+        self.seconds[part] += (now - self.at).as_secs_f64();
+        self.at = now;
+    }
+}

@@ -1,0 +1,233 @@
+//! The driver as a [`System`]: rendering, checkpoints, accounts.
+
+use super::cloud::CloudParameters;
+use super::cloud_frame::CloudFrame;
+use super::driver::{Clouds, OWN, Views};
+use super::free_space;
+use super::pass::PARTS;
+use engine::data::Dataset;
+use engine::system::{
+    Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
+};
+use glam::{DMat3, DVec3};
+use optim::NonFiniteGuard;
+use render_core::bounds::{Aabb, robust_box};
+use render_core::camera::{Camera, Pose};
+use render_core::ray::Ray;
+use splat_core::Gaussians;
+use std::borrow::Cow;
+
+/// Radius of the cone of a single ray at distance 1, where nothing is known of its pixel.
+const RAY_RADIUS: f32 = 5e-4;
+/// Logit of an opacity that no picture shows.
+const TRANSPARENT: f32 = -30.0;
+/// Name of the counters in checkpoints.
+const COUNTERS: &str = "splats.steps";
+
+impl Views {
+    /// The layers of a camera's picture; those of nothing where it cannot see: ray by ray it would show no more.
+    fn picture(&self, clouds: &Clouds<'_>, camera: &Camera, query: &Query) -> Layers {
+        let drawn = self.drawn(clouds);
+        match self.renderer(&drawn, query).layers(camera, query, &self.buffers) {
+            Ok((layers, skipped)) => {
+                self.note(&skipped);
+                layers
+            }
+            Err(_) => Layers::nothing(camera.width as usize * camera.height as usize, query),
+        }
+    }
+
+    /// A picture of one ray: a camera of one pixel that looks along it.
+    fn ray(&self, clouds: &Clouds<'_>, ray: &Ray, radius: f32, query: &Query) -> Layers {
+        let z = ray.d.normalize();
+        let x = z.any_orthonormal_vector();
+        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: ray.o };
+        // The radius of a pixel's cone is its half width times 2 / sqrt(12).
+        let f = 1.0 / (f64::from(radius.max(1e-7)) * 3.0_f64.sqrt());
+        let camera = Camera::pinhole(1, 1, f, f, 0.5, 0.5, pose);
+        let drawn = self.drawn(clouds);
+        // Not counted: rays are what a picture is made of where there is nothing better.
+        self.renderer(&drawn, query)
+            .layers(&camera, query, &self.buffers)
+            .map_or_else(|_| Layers::nothing(1, query), |(layers, _)| layers)
+    }
+}
+
+impl System for Views {
+    fn name(&self) -> &'static str {
+        self.parts.name
+    }
+
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        self.train_step(data, step)
+    }
+
+    fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
+        Some(self.picture(&self.clouds_at(query.time), camera, query))
+    }
+
+    fn render_before(&self, camera: &Camera, depth: f64, query: &Query) -> Option<Vec<f32>> {
+        let before: Clouds<'_> = self
+            .clouds_at(query.time)
+            .iter()
+            .map(|cloud| Cow::Owned(nearer(cloud, &camera.pose, depth, &self.parts.frame)))
+            .collect();
+        let drawn = self.drawn(&before);
+        let pixels = camera.width as usize * camera.height as usize;
+        // A camera that cannot see shows nothing.
+        let layers = self.renderer(&drawn, query).layers(camera, query, &self.buffers);
+        Some(layers.map_or_else(|_| vec![0.0; pixels], |(layers, _)| layers.opacity))
+    }
+
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers {
+        self.render_cones(rays, &vec![RAY_RADIUS; rays.len()], query)
+    }
+
+    fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
+        let clouds = self.clouds_at(query.time);
+        let mut out = Layers::default();
+        for (ray, &radius) in rays.iter().zip(radii) {
+            out.extend(self.ray(&clouds, ray, radius, query));
+        }
+        out
+    }
+
+    fn splats(&self) -> Option<Splats> {
+        let clouds: Vec<&Gaussians> = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians).collect();
+        let mut gaussians = joined(&clouds);
+        self.parts.frame.cloud_to_world(&mut gaussians);
+        let raster = self.parts.pictures.raster();
+        let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;
+        Some(Splats { gaussians, rules: raster.with_near(near) })
+    }
+
+    fn density(&self, _points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
+        // Gaussians are composited, not integrated: they have opacity on a picture and no density in space.
+        out.fill(0.0);
+    }
+
+    fn colour(&self, _points: &[[f64; 3]], _d: &[[f32; 3]], _time: f64, out: &mut [[f32; 3]]) {
+        out.fill([0.0; 3]);
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        let clouds = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians);
+        let points: Vec<DVec3> =
+            clouds.flat_map(|cloud| (0..cloud.len()).map(|i| world_point(cloud, i, &self.parts.frame))).collect();
+        let around = robust_box(&points, 0.02).unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ONE });
+        [around.min.to_array(), around.max.to_array()]
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        let guard = &self.guard;
+        let counters = vec![self.steps, guard.steps(), guard.bad_steps(), guard.entries()];
+        let mut out = vec![u64_tensor(COUNTERS, counters)];
+        for cloud in &self.parts.clouds {
+            cloud.push(&mut out);
+        }
+        out.extend(self.parts.appearance.iter().flat_map(|part| part.state()));
+        out.extend(self.parts.motion.iter().flat_map(|part| part.state()));
+        out
+    }
+
+    /// All arrays of clouds are read and checked before the first is put in its place.
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let clouds =
+            self.parts.clouds.iter().map(|cloud| cloud.take(state)).collect::<Result<Vec<_>, SystemError>>()?;
+        let counters = take_counts(state, COUNTERS, 4)?;
+        if let Some(part) = &mut self.parts.appearance {
+            part.load(state)?;
+        }
+        if let Some(part) = &mut self.parts.motion {
+            part.load(state)?;
+        }
+        self.parts.clouds = clouds;
+        self.steps = counters[0];
+        self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
+        Ok(())
+    }
+
+    fn parameter_count(&self) -> usize {
+        let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.parameter_count()).sum();
+        let appearance = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
+        let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
+        clouds + appearance + motion
+    }
+
+    fn memory_bytes(&self) -> usize {
+        let looks = self.parts.clouds.iter().any(|cloud| cloud.training.density.schedule.free_space);
+        let free_space = if looks { free_space::BYTES } else { 0 };
+        let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.bytes(cloud.parameters.len())).sum();
+        clouds + self.sizes.bytes() + free_space
+    }
+
+    fn growth_bytes(&self) -> usize {
+        self.parts.clouds.iter().map(|cloud| cloud.growth_bytes()).sum()
+    }
+
+    fn skips(&self) -> Vec<SkipRow> {
+        self.skipped.lock().map_or_else(|_| Vec::new(), |skipped| skipped.rows())
+    }
+
+    fn timings(&self) -> Vec<(&'static str, f64)> {
+        PARTS.into_iter().chain(OWN).zip(self.seconds).collect()
+    }
+}
+
+/// Centre of Gaussian `i` of an internal cloud, in the scene's frame.
+fn world_point(cloud: &Gaussians, i: usize, frame: &CloudFrame) -> DVec3 {
+    let n = cloud.len();
+    frame.to_world([0, 1, 2].map(|k| f64::from(cloud.mean[k * n + i])).into())
+}
+
+/// Gaussians whose centres lie before `depth` along a camera's axis, world units; the others become transparent.
+fn nearer(cloud: &CloudParameters, pose: &Pose, depth: f64, frame: &CloudFrame) -> CloudParameters {
+    let mut before = cloud.clone();
+    for i in 0..cloud.len() {
+        if pose.to_camera(world_point(&cloud.gaussians, i, frame)).z >= depth {
+            before.gaussians.logit[i] = TRANSPARENT;
+        }
+    }
+    before
+}
+
+/// All Gaussians of some clouds in one, of the highest of their degrees.
+fn joined(clouds: &[&Gaussians]) -> Gaussians {
+    if let [one] = clouds {
+        return (*one).clone();
+    }
+    let n = clouds.iter().map(|cloud| cloud.len()).sum();
+    let degree = clouds.iter().map(|cloud| cloud.degree()).max().unwrap_or(0);
+    let mut all = Gaussians::new(n, degree).expect("the degree of a cloud is a degree");
+    let mut first = 0;
+    for cloud in clouds {
+        for ((_, to), (_, from)) in all.fields_mut().into_iter().zip(cloud.fields()) {
+            // Coefficients above a cloud's degree stay 0.
+            for (to, from) in to.chunks_exact_mut(n.max(1)).zip(from.chunks_exact(cloud.len().max(1))) {
+                to[first..][..from.len()].copy_from_slice(from);
+            }
+        }
+        first += cloud.len();
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clouds_are_joined_one_after_the_other() {
+        let mut one = Gaussians::new(2, 0).unwrap();
+        one.mean = vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let mut two = Gaussians::new(1, 1).unwrap();
+        two.mean = vec![7.0, 8.0, 9.0];
+        two.rest.fill(0.5);
+        let all = joined(&[&one, &two]);
+        assert_eq!((all.len(), all.degree()), (3, 1));
+        assert_eq!(all.mean, [1.0, 2.0, 7.0, 3.0, 4.0, 8.0, 5.0, 6.0, 9.0]);
+        assert_eq!(all.rest[..3], [0.0, 0.0, 0.5]);
+        assert_eq!(joined(&[&one]), one);
+        assert!(joined(&[]).is_empty());
+    }
+}

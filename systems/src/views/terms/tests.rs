@@ -1,0 +1,115 @@
+use super::*;
+use crate::views::planes::{COLOUR, PlaneLayout};
+use field_core::rng::Rng;
+use float_core::Simd;
+
+const SIZE: [usize; 2] = [7, 5];
+const PIXELS: usize = 35;
+
+/// Planes of a picture, the photo, weights with some 0.
+struct Made {
+    colour: Vec<f32>,
+    depth: Vec<f32>,
+    transmittance: Vec<f32>,
+    photo: Vec<f32>,
+    weights: Vec<f32>,
+}
+
+impl Made {
+    fn new() -> Self {
+        let uniform = |stream, n| {
+            let mut out = vec![0.0; n];
+            Rng::new(7, stream).fill_uniform(0, &mut out);
+            out
+        };
+        let transmittance: Vec<f32> = uniform(1, PIXELS).iter().map(|u| 0.1 + 0.8 * u).collect();
+        Self {
+            depth: uniform(2, PIXELS).iter().zip(&transmittance).map(|(u, t)| (1.0 - t) * (1.0 + 2.0 * u)).collect(),
+            colour: uniform(3, COLOUR * PIXELS),
+            photo: uniform(4, COLOUR * PIXELS),
+            weights: (0..PIXELS).map(|i| [1.0, 0.0, 0.5, 2.0][i * 7 % 4]).collect(),
+            transmittance,
+        }
+    }
+
+    /// The cost of a term, and its gradients with respect to colour, depth and transmittance.
+    fn run(&self, term: &mut dyn PictureTerm, weights: Option<&[f32]>) -> (f64, [Vec<f32>; 3]) {
+        let picture = RenderedPicture {
+            size: SIZE,
+            colour: &self.colour,
+            depth: Some(&self.depth),
+            extras: &[],
+            transmittance: &self.transmittance,
+        };
+        let target = TargetPicture { view: 0, colour: &self.photo, weights };
+        let (mut bars, mut loss) = (PlaneBars::default(), 0.0);
+        bars.begin(PIXELS, 4, PlaneLayout { depth: true, extras: 0 });
+        term.add(&picture, &target, &mut bars, &mut loss).unwrap();
+        (loss, [bars.colour().to_vec(), bars.depth().to_vec(), bars.transmittance().to_vec()])
+    }
+}
+
+fn depth_term() -> DepthTerm {
+    let z = (0..6).map(|i| [1.7, 2.2, 0.0, 2.6, f32::NAN, 1.2][i]).collect();
+    DepthTerm { factor: 0.8, maps: vec![Some(DepthMap { size: [3, 2], z })] }
+}
+
+fn terms() -> [Box<dyn PictureTerm>; 2] {
+    [Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: 0.3 })), Box::new(depth_term())]
+}
+
+#[test]
+fn gradients_are_those_of_differences_plane_by_plane() {
+    let made = Made::new();
+    for weights in [None, Some(&made.weights[..])] {
+        for (k, term) in terms().iter_mut().enumerate() {
+            let (_, bars) = made.run(&mut **term, weights);
+            let largest = bars.iter().flatten().fold(0.0_f32, |most, g| most.max(g.abs()));
+            assert!(largest > 1e-4);
+            for (plane, bar) in bars.iter().enumerate() {
+                for (i, &got) in bar.iter().enumerate() {
+                    let mut along = |step: f32| {
+                        let mut made = Made::new();
+                        [&mut made.colour, &mut made.depth, &mut made.transmittance][plane][i] += step;
+                        made.run(&mut **term, weights).0
+                    };
+                    let h = 2e-3;
+                    let want = (along(h) - along(-h)) / (2.0 * f64::from(h));
+                    let error = (f64::from(got) - want).abs();
+                    assert!(error < 0.01 * f64::from(largest), "term {k}, plane {plane}, {i}: {got} for {want}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn pixels_of_weight_zero_and_of_unknown_depth_cost_nothing() {
+    let made = Made::new();
+    let (loss, [_, depth, transmittance]) = made.run(&mut depth_term(), Some(&[0.0; PIXELS]));
+    assert!(loss == 0.0 && depth.iter().chain(&transmittance).all(|g| *g == 0.0));
+    // Columns 2..5 of the upper rows show the second entry of the map, columns 5.. its third, which is not known.
+    let (_, [_, depth, _]) = made.run(&mut depth_term(), None);
+    assert!(depth[3] != 0.0 && depth[6] == 0.0 && depth[4 * 7 + 3] == 0.0, "{depth:?}");
+    let mut without = DepthTerm { factor: 1.0, maps: vec![None] };
+    assert_eq!(made.run(&mut without, None).0, 0.0);
+    assert!(without.reads_depth() && !terms()[0].reads_depth());
+}
+
+#[test]
+fn a_pixel_that_shows_nothing_has_no_depth() {
+    let mut made = Made::new();
+    made.transmittance.fill(1.0);
+    made.depth.fill(0.0);
+    let (loss, [_, depth, transmittance]) = made.run(&mut depth_term(), None);
+    assert!(loss == 0.0 && depth.iter().chain(&transmittance).all(|g| *g == 0.0));
+}
+
+#[test]
+fn shares_that_are_none_are_refused() {
+    for dssim in [-0.1, 1.1, f32::NAN] {
+        let error = L1DssimConfig { dssim }.check().unwrap_err().to_string();
+        assert!(error.contains("dssim"), "{error}");
+    }
+    assert!(L1DssimConfig { dssim: 1.0 }.check().is_ok());
+}
