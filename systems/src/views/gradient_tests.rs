@@ -375,45 +375,58 @@ fn worst(twin: &Twin, at: &Point, got: &[f64], value: impl Fn(&mut Point, usize)
     got.iter().zip(&want).map(|(got, want)| (got - want).abs() / largest).fold(0.0, f64::max)
 }
 
+/// Photos of noise.
+fn noise() -> Vec<scene_io::Frame> {
+    let rng = Rng::new(3, 1);
+    made::frames(3, |k, x, y| {
+        rng.uniform4_at((k as u64 * 1000 + u64::from(y)) * 1000 + u64::from(x)).map(|u| (255.0 * u) as u8)
+    })
+}
+
 #[test]
 fn the_gradient_of_a_step_is_that_of_differences_for_every_kind_of_parameter() {
-    let rng = Rng::new(3, 1);
-    let frames = made::frames(3, |k, x, y| {
-        rng.uniform4_at((k as u64 * 1000 + u64::from(y)) * 1000 + u64::from(x)).map(|u| (255.0 * u) as u8)
-    });
-    let (_, data) = made::scene(frames, Vec::new());
-    for view_space in [ViewSpaceGradient::Plain, ViewSpaceGradient::Absolute] {
-        let shared = Shared::default();
-        let mut system = system(&data, &shared, view_space);
-        let before = &system.parts.clouds;
-        let at = Point {
-            clouds: [wide(&before[0].parameters.gaussians), wide(&before[1].parameters.gaussians)],
-            extra: before[0].parameters.extra.iter().map(|&x| f64::from(x)).collect(),
-            gain: GAIN,
-            speed: SPEED,
-        };
-        let stats = system.train_step(&data, 0).unwrap();
-        let record = shared.lock().unwrap().clone();
-        let twin = Twin::new(&data, record.view);
-        let want = twin.loss(&at);
-        assert!((stats.loss - want).abs() < 1e-5 * want, "loss {} for {want}", stats.loss);
-        for (index, cloud) in system.parts.clouds.iter().enumerate() {
-            let mut first = 0;
-            for (field, bar) in cloud.gradient.gaussians.fields() {
-                let got: Vec<f64> = bar.iter().map(|&x| f64::from(x)).collect();
-                let error = worst(&twin, &at, &got, |at, k| &mut at.clouds[index][first + k]);
-                assert!(error < 1e-3, "cloud {index}, {}: {error:e}", field.name());
-                first += bar.len();
-            }
+    let (_, data) = made::scene(noise(), Vec::new());
+    let shared = Shared::default();
+    let mut system = system(&data, &shared, ViewSpaceGradient::Plain);
+    let before = &system.parts.clouds;
+    let at = Point {
+        clouds: [wide(&before[0].parameters.gaussians), wide(&before[1].parameters.gaussians)],
+        extra: before[0].parameters.extra.iter().map(|&x| f64::from(x)).collect(),
+        gain: GAIN,
+        speed: SPEED,
+    };
+    let stats = system.train_step(&data, 0).unwrap();
+    let record = shared.lock().unwrap().clone();
+    let twin = Twin::new(&data, record.view);
+    let want = twin.loss(&at);
+    assert!((stats.loss - want).abs() < 1e-5 * want, "loss {} for {want}", stats.loss);
+    for (index, cloud) in system.parts.clouds.iter().enumerate() {
+        let mut first = 0;
+        for (field, bar) in cloud.gradient.gaussians.fields() {
+            let got: Vec<f64> = bar.iter().map(|&x| f64::from(x)).collect();
+            let error = worst(&twin, &at, &got, |at, k| &mut at.clouds[index][first + k]);
+            assert!(error < 1e-3, "cloud {index}, {}: {error:e}", field.name());
+            first += bar.len();
         }
-        let extra: Vec<f64> = system.parts.clouds[0].gradient.extra.iter().map(|&x| f64::from(x)).collect();
-        for (row, got) in extra.chunks_exact(5).enumerate() {
-            let error = worst(&twin, &at, got, |at, k| &mut at.extra[5 * row + k]);
-            assert!(error < 1e-3, "extra row {row}: {error:e}");
-        }
-        let error = worst(&twin, &at, &[record.gain_bar], |at, _| &mut at.gain);
-        assert!(error < 1e-3, "appearance: {error:e}");
-        let error = worst(&twin, &at, &[record.speed_bar], |at, _| &mut at.speed);
-        assert!(error < 1e-3, "motion: {error:e}");
     }
+    let extra: Vec<f64> = system.parts.clouds[0].gradient.extra.iter().map(|&x| f64::from(x)).collect();
+    for (row, got) in extra.chunks_exact(5).enumerate() {
+        let error = worst(&twin, &at, got, |at, k| &mut at.extra[5 * row + k]);
+        assert!(error < 1e-3, "extra row {row}: {error:e}");
+    }
+    let error = worst(&twin, &at, &[record.gain_bar], |at, _| &mut at.gain);
+    assert!(error < 1e-3, "appearance: {error:e}");
+    let error = worst(&twin, &at, &[record.speed_bar], |at, _| &mut at.speed);
+    assert!(error < 1e-3, "motion: {error:e}");
+}
+
+#[test]
+fn absolute_view_space_gradients_leave_the_gradient_as_it_is() {
+    let (_, data) = made::scene(noise(), Vec::new());
+    let [plain, absolute] = [ViewSpaceGradient::Plain, ViewSpaceGradient::Absolute].map(|view_space| {
+        let mut system = system(&data, &Shared::default(), view_space);
+        system.train_step(&data, 0).unwrap();
+        system.parts.clouds.into_iter().map(|cloud| cloud.gradient).collect::<Vec<_>>()
+    });
+    assert_eq!(plain, absolute);
 }

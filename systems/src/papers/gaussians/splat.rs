@@ -302,7 +302,7 @@ mod tests {
             Planned::PUBLISHED.asked(&[], &mut settings, 0).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 28, "{all:?}");
+        assert_eq!(all.len(), 29, "{all:?}");
         let adc = asked(toml::Table::new()).unwrap();
         assert!(adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost"));
         let mcmc = asked(toml::toml! { density = "mcmc" }).unwrap();

@@ -23,10 +23,14 @@ impl Made {
             out
         };
         let transmittance: Vec<f32> = uniform(1, PIXELS).iter().map(|u| 0.1 + 0.8 * u).collect();
+        let colour = uniform(3, COLOUR * PIXELS);
+        // Apart by more than a difference's step: the loss has an edge where they agree.
+        let apart = uniform(4, COLOUR * PIXELS).into_iter().enumerate();
+        let apart = apart.map(|(i, u)| if i % 2 == 0 { 0.05 + 0.3 * u } else { -0.05 - 0.3 * u });
         Self {
+            photo: colour.iter().zip(apart).map(|(c, apart)| c + apart).collect(),
             depth: uniform(2, PIXELS).iter().zip(&transmittance).map(|(u, t)| (1.0 - t) * (1.0 + 2.0 * u)).collect(),
-            colour: uniform(3, COLOUR * PIXELS),
-            photo: uniform(4, COLOUR * PIXELS),
+            colour,
             weights: (0..PIXELS).map(|i| [1.0, 0.0, 0.5, 2.0][i * 7 % 4]).collect(),
             transmittance,
         }
