@@ -34,7 +34,7 @@ mod memory;
 mod optimiser;
 mod pass;
 mod photo;
-#[cfg_attr(not(test), expect(dead_code, reason = "parts that no published system is made of yet"))]
+#[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod planes;
 pub(crate) mod refine;
 mod render;
@@ -47,7 +47,7 @@ mod tests;
 mod turn;
 mod undistortion;
 mod visual_hull;
-#[cfg_attr(not(test), expect(dead_code, reason = "parts that no published system is made of yet"))]
+#[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod weights;
 
 pub(crate) use cloud::{CloudTraining, TrainedCloud};

@@ -27,7 +27,6 @@ impl DepthMap {
 ///
 /// # Source
 /// As in EndoNeRF (Wang et al., 2022, section 2.3) for rays; per unit of opacity, so that a thin pixel is not drawn nearer.
-#[cfg_attr(not(test), expect(dead_code, reason = "no published system is made of it yet"))]
 #[derive(Clone, Debug)]
 pub(crate) struct DepthTerm {
     /// Factor of the loss.
