@@ -12,12 +12,7 @@ use stress::{Tally, Verdict, ensure, finite};
 
 const STEPS: u64 = 45;
 /// Density control and fading within the steps.
-const TINY: [&str; 4] = [
-    "max_splats=120",
-    "sh_every=10",
-    "densify_from=4",
-    "densify_every=5",
-];
+const TINY: [&str; 4] = ["max_splats=120", "sh_every=10", "densify_from=4", "densify_every=5"];
 /// Settings of the parts that are there only where they are chosen.
 const OF_ADC: [&str; 2] = ["densify_gradient=1e-6", "reset_every=20"];
 const OF_MCMC: [&str; 1] = ["mcmc_cost=0.02"];
@@ -28,7 +23,8 @@ fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>
     let control: &[&str] = if set.contains(&"density=mcmc") { &OF_MCMC } else { &OF_ADC };
     let usable = scene.points.iter().any(|p| p.xyz.as_vec3().is_finite());
     let random: &[&str] = if usable && !set.contains(&"start=\"random\"") { &[] } else { &OF_RANDOM_PLACES };
-    let set = TINY.iter().chain(control).chain(random).chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
+    let set =
+        TINY.iter().chain(control).chain(random).chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::registry::build("splat", scene, data, &options)
 }

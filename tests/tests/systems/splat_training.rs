@@ -10,14 +10,8 @@ use std::sync::Arc;
 use tests::{psnr, state_after, system, table_data, views};
 
 /// Changes at every tenth step from 20 on.
-const BUSY: [&str; 6] = [
-    "start_count=300",
-    "max_splats=4000",
-    "sh_every=12",
-    "densify_from=15",
-    "densify_every=10",
-    "coarse=1",
-];
+const BUSY: [&str; 6] =
+    ["start_count=300", "max_splats=4000", "sh_every=12", "densify_from=15", "densify_every=10", "coarse=1"];
 /// The density controls, with settings of theirs alone: opacity resets at every 25th step.
 const DENSITIES: [&[&str]; 2] = [&["density=adc", "densify_gradient=2e-5", "reset_every=25"], &["density=mcmc"]];
 const STEPS: u64 = 60;
