@@ -3,7 +3,12 @@
 use crate::page::Item;
 use crate::table::Cell;
 use systems::claims::Claim;
-use systems::registry::find;
+use systems::registry;
+
+/// What is claimed of a system.
+fn find(name: &str) -> Option<Claim> {
+    registry::find(name).map(|entry| entry.claim)
+}
 
 /// The column that says it.
 pub(crate) const COLUMN: &str = "not as published";

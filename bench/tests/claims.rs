@@ -6,8 +6,7 @@ use systems::claims::Claim;
 
 /// All systems that bear a paper's name.
 fn claims() -> Vec<Claim> {
-    let all = systems::registry::CLAIMS.into_iter().chain(systems::wild::CLAIMS).chain(systems::dynamic::CLAIMS);
-    all.filter(Claim::is_of_a_paper).collect()
+    systems::registry::entries().iter().map(|entry| entry.claim).filter(Claim::is_of_a_paper).collect()
 }
 
 fn root() -> PathBuf {

@@ -28,6 +28,16 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
     }
 }
 
+/// [`load`] for a scene that moves: images without times are in the order of time.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_in_order(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    let mut scene = load(spec, data)?;
+    scene.time_by_order();
+    Ok(scene)
+}
+
 /// What is in a dataset and what is wrong with it.
 ///
 /// # Errors

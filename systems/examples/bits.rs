@@ -93,12 +93,12 @@ fn scene(family: &str) -> (Scene, Build) {
             (scene, systems::registry::build)
         }
         "photos" => {
-            (plaza(&PlazaOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::wild::build)
+            (plaza(&PlazaOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::registry::build)
         }
         "film" => {
-            (orbit(&OrbitOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::dynamic::build)
+            (orbit(&OrbitOptions { width, height, train: 8, test: 1, ..Default::default() }), systems::registry::build)
         }
-        _ => (tissue(&TissueOptions { width, height, frames: 8, ..Default::default() }), systems::dynamic::build),
+        _ => (tissue(&TissueOptions { width, height, frames: 8, ..Default::default() }), systems::registry::build),
     }
 }
 

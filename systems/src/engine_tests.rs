@@ -35,7 +35,7 @@ fn points_lie_on_the_rays_of_their_camera_within_the_range_of_depths() {
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     let data = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
     let run = RunOptions { seed: 0, background: None, error_budget: None, set: toml::Table::default() };
-    let (mut system, _) = crate::dynamic::build("endo-nerf", &scene, &data, &run).unwrap();
+    let (mut system, _) = crate::registry::build("endo-nerf", &scene, &data, &run).unwrap();
     for step in 0..30 {
         system.step(&data, step).unwrap();
     }

@@ -1,7 +1,7 @@
 //! Radiance-field systems, composed from the math crates, on the engine that they share (crate `engine`).
 //!
-//! * [`registry`]: the systems by name; [`claims`]: what each does otherwise than its paper.
-//! * [`papers`]: one file or folder a system, with the paper's equations. [`dynamic`]: the systems for scenes that move.
+//! * [`registry`]: the systems by name, for all apps; [`claims`]: what each does otherwise than its paper.
+//! * [`papers`]: one file or folder a system, with the paper's equations.
 //! * [`plan`], [`layout`], [`space`]: what a scene needs, what kind of place it is, and the map from world coordinates to those of a
 //!   field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
@@ -14,7 +14,6 @@ pub mod bake;
 pub(crate) mod buffers;
 pub mod claims;
 mod codes;
-pub mod dynamic;
 #[cfg(test)]
 mod engine_tests;
 pub mod fields;
@@ -37,5 +36,3 @@ pub(crate) mod survey;
 pub mod terms;
 pub mod views;
 pub(crate) mod warps;
-
-pub use papers::wild;

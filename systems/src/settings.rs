@@ -11,13 +11,6 @@ use serde::de::DeserializeOwned;
 /// What accepts training cameras that are all the same: `--set accept_no_parallax=true`.
 pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
 
-/// There is no system of this name; these there are.
-pub(crate) fn no_such_system(name: &str, systems: impl IntoIterator<Item = &'static str>) -> SystemError {
-    let names: Vec<&str> = systems.into_iter().collect();
-    let problem = format!("there is no such system; use one of {}", names.join(", "));
-    SystemError::Config { field: "system", value: name.into(), problem }
-}
-
 /// Whether a name of `--set` is read elsewhere, whatever the system.
 fn elsewhere(key: &str) -> bool {
     key == NO_PARALLAX || key == engine::photo_points::provide::SETTING

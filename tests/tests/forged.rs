@@ -273,18 +273,18 @@ fn forged_checkpoints_of_still_scenes() {
 #[test]
 fn forged_checkpoints_of_photos() {
     let names = ["robust-nerf", "nerf-w", "ha-nerf", "sf-nerf", "hugs"];
-    check(&names.map(|name| (name, GRID)), photos, &systems::wild::build, false);
+    check(&names.map(|name| (name, GRID)), photos, &systems::registry::build, false);
 }
 
 // Two tests, as each takes one core.
 #[test]
 fn forged_checkpoints_of_moving_scenes() {
     let names = ["ngp", "t-nerf", "d-nerf"];
-    check(&names.map(|name| (name, GRID)), moving, &systems::dynamic::build, false);
+    check(&names.map(|name| (name, GRID)), moving, &systems::registry::build, false);
 }
 
 #[test]
 fn forged_checkpoints_of_moving_scenes_of_more_networks() {
     let systems = [("nerfies", GRID), ("hypernerf", GRID), ("tineuvox", VOXELS), ("k-planes", PLANES)];
-    check(&systems, moving, &systems::dynamic::build, false);
+    check(&systems, moving, &systems::registry::build, false);
 }

@@ -1,14 +1,14 @@
 //! The command line: words others script against. The same words mean the same in every app; see [`crate::app`] for what
 //! differs.
 
+mod families;
 mod words;
 
 pub(crate) use words::{BackgroundWord, EmptyWord, Layer, MeshMethod, PoserWord, ProgressKind, VideoWord};
 
 use crate::app::App;
 use clap::error::ErrorKind;
-use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use engine::appearance::LightPath;
 use engine::camera_path::PathKind;
 use engine::eval::EvalAppearance;
@@ -65,23 +65,6 @@ pub(crate) enum Command {
     Masks(Masks),
 }
 
-/// Words of apps for photos from the wild: subcommand and argument, or a subcommand alone.
-const WILD: &[(&str, Option<&str>)] = &[
-    ("demo", Some("field")),
-    ("train", Some("field")),
-    ("train", Some("eval_appearance")),
-    ("eval", Some("eval_appearance")),
-    ("render", Some("appearance")),
-    ("render", Some("fit_camera")),
-    ("masks", None),
-];
-
-/// Words of `nerf-dynamic` alone.
-const DYNAMIC: &[(&str, Option<&str>)] = &[("render", Some("time")), ("export", Some("time"))];
-
-/// Words of `nerf-static` alone.
-const STATIC: &[(&str, Option<&str>)] = &[("train", Some("for"))];
-
 impl Cli {
     /// The command line of an app. Words that it has not are not shown, and refused by [`Cli::read`].
     pub(crate) fn of(app: &App) -> clap::Command {
@@ -91,13 +74,11 @@ impl Cli {
         for word in ["demo", "train"] {
             command = command.mut_subcommand(word, |sub| sub.mut_arg("system", |arg| arg.long_help(systems_of(app))));
         }
-        for (words, has) in [(WILD, app.is_wild), (DYNAMIC, app.is_dynamic), (STATIC, app.is_static())] {
-            for (word, argument) in words.iter().filter(|_| !has) {
-                command = command.mut_subcommand(word, |sub| match argument {
-                    Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
-                    None => sub.hide(true),
-                });
-            }
+        for (word, argument) in families::words_of_others(app.family) {
+            command = command.mut_subcommand(word, |sub| match argument {
+                Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
+                None => sub.hide(true),
+            });
         }
         command
     }
@@ -109,7 +90,7 @@ impl Cli {
     pub(crate) fn read(app: &App, words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
         let mut command = Self::of(app);
         let matches = command.try_get_matches_from_mut(words)?;
-        if let Some(problem) = foreign(app, &matches) {
+        if let Some(problem) = families::foreign_word(app, &matches) {
             return Err(command.error(ErrorKind::UnknownArgument, problem));
         }
         Self::from_arg_matches(&matches).map_err(|e| e.format(&mut command))
@@ -122,28 +103,15 @@ fn systems_of(app: &App) -> String {
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };
+    let own = systems::registry::family(app.family).map(|entry| entry.claim);
+    let others = systems::registry::entries().iter().filter(|entry| !entry.families.contains(&app.family));
+    let others: Vec<&str> = others.map(|entry| entry.claim.name).collect();
     format!(
-        "Method ({default}). What each does otherwise than the paper it is named after:\n\n{}",
-        systems::claims::listing(app.claims)
+        "Method ({default}). What each does otherwise than the paper it is named after:\n\n{}\n\nThe systems of the other apps, \
+         where they fit the scene: {}",
+        systems::claims::listing(own),
+        others.join(", ")
     )
-}
-
-/// What is wrong with a word given that the app has not.
-fn foreign(app: &App, matches: &ArgMatches) -> Option<String> {
-    let (word, given) = matches.subcommand()?;
-    let found = |words: &[(&str, Option<&str>)]| {
-        words.iter().filter(|(sub, _)| *sub == word).find_map(|(_, argument)| match argument {
-            None => Some(word.to_string()),
-            Some(argument) => (given.value_source(argument) == Some(ValueSource::CommandLine))
-                .then(|| format!("--{}", argument.replace('_', "-"))),
-        })
-    };
-    let wild = || found(WILD).map(|word| (word, "nerf-wild", "knows one light and no passers-by"));
-    let dynamic = || found(DYNAMIC).map(|word| (word, "nerf-dynamic", "knows one moment only"));
-    let fixed = || found(STATIC).map(|word| (word, "nerf-static", "takes the system that is named, or its own"));
-    let given = (!app.is_wild).then(wild).flatten().or_else(|| (!app.is_dynamic).then(dynamic).flatten());
-    let given = given.or_else(|| (!app.is_static()).then(fixed).flatten());
-    given.map(|(word, other, why)| format!("`{word}` is a word of {other}: {} {why}", app.name))
 }
 
 #[derive(Debug, Args)]

@@ -8,13 +8,14 @@ use crate::show::line;
 use engine::run::{MaskMeaning, mask_meaning};
 use scene_io::{Depth, Frame, Scene, Split};
 use std::path::Path;
+use systems::registry::Family;
 
 pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
     let depth = if args.quick { Depth::Headers } else { Depth::Pixels };
     let mut report = engine::source::check(&scene_spec(&args.scene), &data_options(&args.data), depth)?;
     line(report.to_string().trim_end());
     // As this app reads it.
-    if let Some(scene) = report.scene.as_mut().filter(|_| app.is_dynamic)
+    if let Some(scene) = report.scene.as_mut().filter(|_| app.family == Family::Moving)
         && scene.time_by_order()
         && let Some(note) = scene.notes.last()
     {

@@ -59,9 +59,9 @@ impl Session {
         lpips_path(self.lpips.as_deref()).is_some()
     }
 
-    /// Scenes from files and the embedded ones, systems by the app's plan, files to the disk.
+    /// Scenes from files and the embedded ones, systems by their names, files to the disk.
     fn parts(&self) -> Parts<'static> {
-        engine::run::disk_parts(&self.app.load, &self.app.build, self.app.default_system)
+        engine::run::disk_parts(&self.app.load, &systems::registry::build, self.app.default_system)
     }
 
     /// The run in a folder, at its newest checkpoint.

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use systems::registry::Family;
 
 /// Photos without a camera that are named.
 const SHOWN: usize = 20;
@@ -29,7 +30,7 @@ pub(crate) fn run(session: &Session, args: &Prepare, threads: Option<u16>) -> Re
         frames: args.frames,
         longest_side: Some(args.longest_side),
         with: args.with.map(Into::into),
-        unknown_cameras: if app.is_wild { UnknownCameras::Each } else { UnknownCameras::Shared },
+        unknown_cameras: if app.family == Family::Wild { UnknownCameras::Each } else { UnknownCameras::Shared },
         threads: threads.map(usize::from),
         tools: Toolbox::from_env(),
     };

@@ -128,7 +128,7 @@ fn read(
     stage: &Arc<Stage>,
     observer: &mut dyn Observer,
 ) -> Result<RunScene, RunError> {
-    let parts = disk_parts(&app.load, &app.build, app.default_system);
+    let parts = disk_parts(&app.load, &systems::registry::build, app.default_system);
     let run = Run::open(folder, &Request::default(), parts, observer)?;
     // The stage holds the scene: the scene must not hold the stage.
     let stage = Arc::downgrade(stage);
@@ -137,7 +137,7 @@ fn read(
             stage.tell_fast(message);
         }
     };
-    Ok(RunScene::new(app, run, Arc::new(tell)))
+    Ok(RunScene::new(run, Arc::new(tell)))
 }
 
 fn waiting(folder: &Path, message: &str) -> Shown {

@@ -4,7 +4,6 @@ use super::cropped::Cropped;
 use super::fast::{Fast, Source, Tell};
 use super::protocol::{Layer, Light};
 use super::scene::{Description, Photo, Scene3d};
-use crate::app::App;
 use engine::checkpoint::Checkpoint;
 use engine::crop::Crop;
 use engine::data::Dataset;
@@ -34,7 +33,6 @@ pub(crate) struct RunScene {
 
 /// What all checkpoints of a run share.
 struct Common {
-    app: &'static App,
     title: String,
     folder: PathBuf,
     config: RunConfig,
@@ -47,15 +45,15 @@ struct Common {
 }
 
 impl RunScene {
-    pub(crate) fn new(app: &'static App, run: Run<'_>, tell: Arc<Tell>) -> Self {
+    pub(crate) fn new(run: Run<'_>, tell: Arc<Tell>) -> Self {
         let Run { folder, config, scene, train, held_out, system, step, .. } = run;
         // Asked once: the answer is the method's, whatever the photo.
         let judges = |layer: &Layer| matches!(judgement(system.as_ref(), &train, 0, *layer), Ok(Some(_)));
-        let there = app.is_wild && !train.is_empty();
+        let there = !train.is_empty();
         let judgements = [Layer::Mask, Layer::Uncertainty].into_iter().filter(|layer| there && judges(layer)).collect();
         let title = title(&folder);
         let train = Arc::new(train);
-        let common = Arc::new(Common { app, title, folder, config, scene, train, held_out, judgements, tell });
+        let common = Arc::new(Common { title, folder, config, scene, train, held_out, judgements, tell });
         Self::with(common, Arc::from(system), step, None)
     }
 
@@ -66,7 +64,7 @@ impl RunScene {
             system: system.clone(),
             data: common.train.clone(),
             background: common.config.background.colour(),
-            moves: common.app.is_dynamic && common.train.moments() > 1,
+            moves: common.train.moments() > 1,
         };
         let fast = Fast::start(source, before, common.tell.clone());
         Self { common, system, step, fast }
@@ -82,7 +80,7 @@ impl RunScene {
     /// # Errors
     /// As the system's `load_state`.
     pub(crate) fn at(&self, checkpoint: &Checkpoint) -> Result<Self, SystemError> {
-        let Common { app, config, scene, train, .. } = self.common.as_ref();
+        let Common { config, scene, train, .. } = self.common.as_ref();
         let options = RunOptions {
             seed: config.seed,
             background: Some(config.background),
@@ -90,7 +88,7 @@ impl RunScene {
             set: config.settings.clone(),
         };
         // A fresh one: the one that is being looked at goes on drawing meanwhile.
-        let (mut system, _) = (app.build)(&config.system, scene, train, &options)?;
+        let (mut system, _) = systems::registry::build(&config.system, scene, train, &options)?;
         system.load_state(&checkpoint.state)?;
         Ok(Self::with(self.common.clone(), Arc::from(system), checkpoint.meta.step, Some(self.fast.as_ref())))
     }
@@ -119,7 +117,7 @@ pub(crate) fn title(folder: &Path) -> String {
 
 impl Scene3d for RunScene {
     fn describe(&self) -> Description {
-        let Common { app, title, folder, config, scene, train, held_out, judgements, .. } = self.common.as_ref();
+        let Common { title, folder, config, scene, train, held_out, judgements, .. } = self.common.as_ref();
         let photos = |data: &Dataset, held_out| -> Vec<Photo> {
             let full = data.views().iter().filter(|v| v.level == 0);
             full.map(|v| Photo::new(&v.name, &v.camera, v.time, held_out)).collect()
@@ -129,7 +127,7 @@ impl Scene3d for RunScene {
             Some(_) => trained.iter().map(|photo| photo.name.clone()).collect(),
             None => Vec::new(),
         };
-        let moves = app.is_dynamic && train.moments() > 1;
+        let moves = train.moments() > 1;
         let layers = [
             (Layer::Colour, true),
             (Layer::Depth, true),

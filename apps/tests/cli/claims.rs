@@ -18,7 +18,7 @@ fn a_training_says_what_its_system_does_otherwise_than_the_paper() {
         words.extend(SMALL);
         let answer = program(&words);
         assert_eq!(answer.code, 0, "{system}: {}", answer.err);
-        let claim = systems::registry::find(system).unwrap();
+        let claim = systems::registry::find(system).unwrap().claim;
         assert!(answer.out.contains(&claim.line().unwrap()), "{system}: {}", answer.out);
         let halved = answer.out.contains("patches: 8x8, inner 4x4: half as large as elsewhere (photos of 24 pixels");
         assert_eq!(halved, ["hugs", "robust-nerf"].contains(&system), "{system}: {}", answer.out);

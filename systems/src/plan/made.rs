@@ -67,6 +67,13 @@ pub(crate) fn scene(frames: Vec<Frame>, points: Vec<Point>) -> (Scene, Dataset) 
     (scene, data)
 }
 
+/// The capture as a video: a time for each photo, in their order.
+pub(crate) fn film(points: Points) -> (Scene, Dataset) {
+    let (mut of, _) = capture(points);
+    of.time_by_order();
+    scene(of.frames, of.points)
+}
+
 /// The capture: noise on a floor of two units' side.
 pub(crate) fn capture(points: Points) -> (Scene, Dataset) {
     let rng = Rng::new(3, 1);

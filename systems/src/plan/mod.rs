@@ -2,6 +2,7 @@
 //!
 //! * `ground`: the layout, the background and the alpha of a scene;
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
+//! * `moving`: the plan of a field where each photo shows a time of its own;
 //! * `backdrop`: whether the photos stand before one plain colour.
 
 mod ask;
@@ -10,16 +11,18 @@ mod field_settings;
 mod ground;
 #[cfg(test)]
 pub(crate) mod made;
+mod moving;
 mod near;
 mod ngp_settings;
 mod parallax;
+mod ray_choice;
 
 pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
 pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, has_alpha, percent, space};
-pub(crate) use near::set_near;
+pub(crate) use moving::{Moving, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
-pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names, ngp_settings};
-pub(crate) use parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
+pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
+pub(crate) use ray_choice::RaySettings;

@@ -31,6 +31,15 @@ pub(crate) enum Shown {
     Moments,
 }
 
+impl Shown {
+    /// By the times of the photos.
+    pub(crate) fn of(data: &Dataset) -> Self {
+        let times = || data.views().iter().map(|view| view.time);
+        let Some(first) = times().next() else { return Self::Scene };
+        if times().all(|time| time == first) { Self::Scene } else { Self::Moments }
+    }
+}
+
 /// Settings of `ngp` for a scene.
 pub(crate) fn ngp_settings(
     layout: &Layout,

@@ -1,15 +1,15 @@
 //! What every system says of itself, in its claim and where it starts.
 
-use super::find;
+use super::{Needs, build, entries, find};
 use crate::claims::Claim;
-use crate::plan::made::{Points, capture};
+use crate::plan::made::{Points, capture, film};
 use engine::options::RunOptions;
 
 /// Names that are no paper's.
 const OWN: [&str; 2] = ["auto", "plain"];
 
 fn all() -> impl Iterator<Item = Claim> {
-    crate::registry::CLAIMS.into_iter().chain(crate::wild::CLAIMS).chain(crate::dynamic::CLAIMS)
+    entries().iter().map(|entry| entry.claim)
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn every_system_with_a_paper_s_name_says_what_differs_in_a_sentence_or_two() {
             assert!(claim.line().unwrap().contains(claim.differs));
         }
     }
-    assert_eq!(find("hugs").unwrap().name, "hugs");
+    assert_eq!(find("hugs").unwrap().claim.name, "hugs");
     assert!(find("nerfstudio").is_none());
 }
 
@@ -40,16 +40,12 @@ fn plans_say_it_where_the_system_starts() {
             None => assert!(!lines.iter().any(|l| l.contains("as published (")), "{}: {lines:#?}", claim.name),
         }
     };
-    for claim in crate::registry::CLAIMS {
-        check(claim, &crate::registry::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
-    }
-    for claim in crate::wild::CLAIMS {
-        // What `auto` takes is told to it: looking takes a training.
-        let set = if claim.name == "auto" { "appearance = 'none'\noccluders = 'none'" } else { "" };
-        check(claim, &crate::wild::build(claim.name, &scene, &data, &run(set)).unwrap().1.lines);
-    }
-    for claim in crate::dynamic::CLAIMS {
-        check(claim, &crate::dynamic::build(claim.name, &scene, &data, &run("")).unwrap().1.lines);
+    let (video, frames) = film(Points::WithTracks);
+    for entry in entries() {
+        // What `auto` takes is given: to find it takes a training.
+        let set = if entry.claim.name == "auto" { "appearance = 'none'\noccluders = 'none'" } else { "" };
+        let (scene, data) = if entry.needs == Needs::Times { (&video, &frames) } else { (&scene, &data) };
+        check(entry.claim, &build(entry.claim.name, scene, data, &run(set)).unwrap().1.lines);
     }
     assert_eq!(seen, all().count());
 }

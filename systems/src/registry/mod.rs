@@ -1,63 +1,111 @@
-//! The systems by name: for each what differs from its paper, and how it is built.
+//! The systems by name: for each the paper and what differs from it, the scenes that it is for, what it needs from a scene, and how
+//! it is built. Every app takes every system that fits the scene.
 
 mod choice;
 #[cfg(test)]
 mod claim_tests;
+mod known;
 #[cfg(test)]
 mod tests;
 
 pub use choice::choose;
 
-use crate::claims::{Claim, claims_of, names};
-use crate::papers::dynamic::k_planes;
-use crate::papers::gaussians::splat;
-use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
+use crate::claims::Claim;
 use crate::plan::{Ask, Built};
-use crate::settings::no_such_system;
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions};
 use engine::system::{System, SystemError};
 use scene_io::Scene;
 
-/// A system: its name and what differs from its paper, and how it is built.
-pub(crate) struct Known {
-    pub(crate) claim: Claim,
-    pub(crate) build: fn(Ask<'_>) -> Built,
+/// What kind of scene a system is made for: the app that lists it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    /// Scenes that stand still (`nerf-static`).
+    Static,
+    /// Photos with occluders, or of different appearance (`nerf-wild`).
+    Wild,
+    /// Scenes that move (`nerf-dynamic`).
+    Moving,
 }
 
-const KNOWN: [Known; 6] = [
-    Known { claim: ngp::CLAIM, build: ngp::build },
-    Known { claim: nerf::CLAIM, build: nerf::build },
-    Known { claim: mip_nerf::CLAIM, build: mip_nerf::build },
-    Known { claim: mip_nerf_360::CLAIM, build: mip_nerf_360::build },
-    Known { claim: k_planes::CLAIM, build: k_planes::build },
-    Known { claim: splat::CLAIM, build: splat::build },
-];
+/// What a system needs from a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    /// Photos with cameras.
+    Photos,
+    /// Photos with times.
+    Times,
+}
 
-/// Systems by name, with what differs from their papers.
-pub const CLAIMS: [Claim; KNOWN.len()] = claims_of!(KNOWN);
+/// Builds a system.
+type Build = fn(Ask<'_>) -> Built;
 
-/// Systems by name.
-pub const SYSTEMS: [&str; CLAIMS.len()] = names(&CLAIMS);
+/// A system.
+#[derive(Clone, Copy)]
+pub struct Entry {
+    /// Its name, its paper and what differs from it.
+    pub claim: Claim,
+    /// What it is made for.
+    pub families: &'static [Family],
+    /// What it needs.
+    pub needs: Needs,
+    build: Build,
+}
 
-/// The claim of a system's name: of those for scenes that stand still, from the wild, or that move. `ngp` is the same everywhere.
+/// All systems.
 #[must_use]
-pub fn find(name: &str) -> Option<Claim> {
-    let all = CLAIMS.iter().chain(&crate::wild::CLAIMS).chain(&crate::dynamic::CLAIMS);
-    all.copied().find(|claim| claim.name == name)
+pub fn entries() -> &'static [Entry] {
+    known::ENTRIES
+}
+
+/// The systems that are made for a kind of scene.
+pub fn family(family: Family) -> impl Iterator<Item = &'static Entry> {
+    entries().iter().filter(move |entry| entry.families.contains(&family))
+}
+
+/// The names of the systems that are made for a kind of scene.
+#[must_use]
+pub fn names(of: Family) -> Vec<&'static str> {
+    family(of).map(|entry| entry.claim.name).collect()
+}
+
+/// The system of a name.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static Entry> {
+    entries().iter().find(|entry| entry.claim.name == name)
 }
 
 /// Build the system `name` for a scene.
 ///
 /// # Errors
-/// [`SystemError::Config`] for an unknown name, an unknown setting or one that cannot work; [`SystemError::Scene`] when
-/// an image cannot be read.
+/// [`SystemError::Config`] for an unknown name, a system that needs what the photos do not show, an unknown setting or one that
+/// cannot work; [`SystemError::Scene`] when an image cannot be read, or photos are such that a part cannot work with them.
 pub fn build(
     name: &str,
     scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let known = KNOWN.iter().find(|known| known.claim.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
-    (known.build)(Ask::new(known.claim, scene, data, run))
+    let entry = find(name).ok_or_else(|| no_such_system(name))?;
+    entry.check(scene)?;
+    (entry.build)(Ask::new(entry.claim, scene, data, run))
+}
+
+impl Entry {
+    /// Refuse a scene that lacks what the system needs.
+    fn check(&self, scene: &Scene) -> Result<(), SystemError> {
+        if self.needs == Needs::Photos || scene.frames.iter().any(|frame| frame.time.is_some()) {
+            return Ok(());
+        }
+        let problem =
+            "is for scenes that move, and no photo has a time; `nerf-dynamic` takes the order of the photos for it";
+        Err(SystemError::Config { field: "system", value: self.claim.name.into(), problem: problem.into() })
+    }
+}
+
+/// There is no system of this name; these there are.
+fn no_such_system(name: &str) -> SystemError {
+    let names: Vec<&str> = entries().iter().map(|entry| entry.claim.name).collect();
+    let problem = format!("there is no such system; use one of {}", names.join(", "));
+    SystemError::Config { field: "system", value: name.into(), problem }
 }

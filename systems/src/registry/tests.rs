@@ -70,9 +70,9 @@ fn two_stray_points_before_a_camera_change_nothing() {
 
 #[test]
 fn depths_in_the_file_say_where_a_video_begins_and_ends() {
-    let (scene, data) = capture(Points::None);
+    let (scene, data) = made::film(Points::None);
     let moving = |scene: &Scene, data: &Dataset| {
-        crate::dynamic::build("t-nerf", scene, data, &run(toml::toml! { occupancy = 16 })).unwrap().1.config
+        crate::registry::build("t-nerf", scene, data, &run(toml::toml! { occupancy = 16 })).unwrap().1.config
     };
     let unknown = moving(&scene, &data);
     let mut stated = scene.frames.clone();
@@ -116,7 +116,7 @@ fn static_and_wild_agree_on_the_field() {
         occluders = "none"
         occupancy = 16 };
         let (_, a) = build("ngp", &scene, &data, &run(coarse)).unwrap();
-        let (_, b) = crate::wild::build("plain", &scene, &data, &run(plain)).unwrap();
+        let (_, b) = crate::registry::build("plain", &scene, &data, &run(plain)).unwrap();
         for (key, value) in &a.config {
             assert_eq!(Some(value), b.config.get(key), "{points:?} {key}");
         }
@@ -203,4 +203,35 @@ fn points_all_over_the_pictures_make_a_cloud() {
     assert_eq!(chosen(Points::WithTracks, Purpose::Geometry).system, "ngp");
     let line = chosen(Points::WithTracks, Purpose::Viewing).line;
     assert!(line.starts_with("system: ") && line.contains("600 points"), "{line}");
+}
+
+#[test]
+fn every_app_takes_every_system_that_fits_the_scene() {
+    let (photos, data) = capture(Points::None);
+    let (film, frames) = made::film(Points::None);
+    let coarse = || run(toml::toml! { occupancy = 16 });
+    for name in names(Family::Moving) {
+        let built = build(name, &photos, &data, &coarse());
+        if find(name).unwrap().needs == Needs::Photos {
+            assert_eq!(built.unwrap().0.name(), name);
+        } else {
+            let line = built.err().expect("photos without times do not fit").to_string();
+            assert!(line.contains(name) && line.contains("no photo has a time"), "{line}");
+        }
+        assert_eq!(build(name, &film, &frames, &coarse()).unwrap().0.name(), name);
+    }
+    // Of a video, too, they show one scene with occluders.
+    assert_eq!(build("nerf-w", &film, &frames, &coarse()).unwrap().0.name(), "nerf-w");
+}
+
+#[test]
+fn every_system_stands_once_and_is_of_a_family() {
+    let all: std::collections::HashSet<&str> = entries().iter().map(|entry| entry.claim.name).collect();
+    assert_eq!(all.len(), entries().len());
+    let families = [Family::Static, Family::Wild, Family::Moving];
+    let listed: std::collections::HashSet<&str> = families.into_iter().flat_map(names).collect();
+    assert_eq!(all, listed);
+    let (photos, data) = capture(Points::None);
+    let line = build("nerfstudio", &photos, &data, &run(toml::Table::new())).err().unwrap().to_string();
+    assert!(line.contains("ngp") && line.contains("nerf-w") && line.contains("tineuvox"), "{line}");
 }

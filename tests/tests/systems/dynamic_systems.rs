@@ -4,11 +4,12 @@
 use engine::data::Dataset;
 use engine::options::{Background, DataOptions, Plan, RunOptions, parse_set};
 use engine::render::{plain_query, render};
+use engine::source::load_in_order;
 use engine::system::{Layers, Query, System, SystemError, TensorData, TensorMap};
 use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
 use scene_io::{Image, ImageSource, Point, Scene};
 use std::sync::Arc;
-use systems::dynamic::{SYSTEMS, build, load};
+use systems::registry::{Family, build, names};
 use tests::{assert_same_bits, state_after, state_of, views};
 
 /// Settings with which a step takes milliseconds; a system takes those that its parts have.
@@ -125,7 +126,7 @@ fn spoil(state: &mut TensorMap, name: &str, from: usize) {
 
 #[test]
 fn each_system_learns_and_shows_the_moment_asked_for() {
-    for name in SYSTEMS {
+    for name in names(Family::Moving) {
         let scene = scene_of(name);
         let (train, _) = views(&scene, 1);
         let small: &[&str] = if name == "tineuvox" { &["voxels=24"] } else { &[] };
@@ -171,7 +172,7 @@ fn each_system_learns_and_shows_the_moment_asked_for() {
 
 #[test]
 fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
-    for name in SYSTEMS {
+    for name in names(Family::Moving) {
         println!("{name}");
         let scene = scene_of(name);
         assert_same_bits(|steps, state| {
@@ -399,7 +400,7 @@ fn images_that_say_nothing_of_time_are_in_its_order() {
     timeless.frames.iter_mut().for_each(|frame| frame.time = None);
     scene_io::synthetic::write_blender(&timeless, folder.path()).unwrap();
     let path = folder.path().to_str().unwrap();
-    let scene = load(path, &DataOptions::default()).unwrap();
+    let scene = load_in_order(path, &DataOptions::default()).unwrap();
     let n = scene.frames.len();
     for (i, frame) in scene.frames.iter().enumerate() {
         assert_eq!(frame.time, Some(i as f64 / (n - 1) as f64), "{}", frame.name);
@@ -410,6 +411,6 @@ fn images_that_say_nothing_of_time_are_in_its_order() {
     let scene = engine::source::load(path, &DataOptions::default()).unwrap();
     assert!(scene.frames.iter().all(|frame| frame.time.is_none()));
     // Times that are there stay.
-    let scene = load("synthetic:orbit", &DataOptions::default()).unwrap();
+    let scene = load_in_order("synthetic:orbit", &DataOptions::default()).unwrap();
     assert!(scene.notes.is_empty() && scene.frames[3].time == Some(3.0 / 79.0), "{:?}", scene.frames[3].time);
 }

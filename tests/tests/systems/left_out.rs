@@ -36,7 +36,7 @@ fn system(name: &str, (scene, train): &(Scene, Dataset), set: &[&str]) -> Box<dy
     };
     let set = small.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: SEED, background: Some(Background::White), error_budget: None, set };
-    systems::wild::build(name, scene, train, &run).unwrap().0
+    systems::registry::build(name, scene, train, &run).unwrap().0
 }
 
 const NGP: &[&str] =

@@ -9,7 +9,7 @@ use scene_io::{
     Disturbance, Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, Scene, Split, TrainPhotos, perturb,
 };
 use std::sync::Arc;
-use systems::wild::build;
+use systems::registry::build;
 use testkit::golden::data_or_skip;
 use tests::views;
 

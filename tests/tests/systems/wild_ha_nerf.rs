@@ -6,7 +6,7 @@ use engine::system::{Appearance, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
 use std::sync::Arc;
-use systems::wild::build;
+use systems::registry::build;
 use tests::{assert_same_bits, state_after, views};
 
 fn train_of(scene: &Scene) -> Dataset {

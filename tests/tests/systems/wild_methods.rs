@@ -9,7 +9,7 @@ use engine::system::{Appearance, Fit, Query, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{Disturbance, ImageSource, Scene, perturb};
 use std::sync::Arc;
-use systems::wild::build;
+use systems::registry::build;
 use tests::{assert_same_bits, state_after, views};
 
 /// Small batches.

@@ -7,7 +7,7 @@ use field_core::rng::Rng;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageSource, Scene, Split};
 use std::sync::Arc;
-use systems::wild::build;
+use systems::registry::build;
 use tests::{assert_same_bits, psnr, state_after, views};
 
 const SMALL: [&str; 8] =

@@ -71,7 +71,7 @@ pub(super) fn measure(
     let load = |spec: &str, data: &DataOptions| load(bench, spec, data);
     let name = format!("{}, {}", group.name, entry.name);
     let job =
-        Job { name: &name, request, load: &load, build: &systems::dynamic::build, schedule: schedule(stop), lpips };
+        Job { name: &name, request, load: &load, build: &systems::registry::build, schedule: schedule(stop), lpips };
     let trained = train(job, |_| {})?;
     let (views, ended) = (trained.views(), trained.ended);
     say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
@@ -139,7 +139,7 @@ fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError
             _ => {}
         }
     }
-    systems::dynamic::load(spec, data)
+    engine::source::load_in_order(spec, data)
 }
 
 #[cfg(test)]

@@ -215,7 +215,7 @@ mod tests {
         for group in [WORKBENCH, ORBIT, NR, TISSUE] {
             for (i, entry) in group.entries.iter().enumerate() {
                 assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
-                assert!(systems::dynamic::SYSTEMS.contains(&entry.system), "{}", entry.system);
+                assert!(systems::registry::find(entry.system).is_some(), "{}", entry.system);
                 let known = |name: &str| group.entries[..i].iter().any(|e| e.name == name);
                 assert!(entry.without.is_none_or(known), "{} {}", group.name, entry.name);
                 assert!(!known(entry.name), "{} twice", entry.name);

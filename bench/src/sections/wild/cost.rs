@@ -32,7 +32,7 @@ pub(in crate::sections) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section
     let (rounds, steps) = bench.pick((1, 50), (3, 500));
     let steps = bench.steps.unwrap_or(steps);
     let mut cases = vec![Case::new(NGP, &systems::registry::build)];
-    cases.extend(COSTS.iter().map(|&entry| Case::new(entry, &systems::wild::build)));
+    cases.extend(COSTS.iter().map(|&entry| Case::new(entry, &systems::registry::build)));
     let scene = perturb(small_tabletop(), Disturbance::Both, 0);
     for round in 1..=rounds {
         for case in &mut cases {

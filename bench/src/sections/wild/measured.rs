@@ -92,7 +92,7 @@ pub(super) fn measure(
     let lights: Vec<EvalAppearance> =
         lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<_, _>>()?;
     let schedule = Schedule::new(Stop::Steps(steps));
-    let job = Job { name, request, load, build: &systems::wild::build, schedule, lpips: None };
+    let job = Job { name, request, load, build: &systems::registry::build, schedule, lpips: None };
     let mut known = lights;
     let mut trained = train(job, |run| {
         // A system that knows one light has no photo's: its whole views are in the only one.

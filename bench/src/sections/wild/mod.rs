@@ -250,7 +250,7 @@ mod tests {
                 assert_eq!(photos.entries[0].system, "plain", "{} {}", group.name, photos.name);
                 for entry in photos.entries {
                     assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
-                    assert!(systems::wild::SYSTEMS.contains(&entry.system));
+                    assert!(systems::registry::find(entry.system).is_some());
                 }
                 for light in photos.lights {
                     assert!(light.parse::<engine::eval::EvalAppearance>().is_ok());

@@ -13,6 +13,7 @@
 
 use super::t_nerf;
 use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
     At, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, PlaneFeatures,
@@ -114,4 +115,9 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let rows = density.rows() + planes.density_rows();
     let planes = TimePlanes::new(planes, &mut parameters)?;
     Ok(Deform::new(Box::new(DNerf { planes, psi_t, density, rows }), time, parameters))
+}
+
+/// `ngp`'s field, deformed.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving::deformed(deform))
 }

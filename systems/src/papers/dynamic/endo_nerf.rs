@@ -12,7 +12,9 @@
 //! and now and then the stereo depths that disagree most with rendered ones give way to these. Distances are along rays in world
 //! units, not in normalised device coordinates; samples never leave the ray.
 
+pub(crate) use super::d_nerf::deform;
 use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, RaySettings, moving_field};
 use crate::samplers::CueConfig;
 
 /// What differs from the paper.
@@ -25,14 +27,11 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "hybrid field, march cut by depth",
 };
 
-/// Its deformation is that of D-NeRF.
-pub(crate) use super::d_nerf::deform;
-
 /// Masks lead the rays: none through a tool, more where it often is.
-pub(crate) const GUIDED: bool = true;
+const RAYS: RaySettings = RaySettings { guided: true, ..RaySettings::ANYWHERE };
 
 /// What measured depth does.
-pub(crate) const DEPTH: CueConfig = CueConfig {
+const DEPTH: CueConfig = CueConfig {
     depth: 1.0,
     depth_delta: 0.2,
     // Besides those of the march: where a fifth of the depths are wrong, other places of the ray need samples, too.
@@ -43,3 +42,8 @@ pub(crate) const DEPTH: CueConfig = CueConfig {
     refine_rounds: 4,
     refine_share: 0.1,
 };
+
+/// The field and the deformation of `d-nerf`, led by masks and depths.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving { rays: RAYS, depth: DEPTH, ..Moving::deformed(deform) })
+}

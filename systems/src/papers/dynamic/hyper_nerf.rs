@@ -10,6 +10,7 @@
 
 use super::nerfies::{self, RigidMotion};
 use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
     Ambient, AmbientSettings, At, Deform, Deformation, DensityInputs, DensitySettings, ElasticSettings, Moved,
@@ -100,4 +101,9 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     Deform::new(Box::new(HyperNerf { t, h, density, rows }), time, parameters)
         .with_elastic(settings.of(&ElasticSettings::NONE)?)?
         .with_background(settings.of(&nerfies::BACKGROUND)?)
+}
+
+/// `ngp`'s field, deformed.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving::deformed(deform))
 }

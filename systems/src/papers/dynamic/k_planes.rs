@@ -13,7 +13,7 @@
 use crate::buffers::{shapes_hold, sized};
 use crate::claims::Claim;
 use crate::fields::{Detail, FeatureSource, Features, Names, Part, Places};
-use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
+use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
 use crate::rays::RayConfig;
 use crate::settings::Settings;
 use engine::data::Dataset;
@@ -365,6 +365,9 @@ const DISTORTION: f32 = 1e-3;
 
 /// Planes for a scene at rest.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    if Shown::of(ask.data) == Shown::Moments {
+        return moving_field(ask, &Moving { field, ..Moving::STILL });
+    }
     let mut ground = ask.ground()?;
     let mut config = field_settings(&mut ground, ask.data);
     hybrid(&mut config, PlaneSource::still());

@@ -13,6 +13,7 @@
 //! the published form divides by the angle.
 
 use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
     At, BackgroundSettings, Deform, Deformation, ElasticAt, ElasticSettings, Motion, Moved, Origin, Parameters,
@@ -147,4 +148,9 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     Deform::new(Box::new(Nerfies { motion, rows }), time, parameters)
         .with_elastic(settings.of(&ELASTIC)?)?
         .with_background(settings.of(&BACKGROUND)?)
+}
+
+/// `ngp`'s field, deformed.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving::deformed(deform))
 }

@@ -10,6 +10,7 @@
 //! days. `planes=[]` leaves the network alone.
 
 use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
     At, Deform, Deformation, DensityInputs, DensitySettings, Moved, Parameters, PlaneSettings, SeenBy, Sees, Time,
@@ -86,4 +87,9 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let rows = density.rows() + planes.density_rows();
     let planes = TimePlanes::new(planes, &mut parameters)?;
     Ok(Deform::new(Box::new(TNerf { planes, density, rows }), time, parameters))
+}
+
+/// `ngp`'s field, deformed.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving::deformed(deform))
 }

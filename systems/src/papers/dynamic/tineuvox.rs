@@ -13,6 +13,7 @@
 
 use crate::claims::Claim;
 use crate::fields::VoxelSettings;
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::rays::RayConfig;
 use crate::settings::Settings;
 use crate::warps::{
@@ -115,9 +116,14 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
 }
 
 /// Its field.
-pub(crate) fn field(config: &mut RayConfig, _: &Dataset) {
+fn field(config: &mut RayConfig, _: &Dataset) {
     config.features = Arc::new(VoxelSettings { voxels: VOXELS, voxels_every: VOXELS_EVERY, features: FEATURES });
     config.networks.width = 64;
     config.terms.background_entropy = BACKGROUND_ENTROPY;
     config.terms.point_colour = POINT_COLOUR;
+}
+
+/// Its voxels, deformed.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving { field, ..Moving::deformed(deform) })
 }

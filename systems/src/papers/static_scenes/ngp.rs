@@ -16,7 +16,7 @@
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
 use crate::claims::Claim;
-use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
+use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -28,8 +28,11 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "settings for a CPU",
 };
 
-/// The fast field with settings for this scene.
+/// The fast field with settings for this scene. Of photos that each show a time of its own it is what stays the same.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    if Shown::of(ask.data) == Shown::Moments {
+        return moving_field(ask, &Moving::STILL);
+    }
     let mut ground = ask.ground()?;
     let config = chosen_sampler(field_settings(&mut ground, ask.data), &mut ask.settings)?;
     let all = ask.settings.all()?;

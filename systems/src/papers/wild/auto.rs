@@ -14,6 +14,7 @@ use super::choice::{AppearanceKind, OccluderKind};
 use super::combined::Wild;
 use super::nerf_w::{CHARBONNIER, HASH_GRID_CODES};
 use crate::appearance::codes::FreeCodes;
+use crate::claims::Claim;
 use crate::method::{Pixel, ViewSeen};
 use crate::occluders::none::NoOccluders;
 use crate::occluders::outliers::{Backdrop, NEIGHBOURHOOD, mean_residuals};
@@ -27,6 +28,14 @@ use engine::options::RunOptions;
 use engine::system::{System, SystemError};
 use losses::heuristics::Extent;
 use losses::kernel::Kernel;
+
+/// What it is.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "auto",
+    paper: "",
+    differs: "Appearance and occluders are chosen after a short training that is compared with the photos.",
+    mark: "",
+};
 
 /// Steps of the short training, and of the second one.
 const STEPS: u64 = 80;

@@ -2,7 +2,6 @@
 
 use super::auto;
 use super::choice::{AppearanceKind, Choice, FieldKind, OccluderKind};
-use super::claims::known;
 use super::combined::Wild;
 use super::planning::{AppearancePlan, OccluderPlan, Planning};
 use super::{ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf};
@@ -10,12 +9,10 @@ use crate::limits::refuse;
 use crate::method::{Drawing, Method};
 use crate::occluders::outliers::Backdrop;
 use crate::papers::static_scenes::nerf::{self, NerfConfig};
-use crate::plan::{Ground, chosen_sampler, field_settings, planned};
+use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
 use crate::rays::HeadConfig;
-use engine::data::Dataset;
-use engine::options::{Plan, RunOptions};
+use engine::options::RunOptions;
 use engine::system::{System, SystemError};
-use scene_io::Scene;
 
 /// The plans of a pair of parts. `None` for an appearance that all photos have; for occluders where nothing is known of the
 /// photos at all.
@@ -40,19 +37,10 @@ fn plans(choice: Choice) -> (Option<AppearancePlan>, Option<OccluderPlan>) {
     (appearance, occluders)
 }
 
-/// Build the system `name` for a scene.
-///
-/// # Errors
-/// As [`crate::registry::build`], and for photos that a part cannot work with.
-pub fn build(
-    name: &str,
-    scene: &Scene,
-    data: &Dataset,
-    run: &RunOptions,
-) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let mut ground = Ground::of(scene, data, run)?;
-    let (claim, parts) = known(name)?;
-    ground.lines.extend(claim.line());
+/// A system of these parts; `None`: those that the photos need.
+pub(crate) fn build(ask: Ask<'_>, parts: Option<(AppearanceKind, OccluderKind)>) -> Built {
+    let mut ground = ask.ground()?;
+    let Ask { scene, data, run, .. } = ask;
     let (appearance, occluders) = match parts {
         Some(parts) => parts,
         // A resumed run has both in its settings: nothing is left to be found out.

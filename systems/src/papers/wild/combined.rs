@@ -1,10 +1,15 @@
 //! Any appearance model with any occluder model: all systems of this folder are one of these pairs.
 
 use crate::appearance::AppearanceModel;
+use crate::claims::Claim;
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::occluders::OccluderModel;
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
+
+/// `plain`: neither appearance nor occluders.
+pub(crate) const PLAIN: Claim =
+    Claim { name: "plain", paper: "", differs: "The field alone: one appearance, no occluders.", mark: "" };
 
 /// The pair.
 pub(super) struct Wild {

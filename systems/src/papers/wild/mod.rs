@@ -18,11 +18,10 @@
 //! (`--set occluders=none|robust|transient|visibility|filter|masks`); `combined` joins them. `--set` knows the settings of the
 //! models that are there.
 
-mod auto;
+pub(crate) mod auto;
 mod build;
 mod choice;
-mod claims;
-mod combined;
+pub(crate) mod combined;
 pub mod ha_nerf;
 pub mod hugs;
 pub mod nerf_w;
@@ -32,6 +31,5 @@ pub mod sf_nerf;
 #[cfg(test)]
 mod tests;
 
-pub use build::build;
+pub(crate) use build::build;
 pub use choice::{AppearanceKind, Choice, FieldKind, OccluderKind};
-pub use claims::{CLAIMS, SYSTEMS};

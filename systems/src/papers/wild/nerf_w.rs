@@ -18,6 +18,7 @@ use super::planning::{Build, Planning};
 use crate::appearance::AppearanceModel;
 use crate::appearance::codes::FreeCodes;
 use crate::appearance::config::CodeConfig;
+use crate::claims::Claim;
 use crate::codes::CodeTable;
 use crate::limits::{MOST, above_0, within};
 use crate::method::{Codes, Outcome, Pixel, PixelBar, ViewSeen};
@@ -29,6 +30,35 @@ use engine::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 use losses::uncertainty::Likelihood;
 use serde::{Deserialize, Serialize};
+
+/// `nerf-a`: codes of appearance alone.
+pub(crate) const NERF_A: Claim = Claim {
+    name: "nerf-a",
+    paper: "Martin-Brualla et al., 2021",
+    differs: "On ngp's field with codes of 16 numbers, and errors cost Charbonnier 0.05 instead of their square, which also \
+              helps against occluders. `--field mlp` has published networks, codes and squares.",
+    mark: "Charbonnier, ngp field",
+};
+
+/// `nerf-u`: the transient part alone.
+pub(crate) const NERF_U: Claim = Claim {
+    name: "nerf-u",
+    paper: "Martin-Brualla et al., 2021",
+    differs: "On ngp's field with a sample before each camera for occluders, beta_min 0.1, and errors well above 0.05 cost \
+              their length. `--field mlp` has published networks and squares, but transient density begins at \
+              softplus(x - 3).",
+    mark: "robust tail, ngp field",
+};
+
+/// `nerf-w`: both.
+pub(crate) const NERF_W: Claim = Claim {
+    name: "nerf-w",
+    paper: "Martin-Brualla et al., 2021",
+    differs: "On ngp's field with codes of 16 numbers, a sample before each camera for occluders, beta_min 0.1, and errors \
+              well above 0.05 cost their length. `--field mlp` has published networks, codes and squares, but transient \
+              density begins at softplus(x - 3).",
+    mark: "robust tail, ngp field",
+};
 
 /// Settings of the transient field and of the likelihood.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

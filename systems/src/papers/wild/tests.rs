@@ -1,7 +1,7 @@
 //! Settings of the parts that are there, and of no others.
 
-use super::*;
 use crate::plan::made::{Points, capture};
+use crate::registry::{Family, build, names};
 use engine::options::{Plan, RunOptions};
 use engine::system::SystemError;
 
@@ -177,12 +177,12 @@ fn value_of(name: &str, set: &str, key: &str) -> String {
 #[test]
 fn names_are_those_of_the_pairs() {
     let (scene, data) = capture(Points::None);
-    for name in SYSTEMS.iter().filter(|name| !["auto", "plain"].contains(name)) {
-        let set = match *name {
+    for name in names(Family::Wild).into_iter().filter(|name| !["auto", "plain"].contains(name)) {
+        let set = match name {
             "ha-nerf-a" | "ha-nerf" => "occupancy = 16\nencoder_channels = [4]",
             _ => "occupancy = 16",
         };
         let run = RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
-        assert_eq!(build(name, &scene, &data, &run).unwrap().0.name(), *name);
+        assert_eq!(build(name, &scene, &data, &run).unwrap().0.name(), name);
     }
 }

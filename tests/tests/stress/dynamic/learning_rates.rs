@@ -3,14 +3,14 @@
 use super::{build, has_part, is_sound, usual_operation, usual_stage};
 use crate::common::{End, dataset, guarded, says, state_is_finite};
 use stress::Tally;
-use systems::dynamic::SYSTEMS;
+use systems::registry::{Family, names};
 
 const STEPS: u64 = 30;
 
 pub(crate) fn cases(tally: &mut Tally) {
     let (stage, operation) = (usual_stage(), usual_operation());
     let data = [dataset(&stage), dataset(&operation)];
-    for name in SYSTEMS {
+    for name in names(Family::Moving) {
         let (scene, data) = if name == "endo-nerf" { (&operation, &data[1]) } else { (&stage, &data[0]) };
         for rate in ["lr=0.0", "lr=1e-38", "lr=20.0", "lr=1e4", "lr=1e30", "lr=20.0+warp_lr=100.0+moment_lr=100.0"] {
             let promise = "everything finite, or one error of the guard; 0 is refused by name";

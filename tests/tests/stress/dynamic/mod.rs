@@ -63,7 +63,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s));
     let set = small.chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
-    systems::dynamic::build(name, scene, data, &options)
+    systems::registry::build(name, scene, data, &options)
 }
 
 /// Whether a system has the part that a setting is of.

@@ -6,7 +6,7 @@ use scene_io::synthetic::{OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions,
 use scene_io::{DepthMap, DepthPlace, DepthSource, Frame, Image, ImageSource, Scene};
 use std::sync::Arc;
 use stress::{Tally, ensure};
-use systems::dynamic::SYSTEMS;
+use systems::registry::{Family, names};
 
 /// What is promised of all systems on a scene.
 struct Case {
@@ -155,7 +155,7 @@ pub(crate) fn cases(tally: &mut Tally) {
     for Case { what, scene, set, needs_depth, told } in orbits().into_iter().chain(operations()) {
         let data = dataset(&scene);
         let (has_maps, has_depth) = (scene.frames.iter().any(|frame| frame.depth.is_some()), knows_depth(&scene));
-        for name in SYSTEMS {
+        for name in names(Family::Moving) {
             // Parallax, depth that somebody looks at, or nothing.
             let refused = needs_depth && !(name == "endo-nerf" && has_depth);
             tally.case(
@@ -181,7 +181,7 @@ pub(crate) fn cases(tally: &mut Tally) {
     tally.case("no frame at all", "no panic, everything finite, or one line", || {
         let scene = stage(OrbitOptions { train: 0, ..OrbitOptions::default() });
         let data = dataset(&scene);
-        for name in SYSTEMS {
+        for name in names(Family::Moving) {
             match build(name, &scene, &data, &[]) {
                 Ok((mut system, _)) => trains(system.as_mut(), &data, STEPS).map_err(|e| format!("{name}: {e}"))?,
                 Err(e) => says(&e, &[])?,

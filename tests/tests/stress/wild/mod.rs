@@ -60,7 +60,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<
     let small = small(name, set);
     let set = small.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
-    Ok(systems::wild::build(name, scene, data, &options)?.0)
+    Ok(systems::registry::build(name, scene, data, &options)?.0)
 }
 
 /// It learns for a few steps: every loss and every gradient is finite, and so is all that it says afterwards.

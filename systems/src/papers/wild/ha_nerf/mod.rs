@@ -29,6 +29,7 @@ use super::planning::{Build, Planning};
 use crate::appearance::AppearanceModel;
 use crate::appearance::config::{CodeConfig, ConsistencyConfig, PhotoEncoderConfig};
 use crate::appearance::encoder::Encoder;
+use crate::claims::Claim;
 use crate::limits::{MOST, above_0, within};
 use crate::method::{Outcome, Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
@@ -41,6 +42,35 @@ use losses::kernel::Kernel;
 use losses::visibility::SizeSchedule;
 use serde::{Deserialize, Serialize};
 use visibility_map::VisibilityMap;
+
+/// `ha-nerf-a`: the encoder of appearance alone.
+pub(crate) const HA_NERF_A: Claim = Claim {
+    name: "ha-nerf-a",
+    paper: "Chen et al., 2022",
+    differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
+              Charbonnier 0.05, weights of view consistency are doubled, ngp's field. `--field mlp` learns through the \
+              published encoder, without view consistency.",
+    mark: "free codes, Charbonnier",
+};
+
+/// `ha-nerf-t`: the visibility map alone.
+pub(crate) const HA_NERF_T: Claim = Claim {
+    name: "ha-nerf-t",
+    paper: "Chen et al., 2022",
+    differs: "The scene's errors cost Charbonnier 0.05 instead of their square and the visibility network is 2 x 64, on ngp's \
+              field. `--field mlp` has published networks and squares.",
+    mark: "Charbonnier, small network",
+};
+
+/// `ha-nerf`: both.
+pub(crate) const HA_NERF: Claim = Claim {
+    name: "ha-nerf",
+    paper: "Chen et al., 2022",
+    differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
+              Charbonnier 0.05, weights of view consistency are doubled, the visibility network is 2 x 64, ngp's field. \
+              `--field mlp`: published encoder, networks and squares, without view consistency.",
+    mark: "free codes, Charbonnier",
+};
 
 /// Settings of the visibility map.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -23,6 +23,7 @@ mod segments;
 use super::nerf_w::{CHARBONNIER, SQUARED};
 use super::planning::{Build, Planning};
 use super::robust_nerf::trimming;
+use crate::claims::Claim;
 use crate::limits::{above_0, at_least_1, within};
 use crate::method::{Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
@@ -40,6 +41,16 @@ use losses::trimmed::TrimmedMask;
 use scene_io::{Frame, Scene};
 use segments::{Pieces, refused, shared_features};
 use serde::{Deserialize, Serialize};
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "hugs",
+    paper: "Chen et al., 2024",
+    differs: "Not HuGS: training masks come from our own rule of robust-nerf on whole photos, then segments vote. The \
+              published residual heuristic and its join with point tracks are not used: what tracks or segments rescue is \
+              still left out where that rule leaves it out.",
+    mark: "not HuGS: own masks",
+};
 
 /// Pixels of the segments of all photos together, at most: a few bytes each while photos are compared.
 const OUTLINE_PIXELS: f64 = 32e6;

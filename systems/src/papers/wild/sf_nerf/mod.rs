@@ -29,6 +29,7 @@ mod smoothness;
 mod twin;
 
 use super::planning::{Build, Planning};
+use crate::claims::Claim;
 use crate::codes::CodeTable;
 use crate::limits::{MOST, above_0, positive, within};
 use crate::method::{Outcome, Pixel, PixelBar, ViewSeen};
@@ -44,6 +45,15 @@ use layer::{Cost, Layer, LayerLoss};
 use losses::concrete::{BinaryConcrete, noise};
 use photo_features::read_features;
 use pretrained::{FilterStart, Pretrained};
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "sf-nerf",
+    paper: "Lee et al., 2023",
+    differs: "On ngp's field with a filter 64 wide, beta_min 0.1 and a hold of 250 steps; features only from files beside the \
+              photos, a pretrained filter only from another run. `--field mlp` has the published sizes and steps.",
+    mark: "small filter, ngp field",
+};
 pub use pretrained::{Freeze, PretrainedConfig};
 use rates::Rates;
 use scene_io::Features;

@@ -1,114 +1,73 @@
-//! What does this video need? The system built from its name and its settings.
+//! The plan of a field for photos that each show a time of their own: a deformation or none, which rays are drawn, and what
+//! measured depth does.
 
-use super::rays::RaySettings;
-use crate::claims::{Claim, claims_of, names};
-use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
-use crate::papers::static_scenes::ngp;
-use crate::plan::{Ground, Shown, accepts_no_parallax, has_no_parallax, ngp_settings, no_parallax, set_near};
+use super::ask::{Ask, Built, planned};
+use super::ground::Ground;
+use super::near::set_near;
+use super::ngp_settings::{Shown, ngp_settings};
+use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
+use super::ray_choice::RaySettings;
 use crate::rays::{RayConfig, RaySystem};
 use crate::samplers::CueConfig;
-use crate::settings::{Settings, no_such_system};
+use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
-use engine::error::RunError;
-use engine::options::{DataOptions, Plan, RunOptions};
-use engine::system::{System, SystemError};
-use scene_io::Scene;
+use engine::system::SystemError;
 
 /// A deformation from its settings, the times of the training views and a seed.
-type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, SystemError>;
+pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, SystemError>;
 
-/// A system: what its name claims, its deformation, its rays, what it makes of measured depth, and what it changes of its field.
-struct Known {
-    claim: Claim,
-    deform: Option<NewDeform>,
-    rays: RaySettings,
-    depth: CueConfig,
-    field: fn(&mut RayConfig, &Dataset),
+/// The parts of a system for scenes that move: its deformation, its rays, what it makes of measured depth, and what it changes of
+/// its field.
+pub(crate) struct Moving {
+    pub(crate) deform: Option<NewDeform>,
+    pub(crate) rays: RaySettings,
+    pub(crate) depth: CueConfig,
+    pub(crate) field: fn(&mut RayConfig, &Dataset),
 }
 
-impl Known {
+impl Moving {
     /// A field in which nothing moves.
-    const STILL: Self =
-        Self { claim: ngp::CLAIM, deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_, _| {} };
+    pub(crate) const STILL: Self =
+        Self { deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_, _| {} };
 
     /// A field that a deformation moves.
-    const fn moving(claim: Claim, deform: NewDeform) -> Self {
-        Self { claim, deform: Some(deform), ..Self::STILL }
+    pub(crate) const fn deformed(deform: NewDeform) -> Self {
+        Self { deform: Some(deform), ..Self::STILL }
     }
-}
-
-const KNOWN: [Known; 8] = [
-    Known::STILL,
-    Known::moving(t_nerf::CLAIM, t_nerf::deform),
-    Known::moving(d_nerf::CLAIM, d_nerf::deform),
-    Known::moving(nerfies::CLAIM, nerfies::deform),
-    Known::moving(hyper_nerf::CLAIM, hyper_nerf::deform),
-    Known { field: tineuvox::field, ..Known::moving(tineuvox::CLAIM, tineuvox::deform) },
-    Known { claim: k_planes::CLAIM, field: k_planes::field, ..Known::STILL },
-    Known {
-        rays: RaySettings { guided: endo_nerf::GUIDED, ..RaySettings::ANYWHERE },
-        depth: endo_nerf::DEPTH,
-        ..Known::moving(endo_nerf::CLAIM, endo_nerf::deform)
-    },
-];
-
-/// Systems by name, with what differs from their papers.
-pub const CLAIMS: [Claim; KNOWN.len()] = claims_of!(KNOWN);
-
-/// Systems by name.
-pub const SYSTEMS: [&str; KNOWN.len()] = names(&CLAIMS);
-
-/// The scene a word or path names; images without times are in the order of time.
-///
-/// # Errors
-/// As [`engine::source::load`].
-pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
-    let mut scene = engine::source::load(spec, data)?;
-    scene.time_by_order();
-    Ok(scene)
 }
 
 /// Weight of a ray that its faintest samples may have together to be left out in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
-/// Build the system `name` for a scene.
-///
-/// # Errors
-/// As [`crate::registry::build`].
-pub fn build(
-    name: &str,
-    scene: &Scene,
-    data: &Dataset,
-    run: &RunOptions,
-) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let known = KNOWN.iter().find(|known| known.claim.name == name).ok_or_else(|| no_such_system(name, SYSTEMS))?;
-    let mut settings = Settings::new(run);
-    let rays = settings.of(&known.rays)?;
+/// A field made of these parts.
+pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
+    let Ask { claim, scene, data, run, mut settings } = ask;
+    let rays = settings.of(&parts.rays)?;
     rays.check()?;
-    let depth = settings.of(&known.depth)?;
+    let depth = settings.of(&parts.depth)?;
     depth.check()?;
-    let deform = known.deform.map(|new| new(&mut settings, Times::of(data), run.seed)).transpose()?;
+    let deform = parts.deform.map(|new| new(&mut settings, Times::of(data), run.seed)).transpose()?;
     let deform = deform.filter(Deform::does_something).map(|deform| deform.with_curriculum(rays.curriculum));
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
     let measured = has_depth && depth.asks();
     let frozen = !accepts_no_parallax(run)? && has_no_parallax(data);
     if frozen && has_depth {
-        check_depth(name, data, measured)?;
+        check_depth(claim.name, data, measured)?;
     }
     let mut ground =
         if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
-    ground.lines.extend(known.claim.line());
+    ground.lines.extend(claim.line());
     let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
     set_near(&mut field.space, &mut ground, data, Shown::Moments);
     if deform.is_some() {
         // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;
     }
-    (known.field)(&mut field, data);
+    (parts.field)(&mut field, data);
     let field = field.asked(&mut settings)?;
     let config = settings.all()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, known.claim.name, deform)?;
+    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
     ground.lines.extend(follow(&mut system, data, &rays)?);
     if depth.asks() {
         let known = system.follow_depth(depth, data)?;
@@ -121,8 +80,7 @@ pub fn build(
             "depth: none is measured, so nothing is held to it".into()
         });
     }
-    let Ground { lines, background, error_budget, .. } = ground;
-    Ok((Box::new(system), Plan { lines, background, error_budget, config }))
+    Ok((Box::new(system), planned(ground, config)))
 }
 
 /// Let errors or masks lead the rays. Returns what is done, a line each.

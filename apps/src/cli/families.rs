@@ -1,0 +1,78 @@
+//! Words that only systems of one family understand. An app shows the words of its own family; the others it takes where the system
+//! that is named, or that of the run, is of their family.
+
+use crate::app::App;
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+use std::path::PathBuf;
+use systems::registry::{Family, find};
+
+/// A subcommand, and one of its arguments; without one the subcommand itself.
+type Word = (&'static str, Option<&'static str>);
+
+/// The words of a family, the app that shows them, and why other systems do not have them.
+struct Words {
+    family: Family,
+    app: &'static str,
+    why: &'static str,
+    words: &'static [Word],
+}
+
+const WORDS: [Words; 3] = [
+    Words {
+        family: Family::Wild,
+        app: "nerf-wild",
+        why: "no system of its is named here, so all photos have one appearance and show no occluders",
+        words: &[
+            ("demo", Some("field")),
+            ("train", Some("field")),
+            ("train", Some("eval_appearance")),
+            ("eval", Some("eval_appearance")),
+            ("render", Some("appearance")),
+            ("render", Some("fit_camera")),
+            ("masks", None),
+        ],
+    },
+    Words {
+        family: Family::Moving,
+        app: "nerf-dynamic",
+        why: "no system of its is named here, so the scene stands still",
+        words: &[("render", Some("time")), ("export", Some("time"))],
+    },
+    Words {
+        family: Family::Static,
+        app: "nerf-static",
+        why: "only there a system is chosen by what the scene is for",
+        words: &[("train", Some("for"))],
+    },
+];
+
+/// The words of the other families.
+pub(super) fn words_of_others(family: Family) -> impl Iterator<Item = Word> {
+    WORDS.iter().filter(move |words| words.family != family).flat_map(|words| words.words.iter().copied())
+}
+
+/// What is wrong with a word that neither the app nor the system has.
+pub(super) fn foreign_word(app: &App, matches: &ArgMatches) -> Option<String> {
+    let (word, given) = matches.subcommand()?;
+    let families = system(word, given).and_then(|name| find(&name)).map_or(&[][..], |entry| entry.families);
+    let others = WORDS.iter().filter(|words| words.family != app.family && !families.contains(&words.family));
+    others.flat_map(|words| words.words.iter().map(move |(sub, argument)| (words, *sub, *argument))).find_map(
+        |(words, sub, argument)| {
+            let is_given =
+                argument.is_none_or(|name| given.value_source(name) == Some(ValueSource::CommandLine)) && sub == word;
+            let shown = argument.map_or_else(|| sub.into(), |name| format!("--{}", name.replace('_', "-")));
+            is_given.then(|| format!("`{shown}` is a word of {}: {}", words.app, words.why))
+        },
+    )
+}
+
+/// The system that is named, or that of the run.
+fn system(word: &str, given: &ArgMatches) -> Option<String> {
+    let value = |name: &str| given.try_get_one::<String>(name).ok().flatten().cloned();
+    let path = |name: &str| given.try_get_one::<PathBuf>(name).ok().flatten();
+    value("system").or_else(|| {
+        let run = if word == "train" { path("out") } else { path("run") };
+        Some(engine::run::config(run?)?.system)
+    })
+}
