@@ -79,8 +79,8 @@ impl Optimiser {
                 bad += adam.step(simd, by_group[k], params, grad);
             }
         }
-        if let Some(adam) = self.extra.as_mut().filter(|adam| adam.len() > 0) {
-            bad += adam.step(simd, rates.extra, &mut cloud.extra, &mut gradient.extra);
+        if let Some(adam) = self.extra.as_mut().filter(|adam| !adam.is_empty()) {
+            bad += adam.step(simd, rates.extra, &mut cloud.extra, &gradient.extra);
         }
         bad
     }
