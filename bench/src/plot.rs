@@ -87,7 +87,7 @@ struct Ruler {
 }
 
 impl Ruler {
-    fn new(axis: &Axis, values: impl Iterator<Item = f64>, (from, to): (i32, i32)) -> Option<Self> {
+    fn new(axis: &Axis, values: impl Iterator<Item = f64>, from: i32, to: i32) -> Option<Self> {
         let scale = axis.scale;
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for v in values.filter_map(|v| inner(scale, v)) {
@@ -157,8 +157,8 @@ impl Plot {
         let all = || self.series.iter().flat_map(|s| &s.points);
         // Only points that have a place on both axes count for either.
         let shown = |p: &&(f64, f64)| inner(self.x.scale, p.0).is_some() && inner(self.y.scale, p.1).is_some();
-        let x = Ruler::new(&self.x, all().filter(shown).map(|p| p.0), (FRAME[0], FRAME[2]));
-        let y = Ruler::new(&self.y, all().filter(shown).map(|p| p.1), (FRAME[3], FRAME[1]));
+        let x = Ruler::new(&self.x, all().filter(shown).map(|p| p.0), FRAME[0], FRAME[2]);
+        let y = Ruler::new(&self.y, all().filter(shown).map(|p| p.1), FRAME[3], FRAME[1]);
         let (Some(x), Some(y)) = (x, y) else { return Ok(None) };
         let mut svg = String::new();
         {
@@ -288,7 +288,7 @@ mod tests {
     fn ticks_are_round_and_few() {
         let axis = |scale| Axis { label: "", scale };
         let of = |scale, low, high| {
-            Ruler::new(&axis(scale), [low, high].into_iter(), (0, 100)).map(|r| r.ticks()).unwrap_or_default()
+            Ruler::new(&axis(scale), [low, high].into_iter(), 0, 100).map(|r| r.ticks()).unwrap_or_default()
         };
         assert_eq!(of(Scale::Log, 1.0, 1000.0), [1.0, 10.0, 100.0, 1000.0]);
         assert_eq!(of(Scale::Log, 1.1, 12.0), [1.0, 2.0, 5.0, 10.0]);

@@ -13,7 +13,7 @@ fn noise(n: usize) -> Vec<f32> {
 }
 
 /// The same by a plain loop over an image with its border in place.
-fn plain(conv: &Conv2d, (kernel, stride): (usize, usize), params: &[f32], x: &[f32], side: usize, y: &mut [f32]) {
+fn plain(conv: &Conv2d, kernel: usize, stride: usize, params: &[f32], x: &[f32], side: usize, y: &mut [f32]) {
     let to = (side - kernel) / stride + 1;
     let biases = &params[conv.macs()..];
     for (o, y) in y.chunks_exact_mut(to * to).enumerate() {
@@ -50,7 +50,7 @@ fn layers(c: &mut Criterion) {
         let operations = 2 * (conv.macs() * to.pixels()) as u64;
         group.throughput(Throughput::Elements(operations));
         group.bench_function("plain loop", |b| {
-            b.iter(|| plain(&conv, (kernel, stride), black_box(&params), &x, side, &mut y));
+            b.iter(|| plain(&conv, kernel, stride, black_box(&params), &x, side, &mut y));
         });
         for simd in Simd::available() {
             group.throughput(Throughput::Elements(operations));

@@ -2,6 +2,7 @@
 
 mod dynamic_systems;
 mod e2e_static;
+mod every_system;
 mod left_out;
 mod mip_nerf;
 mod mip_nerf_360;

@@ -8,7 +8,7 @@ use crate::goals::Goal;
 const STEP_SECONDS: f64 = 1.0;
 
 /// A goal where everything it compares was measured; `before` are the rows above.
-pub(super) fn goal((aim, scene, entry): (Aim, &str, &Entry), measured: &Measured, before: &[Measured]) -> Option<Goal> {
+pub(super) fn goal(aim: Aim, scene: &str, entry: &Entry, measured: &Measured, before: &[Measured]) -> Option<Goal> {
     let row = |name: &str| before.iter().find(|m| m.name == name);
     let whole = || row(entry.without?);
     let (what, unit, figure, target) = match aim {
@@ -97,7 +97,7 @@ mod tests {
         ];
         let own = row("own", 28.5, 25.0, &[(10.0, 28.0), (16.0, 29.5), (700.0, 31.0)]);
         let entry = Entry { without: Some("nerfies"), ..WORKBENCH.entries[0] };
-        let of = |aim| goal((aim, "g", &entry), &own, &before).map(|g| (g.figure, g.target));
+        let of = |aim| goal(aim, "g", &entry, &own, &before).map(|g| (g.figure, g.target));
         assert_eq!(of(Aim::Moving("ngp", 8.0)), Some((9.0, 8.0)));
         assert_eq!(of(Aim::Over("d-nerf", 0.0)), Some((-0.5, 0.0)));
         assert_eq!(of(Aim::Faster("d-nerf", 10.0)), Some((12.5, 10.0)));
@@ -108,10 +108,10 @@ mod tests {
             "what came later does not count"
         );
         let falling = row("own", 28.5, 25.0, &[(10.0, 28.0), (16.0, 31.0), (200.0, 27.0)]);
-        let within = goal((Aim::Within { seconds: 600.0, psnr: 30.0 }, "g", &entry), &falling, &before);
+        let within = goal(Aim::Within { seconds: 600.0, psnr: 30.0 }, "g", &entry, &falling, &before);
         assert_eq!(within.map(|g| g.figure), Some(27.0), "the last of a curve counts, not the best");
         assert_eq!(of(Aim::Costs(0.0)), Some((-0.5, 0.0)));
-        let idle = goal((Aim::Costs(0.0), "g", &entry), &row("own", 28.0, 25.0, &[]), &before);
+        let idle = goal(Aim::Costs(0.0), "g", &entry, &row("own", 28.0, 25.0, &[]), &before);
         assert!(idle.is_none(), "a part that does nothing here costs nothing, and that is no merit");
         assert_eq!(of(Aim::HiddenCosts(0.0)), Some((-5.0, 0.0)));
         assert_eq!(of(Aim::DepthCosts(1.0)).map(|(x, _)| (x * 100.0).round()), Some(80.0));

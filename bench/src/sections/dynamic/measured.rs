@@ -64,8 +64,10 @@ pub(super) fn request(
 /// Train until `stop`, the held-out views measured on the way, and measure everything at the end.
 pub(super) fn measure(
     bench: &Bench,
-    (group, entry): (&Group, &Entry),
-    (request, stop): (&Request, Stop),
+    group: &Group,
+    entry: &Entry,
+    request: &Request,
+    stop: Stop,
     lpips: Option<&Lpips>,
 ) -> Result<Measured, BenchError> {
     let load = |spec: &str, data: &DataOptions| load(bench, spec, data);

@@ -33,25 +33,25 @@ const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show 
 
 /// The path-traced scene.
 pub(super) fn workbench(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "Moving scenes: workbench", &WORKBENCH)
+    section(bench, keep, "Moving scenes: workbench", &WORKBENCH)
 }
 
 /// The embedded scene.
 pub(super) fn orbit(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "Moving scenes: orbit", &ORBIT)
+    section(bench, keep, "Moving scenes: orbit", &ORBIT)
 }
 
 /// A real video.
 pub(super) fn nr(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "Moving scenes: a real video", &NR)
+    section(bench, keep, "Moving scenes: a real video", &NR)
 }
 
 /// Tissue behind a tool.
 pub(super) fn tissue(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "Moving scenes: tissue behind a tool", &TISSUE)
+    section(bench, keep, "Moving scenes: tissue behind a tool", &TISSUE)
 }
 
-fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, group: &Group) -> Result<Section, BenchError> {
+fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, group: &Group) -> Result<Section, BenchError> {
     let quick = bench.extent == Extent::Quick;
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let (mut rows, mut goals, mut missing): (Vec<Measured>, Vec<Goal>, Vec<&str>) = Default::default();
@@ -64,16 +64,16 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, group: &Grou
                 break;
             };
             let stop = stop(bench, group, entry, &rows);
-            let measured = measure(bench, (group, entry), (&request, stop), lpips.as_ref())?;
-            goals.extend(entry.aims.iter().filter_map(|aim| goal((*aim, group.name, entry), &measured, &rows)));
+            let measured = measure(bench, group, entry, &request, stop, lpips.as_ref())?;
+            goals.extend(entry.aims.iter().filter_map(|aim| goal(*aim, group.name, entry, &measured, &rows)));
             rows.push(measured);
-            keep(&page(title, group, &rows, (goals.clone(), &missing))?)?;
+            keep(&page(title, group, &rows, goals.clone(), &missing)?)?;
         }
     }
     if quick {
         goals.clear();
     }
-    let mut section = page(title, group, &rows, (goals, &missing))?;
+    let mut section = page(title, group, &rows, goals, &missing)?;
     if quick {
         section.items.push(Item::Text(QUICK.into()));
     }
@@ -97,7 +97,8 @@ fn page(
     title: &'static str,
     group: &Group,
     rows: &[Measured],
-    (goals, missing): (Vec<Goal>, &[&str]),
+    goals: Vec<Goal>,
+    missing: &[&str],
 ) -> Result<Section, BenchError> {
     let mut items = Vec::new();
     if !rows.is_empty() {
@@ -262,7 +263,7 @@ mod tests {
             Ok(())
         };
         let group = Group { entries: &ORBIT.entries[..2], ..ORBIT };
-        let section = section((&bench, &keep), "Two rows", &group).unwrap();
+        let section = section(&bench, &keep, "Two rows", &group).unwrap();
         assert_eq!(*kept.borrow(), [1, 2]);
         assert!(section.goals.is_empty(), "two steps reach nothing");
     }

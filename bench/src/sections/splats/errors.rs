@@ -117,7 +117,8 @@ pub(super) fn compare(
     if backwards == Backwards::Compare {
         let clear: Vec<usize> = chosen.iter().zip(&pixels).filter(|(_, p)| clear(p)).map(|(&i, _)| i).collect();
         let world = World { parameters: &parameters, camera: &camera, rules: &wide };
-        errors.gradients = Some(gradients(stage, cloud, shot, rules, (&same, &exact), &clear, &world)?);
+        errors.gradients =
+            Some(gradients(stage, cloud, shot, rules, &Drawn { same: &same, exact: &exact, clear: &clear }, &world)?);
     }
     Ok(errors)
 }
@@ -129,16 +130,23 @@ struct World<'a> {
     rules: &'a Wide,
 }
 
+/// The ellipses of a picture as the rasteriser had them and without rounding, and the pixels that no rounding decides.
+struct Drawn<'a> {
+    same: &'a [Ellipse],
+    exact: &'a [Ellipse],
+    clear: &'a [usize],
+}
+
 /// Gradients of the loss, taken over pixels that are clear.
 fn gradients(
     stage: &mut Stage,
     cloud: &Gaussians,
     shot: &Shot,
     rules: &RasterSettings,
-    (same, exact): (&[Ellipse], &[Ellipse]),
-    clear: &[usize],
+    drawn: &Drawn<'_>,
     world: &World<'_>,
 ) -> Result<GradientErrors, BenchError> {
+    let Drawn { same, exact, clear } = *drawn;
     stage.compare(shot)?;
     let all = shot.view.size[0] * shot.view.size[1];
     let mut kept = vec![0.0; stage.bars.len()];
@@ -175,7 +183,8 @@ fn gradients(
     let far = |want: &[f64]| parameters_far(&stage.grad, want, &compared);
     let footprints = &stage.projection.gaussians;
     let of_records: Vec<EllipseBar> = stage.records.iter().map(widened).collect();
-    let of_footprints: Vec<Ellipse> = footprints.iter().zip(&stage.projection.rgb).map(ellipse).collect();
+    let of_footprints: Vec<Ellipse> =
+        footprints.iter().zip(&stage.projection.rgb).map(|(gaussian, rgb)| ellipse(gaussian, rgb)).collect();
     Ok(GradientErrors {
         loss: loss(stage, shot)?,
         drawing: records_far(stage, same, &back(same)),
@@ -333,12 +342,18 @@ fn wide(rules: &RasterSettings) -> Wide {
 
 /// The ellipses as the rasteriser had them, front to back.
 fn rounded(stage: &Stage) -> Vec<Ellipse> {
-    let mut out: Vec<Ellipse> = stage.projection.gaussians.iter().zip(&stage.projection.rgb).map(ellipse).collect();
+    let mut out: Vec<Ellipse> = stage
+        .projection
+        .gaussians
+        .iter()
+        .zip(&stage.projection.rgb)
+        .map(|(gaussian, rgb)| ellipse(gaussian, rgb))
+        .collect();
     front_to_back(&mut out);
     out
 }
 
-fn ellipse((f, rgb): (&ProjectedGaussian, &[f32; 3])) -> Ellipse {
+fn ellipse(f: &ProjectedGaussian, rgb: &[f32; 3]) -> Ellipse {
     Ellipse::rounded(f.index as usize, f.uv, f.conic, [f.opacity, f.q_max, f.z], *rgb)
 }
 

@@ -125,7 +125,13 @@ pub(super) fn quick(bench: &Bench, found: &mut Found) -> Result<(), BenchError> 
     let mut series = Vec::new();
     for (system, settings) in [("splat", SMALL), ("ngp", "")] {
         let subject = embedded().with_system("tabletop".into(), system, settings)?;
-        let trained = train(bench, &subject, ("tabletop", system), (2.0, &[0.5, 1.0]), found, &mut series)?;
+        let trained = train(
+            bench,
+            &subject,
+            &Row { protocol: "tabletop", system, seconds: 2.0, eval_at: &[0.5, 1.0] },
+            found,
+            &mut series,
+        )?;
         if system == "splat" {
             budget::run(bench, &trained, "tabletop", found)?;
         }
@@ -149,7 +155,13 @@ pub(super) fn run(
         let mut series = Vec::new();
         for &(system, settings) in entry.systems {
             let subject = scene.clone().with_system(format!("{} {system}", entry.name), system, settings)?;
-            let trained = train(bench, &subject, (entry.name, system), (seconds, &EVAL_AT), found, &mut series)?;
+            let trained = train(
+                bench,
+                &subject,
+                &Row { protocol: entry.name, system, seconds, eval_at: &EVAL_AT },
+                found,
+                &mut series,
+            )?;
             if entry.name == "fox135" {
                 budget::run(bench, &trained, entry.name, found)?;
             }
@@ -174,15 +186,23 @@ pub(super) fn run(
     Ok(())
 }
 
+/// What is trained, and when it is measured, seconds.
+struct Row<'a> {
+    protocol: &'a str,
+    system: &'a str,
+    seconds: f64,
+    eval_at: &'a [f64],
+}
+
 /// Train and put down what came out.
 fn train<'a>(
     bench: &Bench,
     subject: &'a Subject,
-    (protocol, system): (&str, &str),
-    (seconds, eval_at): (f64, &[f64]),
+    row: &Row<'_>,
     found: &mut Found,
     series: &mut Vec<Series>,
 ) -> Result<Trained<'a>, BenchError> {
+    let Row { protocol, system, seconds, eval_at } = *row;
     let measured = forget_peak();
     let trained = train_seconds(bench, subject, seconds, eval_at)?;
     for p in &trained.watch.curve {

@@ -48,7 +48,9 @@ impl From<Evaluation> for Score {
 /// The request that a protocol makes; `None` where its dataset is not there: said loudly.
 pub(super) fn request(
     bench: &Bench,
-    (group, photos, entry): (&Group, &Photos, &Entry),
+    group: &Group,
+    photos: &Photos,
+    entry: &Entry,
     folder: &Path,
 ) -> Result<Option<Request>, BenchError> {
     let data = DataOptions {
@@ -76,8 +78,10 @@ pub(super) fn request(
 /// Train for `steps`, measure the held-out views in each of `lights`, and the masks of all training photos.
 pub(super) fn measure(
     bench: &Bench,
-    (name, segments): (&str, Segments),
-    (request, steps): (&Request, u64),
+    name: &str,
+    segments: Segments,
+    request: &Request,
+    steps: u64,
     lights: &[&str],
 ) -> Result<Measured, BenchError> {
     let outlines = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;

@@ -32,27 +32,27 @@ const INTRO: &str = "Whole views: held-out views in a light that is known (that 
 
 /// Lego, disturbed.
 pub(super) fn lego100(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: disturbed lego, 100 pixels", LEGO100)
+    section(bench, keep, "In the wild: disturbed lego, 100 pixels", LEGO100)
 }
 
 /// The same photos, larger.
 pub(super) fn lego400(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: disturbed lego, 400 pixels", LEGO400)
+    section(bench, keep, "In the wild: disturbed lego, 400 pixels", LEGO400)
 }
 
 /// Things in the way.
 pub(super) fn yard(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: occluders in a yard", YARD)
+    section(bench, keep, "In the wild: occluders in a yard", YARD)
 }
 
 /// Light and occluders.
 pub(super) fn plaza(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: many people's photos of a plaza", PLAZA)
+    section(bench, keep, "In the wild: many people's photos of a plaza", PLAZA)
 }
 
 /// Real photographs.
 pub(super) fn real(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section((bench, keep), "In the wild: real photographs", REAL)
+    section(bench, keep, "In the wild: real photographs", REAL)
 }
 
 /// What `plain` reached in each light.
@@ -62,7 +62,7 @@ struct Plain<'a> {
     psnr: Vec<Option<f64>>,
 }
 
-fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Group]) -> Result<Section, BenchError> {
+fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, groups: &[Group]) -> Result<Section, BenchError> {
     let mut table = Table::new(
         "systems",
         "PSNR in dB. One seed (0).",
@@ -94,51 +94,48 @@ fn section((bench, keep): (&Bench, &Keep<'_>), title: &'static str, groups: &[Gr
         for photos in group.photos {
             let entries = if quick { QUICK_SYSTEMS.min(photos.entries.len()) } else { photos.entries.len() };
             for entry in &photos.entries[..entries] {
-                let Some(request) = request(bench, (group, photos, entry), folder.path())? else {
+                let Some(request) = request(bench, group, photos, entry, folder.path())? else {
                     missing.push(group.name);
                     continue;
                 };
                 let name = format!("{} {}", group.name, photos.name);
                 let steps = bench.steps.unwrap_or(if quick { QUICK_STEPS } else { group.steps });
                 let watched = format!("{name}, {}", entry.name);
-                let measured = measure(bench, (&watched, entry.segments), (&request, steps), photos.lights)?;
+                let measured = measure(bench, &watched, entry.segments, &request, steps, photos.lights)?;
                 if entry.system == "plain" {
                     let psnr = measured.scores.iter().map(|e| e.psnr).collect();
                     plains.push(Plain { group: group.name, kind: photos.kind, psnr });
                 }
-                let shares = shares(&plains, (group.name, photos.kind), &measured);
-                goals.extend(entry.aims.iter().filter_map(|aim| {
-                    goal((*aim, &name, entry), &measured, (shares.first().copied().flatten(), &plains))
-                }));
+                let shares = shares(&plains, group.name, photos.kind, &measured);
+                goals.extend(
+                    entry.aims.iter().filter_map(|aim| {
+                        goal(*aim, &name, entry, &measured, shares.first().copied().flatten(), &plains)
+                    }),
+                );
                 systems.push(entry.system);
-                row(&mut table, (name, entry, steps), &measured, &shares)?;
-                keep(&page(title, (&table, &systems), goals.clone(), &missing))?;
+                row(&mut table, name, entry, steps, &measured, &shares)?;
+                keep(&page(title, &table, &systems, goals.clone(), &missing))?;
             }
         }
     }
     if quick {
         goals.clear();
     }
-    let mut section = page(title, (&table, &systems), goals, &missing);
+    let mut section = page(title, &table, &systems, goals, &missing);
     if quick {
         section.items.push(Item::Text(QUICK.into()));
     }
     Ok(section)
 }
 
-fn page(
-    title: &'static str,
-    (table, systems): (&Table, &[&'static str]),
-    goals: Vec<Goal>,
-    missing: &[&str],
-) -> Section {
+fn page(title: &'static str, table: &Table, systems: &[&'static str], goals: Vec<Goal>, missing: &[&str]) -> Section {
     let table = (!table.is_empty()).then(|| Item::Table(table.clone()));
     let items = table.into_iter().chain(claims::note(systems.iter().copied())).chain(not_run(missing));
     Section { title, intro: INTRO, items: items.collect(), goals }
 }
 
 /// Per cent of the gap that was closed in each light; nothing without clean photos, for them, or where there is no gap.
-fn shares(plains: &[Plain<'_>], (group, kind): (&str, Kind), measured: &Measured) -> Vec<Option<f64>> {
+fn shares(plains: &[Plain<'_>], group: &str, kind: Kind, measured: &Measured) -> Vec<Option<f64>> {
     let plain = |kind| plains.iter().find(|p| (p.group, p.kind) == (group, kind));
     let of = |light: usize| {
         let (low, high) = (plain(kind)?.psnr.get(light).copied()??, plain(Kind::Clean)?.psnr.get(light).copied()??);
@@ -150,7 +147,9 @@ fn shares(plains: &[Plain<'_>], (group, kind): (&str, Kind), measured: &Measured
 
 fn row(
     table: &mut Table,
-    (photos, entry, steps): (String, &Entry, u64),
+    photos: String,
+    entry: &Entry,
+    steps: u64,
     measured: &Measured,
     shares: &[Option<f64>],
 ) -> Result<(), BenchError> {
@@ -182,9 +181,12 @@ fn row(
 
 /// An aim beside what was measured; nothing where that is missing.
 fn goal(
-    (aim, photos, entry): (Aim, &str, &Entry),
+    aim: Aim,
+    photos: &str,
+    entry: &Entry,
     measured: &Measured,
-    (share, plains): (Option<f64>, &[Plain<'_>]),
+    share: Option<f64>,
+    plains: &[Plain<'_>],
 ) -> Option<Goal> {
     let (what, unit, figure, target) = match aim {
         Aim::Share(target) => ("share of the gap", "%", share?, target),
@@ -224,7 +226,7 @@ mod tests {
     fn shares_are_of_the_gap_between_plain_photos_and_clean_ones() {
         let plain = |kind, psnr: &[f64]| Plain { group: "g", kind, psnr: psnr.iter().copied().map(Some).collect() };
         let plains = [plain(Kind::Clean, &[30.0, 20.0]), plain(Kind::AsIs, &[20.0, 20.0])];
-        let of = |group, kind, psnr: &[f64]| shares(&plains, (group, kind), &measured(psnr));
+        let of = |group, kind, psnr: &[f64]| shares(&plains, group, kind, &measured(psnr));
         assert_eq!(of("g", Kind::AsIs, &[28.0, 19.0]), [Some(80.0), None], "no gap, no share");
         assert_eq!(of("g", Kind::AsIs, &[19.0]), [Some(-10.0)]);
         assert_eq!(of("g", Kind::Clean, &[30.0]), [None]);
@@ -235,8 +237,7 @@ mod tests {
     fn aims_are_compared_with_what_they_are_about() {
         let plains = [Plain { group: "g", kind: Kind::Clean, psnr: vec![Some(30.0)] }];
         let entry = &YARD[0].photos[0].entries[0];
-        let of =
-            |aim, share| goal((aim, "g", entry), &measured(&[29.75]), (share, &plains)).map(|g| (g.figure, g.target));
+        let of = |aim, share| goal(aim, "g", entry, &measured(&[29.75]), share, &plains).map(|g| (g.figure, g.target));
         assert_eq!(of(Aim::Share(85.0), Some(87.0)), Some((87.0, 85.0)));
         assert_eq!(of(Aim::Share(85.0), None), None);
         assert_eq!(of(Aim::F1(0.9), None), Some((0.75, 0.9)));
