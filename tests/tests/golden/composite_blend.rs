@@ -144,6 +144,28 @@ fn the_kernels_match_at_every_level() {
     }
 }
 
+/// Colours and distances of both parts, channel by channel.
+fn colours_and_depths(record: &Record, stride: [usize; 2], n: usize) -> [Vec<f32>; 2] {
+    [0, 1].map(|k| {
+        let rgb = record.input(["rgb_s", "rgb_d"][k]).f32();
+        let (mut out, t) = (vec![0.0; 4 * stride[k]], record.input("t").f32());
+        for i in 0..n {
+            (0..3).for_each(|c| out[c * stride[k] + i] = rgb[3 * i + c]);
+            out[3 * stride[k] + i] = t[i];
+        }
+        out
+    })
+}
+
+/// Relative and absolute tolerance of values, and of gradients.
+fn tolerances(record: &Record, depth: f32) -> [(f64, f64); 2] {
+    let floor = if depth > 87.0 { UNDERFLOW } else { 3e-45 };
+    match record.kind {
+        Kind::Random => [(2e-6, 1e-6), (5e-5, 1e-5)],
+        _ => [(1e-4, floor), (1e-3, floor)],
+    }
+}
+
 fn kernels_match(record: &Record, letter: &str, is_static: bool, simd: Simd) {
     let label = format!("{simd:?} {}", record.label());
     let input = |name: &str| record.input(name).f32();
@@ -154,15 +176,7 @@ fn kernels_match(record: &Record, letter: &str, is_static: bool, simd: Simd) {
     let m: Vec<f32> = input(letter).iter().map(|&x| if is_static { 1.0 - x } else { x }).collect();
     let n = m.len();
     let stride = [n + 5, n + 2];
-    let values = [0, 1].map(|k| {
-        let rgb = input(["rgb_s", "rgb_d"][k]);
-        let (mut out, t) = (vec![0.0; 4 * stride[k]], input("t"));
-        for i in 0..n {
-            (0..3).for_each(|c| out[c * stride[k] + i] = rgb[3 * i + c]);
-            out[3 * stride[k] + i] = t[i];
-        }
-        out
-    });
+    let values = colours_and_depths(record, stride, n);
     let part = |k: usize| Values { data: &values[k], stride: stride[k], channels: 4 };
     let offsets = [0, n as u32];
     let samples = BlendSamples { offsets: &offsets, tau_s: &tau[0], tau_d: &tau[1], m: &m };
@@ -179,12 +193,7 @@ fn kernels_match(record: &Record, letter: &str, is_static: bool, simd: Simd) {
     };
     composite_blend(simd, samples, blended, out);
 
-    let thick = tau.iter().flatten().sum::<f32>() > 87.0;
-    let floor = if thick { UNDERFLOW } else { 3e-45 };
-    let [(rtol, atol), (grad_rtol, grad_atol)] = match record.kind {
-        Kind::Random => [(2e-6, 1e-6), (5e-5, 1e-5)],
-        _ => [(1e-4, floor), (1e-3, floor)],
-    };
+    let [(rtol, atol), (grad_rtol, grad_atol)] = tolerances(record, tau.iter().flatten().sum());
     let check = |name: &str, got: &[f32]| {
         assert!(got.iter().all(|x| x.is_finite()), "{label} {name}: {got:?}");
         assert_close(&format!("{label} {name}"), got, &record.output(name).data, rtol, atol);

@@ -111,6 +111,27 @@ fn channels(rows: &[f32], stride: usize) -> Vec<f32> {
     out
 }
 
+/// The inner transmittances and the joint weights are those of one part with the sum of both optical depths, in front of what is
+/// missing from 1: their gradients come from there.
+fn joint_gradient(record: &Record, simd: Simd, offsets: &[u32], tau: &[f32]) -> Vec<f32> {
+    let n = tau.len();
+    let joint = Samples { offsets, tau, last: LastInterval::Finite };
+    let (mut w, mut end) = (vec![0.0; n], [0.0]);
+    weights(simd, joint, &mut w, &mut end);
+    let cotangents = &record.cotangent("transmittance").data;
+    let mut behind = 0.0;
+    let mut w_bar = vec![0.0; n];
+    for i in (0..n).rev() {
+        w_bar[i] = (record.cotangent("weights").data[i] - behind) as f32;
+        behind += cotangents[i];
+    }
+    let end_bar = [(cotangents[n] - record.cotangent("opacity").scalar()) as f32];
+    let mut joint_bar = vec![0.0; n];
+    let bar = WeightsBar { w: &w_bar, trans_end: Some(&end_bar) };
+    weights_backward(simd, joint, Weights { w: &w, trans_end: &end }, bar, &mut joint_bar);
+    joint_bar
+}
+
 fn kernels_match(record: &Record, simd: Simd) {
     let label = format!("{simd:?} {}", record.label());
     let input = |name: &str| record.input(name).f32();
@@ -187,22 +208,7 @@ fn kernels_match(record: &Record, simd: Simd) {
     let forward = WeightsTwo { w_s: &w_s, w_t: &w_t, trans_end: &trans_end };
     composite_two_backward(simd, samples, Mixture::Paper, values, forward, bar, grads);
 
-    // The inner transmittances and the joint weights are those of one part with the sum of both optical depths, in front of
-    // what is missing from 1: their gradients come from there.
-    let joint = Samples { offsets: &offsets, tau: &tau, last: LastInterval::Finite };
-    let (mut w, mut end) = (vec![0.0; n], [0.0]);
-    weights(simd, joint, &mut w, &mut end);
-    let cotangents = &record.cotangent("transmittance").data;
-    let mut behind = 0.0;
-    let mut w_bar = vec![0.0; n];
-    for i in (0..n).rev() {
-        w_bar[i] = (record.cotangent("weights").data[i] - behind) as f32;
-        behind += cotangents[i];
-    }
-    let end_bar = [(cotangents[n] - record.cotangent("opacity").scalar()) as f32];
-    let mut joint_bar = vec![0.0; n];
-    let bar = WeightsBar { w: &w_bar, trans_end: Some(&end_bar) };
-    weights_backward(simd, joint, Weights { w: &w, trans_end: &end }, bar, &mut joint_bar);
+    let joint_bar = joint_gradient(record, simd, &offsets, &tau);
 
     let check = |name: &str, got: Vec<f64>| {
         assert!(got.iter().all(|x| x.is_finite()), "{label} d{name}: {got:?}");

@@ -13,6 +13,13 @@ const CONFIGS: [(&str, AdamConfig); 4] = [
 ];
 
 pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
+    gradients(tally, simd);
+    learning_rates(tally, simd);
+    clipping(tally, simd);
+    guard(tally);
+}
+
+fn gradients(tally: &mut Tally, simd: Simd) {
     for (name, config) in CONFIGS {
         for g in MAGNITUDES.iter().flat_map(|&m| [m, -m]) {
             tally.case(
@@ -71,6 +78,9 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
             Ok(())
         });
     }
+}
+
+fn learning_rates(tally: &mut Tally, simd: Simd) {
     for lr in [0.0, 1e-45, 1e4, 1e30, 1e38, 1e300] {
         for (name, config) in CONFIGS {
             tally.case(format!("Adam {name}, learning rate {lr:e}"), "no parameter is ever non-finite", || {
@@ -85,6 +95,9 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
             });
         }
     }
+}
+
+fn clipping(tally: &mut Tally, simd: Simd) {
     for scale in MAGNITUDES {
         tally.case(format!("gradients of {scale:e}, norm clipped to 1"), "the norm is at most 1 afterwards", || {
             let mut grad = vec![scale; 1000];
@@ -114,6 +127,9 @@ pub(crate) fn cases(tally: &mut Tally, simd: Simd) {
         finite("grad", &grad)?;
         ensure(before.iter().zip(&grad).all(|(a, b)| !a.is_finite() || a == b), || "a finite entry changed".into())
     });
+}
+
+fn guard(tally: &mut Tally) {
     tally.case(
         "guard",
         "one bad step of a young run is forgiven, the second is one line that tells the counts",
