@@ -60,7 +60,7 @@ pub(super) fn foreign_word(app: &App, matches: &ArgMatches) -> Option<String> {
     others.flat_map(|words| words.words.iter().map(move |(sub, argument)| (words, *sub, *argument))).find_map(
         |(words, sub, argument)| {
             let is_given =
-                argument.is_none_or(|name| given.value_source(name) == Some(ValueSource::CommandLine)) && sub == word;
+                sub == word && argument.is_none_or(|name| given.value_source(name) == Some(ValueSource::CommandLine));
             let shown = argument.map_or_else(|| sub.into(), |name| format!("--{}", name.replace('_', "-")));
             is_given.then(|| format!("`{shown}` is a word of {}: {}", words.app, words.why))
         },

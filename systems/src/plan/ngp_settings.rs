@@ -11,6 +11,7 @@ use crate::terms::TermConfig;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::SystemError;
+use scene_io::Scene;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -32,11 +33,9 @@ pub(crate) enum Shown {
 }
 
 impl Shown {
-    /// By the times of the photos.
-    pub(crate) fn of(data: &Dataset) -> Self {
-        let times = || data.views().iter().map(|view| view.time);
-        let Some(first) = times().next() else { return Self::Scene };
-        if times().all(|time| time == first) { Self::Scene } else { Self::Moments }
+    /// A scene whose photos have times moves.
+    pub(crate) fn of(scene: &Scene) -> Self {
+        if scene.frames.iter().any(|frame| frame.time.is_some()) { Self::Moments } else { Self::Scene }
     }
 }
 

@@ -11,7 +11,7 @@ mod tests;
 pub use choice::choose;
 
 use crate::claims::Claim;
-use crate::plan::{Ask, Built};
+use crate::plan::{Ask, Built, Shown};
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions};
 use engine::system::{System, SystemError};
@@ -94,7 +94,7 @@ pub fn build(
 impl Entry {
     /// Refuse a scene that lacks what the system needs.
     fn check(&self, scene: &Scene) -> Result<(), SystemError> {
-        if self.needs == Needs::Photos || scene.frames.iter().any(|frame| frame.time.is_some()) {
+        if self.needs == Needs::Photos || Shown::of(scene) == Shown::Moments {
             return Ok(());
         }
         let problem =

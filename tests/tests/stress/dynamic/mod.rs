@@ -60,7 +60,9 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],
     };
-    let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s));
+    let moves = scene.frames.iter().any(|frame| frame.time.is_some());
+    // Rays are chosen and depths refined where photos have times.
+    let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s) && (moves || !s.starts_with("refine")));
     let set = small.chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::registry::build(name, scene, data, &options)

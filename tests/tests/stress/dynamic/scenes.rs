@@ -6,7 +6,7 @@ use scene_io::synthetic::{OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions,
 use scene_io::{DepthMap, DepthPlace, DepthSource, Frame, Image, ImageSource, Scene};
 use std::sync::Arc;
 use stress::{Tally, ensure};
-use systems::registry::{Family, names};
+use systems::registry::{Family, Needs, find, names};
 
 /// What is promised of all systems on a scene.
 struct Case {
@@ -151,6 +151,10 @@ fn operations() -> Vec<Case> {
     ]
 }
 
+fn needs_times(name: &str) -> bool {
+    find(name).is_some_and(|entry| entry.needs == Needs::Times)
+}
+
 pub(crate) fn cases(tally: &mut Tally) {
     for Case { what, scene, set, needs_depth, told } in orbits().into_iter().chain(operations()) {
         let data = dataset(&scene);
@@ -162,6 +166,9 @@ pub(crate) fn cases(tally: &mut Tally) {
                 format!("{name}, {what}"),
                 "trains, everything finite, or one line that says why not",
                 || match (build(name, &scene, &data, set), refused) {
+                    (Err(e), false) if needs_times(name) && scene.frames.iter().all(|frame| frame.time.is_none()) => {
+                        says(&e, &[name, "no photo has a time", "nerf-dynamic"])
+                    }
                     (Ok((mut system, plan)), false) => {
                         ensure(plan.lines.iter().all(|line| !line.contains('\n')), || "not one line each".into())?;
                         let said = name != "endo-nerf" || plan.lines.iter().any(|line| line.contains(told));
