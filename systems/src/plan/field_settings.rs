@@ -13,7 +13,7 @@ use engine::options::Background;
 /// Settings of `ngp` for a scene, each decision with its line. Where space has no end, what one photo alone shows must not find a
 /// place right before its camera: rays begin at `near`, what lies before points is empty, and rays end at the sky.
 pub(crate) fn field_settings(ground: &mut Ground, data: &Dataset) -> RayConfig {
-    let mut config = ngp_settings(&ground.layout, data, (Shown::Scene, ground.transparent), &mut ground.lines);
+    let mut config = ngp_settings(&ground.layout, data, Shown::Scene, ground.transparent, &mut ground.lines);
     if ground.layout.kind != SpaceKind::Contracted {
         return config;
     }

@@ -58,7 +58,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let mut ground =
         if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
     ground.lines.extend(claim.line());
-    let mut field = ngp_settings(&ground.layout, data, (Shown::Moments, ground.transparent), &mut ground.lines);
+    let mut field = ngp_settings(&ground.layout, data, Shown::Moments, ground.transparent, &mut ground.lines);
     set_near(&mut field.space, &mut ground, data, Shown::Moments);
     if deform.is_some() {
         // Cells that are full at some time are empty at most others.

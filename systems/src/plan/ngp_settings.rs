@@ -43,7 +43,8 @@ impl Shown {
 pub(crate) fn ngp_settings(
     layout: &Layout,
     data: &Dataset,
-    (shown, transparent): (Shown, bool),
+    shown: Shown,
+    transparent: bool,
     lines: &mut Vec<String>,
 ) -> RayConfig {
     let pixel = layout.footprint;
