@@ -1,6 +1,6 @@
 //! The words of `nerf-dynamic`: time in renders and exports, scores of what moves, a video in a folder.
 
-use crate::tools::{Answer, SMALL, arrays, error_line, killed, nerf, nerf_dynamic, nerf_wild, newest, text};
+use crate::tools::{Answer, SMALL, arrays, dataset, error_line, killed, nerf, nerf_dynamic, nerf_wild, newest, text};
 use scene_io::export::Ply;
 use scene_io::synthetic::{OrbitOptions, write_orbit};
 use serde_json::Value;
@@ -27,8 +27,12 @@ fn small(extra: &[&str]) -> &'static [&'static str] {
 
 fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
     let words = ["train", text(scene), "--out", text(run), "--progress", "off"];
-    // `t-nerf` warps nothing.
-    let narrow = if extra.contains(&"t-nerf") { &NARROW[..2] } else { &NARROW[..] };
+    // `t-nerf` warps nothing and has networks of time alone; `nerf-w` has neither.
+    let narrow = match extra {
+        _ if extra.contains(&"nerf-w") => &[][..],
+        _ if extra.contains(&"t-nerf") => &NARROW[..2],
+        _ => &NARROW[..],
+    };
     nerf_dynamic(&[&words[..], small(extra), narrow, extra].concat())
 }
 
@@ -149,7 +153,8 @@ fn what_a_system_of_moving_scenes_has_not_is_said_in_one_line() {
     let (folder, scene) = video();
     let run = folder.path().join("run");
     for (extra, part) in [
-        (&["--system", "nerf-w"][..], "tineuvox"),
+        (&["--system", "nerfstudio"][..], "tineuvox"),
+        (&["--system", "nerf-w", "--set", "warp=se3"], "`set` = warp: there is no such setting"),
         (&["--set", "warp=sideways"], "sideways"),
         (&["--set", "warp_depth=0"], "`warp_depth` = 0"),
         (&["--set", "sampler=\"proposal\""], "`set` = sampler: there is no such setting"),
@@ -159,6 +164,29 @@ fn what_a_system_of_moving_scenes_has_not_is_said_in_one_line() {
         assert!(error_line(&answer).contains(part), "{}", answer.err);
         assert!(!run.join("checkpoint").exists());
     }
+}
+
+#[test]
+fn a_system_of_another_app_is_trained_where_it_fits_and_its_words_are_understood() {
+    let (folder, scene) = video();
+    let run = folder.path().join("run");
+    let answer = train(&scene, &run, &["--steps", "2", "--system", "nerf-w"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let pictures = folder.path().join("pictures");
+    let words = ["render", text(&run), "--out", text(&pictures), "--frames", "1", "--progress", "off"];
+    let render = |extra: &[&str]| nerf_dynamic(&[&words[..], extra].concat());
+    let answer = render(&["--appearance", "mean", "--time", "0.5"]);
+    assert_eq!(answer.code, 0, "of a run of its family: {}", answer.err);
+    let moving = folder.path().join("moving");
+    let answer = train(&scene, &moving, &["--steps", "2", "--system", "t-nerf"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    let answer = nerf_dynamic(&["render", text(&moving), "--out", text(&pictures), "--appearance", "mean"]);
+    assert!(answer.code == 2 && answer.err.contains("`--appearance` is a word of nerf-wild"), "{}", answer.err);
+    // Without times of photos nothing moves.
+    let (_still, photos) = dataset();
+    let answer = nerf(&["train", text(&photos), "--out", text(&folder.path().join("no")), "--system", "d-nerf"]);
+    assert_eq!(answer.code, 1, "{}", answer.out);
+    assert!(error_line(&answer).contains("no photo has a time; `nerf-dynamic`"), "{}", answer.err);
 }
 
 #[test]

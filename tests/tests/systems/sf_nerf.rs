@@ -251,7 +251,9 @@ fn settings_that_cannot_work_are_refused() {
         ("tail=-1", ""),
     ] {
         let error = build(&scene, &train, &[set]).map(|_| ()).unwrap_err().to_string();
-        if error != line { println!("DIFF {set} => {error}"); }
+        if error != line {
+            println!("DIFF {set} => {error}");
+        }
     }
 }
 

@@ -82,6 +82,7 @@ const NGP: Entry = Entry::new("ngp");
 const D_NERF: Entry = Entry::new("d-nerf");
 const NERFIES: Entry = Entry::new("nerfies");
 const TINEUVOX: Entry = Entry::new("tineuvox");
+const K_PLANES: Entry = Entry::new("k-planes");
 const ENDO_NERF: Entry = Entry::new("endo-nerf");
 
 /// Every system for scenes that move, and Nerfies without its parts.
@@ -92,6 +93,7 @@ const EVERYTHING: &[Entry] = &[
     NERFIES.aims(&[STATIC_LOSES]),
     Entry::new("hypernerf").aims(&[STATIC_LOSES]),
     TINEUVOX.aims(&[STATIC_LOSES, Aim::Faster("d-nerf", 10.0), RAYS, THIRTY]),
+    K_PLANES,
     NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(SPREAD)]),
     NERFIES.without("nerfies, all octaves from the start", "warp_anneal = 0").aims(&[Aim::Costs(SPREAD)]),
     NERFIES.without("nerfies, no background loss", "background = 0.0").aims(&[Aim::Costs(SPREAD)]),
@@ -113,7 +115,7 @@ pub(super) const NR: Group = Group {
     path: "nr_nerf/example_sequence",
     holdout: Held::EveryFrom(8, 4),
     stop: Stop::Seconds(300.0),
-    entries: &[NGP, D_NERF, TINEUVOX, NERFIES],
+    entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES],
 };
 
 pub(super) const TISSUE: Group = Group {
