@@ -77,7 +77,7 @@ impl<'a> Settings<'a> {
     pub(crate) fn all(self) -> Result<toml::Table, SystemError> {
         refuse_unknown(self.run, &self.all)?;
         let mut all = self.all;
-        // A resumed run must be told again.
+        // A resumed run must be given it again.
         all.extend(self.run.set.get_key_value(NO_PARALLAX).map(|(key, value)| (key.clone(), value.clone())));
         Ok(all)
     }

@@ -4,12 +4,12 @@ use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
 
-/// A pixel is of the backdrop's colour within so many of 255 steps of each channel.
+/// A pixel is of the backdrop's colour within this many of 255 steps of each channel.
 const NEAR: u8 = 12;
 /// Share of a photo's border that must be of it, and share of the photos.
 const BORDER: f64 = 0.9;
 const PHOTOS: f64 = 0.9;
-/// Photos that are looked at, at most, spread evenly; fewer than this many say nothing.
+/// Photos that are compared, at most, spread evenly; fewer than this many say nothing.
 const LOOKED_AT: usize = 48;
 const FEWEST: usize = 3;
 

@@ -35,7 +35,7 @@ impl Ground {
     }
 
     /// Of a scene that moves: no photo stands for the others.
-    pub(crate) fn of_moments(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
+    pub(crate) fn of_times(scene: &Scene, data: &Dataset, run: &RunOptions) -> Result<Self, SystemError> {
         check_parallax(data, run)?;
         Self::with_depth(scene, data, run)
     }

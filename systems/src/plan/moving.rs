@@ -55,11 +55,10 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     if frozen && has_depth {
         check_depth(claim.name, data, measured)?;
     }
-    let mut ground =
-        if measured { Ground::with_depth(scene, data, run) } else { Ground::of_moments(scene, data, run) }?;
+    let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of_times(scene, data, run) }?;
     ground.lines.extend(claim.line());
-    let mut field = ngp_settings(&ground.layout, data, Shown::Moments, ground.transparent, &mut ground.lines);
-    set_near(&mut field.space, &mut ground, data, Shown::Moments);
+    let mut field = ngp_settings(&ground.layout, data, Shown::Times, ground.transparent, &mut ground.lines);
+    set_near(&mut field.space, &mut ground, data, Shown::Times);
     if deform.is_some() {
         // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;

@@ -28,14 +28,14 @@ const SAMPLES_OF_A_RUN: u64 = 100_000_000;
 pub(crate) enum Shown {
     /// The same scene.
     Scene,
-    /// Each a moment of its own.
-    Moments,
+    /// Each a time of its own.
+    Times,
 }
 
 impl Shown {
     /// A scene whose photos have times moves.
     pub(crate) fn of(scene: &Scene) -> Self {
-        if scene.frames.iter().any(|frame| frame.time.is_some()) { Self::Moments } else { Self::Scene }
+        if scene.frames.iter().any(|frame| frame.time.is_some()) { Self::Times } else { Self::Scene }
     }
 }
 
@@ -58,7 +58,7 @@ pub(crate) fn ngp_settings(
     let pixels = data.pixel_count();
     // Where pixels are few and their rays short, each comes often enough to be taken for the area it is. Where a run on a
     // CPU sees a pixel but once or twice, more pixels are worth more than each of them done better; and where each photo shows
-    // a moment of its own.
+    // a time of its own.
     let samples = if transparent { SAMPLES_OF_AN_OBJECT } else { SAMPLES_OF_A_SCENE };
     let often = shown == Shown::Scene && 4 * samples * pixels < SAMPLES_OF_A_RUN;
     let rays_per_side = if often { 2 } else { 1 };
@@ -73,14 +73,14 @@ pub(crate) fn ngp_settings(
     // loss: with all of it a dark video (`nr_nerf/example_sequence`) lost 4 dB, and everything near the camera.
     let distortion = match (layout.kind, shown) {
         (SpaceKind::Contracted, Shown::Scene) => 0.02,
-        (SpaceKind::Contracted, Shown::Moments) => 0.002,
+        (SpaceKind::Contracted, Shown::Times) => 0.002,
         (SpaceKind::Box | SpaceKind::Ndc, _) => 0.0,
     };
     if distortion > 0.0 {
         lines.push(format!("distortion loss: {distortion} (space has no end: weight spread along a ray costs)"));
     }
     // The gradient of the finest levels says little about where to go.
-    let warp_levels = if shown == Shown::Moments { HASH_GRID.levels.div_ceil(2) } else { HASH_GRID.levels };
+    let warp_levels = if shown == Shown::Times { HASH_GRID.levels.div_ceil(2) } else { HASH_GRID.levels };
     let mut config = defaults(layout, step_min, HashGridSettings { log2_table, n_max, warp_levels, ..HASH_GRID });
     config.batch.rays_per_side = rays_per_side;
     config.terms.distortion = distortion;

@@ -19,7 +19,7 @@ pub(crate) fn accepts_no_parallax(run: &RunOptions) -> Result<bool, SystemError>
     }
 }
 
-/// Whether two or more training cameras all stand and look the same way, which tells nothing about depth.
+/// Whether two or more training cameras all have the same place and direction, which says nothing about depth.
 pub(crate) fn has_no_parallax(data: &Dataset) -> bool {
     let [first, rest @ ..] = data.views() else { return false };
     let poses: Vec<Pose> = data.views().iter().map(|view| view.camera.pose).collect();

@@ -94,7 +94,7 @@ pub fn build(
 impl Entry {
     /// Refuse a scene that lacks what the system needs.
     fn check(&self, scene: &Scene) -> Result<(), SystemError> {
-        if self.needs == Needs::Photos || Shown::of(scene) == Shown::Moments {
+        if self.needs == Needs::Photos || Shown::of(scene) == Shown::Times {
             return Ok(());
         }
         let problem =
@@ -103,7 +103,7 @@ impl Entry {
     }
 }
 
-/// There is no system of this name; these there are.
+/// No system has this name; the names that there are.
 fn no_such_system(name: &str) -> SystemError {
     let names: Vec<&str> = entries().iter().map(|entry| entry.claim.name).collect();
     let problem = format!("there is no such system; use one of {}", names.join(", "));

@@ -88,7 +88,7 @@ impl TrainedCloud {
         }
     }
 
-    /// As it is drawn in a step, `parameters` at the moment of the picture.
+    /// As it is drawn in a step, `parameters` at the time of the picture.
     pub(crate) fn drawn<'a>(&self, step: u64, parameters: &'a CloudParameters) -> DrawnCloud<'a> {
         DrawnCloud {
             index: self.index,

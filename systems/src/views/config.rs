@@ -153,7 +153,7 @@ impl CloudRates {
 pub(crate) struct ExtraRows {
     /// How many.
     pub(crate) rows: usize,
-    /// The first so many are composited as features of the picture.
+    /// How many are composited, the first ones, as features of the picture.
     pub(crate) composited: usize,
     /// Their learning rate.
     pub(crate) rate: f64,
@@ -179,7 +179,7 @@ pub(crate) struct PictureConfig {
     pub(crate) widening: WideningKind,
     /// Pictures begin at `2^-coarse` of their size, and double
     pub(crate) coarse: u32,
-    /// after so many steps each.
+    /// after this many steps each.
     pub(crate) coarse_steps: u64,
 }
 

@@ -40,7 +40,7 @@ pub(crate) struct AdcConfig {
     pub(crate) densify_gradient: f32,
     /// Steps between two opacity resets, each of which takes some hundred steps to recover from; 0: none.
     pub(crate) reset_every: u64,
-    /// Gaussians larger than so many extents of the cameras are removed after the first opacity reset, without resets from the start;
+    /// Gaussians larger than this many extents of the cameras are removed after the first opacity reset, without resets from the start;
     /// 0: none. Far things are made of large ones.
     pub(crate) prune_size: f32,
 }
@@ -105,8 +105,8 @@ impl DensityRules {
         }
     }
 
-    /// Whether floaters are looked for after a step, counted from 0.
-    pub(crate) fn looks_for_floaters(&self, step: u64) -> bool {
+    /// Whether floaters are found after a step, counted from 0.
+    pub(crate) fn finds_floaters(&self, step: u64) -> bool {
         self.schedule.free_space && (step + 1).is_multiple_of(self.schedule.densify_every)
     }
 }

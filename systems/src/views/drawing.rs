@@ -1,13 +1,13 @@
 //! Clouds as a camera sees them: projected together, with the features that are composited.
 
 use super::cloud::CloudParameters;
-use super::hooks::InLight;
+use super::hooks::OfAppearance;
 use super::planes::{COLOUR, PlaneLayout};
 use float_core::Simd;
 use splat_core::{Gaussians, ProjectedGaussian, ProjectedGradient, Projection, RasterSettings, SplatError, View};
 use std::ops::Range;
 
-/// A cloud at the moment of a picture.
+/// A cloud at the time of a picture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DrawnCloud<'a> {
     /// Number of the cloud in its picture.
@@ -15,7 +15,7 @@ pub(crate) struct DrawnCloud<'a> {
     pub(crate) gaussians: &'a Gaussians,
     /// `[rows][n]` extra rows.
     pub(crate) extra: &'a [f32],
-    /// The first so many of them are composited.
+    /// How many of them are composited: the first ones.
     pub(crate) composited: usize,
     /// Spherical harmonics are evaluated up to this degree.
     pub(crate) degree: usize,
@@ -109,9 +109,14 @@ impl Projections {
     }
 
     /// Turn the colours of all clouds into those of an appearance.
-    pub(crate) fn in_light(&self, clouds: &[DrawnCloud<'_>], in_light: InLight<'_>, colours: &mut [[f32; 3]]) {
+    pub(crate) fn of_appearance(
+        &self,
+        clouds: &[DrawnCloud<'_>],
+        of_appearance: OfAppearance<'_>,
+        colours: &mut [[f32; 3]],
+    ) {
         for ((range, projection), cloud) in self.each().zip(clouds) {
-            in_light.part.forward(in_light.appearance, cloud, &projection.gaussians, &mut colours[range]);
+            of_appearance.part.forward(of_appearance.appearance, cloud, &projection.gaussians, &mut colours[range]);
         }
     }
 

@@ -5,7 +5,7 @@ use super::cloud_frame::CloudFrame;
 use super::config::PictureConfig;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{CloudMotion, ColourAppearance, InLight};
+use super::hooks::{CloudMotion, ColourAppearance, OfAppearance};
 use super::memory::Pictures;
 use super::pass::{LossParts, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
@@ -46,9 +46,9 @@ pub(crate) struct ViewParts {
     pub(crate) terms: Vec<Box<dyn PictureTerm>>,
     /// A pixel's weight is their product.
     pub(crate) weights: Vec<Box<dyn PixelWeight>>,
-    /// Colours in the light of a photo; `None`: as the spherical harmonics are.
+    /// Colours in the appearance of a photo; `None`: as the spherical harmonics are.
     pub(crate) appearance: Option<Box<dyn ColourAppearance>>,
-    /// Clouds at a moment; `None`: they stand still.
+    /// Clouds at a time; `None`: they stand still.
     pub(crate) motion: Option<Box<dyn CloudMotion>>,
     /// Which view-space gradients the density control is given.
     pub(crate) view_space: ViewSpaceGradient,
@@ -143,7 +143,7 @@ impl Views {
         Ok(Shown { view, time: data.view(view).time, camera, background })
     }
 
-    /// The clouds as they are at a moment.
+    /// The clouds as they are at a time.
     pub(super) fn clouds_at(&self, time: f64) -> Clouds<'_> {
         clouds_at(&self.parts, time)
     }
@@ -211,12 +211,12 @@ impl Views {
     fn change(&mut self, data: &Dataset, step: u64, non_finite: usize) -> Result<(), SystemError> {
         let clock = Instant::now();
         let frame = self.parts.frame;
-        let looks = |cloud: &TrainedCloud| cloud.training.density.looks_for_floaters(step);
-        if self.free_space.is_none() && self.parts.clouds.iter().any(looks) {
+        let finds = |cloud: &TrainedCloud| cloud.training.density.finds_floaters(step);
+        if self.free_space.is_none() && self.parts.clouds.iter().any(finds) {
             self.free_space = Some(FreeSpace::new(data, &frame)?);
         }
         for cloud in &mut self.parts.clouds {
-            let free_space = self.free_space.as_ref().filter(|_| looks(cloud));
+            let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
             cloud.change(self.parts.seed, step, non_finite, floaters).map_err(refused)?;
         }
@@ -239,7 +239,7 @@ impl Views {
         Ok(StepStats { rays: (view.size[0] * view.size[1]) as u64, ..stats })
     }
 
-    /// The clouds as the next step would draw them, `clouds` at the moment of the picture.
+    /// The clouds as the next step would draw them, `clouds` at the time of the picture.
     pub(super) fn drawn<'a>(&self, clouds: &'a Clouds<'_>) -> Vec<DrawnCloud<'a>> {
         let all = self.parts.clouds.iter().zip(clouds);
         all.map(|(trained, at)| trained.drawn(self.steps, at)).collect()
@@ -251,7 +251,11 @@ impl Views {
             clouds,
             frame: &self.parts.frame,
             settings: self.parts.pictures.raster(),
-            appearance: self.parts.appearance.as_deref().map(|part| InLight { part, appearance: &query.appearance }),
+            appearance: self
+                .parts
+                .appearance
+                .as_deref()
+                .map(|part| OfAppearance { part, appearance: &query.appearance }),
             simd: self.simd,
         }
     }
@@ -264,7 +268,7 @@ impl Views {
     }
 }
 
-/// The clouds of a system at a moment.
+/// The clouds of a system at a time.
 fn clouds_at(parts: &ViewParts, time: f64) -> Clouds<'_> {
     match parts.motion.as_deref() {
         None => parts.clouds.iter().map(|cloud| Cow::Borrowed(&cloud.parameters)).collect(),
@@ -272,7 +276,7 @@ fn clouds_at(parts: &ViewParts, time: f64) -> Clouds<'_> {
     }
 }
 
-/// Clouds that move, at a moment.
+/// Clouds that move, at a time.
 fn at_time(motion: &dyn CloudMotion, clouds: &[TrainedCloud], time: f64) -> Vec<CloudParameters> {
     clouds.iter().enumerate().map(|(index, cloud)| motion.cloud_at(time, index, &cloud.parameters)).collect()
 }

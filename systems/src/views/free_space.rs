@@ -15,7 +15,7 @@ use splat_core::{Gaussians, SplatError};
 /// Cells along an axis of each cube, and cubes; the innermost holds the cameras, each next one is twice as large.
 const SETTINGS: GridSettings = GridSettings { resolution: 96, cascades: 4, decay: 1.0, threshold: 0.0 };
 
-/// Bytes at most: of a cell a number that stays, and four while it is looked at; bits.
+/// Bytes at most: of a cell a number that stays, and four while it is judged; bits.
 pub(super) const BYTES: usize = SETTINGS.cascades as usize * (SETTINGS.resolution as usize).pow(3) * (4 + 4 + 1);
 
 /// Cells about the cameras that points are seen through.
@@ -113,8 +113,8 @@ mod tests {
     fn a_training_removes_what_floats_unless_told_not_to() {
         let (mut scene, data, free, _) = capture();
         scene.points.push(Point { xyz: seen_through(&data), ..scene.points[0] });
-        for (told, floats) in [(None, false), (Some(false), true)] {
-            let set = told.map(|free_space: bool| ("free_space".to_owned(), free_space.into())).into_iter().collect();
+        for (set_to, floats) in [(None, false), (Some(false), true)] {
+            let set = set_to.map(|free_space: bool| ("free_space".to_owned(), free_space.into())).into_iter().collect();
             let run = RunOptions { seed: 0, background: None, error_budget: None, set };
             let (mut system, plan) = build("splat", &scene, &data, &run).unwrap();
             assert_eq!(plan.config["free_space"].as_bool(), Some(!floats));

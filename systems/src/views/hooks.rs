@@ -24,7 +24,7 @@ pub(crate) trait Learns: Send + Sync {
     fn parameter_count(&self) -> usize;
 }
 
-/// Appearance: the colours of Gaussians in the light of a photo, and gradients back.
+/// Appearance: the colours of Gaussians in the appearance of a photo, and gradients back.
 pub(crate) trait ColourAppearance: Learns {
     /// Turn the colours of a cloud's visible Gaussians `[visible]`, as spherical harmonics give them, into those that are composited.
     fn forward(
@@ -37,7 +37,7 @@ pub(crate) trait ColourAppearance: Learns {
 
     /// Backward twin of [`forward`](Self::forward), of the same `rgb` as it was given. `bar` `[visible]` is the gradient with respect to
     /// the composited colours, and becomes that with respect to `rgb`. The gradient with respect to the extra rows of the cloud is
-    /// added to `extra_bar` `[rows][n]`, that with respect to its own parameters is kept for the next step.
+    /// added to `extra_bar` `[rows][n]`, that with respect to its own parameters is held for the next step.
     fn backward(
         &mut self,
         appearance: &Appearance,
@@ -51,17 +51,17 @@ pub(crate) trait ColourAppearance: Learns {
 
 /// Colours are turned into those of an appearance.
 #[derive(Clone, Copy)]
-pub(crate) struct InLight<'a> {
+pub(crate) struct OfAppearance<'a> {
     pub(crate) part: &'a dyn ColourAppearance,
     pub(crate) appearance: &'a Appearance,
 }
 
-/// Time: the clouds as they are at a moment, and gradients back.
+/// Time: the clouds as they are at a time, and gradients back.
 pub(crate) trait CloudMotion: Learns {
     /// Cloud number `index` at `time` (`0..=1`). It has the rows of the `canonical` one.
     fn cloud_at(&self, time: f64, index: usize, canonical: &CloudParameters) -> CloudParameters;
 
     /// Backward twin of [`cloud_at`](Self::cloud_at). `bar` is the gradient with respect to the cloud at `time`, and becomes that with
-    /// respect to the canonical one. The gradient with respect to its own parameters is kept for the next step.
+    /// respect to the canonical one. The gradient with respect to its own parameters is held for the next step.
     fn pull_back(&mut self, time: f64, index: usize, canonical: &CloudParameters, bar: &mut CloudParameters);
 }

@@ -22,7 +22,7 @@ const COPY: usize = 4 + 1;
 /// canvas's pixels tiles, planes, layers.
 const BENT: usize = 8 + 24 + 8 + 4 * (20 + 20 + 24);
 
-/// What a training looks at.
+/// What a training reads.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pictures {
     /// Pixels of the largest one.
@@ -54,7 +54,7 @@ impl Pictures {
     }
 }
 
-/// Bytes of `gaussians` Gaussians of so many parameters, while they are trained.
+/// Bytes of `gaussians` Gaussians of `parameters` numbers each, while they are trained.
 pub(super) fn of_gaussians(gaussians: usize, parameters: usize) -> usize {
     gaussians * (4 * parameters * ARRAYS + SEEN + PAIR * PAIRS)
 }

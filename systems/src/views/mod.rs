@@ -12,7 +12,7 @@
 //! A step (`driver.rs`, `pass.rs`):
 //!
 //! 1. a photo, each once before any comes again; how much its pixels count;
-//! 2. the clouds at its moment; projected together, coloured in its light, composited;
+//! 2. the clouds at its time; projected together, coloured in its appearance, composited;
 //! 3. the terms of the loss, and their gradients with respect to the planes of the picture;
 //! 4. those taken back to the parameters of each cloud, of appearance and motion; a step of each one's optimiser;
 //! 5. density control: what the gradients that it was given say of where Gaussians are missing.

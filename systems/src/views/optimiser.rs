@@ -96,7 +96,7 @@ impl Optimiser {
         Ok(())
     }
 
-    /// Opacities were set: their moments say nothing any more.
+    /// Opacities were set: their moments no longer hold.
     pub(super) fn forget_opacity(&mut self) {
         let adam = &mut self.groups[LOGIT];
         let zeros = vec![0.0; adam.len()];

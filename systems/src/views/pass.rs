@@ -2,7 +2,7 @@
 
 use super::cloud::CloudParameters;
 use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
-use super::hooks::{ColourAppearance, InLight};
+use super::hooks::{ColourAppearance, OfAppearance};
 use super::planes::{COLOUR, PIXELS, PlaneBars, PlaneLayout, RenderedPicture};
 use super::terms::{PictureTerm, TargetPicture};
 use engine::system::Appearance;
@@ -99,7 +99,7 @@ struct Pass<const K: usize> {
     projections: Projections,
     /// Colours before and after the appearance.
     colours: Vec<[f32; 3]>,
-    in_light: Vec<[f32; 3]>,
+    of_appearance: Vec<[f32; 3]>,
     features: Vec<[f32; K]>,
     raster: Raster<K>,
     planes: Vec<f32>,
@@ -116,7 +116,7 @@ impl<const K: usize> Pass<K> {
             layout,
             projections: Projections::default(),
             colours: Vec::new(),
-            in_light: Vec::new(),
+            of_appearance: Vec::new(),
             features: Vec::new(),
             raster: Raster::default(),
             planes: Vec::new(),
@@ -132,17 +132,17 @@ impl<const K: usize> Pass<K> {
         &mut self,
         clouds: &[DrawnCloud<'_>],
         camera: &StepCamera<'_>,
-        appearance: Option<InLight<'_>>,
+        appearance: Option<OfAppearance<'_>>,
     ) -> Result<DrawStats, PassError> {
         let StepCamera { view, settings, background } = *camera;
         self.projections.project(self.simd, clouds, view, settings)?;
         self.projections.colours(&mut self.colours);
         let colours = match appearance {
             None => &self.colours,
-            Some(in_light) => {
-                self.in_light.clone_from(&self.colours);
-                self.projections.in_light(clouds, in_light, &mut self.in_light);
-                &self.in_light
+            Some(of_appearance) => {
+                self.of_appearance.clone_from(&self.colours);
+                self.projections.of_appearance(clouds, of_appearance, &mut self.of_appearance);
+                &self.of_appearance
             }
         };
         self.projections.features(clouds, self.layout, colours, &mut self.features);
@@ -237,16 +237,16 @@ impl<const K: usize> PicturePass for Pass<K> {
         gradients: &mut [CloudParameters],
     ) -> Result<Outcome, PassError> {
         self.clock = Clock::default();
-        let light = Appearance::View(target.view);
-        let in_light = parts.appearance.as_deref().map(|part| InLight { part, appearance: &light });
-        let drawn = self.draw(clouds, camera, in_light)?;
+        let appearance = Appearance::View(target.view);
+        let of_appearance = parts.appearance.as_deref().map(|part| OfAppearance { part, appearance: &appearance });
+        let drawn = self.draw(clouds, camera, of_appearance)?;
         let (loss, mse) = self.compare(camera.view.size, target, parts.terms)?;
         self.raster_backward(camera, parts.view_space)?;
         for gradient in gradients.iter_mut() {
             gradient.extra.fill(0.0);
         }
         if let Some(part) = parts.appearance.as_deref_mut() {
-            self.appearance_backward(clouds, part, &light, gradients);
+            self.appearance_backward(clouds, part, &appearance, gradients);
         }
         let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
         for (cloud, gradient) in clouds.iter().zip(gradients) {

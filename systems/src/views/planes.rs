@@ -44,7 +44,7 @@ pub(crate) struct RenderedPicture<'a> {
     pub(crate) depth: Option<&'a [f32]>,
     /// `[extras][pixels]`, composited over nothing.
     pub(crate) extras: &'a [f32],
-    /// `[pixels]`, the part of the background's light that comes through.
+    /// `[pixels]`, transmittance: the share of the background that is seen.
     pub(crate) transmittance: &'a [f32],
 }
 
@@ -91,7 +91,7 @@ impl PlaneBars {
         self.plane(Kind::Extras)
     }
 
-    /// `[pixels]`, with respect to the transmittance itself: what the background's light adds follows from the colours.
+    /// `[pixels]`, with respect to the transmittance itself: what the background adds follows from the colours.
     pub(crate) fn transmittance(&mut self) -> &mut [f32] {
         self.plane(Kind::Transmittance)
     }

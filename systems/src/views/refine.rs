@@ -78,7 +78,7 @@ fn rates(options: &RefineOptions) -> CloudRates {
     }
 }
 
-/// Raster settings: the pictures are small; what looks at the cloud later may be large.
+/// Raster settings: the pictures are small; later pictures of the cloud may be large.
 const PICTURES: PictureConfig = PictureConfig { near: 0.01, widening: WideningKind::Dims, coarse: 0, coarse_steps: 1 };
 /// Learning rate of the centres at the start.
 const LR_MEAN: f64 = 1.6e-4;

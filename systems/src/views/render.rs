@@ -2,7 +2,7 @@
 
 use super::cloud_frame::CloudFrame;
 use super::drawing::{DrawnCloud, Projections};
-use super::hooks::InLight;
+use super::hooks::OfAppearance;
 use super::photo::view;
 use super::planes::PlaneLayout;
 use super::skipped::Skipped;
@@ -26,7 +26,7 @@ pub(crate) struct CloudRenderer<'a> {
     pub(crate) frame: &'a CloudFrame,
     pub(crate) settings: RasterSettings,
     /// Colours are turned into those of an appearance.
-    pub(crate) appearance: Option<InLight<'a>>,
+    pub(crate) appearance: Option<OfAppearance<'a>>,
     pub(crate) simd: Simd,
 }
 
@@ -91,8 +91,8 @@ impl CloudRenderer<'_> {
         let Buffers { projections, colours, features, raster, planes, medians } = buffers;
         projections.project(self.simd, self.clouds, &view, &self.settings)?;
         projections.colours(colours);
-        if let Some(in_light) = self.appearance {
-            projections.in_light(self.clouds, in_light, colours);
+        if let Some(of_appearance) = self.appearance {
+            projections.of_appearance(self.clouds, of_appearance, colours);
         }
         projections.features(self.clouds, LAYOUT, colours, features);
         let settings = self.settings.with_transmittance_stop(transmittance_stop(query, colours));

@@ -55,7 +55,7 @@ pub struct Start {
 }
 
 impl Start {
-    /// At reconstructed points. Where there are more than `max`, every so many-th is taken; points that no `f32` can hold are
+    /// At reconstructed points. Where there are more than `max`, every second, third, … is taken; points that no `f32` can hold are
     /// left out.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl Start {
         let mut notes = Vec::new();
         if usable.len() < points.len() {
             notes.push(format!(
-                "{} of {} points left out: their positions are no finite numbers",
+                "{} of {} points left out: their positions are not finite numbers",
                 points.len() - usable.len(),
                 points.len()
             ));

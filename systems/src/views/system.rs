@@ -37,7 +37,7 @@ impl Views {
         }
     }
 
-    /// A picture of one ray: a camera of one pixel that looks along it.
+    /// A picture of one ray: a camera of one pixel along it.
     fn ray(&self, clouds: &Clouds<'_>, ray: &Ray, radius: f32, query: &Query) -> Layers {
         let z = ray.d.normalize();
         let x = z.any_orthonormal_vector();
@@ -155,8 +155,8 @@ impl System for Views {
     }
 
     fn memory_bytes(&self) -> usize {
-        let looks = self.parts.clouds.iter().any(|cloud| cloud.training.density.schedule.free_space);
-        let free_space = if looks { free_space::BYTES } else { 0 };
+        let finds = self.parts.clouds.iter().any(|cloud| cloud.training.density.schedule.free_space);
+        let free_space = if finds { free_space::BYTES } else { 0 };
         let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.bytes(cloud.parameters.len())).sum();
         clouds + self.sizes.bytes() + free_space
     }

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use render_core::camera::{Camera, Lens, Pose};
 use scene_io::Image;
 
-/// Directions farther from the axis than this slope are on no plane of a reasonable size.
+/// Directions whose tangent to the axis is more than this are on no plane of a reasonable size.
 const STEEPEST: f64 = 4.0;
-/// The plane has so many pixels to one of the picture along each side, so that resampling it costs no sharpness,
+/// Pixels of the plane to one of the picture along each side, so that resampling it costs no sharpness,
 const FINER: f64 = 2.0;
 /// and no side longer than this.
 const LONGEST: f64 = 8192.0;
@@ -32,8 +32,8 @@ impl UndistortedPlane {
             .into_par_iter()
             .map(|i| {
                 let at = DVec2::new((i % w) as f64 + 0.5, (i / w) as f64 + 0.5);
-                let slope = (at - DVec2::new(plane.cx, plane.cy)) / DVec2::new(plane.fx, plane.fy);
-                let source = seen.project_from_camera(slope.extend(1.0));
+                let tangent = (at - DVec2::new(plane.cx, plane.cy)) / DVec2::new(plane.fx, plane.fy);
+                let source = seen.project_from_camera(tangent.extend(1.0));
                 source.map_or([f32::NAN; 2], |p| [p.x as f32, p.y as f32])
             })
             .collect();
@@ -74,7 +74,7 @@ impl UndistortedPlane {
 }
 
 /// Catmull and Rom's cubic through four pixels along each axis: sharper than a linear one, and exact at centres. Colours count as
-/// much as they are opaque: what is behind an edge's transparent side is nobody's colour.
+/// much as they are opaque: what is behind an edge's transparent side is the colour of nothing.
 fn cubic(image: &Image, at: [f32; 2], out: &mut [u8]) {
     let channels = usize::from(image.channels);
     let weights = |at: f32| {
@@ -119,15 +119,16 @@ pub(super) struct DistortedPicture {
 impl DistortedPicture {
     pub(super) fn new(camera: &Camera) -> Self {
         let (prepared, w) = (Camera { pose: Pose::IDENTITY, ..*camera }.prepare(), camera.width as usize);
-        let slopes: Vec<Option<DVec2>> = (0..w * camera.height as usize)
+        let tangents: Vec<Option<DVec2>> = (0..w * camera.height as usize)
             .into_par_iter()
             .map(|i| {
                 let d = prepared.direction(DVec2::new((i % w) as f64 + 0.5, (i / w) as f64 + 0.5))?.normalize();
-                let slope = (d / d.z).truncate();
-                (d.z > 0.0 && slope.abs().max_element() <= STEEPEST).then_some(slope)
+                let tangent = (d / d.z).truncate();
+                (d.z > 0.0 && tangent.abs().max_element() <= STEEPEST).then_some(tangent)
             })
             .collect();
-        let far = slopes.iter().flatten().fold([DVec2::MAX, DVec2::MIN], |[low, high], s| [low.min(*s), high.max(*s)]);
+        let far =
+            tangents.iter().flatten().fold([DVec2::MAX, DVec2::MIN], |[low, high], s| [low.min(*s), high.max(*s)]);
         let [low, high] = if far[0].x <= far[1].x { far } else { [DVec2::ZERO; 2] };
         let f = DVec2::new(camera.fx, camera.fy);
         let finer = FINER.min(LONGEST / ((high - low) * f).max_element().max(1.0));
@@ -145,7 +146,7 @@ impl DistortedPicture {
             lens: Lens::PINHOLE,
             ..*camera
         };
-        let places = slopes.iter().map(|s| {
+        let places = tangents.iter().map(|s| {
             s.map_or([f32::NAN; 2], |s| {
                 let at = s * f - corner;
                 [at.x as f32, at.y as f32]
@@ -167,7 +168,7 @@ mod tests {
     #[test]
     fn a_photo_of_a_ramp_is_a_ramp_on_the_plane() {
         let camera = bent();
-        // Grey grows with the slope of the ray, so that on the plane it grows along the columns.
+        // Grey grows with the tangent of the ray, so that on the plane it grows along the columns.
         let prepared = camera.prepare();
         let grey = |x: u32, y: u32| {
             let d = prepared.direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();

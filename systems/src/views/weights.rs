@@ -61,7 +61,7 @@ impl PixelWeight for MaskWeight {
     }
 }
 
-/// A weight of each pixel of some views: certainty, or what is no occluder.
+/// A weight of each pixel of some views: certainty, or what is not an occluder.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PlaneWeight {
     /// Of each view of the dataset; `None`: 1 each.

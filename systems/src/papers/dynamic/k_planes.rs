@@ -365,7 +365,7 @@ const DISTORTION: f32 = 1e-3;
 
 /// Planes for a scene at rest.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
-    if Shown::of(ask.scene) == Shown::Moments {
+    if Shown::of(ask.scene) == Shown::Times {
         return moving_field(ask, &Moving { field, ..Moving::STILL });
     }
     let mut ground = ask.ground()?;

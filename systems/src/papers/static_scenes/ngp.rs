@@ -30,7 +30,7 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// The fast field with settings for this scene. Of photos that each show a time of its own it is what stays the same.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
-    if Shown::of(ask.scene) == Shown::Moments {
+    if Shown::of(ask.scene) == Shown::Times {
         return moving_field(ask, &Moving::STILL);
     }
     let mut ground = ask.ground()?;
