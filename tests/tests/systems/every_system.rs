@@ -93,7 +93,9 @@ fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     let given: &[&str] = if name == "auto" { &AUTO } else { &[] };
     let (train, _) = views(scene, 1);
     let (_, plan) = try_system(name, scene, &train, given).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let has = |set: &&&str| plan.config.contains_key(&parse_set(set).expect("written well").0);
+    // Of `splat` it halves pictures.
+    let is_other = |set: &str| name == "splat" && set.starts_with("coarse=");
+    let has = |set: &&&str| plan.config.contains_key(&parse_set(set).expect("written well").0) && !is_other(set);
     given.iter().chain(SMALL.iter().filter(has)).copied().collect()
 }
 

@@ -235,26 +235,31 @@ fn density_that_costs_is_less() {
 fn settings_that_cannot_work_are_refused() {
     let (scene, train, _) = table_data(16);
     for (set, line) in [
-        ("filter_octaves=0", ""),
-        ("filter_octaves=33", ""),
+        ("filter_octaves=0", "`filter_octaves` = 0: `octaves` is 0, expected 1 to 32, or 0 with the input itself"),
+        ("filter_octaves=33", "`filter_octaves` = 33: `octaves` is 33, expected 1 to 32, or 0 with the input itself"),
         ("filter_width=0", "`filter_width` = 0: must be in 1..=512"),
         ("filter_temperature=0", "`filter_temperature` = 0: must be positive and finite"),
         ("filter_lr=-1", "`filter_lr` = -1: must be above 0 and at most 1000"),
         ("filter_opacity=-1", "`filter_opacity` = -1: must be in 0..=1000"),
         ("filter_smoothness=nan", "`filter_smoothness` = NaN: must be in 0..=1000"),
         ("beta_min=0", "`beta_min` = 0: must be in 0.000001..=1000"),
-        ("filter_features=some", ""),
-        ("filter_freeze=all", ""),
         ("transient_lr=0", "`transient_lr` = 0: must be above 0 and at most 1000"),
-        ("sparsity=-1", ""),
-        ("head_bias=nan", ""),
-        ("tail=-1", ""),
+        ("sparsity=-1", "`sparsity` = -1: must be in 0..=10"),
+        ("tail=-1", "`tail` = -1: must be in 0..=1000"),
     ] {
         let error = build(&scene, &train, &[set]).map(|_| ()).unwrap_err().to_string();
-        if error != line {
-            println!("DIFF {set} => {error}");
-        }
+        assert_eq!(error, line, "{set}");
     }
+    for (set, end) in [
+        ("filter_features=some", "unknown variant `some`, expected `files` or `none`"),
+        ("filter_freeze=all", "unknown variant `all`, expected `features` or `nothing`"),
+    ] {
+        let error = build(&scene, &train, &[set]).map(|_| ()).unwrap_err().to_string();
+        assert!(error.starts_with("`set` = batch_samples = 4096, ") && error.ends_with(end), "{set}: {error}");
+    }
+    // Of a transient head, which the filter takes the place of.
+    let error = build(&scene, &train, &["head_bias=nan"]).map(|_| ()).unwrap_err().to_string();
+    assert!(error.starts_with("`set` = head_bias: there is no such setting; there are appearance, "), "{error}");
 }
 
 #[test]

@@ -142,25 +142,34 @@ fn one_photo_and_photos_without_anything_in_them() {
 fn what_cannot_work_is_named() {
     let (scene, train) = data(12, 3, Disturbance::Both);
     let error = try_system("ha-nerf", &scene, &train, &[]).err().unwrap().to_string();
-    println!("DIFF 12 => {error}");
+    assert_eq!(
+        error,
+        "`appearance` = encoder: photo `train/r_000` is 12x12 pixels and the encoder needs 16 on each side; use `codes`"
+    );
     assert!(try_system("ha-nerf-t", &scene, &train, &[]).is_ok(), "the map has no smallest photo");
     let (scene, train) = data(24, 3, Disturbance::Both);
-    for (set, field) in [
-        ("encoder_side=8", "encoder_side"),
-        ("encoder_channels=[]", "encoder_channels"),
-        ("encoder_channels=[8,0]", "encoder_channels"),
-        ("lattice=1", "lattice"),
-        ("lattice=8", "lattice"),
-        ("encoder_photos=0", "encoder_photos"),
-        ("encoder_tilts=[99.0]", "encoder_tilts"),
-        ("view_every=0", "view_every"),
-        ("view_weight=-1.0", "view_weight"),
-        ("visibility_width=0", "visibility_width"),
-        ("visibility_dims=0", "visibility_dims"),
-        ("mask_size=0.0", "mask_size"),
-        ("visibility_lr=-1.0", "visibility_lr"),
+    for (set, line) in [
+        (
+            "encoder_side=8",
+            "`encoder_side` = 8: must be at least 16, as the encoder halves a photo once for each further channel",
+        ),
+        ("encoder_channels=[]", "`encoder_channels` = []: `layers` is 0, expected at least 1"),
+        ("encoder_channels=[8,0]", "`encoder_channels` = [8, 0]: must be 1 to 8 numbers in 1..=1024"),
+        ("lattice=1", "`lattice` = 1: must be in 2..=256"),
+        (
+            "lattice=8",
+            "`lattice` = 8: must be at least 16, as renders are encoded; or set `view_weight` and `mode_weight` to 0",
+        ),
+        ("encoder_photos=0", "`encoder_photos` = 0: must be in 1..=4096"),
+        ("encoder_tilts=[99.0]", "`encoder_tilts` = [99.0]: must be at most 16 numbers in -50..=50"),
+        ("view_every=0", "`view_every` = 0: must be at least 1"),
+        ("view_weight=-1.0", "`view_weight` = -1: must be in 0..=1000"),
+        ("visibility_width=0", "`visibility_width` = 0: must be in 1..=1024"),
+        ("visibility_dims=0", "`visibility_dims` = 0: must be in 1..=512"),
+        ("mask_size=0.0", "`mask_size` = 0: must be above 0 and at most 1000"),
+        ("visibility_lr=-1.0", "`visibility_lr` = -1: must be above 0 and at most 1000"),
     ] {
         let error = try_system("ha-nerf", &scene, &train, &[set]).err().unwrap().to_string();
-        println!("DIFF {set} => {error} {field}");
+        assert_eq!(error, line, "{set}");
     }
 }
