@@ -1,5 +1,5 @@
 //! Values a second of every function of `vecmath`, level by level, beside the door's exact version. Each level's name carries
-//! its largest error in units in the last place: `cargo run --release -p float-core --example vecmath_table` measures both.
+//! its largest error in units in the last place: `cargo run --release -p wildfield-float-core --example vecmath_table` measures both.
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use float_core::Simd;
 use float_core::vecmath::Function;

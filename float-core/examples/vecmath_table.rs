@@ -1,9 +1,9 @@
 //! Time beside error: every function of `vecmath` at every SIMD level of this CPU, as a Markdown table.
 //!
 //! ```text
-//! cargo run --release -p float-core --example vecmath_table            every 1009th argument, seconds
-//! cargo run --release -p float-core --example vecmath_table -- --all   every argument there is, minutes
-//! cargo run --release -p float-core --example vecmath_table -- --all sin cos   these functions only
+//! cargo run --release -p wildfield-float-core --example vecmath_table            every 1009th argument, seconds
+//! cargo run --release -p wildfield-float-core --example vecmath_table -- --all   every argument there is, minutes
+//! cargo run --release -p wildfield-float-core --example vecmath_table -- --all sin cos   these functions only
 //! ```
 //! Times are medians over arguments in `[-8, 8]` that lie in the L1 cache; `m32` is the plain version, one by one.
 

@@ -1,4 +1,4 @@
-//! Prints what a dataset holds and what is wrong with it: `cargo run -p scene-io --example check -- FOLDER`.
+//! Prints what a dataset holds and what is wrong with it: `cargo run -p wildfield-scene-io --example check -- FOLDER`.
 
 use scene_io::{Depth, LoadOptions, check};
 use std::process::ExitCode;

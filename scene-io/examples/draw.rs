@@ -1,4 +1,4 @@
-//! Writes a drawn scene with its truth: `cargo run --release -p scene-io --example draw -- orbit FOLDER`.
+//! Writes a drawn scene with its truth: `cargo run --release -p wildfield-scene-io --example draw -- orbit FOLDER`.
 
 use scene_io::synthetic::{OrbitOptions, TissueDepth, TissueOptions, write_orbit, write_tissue};
 use std::process::ExitCode;

@@ -1,6 +1,6 @@
 //! Check a pair of your own: the weight of one interval, `w = 1 - exp(-sigma dt)`, and its derivative.
 //!
-//! Run with `cargo run -p testkit --example own_pair`. The same functions, called from `#[test]`s, make a test suite.
+//! Run with `cargo run -p wildfield-testkit --example own_pair`. The same functions, called from `#[test]`s, make a test suite.
 
 use proptest::prelude::*;
 use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair, check_kinked, check_pair, cotangent};

@@ -13,10 +13,6 @@
 //! in the same way. `examples/own_pair.rs` does it from start to end. The checks return a [`gradient::Mismatch`], which names the
 //! worst entry, both values and the bound; they have tests of their own, which feed them wrong gradients.
 //!
-//! # Features
-//! `convergence`: measures the quadrature rules and samplers of `render-core` on the analytic fields; the one module that depends on a
-//! crate of the workspace.
-//!
 //! # Example
 //! ```
 //! use testkit::gradient::{PairTolerances, check_f32_pair};
@@ -32,17 +28,11 @@
 #![forbid(unsafe_code)]
 
 pub mod analytic;
-#[cfg(feature = "convergence")]
-pub mod convergence;
 pub mod golden;
 pub mod gradient;
 pub mod property;
 pub mod reference;
 pub mod strategies;
 
-#[cfg(feature = "convergence")]
-pub use float_core;
 pub use proptest;
-#[cfg(feature = "convergence")]
-pub use render_core;
 pub use serde_json;

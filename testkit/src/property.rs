@@ -18,7 +18,7 @@
 //! # halves_are_smaller();
 //! ```
 //!
-//! `PROPTEST_CASES=1000000 cargo test --release -p render-core --test all quadrature::` runs a million of each, with seeds of its own in
+//! `PROPTEST_CASES=1000000 cargo test --release -p wildfield-render-core --test all quadrature::` runs a million of each, with seeds of its own in
 //! every run; `PROPTEST_RNG_SEED=7` makes a run the same again.
 //!
 //! A case that fails is printed, shrunk, and its seed goes into a file beside the source: `quadrature.regressions` for

@@ -6,8 +6,8 @@ use crate::measure::median;
 use crate::page::{Item, Section};
 use crate::plot::{Axis, Plot, Scale, Series};
 use crate::table::{Cell, Table};
+use convergence::{Method, Row, Sampler, Study, order};
 use testkit::analytic::Field;
-use testkit::convergence::{Method, Row, Sampler, Study, order};
 
 /// Samples at which rules and samplers are compared in one number.
 const AT: usize = 64;

@@ -1,4 +1,4 @@
-//! The tests of this crate in one program: built and linked once. `cargo test -p field-core --test all MODULE::` runs one file of them.
+//! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-field-core --test all MODULE::` runs one file of them.
 //! Those that count allocations have programs of their own.
 
 mod conv;

@@ -16,7 +16,7 @@
 //! | [`sin`], [`cos`], [`sin_cos`] | 1.543 | 1.543 | 1.7 | all; rounded [`m64`](crate::m64) from `2^25` on | every argument below `2^25` |
 //! | [`sin_cos_pi`] | 1.650 | 1.650 | 1.7 | all | every argument |
 //!
-//! Table with times: `cargo run --release -p float-core --example vecmath_table` (`-- --all` for every argument).
+//! Table with times: `cargo run --release -p wildfield-float-core --example vecmath_table` (`-- --all` for every argument).
 //!
 //! AVX2 and AVX-512 give the same bits. The scalar level rounds twice where they fuse ([`Vector::mul_add`]), so its last
 //! digits may differ; [`sin`], [`cos`], [`sin_cos`] and [`sin_cos_pi`] fuse nothing and give the same bits at every level.

@@ -1,4 +1,4 @@
-//! The tests of this crate in one program: built and linked once. `cargo test -p losses --test all MODULE::` runs one file of them.
+//! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-losses --test all MODULE::` runs one file of them.
 
 mod background;
 mod depth;

@@ -1,10 +1,9 @@
-//! The tests of this crate in one program: built and linked once. `cargo test -p render-core --test all MODULE::` runs one file of them.
+//! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-render-core --test all MODULE::` runs one file of them.
 
 mod bilateral;
 mod budget;
 mod cameras;
 mod compositor;
-mod convergence;
 mod frustum;
 mod histogram;
 mod importance;

@@ -1,5 +1,5 @@
 //! The tests of this crate in one program, but for those that count memory: built and linked once.
-//! `cargo test -p scene-io --test all MODULE::` runs one file of them.
+//! `cargo test -p wildfield-scene-io --test all MODULE::` runs one file of them.
 
 mod bad_input;
 mod clutter;

@@ -1,4 +1,4 @@
-//! The tests of this crate in one program: built and linked once. `cargo test -p splat-core --test all MODULE::` runs one file of them.
+//! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-splat-core --test all MODULE::` runs one file of them.
 
 mod absolute;
 mod camera;

@@ -1,6 +1,7 @@
 //! The rules between samples with compositing, forward and backward, 4096 rays of 128 samples; the error of each beside it.
 //! The joint compositing of two parts at the same size.
 
+use convergence::{Method, Sampler, Study};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use float_core::Simd;
 use render_core::quadrature::two::{
@@ -14,7 +15,6 @@ use render_core::quadrature::{
 use render_core::sample::{invert_cdf, invert_linear};
 use std::hint::black_box;
 use testkit::analytic::Field;
-use testkit::convergence::{Method, Sampler, Study};
 
 const RAYS: usize = 4096;
 const SAMPLES: usize = 128;

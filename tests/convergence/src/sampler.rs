@@ -1,7 +1,6 @@
 //! Where the samples of a study lie.
 
-use super::{Method, Study, uniform};
-use crate::analytic::Field;
+use crate::{Method, Study, uniform};
 use core::ops::ControlFlow;
 use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use render_core::quadrature::{LastInterval, Samples, weights};
@@ -9,6 +8,7 @@ use render_core::sample::{
     Spacing, bin_edges, dt_from_points, invert_cdf, invert_linear, merge_sorted, stratified_bins,
 };
 use std::time::Instant;
+use testkit::analytic::Field;
 
 /// How samples are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use testkit::analytic::Field;
-//! use testkit::convergence::{Method, Sampler, Study, order};
+//! use convergence::{Method, Sampler, Study, order};
 //!
 //! let study = Study { rays: 16, ..Study::default() };
 //! let field = &Field::all()[3];
@@ -14,15 +14,17 @@
 //! assert!((1.7..2.4).contains(&order(&rows)), "{rows:?}");
 //! ```
 
+#![forbid(unsafe_code)]
+
 mod sampler;
 
 pub use sampler::Sampler;
 
-use crate::analytic::Field;
 use float_core::Simd;
 use render_core::quadrature::{Composite, LastInterval, Points, Rule, Samples, Values, composite, intervals};
 use sampler::Rays;
 use std::time::Instant;
+use testkit::analytic::Field;
 
 /// A [`Rule`] and where its samples lie in their intervals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

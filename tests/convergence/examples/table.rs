@@ -1,7 +1,7 @@
 //! Error of each quadrature rule and sampler against its number of samples, as CSV on standard output:
-//! `cargo run --release -p render-core --example convergence > convergence.csv`.
+//! `cargo run --release -p convergence --example table > convergence.csv`.
 
-use testkit::convergence::Study;
+use convergence::Study;
 
 fn main() {
     let study = Study { repeats: 3, ..Study::default() };

@@ -1,7 +1,7 @@
 //! Measured orders of convergence: each rule and sampler on densities whose pixel is known.
 
+use convergence::{Method, Row, Sampler, Study, order};
 use testkit::analytic::{Density, Field, integrate};
-use testkit::convergence::{Method, Row, Sampler, Study, order};
 
 fn field(name: &str) -> Field {
     Field::all().into_iter().find(|f| f.name == name).unwrap_or_else(|| panic!("no field {name}"))
