@@ -48,7 +48,7 @@ fn bench_trimmed(c: &mut Criterion) {
             b.iter(|| mask.threshold(black_box(&e), &mut scratch));
         });
         for (name, border) in [("valid", Border::Valid), ("zero", Border::Zero)] {
-            let mask = TrimmedMask { border, ..mask };
+            let mask = mask.with_border(border);
             group.bench_function(BenchmarkId::new(format!("weights/{name}"), e.len()), |b| {
                 b.iter(|| mask.weights(black_box(&e), 0.5, &mut scratch, black_box(&mut out)));
             });

@@ -52,6 +52,7 @@ pub enum Compare {
 
 /// The trimmed, diffused and patch-voted weights of RobustNeRF. `default()` is as published.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct TrimmedMask {
     /// Share of the batch that counts as inliers, `[0, 1]`: 0.5. The released configuration has 0.8, of the batch before.
     pub quantile: f32,
@@ -93,6 +94,17 @@ pub fn count_non_finite(residuals: &[f32]) -> usize {
 }
 
 impl TrimmedMask {
+    setters! {
+        with_quantile quantile: f32;
+        with_diffuse diffuse: f32;
+        with_vote vote: f32;
+        with_patch patch: usize;
+        with_inner inner: usize;
+        with_border border: Border;
+        with_vote_on vote_on: VoteOn;
+        with_compare compare: Compare;
+    }
+
     /// Whether the parameters are usable.
     ///
     /// # Errors

@@ -39,6 +39,7 @@ pub enum Channels {
 
 /// The likelihood of NeRF-W.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Likelihood {
     /// A smaller `beta` counts as this, and gets no gradient: `> 0`, colour units.
     pub beta_min: f32,
@@ -52,6 +53,12 @@ pub struct Likelihood {
 impl Likelihood {
     /// For photographs: `beta_min` 0.03, mean over channels, no tail.
     pub const PHOTOGRAPHS: Self = Self { beta_min: 0.03, channels: Channels::Mean, tail: 0.0 };
+
+    setters! {
+        with_beta_min beta_min: f32;
+        with_channels channels: Channels;
+        with_tail tail: f32;
+    }
 
     /// Cost of each ray.
     ///

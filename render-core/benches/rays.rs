@@ -91,7 +91,7 @@ fn compositing(c: &mut Criterion) {
 
 /// A shell of occupied cells, as a trained object leaves them.
 fn shell(cascades: u32) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(GridSettings { cascades, ..GridSettings::default() }).expect("settings");
+    let mut grid = OccupancyGrid::new(GridSettings::default().with_cascades(cascades)).expect("settings");
     let cells: Vec<u32> = (0..grid.cells() as u32).collect();
     let thickness: Vec<f32> = cells
         .iter()

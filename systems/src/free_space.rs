@@ -157,7 +157,10 @@ mod tests {
     use render_core::occupancy::GridSettings;
 
     fn grid() -> OccupancyGrid {
-        OccupancyGrid::new(GridSettings { resolution: 16, cascades: 2, decay: 0.9, threshold: 0.1 }).unwrap()
+        OccupancyGrid::new(
+            GridSettings::DEFAULT.with_resolution(16).with_cascades(2).with_decay(0.9).with_threshold(0.1),
+        )
+        .unwrap()
     }
 
     #[test]

@@ -57,6 +57,7 @@ impl Extent {
 
 /// The static mask of an image from its clues. `default()` is as published.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct StaticMask {
     /// Errors above this share of the image's are never static, `[0, 1]`: 0.95.
     pub quantile: f32,
@@ -85,6 +86,13 @@ pub struct Scratch {
 }
 
 impl StaticMask {
+    setters! {
+        with_quantile quantile: f32;
+        with_share share: f32;
+        with_smooth smooth: usize;
+        with_erode erode: usize;
+    }
+
     /// Steps 2 to 6.
     ///
     /// # Shapes and units

@@ -24,6 +24,7 @@ const MOST: usize = u16::MAX as usize;
 
 /// How a photo is cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Superpixels {
     /// Pieces asked for, `1..=65535`; about as many come out.
     pub count: usize,
@@ -67,6 +68,12 @@ struct Centre {
 }
 
 impl Superpixels {
+    setters! {
+        with_count count: usize;
+        with_compactness compactness: f32;
+        with_rounds rounds: usize;
+    }
+
     /// Cut a photo into pieces: `labels` from 1 on, each connected. Returns how many there are; 0 for no pixels.
     ///
     /// # Shapes and units

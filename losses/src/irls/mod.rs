@@ -32,6 +32,7 @@ use crate::{LossError, error::same, kernel::Kernel};
 
 /// A kernel and when to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Irls {
     /// What an error costs.
     pub kernel: Kernel,
@@ -68,6 +69,12 @@ impl Irls {
     #[must_use]
     pub const fn new(kernel: Kernel) -> Self {
         Self { kernel, tolerance: 1e-6, max_iterations: 100 }
+    }
+
+    setters! {
+        with_kernel kernel: Kernel;
+        with_tolerance tolerance: f64;
+        with_max_iterations max_iterations: usize;
     }
 
     /// `sum kappa(e_i)`, in index order.

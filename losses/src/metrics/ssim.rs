@@ -53,6 +53,7 @@ pub enum Clamp {
 
 /// Which SSIM. Numbers of different variants are not comparable; `Display` gives a name to keep with the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct SsimVariant {
     /// Size of the window.
     pub window: Window,
@@ -69,6 +70,12 @@ impl SsimVariant {
     pub const ZERO_PADDED: Self = Self { window: Window::Eleven, border: Border::Zero, clamp: Clamp::No };
     /// 3x3 with zero padding, clipped to `[0, 1]`: the one of Ha-NeRF, CR-NeRF and SF-NeRF.
     pub const SMALL_WINDOW: Self = Self { window: Window::Three, border: Border::Zero, clamp: Clamp::Yes };
+
+    setters! {
+        with_window window: Window;
+        with_border border: Border;
+        with_clamp clamp: Clamp;
+    }
 }
 
 impl fmt::Display for SsimVariant {

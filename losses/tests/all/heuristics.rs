@@ -347,7 +347,7 @@ fn a_stranger_before_a_textured_wall_is_found() {
     segments_at(extent, &labels, &points, &mut h_sfm).unwrap();
     assert!(h_sfm.iter().zip(&labels).all(|(&h, &l)| h == u8::from(l == 1)));
     let run = |h_sfm: &[u8], segments: Segments<'_>| {
-        let (mask, mut out) = (StaticMask { erode: 1, ..StaticMask::default() }, vec![9; r.len()]);
+        let (mask, mut out) = (StaticMask::default().with_erode(1), vec![9; r.len()]);
         mask.run(extent, h_sfm, &r, segments, &mut Scratch::default(), &mut out).unwrap();
         out
     };
@@ -431,11 +431,11 @@ fn empty_images_and_wrong_arguments() {
     let short = mask.run(extent, &[1; 4], &[0.0; 4], Segments::Stack(&[&[1; 5]]), &mut scratch, &mut out);
     assert_eq!(short, Err(LossError::Shape { what: "segment", want: 4, got: 5 }));
     let bad = [
-        StaticMask { share: 0.0, ..mask },
-        StaticMask { share: f32::NAN, ..mask },
-        StaticMask { quantile: 1.1, ..mask },
-        StaticMask { smooth: 4, ..mask },
-        StaticMask { erode: 0, ..mask },
+        mask.with_share(0.0),
+        mask.with_share(f32::NAN),
+        mask.with_quantile(1.1),
+        mask.with_smooth(4),
+        mask.with_erode(0),
     ];
     for mask in bad {
         let result = mask.run(extent, &[1; 4], &[0.0; 4], Segments::Pixels, &mut scratch, &mut out);

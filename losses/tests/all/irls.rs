@@ -91,7 +91,7 @@ proptest! {
         let x: Vec<f64> = (0..y.len()).map(|i| (i as f64 * 1.3).sin()).collect();
         let design: Vec<f64> = x.iter().flat_map(|&x| [1.0, x]).collect();
         for kernel in general.into_iter().chain(others) {
-            let step = Irls { kernel, tolerance: 0.0, max_iterations: 1 };
+            let step = Irls::new(kernel).with_tolerance(0.0).with_max_iterations(1);
             let mut parameters = [start, 0.0];
             let e: Vec<f64> = y.iter().map(|y| start - y).collect();
             let mut before = step.objective(&e);
@@ -143,7 +143,7 @@ fn least_squares_is_done_in_one_round() {
 fn l1_finds_the_median() {
     let y = [1.0, 2.0, 4.0, 90.0, 1000.0];
     let mut value = [20.0];
-    let irls = Irls { max_iterations: 400, ..Irls::new(Kernel::L1) };
+    let irls = Irls::new(Kernel::L1).with_max_iterations(400);
     irls.linear(&[1.0; 5], &y, &mut value).unwrap();
     assert!((value[0] - 4.0).abs() < 1e-3, "{value:?}");
 }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 fn cut(extent: Extent, rgb: &[[f32; 3]], count: usize) -> (usize, Vec<u16>) {
     let mut labels = vec![7; rgb.len()];
-    let found = Superpixels { count, ..Superpixels::default() }.run(extent, rgb, &mut labels).unwrap();
+    let found = Superpixels::default().with_count(count).run(extent, rgb, &mut labels).unwrap();
     (found, labels)
 }
 
@@ -111,10 +111,10 @@ fn parameters_outside_their_range_are_refused() {
     let good = Superpixels::default();
     assert!(matches!(run(good, 3), LossError::Shape { .. }));
     for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        assert!(matches!(run(Superpixels { compactness: bad, ..good }, 2), LossError::Parameter { .. }));
+        assert!(matches!(run(good.with_compactness(bad), 2), LossError::Parameter { .. }));
     }
     for bad in [0, 65536] {
-        assert!(matches!(run(Superpixels { count: bad, ..good }, 2), LossError::Parameter { .. }));
+        assert!(matches!(run(good.with_count(bad), 2), LossError::Parameter { .. }));
     }
 }
 

@@ -52,23 +52,22 @@ fn run(mask: &TrimmedMask, e: &[f32]) -> Vec<f32> {
 /// No step after the first can add anything.
 fn only_trim(mask: TrimmedMask) -> TrimmedMask {
     // Means above 1 are what `Below` asks for at 1; thresholds stay where they are, errors are compared strictly.
-    TrimmedMask { diffuse: 1.0, vote: 1.0, compare: Compare::Below, ..mask }
+    mask.with_diffuse(1.0).with_vote(1.0).with_compare(Compare::Below)
 }
 
 fn any_mask() -> impl Strategy<Value = TrimmedMask> {
     let sides = prop_oneof![Just((16, 8)), Just((8, 8)), Just((5, 3)), Just((4, 1)), Just((1, 1)), Just((2, 0))];
     // Shares of 64: exact in either precision.
     (0_u8..=64, 0_u8..=64, 0_u8..=64, sides, any::<[bool; 3]>()).prop_map(|(q, d, v, (patch, inner), [a, b, c])| {
-        TrimmedMask {
-            quantile: f32::from(q) / 64.0,
-            diffuse: f32::from(d) / 64.0,
-            vote: f32::from(v) / 64.0,
-            patch,
-            inner,
-            border: if a { Border::Valid } else { Border::Zero },
-            vote_on: if b { VoteOn::Diffused } else { VoteOn::Inliers },
-            compare: if c { Compare::AtMost } else { Compare::Below },
-        }
+        TrimmedMask::default()
+            .with_quantile(f32::from(q) / 64.0)
+            .with_diffuse(f32::from(d) / 64.0)
+            .with_vote(f32::from(v) / 64.0)
+            .with_patch(patch)
+            .with_inner(inner)
+            .with_border(if a { Border::Valid } else { Border::Zero })
+            .with_vote_on(if b { VoteOn::Diffused } else { VoteOn::Inliers })
+            .with_compare(if c { Compare::AtMost } else { Compare::Below })
     })
 }
 
@@ -109,10 +108,10 @@ proptest! {
     fn each_step_keeps_what_the_one_before_kept(mask in any_mask(), e in any_errors(2 * 256)) {
         let area = mask.patch * mask.patch;
         let e = &e[..e.len() / area * area];
-        let mask = TrimmedMask { compare: Compare::Below, ..mask };
+        let mask = mask.with_compare(Compare::Below);
         let threshold = mask.threshold(e, &mut vec![]);
         let inlier = weights(&only_trim(mask), e, threshold);
-        let diffused = weights(&TrimmedMask { vote: 1.0, ..mask }, e, threshold);
+        let diffused = weights(&mask.with_vote(1.0), e, threshold);
         let voted = weights(&mask, e, threshold);
         for i in 0..e.len() {
             prop_assert_eq!(inlier[i] == 1.0, e[i].is_finite() && e[i] < threshold);
@@ -128,7 +127,7 @@ proptest! {
 
     #[test]
     fn half_of_the_rays_learn(e in prop::collection::vec(0.0_f32..1.0, 512)) {
-        let mask = TrimmedMask { vote: 1.0, ..TrimmedMask::default() };
+        let mask = TrimmedMask::default().with_vote(1.0);
         prop_assert!(run(&mask, &e).iter().sum::<f32>() >= 256.0);
         // By trimming alone already: the lower median and all below it.
         let threshold = mask.threshold(&e, &mut vec![]);
@@ -176,19 +175,19 @@ fn all_inliers_are_all_kept() {
     // Equal errors, zero or not: at the threshold, and kept. As released, all are lost.
     for e in [0.0, 0.25] {
         assert!(run(&mask, &[e; 512]).iter().all(|&w| w == 1.0));
-        assert!(run(&TrimmedMask { compare: Compare::Below, ..mask }, &[e; 512]).iter().all(|&w| w == 0.0));
+        assert!(run(&mask.with_compare(Compare::Below), &[e; 512]).iter().all(|&w| w == 0.0));
     }
 }
 
 #[test]
 fn a_lone_outlier_among_inliers_is_recovered() {
-    let mask = TrimmedMask { vote: 1.0, compare: Compare::Below, ..TrimmedMask::default() };
+    let mask = TrimmedMask::default().with_vote(1.0).with_compare(Compare::Below);
     for at in [0, 5, 15, 16 * 7 + 8, 255] {
         let mut e = calm();
         e[at] = 9.0;
         assert_eq!(weights(&mask, &e, 1.0)[at], 1.0, "pixel {at}");
         // Padded with outliers, a corner (3 of 9) has no way back; an edge has one, with all five.
-        let padded = weights(&TrimmedMask { border: Border::Zero, ..mask }, &e, 1.0);
+        let padded = weights(&mask.with_border(Border::Zero), &e, 1.0);
         let corner = [0, 15, 255].contains(&at);
         assert_eq!(padded[at], if corner { 0.0 } else { 1.0 }, "pixel {at}, padded");
     }
@@ -216,15 +215,15 @@ fn a_solid_outlier_stays_out() {
 #[test]
 fn a_vote_at_its_threshold_counts() {
     // 15 of 25 are 0.6: as a number of f32 that is a little more than three fifths.
-    let mask = TrimmedMask { diffuse: 1.0, patch: 5, inner: 5, ..TrimmedMask::default() };
+    let mask = TrimmedMask::default().with_diffuse(1.0).with_patch(5).with_inner(5);
     let e: Vec<f32> = (0..25).map(|i| if i < 15 { 0.1 } else { 0.9 }).collect();
     assert!(weights(&mask, &e, 0.5).iter().all(|&w| w == 1.0));
-    let below = TrimmedMask { compare: Compare::Below, ..mask };
+    let below = mask.with_compare(Compare::Below);
     assert_eq!(weights(&below, &e, 0.5).iter().sum::<f32>(), 15.0);
     // Ten columns of inliers with 15 holes: 0.57 of the patch, 0.63 once the holes are filled.
     let small = |x: usize, y: usize| x < 10 && !(x % 3 == 1 && y % 3 == 1);
     let e: Vec<f32> = (0..256).map(|i| if small(i % 16, i / 16) { 0.1 } else { 0.9 }).collect();
-    let by_inliers = TrimmedMask { vote_on: VoteOn::Inliers, ..TrimmedMask::default() };
+    let by_inliers = TrimmedMask::default().with_vote_on(VoteOn::Inliers);
     let [diffused, inliers] = [TrimmedMask::default(), by_inliers].map(|m| weights(&m, &e, 0.5)[8 * 16 + 11]);
     assert_eq!((diffused, inliers), (1.0, 0.0));
 }
@@ -278,19 +277,19 @@ fn empty_batches_and_wrong_arguments() {
     assert_eq!(call(mask, 300, 300), Err(LossError::Shape { what: "residuals", want: 512, got: 300 }));
     assert_eq!(call(mask, 256, 255), Err(LossError::Shape { what: "out", want: 256, got: 255 }));
     let bad = [
-        TrimmedMask { quantile: 1.5, ..mask },
-        TrimmedMask { diffuse: f32::NAN, ..mask },
-        TrimmedMask { vote: -0.1, ..mask },
-        TrimmedMask { patch: 0, ..mask },
-        TrimmedMask { inner: 17, ..mask },
+        mask.with_quantile(1.5),
+        mask.with_diffuse(f32::NAN),
+        mask.with_vote(-0.1),
+        mask.with_patch(0),
+        mask.with_inner(17),
         // Its square wraps to 0 in 64 bits.
-        TrimmedMask { patch: 1 << (usize::BITS / 2), ..mask },
-        TrimmedMask { patch: usize::MAX, ..mask },
+        mask.with_patch(1 << (usize::BITS / 2)),
+        mask.with_patch(usize::MAX),
     ];
     for mask in bad {
         assert!(matches!(call(mask, 256, 256), Err(LossError::Parameter { .. })), "{mask:?}");
     }
-    assert_eq!(call(TrimmedMask { patch: 1 << (usize::BITS / 2 - 1), ..mask }, 0, 0), Ok(()));
+    assert_eq!(call(mask.with_patch(1 << (usize::BITS / 2 - 1)), 0, 0), Ok(()));
     let error = bad[4].check().unwrap_err();
     assert_eq!(error.to_string(), "`inner` of the trimmed mask is 17, expected at most `patch`");
 }

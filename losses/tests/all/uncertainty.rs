@@ -50,7 +50,7 @@ proptest! {
         let (target, mut x) = (colours(&colour[3..])[0], colour[..3].to_vec());
         x.push(beta);
         for channels in [Channels::Mean, Channels::Sum] {
-            let likelihood = Likelihood { beta_min: 0.03, channels, tail };
+            let likelihood = Likelihood::PHOTOGRAPHS.with_beta_min(0.03).with_channels(channels).with_tail(tail);
             let weighted = f64::from(w);
             check_f32_pair(
                 &x,
@@ -81,7 +81,7 @@ proptest! {
     fn best_beta_is_the_error(colour in prop::collection::vec(0.0_f32..1.0, 6), factor in 1.02_f32..20.0) {
         let (prediction, target) = (colours(&colour[..3]), colours(&colour[3..]));
         for channels in [Channels::Mean, Channels::Sum] {
-            let likelihood = Likelihood { beta_min: 0.03, channels, tail: 0.0 };
+            let likelihood = Likelihood::PHOTOGRAPHS.with_beta_min(0.03).with_channels(channels);
             let cost = |beta: f32| likelihood.mean(&prediction, &target, &[beta], None).unwrap();
             let e2: f64 = (0..3).map(|c| f64::from(prediction[0][c] - target[0][c]).powi(2)).sum();
             let e = (if channels == Channels::Mean { e2 / 3.0 } else { e2 }).sqrt() as f32;
@@ -102,7 +102,7 @@ proptest! {
     fn finite_for_every_beta(p in prop::collection::vec(-1.0_f32..2.0, 3), power in -44_i32..38, floor in 0.001_f32..0.3, tail in prop_oneof![Just(0.0_f32), 0.01_f32..0.5]) {
         let prediction = colours(&p);
         for beta in [10.0_f32.powi(power), 0.0, -1.0, floor, f32::MAX] {
-            let likelihood = Likelihood { beta_min: floor, channels: Channels::Mean, tail };
+            let likelihood = Likelihood::PHOTOGRAPHS.with_beta_min(floor).with_tail(tail);
             let cost = likelihood.mean(&prediction, &[[0.5; 3]], &[beta], None).unwrap();
             prop_assert!(cost.is_finite() && cost >= f64::from(floor).ln(), "{cost} for {beta}");
             let mut bars = (vec![[0.0; 3]], vec![0.0]);
@@ -118,7 +118,7 @@ proptest! {
 
     #[test]
     fn with_a_tail_no_error_pulls_without_end(e in prop_oneof![-1e9_f32..1e9, -2.0_f32..2.0], tail in 0.01_f32..0.5, beta in 0.05_f32..1.0) {
-        let tailed = Likelihood { tail, ..Likelihood::PHOTOGRAPHS };
+        let tailed = Likelihood::PHOTOGRAPHS.with_tail(tail);
         let (prediction, target) = ([[e, 0.0, 0.0]], [[0.0; 3]]);
         let mut bars = (vec![[0.0; 3]], vec![0.0]);
         tailed.sum_backward(&prediction, &target, &[beta], None, 1.0, &mut bars.0, &mut bars.1).unwrap();
@@ -208,11 +208,11 @@ fn empty_batches_and_wrong_arguments() {
     assert_eq!(transient_density(&[0, 2, 1], &[0.0]), Err(LossError::Order { what: "offsets" }));
     assert_eq!(transient_density(&[0, 2], &[0.0]), Err(LossError::Shape { what: "sigma", want: 2, got: 1 }));
     for beta_min in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        let error = Likelihood { beta_min, ..likelihood }.mean(&[], &[], &[], None);
+        let error = likelihood.with_beta_min(beta_min).mean(&[], &[], &[], None);
         assert!(matches!(error, Err(LossError::Parameter { .. })));
     }
     for tail in [-0.1, f32::NAN, f32::INFINITY] {
-        let error = Likelihood { tail, ..likelihood }.mean(&[], &[], &[], None);
+        let error = likelihood.with_tail(tail).mean(&[], &[], &[], None);
         assert!(matches!(error, Err(LossError::Parameter { .. })));
     }
 }

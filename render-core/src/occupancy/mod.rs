@@ -29,6 +29,7 @@ use core::fmt;
 
 /// Shape and constants of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GridSettings {
     /// Cells along each axis of a cascade; a multiple of 16.
     pub resolution: u32,
@@ -40,10 +41,21 @@ pub struct GridSettings {
     pub threshold: f32,
 }
 
-impl Default for GridSettings {
+impl GridSettings {
     /// 128^3, one cascade, decay 0.95, threshold 0.01.
+    pub const DEFAULT: Self = Self { resolution: 128, cascades: 1, decay: 0.95, threshold: 0.01 };
+
+    setters! {
+        with_resolution resolution: u32;
+        with_cascades cascades: u32;
+        with_decay decay: f32;
+        with_threshold threshold: f32;
+    }
+}
+
+impl Default for GridSettings {
     fn default() -> Self {
-        Self { resolution: 128, cascades: 1, decay: 0.95, threshold: 0.01 }
+        Self::DEFAULT
     }
 }
 

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use render_core::occupancy::{GridError, GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 
 fn settings(resolution: u32, cascades: u32) -> GridSettings {
-    GridSettings { resolution, cascades, ..GridSettings::default() }
+    GridSettings::default().with_resolution(resolution).with_cascades(cascades)
 }
 
 /// A hash of an index as a number in `[0, 1)`.

@@ -6,7 +6,7 @@
 use super::pixel_error::LEAST_SCALE;
 use crate::limits::{MOST, refuse, within};
 use engine::system::SystemError;
-use losses::uncertainty::{Channels, Likelihood};
+use losses::uncertainty::Likelihood;
 
 /// The loss of a pixel, and its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub(crate) struct PixelLikelihood {
 
 /// The likelihood with this least uncertainty and this tail, colour units.
 pub(crate) fn likelihood(beta_min: f32, tail: f32) -> Likelihood {
-    Likelihood { beta_min, channels: Channels::Mean, tail }
+    Likelihood::PHOTOGRAPHS.with_beta_min(beta_min).with_tail(tail)
 }
 
 /// Check the settings `beta_min` and `tail`.

@@ -54,14 +54,12 @@ impl OutlierConfig {
     /// How residuals become masks.
     #[must_use]
     pub fn trimming(&self) -> TrimmedMask {
-        TrimmedMask {
-            quantile: self.trim_quantile,
-            diffuse: self.trim_diffuse,
-            vote: self.trim_vote,
-            patch: self.patch,
-            inner: self.patch_inner,
-            ..TrimmedMask::default()
-        }
+        TrimmedMask::default()
+            .with_quantile(self.trim_quantile)
+            .with_diffuse(self.trim_diffuse)
+            .with_vote(self.trim_vote)
+            .with_patch(self.patch)
+            .with_inner(self.patch_inner)
     }
 }
 

@@ -136,12 +136,11 @@ fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u6
     let settled = updates.saturating_mul(config.occupancy_every) as f32 / config.occupancy_settle.max(1) as f32;
     let last = config.occupancy_threshold;
     let first = initial.min(last);
-    GridSettings {
-        resolution: config.occupancy as u32,
-        cascades: cascades as u32,
-        decay: DECAY,
-        threshold: first * (last / first).powf(settled.min(1.0)),
-    }
+    GridSettings::DEFAULT
+        .with_resolution(config.occupancy as u32)
+        .with_cascades(cascades as u32)
+        .with_decay(DECAY)
+        .with_threshold(first * (last / first).powf(settled.min(1.0)))
 }
 
 /// Buffers of a task of an update.

@@ -13,7 +13,8 @@ use splat_core::density::Rows;
 use splat_core::{Gaussians, SplatError};
 
 /// Cells along an axis of each cube, and cubes; the innermost holds the cameras, each next one is twice as large.
-const SETTINGS: GridSettings = GridSettings { resolution: 96, cascades: 4, decay: 1.0, threshold: 0.0 };
+const SETTINGS: GridSettings =
+    GridSettings::DEFAULT.with_resolution(96).with_cascades(4).with_decay(1.0).with_threshold(0.0);
 
 /// Bytes at most: of a cell a number that stays, and four while it is judged; bits.
 pub(super) const BYTES: usize = SETTINGS.cascades as usize * (SETTINGS.resolution as usize).pow(3) * (4 + 4 + 1);

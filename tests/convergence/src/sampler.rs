@@ -217,7 +217,7 @@ const HIDDEN: f64 = 1e-4;
 
 /// A grid with the span of the field along its x axis: a row of cells is occupied where the field is.
 fn occupancy(field: &Field) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(GridSettings { resolution: CELLS, ..GridSettings::default() })
+    let mut grid = OccupancyGrid::new(GridSettings::default().with_resolution(CELLS))
         .unwrap_or_else(|e| unreachable!("the settings make a grid: {e}"));
     let [near, far] = field.span;
     let cell = (far - near) / f64::from(CELLS);

@@ -104,16 +104,14 @@ fn trimmed_masks_match_golden() {
     let mut count = 0;
     for record in golden.op("robustnerf_mask") {
         // The released code: strict everywhere, outliers beyond the edge of a patch.
-        let mask = TrimmedMask {
-            quantile: record.param("quantile").f32(),
-            diffuse: record.param("diffuse").f32(),
-            vote: record.param("patch_fraction").f32(),
-            patch: record.param("outer").usize(),
-            inner: record.param("inner").usize(),
-            border: Border::Zero,
-            compare: Compare::Below,
-            ..TrimmedMask::default()
-        };
+        let mask = TrimmedMask::default()
+            .with_quantile(record.param("quantile").f32())
+            .with_diffuse(record.param("diffuse").f32())
+            .with_vote(record.param("patch_fraction").f32())
+            .with_patch(record.param("outer").usize())
+            .with_inner(record.param("inner").usize())
+            .with_border(Border::Zero)
+            .with_compare(Compare::Below);
         let picture = record.input("residual").f32();
         let residuals = patches(&picture, 64, mask.patch);
         let (mut scratch, mut got) = (vec![], vec![f32::NAN; residuals.len()]);
@@ -135,10 +133,10 @@ fn trimmed_masks_match_golden() {
         near(record, "loss", loss);
 
         // The steps before the vote, by a vote that can't be won, and by a mean that can't be reached.
-        let no_vote = TrimmedMask { vote: 1.0, ..mask };
+        let no_vote = mask.with_vote(1.0);
         no_vote.weights(&residuals, threshold, &mut scratch, &mut got).unwrap();
         compare("union", &got);
-        let only_trim = TrimmedMask { diffuse: 1.0, ..no_vote };
+        let only_trim = no_vote.with_diffuse(1.0);
         only_trim.weights(&residuals, threshold, &mut scratch, &mut got).unwrap();
         compare("inlier", &got);
         count += 1;
@@ -157,8 +155,8 @@ fn likelihood_matches_golden() {
         let samples = record.input("sigma_t").shape[1];
         let offsets: Vec<u32> = (0..=rgb.len()).map(|r| (r * samples) as u32).collect();
         // Far below every beta: the records have no floor.
-        let mean = Likelihood { beta_min: 1e-6, channels: Channels::Mean, tail: 0.0 };
-        let paper = Likelihood { channels: Channels::Sum, ..mean };
+        let mean = Likelihood::PHOTOGRAPHS.with_beta_min(1e-6);
+        let paper = mean.with_channels(Channels::Sum);
 
         let own = mean.mean(&rgb, &target, &beta, None).unwrap();
         let log_beta = mean.mean(&target, &target, &beta, None).unwrap();

@@ -5,7 +5,7 @@ use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use stress::{Tally, Verdict, ensure};
 
 fn grid(cascades: u32, thickness: impl Fn(u32) -> f32) -> OccupancyGrid {
-    let mut grid = OccupancyGrid::new(GridSettings { resolution: 32, cascades, ..GridSettings::default() }).unwrap();
+    let mut grid = OccupancyGrid::new(GridSettings::default().with_resolution(32).with_cascades(cascades)).unwrap();
     let cells: Vec<u32> = (0..grid.cells() as u32).collect();
     let thickness: Vec<f32> = cells.iter().map(|&c| thickness(c)).collect();
     grid.update(&cells, &thickness);

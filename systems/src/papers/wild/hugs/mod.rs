@@ -189,7 +189,7 @@ impl Hugs {
             kernel,
             rule: trimming.trimming(),
             scale: trimming.judge_scale,
-            superpixels: Superpixels { count: settings.superpixels, ..Superpixels::default() },
+            superpixels: Superpixels::default().with_count(settings.superpixels),
             min_track: min_track as u32,
             judge,
             clues: Vec::new(),
