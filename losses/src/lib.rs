@@ -40,8 +40,9 @@
 //! * [`irls`]: robust fits by iteratively reweighted least squares
 //! * [`metrics`]: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; IoU and F1 of masks
 //!
-//! Every module names its source; a function `f` has a twin `f_backward`, which adds. Axes, colour space and letters are those of
-//! the workspace's `CONVENTIONS.md`.
+//! Every module names its source; a function `f` has a twin `f_backward`, which adds. Colours are as they stand in files
+//! (display-referred sRGB, expected in `[0, 1]`); letters are `w` for weights and `alpha` for opacity of samples, `trans` for
+//! transmittance, `x_bar` for the gradient of the loss with respect to `x`.
 //!
 //! # Features
 //! * `std` (default): float functions of the standard library.

@@ -39,9 +39,10 @@
 //! * [`error`]: what can be wrong with the input
 //! * [`real`]: the two float types, for functions in both precisions
 //!
-//! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds gradients. Axes, pixel centres,
-//! letters and units are those of the repository's `CONVENTIONS.md`: camera-to-world poses with CV axes (x right, y down, z
-//! forward), pixel centres at `+ 0.5`, unit ray directions, radians.
+//! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds gradients. Poses are
+//! camera-to-world with CV axes (x right, y down, z forward), pixel centres lie at `+ 0.5`, directions of rays are of unit length,
+//! angles in radians. Letters: `t` distance, `s` the same in `[0, 1]`, `sigma` density, `tau = sigma * dt` optical depth, `w`
+//! weights, `trans` transmittance, `x_bar` the gradient of the loss with respect to `x`.
 //!
 //! # Features
 //! * `std` (default): float functions of the standard library.
@@ -53,7 +54,6 @@
 //! use render_core::quadrature::{Compositor, PixelsBar, RaySamples};
 //! use render_core::sample::{Spacing, dt_from_points, stratified_bins};
 //! use render_core::{Simd, glam::DVec2};
-//!
 //! // The ray of a pixel, four samples on it, and red fog of density 0.5 along it.
 //! let camera = Camera::pinhole(640, 480, 500.0, 500.0, 320.0, 240.0, Pose::IDENTITY);
 //! let ray = camera.ray(DVec2::new(320.0, 240.0)).expect("a pinhole has a ray for every pixel");

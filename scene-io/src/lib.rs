@@ -10,8 +10,8 @@
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
 //! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
 //!
-//! Everything above sees one type, whatever the dialect. Axes, units and the pixel centre are those of `CONVENTIONS.md`: cameras are
-//! converted to CV axes here, world axes and the world unit stay those of the file. Errors name file, field, value and remedy.
+//! Everything above sees one type, whatever the dialect. Cameras are converted to CV axes
+//! (x right, y down, z forward) with pixel centres at `+ 0.5`; world axes and the world unit stay those of the file. Errors name file, field, value and remedy.
 //! There are no features.
 //!
 //! ```

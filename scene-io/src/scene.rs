@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// A set of posed images with what else the dataset knows.
 ///
-/// World axes and unit are those of the file that was read; camera axes are CV (see `CONVENTIONS.md`).
+/// World axes and unit are those of the file that was read; camera axes are CV (x right, y down, z forward).
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// A name for people: the folder's.

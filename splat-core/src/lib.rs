@@ -34,8 +34,8 @@
 //! contribute to which pixels is held constant. Gaussians with a parameter that is not finite are not drawn. Results are the same bits
 //! for any number of threads; SIMD levels agree to rounding.
 //!
-//! Axes, pixel centres, letters and units are those of the repository's `CONVENTIONS.md`: CV axes (x right, y down, z forward),
-//! pixel centres at `+ 0.5`, quaternions `wxyz`, twists rotation first, gradients `x_bar`. Degrees and signs of spherical harmonics are
+//! CV axes (x right, y down, z forward), pixel centres at `+ 0.5`, quaternions `wxyz`, twists rotation first; `x_bar` is the gradient of the
+//! loss with respect to `x`. Degrees and signs of spherical harmonics are
 //! those of 3DGS.
 //!
 //! Features: `std` (default), `libm` (float functions without `std`), `rayon` (chunks and tiles over threads). [`Simd`] chooses the vector

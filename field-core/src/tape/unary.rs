@@ -193,7 +193,7 @@ curves! {
     /// Second derivative of the logistic function.
     LogisticSecondDerivative |x| { LogisticDerivative.at(x) * (V::splat(1.0) - V::splat(2.0) * Logistic(0.0).at(x)) }
     TanhDerivative |x| { V::splat(4.0) * LogisticDerivative.at(V::splat(2.0) * x) }
-    /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`. Not [`vecmath::softplus`]: docs/decisions/0036.
+    /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)` at `x + shift`. Not [`vecmath::softplus`]: see decision 0036 of the repository.
     Softplus(shift) |x| {
         let x = x + V::splat(shift);
         let e = exp_minus_abs(x);
