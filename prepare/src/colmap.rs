@@ -1,9 +1,10 @@
 //! Poses by COLMAP 3.8 to 4.x, on the CPU: features, matches, the incremental mapper; or the global mapper of GLOMAP.
 
-use crate::cameras::Group;
+use crate::batches::batches;
 use crate::error::PrepareError;
 use crate::pairs::{ALL_PAIRS, loop_closures};
-use crate::stage::{Stages, State, fresh_folder, hash, remove_folder};
+use crate::stage::{State, fresh_folder, hash, remove_folder};
+use crate::task::Task;
 use crate::tool::{Job, Log, Toolbox, run};
 use crate::watch::{Event, Meter, Watch};
 use scene_io::colmap::Model;
@@ -11,8 +12,6 @@ use scene_io::export::write_atomically;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Photos of one camera from which a second distortion coefficient is estimated: fewer cannot hold it.
-const ENOUGH_FOR_TWO: usize = 20;
 /// Images of a block of the exhaustive matcher: only how often it says how far it is.
 const BLOCK: usize = 10;
 /// The files of a model. `rigs` and `frames` came with version 3.12.
@@ -40,25 +39,6 @@ pub(crate) enum Mapper {
     Global,
     /// The program `glomap`.
     Glomap(PathBuf),
-}
-
-/// What is reconstructed, and where.
-pub(crate) struct Task<'a> {
-    pub(crate) tools: &'a Toolbox,
-    pub(crate) stages: &'a Stages,
-    /// Folder of the pictures.
-    pub(crate) images: PathBuf,
-    /// Where the model goes.
-    pub(crate) model: PathBuf,
-    pub(crate) groups: &'a [Group],
-    /// Names in order.
-    pub(crate) names: Vec<&'a str>,
-    /// Whether the order is that of a video.
-    pub(crate) in_order: bool,
-    /// Threads of the programs; `None`: all.
-    pub(crate) threads: Option<usize>,
-    /// Hash of the pictures and their cameras.
-    pub(crate) inputs: String,
 }
 
 impl Colmap {
@@ -124,7 +104,7 @@ impl Colmap {
             watch.event(Event::Note("features: done before"));
             return Ok(());
         }
-        // Features that were interrupted are looked for anew: a camera must not be cut in two.
+        // Features that were interrupted are found anew: a camera must not be cut in two.
         for ending in ["", "-wal", "-shm", "-journal"] {
             let mut file = database.clone().into_os_string();
             file.push(ending);
@@ -175,14 +155,14 @@ impl Colmap {
         task.stages.begin(STAGE, inputs)?;
         let n = task.names.len();
         if task.in_order && n > ALL_PAIRS {
-            self.matcher(task, "sequential_matcher", Vec::new(), ("match neighbours", n), log, watch)?;
+            self.matcher(task, "sequential_matcher", Vec::new(), Meter::new("match neighbours", n), log, watch)?;
             let pairs = loop_closures(n);
             let list = task.stages.folder.join("pairs.txt");
             let lines: Vec<String> =
                 pairs.iter().map(|(a, b)| format!("{} {}\n", task.names[*a], task.names[*b])).collect();
             write_atomically(&list, |out| out.write_all(lines.concat().as_bytes()))?;
             let words = vec!["--match_list_path".into(), list.into(), "--match_type".into(), "pairs".into()];
-            self.matcher(task, "matches_importer", words, ("match far frames", pairs.len()), log, watch)?;
+            self.matcher(task, "matches_importer", words, Meter::new("match far frames", pairs.len()), log, watch)?;
         } else {
             let pairs = n * n.saturating_sub(1) / 2;
             if pairs > ALL_PAIRS * ALL_PAIRS {
@@ -190,7 +170,7 @@ impl Colmap {
             }
             let words = vec!["--ExhaustiveMatching.block_size".into(), BLOCK.to_string().into()];
             let blocks = n.div_ceil(BLOCK);
-            self.matcher(task, "exhaustive_matcher", words, ("match photos", blocks * blocks), log, watch)?;
+            self.matcher(task, "exhaustive_matcher", words, Meter::new("match photos", blocks * blocks), log, watch)?;
         }
         task.stages.finish(STAGE, inputs, n.into())
     }
@@ -200,7 +180,7 @@ impl Colmap {
         task: &Task<'_>,
         command: &str,
         more: Vec<OsString>,
-        (stage, parts): (&str, usize),
+        meter: Meter<'_>,
         log: &mut Log,
         watch: &mut dyn Watch,
     ) -> Result<(), PrepareError> {
@@ -209,7 +189,7 @@ impl Colmap {
         words.extend(more);
         self.on_the_cpu(self.matching, task, &mut words);
         let job = self.job(words, "compare photos", "run the same command again: it goes on where it was");
-        let mut meter = Meter::new(stage, parts);
+        let mut meter = meter;
         run(task.tools, &job, log, watch, |line, watch| {
             if let Some((done, of)) = fraction(line) {
                 meter.reach_of(done, of, watch);
@@ -262,7 +242,7 @@ impl Colmap {
         });
         let found = largest(&models);
         let (best, others) = match (found, ran) {
-            // COLMAP ends with a failure where it found nothing, which is no failure of its own.
+            // COLMAP ends with a failure where it found nothing, which is not a failure of its own.
             (_, Err(PrepareError::Stopped)) => return Err(PrepareError::Stopped),
             (Some(found), Ok(())) => found,
             (_, Err(error)) => return Err(error),
@@ -291,48 +271,6 @@ impl Colmap {
 
 fn words<const N: usize>(words: [&str; N]) -> Vec<OsString> {
     words.map(OsString::from).into()
-}
-
-/// Pictures that one call of the extractor reads.
-struct Batch<'a> {
-    names: Vec<&'a str>,
-    /// The camera of all of them; `None`: each its own, of which nothing is known.
-    group: Option<&'a Group>,
-    is_shared: bool,
-}
-
-impl Batch<'_> {
-    /// COLMAP's name of the lens, and the parameters to begin with where they are known.
-    fn camera(&self) -> (&'static str, Option<String>) {
-        let (model, zeros) = match self.names.len() {
-            ENOUGH_FOR_TWO.. if self.is_shared => ("RADIAL", ",0,0"),
-            _ => ("SIMPLE_RADIAL", ",0"),
-        };
-        let known = self.group.and_then(|group| Some((group.focal?, group.size)));
-        let parameters = known.map(|(focal, (width, height))| {
-            format!("{focal:.3},{},{}{zeros}", f64::from(width) / 2.0, f64::from(height) / 2.0)
-        });
-        (model, parameters)
-    }
-}
-
-/// A batch for each camera, and one for all photos that nothing is known of.
-fn batches(groups: &[Group]) -> Vec<Batch<'_>> {
-    let (alone, shared): (Vec<&Group>, Vec<&Group>) =
-        groups.iter().partition(|g| g.names.len() == 1 && g.focal.is_none());
-    let mut batches: Vec<Batch<'_>> = shared
-        .into_iter()
-        .map(|group| Batch {
-            names: group.names.iter().map(String::as_str).collect(),
-            group: Some(group),
-            is_shared: true,
-        })
-        .collect();
-    if !alone.is_empty() {
-        let names = alone.iter().flat_map(|g| g.names.iter().map(String::as_str)).collect();
-        batches.push(Batch { names, group: None, is_shared: false });
-    }
-    batches
 }
 
 /// `3.8` of `COLMAP 3.8 -- Structure-from-Motion …`.
@@ -390,10 +328,6 @@ fn install_model(from: &Path, to: &Path) -> Result<(), PrepareError> {
 mod tests {
     use super::*;
 
-    fn group(names: &[&str], focal: Option<f64>) -> Group {
-        Group { names: names.iter().map(|n| n.to_string()).collect(), size: (400, 300), focal }
-    }
-
     #[test]
     fn progress_is_read_from_what_colmap_says() {
         assert_eq!(fraction("Processed file [3/50]"), Some((3, 50)));
@@ -409,19 +343,6 @@ mod tests {
         assert_eq!(version("COLMAP 3.8 -- Structure-from-Motion\n").as_deref(), Some("3.8"));
         assert_eq!(version("x\nCOLMAP 4.2.1 (Commit abc)").as_deref(), Some("4.2.1"));
         assert_eq!(version("COLMAP knows no version"), None);
-    }
-
-    #[test]
-    fn photos_of_one_camera_are_read_together_with_what_is_known_of_it() {
-        let many: Vec<String> = (0..30).map(|i| format!("{i}.jpg")).collect();
-        let many: Vec<&str> = many.iter().map(String::as_str).collect();
-        let groups = [group(&["a", "b"], Some(350.0)), group(&["c"], None), group(&many, None), group(&["d"], None)];
-        let batches = batches(&groups);
-        let shapes: Vec<(usize, bool)> = batches.iter().map(|b| (b.names.len(), b.is_shared)).collect();
-        assert_eq!(shapes, [(2, true), (30, true), (2, false)]);
-        assert_eq!(batches[0].camera(), ("SIMPLE_RADIAL", Some("350.000,200,150,0".into())));
-        assert_eq!(batches[1].camera(), ("RADIAL", None));
-        assert_eq!(batches[2].names, ["c", "d"]);
     }
 
     #[cfg(unix)]

@@ -60,7 +60,7 @@ pub enum PrepareError {
         /// What the system said.
         source: io::Error,
     },
-    /// Somebody asked to stop. The next call goes on with the first stage that is not complete.
+    /// A stop was asked for. The next call goes on with the first stage that is not complete.
     #[error("stopped; the same command goes on where it was")]
     Stopped,
     /// A picture or a model could not be read or written.

@@ -41,8 +41,8 @@ fn facts(exif: &Exif, size: (u32, u32)) -> CameraFacts {
 
 /// The focal length in longest sides of the picture: from the size of the sensor's pixels, else from the 35 mm equivalent,
 /// which is over the diagonal.
-fn focal(exif: &Exif, (width, height): (u32, u32)) -> Option<f64> {
-    let longest = f64::from(width.max(height));
+fn focal(exif: &Exif, size: (u32, u32)) -> Option<f64> {
+    let longest = f64::from(size.0.max(size.1));
     let plausible = |f: &f64| f.is_finite() && *f >= FOCAL_RANGE.0 && *f <= FOCAL_RANGE.1;
     let from_sensor = || {
         let millimetres = number(exif, Tag::FocalLength).filter(|f| *f > 0.0)?;
@@ -62,7 +62,7 @@ fn focal(exif: &Exif, (width, height): (u32, u32)) -> Option<f64> {
     };
     let from_film = || {
         let millimetres = number(exif, Tag::FocalLengthIn35mmFilm).filter(|f| *f > 0.0)?;
-        let diagonal = f64::from(width).hypot(f64::from(height));
+        let diagonal = f64::from(size.0).hypot(f64::from(size.1));
         Some(millimetres * diagonal / FILM_DIAGONAL / longest)
     };
     from_sensor().filter(plausible).or_else(|| from_film().filter(plausible))

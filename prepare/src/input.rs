@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Folders within folders that are searched.
 const DEEPEST: usize = 4;
 
-/// What cameras are looked for.
+/// What cameras are found for.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Input {
     Video(PathBuf),
@@ -19,12 +19,12 @@ pub(crate) enum Input {
 pub(crate) struct Photos {
     /// Sorted by path.
     pub(crate) files: Vec<PathBuf>,
-    /// Files that are no photos.
+    /// Files that are not photos.
     pub(crate) others: Vec<PathBuf>,
 }
 
 impl Input {
-    /// Looks at a path.
+    /// Reads what lies at a path.
     ///
     /// # Errors
     /// [`PrepareError`] where it is neither a video nor a folder of at least two photos.

@@ -7,6 +7,7 @@
 //!
 //! [`compare`] tells how far two sets of cameras are apart.
 
+mod batches;
 mod cameras;
 mod colmap;
 mod compare;
@@ -19,12 +20,14 @@ mod pairs;
 mod photo;
 mod pictures;
 mod posers;
+mod request;
 #[cfg(feature = "sfm")]
 mod sfm;
 mod sharpness;
 #[cfg(feature = "sfm")]
 mod sparse_text;
 mod stage;
+mod task;
 #[cfg(test)]
 mod testing;
 mod tool;
@@ -36,36 +39,16 @@ pub use compare::{Comparison, compare};
 pub use error::PrepareError;
 pub use outcome::{ENOUGH, Summary};
 pub use posers::Poser;
+pub use request::Request;
 pub use tool::Toolbox;
 pub use watch::{Event, Silent, Watch};
 
-use crate::colmap::Task;
 use crate::posers::Chosen;
 use crate::stage::{Stages, hash};
+use crate::task::Task;
 use crate::tool::Log;
 use scene_io::colmap::Model;
 use std::path::{Path, PathBuf};
-
-/// What is to be prepared, and how.
-#[derive(Clone, Debug)]
-pub struct Request {
-    /// A video, or a folder of photos.
-    pub input: PathBuf,
-    /// Folder of the scene.
-    pub out: PathBuf,
-    /// Frames wanted of a video.
-    pub frames: usize,
-    /// Longest side of the pictures, pixels; `None`: as they are.
-    pub longest_side: Option<u32>,
-    /// What finds the poses; `None`: the first that is there.
-    pub with: Option<Poser>,
-    /// What to make of photos that do not say which camera took them.
-    pub unknown_cameras: UnknownCameras,
-    /// Threads of the programs; `None`: all.
-    pub threads: Option<usize>,
-    /// Where programs are searched for.
-    pub tools: Toolbox,
-}
 
 /// Folder of markers and of what stages hand on, in the scene.
 const WORK: &str = "prepare";

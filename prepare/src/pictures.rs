@@ -1,10 +1,10 @@
 //! The first stage: a video's frames, or photos, to the scene's pictures.
 
-use crate::Request;
 use crate::error::PrepareError;
 use crate::heic::{Converter, is_heic};
 use crate::input::{Input, Photos, names};
 use crate::photo::{self, Picture};
+use crate::request::Request;
 use crate::stage::{Stages, State, fresh_folder, hash, remove_folder, stamp};
 use crate::tool::Log;
 use crate::video::{Ffmpeg, Wanted};

@@ -1,7 +1,8 @@
 //! What finds the poses: the first that is there, or the one that is asked for.
 
-use crate::colmap::{Colmap, Mapper, Task};
+use crate::colmap::{Colmap, Mapper};
 use crate::error::PrepareError;
+use crate::task::Task;
 use crate::tool::{Log, Toolbox, install};
 use crate::watch::Watch;
 

@@ -1,10 +1,10 @@
 //! Poses by the crate `openmvg-sfm`, within this program: no other program is needed.
 
-use crate::colmap::Task;
 use crate::error::PrepareError;
 use crate::pairs::{ALL_PAIRS, of_video};
 use crate::sparse_text::{SparseCamera, SparseImage, SparseModel, SparsePoint};
 use crate::stage::{State, hash};
+use crate::task::Task;
 use crate::tool::Log;
 use crate::watch::{Event, Meter, Watch};
 use glam::{DMat3, DVec3};
@@ -237,7 +237,7 @@ fn with_progress<T: Send>(
     })
 }
 
-/// How often the wish to stop is looked for.
+/// How often the wish to stop is checked.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 enum Told {
@@ -254,7 +254,7 @@ struct Sink {
 impl Sink {
     fn tell(&self, what: Told) {
         if let Ok(sender) = self.sender.lock() {
-            // Nobody listens any more: nothing to tell.
+            // The receiver is gone: nothing to tell.
             let _ = sender.send(what);
         }
     }

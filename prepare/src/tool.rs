@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Lines of a failed program that are shown.
 const LAST_LINES: usize = 8;
-/// How often a running program is looked after, when it says nothing.
+/// How often a running program is checked, when it says nothing.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// Bytes of a line that are kept: a program may write without line ends.
 const LONGEST_LINE: usize = 4000;
@@ -113,7 +113,7 @@ pub(crate) struct Job<'a> {
 ///
 /// # Errors
 /// [`PrepareError::Tool`] where it cannot be started or fails, after its last lines were passed on as notes;
-/// [`PrepareError::Stopped`] when somebody asked to stop: the program is ended first.
+/// [`PrepareError::Stopped`] when a stop was asked for: the program is ended first.
 pub(crate) fn run(
     tools: &Toolbox,
     job: &Job<'_>,
@@ -203,7 +203,7 @@ fn forward(stream: impl Read + Send + 'static, sender: Sender<String>) {
             }
         }
         if !line.is_empty() {
-            // Nobody listens any more where the program was ended.
+            // The receiver is gone where the program was ended.
             let _ = sender.send(String::from_utf8_lossy(&line).into_owned());
         }
     });
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_is_ended_when_somebody_asks_to_stop() {
+    fn a_program_is_ended_when_a_stop_is_asked_for() {
         let mut heard = Heard { stop: true, ..Heard::default() };
         let since = std::time::Instant::now();
         let (result, ..) = shell("sleep 30", &mut heard);

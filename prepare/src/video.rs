@@ -149,7 +149,7 @@ impl Ffmpeg {
             names.push(name);
         }
         let found = candidates.len();
-        watch.event(Event::Note(&format!("{} frames kept, the sharpest of {found} looked at", names.len())));
+        watch.event(Event::Note(&format!("{} frames kept, the sharpest of {found} decoded", names.len())));
         crate::stage::remove_folder(scratch)?;
         Ok(names)
     }

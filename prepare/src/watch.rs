@@ -28,7 +28,7 @@ pub trait Watch {
     /// Called as things happen; returns quickly.
     fn event(&mut self, event: Event<'_>);
 
-    /// Whether somebody has asked to stop. Running programs are ended then.
+    /// Whether a stop was asked for. Running programs are ended then.
     fn stop_asked(&self) -> bool {
         false
     }
