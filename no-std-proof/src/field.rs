@@ -1,6 +1,6 @@
 //! Proofs of `field-core`.
 
-use crate::{Wrong, near};
+use crate::wrong::{Wrong, near};
 use alloc::{vec, vec::Vec};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::hash_grid::{Growth, HashGrid, HashGridConfig, Touched};

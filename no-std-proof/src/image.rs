@@ -1,6 +1,6 @@
 //! Proofs of `render-core`.
 
-use crate::{Wrong, near};
+use crate::wrong::{Wrong, near};
 use float_core::Simd;
 use render_core::camera::{Camera, Lens, Pose};
 use render_core::quadrature::{

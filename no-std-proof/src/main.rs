@@ -11,20 +11,15 @@ mod host;
 mod image;
 mod splat;
 mod step;
+mod wrong;
 
 use host::say;
+use wrong::Wrong;
 
 /// One forward and one backward of something.
 struct Proof {
     name: &'static str,
     run: fn() -> Result<(), Wrong>,
-}
-
-/// A number that is not what it should be.
-struct Wrong {
-    what: &'static str,
-    got: f64,
-    want: f64,
 }
 
 const PROOFS: [Proof; 14] = [
@@ -59,8 +54,3 @@ extern "C" fn main(_argc: i32, _argv: *const *const u8) -> i32 {
     0
 }
 
-/// `|got - want| <= tolerance * (1 + |want|)`; NaN is wrong.
-fn near(what: &'static str, got: impl Into<f64>, want: impl Into<f64>, tolerance: f64) -> Result<(), Wrong> {
-    let (got, want) = (got.into(), want.into());
-    if (got - want).abs() <= tolerance * (1.0 + want.abs()) { Ok(()) } else { Err(Wrong { what, got, want }) }
-}

@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use crate::{Wrong, near};
+use crate::wrong::{Wrong, near};
 use field_core::rng::Rng;
 use float_core::{Simd, m64};
 use splat_core::density::{Adc, relocation};

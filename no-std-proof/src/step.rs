@@ -1,6 +1,6 @@
 //! Proofs of `float-core`, `losses` and `optim`.
 
-use crate::{Wrong, near};
+use crate::wrong::{Wrong, near};
 use float_core::{Simd, Task, Vector, m32, m64, vecmath};
 use losses::kernel::Kernel;
 use losses::{metrics, photometric};

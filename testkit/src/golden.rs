@@ -19,11 +19,11 @@
 
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::Path;
 
 mod close;
 mod data;
+mod error;
 mod param;
 mod tensor;
 #[cfg(test)]
@@ -31,24 +31,11 @@ mod tests;
 
 pub use close::{Number, assert_close, check_close};
 pub use data::{data_dir, data_or_skip, skipped};
+pub use error::GoldenError;
 pub use param::Param;
 pub use tensor::Tensor;
 
-/// What went wrong while a golden file was read: where in the file, and what.
-#[derive(Debug)]
-pub struct GoldenError(String);
-
-impl fmt::Display for GoldenError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for GoldenError {}
-
-fn error<T>(what: impl Into<String>) -> Result<T, GoldenError> {
-    Err(GoldenError(what.into()))
-}
+use error::error;
 
 /// One file.
 #[derive(Clone, Debug)]

@@ -1,8 +1,9 @@
 //! `cameras.bin`, `images.bin`, `points3D.bin`: little-endian, counts as u64. Counts are held against the file's size
 //! before anything is allocated.
 
+use super::lens;
+use super::model::{Model, ModelImage};
 use super::scene::pose_of;
-use super::{Model, ModelImage, lens};
 use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! COLMAP's camera models by number and name: how many parameters, and which lens they make.
 
-use super::ModelCamera;
+use super::model::ModelCamera;
 use crate::Problem;
 use render_core::camera::Lens;
 

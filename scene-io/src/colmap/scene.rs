@@ -1,6 +1,6 @@
 //! A COLMAP model with its images as a scene.
 
-use super::{Model, ModelFiles, ModelImage};
+use super::model::{Model, ModelFiles, ModelImage};
 use crate::assemble::listing;
 use crate::options::LoadOptions;
 use crate::pose::Mended;

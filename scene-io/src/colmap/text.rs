@@ -1,7 +1,8 @@
 //! `cameras.txt`, `images.txt`, `points3D.txt`: words between blanks, lines starting with `#` are comments.
 
+use super::lens;
+use super::model::{Model, ModelImage};
 use super::scene::pose_of;
-use super::{Model, ModelImage, lens};
 use crate::limits::is_point;
 use crate::{ErrorKind, Place, Point, Problem, SceneError, files};
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! The PLY of 3DGS: one element `vertex`, raw parameters as `float`, found by name.
 
+use super::file::{SplatFile, count};
 use super::rows::{Filling, Row};
-use super::{SplatFile, count};
 use crate::ply::Vertices;
 use crate::{Place, SceneError};
 use splat_core::{Gaussians, MAX_DEGREE, rest_len};

@@ -1,6 +1,6 @@
 //! One Gaussian at a time: what readers fill and writers take.
 
-use super::count;
+use super::file::count;
 use crate::decode_memory::{DecodeMemory, Reserved};
 use crate::{ErrorKind, Problem, SceneError};
 use splat_core::{Gaussians, MAX_DEGREE, SplatError, rest_len};

@@ -7,8 +7,8 @@
 //! | 24..28 | red, green, blue, opacity: `round(255 x)` |
 //! | 28..32 | rotation `wxyz`: `round(128 q + 128)`, at most 255 |
 
+use super::file::{SplatFile, count};
 use super::rows::{Filling, Row, logit_of_byte, unfit};
-use super::{SplatFile, count};
 use crate::{ErrorKind, Problem, SceneError};
 use splat_core::{Gaussians, SH_0};
 use std::io::{self, Write};

@@ -1,6 +1,6 @@
 //! Numbers with a shape.
 
-use super::{GoldenError, error};
+use super::error::{GoldenError, error};
 use serde_json::Value;
 
 /// Numbers and their shape, row-major. A scalar has the shape `[]`.

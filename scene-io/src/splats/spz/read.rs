@@ -1,6 +1,6 @@
 //! Reading SPZ.
 
-use super::super::SplatFile;
+use super::super::file::SplatFile;
 use super::super::rows::{Filling, Row, logit_of_byte};
 use super::{ANTIALIASED, COLOUR, EXTENSIONS, FLIP, FLIP_SH, HEADER, MAGIC, MAX_COUNT, MAX_FRACTIONAL_BITS};
 use super::{rotation, stride};

@@ -1,7 +1,7 @@
 //! Writing SPZ, version 3.
 
+use super::super::file::{SplatOptions, count};
 use super::super::rows::{Row, unfit};
-use super::super::{SplatOptions, count};
 use super::{ANTIALIASED, COLOUR, FLIP, FLIP_SH, HEADER, MAGIC, MAX_COUNT, MAX_FRACTIONAL_BITS, rotation};
 use crate::{ErrorKind, Problem, SceneError};
 use flate2::Compression;

@@ -1,6 +1,8 @@
 //! The pictures of an operation: what is trained on, and what was truly behind the tool.
 
-use super::{Stereo, Tissue};
+use super::moment::Tissue;
+use super::stereo::Stereo;
+use super::tool::TissueTool;
 use crate::priors::{BitMask, TruthMask};
 use crate::{Bounds, DepthMap, DepthSource, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, Truth};
 use glam::{DMat3, DVec2, DVec3};
@@ -11,20 +13,6 @@ use std::sync::Arc;
 
 /// Focal length over width of EndoNeRF's endoscope: 569.468 at 640.
 const FOCAL: f64 = 569.468_200_41 / 640.0;
-
-/// What the tool does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum TissueTool {
-    /// It moves to and fro across the picture.
-    #[default]
-    Sweeping,
-    /// There is none, and no mask says otherwise.
-    Absent,
-    /// As `Sweeping`, and at time 1/2 it covers the whole picture.
-    OnceEverywhere,
-    /// It covers every picture.
-    Everywhere,
-}
 
 /// Size, number and seed of the pictures of [`tissue`].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! Depth as a stereo matcher would find it: in steps, noisy, wrong in places, missing in others.
 
-use super::{TissueHit, TissueMoment, flip};
+use super::moment::{TissueHit, TissueMoment, flip};
 use crate::DepthMap;
 use crate::random::random;
 use glam::{DVec2, DVec3};

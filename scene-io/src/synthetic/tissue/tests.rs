@@ -1,7 +1,9 @@
 //! The operation against itself.
 
 use super::*;
+use crate::Image;
 use crate::{DepthMap, ImageSource, Scene, Split};
+use glam::DVec2;
 
 fn small() -> TissueOptions {
     TissueOptions { width: 40, height: 30, frames: 9, ..TissueOptions::default() }

@@ -7,6 +7,20 @@ use glam::{DMat3, DVec2, DVec3};
 use render_core::ray::Ray;
 use std::f64::consts::TAU;
 
+/// What the tool does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TissueTool {
+    /// It moves to and fro across the picture.
+    #[default]
+    Sweeping,
+    /// There is none, and no mask says otherwise.
+    Absent,
+    /// As `Sweeping`, and at time 1/2 it covers the whole picture.
+    OnceEverywhere,
+    /// It covers every picture.
+    Everywhere,
+}
+
 /// Where the instrument comes in: always beside the picture.
 const ENTRY: DVec3 = DVec3::new(46.0, 40.0, 40.0);
 /// The wrist hovers this far before the tissue, mm.

@@ -1,6 +1,6 @@
 //! Ellipses to pixels and back.
 
-use super::{Ellipse, Rules};
+use super::ellipse::{Ellipse, Rules};
 
 /// Values of a pixel: colour, depth, transmittance.
 const PLANES: usize = 5;

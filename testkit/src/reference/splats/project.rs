@@ -1,6 +1,7 @@
 //! From Gaussians in the world to ellipses on the picture.
 
-use super::{Camera, Ellipse, EllipseBar, Rules};
+use super::composite::EllipseBar;
+use super::ellipse::{Camera, Ellipse, Rules, front_to_back};
 
 /// Numbers of one Gaussian.
 const fn numbers(degree: usize) -> usize {
@@ -103,7 +104,7 @@ fn covariance(wxyz: [f64; 4], s: [f64; 3]) -> [[f64; 3]; 3] {
 pub fn project(p: &[f64], n: usize, degree: usize, camera: &Camera, rules: &Rules) -> Vec<Ellipse> {
     let own = |i: usize| (0..numbers(degree)).map(|k| p[k * n + i]).collect::<Vec<f64>>();
     let mut out: Vec<Ellipse> = (0..n).filter_map(|i| project_one(&own(i), i, degree, camera, rules)).collect();
-    super::front_to_back(&mut out);
+    front_to_back(&mut out);
     out
 }
 
