@@ -8,6 +8,7 @@ mod app;
 mod cli;
 mod commands;
 mod interrupt;
+mod session;
 mod show;
 mod view;
 
@@ -46,13 +47,13 @@ pub fn nerf_wild() -> ExitCode {
 fn run(app: &'static app::App) -> ExitCode {
     let cli = cli::Cli::read(app, std::env::args_os()).unwrap_or_else(|e| e.exit());
     match commands::run(app, cli) {
-        Ok(commands::Done::Finished) => ExitCode::SUCCESS,
-        Ok(commands::Done::Interrupted) => {
+        Ok(session::Done::Finished) => ExitCode::SUCCESS,
+        Ok(session::Done::Interrupted) => {
             // Work may have seen the flag before the thread that answers it did.
             interrupt::answered();
             ExitCode::from(interrupt::CODE)
         }
-        Ok(commands::Done::Refused) => ExitCode::FAILURE,
+        Ok(session::Done::Refused) => ExitCode::FAILURE,
         Err(error) => {
             show::error(error.as_ref());
             if let Some(advice) = commands::prepare::advice(app, error.as_ref()) {

@@ -3,8 +3,8 @@
 use crate::cli::ProgressKind;
 use crate::interrupt;
 use engine::halt::Halt;
+use engine::progress::Progress;
 use engine::progress::{Event, Observer, Part};
-use engine::train::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::error::Error;
 use std::io::{IsTerminal, Write};

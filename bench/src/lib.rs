@@ -4,6 +4,7 @@
 //! SVG. What is compared is measured interleaved in one run (`measure`), so that a ratio means something on a machine
 //! that others use too. No time stands without an error: kernels are compared with `f64` twins on the same inputs.
 
+mod bench;
 mod claims;
 mod cli;
 mod error;

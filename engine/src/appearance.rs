@@ -1,6 +1,6 @@
-//! In which photo's light a picture is rendered: words of the command line to codes of the system.
+//! In which photo's appearance a picture is rendered: words of the command line to codes of the system.
 //!
-//! | word | light |
+//! | word | appearance |
 //! | --- | --- |
 //! | `mean` | the mean of all training photos |
 //! | `image:NAME` | that of a training photo |
@@ -24,9 +24,9 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// One light.
+/// One appearance.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Light {
+pub enum PhotoAppearance {
     /// The mean of all training photos.
     Mean,
     /// That of a training photo.
@@ -35,16 +35,16 @@ pub enum Light {
     Fit(PathBuf),
 }
 
-/// The light of the frames of a path.
+/// The appearance of the frames of a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum LightPath {
+pub enum AppearancePath {
     /// The same for all.
-    Still(Light),
+    Still(PhotoAppearance),
     /// From one to another.
-    Between(Light, Light),
+    Between(PhotoAppearance, PhotoAppearance),
 }
 
-impl FromStr for Light {
+impl FromStr for PhotoAppearance {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -57,11 +57,11 @@ impl FromStr for Light {
     }
 }
 
-impl FromStr for LightPath {
+impl FromStr for AppearancePath {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // Paths hold dots, too: only those before another word part two lights.
+        // Paths hold dots, too: only those before another word part two appearances.
         let parts = |at: &usize| {
             let rest = text.get(*at..).and_then(|rest| rest.strip_prefix(".."));
             rest.is_some_and(|rest| rest == "mean" || rest.starts_with("image:") || rest.starts_with("fit:"))
@@ -73,7 +73,7 @@ impl FromStr for LightPath {
     }
 }
 
-impl fmt::Display for Light {
+impl fmt::Display for PhotoAppearance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Mean => f.write_str("mean"),
@@ -83,17 +83,17 @@ impl fmt::Display for Light {
     }
 }
 
-/// The light of the frames of a path, as the system knows it.
+/// The appearance of the frames of a path, as the system knows it.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Lighting {
+pub enum FrameAppearances {
     /// The same for all.
     Still(Appearance),
     /// From one code to another of the same length.
     Between(Vec<f32>, Vec<f32>),
 }
 
-impl Lighting {
-    /// The light of frame `i` of `n`: the first has the first light, the last the last.
+impl FrameAppearances {
+    /// The appearance of frame `i` of `n`: the first has the first one, the last the last.
     #[must_use]
     pub fn at(&self, i: usize, n: usize) -> Appearance {
         match self {
@@ -111,28 +111,32 @@ impl Run<'_> {
     /// Words as codes of the run's system. `fit_camera` names the frame whose camera took the photo of `fit:FILE`.
     ///
     /// # Errors
-    /// [`RunError::Option`] for systems with one light, names that mean no training photo, and as [`Run::fit_photo`].
-    pub fn lighting(&self, path: &LightPath, fit_camera: Option<&str>) -> Result<Lighting, RunError> {
+    /// [`RunError::Option`] for systems with one appearance, names that mean no training photo, and as [`Run::fit_photo`].
+    pub fn appearance_along(
+        &self,
+        path: &AppearancePath,
+        fit_camera: Option<&str>,
+    ) -> Result<FrameAppearances, RunError> {
         Ok(match path {
-            LightPath::Still(light) => Lighting::Still(self.light(light, fit_camera)?),
-            LightPath::Between(a, b) => {
-                let code = |light: &Light| -> Result<Vec<f32>, RunError> {
-                    need_codes(self.system.as_ref(), &format!("`--appearance {light}`"))?;
-                    let appearance = self.light(light, fit_camera)?;
+            AppearancePath::Still(word) => FrameAppearances::Still(self.appearance(word, fit_camera)?),
+            AppearancePath::Between(a, b) => {
+                let code = |word: &PhotoAppearance| -> Result<Vec<f32>, RunError> {
+                    need_codes(self.system.as_ref(), &format!("`--appearance {word}`"))?;
+                    let appearance = self.appearance(word, fit_camera)?;
                     Ok(self.system.appearance_code(&appearance).unwrap_or_default())
                 };
-                Lighting::Between(code(a)?, code(b)?)
+                FrameAppearances::Between(code(a)?, code(b)?)
             }
         })
     }
 
-    fn light(&self, light: &Light, fit_camera: Option<&str>) -> Result<Appearance, RunError> {
-        match light {
-            Light::Mean => Ok(Appearance::Mean),
-            Light::Image(name) => {
+    fn appearance(&self, word: &PhotoAppearance, fit_camera: Option<&str>) -> Result<Appearance, RunError> {
+        match word {
+            PhotoAppearance::Mean => Ok(Appearance::Mean),
+            PhotoAppearance::Image(name) => {
                 Ok(Appearance::View(view_of(self.system.as_ref(), &self.train, name, "--appearance")?))
             }
-            Light::Fit(file) => Ok(Appearance::Code(Arc::from(self.fit_photo(file, fit_camera)?))),
+            PhotoAppearance::Fit(file) => Ok(Appearance::Code(Arc::from(self.fit_photo(file, fit_camera)?))),
         }
     }
 
@@ -143,13 +147,13 @@ impl Run<'_> {
     /// [camera path](camera_path)). A mask beside it (`photo.mask.png`, white = used) says which pixels count.
     ///
     /// # Errors
-    /// [`RunError::Option`] for systems with one light, photos without a camera or of another shape than their camera's;
+    /// [`RunError::Option`] for systems with one appearance, photos without a camera or of another shape than their camera's;
     /// unreadable files.
     pub fn fit_photo(&self, file: &Path, camera: Option<&str>) -> Result<Vec<f32>, RunError> {
         let option = format!("`--appearance fit:{}`", file.display());
         need_codes(self.system.as_ref(), &option)?;
         let mut frame = self.photo(file, camera, &option)?;
-        // What it is for is no matter here.
+        // What it is for does not matter here.
         frame.split = scene_io::Split::Unused;
         let longest_side = Some(self.train.longest_side().unwrap_or(MOST_SIDE).min(MOST_SIDE));
         let store =
@@ -199,7 +203,7 @@ impl Run<'_> {
         let beside = file.with_extension("json");
         let camera = match named {
             Some(frame) => frames[frame].camera,
-            None if beside.is_file() => self.camera_beside(&beside, (width, height))?,
+            None if beside.is_file() => self.camera_beside(&beside, width, height)?,
             None => {
                 let stem = file.file_stem().unwrap_or_default().to_string_lossy();
                 return match names::find(&all, &stem, option) {
@@ -231,7 +235,7 @@ impl Run<'_> {
     }
 
     /// The camera in a JSON file; what it does not say is that of the first training view.
-    fn camera_beside(&self, file: &Path, (width, height): (u32, u32)) -> Result<Camera, RunError> {
+    fn camera_beside(&self, file: &Path, width: u32, height: u32) -> Result<Camera, RunError> {
         let wrong = |problem: String| RunError::Content { path: file.into(), problem };
         let Some(first) = self.train.views().first() else {
             return Err(wrong("the run has no training views to take the optics from".into()));
@@ -269,13 +273,16 @@ mod tests {
 
     #[test]
     fn words_with_dots_in_their_paths_are_parted_where_another_word_begins() {
-        let parse = |text: &str| text.parse::<LightPath>();
-        let image = |name: &str| Light::Image(name.into());
-        assert_eq!(parse("mean").unwrap(), LightPath::Still(Light::Mean));
-        assert_eq!(parse("fit:../a/b.png").unwrap(), LightPath::Still(Light::Fit("../a/b.png".into())));
-        assert_eq!(parse("image:a..image:b").unwrap(), LightPath::Between(image("a"), image("b")));
-        assert_eq!(parse("mean..fit:../b").unwrap(), LightPath::Between(Light::Mean, Light::Fit("../b".into())));
-        assert_eq!(parse("image:a...mean").unwrap(), LightPath::Between(image("a."), Light::Mean));
+        let parse = |text: &str| text.parse::<AppearancePath>();
+        let image = |name: &str| PhotoAppearance::Image(name.into());
+        assert_eq!(parse("mean").unwrap(), AppearancePath::Still(PhotoAppearance::Mean));
+        assert_eq!(parse("fit:../a/b.png").unwrap(), AppearancePath::Still(PhotoAppearance::Fit("../a/b.png".into())));
+        assert_eq!(parse("image:a..image:b").unwrap(), AppearancePath::Between(image("a"), image("b")));
+        assert_eq!(
+            parse("mean..fit:../b").unwrap(),
+            AppearancePath::Between(PhotoAppearance::Mean, PhotoAppearance::Fit("../b".into()))
+        );
+        assert_eq!(parse("image:a...mean").unwrap(), AppearancePath::Between(image("a."), PhotoAppearance::Mean));
         for wrong in ["", "image:", "fit:", "a", "mean..", "..mean", "mean..b", "image:a..image:"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
@@ -283,7 +290,7 @@ mod tests {
 
     #[test]
     fn codes_go_evenly_from_one_light_to_the_other() {
-        let between = Lighting::Between(vec![0.1, 2.0], vec![0.7, -2.0]);
+        let between = FrameAppearances::Between(vec![0.1, 2.0], vec![0.7, -2.0]);
         let code = |i, n| match between.at(i, n) {
             Appearance::Code(code) => code.to_vec(),
             other => panic!("{other:?}"),

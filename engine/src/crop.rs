@@ -8,14 +8,13 @@
 //!   "faint": 0.05,    Gaussians of less opacity are left out; 0: none
 //!   "large": 0.8,     Gaussians of a larger standard deviation are left out, world units; null: none
 //!   "alone": 0.2,     what has its three nearest neighbours farther away is left out, world units; null: nothing
-//!   "up": [0, 0, 1]   the direction that is up for who looks; null: as guessed
+//!   "up": [0, 0, 1]   the direction that is up on the screen; null: as guessed
 //! }
 //! ```
 
 use crate::error::RunError;
 use crate::neighbours::mean_squared_distances;
 use crate::output::{Storage, write_file};
-use crate::surface::CropBox;
 use serde::{Deserialize, Serialize};
 use splat_core::density::{Rows, opacity};
 use splat_core::{Gaussians, SplatError};
@@ -28,6 +27,9 @@ pub const FILE: &str = "crop.json";
 const LARGEST_FILE: u64 = 64 << 10;
 /// Numbers are no larger than this: nothing `f32` can hold is farther.
 const FAR: f64 = 1e30;
+
+/// A box of the scene's frame: smallest and largest corner.
+pub type CropBox = [[f64; 3]; 2];
 
 /// What is kept. [`Crop::default`] keeps everything.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -42,7 +44,7 @@ pub struct Crop {
     pub large: Option<f64>,
     /// Gaussians whose three nearest neighbours are farther away (root mean square) are left out, world units; `None`: none.
     pub alone: Option<f64>,
-    /// Up for who looks, any length but 0; `None`: as guessed. Leaves nothing out.
+    /// Up on the screen, any length but 0; `None`: as guessed. Leaves nothing out.
     pub up: Option<[f64; 3]>,
 }
 
@@ -111,7 +113,7 @@ impl Crop {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(RunError::read(path)(e)),
             Ok(file) if file.len() > LARGEST_FILE => {
-                return Err(wrong(format!("{} bytes are no crop: {remedy}", file.len())));
+                return Err(wrong(format!("{} bytes are not a crop: {remedy}", file.len())));
             }
             Ok(_) => {}
         }

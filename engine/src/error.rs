@@ -1,11 +1,56 @@
-//! Failures of a run: files, checkpoints, options. The fact is in the message, the reason in [`source`].
+//! Failures of a system and of a run: files, checkpoints, options. The fact is in the message, the reason in [`source`].
 //!
 //! [`source`]: std::error::Error::source
 
-use crate::system::SystemError;
 use scene_io::one_line;
 use std::io;
 use std::path::{Path, PathBuf};
+
+/// A failure inside a system.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SystemError {
+    /// More steps had non-finite gradients than a run may have.
+    #[error(
+        "{bad} of {steps} steps had NaN or infinite gradients, more than the {share_percent} % a run may have: \
+         lower the learning rate (`--set lr=...`) or check the images for NaN pixels"
+    )]
+    NonFinite {
+        /// Steps with non-finite gradients.
+        bad: u64,
+        /// Steps so far.
+        steps: u64,
+        /// Share allowed, in percent.
+        share_percent: f64,
+    },
+    /// A checkpoint lacks an array or holds one of another shape.
+    #[error("checkpoint: `{name}`: {problem}")]
+    State {
+        /// The array.
+        name: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A configuration value that cannot work.
+    #[error("`{field}` = {value}: {problem}")]
+    Config {
+        /// The field as the user writes it in `--set`.
+        field: &'static str,
+        /// What it holds.
+        value: String,
+        /// Why that cannot work, and what would.
+        problem: String,
+    },
+    /// Reading an image failed.
+    #[error(transparent)]
+    Scene(#[from] scene_io::SceneError),
+}
+
+impl From<optim::TooManyNonFinite> for SystemError {
+    fn from(e: optim::TooManyNonFinite) -> Self {
+        Self::NonFinite { bad: e.bad_steps, steps: e.steps, share_percent: 100.0 * e.allowed as f64 / e.steps as f64 }
+    }
+}
 
 /// A failure of a run.
 #[derive(Debug, thiserror::Error)]
@@ -73,7 +118,7 @@ pub enum RunError {
     },
     /// The output folder holds files that are not a run's.
     #[error(
-        "`{}` is no run folder and not empty: it holds `{}`; choose another `--out`, one that is empty or not there yet",
+        "`{}` is not a run folder and not empty: it holds `{}`; choose another `--out`, one that is empty or not there yet",
         folder.display(), name.display()
     )]
     ForeignFiles {

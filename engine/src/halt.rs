@@ -1,6 +1,6 @@
-//! A wish to stop that long work looks at between its smallest parts: a few rays of a picture, a chunk of densities.
+//! A wish to stop that long work checks between its smallest parts: a few rays of a picture, a chunk of densities.
 //!
-//! What was being drawn when the wish came is not whole: whoever asked for it looks at [`Halt::raised`] before it is used.
+//! What was being drawn when the wish came is not whole: check [`Halt::raised`] before it is used.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,6 +1,5 @@
-//! Which dataset a run was trained on: a hash of what training sees.
+//! Whether files are the same: hashes of bytes, and of everything that training sees of a dataset.
 
-use crate::checkpoint::hex;
 use crate::error::RunError;
 use scene_io::{ImageSource, MaskPolarity, Priors, Scene, Split};
 use sha2::{Digest, Sha256};
@@ -82,4 +81,13 @@ fn hash_file(hash: &mut Sha256, path: &Path) -> Result<(), RunError> {
         Ok(())
     };
     read().map_err(RunError::read(path))
+}
+
+/// SHA-256 in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -2,27 +2,34 @@
 //!
 //! The contract of a method is [`system::System`]; crate `systems` has the methods.
 //!
-//! **Before training**
-//! * [`source`], [`names`]: scenes by word or path; names of views.
-//! * [`data`]: views at training resolution and the ray batches drawn from them.
-//! * [`options`]: what a run is asked for and what was decided from it.
-//! * [`photo_points`], [`scene_points`], [`neighbours`]: points found in photos, which points training may use, distances to
-//!   the nearest of them.
-//! * [`memory`], [`frame_memory`]: what a run and the pictures of a path will take, and which are refused.
+//! A room imports from the rooms above it in this list, never the other way round.
 //!
-//! **Training**
-//! * [`run`]: the folder of one training, from start or resume to report.
-//! * [`train`]: the loop of steps, evaluation and checkpoints; [`log`] its `metrics.csv`, [`checkpoint`] its state.
-//! * [`watch`]: warnings of runs that explain the scene away. [`halt`]: interrupts. [`progress`]: what people see meanwhile.
-//! * [`output`]: files that are written whole or not at all. [`identity`]: whether a scene is the one trained on.
+//! **Ground**
+//! * [`error`]: what can go wrong. [`halt`]: a wish to stop. [`output`]: files that are written whole or not at all.
+//!   [`identity`]: hashes of files and datasets. [`names`]: names of views.
+//! * [`options`]: what a run was asked for and what was decided from it, as plain data. [`progress`]: what people see meanwhile.
+//! * [`neighbours`], [`same_place`], [`scene_points`]: distances to the nearest of many points, masks that show one place, points
+//!   that training may use. [`time_path`]: times to render along.
+//!
+//! **Before training**
+//! * [`source`]: scenes by word or path. [`data`]: views at training resolution and the ray batches drawn from them.
+//! * [`tensors`]: named arrays of a checkpoint. [`system`]: the contract of a method.
+//! * [`checkpoint`]: the state of a training on the disk. [`folder`]: the run folder: names in it, its lock, whether it is still
+//!   the same.
+//! * [`photo_points`]: points found in photos. [`memory`]: what a run and the pictures of a path will take, and which are refused.
+//!
+//! **Training and measuring**
+//! * [`render`], [`picture`]: pictures. [`canonical`]: which point of the scene at rest a pixel shows.
+//! * [`eval`]: how good held-out views are, at several scales, with masks, and what renders skip. [`log`]: `metrics.csv`.
+//! * [`train`]: the loop of steps, evaluation and checkpoints. [`summary`], [`report`]: all of it on one page.
 //!
 //! **After training**
-//! * [`render`], [`picture`]: pictures. [`appearance`]: in which photo's appearance. [`canonical`]: which point of the scene at
-//!   rest a pixel shows.
-//! * [`eval`], [`eval_scales`], [`lpips_file`]: how good they are. [`skips`]: what they left out. [`report`], [`summary`]: all of
-//!   it on one page.
-//! * [`camera_path`], [`time_path`]: cameras and times to render along. [`video`]: pictures to a video, by `ffmpeg`.
-//! * [`crop`]: which part of a reconstruction is shown and exported. [`surface`], [`mesh`], [`frame_points`]: points and meshes.
+//! * [`camera_path`]: cameras to render along. [`video`]: pictures to a video, by `ffmpeg`.
+//! * [`crop`]: which part of a reconstruction is shown and exported. [`surface`], [`mesh`]: points and meshes.
+//!
+//! **The whole**
+//! * [`run`]: one training and its folder, from start or resume to report. [`appearance`]: its pictures in the appearance of a
+//!   photo.
 
 pub mod appearance;
 pub mod camera_path;
@@ -32,13 +39,10 @@ pub mod crop;
 pub mod data;
 pub mod error;
 pub mod eval;
-pub mod eval_scales;
-pub mod frame_memory;
-pub mod frame_points;
+pub mod folder;
 pub mod halt;
 pub mod identity;
 pub mod log;
-pub mod lpips_file;
 pub mod memory;
 pub mod mesh;
 pub mod names;
@@ -53,14 +57,13 @@ pub mod report;
 pub mod run;
 pub mod same_place;
 pub mod scene_points;
-pub mod skips;
 pub mod source;
 pub mod summary;
 pub mod surface;
 pub mod system;
+pub mod tensors;
 pub mod time_path;
 pub mod train;
 pub mod video;
-pub mod watch;
 
 pub use error::RunError;

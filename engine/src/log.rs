@@ -1,8 +1,9 @@
 //! `metrics.csv`: one row an interval of training.
 
 use crate::error::RunError;
+use crate::folder::{Home, refuse_foreign};
 use crate::output::{Disk, write_file};
-use crate::run::{Home, refuse_foreign};
+use crate::progress::Reached;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -47,7 +48,7 @@ impl Row {
         )
     }
 
-    /// A row as it is written; `None` for a line that is none.
+    /// A row as it is written; `None` for any other line.
     #[must_use]
     pub fn parse(line: &str) -> Option<Self> {
         let cells: Vec<&str> = line.split(',').collect();
@@ -122,17 +123,17 @@ impl MetricsLog {
         self.flush()
     }
 
-    /// Put the PSNR of the held-out views, dB, beside the last row where it is of `step`, into a row of its own otherwise.
+    /// Put the PSNR of the held-out views, dB, beside the last row where it is of that step, into a row of its own otherwise.
     ///
     /// # Errors
     /// As [`MetricsLog::write`].
-    pub fn measured(&mut self, (step, seconds): (u64, f64), psnr: f64) -> Result<(), RunError> {
+    pub fn measured(&mut self, at: Reached, psnr: f64) -> Result<(), RunError> {
         match self.rows.last_mut() {
-            Some(row) if row.step == step => {
+            Some(row) if row.step == at.step => {
                 row.psnr_test = Some(psnr);
                 self.file = None;
             }
-            _ => self.rows.push(Row { step, seconds, psnr_test: Some(psnr), ..Row::default() }),
+            _ => self.rows.push(Row { step: at.step, seconds: at.seconds, psnr_test: Some(psnr), ..Row::default() }),
         }
         self.flush()
     }
@@ -189,7 +190,7 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// The rows of a `metrics.csv`; lines that are no rows are left out.
+/// The rows of a `metrics.csv`; lines that are not rows are left out.
 ///
 /// # Errors
 /// [`RunError::Read`], [`RunError::Content`] when the first line is not [`COLUMNS`].
@@ -243,8 +244,8 @@ mod tests {
         fs::create_dir(folder.path().join("runs")).unwrap();
         log.write(&row(3)).unwrap();
         assert_eq!(read(&path).unwrap(), [1, 2, 3].map(row));
-        log.measured((3, 0.5), 20.0).unwrap();
-        log.measured((4, 0.5), 21.0).unwrap();
+        log.measured(Reached { step: 3, seconds: 0.5 }, 20.0).unwrap();
+        log.measured(Reached { step: 4, seconds: 0.5 }, 21.0).unwrap();
         let psnrs: Vec<_> = read(&path).unwrap().iter().map(|r| (r.step, r.psnr_test)).collect();
         assert_eq!(psnrs, [(1, None), (2, None), (3, Some(20.0)), (4, Some(21.0))]);
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// Neighbours that tell how large a Gaussian starts.
 const NEIGHBOURS: usize = 3;
-/// Points of a range that is looked through one by one.
+/// Points of a range that is searched one by one.
 const LEAF: usize = 8;
 /// Ranges above this are built by two threads.
 const LARGE: usize = 1 << 12;

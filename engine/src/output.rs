@@ -53,7 +53,7 @@ pub fn write_file(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> Result<()
     let _writing = WRITING.read().unwrap_or_else(PoisonError::into_inner);
     let temporary = temporary_name(path);
     let written = (|| {
-        // A link that somebody put there would lead the bytes elsewhere.
+        // A link at that place would lead the bytes elsewhere.
         if fs::symlink_metadata(&temporary).is_ok_and(|file| file.is_symlink()) {
             fs::remove_file(&temporary)?;
         }

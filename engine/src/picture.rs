@@ -254,8 +254,8 @@ mod tests {
         let view = Rendered { width: 3, height: 1, layers: Layers { canonical, ..Layers::default() } };
         let out = super::canonical(&view, [[-1.0, 0.0, 1.0], [1.0, 1.0, 3.0]]);
         assert_eq!(out.into_raw(), [128, 255, 255, 255, 0, 255, 0, 0, 0]);
-        let nobody_asked = Rendered { width: 1, height: 1, layers: Layers::default() };
-        assert_eq!(super::canonical(&nobody_asked, [[0.0; 3], [1.0; 3]]).into_raw(), [0; 3]);
+        let without_canonical = Rendered { width: 1, height: 1, layers: Layers::default() };
+        assert_eq!(super::canonical(&without_canonical, [[0.0; 3], [1.0; 3]]).into_raw(), [0; 3]);
     }
 
     #[test]

@@ -1,9 +1,42 @@
 //! What a run tells the people (or programs) that watch it.
 
 use crate::halt::Halt;
-use crate::train::Progress;
 use std::path::Path;
 use std::time::Instant;
+
+/// How far a training is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reached {
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds, evaluation not counted.
+    pub seconds: f64,
+}
+
+/// How far a training is, and how it goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Steps done.
+    pub step: u64,
+    /// Training seconds.
+    pub seconds: f64,
+    /// Share of the run that is done, in `[0, 1]`.
+    pub done: f64,
+    /// Training seconds still to go, from the speed of recent steps; `None` before there is one.
+    pub eta_seconds: Option<f64>,
+    /// Loss of recent steps.
+    pub loss: Option<f64>,
+    /// PSNR of recent training rays, dB.
+    pub psnr_train: Option<f64>,
+    /// PSNR of the held-out views when last measured, dB.
+    pub psnr_test: Option<f64>,
+    /// Rays per second.
+    pub rays_per_s: Option<f64>,
+    /// Field evaluations per second.
+    pub samples_per_s: Option<f64>,
+    /// Resident memory, MB.
+    pub memory_mb: Option<f64>,
+}
 
 /// Something happened.
 #[derive(Clone, Copy, Debug)]
@@ -102,12 +135,12 @@ pub trait Observer {
     /// Called as things happen; returns quickly.
     fn event(&mut self, event: Event<'_>);
 
-    /// Raised when somebody asks to stop: for work that cannot ask this observer.
+    /// Raised when a stop is asked for: for work that cannot ask this observer.
     fn halt(&self) -> Halt {
         Halt::NEVER
     }
 
-    /// Whether somebody has asked to stop (Ctrl-C). Long work looks between its parts, and ends with what it has.
+    /// Whether a stop was asked for (Ctrl-C). Long work checks it between its parts, and ends with what it has.
     fn stop_asked(&self) -> bool {
         false
     }

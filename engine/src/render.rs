@@ -141,7 +141,7 @@ mod tests {
         assert_eq!(layers.canonical, [[3.0; 3], NOWHERE]);
         average(&strip, 7..8, &mut layers, 1);
         assert_eq!(layers.canonical[1], [7.0; 3]);
-        // Nobody asked.
+        // Not asked for.
         let mut plain = Layers::nothing(2, &query);
         average(&Layers { canonical: Vec::new(), ..strip }, 0..4, &mut plain, 0);
         assert!(plain.canonical.is_empty() && plain.median_depth[0] == 2.0);

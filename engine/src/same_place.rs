@@ -2,7 +2,7 @@
 //!
 //! Each photo marks squares of its own. A ray through a marked square is followed from near to far: where at some depth most of
 //! the other photos that have this place in the picture mark it too, the marks are of one thing, and that thing is part of the
-//! scene. Marks of passers-by, each in one photo, meet nowhere. This is the visual hull of the marks (Laurentini, 1994), found by
+//! scene. Marks of occluders, each in one photo, meet nowhere. This is the visual hull of the marks (Laurentini, 1994), found by
 //! votes: it needs no depth, so that it works where a field knows nothing of the thing.
 //!
 //! Where everything that photos mark lies in the middle of them, hulls meet there whatever it is. So where colours are given,
@@ -41,7 +41,7 @@ pub struct Marks {
     pub width: usize,
     /// Which squares are marked, row by row.
     pub marks: Vec<bool>,
-    /// The colour of each square in a light that all photos share; empty where places alone count.
+    /// The colour of each square in an appearance that all photos share; empty where places alone count.
     pub colours: Vec<[f32; 3]>,
     /// Whether it is asked about the others' marks.
     pub votes: bool,
@@ -134,11 +134,11 @@ impl SamePlace {
         let middle = |k: usize| (k as f64 + 0.5) * own.stride;
         let Some(ray) = prepared.ray(DVec2::new(middle(x), middle(y))) else { return false };
         let colour = own.colours.get(y * own.width + x);
-        depths(self.distance[photo]).any(|t| self.votes((own.frame, colour), ray.o + ray.d * t).is_scene())
+        depths(self.distance[photo]).any(|t| self.votes(own.frame, colour, ray.o + ray.d * t).is_scene())
     }
 
     /// The votes about a place, of all photos but those of a frame, which shows this colour.
-    fn votes(&self, (frame, colour): (usize, Option<&[f32; 3]>), place: DVec3) -> Votes {
+    fn votes(&self, frame: usize, colour: Option<&[f32; 3]>, place: DVec3) -> Votes {
         let mut votes = Votes::default();
         for &i in &self.asked {
             let (photo, prepared) = &self.photos[i];
@@ -243,7 +243,7 @@ mod tests {
         });
         let most = (0..16).map(|i| share(&passers, i)).fold(0.0, f64::max);
         assert!(most < 0.2, "{most}");
-        // The ball is known to be the scene where somebody stands beside it in one photo.
+        // The ball is known to be the scene where an occluder stands beside it in one photo.
         let both = photos(|i, ball, x, _| ball || i == 4 && x < 6);
         let shared = both.shared(4);
         assert!((0..SIDE as usize).all(|y| !shared[y * SIDE as usize]), "the passer-by stays marked");

@@ -25,7 +25,7 @@ const NEAR_POINTS: usize = 20;
 /// Leave out points that fewer than two training photos show: held-out photos must not say where anything is. A held-out photo
 /// keeps its tracks to points that stay, for measuring. Points without any track stay as they are: nothing says who saw them.
 ///
-/// Called once for each scene that a run opens, before anything looks at points.
+/// Called once for each scene that a run opens, before anything uses points.
 pub fn keep_training_points(scene: &mut Scene) {
     if scene.frames.iter().all(|frame| frame.tracks.is_empty()) {
         return;

@@ -2,7 +2,10 @@
 
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::eval::skips::SkipSummary;
+use crate::folder::SUMMARY;
 use crate::memory::{ExpectedMemory, resident_bytes};
+use crate::progress::Reached;
 use crate::system::System;
 use scene_io::Scene;
 use serde::{Deserialize, Serialize};
@@ -13,7 +16,7 @@ use std::path::Path;
 pub struct Summary {
     /// Name of the system.
     pub system: String,
-    /// Trainable numbers.
+    /// Trainable parameters.
     pub parameters: u64,
     /// The scene.
     pub scene: SceneSummary,
@@ -28,7 +31,7 @@ pub struct Summary {
     /// Seconds in each part.
     pub timings: Vec<(String, f64)>,
     /// Work that was skipped.
-    pub skips: Vec<Skip>,
+    pub skips: Vec<SkipSummary>,
     /// Memory.
     pub memory: Memory,
     /// The machine.
@@ -52,27 +55,6 @@ pub struct SceneSummary {
     pub notes: Vec<String>,
 }
 
-/// A row of the skip table.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Skip {
-    /// What is skipped.
-    pub what: String,
-    /// Units skipped.
-    pub skipped: u64,
-    /// Units there would have been.
-    pub total: u64,
-    /// The unit.
-    pub unit: String,
-    /// Bound on the error of a pixel.
-    pub bound: String,
-    /// Seconds saved, where measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seconds_saved: Option<f64>,
-    /// Largest and mean error over pixels, colour units, where measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<[f64; 2]>,
-}
-
 /// Bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Memory {
@@ -80,7 +62,7 @@ pub struct Memory {
     pub images: u64,
     /// The system: parameters, moments, gradients, scratch.
     pub system: u64,
-    /// All that was expected before the start, as it was printed; 0 where nobody asked.
+    /// All that was expected before the start, as it was printed; 0 where it was not asked for.
     #[serde(default)]
     pub expected: u64,
     /// Most the process held; absent where the system does not say.
@@ -98,17 +80,18 @@ pub struct Machine {
 
 impl Summary {
     /// Name in the run folder.
-    pub const FILE: &'static str = "summary.json";
+    pub const FILE: &'static str = SUMMARY;
 
-    /// Ask `system` and the process. `progress` is steps, seconds and the step resumed at; `memory` what was expected.
+    /// Ask `system` and the process. `resumed_at` is the step that the process went on from; `memory` what was expected.
     pub fn new(
         system: &dyn System,
         scene: SceneSummary,
         plan: &[String],
-        (steps, seconds, resumed_at): (u64, f64, Option<u64>),
+        reached: Reached,
+        resumed_at: Option<u64>,
         memory: ExpectedMemory,
     ) -> Self {
-        let skip = |row: crate::system::SkipRow| Skip {
+        let skip = |row: crate::system::SkipRow| SkipSummary {
             what: row.what.into(),
             skipped: row.skipped,
             total: row.total,
@@ -122,8 +105,8 @@ impl Summary {
             parameters: system.parameter_count() as u64,
             scene,
             plan: plan.to_vec(),
-            steps,
-            seconds,
+            steps: reached.step,
+            seconds: reached.seconds,
             resumed_at,
             timings: system.timings().into_iter().map(|(name, s)| (name.to_string(), s)).collect(),
             skips: system.skips().into_iter().map(skip).collect(),

@@ -1,6 +1,6 @@
 //! Which time each frame of an animation shows.
 
-/// A time, or a way from one time to another. 0 is the first moment of the sequence, 1 the last.
+/// A time, or a way from one time to another. 0 is the first time step of the sequence, 1 the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimePath {
     from: f64,
@@ -8,9 +8,9 @@ pub struct TimePath {
 }
 
 impl TimePath {
-    /// From the first moment to the last.
+    /// From the first time step to the last.
     pub const WHOLE: Self = Self { from: 0.0, to: 1.0 };
-    /// The first moment.
+    /// The first time step.
     pub const START: Self = Self { from: 0.0, to: 0.0 };
 
     /// Time of frame `i` of `frames`.
@@ -34,7 +34,9 @@ impl std::str::FromStr for TimePath {
     fn from_str(text: &str) -> Result<Self, String> {
         let number = |word: &str| match word.trim().parse::<f64>() {
             Ok(t) if (0.0..=1.0).contains(&t) => Ok(t),
-            _ => Err(format!("`{word}` is no time: write T or A..B, with numbers from 0 (first moment) to 1 (last)")),
+            _ => Err(format!(
+                "`{word}` is not a time: write T or A..B, with numbers from 0 (first time step) to 1 (last)"
+            )),
         };
         let (from, to) = match text.split_once("..") {
             Some((from, to)) => (number(from)?, number(to)?),

@@ -106,7 +106,8 @@ impl Video {
     pub fn begin(
         ffmpeg: &Ffmpeg,
         format: VideoFormat,
-        (folder, name): (&Path, &str),
+        folder: &Path,
+        name: &str,
         size: (u32, u32),
         frames_per_second: f64,
     ) -> Result<Self, RunError> {
@@ -222,7 +223,7 @@ mod tests {
         assert_eq!(ffmpeg(&["mpeg4", "libvpx"]).best(), Some(VideoFormat::Webm));
         assert_eq!(ffmpeg(&["h264_nvenc"]).best(), None);
         let folder = std::env::temp_dir();
-        let error = Video::begin(&ffmpeg(&["libvpx"]), VideoFormat::Mp4, (&folder, "x"), (8, 8), 15.0).unwrap_err();
+        let error = Video::begin(&ffmpeg(&["libvpx"]), VideoFormat::Mp4, &folder, "x", (8, 8), 15.0).unwrap_err();
         assert!(error.to_string().contains("`--video mp4`") && error.to_string().contains("libx264"), "{error}");
     }
 
@@ -237,7 +238,7 @@ mod tests {
             return;
         };
         let folder = tempfile::tempdir().unwrap();
-        let begin = || Video::begin(&ffmpeg, format, (folder.path(), "-odd"), (33, 21), 15.0).unwrap();
+        let begin = || Video::begin(&ffmpeg, format, folder.path(), "-odd", (33, 21), 15.0).unwrap();
         let mut left = begin();
         left.add(&RgbImage::new(33, 21)).unwrap();
         drop(left);

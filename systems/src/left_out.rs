@@ -44,7 +44,7 @@ impl LeftOut {
 
     fn row(&self, what: &'static str, count: u64) -> Option<SkipRow> {
         let bound = "0: they have no part in the loss";
-        (count > 0).then(|| SkipRow::counted(what, (count, self.drawn), "pixels", bound.into()))
+        (count > 0).then(|| SkipRow::counted(what, count, self.drawn, "pixels", bound.into()))
     }
 }
 

@@ -73,6 +73,6 @@ fn system(word: &str, given: &ArgMatches) -> Option<String> {
     let path = |name: &str| given.try_get_one::<PathBuf>(name).ok().flatten();
     value("system").or_else(|| {
         let run = if word == "train" { path("out") } else { path("run") };
-        Some(engine::run::config(run?)?.system)
+        Some(engine::folder::config(run?)?.system)
     })
 }

@@ -9,7 +9,7 @@ pub(crate) use words::{BackgroundWord, EmptyWord, Layer, MeshMethod, PoserWord, 
 use crate::app::App;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use engine::appearance::LightPath;
+use engine::appearance::AppearancePath;
 use engine::camera_path::PathKind;
 use engine::eval::EvalAppearance;
 use engine::options::Purpose;
@@ -203,7 +203,7 @@ pub(crate) struct Train {
     /// How long the last checkpoint and the results are tried to be written where the disk is full or gone, seconds (default: 60)
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) disk_wait: Option<f64>,
-    /// Light of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
+    /// Appearance of the held-out views: `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
     /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
     #[arg(long, value_name = "LIGHT")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
@@ -277,7 +277,7 @@ pub(crate) struct Eval {
     /// Measure at full, half, quarter … size instead: so many scales, against the means of the held-out pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
-    /// Light of the held-out views (default: the run's): `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
+    /// Appearance of the held-out views (default: the run's): `fit` on their left halves (right halves are scored), `mean`, `image:NAME` (a training
     /// photo), `encode:left`, `encode:whole` (the system's encoder; right halves are scored)
     #[arg(long, value_name = "LIGHT")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
@@ -295,10 +295,10 @@ pub(crate) struct Render {
     /// where photos stand all round an object, and for a file of Gaussians)
     #[arg(long, value_name = "PATH")]
     pub(crate) path: Option<PathKind>,
-    /// Light: `mean`, `image:NAME` (a training photo), `fit:FILE` (another photo, or a frame's name), or `A..B` to go from
+    /// Appearance: `mean`, `image:NAME` (a training photo), `fit:FILE` (another photo, or a frame's name), or `A..B` to go from
     /// one to another over the frames
     #[arg(long, value_name = "LIGHT")]
-    pub(crate) appearance: Option<LightPath>,
+    pub(crate) appearance: Option<AppearancePath>,
     /// Frame whose camera took the photo of `fit:FILE`; without, the frame FILE is, or the camera in `FILE`.json beside it
     #[arg(long, value_name = "NAME", requires = "appearance")]
     pub(crate) fit_camera: Option<String>,

@@ -1,6 +1,6 @@
 //! The cloud of Gaussians that `export --splats` writes: that of a splat run, or a field baked into one.
 
-use super::Failure;
+use crate::session::Failure;
 use crate::show::{Show, line};
 use engine::output::Disk;
 use engine::progress::{Event, Observer};
@@ -14,7 +14,7 @@ pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Option
     if let Some(splats) = run.system.splats() {
         return Ok(Some(splats));
     }
-    let is_still = run.train.moments() <= 1;
+    let is_still = run.train.time_steps() <= 1;
     let kept = if is_still { load(&run.folder, run.step) } else { None };
     let baked = match kept {
         Some(baked) => baked,

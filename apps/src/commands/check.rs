@@ -1,9 +1,9 @@
 //! `check`: what a dataset holds and what is wrong with it.
 
 use super::prepare::advice_for;
-use super::{Done, Failure, data_options, scene_spec};
 use crate::app::App;
 use crate::cli::Check;
+use crate::session::{Done, Failure, data_options, scene_spec};
 use crate::show::line;
 use engine::run::{MaskMeaning, mask_meaning};
 use scene_io::{Depth, Frame, Scene, Split};

@@ -1,13 +1,15 @@
 //! `demo`: the whole job without a file.
 
+use super::render;
 use super::train::{next_steps, train};
-use super::{Done, Failure, Session, render, settings};
 use crate::cli::Demo;
+use crate::session::{Done, Failure, Session, settings};
 use crate::show::line;
 use engine::RunError;
+use engine::folder::{self, FolderLock};
 use engine::options::Request;
 use engine::output::{Disk, write_file};
-use engine::run::{self, FolderLock, Run};
+use engine::run::Run;
 use engine::train::{Schedule, Stop};
 use std::fs;
 use std::path::Path;
@@ -53,7 +55,7 @@ fn remove_earlier_demo(folder: &Path) -> Result<(), RunError> {
     // Not while it is being made.
     let _lock = FolderLock::take(folder)?;
     line(format_args!("replacing the earlier demo in {}", folder.display()));
-    run::clear(folder)?;
+    folder::clear(folder)?;
     let animation = folder.join(ANIMATION);
     if animation.exists() {
         fs::remove_dir_all(&animation).map_err(RunError::write(&animation))?;

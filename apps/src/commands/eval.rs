@@ -1,7 +1,8 @@
 //! `eval`: the held-out views of the newest checkpoint.
 
-use super::{Done, Failure, Session, train::conclude};
+use super::train::conclude;
 use crate::cli::Eval;
+use crate::session::{Done, Failure, Session};
 use crate::show::line;
 use engine::RunError;
 use engine::progress::{Event, Observer};

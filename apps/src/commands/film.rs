@@ -1,7 +1,7 @@
 //! The frames of a path, and their video.
 
-use super::Failure;
 use crate::cli::VideoWord;
+use crate::session::Failure;
 use crate::show::line;
 use engine::RunError;
 use engine::camera_path::Film;
@@ -69,7 +69,7 @@ impl Videographer {
         let added = match (&mut self.video, &self.ffmpeg) {
             (Some(video), _) => video.add(picture),
             (None, Some((ffmpeg, format))) => {
-                Video::begin(ffmpeg, *format, (folder, NAME), picture.dimensions(), self.frames_per_second).and_then(
+                Video::begin(ffmpeg, *format, folder, NAME, picture.dimensions(), self.frames_per_second).and_then(
                     |mut video| {
                         let added = video.add(picture);
                         self.video = Some(video);

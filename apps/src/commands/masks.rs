@@ -1,10 +1,10 @@
 //! `masks`: which pixels of the training photos show the place itself.
 
-use super::{Done, Failure, Session};
 use crate::cli::Masks;
+use crate::session::{Done, Failure, Session};
 use crate::show::line;
-use engine::eval::masks;
 use engine::eval::masks::{FILE, MaskOptions, SIDE_BY_SIDE};
+use engine::folder::MASKS;
 use engine::progress::Observer;
 
 pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
@@ -14,7 +14,7 @@ pub(crate) fn run(session: &Session, args: &Masks) -> Result<Done, Failure> {
         Some(_) => session.open(&args.run, &mut show)?,
         None => session.open_to_write(&args.run, &mut show)?,
     };
-    let folder = args.out.clone().unwrap_or_else(|| run.folder.join(masks::FOLDER));
+    let folder = args.out.clone().unwrap_or_else(|| run.folder.join(MASKS));
     show.listen()?;
     let options = MaskOptions { every: args.every, empty: args.empty_class.into() };
     let table = run.write_masks(&folder, options, &mut show)?;

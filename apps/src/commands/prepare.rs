@@ -1,9 +1,10 @@
 //! `prepare`: photos or a video to a scene with cameras.
 
-use super::{Done, Failure, Session, check, program};
+use super::check;
 use crate::app::App;
 use crate::cli::{Cli, Command, Prepare, ProgressKind};
 use crate::interrupt;
+use crate::session::{Done, Failure, Session, program};
 use crate::show::{clock, line, note};
 use ::prepare::{Event, PrepareError, Request, Summary, Toolbox, UnknownCameras, Watch};
 use engine::RunError;

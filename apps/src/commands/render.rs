@@ -1,13 +1,13 @@
 //! `render`: pictures along a camera path.
 
 use super::film::{Shots, Videographer};
-use super::{Done, Failure, Session};
 use crate::cli::{Layer, Render};
+use crate::session::{Done, Failure, Session};
 use crate::show::{Show, line};
 use engine::RunError;
-use engine::appearance::{Light, LightPath, Lighting};
+use engine::appearance::{AppearancePath, FrameAppearances, PhotoAppearance};
 use engine::camera_path::{PathKind, SEEN_FILE, cameras, coverage_csv};
-use engine::frame_memory;
+use engine::memory::frames as frame_memory;
 use engine::output::{Disk, make_folder, write_file};
 use engine::picture::{self, gif_bytes, limited, write_png};
 use engine::progress::{Meter, Observer};
@@ -57,7 +57,8 @@ impl Subject<'_, '_> {
         path: Option<&PathKind>,
         frames: Option<usize>,
         time: TimePath,
-        (stop, fits): (&AtomicBool, Fits<'_>),
+        stop: &AtomicBool,
+        fits: Fits<'_>,
     ) -> Result<Option<Shots>, RunError> {
         match self {
             Self::Run(run) => {
@@ -74,19 +75,25 @@ impl Subject<'_, '_> {
         }
     }
 
-    /// The light of each frame; `None` where there is one light.
-    fn lighting(&self, path: Option<&LightPath>, camera: Option<&str>) -> Result<Option<Lighting>, RunError> {
+    /// The appearance of each frame; `None` where there is one only.
+    fn appearance_along(
+        &self,
+        path: Option<&AppearancePath>,
+        camera: Option<&str>,
+    ) -> Result<Option<FrameAppearances>, RunError> {
         match (self, path) {
-            (Self::Run(run), path) => run.lighting(path.unwrap_or(&LightPath::Still(Light::Mean)), camera).map(Some),
+            (Self::Run(run), path) => {
+                run.appearance_along(path.unwrap_or(&AppearancePath::Still(PhotoAppearance::Mean)), camera).map(Some)
+            }
             (Self::Cloud(_), None) => Ok(None),
             (Self::Cloud(_), Some(_)) => {
-                Err(RunError::Option("`--appearance`: a file of Gaussians has one light".into()))
+                Err(RunError::Option("`--appearance`: a file of Gaussians has one appearance".into()))
             }
         }
     }
 
     fn moves(&self) -> bool {
-        matches!(self, Self::Run(run) if run.train.moments() > 1)
+        matches!(self, Self::Run(run) if run.train.time_steps() > 1)
     }
 
     fn query(&self) -> Query {
@@ -135,11 +142,11 @@ pub(super) fn animation(run: &Run<'_>, frames: usize, out: &Path, show: &mut Sho
 
 fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Done, Failure> {
     let interrupt = show.listen()?;
-    let still_light = matches!(args.appearance, None | Some(LightPath::Still(_)));
+    let one_appearance = matches!(args.appearance, None | Some(AppearancePath::Still(_)));
     let time = args.time.unwrap_or(if subject.moves() { TimePath::WHOLE } else { TimePath::START });
     let frames = match &args.path {
         // The same picture again and again is one picture.
-        Some(PathKind::Hold(_)) if still_light && time.is_still() => args.frames.or(Some(1)),
+        Some(PathKind::Hold(_)) if one_appearance && time.is_still() => args.frames.or(Some(1)),
         _ => args.frames,
     };
     frame_memory::check_count(frames.unwrap_or(0))?;
@@ -152,8 +159,8 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         frame_memory::check_path(&drawn, layers, PREVIEW_SIDE)
     };
     let mut videographer = Videographer::new(args.video, args.fps)?;
-    let lighting = subject.lighting(args.appearance.as_ref(), args.fit_camera.as_deref())?;
-    let Some(shots) = subject.shots(args.path.as_ref(), frames, time, (&interrupt, &fits))? else {
+    let appearances = subject.appearance_along(args.appearance.as_ref(), args.fit_camera.as_deref())?;
+    let Some(shots) = subject.shots(args.path.as_ref(), frames, time, &interrupt, &fits)? else {
         line("stopped before the first frame");
         return Ok(Done::Interrupted);
     };
@@ -174,7 +181,7 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
             break;
         }
         let camera: Camera = limited(camera, args.longest_side);
-        let appearance = lighting.as_ref().map_or(Appearance::Mean, |light| light.at(i, cameras.len()));
+        let appearance = appearances.as_ref().map_or(Appearance::Mean, |path| path.at(i, cameras.len()));
         let time = time.at(i, cameras.len());
         let query = Query { appearance, time, ..query.clone() };
         let view = subject.draw(&camera, &query)?;
@@ -187,25 +194,9 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
             let [near, far] = picture::depth_range(&[&view]);
             [near * 0.8, far * 1.25]
         });
-        let write =
-            |name: &str, picture: &RgbImage| write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), picture);
         let colour = picture::colour(&view);
-        if wants(Layer::Colour) {
-            write("colour", &colour)?;
-        }
-        if wants(Layer::Depth) {
-            write("depth", &picture::depth(&view, range))?;
-        }
-        if wants(Layer::Opacity) {
-            write("opacity", &picture::opacity(&view))?;
-        }
-        if wants(Layer::Normals) {
-            write("normals", &picture::normals(&view))?;
-        }
-        if wants(Layer::Canonical) {
-            write("canonical", &picture::canonical(&view, bounds))?;
-        }
-        let first = first_layer(args, &view, &colour, (range, bounds));
+        write_layers(args, i, &view, &colour, range, bounds)?;
+        let first = first_layer(args, &view, &colour, range, bounds);
         videographer.add(&args.out, &first)?;
         preview.push(small(first));
         meter.advance(show);
@@ -225,26 +216,46 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let stopped = preview.len() < cameras.len();
     let of = if stopped { format!(" of {} (stopped)", cameras.len()) } else { String::new() };
     line(format_args!("{} frames{of} in {}, animated: {animated}", preview.len(), args.out.display()));
-    if let (true, Some([near, far])) = (wants(Layer::Depth), depth_range) {
+    say_scales(args, depth_range, bounds);
+    Ok(if stopped { Done::Interrupted } else { Done::Finished })
+}
+
+/// Write the layers of frame `i` that were asked for.
+fn write_layers(
+    args: &Render,
+    i: usize,
+    view: &Rendered,
+    colour: &RgbImage,
+    range: [f32; 2],
+    bounds: [[f64; 3]; 2],
+) -> Result<(), RunError> {
+    let write = |layer: Layer, name: &str, picture: &dyn Fn() -> RgbImage| match args.layers.contains(&layer) {
+        true => write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), &picture()),
+        false => Ok(()),
+    };
+    write(Layer::Colour, "colour", &|| colour.clone())?;
+    write(Layer::Depth, "depth", &|| picture::depth(view, range))?;
+    write(Layer::Opacity, "opacity", &|| picture::opacity(view))?;
+    write(Layer::Normals, "normals", &|| picture::normals(view))?;
+    write(Layer::Canonical, "canonical", &|| picture::canonical(view, bounds))
+}
+
+/// Say what black and white mean in the layers that have a scale.
+fn say_scales(args: &Render, depth_range: Option<[f32; 2]>, bounds: [[f64; 3]; 2]) {
+    if let (true, Some([near, far])) = (args.layers.contains(&Layer::Depth), depth_range) {
         line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
     }
-    if wants(Layer::Canonical) {
+    if args.layers.contains(&Layer::Canonical) {
         let [min, max] = bounds;
         line(format_args!(
             "canonical points are drawn from {:.4} {:.4} {:.4} (black) to {:.4} {:.4} {:.4}, world units: x red, y green, z blue",
             min[0], min[1], min[2], max[0], max[1], max[2]
         ));
     }
-    Ok(if stopped { Done::Interrupted } else { Done::Finished })
 }
 
 /// The layer the preview shows: the first one asked for.
-fn first_layer(
-    args: &Render,
-    view: &Rendered,
-    colour: &RgbImage,
-    (range, bounds): ([f32; 2], [[f64; 3]; 2]),
-) -> RgbImage {
+fn first_layer(args: &Render, view: &Rendered, colour: &RgbImage, range: [f32; 2], bounds: [[f64; 3]; 2]) -> RgbImage {
     match args.layers.first() {
         Some(Layer::Depth) => picture::depth(view, range),
         Some(Layer::Opacity) => picture::opacity(view),

@@ -1,7 +1,7 @@
 //! `train`: a scene to a run folder.
 
-use super::{Done, Failure, Session, data_options, scene_spec, settings};
 use crate::cli::Train;
+use crate::session::{Done, Failure, Session, data_options, scene_spec, settings};
 use crate::show::{Show, line};
 use engine::RunError;
 use engine::eval::{Evaluation, Measured};
@@ -181,7 +181,7 @@ pub(super) fn conclude(evaluation: Option<&Evaluation>, folder: &Path) {
             line(format_args!("note: {note}"));
         }
     }
-    line(format_args!("report: {}", folder.join(engine::report::FILE).display()));
+    line(format_args!("report: {}", folder.join(engine::folder::REPORT).display()));
 }
 
 /// Why a finished run was left as it is, and how to go on with it.

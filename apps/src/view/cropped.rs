@@ -1,7 +1,7 @@
 //! A cloud and the part of it that a crop leaves: the newest crop's part is kept, so that a camera that moves finds it again.
 
+use engine::crop::CropBox;
 use engine::crop::{Crop, Traits};
-use engine::surface::CropBox;
 use serde::Serialize;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use systems::splats::Cloud;

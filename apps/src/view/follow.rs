@@ -5,7 +5,7 @@ use super::stage::{Shown, Stage};
 use super::tail::Tail;
 use super::training;
 use crate::app::App;
-use crate::commands::Failure;
+use crate::session::Failure;
 use crate::show;
 use engine::RunError;
 use engine::checkpoint::{load_newest, newest_step};

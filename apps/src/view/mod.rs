@@ -32,8 +32,8 @@ mod turn;
 mod wire;
 
 use crate::cli::View;
-use crate::commands::{Done, Failure, Session};
 use crate::interrupt;
+use crate::session::{Done, Failure, Session};
 use crate::show::line;
 use cloud_scene::CloudScene;
 use connections::Patience;

@@ -44,8 +44,8 @@ impl Pace {
     }
 
     /// Learn from a picture.
-    pub(crate) fn measured(&mut self, (width, height): (u32, u32), seconds: f64) {
-        let pixels = f64::from(width) * f64::from(height);
+    pub(crate) fn measured(&mut self, size: (u32, u32), seconds: f64) {
+        let pixels = f64::from(size.0) * f64::from(size.1);
         if pixels < 1.0 || !seconds.is_finite() {
             return;
         }

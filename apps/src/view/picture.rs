@@ -6,7 +6,7 @@ use super::pace::{Pace, scaled};
 use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
 use super::turn::{SMALL, turn};
-use engine::frame_memory;
+use engine::memory::frames as frame_memory;
 use engine::picture::{self, png_bytes};
 use engine::render::{Rendered, plain_query};
 use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
@@ -60,7 +60,8 @@ impl Painter {
         &mut self,
         scene: &dyn Scene3d,
         draw: &Draw,
-        (size, quality): ((u32, u32), Quality),
+        size: (u32, u32),
+        quality: Quality,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<u8>>, String> {
         let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
@@ -69,7 +70,7 @@ impl Painter {
         fits(size, &query)?;
         let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
-        let message = self.message((scene, draw), &picture, (quality, Drawer::Scene), clock)?;
+        let message = self.message(scene, draw, &picture, quality, Drawer::Scene, clock)?;
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
         Ok(Some(message))
     }
@@ -80,9 +81,11 @@ impl Painter {
     /// A sentence for the person.
     pub(crate) fn sketch(
         &mut self,
-        (scene, cloud): (&dyn Scene3d, &Cloud),
+        scene: &dyn Scene3d,
+        cloud: &Cloud,
         draw: &Draw,
-        (size, quality): ((u32, u32), Quality),
+        size: (u32, u32),
+        quality: Quality,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Sketch>, String> {
         let Some(_turn) = turn(size, Drawer::Cloud, go_on) else { return Ok(None) };
@@ -91,7 +94,7 @@ impl Painter {
         fits(size, &query)?;
         let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
         let picture = self.coloured(scene, draw.layer, &view);
-        let message = self.message((scene, draw), &picture, (quality, Drawer::Cloud), clock)?;
+        let message = self.message(scene, draw, &picture, quality, Drawer::Cloud, clock)?;
         self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
         Ok(Some(Sketch { picture, message }))
     }
@@ -124,7 +127,13 @@ impl Painter {
                 image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, range), 0, 0);
                 let seconds = clock.elapsed().as_secs_f64();
                 let depths = range.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
-                let header = header(scene, draw, (depths, Quality::Better, Drawer::Both), &picture, seconds);
+                let header = header(
+                    scene,
+                    draw,
+                    Kind { depths, quality: Quality::Better, drawer: Drawer::Both },
+                    &picture,
+                    seconds,
+                );
                 sent = Instant::now();
                 if !jpeg_bytes(&picture).is_ok_and(|file| out.offer(header.before(&file))) {
                     return false;
@@ -135,20 +144,22 @@ impl Painter {
         let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
         let picture = self.coloured(scene, draw.layer, &view);
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
-        self.message((scene, draw), &picture, (Quality::Full, Drawer::Scene), clock).map(Some)
+        self.message(scene, draw, &picture, Quality::Full, Drawer::Scene, clock).map(Some)
     }
 
     fn message(
         &self,
-        (scene, draw): (&dyn Scene3d, &Draw),
+        scene: &dyn Scene3d,
+        draw: &Draw,
         picture: &RgbImage,
-        (quality, drawer): (Quality, Drawer),
+        quality: Quality,
+        drawer: Drawer,
         clock: Instant,
     ) -> Result<Vec<u8>, String> {
         let file = if quality == Quality::Full { png_bytes(picture) } else { jpeg_bytes(picture)? };
         let depths = self.depths.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
         let seconds = clock.elapsed().as_secs_f64();
-        Ok(header(scene, draw, (depths, quality, drawer), picture, seconds).before(&file))
+        Ok(header(scene, draw, Kind { depths, quality, drawer }, picture, seconds).before(&file))
     }
 
     /// A layer as a picture; the range of depths follows slowly.
@@ -203,7 +214,8 @@ pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String>
     }
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
-    Ok(header(scene, draw, ([0.0; 2], Quality::Full, Drawer::Scene), &picture, seconds).before(&file))
+    Ok(header(scene, draw, Kind { depths: [0.0; 2], quality: Quality::Full, drawer: Drawer::Scene }, &picture, seconds)
+        .before(&file))
 }
 
 /// The point seen at a pixel, `None` where nothing is.
@@ -228,13 +240,16 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     }
 }
 
-fn header(
-    scene: &dyn Scene3d,
-    draw: &Draw,
-    (depths, quality, drawer): ([f32; 2], Quality, Drawer),
-    picture: &RgbImage,
-    seconds: f64,
-) -> Header {
+/// What a header says of a picture besides its size and when it was made.
+struct Kind {
+    /// Range of a picture of depths, zero otherwise.
+    depths: [f32; 2],
+    quality: Quality,
+    drawer: Drawer,
+}
+
+fn header(scene: &dyn Scene3d, draw: &Draw, kind: Kind, picture: &RgbImage, seconds: f64) -> Header {
+    let Kind { depths, quality, drawer } = kind;
     let side = |n: u32| u16::try_from(n).unwrap_or(u16::MAX);
     let size = (side(picture.width()), side(picture.height()));
     let step = u32::try_from(scene.step()).unwrap_or(u32::MAX);

@@ -226,8 +226,9 @@ impl Eye {
         within("length of wxyz", length, 0.5..=2.0)
     }
 
-    /// The camera of a picture of `width` x `height` pixels.
-    pub(crate) fn camera(&self, (width, height): (u32, u32)) -> Camera {
+    /// The camera of a picture of `size` pixels: width, height.
+    pub(crate) fn camera(&self, size: (u32, u32)) -> Camera {
+        let (width, height) = size;
         let [w, x, y, z] = self.wxyz;
         let r = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let pose = Pose { r, c: DVec3::from_array(self.position) };

@@ -64,7 +64,7 @@ impl RunScene {
             system: system.clone(),
             data: common.train.clone(),
             background: common.config.background.colour(),
-            moves: common.train.moments() > 1,
+            moves: common.train.time_steps() > 1,
         };
         let fast = Fast::start(source, before, common.tell.clone());
         Self { common, system, step, fast }
@@ -127,7 +127,7 @@ impl Scene3d for RunScene {
             Some(_) => trained.iter().map(|photo| photo.name.clone()).collect(),
             None => Vec::new(),
         };
-        let moves = train.moments() > 1;
+        let moves = train.time_steps() > 1;
         let layers = [
             (Layer::Colour, true),
             (Layer::Depth, true),

@@ -144,7 +144,7 @@ fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &Out) {
                 true
             }
             (Job::Draw(number, draw), Some(scene)) => {
-                match draw_all(desk, (&mut painter, scene.as_ref()), (number, &draw), out) {
+                match draw_all(desk, &mut painter, scene.as_ref(), number, &draw, out) {
                     Ok(went) => went,
                     Err(problem) => {
                         desk.met(number);
@@ -162,8 +162,10 @@ fn work(desk: &Desk, shown: &watch::Receiver<Shown>, out: &Out) {
 /// Pictures of a wish: one in time, and better ones while nothing else is wished for. False when nobody takes them.
 fn draw_all(
     desk: &Desk,
-    (painter, scene): (&mut Painter, &dyn Scene3d),
-    (number, draw): (u64, &Draw),
+    painter: &mut Painter,
+    scene: &dyn Scene3d,
+    number: u64,
+    draw: &Draw,
     out: &Out,
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
@@ -178,7 +180,7 @@ fn draw_all(
     }
     let full = draw.full_size();
     if let Some(cloud) = stand_in(scene, draw) {
-        return draw_cloud(desk, (painter, scene, cloud.as_ref()), (number, draw), out);
+        return draw_cloud(desk, painter, scene, cloud.as_ref(), number, draw, out);
     }
     let first = painter.quick_size(draw, Drawer::Scene);
     let quality = |size| match size {
@@ -187,7 +189,7 @@ fn draw_all(
         _ => Quality::Better,
     };
     // Never given up for a newer wish: while the camera moves there always is one.
-    let Some(file) = painter.paint(scene, draw, (first, Quality::Quick), &|| desk.is_open())? else {
+    let Some(file) = painter.paint(scene, draw, first, Quality::Quick, &|| desk.is_open())? else {
         return Ok(false);
     };
     if !out.send(file) {
@@ -202,7 +204,7 @@ fn draw_all(
         sizes.push(full);
     }
     for size in sizes {
-        let Some(file) = painter.paint(scene, draw, (size, quality(size)), &|| desk.is_newest(number))? else {
+        let Some(file) = painter.paint(scene, draw, size, quality(size), &|| desk.is_newest(number))? else {
             return Ok(true);
         };
         if !out.send(file) {
@@ -227,12 +229,15 @@ fn stand_in(scene: &dyn Scene3d, draw: &Draw) -> Option<Arc<Cloud>> {
 /// Pictures of a wish by the cloud: one in time, a sharp one, and then the scene itself over it unless it is cropped.
 fn draw_cloud(
     desk: &Desk,
-    (painter, scene, cloud): (&mut Painter, &dyn Scene3d, &Cloud),
-    (number, draw): (u64, &Draw),
+    painter: &mut Painter,
+    scene: &dyn Scene3d,
+    cloud: &Cloud,
+    number: u64,
+    draw: &Draw,
     out: &Out,
 ) -> Result<bool, String> {
     let (full, first) = (draw.full_size(), painter.quick_size(draw, Drawer::Cloud));
-    let Some(quick) = painter.sketch((scene, cloud), draw, (first, Quality::Quick), &|| desk.is_open())? else {
+    let Some(quick) = painter.sketch(scene, cloud, draw, first, Quality::Quick, &|| desk.is_open())? else {
         return Ok(false);
     };
     if !out.send(quick.message) {
@@ -243,7 +248,7 @@ fn draw_cloud(
     }
     let is_cropped = !draw.crop.keeps_everything();
     let quality = if is_cropped { Quality::Full } else { Quality::Better };
-    let Some(sharp) = painter.sketch((scene, cloud), draw, (full, quality), &|| desk.is_newest(number))? else {
+    let Some(sharp) = painter.sketch(scene, cloud, draw, full, quality, &|| desk.is_newest(number))? else {
         return Ok(true);
     };
     if !out.send(sharp.message) {

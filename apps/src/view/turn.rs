@@ -21,8 +21,8 @@ pub(crate) struct Turn {
 }
 
 /// Wait for the turn to draw a picture of this size; `None` when `go_on` says no before it has come. A small one has it at once.
-pub(crate) fn turn((width, height): (u32, u32), drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
-    if u64::from(width) * u64::from(height) <= SMALL { Some(Turn { _held: None }) } else { large_turn(drawer, go_on) }
+pub(crate) fn turn(size: (u32, u32), drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
+    if u64::from(size.0) * u64::from(size.1) <= SMALL { Some(Turn { _held: None }) } else { large_turn(drawer, go_on) }
 }
 
 /// The same for a picture of any size.

@@ -47,7 +47,7 @@ fn halves_are_scored_where_that_is_asked_for_and_it_is_said() {
     let run = folder.path().join("run");
     let answer = train(&scene, &run, &["--eval-appearance", "fit"]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    assert!(answer.out.contains("one light, nothing to fit; right half scored"), "{}", answer.out);
+    assert!(answer.out.contains("one appearance, nothing to fit; right half scored"), "{}", answer.out);
     let half = json(&run.join("eval.json"));
     assert_eq!(half["protocol"], serde_json::json!({ "appearance": "fit", "scored": "right-half" }));
     assert!(fs::read_to_string(run.join("config.toml")).unwrap().contains("eval_appearance = \"fit\""));
@@ -74,7 +74,7 @@ fn what_a_system_has_not_is_said_in_one_line() {
     let run = folder.path().join("run");
     let answer = train(&scene, &run, &["--eval-appearance", "image:r_0"]);
     assert_eq!(answer.code, 1);
-    assert!(error_line(&answer).contains("one light only"), "{}", answer.err);
+    assert!(error_line(&answer).contains("one appearance only"), "{}", answer.err);
     assert!(!run.join("checkpoint").exists());
     let answer = train(&scene, &run, &["--eval-appearance", "encode:left"]);
     assert!(error_line(&answer).contains("no encoder"), "{}", answer.err);
@@ -94,7 +94,7 @@ fn what_a_system_has_not_is_said_in_one_line() {
     for light in ["image:r_000", "fit:/nowhere.png", "mean..image:r_000"] {
         let answer = render(&["--path", "orbit", "--frames", "2", "--appearance", light]);
         assert_eq!(answer.code, 1);
-        assert!(error_line(&answer).contains("one light only"), "{light}: {}", answer.err);
+        assert!(error_line(&answer).contains("one appearance only"), "{light}: {}", answer.err);
     }
     let answer = render(&["--path", "hold:nobody"]);
     assert!(error_line(&answer).contains("hold:nobody"), "{}", answer.err);

@@ -1,7 +1,7 @@
 //! Error budgets of a trained scene: time, bound, true error.
 
 use super::scene::{Subject, Trained, dataset, embedded, train_seconds};
-use super::{Bench, Extent};
+use crate::bench::{Bench, Extent};
 use crate::error::BenchError;
 use crate::measure::{Case, interleaved};
 use crate::page::{Item, Section};

@@ -1,6 +1,6 @@
 //! What the machine can do at most: the denominators of every share of a ceiling.
 
-use super::Bench;
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, Pools, interleaved};

@@ -2,7 +2,7 @@
 
 use super::kernels::{CompositeBatch, GridBatch, Job, NetworkBatch, shape};
 use super::scene::{Trained, embedded, train_seconds};
-use super::{Bench, Extent};
+use crate::bench::{Bench, Extent};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::measure::{Case, interleaved, log_slope, median};

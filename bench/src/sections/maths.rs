@@ -1,6 +1,6 @@
 //! Vector functions against the standard library's and against `f64`.
 
-use super::Bench;
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, interleaved};

@@ -1,8 +1,8 @@
 //! f32 against bf16 in the products of networks: time, error, and what a fit comes to.
 
-use super::Bench;
 use super::kernels::{Job, NetworkBatch, Shape, shape};
 use super::tables;
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::measure::{Case, interleaved};

@@ -1,6 +1,6 @@
 //! Quadrature rules and samplers on densities whose pixels are known: time against error.
 
-use super::Bench;
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::measure::median;
 use crate::page::{Item, Section};

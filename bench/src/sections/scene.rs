@@ -1,6 +1,6 @@
 //! Trainings in a folder of their own that goes away with them.
 
-use super::{Bench, Extent, say};
+use crate::bench::{Bench, Extent, say};
 use crate::error::BenchError;
 use crate::measure::median;
 use engine::eval::Evaluation;

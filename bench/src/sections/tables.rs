@@ -1,7 +1,7 @@
 //! Layouts of hash grids: what a fit of the same steps reaches, and what a sample costs.
 
-use super::Bench;
 use super::kernels::{GridBatch, shape};
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::measure::{Case, interleaved};
 use crate::page::{Item, Section};

@@ -1,7 +1,7 @@
 //! PSNR of held-out views over training time.
 
 use super::scene::{Subject, dataset, embedded, names_file, train_seconds};
-use super::{Bench, Extent, Keep};
+use crate::bench::{Bench, Extent, Keep};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};

@@ -7,7 +7,7 @@ use super::photos::{is_sequence, photos};
 use super::rig::Rig;
 use super::sight::{Sight, coverage_line};
 use super::spiral::spiral;
-use super::stretch::{LOOKED_AT, Look};
+use super::stretch::{Coverage, Frames, MEASURED_FRAMES};
 use super::{PATHS, PathKind};
 use crate::data::Dataset;
 use crate::error::RunError;
@@ -19,11 +19,7 @@ use scene_io::{LayoutHint, Scene};
 /// Frames of a path where nothing is said.
 const FRAMES: usize = 60;
 
-/// How many frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Frames(pub(super) usize);
-
-/// The frames of a path, looked at.
+/// The frames of a path, with what photos saw of each.
 #[derive(Clone, Debug)]
 pub struct Film {
     /// The path.
@@ -34,7 +30,7 @@ pub struct Film {
     pub seen: Vec<f64>,
     /// Where it leads, for people.
     pub line: String,
-    /// What was not looked at; see [`Sight::limits`].
+    /// What was not taken into account; see [`Sight::limits`].
     pub limits: Option<String>,
 }
 
@@ -51,7 +47,7 @@ impl Film {
 }
 
 /// `frames` cameras along a path (default: 60, or as many as the file holds; a file's cameras are joined by a smooth curve
-/// when another number is asked for), by the cameras' places alone. [`film`] looks at what they see, too.
+/// when another number is asked for), by the cameras' places alone. [`film`] takes what photos saw into account, too.
 ///
 /// # Errors
 /// [`RunError::Option`] when the cameras define no such path; [`RunError::Read`], [`RunError::Content`] for files.
@@ -60,7 +56,7 @@ impl Film {
 /// If there is no memory for the cameras of all frames.
 pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<usize>) -> Result<Vec<Camera>, RunError> {
     let rig = rig(scene, data, None)?;
-    along(kind, (scene, data, &rig), frames, None).map(|found| found.0)
+    along(kind, scene, data, &rig, frames, None).map(|found| found.0)
 }
 
 /// The same, with the share of each frame that two photos saw. Without a path the one that fits the scene is taken: through the
@@ -74,17 +70,19 @@ pub fn cameras(kind: &PathKind, scene: &Scene, data: &Dataset, frames: Option<us
 /// As [`cameras`] and [`Sight::share`].
 pub fn film(
     kind: Option<&PathKind>,
-    (scene, data): (&Scene, &Dataset),
+    scene: &Scene,
+    data: &Dataset,
     frames: Option<usize>,
     time: TimePath,
     sight: &Sight<'_>,
 ) -> Result<Film, RunError> {
     let rig = rig(scene, data, Some(sight))?;
     let kind = kind.cloned().unwrap_or_else(|| fitting(scene, data, &rig));
-    let look = Look { sight, time };
-    let (cameras, line) = along(&kind, (scene, data, &rig), frames, Some(look))?;
-    let seen = look.shares(&cameras)?;
-    let some = (cameras.len() > LOOKED_AT).then(|| format!("on {LOOKED_AT} frames, straight lines between"));
+    let coverage = Coverage { sight, time };
+    let (cameras, line) = along(&kind, scene, data, &rig, frames, Some(coverage))?;
+    let seen = coverage.shares(&cameras)?;
+    let some =
+        (cameras.len() > MEASURED_FRAMES).then(|| format!("on {MEASURED_FRAMES} frames, straight lines between"));
     let limits: Vec<String> = sight.limits().into_iter().chain(some).collect();
     let limits = (!limits.is_empty()).then(|| limits.join("; "));
     Ok(Film { path: kind, cameras, seen, line, limits })
@@ -104,15 +102,17 @@ fn fitting(scene: &Scene, data: &Dataset, rig: &Rig) -> PathKind {
 
 fn along(
     kind: &PathKind,
-    (scene, data, rig): (&Scene, &Dataset, &Rig),
+    scene: &Scene,
+    data: &Dataset,
+    rig: &Rig,
     frames: Option<usize>,
-    look: Option<Look<'_>>,
+    coverage: Option<Coverage<'_>>,
 ) -> Result<(Vec<Camera>, String), RunError> {
     let n = Frames(frames.unwrap_or(FRAMES));
     let found = match kind {
-        PathKind::Photos => photos(rig, n, look)?,
-        PathKind::Orbit => orbit(rig, n, look)?,
-        PathKind::Spiral => spiral(scene, rig, n, look)?,
+        PathKind::Photos => photos(rig, n, coverage)?,
+        PathKind::Orbit => orbit(rig, n, coverage)?,
+        PathKind::Spiral => spiral(scene, rig, n, coverage)?,
         PathKind::Hold(name) => Some((vec![held(name, scene, data)?; n.0], String::new())),
         PathKind::File(path) => Some((from_file(path, &rig.optics, frames)?, String::new())),
     };

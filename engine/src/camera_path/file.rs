@@ -51,7 +51,8 @@ pub(crate) fn read(path: &Path, optics: &Camera) -> Result<Vec<Camera>, RunError
     let mut cameras = Vec::with_capacity(list.len());
     for (i, item) in list.iter().enumerate() {
         let place = format!("`{field}[{i}].{matrix}`");
-        let rows = item.get(matrix).and_then(rows).ok_or_else(|| wrong(format!("{place} is no 3x4 or 4x4 matrix")))?;
+        let rows =
+            item.get(matrix).and_then(rows).ok_or_else(|| wrong(format!("{place} is not a 3x4 or 4x4 matrix")))?;
         let (pose, _) = Pose::from_matrix(&rows, Axes::Gl).map_err(|e| wrong(format!("{place}: {e}")))?;
         let camera = with_optics(optics, &json, item)
             .ok_or_else(|| wrong(format!("`{field}[{i}]`: width, height and focal length must be positive numbers, and sides at most 65535 pixels")))?;

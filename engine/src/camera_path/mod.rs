@@ -8,8 +8,8 @@
 //! | `hold:NAME` | the camera of one frame |
 //! | `FILE.json` | cameras of a [mod@file] |
 //!
-//! [`film`] looks at each frame through a [`Sight`]: which share of it at least two photos saw. Paths that are made here are
-//! made shorter until every frame has [`BOUND`] of it; [`cameras`] makes them without looking.
+//! [`film`] measures each frame with a [`Sight`]: which share of it at least two photos saw. Paths that are made here are
+//! made shorter until every frame has [`BOUND`] of it; [`cameras`] makes them without that.
 
 mod choose;
 pub mod file;
@@ -45,7 +45,7 @@ pub enum PathKind {
     Orbit,
     /// A spiral among forward-facing cameras.
     Spiral,
-    /// The camera of a frame, again and again: for light that changes while nothing else does.
+    /// The camera of a frame, again and again: for an appearance that changes while nothing else does.
     Hold(String),
     /// From a file.
     File(PathBuf),

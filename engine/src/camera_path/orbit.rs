@@ -1,8 +1,7 @@
 //! The arc about what the cameras look at that they cover.
 
-use super::choose::Frames;
 use super::rig::Rig;
-use super::stretch::{Look, Track, seen_part};
+use super::stretch::{Coverage, Frames, Track, seen_part};
 use crate::error::RunError;
 use render_core::camera::Camera;
 use render_core::path::{Arc, Ends};
@@ -16,13 +15,13 @@ pub(super) fn arc(rig: &Rig) -> Option<Arc> {
 pub(super) fn orbit(
     rig: &Rig,
     frames: Frames,
-    look: Option<Look<'_>>,
+    coverage: Option<Coverage<'_>>,
 ) -> Result<Option<(Vec<Camera>, String)>, RunError> {
     let Some(arc) = arc(rig) else { return Ok(None) };
     let whole = (arc.to - arc.from).to_degrees();
-    let arc = match look {
-        Some(look) => {
-            let kept = seen_part(arc.clone(), |pose| rig.camera(pose), look)?;
+    let arc = match coverage {
+        Some(coverage) => {
+            let kept = seen_part(arc.clone(), |pose| rig.camera(pose), coverage)?;
             if kept.passed { kept.track } else { arc }
         }
         None => arc,

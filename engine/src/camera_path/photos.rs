@@ -1,9 +1,8 @@
 //! A smooth path through the training cameras.
 
 use super::BOUND;
-use super::choose::Frames;
 use super::rig::{Rig, best, median};
-use super::stretch::{Kept, Look, Track, seen_part};
+use super::stretch::{Coverage, Frames, SeenPart, Track, seen_part};
 use crate::error::RunError;
 use glam::{DMat3, DVec3};
 use render_core::camera::{Camera, Pose};
@@ -12,7 +11,7 @@ use render_core::path::{Ends, Rail, order};
 /// Cameras that a path leads through, at most: of a sequence, and of a tour.
 const SEQUENCE: usize = 64;
 const TOUR: usize = 24;
-/// A tour of fewer is no longer made shorter.
+/// A tour of fewer frames is not made shorter.
 const FEW: usize = 6;
 /// Way between two frames at most, in the measure of [`order::pose_distance`]: faster is too fast to look at. Frames are counted as
 /// [`SLOW`] at least, so that two frames are not two neighbours.
@@ -50,12 +49,12 @@ fn aimed(pose: &Pose, focus: DVec3) -> Pose {
 pub(super) fn photos(
     rig: &Rig,
     frames: Frames,
-    look: Option<Look<'_>>,
+    coverage: Option<Coverage<'_>>,
 ) -> Result<Option<(Vec<Camera>, String)>, RunError> {
     let (keys, how) = keys(rig, frames);
     let mut keys: Vec<Pose> = keys.iter().map(|pose| rig.focus.map_or(*pose, |focus| aimed(pose, focus))).collect();
-    if let Some(look) = look {
-        keys = seen_keys(rig, keys, look)?;
+    if let Some(coverage) = coverage {
+        keys = seen_keys(rig, keys, coverage)?;
     }
     let count = keys.len();
     let ends = ends(&keys, rig.scale);
@@ -64,23 +63,23 @@ pub(super) fn photos(
     let way: f64 = steps.iter().sum();
     let wide = (CALM[0] * usual).max(CALM[1] * way);
     let rail = |calm: f64| Rail::new(&keys, ends, rig.scale, wide * calm);
-    let Some(look) = look else {
+    let Some(coverage) = coverage else {
         let Some(rail) = rail(1.0) else { return Ok(None) };
         let cameras = rail.frames(frames).into_iter().map(|pose| rig.camera(pose)).collect();
         return Ok(Some((cameras, format!("through {count} photos {how}"))));
     };
-    let mut found: Vec<(Kept<Rail>, Camera)> = Vec::new();
+    let mut found: Vec<(SeenPart<Rail>, Camera)> = Vec::new();
     for [calm, focal] in TRIES {
         let Some(rail) = rail(calm) else { return Ok(None) };
         let optics = Camera { fx: rig.optics.fx * focal, fy: rig.optics.fy * focal, ..rig.optics };
-        let kept = seen_part(rail, |pose| Camera { pose, ..optics }, look)?;
+        let kept = seen_part(rail, |pose| Camera { pose, ..optics }, coverage)?;
         let good = kept.passed && kept.share >= ENOUGH;
         found.push((kept, optics));
         if good {
             break;
         }
     }
-    let value = |(kept, _): &(Kept<Rail>, Camera)| if kept.passed { 1.0 + kept.share } else { 0.0 };
+    let value = |(kept, _): &(SeenPart<Rail>, Camera)| if kept.passed { 1.0 + kept.share } else { 0.0 };
     let Some((kept, optics)) = best(found, value) else { return Ok(None) };
     let part = if kept.share < 0.995 {
         format!(", the {:.0} % of the way that two photos saw", 100.0 * kept.share)
@@ -136,7 +135,7 @@ fn window(poses: &[Pose], scale: f64, longest: f64) -> Vec<Pose> {
     poses.iter().skip(first).take(end(first)).copied().collect()
 }
 
-/// At most so many of a sequence, evenly, with its ends.
+/// At most `n` of a sequence, evenly, with its ends.
 fn thinned(poses: &[Pose], most: usize) -> Vec<Pose> {
     if poses.len() <= most {
         return poses.to_vec();
@@ -145,11 +144,11 @@ fn thinned(poses: &[Pose], most: usize) -> Vec<Pose> {
 }
 
 /// Keys that show what another photo saw, too; the best of them where few do.
-fn seen_keys(rig: &Rig, keys: Vec<Pose>, look: Look<'_>) -> Result<Vec<Pose>, RunError> {
-    // The photos of a sequence are many: what is between those looked at is as good as they are.
+fn seen_keys(rig: &Rig, keys: Vec<Pose>, coverage: Coverage<'_>) -> Result<Vec<Pose>, RunError> {
+    // The photos of a sequence are many: those between measured ones are as good as they are.
     let stride = keys.len().div_ceil(TOUR).max(1);
     let cameras: Vec<Camera> = keys.iter().step_by(stride).map(|pose| rig.camera(*pose)).collect();
-    let shares = look.shares(&cameras)?;
+    let shares = coverage.shares(&cameras)?;
     let mut sorted = shares.clone();
     sorted.sort_unstable_by(|a, b| b.total_cmp(a));
     let least = (shares.len() / 3).max(3).min(shares.len());

@@ -40,7 +40,7 @@ pub struct Sight<'a> {
     poses: Vec<Pose>,
     of: usize,
     scale: f64,
-    /// Whether surfaces hide what is behind them: not looked at where things move.
+    /// Whether surfaces hide what is behind them: not taken into account where things move.
     hides: bool,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Sight<'a> {
         let poses: Vec<Pose> = all.iter().map(|&i| data.view(i).camera.pose).collect();
         let extent = poses.iter().flat_map(|p| poses.first().map(|q| p.c.distance(q.c))).fold(0.0, f64::max);
         let taken = order::farthest_points(&poses, if extent > 0.0 { extent } else { 1.0 }, PHOTOS);
-        let hides = data.moments() <= 1;
+        let hides = data.time_steps() <= 1;
         let mut photos = Vec::with_capacity(taken.len());
         let mut maps = Vec::with_capacity(taken.len());
         for &k in &taken {
@@ -119,11 +119,11 @@ impl<'a> Sight<'a> {
         Ok(if rays > 0 { seen as f64 / rays as f64 } else { 1.0 })
     }
 
-    /// What is not looked at, for people; `None` where everything is.
+    /// What is not taken into account, for people; `None` where everything is.
     #[must_use]
     pub fn limits(&self) -> Option<String> {
         match (self.hides, self.witnesses.len() < self.of) {
-            (false, _) => Some("things move: what hides what is not looked at".into()),
+            (false, _) => Some("things move: what hides what is not taken into account".into()),
             (true, true) => Some(format!("by {} of {} photos", self.witnesses.len(), self.of)),
             (true, false) => None,
         }

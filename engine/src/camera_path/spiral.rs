@@ -1,9 +1,8 @@
 //! A spiral among cameras that face one way.
 
 use super::BOUND;
-use super::choose::Frames;
 use super::rig::Rig;
-use super::stretch::Look;
+use super::stretch::{Coverage, Frames};
 use crate::error::RunError;
 use render_core::camera::{Camera, Pose};
 use render_core::path::Spiral;
@@ -12,9 +11,9 @@ use scene_io::{LayoutHint, Scene};
 
 /// Sizes tried, as parts of the cameras' extent, until every frame stays where photos were.
 const SIZES: [f64; 5] = [1.0, 0.75, 0.55, 0.4, 0.25];
-/// Frames looked at for each.
+/// Frames measured for each.
 const PLACES: usize = 16;
-/// Depths of points before cameras that are looked at.
+/// Depths of points before cameras that are used.
 const SEEN: usize = 1 << 24;
 
 /// Frames of a spiral, and a line about it; `None` where the cameras have none.
@@ -22,16 +21,16 @@ pub(super) fn spiral(
     scene: &Scene,
     rig: &Rig,
     frames: Frames,
-    look: Option<Look<'_>>,
+    coverage: Option<Coverage<'_>>,
 ) -> Result<Option<(Vec<Camera>, String)>, RunError> {
     let Some([near, far]) = depths(scene, &rig.poses) else { return Ok(None) };
     let Some(whole) = Spiral::fit(&rig.poses, near, far) else { return Ok(None) };
     let mut taken = (1.0, whole);
-    if let Some(look) = look {
+    if let Some(coverage) = coverage {
         for size in SIZES {
             let smaller = Spiral { radii: whole.radii * size, ..whole };
             let cameras: Vec<Camera> = smaller.poses(PLACES).into_iter().map(|pose| rig.camera(pose)).collect();
-            if look.shares(&cameras)?.iter().all(|share| *share >= BOUND) {
+            if coverage.shares(&cameras)?.iter().all(|share| *share >= BOUND) {
                 taken = (size, smaller);
                 break;
             }

@@ -1,40 +1,44 @@
 //! The part of a path that stays where the photos were.
 
+use super::BOUND;
 use super::rig::best;
 use super::sight::Sight;
-use super::{BOUND, choose::Frames};
 use crate::error::RunError;
 use crate::time_path::TimePath;
 use render_core::camera::{Camera, Pose};
 use render_core::path::{Arc, Ends, Rail};
 use std::f64::consts::TAU;
 
-/// Places of a path that are looked at, the first and each next time.
+/// Places of a path that are measured, the first and each next time.
 const PLACES: [usize; 3] = [24, 20, 29];
 /// What a place must have beyond [`BOUND`]: frames between two places may have less.
 const MARGIN: f64 = 0.015;
 
-/// Frames of a path that are looked at, at most: of longer ones some, evenly spread, and the others get what lies between.
-pub(super) const LOOKED_AT: usize = 240;
+/// Frames of a path that are measured, at most: of longer ones some, evenly spread, and the others get what lies between.
+pub(super) const MEASURED_FRAMES: usize = 240;
 
-/// Looks at frames.
+/// How many frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Frames(pub(super) usize);
+
+/// Measures which share of a frame two photos saw.
 #[derive(Clone, Copy)]
-pub(super) struct Look<'a> {
+pub(super) struct Coverage<'a> {
     pub(super) sight: &'a Sight<'a>,
     pub(super) time: TimePath,
 }
 
-impl Look<'_> {
-    /// The share of each frame that two photos saw. Frames that are all one are looked at once.
+impl Coverage<'_> {
+    /// The share of each frame that two photos saw. Frames that are all one are measured once.
     pub(super) fn shares(&self, cameras: &[Camera]) -> Result<Vec<f64>, RunError> {
         let n = cameras.len();
         if self.time.is_still() && cameras.windows(2).all(|w| w[0] == w[1]) {
             let first = cameras.first().map(|c| self.sight.share(c, self.time.at(0, 1))).transpose()?;
             return Ok(first.into_iter().cycle().take(n).collect());
         }
-        let looks = n.min(LOOKED_AT);
-        let place = |k: usize| k * (n - 1) / (looks - 1).max(1);
-        let shares: Vec<f64> = (0..looks)
+        let measured = n.min(MEASURED_FRAMES);
+        let place = |k: usize| k * (n - 1) / (measured - 1).max(1);
+        let shares: Vec<f64> = (0..measured)
             .map(|k| self.sight.share(&cameras[place(k)], self.time.at(place(k), n)))
             .collect::<Result<_, _>>()?;
         Ok(spread(&shares, place, n))
@@ -99,7 +103,7 @@ impl Track for Arc {
 }
 
 /// A track, and what is left of it.
-pub(super) struct Kept<T> {
+pub(super) struct SeenPart<T> {
     pub(super) track: T,
     /// Part of its length that is kept.
     pub(super) share: f64,
@@ -111,25 +115,25 @@ pub(super) struct Kept<T> {
 pub(super) fn seen_part<T: Track>(
     mut track: T,
     camera: impl Fn(Pose) -> Camera,
-    look: Look<'_>,
-) -> Result<Kept<T>, RunError> {
+    coverage: Coverage<'_>,
+) -> Result<SeenPart<T>, RunError> {
     let mut share = 1.0;
     for n in PLACES {
         let ends = track.ends();
         let steps = if ends == Ends::Closed { n } else { n - 1 } as f64;
         let cameras: Option<Vec<Camera>> = (0..n).map(|i| track.at(i as f64 / steps).map(&camera)).collect();
-        let Some(cameras) = cameras else { return Ok(Kept { track, share, passed: false }) };
-        let passes: Vec<bool> = look.shares(&cameras)?.iter().map(|s| *s >= BOUND + MARGIN).collect();
+        let Some(cameras) = cameras else { return Ok(SeenPart { track, share, passed: false }) };
+        let passes: Vec<bool> = coverage.shares(&cameras)?.iter().map(|s| *s >= BOUND + MARGIN).collect();
         if passes.iter().all(|p| *p) {
-            return Ok(Kept { track, share, passed: true });
+            return Ok(SeenPart { track, share, passed: true });
         }
         let Some([first, last]) = longest_run(&passes, ends).filter(|[first, last]| last > first) else {
-            return Ok(Kept { track, share, passed: false });
+            return Ok(SeenPart { track, share, passed: false });
         };
         track = track.part(first as f64 / steps, last as f64 / steps);
         share *= (last - first) as f64 / steps;
     }
-    Ok(Kept { track, share, passed: true })
+    Ok(SeenPart { track, share, passed: true })
 }
 
 /// First and last index of the longest run of `true`; around the end of a closed path the last is `n` or more.
@@ -148,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_between_those_looked_at_lie_on_straight_lines() {
+    fn frames_between_measured_ones_lie_on_straight_lines() {
         let every = |step: usize| move |k: usize| k * step;
         assert_eq!(spread(&[1.0, 0.5, 0.7], every(1), 3), [1.0, 0.5, 0.7]);
         assert_eq!(spread(&[1.0, 0.5], every(2), 3), [1.0, 0.75, 0.5]);

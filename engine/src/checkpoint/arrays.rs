@@ -1,6 +1,6 @@
 //! The array file of a checkpoint, as bytes: safetensors, whose numbers have their least significant byte first on every machine.
 
-use crate::system::{Tensor, TensorData, TensorMap};
+use crate::tensors::{Tensor, TensorData, TensorMap};
 use bytemuck::{AnyBitPattern, NoUninit};
 use safetensors::tensor::{Dtype, View};
 use std::borrow::Cow;

@@ -11,16 +11,20 @@
 mod arrays;
 
 use crate::error::RunError;
+pub use crate::identity::sha256;
 use crate::options::RunConfig;
 use crate::output::{self, Storage, write_file};
-use crate::system::{MOST_COUNTED, System, TensorMap};
+use crate::progress::Reached;
+use crate::system::System;
+use crate::tensors::{MOST_COUNTED, TensorMap};
 use arrays::deserialise;
 pub use arrays::serialise;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// The folder of the checkpoints in that of a run.
+pub(crate) const FOLDER: &str = "checkpoint";
 /// Checkpoints kept.
 const KEPT: usize = 2;
 /// Longest JSON file that is read, bytes: a configuration has some thousand.
@@ -84,10 +88,10 @@ pub struct Checkpoint {
 
 /// Where a run's checkpoints lie.
 pub fn folder(run: &Path) -> PathBuf {
-    run.join("checkpoint")
+    run.join(FOLDER)
 }
 
-/// Write a checkpoint of `system` after `step` steps, then remove all but the last two up to this one. Returns the path of its JSON file. On a
+/// Write a checkpoint of `system` as it is `at` some step, then remove all but the last two up to this one. Returns the path of its JSON file. On a
 /// full disk the older of two checkpoints makes room, if the newer one is whole.
 ///
 /// # Errors
@@ -99,10 +103,11 @@ pub fn save(
     storage: &dyn Storage,
     run: &Path,
     system: &dyn System,
-    (step, seconds): (u64, f64),
+    at: Reached,
     config: &RunConfig,
     dataset: &str,
 ) -> Result<PathBuf, RunError> {
+    let Reached { step, seconds } = at;
     let folder = folder(run);
     output::make_folder(&folder)?;
     let stem = format!("step-{step:08}");
@@ -302,13 +307,4 @@ fn prune(folder: &Path, step: u64) -> bool {
         }
     }
     had_orphans
-}
-
-/// SHA-256 in hexadecimal.
-pub fn sha256(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes))
-}
-
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

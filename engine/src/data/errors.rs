@@ -1,12 +1,13 @@
 //! Where the pictures are wrong still: pixels there are drawn more often (Müller, "Instant Neural Graphics Primitives", 2022, the
 //! released code's error map).
 //!
-//! What stands still is seen in every photo; what moves is seen as it is at one moment by one photo alone, so its pixels have to
+//! What stands still is seen in every photo; what moves is seen as it is at one time step by one photo alone, so its pixels have to
 //! come more often to be learnt as fast.
 
 use super::batch::Drawn;
 use super::{Batch, Dataset};
-use crate::system::{SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
+use crate::error::SystemError;
+use crate::tensors::{Tensor, TensorMap, f32_tensor, take_numbers, take_u64, u64_tensor};
 use field_core::rng::Rng;
 use scene_io::SceneError;
 
@@ -16,7 +17,7 @@ const DRAWN: u64 = 0x6572_726f;
 const TILE: u32 = 8;
 /// Part of the batch that goes where errors are; the rest goes anywhere.
 const SHARE: f64 = 0.5;
-/// What a tile is taken for before anybody looked: wrong.
+/// Error of a tile before it was measured: it is taken for wrong.
 const FIRST: f32 = 0.05;
 /// Weight of a new error in a tile's running mean.
 const NEWS: f32 = 0.1;
@@ -86,7 +87,7 @@ impl ErrorMap {
     /// Everything later draws depend on: the errors, and the sums as of the last renewal.
     pub fn state(&self) -> Vec<Tensor<'_>> {
         let ends: Vec<u64> = self.ends.iter().map(|end| end.to_bits()).collect();
-        vec![f32_tensor("errors.tiles", &self.error), crate::system::u64_tensor("errors.sums", ends)]
+        vec![f32_tensor("errors.tiles", &self.error), u64_tensor("errors.sums", ends)]
     }
 
     /// Put back what [`ErrorMap::state`] gave.
@@ -95,7 +96,7 @@ impl ErrorMap {
     /// [`SystemError`] where an array is missing or of another length.
     pub fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let error = take_numbers(state, "errors.tiles", self.error.len())?;
-        let ends = crate::system::take_u64(state, "errors.sums", self.ends.len())?;
+        let ends = take_u64(state, "errors.sums", self.ends.len())?;
         let ends: Vec<f64> = ends.into_iter().map(f64::from_bits).collect();
         let sums = |ends: &[f64]| ends.iter().all(|end| end.is_finite() && *end >= 0.0) && ends.is_sorted();
         let refused =
@@ -175,7 +176,7 @@ mod tests {
     fn what_no_map_holds_is_refused_by_the_name_of_its_array() {
         let state = |tiles: [f32; 6], sums: [f64; 6]| -> TensorMap {
             let sums = sums.map(f64::to_bits).to_vec();
-            let arrays = [f32_tensor("errors.tiles", &tiles), crate::system::u64_tensor("errors.sums", sums)];
+            let arrays = [f32_tensor("errors.tiles", &tiles), u64_tensor("errors.sums", sums)];
             arrays.into_iter().map(|array| (array.name.clone(), array.into_owned())).collect()
         };
         let mut own = map(&[0.0; 6]);

@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_led_where_there_is_no_mask_or_nothing_but_masks() {
+    fn draws_are_not_guided_where_there_is_no_mask_or_nothing_but_masks() {
         let everything: Vec<usize> = (0..9).collect();
         let of = |photos: &[(u32, Option<&[usize]>)]| Guide::of(&data(photos)).unwrap();
         assert!(of(&[]).is_none());

@@ -232,7 +232,7 @@ impl Dataset {
     }
 
     /// Number of different times of the views.
-    pub fn moments(&self) -> usize {
+    pub fn time_steps(&self) -> usize {
         let mut times: Vec<f64> = self.views.iter().map(|v| v.time).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();

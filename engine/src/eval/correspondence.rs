@@ -7,13 +7,13 @@
 //!
 //! Distances of canonical points are not the score: a warp that sends everything to one place would have them all 0. The
 //! nearest of all pixels is asked for, and where everything is in one place none is nearer than the others: the first one is
-//! taken, and that is wrong. Exact canonical points score about half a pixel, as the other picture is looked at in pixel centres.
+//! taken, and that is wrong. Exact canonical points score about half a pixel, as the other picture is sampled in pixel centres.
 
 use crate::data::Dataset;
 use crate::error::RunError;
 use rayon::prelude::*;
 
-/// Points of a pair of views that are looked for, at most: evenly spaced among all that could be.
+/// Points of a pair of views that are searched, at most: evenly spaced among all that could be.
 pub const QUERIES: usize = 256;
 /// A point counts as found within this share of the picture's longer side.
 pub const FOUND: f64 = 0.05;
@@ -21,14 +21,14 @@ pub const FOUND: f64 = 0.05;
 /// How well points of one view are found in another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transfer {
-    /// Mean distance from where they are, pixels. One that is not looked for, because the render shows no surface there, or
+    /// Mean distance from where they are, pixels. One that is not searched, because the render shows no surface there, or
     /// that no surface of the other render can be, counts with the picture's longer side.
     pub error: f64,
     /// Share of them within [`FOUND`] of it, `0..=1`.
     pub found: f64,
 }
 
-/// A point that is looked for.
+/// A point that is searched in another picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sought {
     /// Its canonical point; infinite where the render shows nothing.
@@ -37,8 +37,8 @@ pub struct Sought {
     pub truth: [f64; 2],
 }
 
-/// Look for points in a picture of so many columns whose pixels show the canonical points `there`, `[height * width]`,
-/// infinite where there are none. `None` where nothing is looked for.
+/// Search points in a picture of `width` columns whose pixels show the canonical points `there`, `[height * width]`,
+/// infinite where there are none. `None` where no point is searched.
 ///
 /// Takes `sought * there` distances. The same bits with any number of threads; the first of equally near pixels is taken.
 ///
@@ -62,7 +62,7 @@ pub fn transfer(sought: &[Sought], there: &[[f64; 3]], width: u32) -> Option<Tra
     })
 }
 
-/// Which of `there` is nearest; `None` where all distances are infinite or no numbers.
+/// Which of `there` is nearest; `None` where all distances are infinite or NaN.
 fn nearest(point: [f64; 3], there: &[[f64; 3]]) -> Option<usize> {
     let (mut best, mut least) = (None, f64::INFINITY);
     for (k, other) in there.iter().enumerate() {
@@ -74,7 +74,7 @@ fn nearest(point: [f64; 3], there: &[[f64; 3]]) -> Option<usize> {
     best
 }
 
-/// A view, the one that its points are looked for in, and which of its pixels these are.
+/// A view, the one that its points are searched in, and which of its pixels these are.
 #[derive(Debug)]
 struct Pair {
     from: usize,

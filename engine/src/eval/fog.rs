@@ -22,7 +22,7 @@ const CHUNK: usize = 1 << 16;
 #[must_use]
 pub fn fog(system: &dyn System, view: &View, halt: &Halt) -> Option<f64> {
     let nearest = nearest_point(&view.camera, &view.points)?;
-    before(system, (&view.camera, view.time), BEFORE * nearest, halt)
+    before(system, &view.camera, view.time, BEFORE * nearest, halt)
 }
 
 /// Mean opacity, over the pixels of a picture, of all that lies nearer than `depth` along the axis of `camera`, world units.
@@ -32,13 +32,13 @@ pub fn fog(system: &dyn System, view: &View, halt: &Halt) -> Option<f64> {
 /// `None` for a picture without pixels.
 #[must_use]
 pub fn opacity_before(system: &dyn System, camera: &Camera, depth: f64, time: f64) -> Option<f64> {
-    before(system, (camera, time), depth, &Halt::NEVER)
+    before(system, camera, time, depth, &Halt::NEVER)
 }
 
-fn before(system: &dyn System, (camera, time): (&Camera, f64), depth: f64, halt: &Halt) -> Option<f64> {
+fn before(system: &dyn System, camera: &Camera, time: f64, depth: f64, halt: &Halt) -> Option<f64> {
     match system.render_before(camera, depth, &plain_query([0.0; 3], 0.0)) {
         Some(opacity) => mean(&opacity),
-        None => mean(&along_rays(system, (camera, time), depth, halt)),
+        None => mean(&along_rays(system, camera, time, depth, halt)),
     }
 }
 
@@ -47,7 +47,7 @@ fn mean(opacity: &[f32]) -> Option<f64> {
 }
 
 /// Opacity before `depth` of some rays, by their densities; of fewer once `halt` is raised.
-fn along_rays(system: &dyn System, (camera, time): (&Camera, f64), depth: f64, halt: &Halt) -> Vec<f32> {
+fn along_rays(system: &dyn System, camera: &Camera, time: f64, depth: f64, halt: &Halt) -> Vec<f32> {
     let step = camera.width.max(camera.height).div_ceil(PIXELS).max(1);
     let axis = camera.optical_axis();
     let pixels = (step / 2..camera.height).step_by(step as usize);

@@ -21,9 +21,6 @@ use std::path::Path;
 /// Visibility from which on a pixel counts as static.
 pub const THRESHOLD: f32 = 0.5;
 
-/// Folder of the masks in a run.
-pub const FOLDER: &str = "masks";
-
 /// Name of the table in its folder.
 pub const FILE: &str = "masks.json";
 
@@ -94,10 +91,19 @@ pub struct MaskTable {
     pub views: Vec<PhotoMask>,
 }
 
+/// Training photos, with the truth that the scene has of them.
+#[derive(Clone, Copy)]
+pub struct PhotosOf<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Views trained on.
+    pub data: &'a Dataset,
+}
+
 /// Which photos, and how they are scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MaskOptions {
-    /// Every so many training photos, from the first.
+    /// Every n-th training photo, from the first.
     pub every: usize,
     /// What an empty class scores.
     pub empty: EmptyClass,
@@ -113,23 +119,26 @@ pub fn empty_class_name(empty: EmptyClass) -> &'static str {
     }
 }
 
-/// Make and score masks of the training views `data` of `scene`; they and [`FILE`] go to `folder`, `NAME.png` for a photo
+/// Make and score masks of the training `views`; they and [`FILE`] go to `folder`, `NAME.png` for a photo
 /// `NAME.jpg`, and masks that came with the photos to [`GIVEN`] in it. `None` where the system takes every pixel for static and no
 /// masks came. An observer that asks to stop gets the masks made so far.
 ///
 /// # Errors
 /// [`RunError::Scene`] for photos and truth masks that cannot be read, [`RunError::Write`].
 pub fn write_masks(
-    (storage, folder): (&dyn Storage, &Path),
-    (system, steps): (&dyn System, u64),
-    (scene, data): (&Scene, &Dataset),
+    storage: &dyn Storage,
+    folder: &Path,
+    system: &dyn System,
+    steps: u64,
+    views: PhotosOf<'_>,
     options: MaskOptions,
     observer: &mut dyn Observer,
 ) -> Result<Option<MaskTable>, RunError> {
+    let PhotosOf { scene, data } = views;
     // A view at each scale is one photo.
     let photos: Vec<usize> = (0..data.len()).filter(|&i| data.view(i).level == 0).collect();
     let chosen: Vec<usize> = photos.iter().copied().step_by(options.every.max(1)).collect();
-    let (mut views, mut counts, mut taken) = (Vec::new(), Vec::new(), HashSet::new());
+    let (mut rows, mut counts, mut taken) = (Vec::new(), Vec::new(), HashSet::new());
     let mut meter = Meter::new("mask", chosen.len());
     for (done, &i) in chosen.iter().enumerate() {
         if done > 0 && observer.stop_asked() {
@@ -176,7 +185,7 @@ pub fn write_masks(
         write_png(storage, &folder.join(SIDE_BY_SIDE).join(&file), &side_by_side(&shown))?;
         let share = |white: usize| white as f64 / mask.len().max(1) as f64;
         let given_share = given.map(|given| share(given.iter().filter(|&&m| m != 0).count()));
-        views.push(PhotoMask { name: view.name.clone(), file, static_share: share(statics), given_share, scores });
+        rows.push(PhotoMask { name: view.name.clone(), file, static_share: share(statics), given_share, scores });
         meter.advance(observer);
     }
     let table = MaskTable {
@@ -188,7 +197,7 @@ pub fn write_masks(
         empty_class: empty_class_name(options.empty).into(),
         per_image: segmentation(&counts, Average::PerImage, options.empty).into(),
         pooled: segmentation(&counts, Average::Pooled, options.empty).into(),
-        views,
+        views: rows,
     };
     write_file(storage, &folder.join(FILE), table.json().as_bytes())?;
     Ok(Some(table))

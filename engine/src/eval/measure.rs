@@ -1,6 +1,7 @@
 //! The metrics of one picture.
 
-use super::{Measures, ViewScore};
+use super::motion::MotionScore;
+use super::score::{Measures, ViewScore};
 use image::RgbImage;
 use losses::metrics::{
     Image, MS_SSIM_MIN_SIDE, MaskedSsim, SsimVariant, masked_psnr, masked_ssim, ms_ssim, psnr, ssim,
@@ -18,7 +19,7 @@ pub(super) fn measure(
         name: String::new(),
         psnr: None,
         psnr_object: None,
-        motion: super::MotionScore::default(),
+        motion: MotionScore::default(),
         fog: None,
         ssim: None,
         ms_ssim: None,
@@ -69,27 +70,6 @@ pub(super) fn measure(
         }
     }
     score
-}
-
-/// Where a photo is more opaque than not, 255 or 0 a pixel; `None` without alpha.
-pub(super) fn object_mask(photo: &scene_io::Image) -> Option<Vec<u8>> {
-    let opaque = |pixel: &[u8]| if pixel[3] >= 128 { 255 } else { 0 };
-    (photo.channels == 4).then(|| photo.data.chunks_exact(4).map(opaque).collect())
-}
-
-/// PSNR of a picture's pixels inside a mask; `None` where there are none, or where they all equal the truth.
-pub(super) fn inside(picture: &RgbImage, truth: &RgbImage, mask: &[u8]) -> Option<f64> {
-    let image = |p| Image::from_u8(truth.width() as usize, truth.height() as usize, 3, p).ok();
-    let mask: Vec<f32> = mask.iter().map(|&m| if m >= 128 { 1.0 } else { 0.0 }).collect();
-    let db = masked_psnr(&image(picture.as_raw())?, &image(truth.as_raw())?, &mask).ok()?;
-    db.is_finite().then_some(db)
-}
-
-/// SSIM inside a mask as DyCheck measures it; `None` for pictures smaller than a window.
-pub(super) fn ssim_inside(picture: &RgbImage, truth: &RgbImage, mask: &[u8]) -> Option<f64> {
-    let image = |p| Image::from_u8(truth.width() as usize, truth.height() as usize, 3, p).ok();
-    let mask: Vec<f32> = mask.iter().map(|&m| if m >= 128 { 1.0 } else { 0.0 }).collect();
-    masked_ssim(&image(picture.as_raw())?, &image(truth.as_raw())?, &mask, MaskedSsim::DyCheck).ok()
 }
 
 #[cfg(feature = "flip")]

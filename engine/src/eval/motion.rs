@@ -1,7 +1,7 @@
 //! What is scored of a scene that moves, where the dataset holds the truth: what things that move look like, how far
 //! everything is, and whether points are found again.
 
-use super::measure::{inside, ssim_inside};
+use super::masked::{inside, ssim_inside};
 use crate::data::View;
 use crate::error::RunError;
 use crate::render::Rendered;
@@ -16,7 +16,7 @@ pub struct MotionScore {
     /// PSNR of the pixels that show things that move at some time, dB.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr_moving: Option<f64>,
-    /// PSNR of the pixels of a held-out view that were hidden when the photo of its moment was taken, dB: the truth about what
+    /// PSNR of the pixels of a held-out view that were hidden when the photo of its time step was taken, dB: the truth about what
     /// does not belong to the place, of a view that shows the place itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr_hidden: Option<f64>,
@@ -34,7 +34,7 @@ pub struct MotionScore {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_relative: Option<f64>,
     /// PSNR of the pixels that training views show, too, dB (DyCheck's mPSNR: the sum of squares over the number of kept
-    /// pixels, and nobody else's, which divides by all of them and flatters by `-10 log10(kept share)`).
+    /// pixels; the usual one divides by all of them and flatters by `-10 log10(kept share)`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr_covisible: Option<f64>,
     /// SSIM there, as DyCheck measures it (mSSIM: windows without a kept pixel count as 1). Pictures of less than 11 pixels
@@ -59,7 +59,8 @@ impl MotionScore {
     pub(super) fn of(
         view: &View,
         rendered: &Rendered,
-        (picture, truth): (&RgbImage, &RgbImage),
+        picture: &RgbImage,
+        truth: &RgbImage,
         used: Option<&[u8]>,
     ) -> Result<Self, RunError> {
         let (width, height) = (view.camera.width, view.camera.height);
@@ -231,7 +232,7 @@ mod tests {
         let truth = RgbImage::from_pixel(W, H, image::Rgb([100; 3]));
         let picture = RgbImage::from_fn(W, H, |x, _| image::Rgb([if x < 2 { 120 } else { 105 }; 3]));
         let rendered = Rendered { width: W, height: H, layers };
-        MotionScore::of(view, &rendered, (&picture, &truth), used).unwrap()
+        MotionScore::of(view, &rendered, &picture, &truth, used).unwrap()
     }
 
     fn db(steps: f64) -> f64 {
@@ -296,7 +297,7 @@ mod tests {
         let mut bare = frame();
         (bare.depth, bare.truth) = (None, Default::default());
         assert!(scored(bare, |_, z| z, None).is_empty());
-        // What a training photo's tool hid is known to nobody.
+        // What a training photo's tool hid is not known.
         let mut training = frame();
         training.split = Split::Train;
         let score = scored(training, |_, z| z, None);

@@ -1,6 +1,6 @@
-//! In which light held-out views are rendered, and which of their pixels are scored.
+//! In which appearance held-out views are rendered, and which of their pixels are scored.
 //!
-//! A held-out photo has a light of its own that no training photo tells. In the half-image protocol the appearance code is
+//! A held-out photo has an appearance of its own that no training photo tells. In the half-image protocol the appearance code is
 //! fitted to the left half of the photo, everything else frozen, and the right half is scored: what is scored was never
 //! seen. An encoder's code may be had from the left half or from the whole photo; with the whole photo the scored half
 //! leaks into the code, and tables must say so.
@@ -11,84 +11,18 @@ use super::half;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::names;
+use crate::options::{EvalAppearance, Part};
 use crate::system::{Appearance, Fit, Query, System};
 use image::RgbImage;
 use scene_io::Image;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 
 /// Steps of a fit: past these, codes of 4 to 48 numbers have settled.
 pub const FIT_STEPS: u64 = 300;
 /// Learning rate at the start of a fit.
 pub const FIT_LR: f64 = 0.05;
-
-/// What is said about the light of held-out views: `fit`, `mean`, `image:NAME`, `encode:whole`, `encode:left`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub enum EvalAppearance {
-    /// Fitted on the left half of each view; the right half is scored, whether or not the system has anything to fit.
-    Fit,
-    /// The mean of the training photos; whole views are scored.
-    Mean,
-    /// That of a training photo; whole views are scored.
-    Image(String),
-    /// What the system's own encoder makes of part of each view; the right half is scored.
-    Encode(Part),
-}
-
-/// Part of a photo.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// All of it.
-    Whole,
-    /// Columns `0 .. W / 2`.
-    Left,
-}
-
-impl FromStr for EvalAppearance {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "fit" => Ok(Self::Fit),
-            "mean" => Ok(Self::Mean),
-            "encode:whole" => Ok(Self::Encode(Part::Whole)),
-            "encode:left" => Ok(Self::Encode(Part::Left)),
-            _ => match text.strip_prefix("image:").filter(|name| !name.is_empty()) {
-                Some(name) => Ok(Self::Image(name.into())),
-                None => Err(format!("`{text}`: write `fit`, `mean`, `image:NAME`, `encode:left` or `encode:whole`")),
-            },
-        }
-    }
-}
-
-impl TryFrom<String> for EvalAppearance {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
-    }
-}
-
-impl From<EvalAppearance> for String {
-    fn from(what: EvalAppearance) -> Self {
-        what.to_string()
-    }
-}
-
-impl fmt::Display for EvalAppearance {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Fit => f.write_str("fit"),
-            Self::Mean => f.write_str("mean"),
-            Self::Image(name) => write!(f, "image:{name}"),
-            Self::Encode(Part::Whole) => f.write_str("encode:whole"),
-            Self::Encode(Part::Left) => f.write_str("encode:left"),
-        }
-    }
-}
 
 /// Which pixels are scored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,10 +35,18 @@ pub enum Scored {
     RightHalf,
 }
 
+/// A held-out photo.
+#[derive(Clone, Copy)]
+pub(super) struct HeldOutPhoto<'a> {
+    pub(super) image: &'a Image,
+    /// The same, composited on the background.
+    pub(super) on_background: &'a RgbImage,
+}
+
 /// How held-out views are measured; part of `eval.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Protocol {
-    /// In which light; absent where the system knows one light and nothing was asked for.
+    /// In which appearance; absent where the system has one appearance only and nothing was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<EvalAppearance>,
     /// Which pixels count.
@@ -119,10 +61,10 @@ pub struct Protocol {
 
 impl Protocol {
     /// The protocol for `asked`, or where nothing is asked for: a fit where the system has appearance codes, whole views in
-    /// its only light otherwise. `train` are the views it was trained on.
+    /// its only one otherwise. `train` are the views it was trained on.
     ///
     /// # Errors
-    /// [`RunError::Option`] for a light that the system has not.
+    /// [`RunError::Option`] for an appearance that the system does not have.
     ///
     /// # Panics
     /// If [`EvalAppearance::Encode`] is asked for and `train` has no view.
@@ -159,7 +101,7 @@ impl Protocol {
         })
     }
 
-    /// What is the same for all views: `query` in the light of the mean or of a training view.
+    /// What is the same for all views: `query` in the mean appearance or that of a training view.
     ///
     /// # Errors
     /// As [`Protocol::new`].
@@ -172,14 +114,17 @@ impl Protocol {
         })
     }
 
-    /// The light of one view, where it has one of its own. A view without a usable pixel in its left half has none.
-    pub(super) fn light(
+    /// The appearance of one view, where it has one of its own. A view without a usable pixel in its left half has none.
+    pub(super) fn appearance_of(
         &self,
         system: &dyn System,
-        (data, view): (&Dataset, usize),
-        (photo, truth): (&Image, &RgbImage),
-        (query, seed): (&Query, u64),
+        data: &Dataset,
+        view: usize,
+        photo: HeldOutPhoto<'_>,
+        query: &Query,
+        seed: u64,
     ) -> Option<Appearance> {
+        let HeldOutPhoto { image: photo, on_background: truth } = photo;
         let code = match (&self.appearance, self.fit_steps, self.fit_lr) {
             (Some(EvalAppearance::Fit), Some(steps), Some(lr)) => {
                 let columns = 0..half::middle(photo.width);
@@ -202,11 +147,11 @@ impl fmt::Display for Protocol {
     /// A sentence for tables.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (&self.appearance, self.fit_steps) {
-            (None, _) => f.write_str("one light")?,
+            (None, _) => f.write_str("one appearance")?,
             (Some(EvalAppearance::Fit), Some(steps)) => {
                 write!(f, "appearance fitted on the left half of each view ({steps} steps)")?;
             }
-            (Some(EvalAppearance::Fit), None) => f.write_str("one light, nothing to fit")?,
+            (Some(EvalAppearance::Fit), None) => f.write_str("one appearance, nothing to fit")?,
             (Some(EvalAppearance::Mean), _) => f.write_str("mean appearance of the training photos")?,
             (Some(EvalAppearance::Image(name)), _) => write!(f, "appearance of training photo `{name}`")?,
             (Some(EvalAppearance::Encode(Part::Left)), _) => {
@@ -234,7 +179,7 @@ pub(crate) fn view_of(system: &dyn System, train: &Dataset, name: &str, option: 
     names::find(&names, name, &option)
 }
 
-/// Refuses systems that know one light only.
+/// Refuses systems that have one appearance only.
 ///
 /// # Errors
 /// [`RunError::Option`] beginning with `option`.
@@ -242,7 +187,7 @@ pub(crate) fn need_codes(system: &dyn System, option: &str) -> Result<(), RunErr
     match system.appearance_code(&Appearance::Mean) {
         Some(_) => Ok(()),
         None => Err(RunError::Option(format!(
-            "{option}: `{}` knows one light only; train a system with appearance codes, or leave the option out",
+            "{option}: `{}` has one appearance only; train a system with appearance codes, or leave the option out",
             system.name()
         ))),
     }

@@ -1,6 +1,7 @@
 //! Scores as files and tables.
 
-use super::{Evaluation, Measured, Protocol};
+use super::protocol::Protocol;
+use super::score::{Evaluation, Measured};
 
 impl Evaluation {
     /// `eval.json`.

@@ -7,14 +7,14 @@ use std::fmt;
 const MEASURED_PIXEL: u64 = 48;
 /// The same for LPIPS: what the layers of its network hold.
 const LPIPS_PIXEL: u64 = 420;
-/// Bytes a pixel of a photo takes while a system looks at it: its ray, what the field shows there, twice, and what is made of it.
-const LOOKED_PIXEL: u64 = 240;
+/// Bytes a pixel of a photo takes in a pre-pass over it: its ray, what the field shows there, twice, and what is made of it.
+const PREPASS_PIXEL: u64 = 240;
 /// Bytes of the report's pictures, of its animation, and of files while they are written.
 const REPORT: u64 = 6 << 20;
 
 /// Scratch of a system that has not trained yet, as a share of what it holds: of `ngp` at its usual sizes.
 const SCRATCH: (u64, u64) = (3, 2);
-/// A rehearsal sees some steps, not all: one part in so many is added to what it saw.
+/// A rehearsal sees some steps, not all: what it saw is divided by this, and added.
 const HEADROOM: u64 = 6;
 
 /// What a run will need, by part. All in bytes.
@@ -39,8 +39,8 @@ pub struct Needs {
     pub(crate) held_out: u64,
     /// Pixels of the largest held-out view; 0 where none is measured.
     pub(crate) pixels: u64,
-    /// Pixels of the largest photo that the system looks at as a whole between steps; 0 where it does not.
-    pub(crate) looked: u64,
+    /// Pixels of the largest photo that a pre-pass between steps covers; 0 where the system has none.
+    pub(crate) prepass: u64,
     /// LPIPS will be measured.
     pub(crate) lpips: bool,
     /// What the system holds (after a rehearsal: with its scratch), and what it may hold later on top.
@@ -54,7 +54,7 @@ impl Needs {
     fn evaluation(&self) -> u64 {
         let pixel = MEASURED_PIXEL + if self.lpips { LPIPS_PIXEL } else { 0 };
         // One after the other.
-        REPORT + (self.pixels * pixel).max(self.looked * LOOKED_PIXEL)
+        REPORT + (self.pixels * pixel).max(self.prepass * PREPASS_PIXEL)
     }
 }
 
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn what_comes_after_a_rehearsal_is_added() {
         let needs =
-            Needs { photos: 100, held_out: 5, pixels: 0, looked: 0, lpips: false, system: 600, growth: 7, state: 30 };
+            Needs { photos: 100, held_out: 5, pixels: 0, prepass: 0, lpips: false, system: 600, growth: 7, state: 30 };
         let expected = ExpectedMemory::by_rehearsal(&needs, 2000);
         assert_eq!(expected.total(), 2000 + 2000 / HEADROOM + 30 + 7 + 5 + REPORT);
         assert_eq!((expected.photos, expected.system), (105, 607));

@@ -5,11 +5,13 @@
 //! expected.rs    what a run will need: the line that is printed before the start
 //! rehearsal.rs   a few steps of a copy of the system, to see what training really takes
 //! work.rs        how much the process has worked: what a rehearsal ends by
+//! frames.rs      what the pictures of a camera path take
 //! room.rs        refuses what no machine like this one could hold, before it is made
 //! smaller.rs     settings that are reduced where a limit is too low for those planned
 //! ```
 
 mod expected;
+pub mod frames;
 mod rehearsal;
 mod room;
 mod smaller;
@@ -26,7 +28,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Bytes that this process may hold, as the user said; 0: no limit.
 static LIMIT: AtomicU64 = AtomicU64::new(0);
 
-/// Let this process hold at most so many bytes: the limit of `--memory`. From then on [`available_bytes`] knows it, and decoding
+/// Let this process hold at most `bytes`: the limit of `--memory`. From then on [`available_bytes`] knows it, and decoding
 /// takes at most half of it at one time.
 pub fn set_limit(bytes: u64) {
     LIMIT.store(bytes.max(1), Ordering::Relaxed);

@@ -1,20 +1,20 @@
 //! A rehearsal: a few steps of a copy of the system, to see what training really takes.
 //!
 //! What a step needs besides parameters depends on the photos, on the number of threads and on how many samples rays have.
-//! Formulas for it went wrong by factors; so the process is looked at while the work is done. The run's own system is not
+//! Formulas for it went wrong by factors; so the process is measured while the work is done. The run's own system is not
 //! touched: its bits do not depend on the rehearsal.
 
 use crate::data::Dataset;
 use crate::halt::Halt;
 use crate::memory::work::Work;
+use crate::options::Stop;
 use crate::render::plain_query;
 use crate::system::{Fit, Query, System};
-use crate::train::Stop;
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 use std::time::Duration;
 
-/// Steps at most: batches have grown to their size, empty space was looked for again, and the buffers of most chunks have met
+/// Steps at most: batches have grown to their size, empty space was searched again, and the buffers of most chunks have met
 /// a large one.
 const STEPS: u64 = 40;
 /// No further step after this work.
@@ -26,11 +26,11 @@ const FIRST_RAYS: usize = 64;
 /// No more rays where they would take longer than this.
 const QUICK: Duration = Duration::from_secs(4);
 
-/// Training views that are looked at.
-const LOOKS: usize = 3;
+/// Training views that a pre-pass is tried on.
+const PREPASSES: usize = 3;
 
-/// Train a copy of a run's system for some steps, render a strip of a picture with it, and let it look at some photos where it
-/// does. What goes wrong in it will go wrong again in the training, and is reported there. Whether it looks at photos.
+/// Train a copy of a run's system for some steps, render a strip of a picture with it, and do the pre-pass of some photos where it has
+/// one. What goes wrong in it will go wrong again in the training, and is reported there. Whether it has a pre-pass.
 pub fn rehearse(copy: &mut dyn System, views: &Dataset, stop: Option<Stop>, halt: &Halt) -> bool {
     let work = Work::begin();
     for step in 0..STEPS {
@@ -42,21 +42,21 @@ pub fn rehearse(copy: &mut dyn System, views: &Dataset, stop: Option<Stop>, halt
     }
     if let Some(view) = views.views().first() {
         let (rays, radii) = strip(&view.camera);
-        render_some(copy, &view.camera, (&rays, &radii), halt);
+        render_some(copy, &view.camera, &rays, &radii, halt);
         fit_once(copy, &rays, halt);
     }
     let work = Work::begin();
-    let mut looks = false;
-    for (i, view) in views.views().iter().enumerate().take(LOOKS) {
+    let mut has_prepass = false;
+    for (i, view) in views.views().iter().enumerate().take(PREPASSES) {
         if halt.raised() || work.done() > ENOUGH {
             break;
         }
         let pixels = f64::from(view.camera.width) * f64::from(view.camera.height);
         // As many rays as a strip has: buffers are of a few hundred.
         let stride = (pixels / RAYS as f64).sqrt().ceil().max(1.0) as u32;
-        looks |= copy.look(views, i, stride).unwrap_or(false);
+        has_prepass |= copy.prepass(views, i, stride).unwrap_or(false);
     }
-    looks
+    has_prepass
 }
 
 /// Rays of a strip from the middle of the picture, where there is most to see, and the radii of their cones.
@@ -76,7 +76,7 @@ fn fit_once(copy: &dyn System, rays: &[Ray], halt: &Halt) {
 }
 
 /// Rays of a strip, fewer where they take long: networks as published need for one tile what they need for all.
-fn render_some(copy: &dyn System, camera: &Camera, (rays, radii): (&[Ray], &[f32]), halt: &Halt) {
+fn render_some(copy: &dyn System, camera: &Camera, rays: &[Ray], radii: &[f32], halt: &Halt) {
     let query = Query { halt: halt.clone(), ..plain_query([0.0; 3], 0.0) };
     if copy.render_view(camera, &query).is_some() {
         return;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 /// Ticks of a second in `/proc/self/stat`: what Linux tells programs everywhere.
 const TICKS: f64 = 100.0;
 
-/// A moment that work is counted from.
+/// A point in time that work is counted from.
 pub(super) struct Work {
     start: Instant,
     ticks: Option<u64>,
@@ -56,7 +56,7 @@ mod tests {
     fn work_is_counted() {
         let work = Work::begin();
         let mut x = 1_u64;
-        // Whoever looks for longer than this is not counted at all.
+        // Where the system does not count work within this time, it does not count it at all.
         while work.done() == Duration::ZERO && work.start.elapsed() < Duration::from_secs(20) {
             x = std::hint::black_box(x.wrapping_mul(3));
         }

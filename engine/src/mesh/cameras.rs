@@ -1,4 +1,4 @@
-//! From where depth is looked at: the photos' cameras without their lenses, and some between them where there are few.
+//! From where depth is rendered: the photos' cameras without their lenses, and some between them where there are few.
 
 use super::depth::Place;
 use glam::DVec3;
@@ -12,15 +12,15 @@ const FEW: usize = 40;
 /// Pixels of all pictures, and of the longest side of one, at most.
 const PIXELS: f64 = 8e6;
 const LONGEST: f64 = 800.0;
-/// Cosine of the angle that neighbours may look apart to have a camera between them.
+/// Cosine of the angle between the axes of neighbours that may have a camera between them.
 const TOGETHER: f64 = 0.8;
 
-/// Cameras to look from, for photos taken with `photos`.
+/// Cameras to render depth from, for photos taken with `photos`.
 #[must_use]
 pub fn around(photos: &[Camera]) -> Vec<(Camera, Place)> {
     let mut own: Vec<Camera> = Vec::new();
     for camera in photos {
-        // A camera that stands still looks once.
+        // A camera that stands still is taken once.
         if !own.iter().any(|c| c.pose == camera.pose && c.width == camera.width && c.fx == camera.fx) {
             own.push(Camera { lens: Lens::PINHOLE, ..*camera });
         }
@@ -41,7 +41,7 @@ pub fn around(photos: &[Camera]) -> Vec<(Camera, Place)> {
     all
 }
 
-/// A camera half way from each to its nearest neighbour that looks about the same way.
+/// A camera half way from each to its nearest neighbour with about the same axis.
 fn between(own: &[Camera]) -> Vec<Camera> {
     let mut pairs: Vec<[usize; 2]> = Vec::new();
     for (i, camera) in own.iter().enumerate() {

@@ -2,7 +2,8 @@
 
 use super::depth::{DepthView, Place};
 use super::raster::draw;
-use crate::surface::{CropBox, inside};
+use crate::crop::CropBox;
+use crate::surface::inside;
 use rayon::prelude::*;
 use scene_io::export::Mesh;
 

@@ -12,7 +12,7 @@ use scene_io::export::Mesh;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// A full step of colour is as bad as so many cells of distance.
+/// Cells of distance that are as bad as a full step of colour.
 const COLOUR: f64 = 2.0;
 /// Borders are held by planes across the surface of this weight.
 const WALL: f64 = 10.0;

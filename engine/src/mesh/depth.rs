@@ -168,7 +168,7 @@ impl DepthView {
         Vec3::new(x, y, 1.0).normalize()
     }
 
-    /// The pixel so many to the right and down.
+    /// The pixel at an offset to the right and down.
     fn beside(&self, i: usize, [right, down]: [i64; 2]) -> Option<usize> {
         let (w, h) = (i64::from(self.camera.width), i64::from(self.camera.height));
         let (x, y) = (i as i64 % w + right, i as i64 / w + down);
@@ -186,7 +186,7 @@ impl DepthView {
             let sides = [step, step.map(|s| -s)].map(|s| self.beside(i, s));
             match sides.map(|side| self.disparity(side)) {
                 [Some(a), Some(b)] => (a + b - 2.0 * own).abs() > EDGE * own,
-                // The border of the picture is no edge; what shows nothing is.
+                // The border of the picture is not an edge; what shows nothing is.
                 missing => sides.iter().zip(missing).any(|(side, d)| side.is_some() && d.is_none()),
             }
         })

@@ -1,4 +1,4 @@
-//! The surface where the fused distance passes zero, in cells that photos looked at and nowhere else.
+//! The surface where the fused distance passes zero, in cells that photos saw and nowhere else.
 
 use super::grid::{Block, Grid, SIDE};
 use glam::DVec3;
@@ -12,7 +12,7 @@ const MORE: usize = SIDE + 1;
 /// A cut edge: its lower sample, and along which axis.
 type Edge = ([usize; 3], usize);
 
-/// The open mesh of zero crossings; every sample of a cell must have been looked at by `photos` photos.
+/// The open mesh of zero crossings; every sample of a cell must have been seen by `photos` photos.
 pub(super) fn extract(grid: &Grid, photos: u8) -> Mesh {
     let patterns = cell_patterns();
     let found: Vec<Vec<[(Edge, DVec3); 3]>> =
@@ -64,7 +64,7 @@ fn of_block(grid: &Grid, block: &Block, photos: u8, patterns: &[Vec<[usize; 3]>]
     out
 }
 
-/// The distances of a block and of the samples next to it; NaN where too few looked.
+/// The distances of a block and of the samples next to it; NaN where too few photos saw it.
 fn with_next(grid: &Grid, block: &Block, photos: u8) -> Vec<f32> {
     let mut values = vec![f32::NAN; MORE * MORE * MORE];
     for part in 0..8_usize {

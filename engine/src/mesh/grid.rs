@@ -4,8 +4,8 @@
 //! blocks and samples are counted from the box's smallest corner.
 
 use super::depth::{DepthView, Place, known};
+use crate::crop::CropBox;
 use crate::halt::Halt;
-use crate::surface::CropBox;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -16,7 +16,7 @@ pub(super) const SIDE: usize = 8;
 pub(super) const VOLUME: usize = SIDE * SIDE * SIDE;
 /// Cells that the distance is known to, before and behind the surface.
 const REACH: f64 = 3.0;
-/// What a view that looks through says against one that shows a surface.
+/// Weight of a view that sees through a sample against one that shows a surface.
 const FREE_WEIGHT: f32 = 0.5;
 /// What a view between photos weighs.
 const BETWEEN_WEIGHT: f32 = 0.3;
@@ -63,7 +63,7 @@ pub(super) struct Block {
     pub(super) distance: Vec<f32>,
     /// Sum of weights.
     pub(super) weight: Vec<f32>,
-    /// Photos that looked at the sample.
+    /// Photos that saw the sample.
     pub(super) photos: Vec<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! Small holes that photos looked at are closed; what nobody looked at stays open.
+//! Small holes that photos saw are closed; what no photo saw stays open.
 
 use super::depth::{DepthView, Place};
 use super::smooth::relax;
@@ -26,7 +26,7 @@ pub(super) fn fill(mesh: &mut Mesh, views: &[DepthView], longest: f64, reach: f6
         // A crack a cell wide needs no witness.
         let crack = line.len() <= 8;
         if crack || views.iter().any(|view| view.place == Place::Photo && view.shows(middle, reach)) {
-            patch(mesh, &line, &at, (middle, length));
+            patch(mesh, &line, &at, middle, length);
             closed += 1;
         }
     }
@@ -35,7 +35,7 @@ pub(super) fn fill(mesh: &mut Mesh, views: &[DepthView], longest: f64, reach: f6
 }
 
 /// Rings from the loop to its middle.
-fn patch(mesh: &mut Mesh, line: &[u32], at: &[DVec3], (middle, length): (DVec3, f64)) {
+fn patch(mesh: &mut Mesh, line: &[u32], at: &[DVec3], middle: DVec3, length: f64) {
     let (n, edge) = (line.len(), length / line.len() as f64);
     let radius = at.iter().map(|x| x.distance(middle)).sum::<f64>() / n as f64;
     let rings = ((radius / edge) as usize).min(RINGS);

@@ -1,7 +1,7 @@
 //! Meshes and points out of pictures: any run and any cloud of Gaussians, by what it renders.
 //!
 //! Depth is rendered at the photos' cameras ([`cameras`], [`depth`]), the box that cameras agree on is found, distances to
-//! the surface are fused on a sparse grid, the surface is cut where photos looked, cleaned, smoothed, coloured and thinned
+//! the surface are fused on a sparse grid, the surface is cut where photos saw it, cleaned, smoothed, coloured and thinned
 //! out to as many triangles as wanted ([`fuse`]); what that left out is measured ([`coverage`]).
 //!
 //! Source of the fusion: Curless and Levoy, "A volumetric method for building complex models from range images", 1996.
@@ -21,10 +21,10 @@ mod region;
 mod smooth;
 mod topology;
 
+use crate::crop::CropBox;
 use crate::error::RunError;
 use crate::halt::Halt;
 use crate::render::Rendered;
-use crate::surface::CropBox;
 use coverage::Coverage;
 use depth::{DepthView, Place};
 use glam::{DVec3, Vec3};
@@ -34,12 +34,12 @@ use scene_io::export::Mesh;
 
 pub use points::seen_points;
 
-/// Photos that must have looked at a sample.
+/// Photos that must have seen a sample.
 const PHOTOS: u8 = 2;
 /// Cells along the longest side, at most and at least, where nothing is said.
 const MOST_CELLS: f64 = 1024.0;
 const LEAST_CELLS: f64 = 32.0;
-/// Blocks at most: 5 KB each. Where nothing is said, one for so many triangles wanted.
+/// Blocks at most, 5 KB each; and triangles wanted for each block where no number of blocks is given.
 const MOST_BLOCKS: usize = 150_000;
 const TRIANGLES_OF_A_BLOCK: usize = 6;
 const BLOCKS: [usize; 2] = [4_000, 40_000];
@@ -71,7 +71,7 @@ pub struct MeshOptions {
 pub struct Fused {
     /// With normals and colours; the scene's frame and unit.
     pub mesh: Mesh,
-    /// The box it was looked for in.
+    /// The box that was searched.
     pub crop: CropBox,
     /// Side of a cell, world units.
     pub cell: f64,
@@ -93,7 +93,7 @@ pub struct Fused {
 ///
 /// # Panics
 /// If a picture of `draw` lacks pixels.
-pub fn look(
+pub fn depth_views(
     draw: &Draw<'_>,
     photos: &[Camera],
     background: [f32; 3],
@@ -101,7 +101,7 @@ pub fn look(
 ) -> Result<Option<Vec<DepthView>>, RunError> {
     let all = cameras::around(photos);
     if all.is_empty() {
-        return Err(RunError::Option("there is no camera to look from: a mesh needs training views".into()));
+        return Err(RunError::Option("there is no camera to render depth from: a mesh needs training views".into()));
     }
     let mut views = Vec::with_capacity(all.len());
     for (i, (camera, place)) in all.iter().enumerate() {
@@ -128,7 +128,7 @@ pub fn seen_box(views: &[DepthView]) -> Option<CropBox> {
 /// [`RunError::Option`] where no view shows a surface inside the box, and where the grid would be too large.
 ///
 /// # Panics
-/// If a side of the box is no number, or its first corner is beyond the second.
+/// If a side of the box is not a number, or its first corner is beyond the second.
 pub fn fuse(views: &[DepthView], options: &MeshOptions, halt: &Halt) -> Result<Option<Fused>, RunError> {
     let agreed = region::Agreed::new(views, options.crop.as_ref());
     let nothing = || {
@@ -208,7 +208,7 @@ pub fn thin_out(mesh: &mut Mesh, triangles: usize, halt: &Halt) {
     }
 }
 
-/// As fine as wanted, unless that takes more blocks than so many triangles are worth.
+/// As fine as wanted, unless that takes more blocks than the triangles are worth.
 fn fitting(views: &[DepthView], crop: &CropBox, cell: f64, triangles: usize) -> (grid::Lattice, Vec<[usize; 3]>) {
     let most = (triangles / TRIANGLES_OF_A_BLOCK).clamp(BLOCKS[0], BLOCKS[1]);
     let mut cell = cell;
@@ -335,13 +335,13 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_taken_until_somebody_says_stop() {
+    fn pictures_are_taken_until_a_stop_is_asked_for() {
         let cameras = cameras::on_a_sphere(&optics(16), DVec3::ZERO, 4.0, 4);
         let trace = sphere(1.0);
         let draw = |camera: &Camera| Ok(exact(&trace, camera));
-        let views = look(&draw, &cameras, [0.0; 3], &mut |_, _| true).unwrap().unwrap();
+        let views = depth_views(&draw, &cameras, [0.0; 3], &mut |_, _| true).unwrap().unwrap();
         assert!(views.len() >= 4);
-        assert!(look(&draw, &cameras, [0.0; 3], &mut |done, _| done < 2).unwrap().is_none());
-        assert!(look(&draw, &[], [0.0; 3], &mut |_, _| true).is_err());
+        assert!(depth_views(&draw, &cameras, [0.0; 3], &mut |done, _| done < 2).unwrap().is_none());
+        assert!(depth_views(&draw, &[], [0.0; 3], &mut |_, _| true).is_err());
     }
 }

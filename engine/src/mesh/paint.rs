@@ -11,7 +11,7 @@ const ROUNDS: usize = 64;
 /// Of those that even then have none.
 const GREY: Vec3 = Vec3::splat(0.5);
 
-/// Mean colour of what the photos' views show within `reach` of each vertex, those that look straight at it first.
+/// Mean colour of what the photos' views show within `reach` of each vertex, those that face it first.
 /// sRGB, `0..=1`.
 pub(super) fn paint(mesh: &Mesh, views: &[DepthView], reach: f64) -> Vec<Vec3> {
     let photos: Vec<&DepthView> = views.iter().filter(|v| v.place == Place::Photo).collect();

@@ -1,7 +1,8 @@
 //! Points of the surface that cameras see.
 
 use super::depth::{DepthView, Place};
-use crate::surface::{CropBox, inside};
+use crate::crop::CropBox;
+use crate::surface::inside;
 use scene_io::export::PointCloud;
 
 /// About `count` coloured points with normals, inside `crop`: what evenly chosen pixels of the photos' views show, away from
@@ -17,7 +18,7 @@ pub fn seen_points(views: &[DepthView], crop: &CropBox, count: usize) -> PointCl
     };
     let there: usize = photos().map(|view| (0..view.len()).filter(|&i| wanted(view, i).is_some()).count()).sum();
     let mut cloud = PointCloud::default();
-    // Every so many of those that there are, counted through all views.
+    // Every n-th of those that there are, counted through all views.
     let (mut k, count) = (0, count.min(there));
     for view in photos() {
         for i in 0..view.len() {

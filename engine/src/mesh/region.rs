@@ -1,14 +1,14 @@
 //! The box that is worth a mesh: where the surface lies that several cameras agree on.
 
 use super::depth::{DepthView, Place, known};
-use crate::surface::CropBox;
+use crate::crop::CropBox;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::bounds::robust_box;
 
 /// Points that are asked about, about.
 const ASKED: usize = 40_000;
-/// Cameras that must agree on a point: so many, and this share of them all.
+/// Cameras that must agree on a point: this number, and this share of them all.
 const CAMERAS: usize = 3;
 const SHARE: f64 = 0.08;
 /// Depths agree within this share.

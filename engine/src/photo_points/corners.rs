@@ -9,7 +9,7 @@ const CELL: usize = 24;
 const LEAST: f32 = 6.0;
 /// Border without corners, pixels.
 const BORDER: usize = 10;
-/// A corner is the strongest place within so many pixels.
+/// A corner is the strongest place within this radius, pixels.
 const APART: usize = 2;
 
 /// Corners of a photo, the best of each cell first: pixels with centres at `+ 0.5`. At most `most`.

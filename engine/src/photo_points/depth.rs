@@ -3,15 +3,15 @@
 //! Each match of a corner says a depth. The one that most matches agree on is refined: the patch, taken for a small square that
 //! faces the corner's camera, is moved along the ray and compared with every photo that may see it.
 
-use super::Options;
 use super::matching::{Corner, Links};
+use super::options::Options;
 use super::patch::{Patch, ncc, patch};
 use super::photo::Photo;
 use super::triangulate::along_ray;
 use glam::{DMat2, DVec2, DVec3};
 use rayon::prelude::*;
 
-/// Matches agree where a point is seen within so many pixels of both corners.
+/// Matches agree where a point is seen this close to both corners, pixels.
 const AGREE: f64 = 2.0;
 /// Places tried along the ray to each side, and how far apart they are in the photo where that is farthest, pixels.
 const TRIED: usize = 5;
@@ -116,7 +116,7 @@ impl Finder<'_> {
         for _ in 0..=MOVES {
             let mut witnesses = self.witnesses(a, corner, t);
             let step = set_steps(&mut witnesses)?;
-            witnesses.iter_mut().for_each(|w| w.look(&self.photos[w.photo], &fronto));
+            witnesses.iter_mut().for_each(|w| w.compare(&self.photos[w.photo], &fronto));
             let place = best_place(&witnesses);
             let moved = |place: f64| 1.0 / (1.0 / t + place * step);
             if place.abs() >= TRIED as f64 {
@@ -224,7 +224,7 @@ fn set_steps(witnesses: &mut [Witness]) -> Option<f64> {
 
 impl Witness {
     /// Compare at all places of the range.
-    fn look(&mut self, photo: &Photo, with: &Patch) {
+    fn compare(&mut self, photo: &Photo, with: &Patch) {
         for (k, agreement) in self.agreement.iter_mut().enumerate() {
             let x = self.x + self.motion * (k as f64 - TRIED as f64);
             *agreement = patch(&photo.levels[0], 1.0, x, &self.turn).map_or(-1.0, |p| ncc(&p, with));

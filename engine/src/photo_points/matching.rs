@@ -11,13 +11,13 @@ use std::f64::consts::PI;
 const CODE: usize = 2 * SAMPLES;
 /// A code's number of 1; larger ones than 127 are cut.
 const CODE_UNIT: f32 = 400.0;
-/// Corners lie in a plane where they are off it by so many pixels at most: their own places are whole pixels.
+/// Corners lie in a plane where they are off it by this much at most, pixels: their own places are whole pixels.
 const OFF_PLANE: f64 = 1.5;
 /// Corners this close to the other camera are in all planes (sine of the angle).
 const EPIPOLE: f64 = 0.05;
-/// Parallax looked at, radians: rays may part a little, and patches of greater parallax are not alike.
+/// Largest parallax that is searched, radians: rays may part a little, and patches of greater parallax are not alike.
 const PARALLAX: [f64; 2] = [-0.002, 0.7];
-/// How alike two corners must be, and how much more so than any other pair that is so many pixels away: the share of what is
+/// How alike two corners must be, and how much more so than any other pair that is this far away in pixels: the share of what is
 /// missing to 1.
 const ALIKE: f32 = 0.70;
 const CLEARLY: f32 = 0.85;
@@ -226,7 +226,7 @@ impl Links {
         (photo, node - self.first[photo])
     }
 
-    fn node(&self, (photo, corner): (u32, u32)) -> usize {
+    fn node(&self, photo: u32, corner: u32) -> usize {
         self.first[photo as usize] + corner as usize
     }
 
@@ -241,8 +241,8 @@ impl Links {
             node
         }
         for node in 0..self.of.len() {
-            for &link in &self.of[node] {
-                let (a, b) = (root(&mut parent, node), root(&mut parent, self.node(link)));
+            for &(photo, corner) in &self.of[node] {
+                let (a, b) = (root(&mut parent, node), root(&mut parent, self.node(photo, corner)));
                 // The smaller number leads.
                 parent[a.max(b)] = a.min(b);
             }

@@ -7,7 +7,7 @@ use glam::{DMat2, DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Two points are one where most photos show them within so many pixels.
+/// Two points are one where most photos show them this close together, pixels.
 const SAME: f64 = 2.0;
 /// Agreement of a photo that shows a point.
 const SHOWN: f32 = 0.7;

@@ -1,7 +1,7 @@
 //! Sparse points from photos whose cameras are known, for datasets that come without any.
 //!
 //! ```text
-//! photos      grey, at most so many pixels a side, two levels
+//! photos      grey, at most `longest_side` pixels a side, two levels
 //! corners     places with texture in two directions, spread over each photo
 //! neighbours  photos that show the same from an angle that tells depth: from a first, coarse round of matches
 //! matches     corners of two photos in one plane with both cameras, alike, each the other's best
@@ -24,6 +24,7 @@ mod depth;
 mod matching;
 mod merge;
 mod neighbours;
+mod options;
 mod patch;
 mod photo;
 pub mod provide;
@@ -31,6 +32,7 @@ pub mod provide;
 mod tests;
 mod triangulate;
 
+pub use options::Options;
 pub use triangulate::{along_ray, nearest_to_rays};
 
 use crate::data::Dataset;
@@ -38,36 +40,6 @@ use matching::{Corner, Links};
 use photo::Photo;
 use rayon::prelude::*;
 use scene_io::{Point, SceneError};
-
-/// What finding points may cost, and what counts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    /// Photos are looked at with this longest side, pixels.
-    pub longest_side: u32,
-    /// Photos looked at, spread evenly over all.
-    pub photos: usize,
-    /// Corners of a photo, at most, and of all together: these are shared out evenly.
-    pub corners: usize,
-    /// See [`Options::corners`].
-    pub corners_in_all: usize,
-    /// Photos each photo is matched with.
-    pub neighbours: usize,
-    /// Widest parallax that a point must have, radians: less says little about depth.
-    pub least_angle: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            longest_side: 640,
-            photos: 300,
-            corners: 1500,
-            corners_in_all: 150_000,
-            neighbours: 8,
-            least_angle: 1.5_f64.to_radians(),
-        }
-    }
-}
 
 /// Points, and who sees them.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,4 +1,4 @@
-//! A photo as points are looked for in it: grey, small, at two levels, with its camera.
+//! A photo in which points are searched: grey, small, at two levels, with its camera.
 
 use crate::data::Dataset;
 use glam::{DVec2, DVec3};

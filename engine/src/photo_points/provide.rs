@@ -6,6 +6,7 @@
 use super::{Found, Options, Sighting, photo_points};
 use crate::data::Dataset;
 use crate::error::RunError;
+use crate::folder::PHOTO_POINTS;
 use crate::output::{Storage, write_file};
 use crate::progress::{Event, Observer};
 use crate::system::SystemError;
@@ -20,8 +21,6 @@ use std::time::Instant;
 pub const SETTING: &str = "photo_points";
 const AUTO: &str = "auto";
 const OFF: &str = "off";
-/// Where a run keeps them.
-pub(crate) const FILE: &str = "photo_points.safetensors";
 
 /// Take the setting out of `set`: `None` where it is not there.
 ///
@@ -50,8 +49,16 @@ pub(crate) fn may_help(scene: &Scene, train: &Dataset) -> bool {
     let drawn = matches!(scene.dialect, Dialect::Synthetic | Dialect::Blender);
     scene.points.is_empty()
         && !drawn
-        && train.moments() <= 1
+        && train.time_steps() <= 1
         && train.views().iter().filter(|v| v.level == 0).count() > 1
+}
+
+/// The views that points are given to.
+pub(crate) struct Sets<'a> {
+    /// Views trained on.
+    pub(crate) train: &'a mut Dataset,
+    /// Views held out.
+    pub(crate) held_out: &'a mut Dataset,
 }
 
 /// Points for a new run, written into its folder: in `scene`, its training frames and `train`, and those that `held_out` should see.
@@ -59,12 +66,12 @@ pub(crate) fn make(
     folder: &Path,
     storage: &dyn Storage,
     scene: &mut Scene,
-    (train, held_out): (&mut Dataset, &mut Dataset),
+    Sets { train, held_out }: Sets<'_>,
     observer: &mut dyn Observer,
 ) -> Result<(), RunError> {
     let begun = Instant::now();
     let found = photo_points(train, &Options::default())?;
-    write_file(storage, &folder.join(FILE), &encode(&found))?;
+    write_file(storage, &folder.join(PHOTO_POINTS), &encode(&found))?;
     let photos = found.tracks.iter().filter(|tracks| !tracks.is_empty()).count();
     let seconds = begun.elapsed().as_secs_f64();
     let line = match found.points.len() {
@@ -78,12 +85,8 @@ pub(crate) fn make(
 }
 
 /// The points of a run that was begun: those in its folder, or made again where they cannot be read: the same.
-pub(crate) fn again(
-    folder: &Path,
-    scene: &mut Scene,
-    (train, held_out): (&mut Dataset, &mut Dataset),
-) -> Result<(), RunError> {
-    let kept = std::fs::read(folder.join(FILE)).ok().and_then(|bytes| decode(&bytes, train.len()));
+pub(crate) fn again(folder: &Path, scene: &mut Scene, Sets { train, held_out }: Sets<'_>) -> Result<(), RunError> {
+    let kept = std::fs::read(folder.join(PHOTO_POINTS)).ok().and_then(|bytes| decode(&bytes, train.len()));
     let found = match kept {
         Some(found) => found,
         None => photo_points(train, &Options::default())?,

@@ -1,12 +1,16 @@
 //! `report.html`: one self-contained page about a run, made from the files of its folder.
 
+mod html;
 mod plot;
 mod sections;
+mod skips;
+mod views;
 mod wild;
 
 use crate::error::RunError;
 use crate::eval::Evaluation;
-use crate::eval::masks::{self, MaskTable};
+use crate::eval::masks::MaskTable;
+use crate::folder::{CONFIG, EVAL, MASKS, METRICS, REPORT};
 use crate::log;
 use crate::output::{Storage, write_file};
 use crate::summary::Summary;
@@ -14,12 +18,6 @@ use std::fs;
 use std::path::Path;
 
 pub use wild::AppearanceRow;
-
-/// Name in the run folder.
-pub const FILE: &str = "report.html";
-
-/// The animation that the page shows, in the run folder: a short way along the photos' cameras.
-pub const ANIMATION: &str = "animation.gif";
 
 /// What the page is made of.
 struct Sources {
@@ -38,8 +36,8 @@ struct Sources {
 /// # Errors
 /// [`RunError::Read`], [`RunError::Content`], [`RunError::Write`].
 pub fn write(storage: &dyn Storage, folder: &Path) -> Result<(), RunError> {
-    let metrics = folder.join("metrics.csv");
-    let eval = folder.join("eval.json");
+    let metrics = folder.join(METRICS);
+    let eval = folder.join(EVAL);
     let sources = Sources {
         summary: Summary::read(folder)?,
         rows: if metrics.exists() { log::read(&metrics)? } else { Vec::new() },
@@ -50,30 +48,30 @@ pub fn write(storage: &dyn Storage, folder: &Path) -> Result<(), RunError> {
             ),
             Err(_) => None,
         },
-        config: fs::read_to_string(folder.join("config.toml")).unwrap_or_default(),
+        config: fs::read_to_string(folder.join(CONFIG)).unwrap_or_default(),
         appearance: AppearanceRow::read(folder)?,
-        masks: MaskTable::read(&folder.join(masks::FOLDER))?,
+        masks: MaskTable::read(&folder.join(MASKS))?,
     };
-    write_file(storage, &folder.join(FILE), page(&sources, folder).as_bytes())
+    write_file(storage, &folder.join(REPORT), page(&sources, folder).as_bytes())
 }
 
 fn page(sources: &Sources, folder: &Path) -> String {
     let s = &sources.summary;
-    let title = escape(&format!("{} · {}", s.scene.name, s.system));
+    let title = html::escape(&format!("{} · {}", s.scene.name, s.system));
     let body = [
         sections::heading(s),
         sections::cards(s, sources.evaluation.as_ref()),
         sections::animation(folder),
         sections::curves(&sources.rows),
-        sources.evaluation.as_ref().map(|e| sections::pictures(e, folder)).unwrap_or_default(),
-        sources.evaluation.as_ref().map(sections::scores).unwrap_or_default(),
+        sources.evaluation.as_ref().map(|e| views::pictures(e, folder)).unwrap_or_default(),
+        sources.evaluation.as_ref().map(views::scores).unwrap_or_default(),
         sources.appearance.as_ref().map(|row| wild::appearance(row, folder)).unwrap_or_default(),
         sources.masks.as_ref().map(|table| wild::masks(table, folder)).unwrap_or_default(),
         sections::plan(s),
         sections::held_out(s, sources.evaluation.as_ref()),
-        sections::folded(
+        html::folded(
             "For experts: time, memory, what was skipped, configuration",
-            &[sections::costs(s), sections::skips(s, sources.evaluation.as_ref()), sections::config(&sources.config)],
+            &[sections::costs(s), skips::skips(s, sources.evaluation.as_ref()), sections::config(&sources.config)],
         ),
     ];
     format!(
@@ -83,9 +81,4 @@ fn page(sources: &Sources, folder: &Path) -> String {
         include_str!("style.css"),
         body.concat()
     )
-}
-
-/// Text for HTML.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

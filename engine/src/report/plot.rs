@@ -51,8 +51,15 @@ pub(super) fn plot(title: &str, unit: &str, scale: Scale, curves: &[Curve]) -> O
     let (low, high) = (low - margin, high + margin);
 
     let mut svg = String::new();
-    draw(&mut svg, title, unit, scale, (end, low, high), &curves)?;
+    draw(&mut svg, title, unit, scale, &Range { end, low, high }, &curves)?;
     Some(svg)
+}
+
+/// What the axes hold: training seconds from 0 to `end`, values from `low` to `high`.
+struct Range {
+    end: f64,
+    low: f64,
+    high: f64,
 }
 
 fn draw(
@@ -60,9 +67,10 @@ fn draw(
     title: &str,
     unit: &str,
     scale: Scale,
-    (end, low, high): (f64, f64, f64),
+    range: &Range,
     curves: &[(&Curve, Vec<(f64, f64)>)],
 ) -> Option<()> {
+    let Range { end, low, high } = *range;
     let root: DrawingArea<SVGBackend<'_>, Shift> = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     let font = |size: i32| ("sans-serif", size).into_font().color(&GREY);
     let mut chart = ChartBuilder::on(&root)

@@ -1,9 +1,9 @@
-//! What photos from the wild have besides: lights and passers-by.
+//! What a run on photos from the wild shows besides: appearances, and masks of occluders.
 
-use super::escape;
-use super::sections::{figure, number};
+use super::html::{escape, figure, number};
 use crate::error::RunError;
-use crate::eval::masks::{self, MaskTable, PhotoMask, SIDE_BY_SIDE, Scores};
+use crate::eval::masks::{MaskTable, PhotoMask, SIDE_BY_SIDE, Scores};
+use crate::folder::{APPEARANCE, MASKS};
 use crate::output::read_json;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -12,18 +12,18 @@ use std::path::Path;
 /// Photos whose masks are in the page; all are in `masks/`.
 const SHOWN: usize = 6;
 
-/// One view in several lights: the content of `appearance/appearance.json`.
+/// One view in several appearances: the content of `appearance/appearance.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AppearanceRow {
     /// Name of the view that is shown.
     pub view: String,
-    /// Whose light, and the picture's file beside this one.
+    /// The photo whose appearance it is, and the picture's file beside this one.
     pub pictures: Vec<(String, String)>,
 }
 
 impl AppearanceRow {
     /// Folder in the run.
-    pub const FOLDER: &'static str = "appearance";
+    pub const FOLDER: &'static str = APPEARANCE;
     /// Name in that folder.
     pub const FILE: &'static str = "appearance.json";
 
@@ -36,19 +36,21 @@ impl AppearanceRow {
     }
 }
 
-/// One view in the light of several photos.
+/// One view in the appearance of several photos.
 pub(super) fn appearance(row: &AppearanceRow, folder: &Path) -> String {
     let folder = folder.join(AppearanceRow::FOLDER);
     let figures: String = row
         .pictures
         .iter()
-        .filter_map(|(name, file)| figure(&folder.join(file), name, &format!("{} in the light of {name}", row.view)))
+        .filter_map(|(name, file)| {
+            figure(&folder.join(file), name, &format!("{} in the appearance of {name}", row.view))
+        })
         .collect();
     if figures.is_empty() {
         return figures;
     }
     format!(
-        "<h2>Appearance</h2>\n<div class=\"panel view\"><h3>{}<span>in the light of training photos</span></h3>\
+        "<h2>Appearance</h2>\n<div class=\"panel view\"><h3>{}<span>in the appearance of training photos</span></h3>\
          <div class=\"strip\">{figures}</div></div>\n",
         escape(&row.view)
     )
@@ -56,7 +58,7 @@ pub(super) fn appearance(row: &AppearanceRow, folder: &Path) -> String {
 
 /// What was taken for static.
 pub(super) fn masks(table: &MaskTable, folder: &Path) -> String {
-    let folder = folder.join(masks::FOLDER).join(SIDE_BY_SIDE);
+    let folder = folder.join(MASKS).join(SIDE_BY_SIDE);
     let every = table.views.len().div_ceil(SHOWN).max(1);
     let figures: String = table
         .views

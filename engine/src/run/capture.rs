@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use scene_io::capture::{Thumb, find_problems, without_pictures};
 use scene_io::{Problem, Scene, SceneError};
 
-/// Findings about the training photos. Photos that do not fit in memory at one time are not looked at.
+/// Findings about the training photos. Pictures are not examined where they do not fit in memory at one time.
 pub(super) fn problems(scene: &Scene, train: &Dataset) -> Result<Vec<Problem>, RunError> {
     if !train.fits() {
         return Ok(without_pictures(scene));

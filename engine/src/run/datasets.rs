@@ -1,19 +1,16 @@
 //! The views of a run: those trained on and those held out.
 //!
-//! Measured are the test views; with `--validation` the views that it takes from those trained on, and then nothing looks at a
+//! Measured are the test views; with `--validation` the views that it takes from those trained on, and then nothing reads a
 //! test view. Every file about a split is written before the first step.
 
-use super::home::HELD_OUT;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::eval::Measured;
+use crate::folder::{HELD_OUT, VALIDATION};
 use crate::options::DataOptions;
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::path::Path;
 use std::sync::Arc;
-
-/// Names of the frames that `--validation` holds out.
-pub(super) const VALIDATION: &str = "validation.txt";
 
 /// The files that say which frames are held out: names and content.
 pub(super) fn name_files(

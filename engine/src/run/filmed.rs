@@ -3,10 +3,11 @@
 use super::Run;
 use crate::camera_path::{Film, PathKind, Sight, film};
 use crate::error::RunError;
+use crate::folder::ANIMATION;
 use crate::output::write_file;
 use crate::picture::{colour, gif_bytes, limited};
 use crate::render::render;
-use crate::report::{self, ANIMATION};
+use crate::report;
 use crate::system::Query;
 use crate::time_path::TimePath;
 use crate::train::Reason;
@@ -38,8 +39,8 @@ impl Run<'_> {
             true => Err(RunError::Option("stopped".into())),
             false => Ok(render(self.system.as_ref(), camera, &Query { time, ..query.clone() })),
         };
-        let found = Sight::new(&self.train, &draw)
-            .and_then(|sight| film(path, (&self.scene, &self.train), frames, time, &sight));
+        let found =
+            Sight::new(&self.train, &draw).and_then(|sight| film(path, &self.scene, &self.train, frames, time, &sight));
         if stop.load(Ordering::Relaxed) { Ok(None) } else { found.map(Some) }
     }
 }
@@ -87,7 +88,7 @@ impl Run<'_> {
         if small > LONGEST_SECONDS || small + seconds(SIDE) * FRAMES as f64 > LONGEST_SECONDS {
             return Ok(());
         }
-        let whole = if self.train.moments() > 1 { TimePath::WHOLE } else { TimePath::START };
+        let whole = if self.train.time_steps() > 1 { TimePath::WHOLE } else { TimePath::START };
         let Some(film) = self.film(None, Some(FRAMES), whole, stop)? else { return Ok(()) };
         let mut pictures = Vec::with_capacity(film.cameras.len());
         for (i, camera) in film.cameras.iter().enumerate() {

@@ -1,13 +1,14 @@
 //! What the training loop asks of a run: measure, save, say how far it is.
 
 use super::keeper::Keeper;
-use super::measured::measure_and_write;
+use super::measure::measure_and_write;
 use crate::checkpoint;
 use crate::error::RunError;
 use crate::eval::{Evaluation, Measures, Terms, evaluate};
-use crate::progress::{Event, Meter, Observer};
+use crate::folder::Place;
+use crate::progress::{Event, Meter, Observer, Progress, Reached};
 use crate::system::System;
-use crate::train::{Host, Occasion, Progress, Saved};
+use crate::train::{Host, Occasion, Saved};
 use std::ops::ControlFlow;
 
 /// Connects the training loop to the folder and the observer.
@@ -21,7 +22,7 @@ pub(super) struct RunHost<'r> {
 }
 
 impl Host for RunHost<'_> {
-    fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError> {
+    fn evaluate(&mut self, system: &dyn System, at: Reached, occasion: Occasion) -> Result<Option<f64>, RunError> {
         let held_out = self.keeper.held_out;
         if held_out.is_empty() {
             return Ok(None);
@@ -43,8 +44,9 @@ impl Host for RunHost<'_> {
             }
             Occasion::End => {
                 self.keeper.keep_up(system, at, self.observer)?;
-                let place = (self.keeper.storage, self.keeper.folder, self.keeper.home);
-                let measured = measure_and_write(place, (system, held_out), &self.terms, at, self.observer)?;
+                let Keeper { storage, folder, home, .. } = self.keeper;
+                let place = Place { storage, folder, home };
+                let measured = measure_and_write(place, system, held_out, &self.terms, at, self.observer)?;
                 let (psnr, stopped) = (measured.psnr, measured.stopped);
                 self.evaluation = Some(measured);
                 if stopped {
@@ -53,11 +55,11 @@ impl Host for RunHost<'_> {
                 psnr
             }
         };
-        self.observer.event(Event::Evaluated { step: at.0, seconds: at.1, psnr });
+        self.observer.event(Event::Evaluated { step: at.step, seconds: at.seconds, psnr });
         Ok(psnr)
     }
 
-    fn save(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Saved, RunError> {
+    fn save(&mut self, system: &dyn System, at: Reached, occasion: Occasion) -> Result<Saved, RunError> {
         if occasion == Occasion::End {
             self.keeper.insist(system, at, self.observer)?;
             return Ok(Saved::Written);

@@ -1,18 +1,16 @@
 //! Keeps a training on the disk: its folder, its first files, its checkpoints.
 
 use super::datasets::name_files;
-use super::home::Home;
-use super::lock::FolderLock;
 use super::patience::insist;
-use super::place;
+use super::planned;
 use crate::checkpoint;
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::options::RunConfig;
+use crate::folder::{CONFIG, FolderLock, Home};
+use crate::options::{RunConfig, Schedule};
 use crate::output::Storage;
-use crate::progress::{Event, Observer};
+use crate::progress::{Event, Observer, Reached};
 use crate::system::System;
-use crate::train::Schedule;
 use scene_io::Scene;
 use std::path::Path;
 
@@ -37,7 +35,7 @@ pub(super) fn first_files(
 ) -> Result<Vec<(&'static str, String)>, RunError> {
     let text = toml::to_string_pretty(config)
         .map_err(|e| RunError::Option(format!("the configuration cannot be written as TOML: {e}")))?;
-    let mut files = vec![(place::CONFIG, text)];
+    let mut files = vec![(CONFIG, text)];
     files.extend(name_files(scene, &config.data, held_out)?);
     Ok(files)
 }
@@ -49,19 +47,23 @@ impl Keeper<'_> {
             return Ok(false);
         }
         let files = first_files(self.config, self.scene, self.held_out)?;
-        self.home.restore(self.lock, self.storage, &files, self.schedule, observer)
+        let was_gone = self.home.restore(self.lock, self.storage, &files, observer)?;
+        if was_gone {
+            planned::write(self.storage, self.folder, self.schedule, observer);
+        }
+        Ok(was_gone)
     }
 
     /// One try to write a checkpoint.
     pub(super) fn save(
         &mut self,
         system: &dyn System,
-        at: (u64, f64),
+        at: Reached,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
         self.settle(observer)?;
         let path = checkpoint::save(self.storage, self.folder, system, at, self.config, self.dataset)?;
-        observer.event(Event::Saved { step: at.0, path: &path });
+        observer.event(Event::Saved { step: at.step, path: &path });
         Ok(())
     }
 
@@ -69,7 +71,7 @@ impl Keeper<'_> {
     pub(super) fn insist(
         &mut self,
         system: &dyn System,
-        at: (u64, f64),
+        at: Reached,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
         insist(self.schedule.disk_wait, observer, |observer| self.save(system, at, observer))
@@ -79,11 +81,11 @@ impl Keeper<'_> {
     pub(super) fn keep_up(
         &mut self,
         system: &dyn System,
-        at: (u64, f64),
+        at: Reached,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
         // A run that never wrote a checkpoint has none to lose.
-        match !self.home.stands() && at.0 > 0 {
+        match !self.home.stands() && at.step > 0 {
             true => self.insist(system, at, observer),
             false => Ok(()),
         }

@@ -11,7 +11,7 @@ use losses::heuristics::{Extent, take_component};
 use rayon::prelude::*;
 use scene_io::{BitMask, Frame, MaskPolarity, Scene, SceneError, Split};
 
-/// Longest side of a mask that is looked at, pixels.
+/// Longest side of a mask when it is examined, pixels.
 const SIDE: u32 = 64;
 /// Masks leave so much of the photos at most.
 const LEFT: f64 = 0.5;
@@ -57,7 +57,7 @@ pub fn mask_meaning(scene: &Scene, left: Option<f64>, said: Option<&str>) -> Res
     if alike as f64 >= MOST * of as f64 && enough {
         return Ok(MaskMeaning::Object(format!(
             "masks: taken for an OBJECT with nothing around it (white is one thing at one place in {alike} of {of} photos, and \
-             {ignored:.0} % are black): `--mask-white used` where black only means not to look"
+             {ignored:.0} % are black): `--mask-white used` where black only means to ignore"
         )));
     }
     Ok(MaskMeaning::Sparse(format!(

@@ -1,31 +1,19 @@
 //! The held-out views of a run, measured and written down.
 
 use super::Run;
-use super::home::Home;
-use super::kept::{self, KeptViews, PICTURES};
-use super::lock::FolderLock;
-use crate::data::Dataset;
+use super::kept;
+use super::measure::measure_and_write;
 use crate::error::RunError;
-use crate::eval::{
-    EvalAppearance, Evaluation, Known, Measures, Protocol, Terms, ViewScore, evaluate_from, need_halves,
-};
-use crate::eval_scales::{ScaleTable, evaluate_scales};
-use crate::names::stem;
-use crate::output::{Storage, make_folder, note_unwritten, write_file};
-use crate::picture::{depth, depth_range, error_map, write_png};
-use crate::progress::{Meter, Observer};
+use crate::eval::scales::{ScaleTable, evaluate_scales};
+use crate::eval::{Evaluation, Measures, Protocol, Terms, need_halves};
+use crate::folder::{FolderLock, Place, SUMMARY};
+use crate::options::EvalAppearance;
+use crate::output::note_unwritten;
+use crate::progress::{Observer, Reached};
 use crate::render::plain_query;
 use crate::report;
-use crate::skips;
-use crate::summary::Summary;
-use crate::system::{Query, System};
+use crate::system::Query;
 use losses::metrics::Lpips;
-use std::cell::RefCell;
-use std::ops::ControlFlow;
-use std::path::Path;
-
-/// The scores, in the run folder.
-const EVAL: &str = "eval.json";
 
 impl Run<'_> {
     /// Measure the held-out views of the run as it stands; writes `eval.json`, `eval.csv`, `renders/` and the report. Where
@@ -33,17 +21,18 @@ impl Run<'_> {
     /// on from there. What cannot be written is in [`Evaluation::unwritten`]: the scores come back nevertheless.
     ///
     /// # Errors
-    /// [`RunError::Option`] without held-out views or for a light that the system has not, [`RunError::Busy`], unreadable
+    /// [`RunError::Option`] without held-out views or for an appearance that the system does not have, [`RunError::Busy`], unreadable
     /// images, unwritable files.
     pub fn evaluate(&self, lpips: Option<&Lpips>, observer: &mut dyn Observer) -> Result<Evaluation, RunError> {
         self.need_held_out()?;
         let _lock = self.lock_if_writable(observer)?;
         let (protocol, query) = self.protocol()?;
         let mut evaluation = measure_and_write(
-            (self.parts.storage, &self.folder, &self.home),
-            (self.system.as_ref(), &self.held_out),
-            &self.terms((&protocol, &query), Measures::All(lpips)),
-            (self.step, self.seconds),
+            self.place(),
+            self.system.as_ref(),
+            &self.held_out,
+            &self.terms(&protocol, &query, Measures::All(lpips)),
+            self.reached(),
             observer,
         )?;
         if evaluation.stopped {
@@ -55,7 +44,7 @@ impl Run<'_> {
                 kept::forget(&self.folder);
             }
             let mut rest = || -> Result<(), RunError> {
-                if !self.folder.join(Summary::FILE).exists() {
+                if !self.folder.join(SUMMARY).exists() {
                     self.write_summary()?;
                 }
                 self.write_showcase(observer)?;
@@ -76,10 +65,9 @@ impl Run<'_> {
     pub fn evaluate_scales(&self, scales: u32, observer: &mut dyn Observer) -> Result<ScaleTable, RunError> {
         self.need_held_out()?;
         let _lock = self.lock_if_writable(observer)?;
-        let place = (self.parts.storage, self.folder.as_path(), &self.home);
         let (protocol, query) = self.protocol()?;
-        let terms = self.terms((&protocol, &query), Measures::All(None));
-        evaluate_scales(place, self.system.as_ref(), &self.held_out, &terms, scales, observer)
+        let terms = self.terms(&protocol, &query, Measures::All(None));
+        evaluate_scales(self.place(), self.system.as_ref(), &self.held_out, &terms, scales, observer)
     }
 
     /// As [`Run::write_lock`]; none where nothing can be written, so that there is no other writer.
@@ -104,20 +92,29 @@ impl Run<'_> {
         self.error_budget = error_budget.unwrap_or(self.config.error_budget);
     }
 
-    /// Measure held-out views in another light than the run's; the configuration stays the run's.
+    /// Measure held-out views in another appearance than the run's; the configuration stays the run's.
     pub fn measure_in(&mut self, appearance: Option<EvalAppearance>) {
         self.eval_appearance = appearance.or_else(|| self.config.eval_appearance.clone());
     }
 
-    /// How views are rendered where nothing else is said: in the mean of all lights, until a stop is asked for.
+    fn place(&self) -> Place<'_> {
+        Place { storage: self.parts.storage, folder: &self.folder, home: &self.home }
+    }
+
+    /// How far the training is.
+    pub(super) fn reached(&self) -> Reached {
+        Reached { step: self.step, seconds: self.seconds }
+    }
+
+    /// How views are rendered where nothing else is said: in the mean appearance, until a stop is asked for.
     pub fn query(&self) -> Query {
         Query { halt: self.halt.clone(), ..plain_query(self.config.background.colour(), self.error_budget) }
     }
 
-    /// In which light held-out views are measured, and how they are rendered.
+    /// In which appearance held-out views are measured, and how they are rendered.
     ///
     /// # Errors
-    /// [`RunError::Option`] for a light that the system has not, and for views too narrow for it.
+    /// [`RunError::Option`] for an appearance that the system does not have, and for views too narrow for it.
     pub(super) fn protocol(&self) -> Result<(Protocol, Query), RunError> {
         let system = self.system.as_ref();
         let protocol = Protocol::new(self.eval_appearance.as_ref(), system, &self.train)?;
@@ -126,68 +123,7 @@ impl Run<'_> {
         Ok((protocol, query))
     }
 
-    pub(super) fn terms<'t>(&self, light: (&'t Protocol, &'t Query), measures: Measures<'t>) -> Terms<'t> {
-        Terms { protocol: light.0, query: light.1, measures, seed: self.config.seed }
+    pub(super) fn terms<'t>(&self, protocol: &'t Protocol, query: &'t Query, measures: Measures<'t>) -> Terms<'t> {
+        Terms { protocol, query, measures, seed: self.config.seed }
     }
-}
-
-/// All metrics of all held-out views, with their pictures, on disk. Where the observer asks to stop, the pictures alone, and the
-/// scores of these views for the next time. A file that cannot be written is no reason to have no scores.
-pub(super) fn measure_and_write(
-    (storage, folder, home): (&dyn Storage, &Path, &Home),
-    (system, data): (&dyn System, &Dataset),
-    terms: &Terms<'_>,
-    at: (u64, f64),
-    observer: &mut dyn Observer,
-) -> Result<Evaluation, RunError> {
-    let renders = folder.join("renders");
-    let mut unwritten = Vec::new();
-    note_unwritten(home.guard(|| make_folder(&renders)), &mut unwritten)?;
-    let stems: Vec<String> =
-        data.views().iter().enumerate().map(|(i, v)| format!("{i:03}_{}", stem(&v.name))).collect();
-    let kept = RefCell::new(KeptViews::of(folder, at.0, terms));
-    let known = |index: usize| kept.borrow().view(index, &renders, &stems[index]);
-    let mut meter = Meter::new("held-out view", data.len());
-    let mut evaluation = evaluate_from(system, data, terms, at, &known, |seen| {
-        let stem = &stems[seen.index];
-        let [depth_image, error] =
-            [depth(seen.rendered, depth_range(&[seen.rendered])), error_map(seen.picture, seen.truth)];
-        let pictures = PICTURES.into_iter().zip([seen.picture, seen.truth, &error, &depth_image]);
-        let written = pictures.into_iter().try_for_each(|(ending, picture)| {
-            let path = renders.join(format!("{stem}{ending}.png"));
-            home.guard(|| {
-                write_png(storage, &path, picture).or_else(|_| {
-                    // The folder may have gone.
-                    make_folder(&renders)?;
-                    write_png(storage, &path, picture)
-                })
-            })
-        });
-        let known = || Known {
-            score: ViewScore { files: Some(stem.clone()), ..seen.score.clone() },
-            notes: seen.notes.to_vec(),
-        };
-        let written = written.and_then(|()| kept.borrow_mut().keep(storage, seen.index, known()));
-        note_unwritten(written, &mut unwritten)?;
-        meter.reach(seen.index + 1, observer);
-        Ok(if observer.stop_asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    })?;
-    for (score, stem) in evaluation.views.iter_mut().zip(stems) {
-        score.files = Some(stem);
-    }
-    if evaluation.left == 0 {
-        evaluation.skips = skips::measure(system, data, terms.query);
-        evaluation.stopped = terms.query.halt.raised();
-    }
-    if !evaluation.stopped {
-        let scores = [(EVAL, evaluation.json()), ("eval.csv", evaluation.csv())];
-        for (name, text) in scores {
-            let before = unwritten.len();
-            let written = home.guard(|| write_file(storage, &folder.join(name), text.as_bytes()));
-            note_unwritten(written, &mut unwritten)?;
-            evaluation.written |= name == EVAL && unwritten.len() == before;
-        }
-    }
-    evaluation.unwritten = unwritten;
-    Ok(evaluation)
 }

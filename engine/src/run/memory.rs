@@ -107,7 +107,7 @@ impl Run<'_> {
             photos,
             held_out: self.held_out.memory_bytes().min(self.config.data.image_bytes().saturating_sub(photos)),
             pixels: most_pixels(&self.held_out),
-            looked: 0,
+            prepass: 0,
             lpips: request.lpips,
             system: system.memory_bytes() as u64,
             growth: system.growth_bytes() as u64,
@@ -125,9 +125,9 @@ impl Run<'_> {
     fn by_rehearsal(&self, request: &Request) -> Result<ExpectedMemory, RunError> {
         self.train.decode()?;
         let (mut copy, _) = self.build()?;
-        let looks = rehearse(copy.as_mut(), &self.train, request.stop, &self.halt);
+        let has_prepass = rehearse(copy.as_mut(), &self.train, request.stop, &self.halt);
         let mut needs = self.needs(request, copy.as_ref());
-        needs.looked = if looks { most_pixels(&self.train) } else { 0 };
+        needs.prepass = if has_prepass { most_pixels(&self.train) } else { 0 };
         let peak = resident_bytes().map_or(2 * needs.system + needs.photos, |held| held.peak);
         Ok(ExpectedMemory::by_rehearsal(&needs, peak))
     }

@@ -1,14 +1,13 @@
 //! When a training stops and what it does on the way: `schedule.json`. No part of what determines the result, but what
 //! `--resume` goes on with, and what those who watch from outside read.
 
+use crate::folder::SCHEDULE;
+use crate::options::{Schedule, Stop};
 use crate::output::{Storage, write_file};
 use crate::progress::{Event, Observer};
-use crate::train::{Schedule, Stop};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
-
-pub(super) const FILE: &str = "schedule.json";
 
 /// What the file says; what is absent was not asked for.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -40,7 +39,7 @@ pub(super) fn write(storage: &dyn Storage, folder: &Path, schedule: &Schedule, o
         eval_every: schedule.eval_every,
         checkpoint_seconds: Some(schedule.checkpoint_every.as_secs_f64()),
     };
-    let path = folder.join(FILE);
+    let path = folder.join(SCHEDULE);
     let text = serde_json::to_vec(&said).unwrap_or_default();
     if let Err(e) = write_file(storage, &path, &text) {
         let line = format!("{e}: if this run is interrupted, give `--resume` its `--steps` or `--seconds` again");
@@ -51,7 +50,7 @@ pub(super) fn write(storage: &dyn Storage, folder: &Path, schedule: &Schedule, o
 /// The schedule of the last training in a run folder; `None` where nothing says when it was to stop.
 #[must_use]
 pub fn planned_schedule(folder: &Path) -> Option<Schedule> {
-    let said: Said = serde_json::from_slice(&std::fs::read(folder.join(FILE)).ok()?).ok()?;
+    let said: Said = serde_json::from_slice(&std::fs::read(folder.join(SCHEDULE)).ok()?).ok()?;
     let positive = |x: &f64| x.is_finite() && *x > 0.0;
     let stop = said.steps.map(Stop::Steps).or(said.seconds.filter(positive).map(Stop::Seconds))?;
     let plain = Schedule::new(stop);
@@ -96,7 +95,7 @@ mod tests {
             assert_eq!(planned_stop(folder.path()), Some(stop));
         }
         for nonsense in ["", "[]", "{}", r#"{"steps": "many"}"#, r#"{"seconds": -1}"#] {
-            std::fs::write(folder.path().join(FILE), nonsense).unwrap();
+            std::fs::write(folder.path().join(SCHEDULE), nonsense).unwrap();
             assert_eq!(planned_stop(folder.path()), None, "{nonsense}");
         }
     }
@@ -104,7 +103,7 @@ mod tests {
     #[test]
     fn a_file_that_says_the_stop_alone_is_read() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join(FILE), r#"{"seconds":300.0}"#).unwrap();
+        std::fs::write(folder.path().join(SCHEDULE), r#"{"seconds":300.0}"#).unwrap();
         assert_eq!(planned_schedule(folder.path()), Some(Schedule::new(Stop::Seconds(300.0))));
     }
 

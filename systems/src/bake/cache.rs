@@ -12,7 +12,7 @@ use splat_core::{Gaussians, MAX_DEGREE, RasterSettings, Widening};
 use std::path::Path;
 
 /// Name of the file in the run folder.
-pub use engine::run::BAKED as FILE;
+pub use engine::folder::BAKED as FILE;
 
 /// Changes whenever a bake of the same checkpoint gives something else.
 const VERSION: u64 = 1;

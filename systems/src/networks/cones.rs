@@ -86,7 +86,8 @@ pub(crate) fn render_tiles<S: Default>(
 pub(crate) fn missed_row(missed: u64, cast: u64) -> SkipRow {
     SkipRow::counted(
         "training: rays that miss the scene's box or are masked",
-        (missed, cast),
+        missed,
+        cast,
         "rays",
         "0: nothing is there to sample".into(),
     )

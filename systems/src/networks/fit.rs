@@ -6,8 +6,9 @@
 //! these, so a step of the fit costs a few hundred operations a sample.
 
 use super::network::Seen;
+use super::recipe::Recipe;
 use super::samples::{Level, Tile};
-use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
+use super::two_level::{TwoLevel, TwoLevelOps, recorded};
 use crate::networks::cones::TILE;
 use crate::space::InternalRay;
 use engine::system::{Appearance, Fit, System};

@@ -17,6 +17,7 @@ mod samples;
 mod step;
 mod survey;
 mod trained;
+mod two_level;
 
 pub use network::NetworkConfig;
 pub(crate) use network::refuse;
@@ -24,169 +25,15 @@ pub use recipe::Recipe;
 pub(crate) use samples::ray_random;
 pub use samples::{Level, Tile};
 
-use crate::left_out::LeftOut;
-use crate::method::{Method, Pixel};
-use crate::space::Space;
 use crate::survey::Surveys;
 pub use cones::Footprint;
 use engine::canonical::add_canonical;
 use engine::data::Dataset;
-use engine::memory::room_for;
-use engine::options::Background;
 use engine::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
-use field_core::rng::Rng;
-use field_core::tape::TapeError;
-use float_core::Simd;
-use head::Head;
-use network::{Ops, PackedNetwork, Shapes};
-use parts::Part;
 use render_core::ray::Ray;
-use step::{Chunk, Inputs};
 pub(crate) use trained::Trained;
-
-/// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
-const CHUNKS: usize = 8;
-/// Stream of random numbers.
-const INIT: u64 = 0x6e65_7266;
-
-/// A system made by a recipe.
-pub struct TwoLevel<R: Recipe> {
-    config: R,
-    seed: u64,
-    background: Background,
-    space: Space,
-    shapes: Shapes<R::Position>,
-    /// What one photo alone shows; only where a method asks.
-    head: Option<Head>,
-    /// What else the loss depends on; `None`: the photos show the scene as it is.
-    method: Option<Box<dyn Method>>,
-    /// Coarse network, then fine; or one for both. Then the head's.
-    trained: Trained,
-    packed: Vec<PackedNetwork>,
-    inputs: Inputs,
-    chunks: Vec<Chunk>,
-    grad: Vec<f32>,
-    /// All pixels of the batch as they were rendered; only where a method asks.
-    seen: Vec<Pixel>,
-    seconds: [f64; 3],
-    missed: u64,
-    cast: u64,
-    /// Training pixels that were not rendered.
-    left_out: LeftOut,
-}
-
-/// The tape operations of both levels and of the head.
-struct TwoLevelOps<'a, P> {
-    levels: [Ops<'a, P>; 2],
-    head: Option<Part<'a>>,
-}
-
-impl<R: Recipe> TwoLevel<R> {
-    /// New networks for a space.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] for settings that cannot work.
-    pub fn new(config: R, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
-        Self::with_method(config, space, background, seed, None)
-    }
-
-    /// New networks that learn what a method says. The colour of both levels sees the photo's appearance code; the transient
-    /// part is the fine level's alone.
-    ///
-    /// # Errors
-    /// As [`TwoLevel::new`].
-    pub fn with_method(
-        config: R,
-        space: Space,
-        background: Background,
-        seed: u64,
-        method: Option<Box<dyn Method>>,
-    ) -> Result<Self, SystemError> {
-        config.check()?;
-        let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
-        let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
-        let shapes = Shapes::new(&config.network()?, appearance.unwrap_or(0))?;
-        let n = shapes.param_count();
-        let head = transient.map(|dims| Head::new(shapes.width(), dims, n, config.mixture())).transpose()?;
-        let networks = R::NETWORKS * n;
-        let total = networks + head.as_ref().map_or(0, Head::param_count);
-        room_for("width", shapes.width(), total)?;
-        let mut params = vec![0.0; total];
-        let rng = Rng::new(seed, INIT);
-        for (i, params) in params[..networks].chunks_exact_mut(n).enumerate() {
-            shapes.init(rng.substream(i as u64), params);
-        }
-        if let Some(head) = &head {
-            head.init(rng.substream(R::NETWORKS as u64), &mut params[networks..]);
-        }
-        let mut system = Self {
-            trained: Trained::new(params, R::ADAM),
-            inputs: Inputs::default(),
-            chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
-            grad: vec![0.0; total],
-            seen: Vec::new(),
-            packed: (0..R::NETWORKS).map(|_| PackedNetwork::default()).collect(),
-            seconds: [0.0; 3],
-            missed: 0,
-            cast: 0,
-            left_out: LeftOut::default(),
-            config,
-            seed,
-            background,
-            space,
-            shapes,
-            head,
-            method,
-        };
-        system.pack();
-        Ok(system)
-    }
-
-    fn pack(&mut self) {
-        let n = self.shapes.param_count();
-        let (networks, head_params) = self.trained.params.split_at(R::NETWORKS * n);
-        for (params, packed) in networks.chunks_exact(n).zip(&mut self.packed) {
-            self.shapes.pack(params, packed);
-        }
-        if let Some(head) = &mut self.head {
-            head.pack(head_params);
-        }
-    }
-
-    fn ops(&self) -> TwoLevelOps<'_, R::Position> {
-        let simd = Simd::best();
-        TwoLevelOps {
-            levels: [0, 1].map(|level| self.shapes.ops(simd, &self.packed[network_of::<R>(level)])),
-            head: self.head.as_ref().map(|head| head.op(simd)),
-        }
-    }
-
-    /// Where the parameters of a level lie: those of its network, and behind the fine one's those of the head.
-    fn range(&self, level: usize) -> std::ops::Range<usize> {
-        let (n, i) = (self.shapes.param_count(), network_of::<R>(level));
-        i * n..if level == 1 { self.trained.params.len() } else { (i + 1) * n }
-    }
-
-    /// Parameters of the coarse (0) or fine (1) level.
-    fn network(&self, level: usize) -> &[f32] {
-        &self.trained.params[self.range(level)]
-    }
-
-    /// The code of an appearance; empty for a system that knows one light only.
-    fn code_of(&self, appearance: &Appearance) -> Vec<f32> {
-        self.appearance_code(appearance).unwrap_or_default()
-    }
-}
-
-/// The network of a level: its own, or the only one.
-fn network_of<R: Recipe>(level: usize) -> usize {
-    level.min(R::NETWORKS - 1)
-}
-
-/// The tape is built of shapes that fit: an error is a mistake in this file.
-fn recorded<T>(result: Result<T, TapeError>) -> T {
-    result.unwrap_or_else(|e| panic!("the record does not fit: {e}"))
-}
+use two_level::CHUNKS;
+pub use two_level::TwoLevel;
 
 impl<R: Recipe> System for TwoLevel<R> {
     fn name(&self) -> &'static str {
@@ -232,7 +79,7 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.uncertainty_of(data, view)
     }
 
-    fn look(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+    fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
         self.look_once(data, view, stride)
     }
 

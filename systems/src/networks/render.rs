@@ -1,8 +1,9 @@
 //! Rendering: colours, depths and normals from the fine network.
 
 use super::network::{Ops, Output, Seen};
+use super::recipe::Recipe;
 use super::samples::{Level, Tile};
-use super::{Recipe, TwoLevel, TwoLevelOps, recorded};
+use super::two_level::{TwoLevel, TwoLevelOps, recorded};
 use crate::space::InternalRay;
 use engine::system::{Appearance, Layers, Normals, Query};
 use field_core::tape::{Encoder, Node, Tape, TapeError};

@@ -4,8 +4,9 @@ use super::composite::CompositeOp;
 use super::composite_two::{CompositeTwoOp, PIXEL};
 use super::head::Head;
 use super::network::Seen;
+use super::recipe::Recipe;
 use super::samples::{Level, Tile, add_codes, spread_codes};
-use super::{CHUNKS, Recipe, TwoLevel, TwoLevelOps, recorded};
+use super::two_level::{CHUNKS, TwoLevel, TwoLevelOps, recorded};
 use crate::left_out::unweighted;
 use crate::method::mean_transient;
 use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
@@ -83,6 +84,17 @@ pub(super) struct Chunk {
     appearance_bar: Vec<f32>,
     transient_bar: Vec<f32>,
     sums: Sums,
+}
+
+/// Noise on the raw densities of the samples of a level, zero without random numbers.
+fn draw_noise(samples: &mut Level, level: usize, rng: Option<&Rng>, deviation: f32) {
+    samples.noise.clear();
+    samples.noise.resize(samples.t.len(), 0.0);
+    if let (Some(rng), true) = (rng, deviation > 0.0) {
+        for (i, v) in samples.noise.iter_mut().enumerate() {
+            *v = deviation * rng.normal_at((1 << 32) + (level << 24) as u64 + i as u64);
+        }
+    }
 }
 
 /// What the pixels of a tile cost at a level, and the gradient `bar` of that with respect to `values`: colours `[rays][3]`, or
@@ -293,14 +305,7 @@ impl<R: Recipe> TwoLevel<R> {
             }
             let Tile { coarse, fine, background, bar, appearance, transient, .. } = &mut chunk.tile;
             let samples = if level == 0 { coarse } else { fine };
-            samples.noise.clear();
-            samples.noise.resize(samples.t.len(), 0.0);
-            let deviation = self.config.density_noise();
-            if let (Some(rng), true) = (rng, deviation > 0.0) {
-                for (i, v) in samples.noise.iter_mut().enumerate() {
-                    *v = deviation * rng.normal_at((1 << 32) + (level << 24) as u64 + i as u64);
-                }
-            }
+            draw_noise(samples, level, rng.as_ref(), self.config.density_noise());
             let Level { arena, offsets, dt, x, d, noise, .. } = samples;
             let (n, offsets, dt, simd) = (dt.len(), &offsets[..], &dt[..], Simd::best());
             let codes = |codes: Option<Codes<'_>>, rows: &mut Vec<f32>| {

@@ -1,7 +1,8 @@
 //! Training views as the networks render them: what a method judges the photos by.
 
+use super::recipe::Recipe;
 use super::step::{Chunk, Inputs};
-use super::{Recipe, TwoLevel};
+use super::two_level::TwoLevel;
 use crate::method::{Method, Pixel};
 use crate::survey::{Shown, Surveys};
 use engine::data::Dataset;

@@ -44,7 +44,8 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
     let space = if let Some(occupancy) = driver.sampler.occupancy() {
         SkipRow::counted(
             "training: empty space",
-            (dense.saturating_sub(placed), dense),
+            dense.saturating_sub(placed),
+            dense,
             "samples",
             format!(
                 "optical thickness < {} per cell at the smallest step, as last seen",
@@ -55,7 +56,8 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
         let proposed = read(&driver.skipped.proposed);
         SkipRow::counted(
             "training: weighed by proposals alone",
-            (proposed, proposed + placed),
+            proposed,
+            proposed + placed,
             "samples",
             "weights that the proposals bound (interlevel loss)".into(),
         )
@@ -64,7 +66,8 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
         space,
         SkipRow::counted(
             if faint > 0.0 { "training: faint, or behind what is opaque" } else { "training: behind what is opaque" },
-            (placed.saturating_sub(read(&driver.skipped.kept)), placed),
+            placed.saturating_sub(read(&driver.skipped.kept)),
+            placed,
             "samples",
             if faint > 0.0 {
                 format!("at most {faint} of a ray's light, and transmittance < {}", driver.config.batch.train_stop)

@@ -342,7 +342,7 @@ impl System for RaySystem {
         self.uncertainty_of(data, view)
     }
 
-    fn look(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+    fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
         self.look_once(data, view, stride)
     }
 

@@ -14,7 +14,7 @@ use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
 use crate::space::{InternalRay, Space};
 use crate::warps::{DeformGrad, DeformScratch, Points, TimeSteps};
 use engine::canonical::add_canonical;
-use engine::skips::bound_of;
+use engine::eval::skips::bound_of;
 use engine::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
 use rayon::prelude::*;
 use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
@@ -163,7 +163,7 @@ pub(super) fn skip_rows(ledger: &Mutex<Ledger>) -> Vec<SkipRow> {
     let ledger = *ledger.lock().unwrap_or_else(PoisonError::into_inner);
     let row = |what, skip, unit| {
         let entry = ledger.entry(skip);
-        SkipRow::counted(what, (entry.skipped, entry.total), unit, bound_of(&entry))
+        SkipRow::counted(what, entry.skipped, entry.total, unit, bound_of(&entry))
     };
     vec![
         row("render: empty space", Skip::Empty, "samples"),

@@ -1,6 +1,6 @@
 //! Rendered depth is held to measured depth (EndoNeRF, Wang et al., 2022, section 2.3).
 
-use super::{RayBars, RayTerm, TileRays};
+use super::ray_term::{RayBars, RayTerm, TileRays};
 use crate::samplers::MeasuredDepth;
 
 impl RayTerm for MeasuredDepth {

@@ -1,6 +1,6 @@
 //! Weight that is spread along a ray costs (mip-NeRF 360, Barron et al., 2022, equation 15).
 
-use super::{RayBars, RayTerm, TileRays};
+use super::ray_term::{RayBars, RayTerm, TileRays};
 use losses::{Edges, RayIntervals, Reduction, distortion};
 use render_core::ray_distance::RayDistance;
 

@@ -1,7 +1,7 @@
 //! Each ray ends on something or on nothing: the entropy of what reaches the background (TiNeuVox, Fang et al., 2022, released
 //! code).
 
-use super::{RayBars, RayTerm, TileRays};
+use super::ray_term::{RayBars, RayTerm, TileRays};
 use losses::entropy;
 
 /// The binary entropy of the transmittance behind a ray's last sample, mean over the rays that count.

@@ -1,6 +1,6 @@
 //! Each sample has the colour of its pixel, as far as it is seen (TiNeuVox, Fang et al., 2022, released code).
 
-use super::{RayBars, RayTerm, TileRays};
+use super::ray_term::{RayBars, RayTerm, TileRays};
 use losses::point_colour;
 
 /// The squared errors of the colours of single samples, by weight; mean over the rays that count.

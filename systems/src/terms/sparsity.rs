@@ -1,6 +1,6 @@
 //! A prior on densities: `ln(1 + 2 sigma^2)`, mean over the samples of a ray (PlenOctrees, Yu et al., 2021; SF-NeRF's `L_sigma`).
 
-use super::{RayBars, RayTerm, TileRays};
+use super::ray_term::{RayBars, RayTerm, TileRays};
 use losses::sparsity;
 
 /// The prior on static densities; sum over rays.

@@ -41,7 +41,7 @@ impl Skipped {
     /// Rows of the table of skips, of a training and its pictures.
     pub(crate) fn rows(&self) -> Vec<SkipRow> {
         let row = |what, skipped_of: [u64; 2], unit, bound: String| {
-            SkipRow::counted(what, (skipped_of[0], skipped_of[1]), unit, bound)
+            SkipRow::counted(what, skipped_of[0], skipped_of[1], unit, bound)
         };
         vec![
             row("Gaussians that no pixel sees", self.culled, "Gaussians", "0".into()),

@@ -12,20 +12,20 @@ impl Deform {
         let mut rows = Vec::new();
         if self.deformation.has_canonical_time() {
             let bound = "exact: nothing is warped at t = 0".to_string();
-            let counted = (all.saturating_sub(warped), all);
-            rows.push(SkipRow::counted("points at the canonical time", counted, "points", bound));
+            let skipped = all.saturating_sub(warped);
+            rows.push(SkipRow::counted("points at the canonical time", skipped, all, "points", bound));
         }
         let closed = read(&self.counts.closed);
         if closed > 0 {
             let (bound, all) = ("exact: they are multiplied by 0".to_string(), read(&self.counts.octaves));
-            rows.push(SkipRow::counted("octaves of closed windows", (closed, all), "octaves of points", bound));
+            rows.push(SkipRow::counted("octaves of closed windows", closed, all, "octaves of points", bound));
         }
         let elastic = read(&self.counts.elastic);
         if elastic > 0 {
             // Nothing is skipped here: the loss does not depend on the sign of a determinant, so a fold shows nowhere else.
             let bound = "not skipped, counted: the elastic loss does not see it".to_string();
-            let counted = (read(&self.counts.folded), elastic);
-            rows.push(SkipRow::counted("points where space folds over", counted, "points", bound));
+            let folded = read(&self.counts.folded);
+            rows.push(SkipRow::counted("points where space folds over", folded, elastic, "points", bound));
         }
         rows
     }

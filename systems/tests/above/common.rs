@@ -4,10 +4,10 @@ use engine::RunError;
 use engine::data::{Batch, Dataset};
 use engine::options::{Background, DataOptions, Plan, Request, RunOptions};
 use engine::output::{Disk, Storage};
-use engine::progress::{Event, Observer};
+use engine::progress::{Event, Observer, Progress};
 use engine::run::{DefaultSystem, Parts, Run};
 use engine::system::{Layers, Normals, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorData, TensorMap};
-use engine::train::{Ended, Progress, Schedule, Stop};
+use engine::train::{Ended, Schedule, Stop};
 use field_core::rng::Rng;
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -198,7 +198,7 @@ impl System for Sky {
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        vec![SkipRow::counted("nothing", (0, self.steps), "steps", "0".into())]
+        vec![SkipRow::counted("nothing", 0, self.steps, "steps", "0".into())]
     }
 
     fn timings(&self) -> Vec<(&'static str, f64)> {

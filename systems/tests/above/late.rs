@@ -1,7 +1,8 @@
 //! What goes wrong after the last step: interrupts, removed folders, deleted files.
 
 use crate::common::{Watch, request, sky_scene, start, with_parts};
-use engine::eval::masks::{self, MaskTable};
+use engine::eval::masks::MaskTable;
+use engine::folder::MASKS;
 use engine::options::Request;
 use engine::output::{Disk, Storage, StorageFile};
 use engine::progress::{Event, Observer};
@@ -31,7 +32,7 @@ impl Observer for Stopper {
 fn masks_that_a_stop_cut_short_are_made_again() {
     let folder = tempfile::tempdir().unwrap();
     let schedule = Schedule::new(Stop::Steps(3));
-    let shown = || MaskTable::read(&folder.path().join(masks::FOLDER)).unwrap().unwrap().views.len();
+    let shown = || MaskTable::read(&folder.path().join(MASKS)).unwrap().unwrap().views.len();
     with_parts(&Disk, &sky_scene(8, 16, true), |parts| {
         let mut stopper = Stopper { what: "mask", asks: false };
         let mut run = Run::create(folder.path(), &request(), parts, &mut stopper).unwrap();

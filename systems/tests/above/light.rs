@@ -3,7 +3,7 @@
 
 use crate::common::Watch;
 use engine::RunError;
-use engine::appearance::{LightPath, Lighting};
+use engine::appearance::{AppearancePath, FrameAppearances};
 use engine::camera_path::{PathKind, cameras};
 use engine::data::Dataset;
 use engine::eval::masks::{MaskOptions, MaskTable};
@@ -355,7 +355,7 @@ fn lights_of_photos_and_encoders_are_taken_at_their_word() {
 #[test]
 fn lights_that_a_system_has_not_are_refused_before_training() {
     for (system, light, part) in [
-        ("unlit", "image:p4", "one light only"),
+        ("unlit", "image:p4", "one appearance only"),
         ("unlit", "encode:left", "no encoder"),
         ("lit", "image:p9", "no such photo"),
         ("lit", "image:p2", "no such photo"),
@@ -437,7 +437,9 @@ fn masks_are_written_scored_and_shown() {
     })
     .unwrap();
     let report = fs::read_to_string(folder.path().join("report.html")).unwrap();
-    for part in ["<h2>Appearance</h2>", "in the light of photos/p0.png", "<h2>Masks</h2>", "F1 0.857", "right half"] {
+    for part in
+        ["<h2>Appearance</h2>", "in the appearance of photos/p0.png", "<h2>Masks</h2>", "F1 0.857", "right half"]
+    {
         assert!(report.contains(part), "{part} is missing");
     }
     let plain = tempfile::tempdir().unwrap();
@@ -458,7 +460,8 @@ fn pictures_are_rendered_in_the_light_that_is_asked_for() {
     let file = |name: &str| folder.path().join(name);
     let scene = scene(WIDTH);
     trained(&file("run"), &scene, &request("lit", None), |run, _| {
-        let light = |word: &str, camera: Option<&str>| run.lighting(&word.parse::<LightPath>().unwrap(), camera);
+        let light =
+            |word: &str, camera: Option<&str>| run.appearance_along(&word.parse::<AppearancePath>().unwrap(), camera);
         let code = |word: &str, camera: Option<&str>| -> Result<Vec<f32>, RunError> {
             Ok(run.system.appearance_code(&light(word, camera)?.at(0, 1)).unwrap())
         };
@@ -509,10 +512,10 @@ fn pictures_are_rendered_in_the_light_that_is_asked_for() {
     })
     .unwrap();
     trained(&file("plain"), &scene, &request("unlit", None), |run, _| {
-        let light = |word: &str| run.lighting(&word.parse::<LightPath>().unwrap(), None);
-        assert_eq!(light("mean").unwrap(), Lighting::Still(Appearance::Mean));
+        let light = |word: &str| run.appearance_along(&word.parse::<AppearancePath>().unwrap(), None);
+        assert_eq!(light("mean").unwrap(), FrameAppearances::Still(Appearance::Mean));
         for word in ["image:p0", "fit:p5", "mean..image:p0"] {
-            assert!(light(word).unwrap_err().to_string().contains("one light only"), "{word}");
+            assert!(light(word).unwrap_err().to_string().contains("one appearance only"), "{word}");
         }
     })
     .unwrap();

@@ -2,7 +2,7 @@
 
 use engine::halt::Halt;
 use engine::mesh::raster::draw as drawn;
-use engine::mesh::{Fused, MeshOptions, fuse, look, seen_box, seen_points};
+use engine::mesh::{Fused, MeshOptions, depth_views, fuse, seen_box, seen_points};
 use engine::render::{Rendered, plain_query};
 use engine::system::Layers;
 use glam::{DVec2, DVec3, Vec3};
@@ -37,7 +37,7 @@ fn the_table_top_becomes_a_mesh_where_it_is_and_open_only_underneath() {
     let truth = Tabletop::new(options.seed);
     let cameras: Vec<Camera> = tabletop(&options).frames.iter().map(|f| f.camera).collect();
     let draw = |camera: &Camera| Ok(exact(&truth, camera));
-    let views = look(&draw, &cameras, [1.0; 3], &mut |_, _| true).unwrap().unwrap();
+    let views = depth_views(&draw, &cameras, [1.0; 3], &mut |_, _| true).unwrap().unwrap();
 
     let [min, max] = seen_box(&views).unwrap();
     let bounds = truth.bounds();

@@ -5,6 +5,7 @@ use engine::data::Dataset;
 use engine::eval::{Measures, Protocol, Terms, evaluate};
 use engine::options::{DataOptions, Request, RunOptions};
 use engine::output::Disk;
+use engine::progress::Reached;
 use engine::run::{DefaultSystem, MaskMeaning, Parts, Run, mask_meaning};
 use engine::system::{Appearance, LayerRequest, Query};
 use engine::train::{Schedule, Stop};
@@ -116,7 +117,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
     let terms = Terms { query: &query, protocol: &protocol, measures: Measures::Psnr, seed: 0 };
     // One mask in so many is wrong about the lower half: it is there all the same.
     let mut opaque = 1.0_f32;
-    let scores = evaluate(&*system, &split(&scene, Split::Test), &terms, (120, 0.0), |seen| {
+    let scores = evaluate(&*system, &split(&scene, Split::Test), &terms, Reached { step: 120, seconds: 0.0 }, |seen| {
         opaque = opaque.min(seen.rendered.layers.opacity[(SIDE / 2 * SIDE + SIDE / 2) as usize]);
         let corner = seen.rendered.layers.opacity[0];
         assert!(corner < 1e-3, "the corner is empty: {corner}");

@@ -86,7 +86,7 @@ fn arc() -> Vec<Camera> {
 
 fn filmed(kind: Option<&PathKind>, (scene, data): &(Scene, Dataset), frames: usize) -> Film {
     let sight = Sight::new(data, &draw).unwrap();
-    film(kind, (scene, data), Some(frames), TimePath::START, &sight).unwrap()
+    film(kind, scene, data, Some(frames), TimePath::START, &sight).unwrap()
 }
 
 fn azimuth(camera: &Camera) -> f64 {
@@ -203,7 +203,7 @@ fn the_camera_of_a_frame_is_found_by_part_of_its_name_and_looked_at_once() {
     let photos = drawn.get();
     assert_eq!(photos, 25, "each photo once");
     let hold =
-        |name: &str| film(Some(&PathKind::Hold(name.into())), (&scene.0, &scene.1), Some(7), TimePath::START, &sight);
+        |name: &str| film(Some(&PathKind::Hold(name.into())), &scene.0, &scene.1, Some(7), TimePath::START, &sight);
     let film = hold("G_17").unwrap();
     assert_eq!((film.cameras.len(), drawn.get() - photos), (7, 1));
     assert!(film.cameras[0] == scene.0.frames[17].camera && film.seen[6] > 0.95, "{:?}", film.seen);

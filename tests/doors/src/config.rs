@@ -6,8 +6,8 @@ use crate::folder::Folder;
 use crate::{Try, sound};
 use engine::camera_path::PathKind;
 use engine::eval::EvalAppearance;
+use engine::folder::config;
 use engine::options::{RunConfig, parse_set};
-use engine::run::config;
 use scene_io::{Dialect, Holdout, TrainPhotos};
 
 pub(crate) fn open() -> Try {

@@ -71,7 +71,7 @@ fn tabletop_is_recovered_where_it_is() {
 
         // Exported in the input's frame and scale: the table top is a square of side 2 at z = 0. Its underside says nothing:
         // all cameras stand above it, and what lies behind an opaque surface is not learnt.
-        let mesh = mesh(run.system.as_ref(), &run.system.bounds(), 15.0, (48, 0.0), &mut Silent).unwrap();
+        let mesh = mesh(run.system.as_ref(), &run.system.bounds(), 15.0, 48, 0.0, &mut Silent).unwrap();
         let sorted = |mut values: Vec<f64>| {
             values.sort_by(f64::total_cmp);
             values

@@ -5,6 +5,7 @@ use engine::checkpoint;
 use engine::data::Dataset;
 use engine::options::{Background, DataOptions, Plan, RunConfig, RunOptions, parse_set};
 use engine::output::Disk;
+use engine::progress::Reached;
 use engine::system::{System, SystemError, TensorMap};
 use scene_io::{Features, Scene};
 use std::ops::Range;
@@ -119,7 +120,7 @@ fn saved(name: &str, scene: &Scene, train: &Dataset, set: &[&str], folder: &Path
         data: DataOptions::default(),
         settings: plan.config,
     };
-    checkpoint::save(&Disk, folder, system.as_ref(), (6, 1.0), &config, "sha256:").unwrap();
+    checkpoint::save(&Disk, folder, system.as_ref(), Reached { step: 6, seconds: 1.0 }, &config, "sha256:").unwrap();
     state_of(system.as_ref())
 }
 

@@ -2,19 +2,20 @@
 
 mod subject;
 
-use super::{Done, Failure, Session};
 use crate::cli::{Export, MeshMethod};
+use crate::session::{Done, Failure, Session};
 use crate::show::{Show, line};
 use engine::RunError;
 use engine::crop::Crop;
+use engine::crop::CropBox;
 use engine::data::View;
-use engine::frame_points::frame_points;
 use engine::mesh::depth::DepthView;
-use engine::mesh::{Fused, MeshOptions, fuse, look, seen_points, thin_out};
+use engine::mesh::{Fused, MeshOptions, depth_views, fuse, seen_points, thin_out};
 use engine::output::make_folder;
 use engine::progress::{Meter, Observer};
 use engine::run::Run;
-use engine::surface::{CropBox, default_level, mesh, points};
+use engine::surface::frame_points;
+use engine::surface::{default_level, mesh, points};
 use scene_io::export::{Mesh, MeshFormat, write_colmap, write_mesh, write_points, write_transforms};
 use scene_io::{SplatFile, SplatOptions, write_splats};
 use std::path::Path;
@@ -121,7 +122,7 @@ impl Job<'_> {
             meter.reach(done, show);
             !show.stop_asked()
         };
-        let Some(views) = look(&draw, &cameras, query.background, &mut go_on)? else {
+        let Some(views) = depth_views(&draw, &cameras, query.background, &mut go_on)? else {
             return Err(self.stopped("nothing more was written"));
         };
         self.show.finish();
@@ -136,7 +137,7 @@ impl Job<'_> {
                 let crop = self.crop.bounds.unwrap_or_else(|| run.system.bounds());
                 say_box(&crop);
                 let query = self.subject.query(self.args);
-                let cloud = points(run.system.as_ref(), &run.train, &query, (&crop, count), &mut self.show);
+                let cloud = points(run.system.as_ref(), &run.train, &query, &crop, count, &mut self.show);
                 if self.show.stop_asked() {
                     return Err(self.stopped(&format!("{} was not written", path.display())));
                 }
@@ -234,7 +235,7 @@ impl Job<'_> {
         let crop = self.crop.bounds.unwrap_or_else(|| run.system.bounds());
         let level = self.args.level.map_or_else(|| default_level(&crop), |level| level as f32);
         let cells = self.args.resolution.map_or(DENSITY_CELLS, usize::from);
-        let mut mesh = mesh(run.system.as_ref(), &crop, level, (cells, self.args.time), &mut self.show)?;
+        let mut mesh = mesh(run.system.as_ref(), &crop, level, cells, self.args.time, &mut self.show)?;
         if self.show.stop_asked() {
             return Err(self.stopped("the mesh was not written"));
         }

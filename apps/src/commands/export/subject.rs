@@ -1,7 +1,7 @@
 //! What is exported: a run, or a file of Gaussians.
 
-use super::super::{Failure, Session};
 use crate::cli::Export;
+use crate::session::{Failure, Session};
 use crate::show::{Show, line};
 use engine::RunError;
 use engine::camera_path::{PathKind, cameras};

@@ -1,12 +1,12 @@
 //! One system on one moving scene: trained, and measured.
 
 use super::protocols::{Entry, Group};
+use crate::bench::{Bench, Extent, say};
 use crate::error::BenchError;
 use crate::sections::scene::{Job, Point, dataset, train};
-use crate::sections::{Bench, Extent, say};
 use engine::RunError;
 use engine::eval::MotionScore;
-use engine::lpips_file::{load_lpips, lpips_path};
+use engine::eval::lpips_file::{load_lpips, lpips_path};
 use engine::options::{DataOptions, Request};
 use engine::source::SYNTHETIC;
 use engine::train::{Schedule, Stop};

@@ -6,7 +6,7 @@ mod measured;
 mod protocols;
 
 use super::training::not_run;
-use super::{Bench, Extent, Keep, QUICK};
+use crate::bench::{Bench, Extent, Keep, QUICK};
 use crate::claims;
 use crate::error::BenchError;
 use crate::goals::Goal;

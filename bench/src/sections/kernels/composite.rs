@@ -1,10 +1,10 @@
 //! Compositing against the stream of memory.
 
-use super::{Found, Row};
+use super::found::{Found, Row};
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, interleaved, worst};
-use crate::sections::Bench;
 use crate::sections::ceilings::{Big, LARGE_TABLE, read};
 use float_core::Simd;
 use render_core::quadrature::{

@@ -1,10 +1,10 @@
 //! Hash grids against random reads.
 
-use super::{Found, Row};
+use super::found::{Found, Row};
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, interleaved};
-use crate::sections::Bench;
 use crate::sections::ceilings::{Big, LARGE_TABLE, SMALL_TABLE, Width, gather};
 use field_core::encoding::hash_grid::{HashGrid, HashGridConfig};
 use field_core::rng::Rng;

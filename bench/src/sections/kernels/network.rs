@@ -1,10 +1,10 @@
 //! Networks against the peak of multiply-adds.
 
-use super::{Found, Row};
+use super::found::{Found, Row};
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, interleaved, worst};
-use crate::sections::Bench;
 use crate::sections::ceilings::fma;
 use field_core::mlp::{Mlp, MlpConfig, Packed, Precision};
 use field_core::rng::Rng;

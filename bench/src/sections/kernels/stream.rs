@@ -1,10 +1,10 @@
 //! What streams through memory: the frequency encoding and the optimiser.
 
-use super::{Found, Row};
+use super::found::{Found, Row};
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
 use crate::measure::{Case, interleaved, worst};
-use crate::sections::Bench;
 use crate::sections::ceilings::{Big, LARGE_TABLE, read};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::rng::Rng;

@@ -1,10 +1,9 @@
 //! What an error budget buys of a trained cloud, and what is left out at each.
 
-use super::Found;
+use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::page::Item;
 use crate::plot::{Axis, Plot, Scale, Series};
-use crate::sections::Bench;
 use crate::sections::budgets;
 use crate::sections::scene::Trained;
 use crate::table::{Cell, Table};
@@ -53,8 +52,8 @@ impl Budgets {
     }
 }
 
-pub(super) fn run(bench: &Bench, trained: &Trained<'_>, scene: &str, found: &mut Found) -> Result<(), BenchError> {
-    let Budgets { times, skips, series } = &mut found.budgets;
+pub(super) fn run(bench: &Bench, trained: &Trained<'_>, scene: &str, budgets: &mut Budgets) -> Result<(), BenchError> {
+    let Budgets { times, skips, series } = budgets;
     series.push(Series::line(scene, budgets::one(bench, trained, scene, &BUDGETS, times)?));
     let system = trained.run.system.as_ref();
     let background = trained.run.query().background;

@@ -1,7 +1,7 @@
 //! What the kernels work on: a cloud at its start, cameras of its scene, and their photos at any size.
 
+use crate::bench::Bench;
 use crate::error::BenchError;
-use crate::sections::Bench;
 use crate::sections::scene::{Subject, begin, job};
 use engine::train::{Schedule, Stop};
 use field_core::rng::Rng;

@@ -1,16 +1,15 @@
 //! Times of the kernels, with their errors.
 
-use super::Found;
 use super::errors::{Backwards, Errors, compare};
 use super::ground::{Ground, Shot};
 use super::stage::{PARTS, Stage};
 use super::targets::{GAUSSIANS, SECOND_CORE, TARGETS, Target, Work};
+use crate::bench::{Bench, Extent};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::measure::median;
 use crate::page::Item;
 use crate::sections::scene::Subject;
-use crate::sections::{Bench, Extent};
 use crate::table::{Cell, Table};
 use splat_core::{DrawStats, Gaussians, RasterSettings};
 use std::time::Instant;
@@ -124,7 +123,12 @@ impl Case<'_> {
     }
 }
 
-pub(super) fn run(bench: &Bench, subject: &Subject, found: &mut Found) -> Result<(), BenchError> {
+pub(super) fn run(
+    bench: &Bench,
+    subject: &Subject,
+    kernels: &mut Kernels,
+    goals: &mut Vec<Goal>,
+) -> Result<(), BenchError> {
     let ground = Ground::new(bench, subject)?;
     let shots = SCALES.map(|scale| ground.shots(scale));
     let larger_cloud = ground.larger_cloud()?;
@@ -167,13 +171,19 @@ pub(super) fn run(bench: &Bench, subject: &Subject, found: &mut Found) -> Result
             let backwards = if *larger { Backwards::Leave } else { Backwards::Compare };
             compare(stage, cloud, shot, &ground.rules, backwards)?
         };
-        rows(bench, group, &errors, found)?;
+        rows(bench, group, &errors, kernels, goals)?;
     }
     Ok(())
 }
 
 /// What was measured of the same work, with one thread first.
-fn rows(bench: &Bench, group: &[Case<'_>], errors: &Errors, found: &mut Found) -> Result<(), BenchError> {
+fn rows(
+    bench: &Bench,
+    group: &[Case<'_>],
+    errors: &Errors,
+    kernels: &mut Kernels,
+    goals: &mut Vec<Goal>,
+) -> Result<(), BenchError> {
     let (Some(one), Some(most)) = (group.first(), group.last()) else { return Ok(()) };
     let Some([w, h]) = one.shots.first().map(|s| s.view.size) else { return Ok(()) };
     let (picture, n, several) = (format!("{w}x{h}"), one.cloud.len(), group.len() > 1);
@@ -183,7 +193,7 @@ fn rows(bench: &Bench, group: &[Case<'_>], errors: &Errors, found: &mut Found) -
     let mut row = |kernel: &str, one: f64, most: f64, error: Option<f64>, peer: Option<f64>| {
         let (most, speed_up) = if several { (Some(most), Some(one / most)) } else { (None, None) };
         let (picture, error) = (picture.as_str().into(), error.into());
-        found.kernels.times.row([
+        kernels.times.row([
             picture,
             n.into(),
             kernel.into(),
@@ -208,7 +218,7 @@ fn rows(bench: &Bench, group: &[Case<'_>], errors: &Errors, found: &mut Found) -
     row(one.work.name(), one_ms, most_ms, Some(error), known.and_then(|t| t.peer))?;
     if one.work == Work::Render {
         let each = |sum: u64| Cell::from(sum as f64 / one.shots.len() as f64);
-        found.kernels.work.row([
+        kernels.work.row([
             picture.as_str().into(),
             n.into(),
             each(one.seen as u64),
@@ -224,7 +234,7 @@ fn rows(bench: &Bench, group: &[Case<'_>], errors: &Errors, found: &mut Found) -
     let work = format!("{}, {picture}, {n} Gaussians", one.work.name());
     let error = format!("{what} {error:.1e}");
     if let Some(Target { target: Some(target), peer, .. }) = known {
-        found.goals.push(Goal {
+        goals.push(Goal {
             work: format!("{work}, {} threads", most.threads),
             unit: "a second",
             figure: 1e3 / most_ms,
@@ -235,7 +245,7 @@ fn rows(bench: &Bench, group: &[Case<'_>], errors: &Errors, found: &mut Found) -
         });
     }
     if several && one.work == Work::Step && most.threads == 2 {
-        found.goals.push(Goal {
+        goals.push(Goal {
             work: format!("second core, {work}"),
             unit: "x",
             figure: one_ms / most_ms,

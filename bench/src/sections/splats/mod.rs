@@ -10,7 +10,7 @@ mod targets;
 
 use super::scene::embedded;
 use super::training::not_run;
-use super::{Bench, Extent, Keep, QUICK};
+use crate::bench::{Bench, Extent, Keep, QUICK};
 use crate::error::BenchError;
 use crate::goals::Goal;
 use crate::page::{Item, Section};
@@ -51,13 +51,13 @@ pub(crate) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError>
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     if bench.extent == Extent::Quick {
         let scene = embedded().with_system("tabletop".into(), "splat", SMALL)?;
-        kernels::run(bench, &scene, &mut found)?;
+        kernels::run(bench, &scene, &mut found.kernels, &mut found.goals)?;
         quality::quick(bench, &mut found)?;
         return Ok(found.section());
     }
     if bench.wants(KERNELS) {
         match quality::fox(bench, folder.path())? {
-            Some(subject) => kernels::run(bench, &subject, &mut found)?,
+            Some(subject) => kernels::run(bench, &subject, &mut found.kernels, &mut found.goals)?,
             None => found.missing.push(KERNELS),
         }
         keep(&found.section())?;

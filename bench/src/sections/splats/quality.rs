@@ -2,6 +2,7 @@
 
 use super::budget;
 use super::{Found, SMALL};
+use crate::bench::{Bench, say};
 use crate::claims;
 use crate::error::BenchError;
 use crate::measure::median;
@@ -9,7 +10,6 @@ use crate::page::Item;
 use crate::plot::{Plot, Series};
 use crate::sections::scene::{Subject, Trained, embedded, train_seconds};
 use crate::sections::training::{EVAL_AT, Protocol, SECONDS, plot, protocol_goals, reached, target};
-use crate::sections::{Bench, say};
 use crate::table::Table;
 use engine::memory::resident_bytes;
 use engine::render::{plain_query, render};
@@ -133,7 +133,7 @@ pub(super) fn quick(bench: &Bench, found: &mut Found) -> Result<(), BenchError> 
             &mut series,
         )?;
         if system == "splat" {
-            budget::run(bench, &trained, "tabletop", found)?;
+            budget::run(bench, &trained, "tabletop", &mut found.budgets)?;
         }
     }
     found.quality.plots.push(plot("embedded", "Embedded scene, 64x64", series));
@@ -163,7 +163,7 @@ pub(super) fn run(
                 &mut series,
             )?;
             if entry.name == "fox135" {
-                budget::run(bench, &trained, entry.name, found)?;
+                budget::run(bench, &trained, entry.name, &mut found.budgets)?;
             }
             drop(trained);
             keep(found)?;

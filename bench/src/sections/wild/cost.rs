@@ -1,12 +1,12 @@
 //! What a step of each system costs, and that a part which the plan left out costs nothing.
 
 use super::protocols::{COSTS, Entry, NGP};
+use crate::bench::{Bench, Keep, say};
 use crate::claims;
 use crate::error::BenchError;
 use crate::measure::median;
 use crate::page::{Item, Section};
 use crate::sections::scene::{Job, small_tabletop, train};
-use crate::sections::{Bench, Keep, say};
 use crate::table::Table;
 use engine::options::{DataOptions, Request};
 use engine::run::Build;

@@ -2,9 +2,9 @@
 
 use super::protocols::{Entry, Group, Kind, Photos, Segments};
 use super::segments;
+use crate::bench::{Bench, Extent, say};
 use crate::error::BenchError;
 use crate::sections::scene::{Job, Trained, dataset, train};
-use crate::sections::{Bench, Extent, say};
 use engine::RunError;
 use engine::eval::masks::MaskOptions;
 use engine::eval::{EvalAppearance, Evaluation, Scored};

@@ -114,6 +114,6 @@ fn a_point_is_brought_to_the_nearest_pixel_and_ties_to_the_first() {
     assert_eq!(at([0.5, 0.0, 0.0], [0.5, 0.5]), Transfer { error: 0.0, found: 1.0 });
     assert_eq!(at(NOWHERE, [0.5, 0.5]), Transfer { error: 20.0, found: 0.0 });
     assert_eq!(transfer(&[], &there, 20), None);
-    let nobody = [Sought { canonical: [0.0; 3], truth: [0.0; 2] }];
-    assert_eq!(transfer(&nobody, &[], 20), Some(Transfer { error: 20.0, found: 0.0 }));
+    let unseen = [Sought { canonical: [0.0; 3], truth: [0.0; 2] }];
+    assert_eq!(transfer(&unseen, &[], 20), Some(Transfer { error: 20.0, found: 0.0 }));
 }

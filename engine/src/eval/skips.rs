@@ -5,7 +5,6 @@
 //! grid counts as empty hold nothing, and the row says what the field would show there if they did not.
 
 use crate::data::Dataset;
-use crate::summary::Skip as Row;
 use crate::system::{EmptyCells, Layers, Query, System, Trial};
 use render_core::budget::{Entry, Ledger, Skip, SkipSet};
 use render_core::ray::Ray;
@@ -16,6 +15,27 @@ use std::time::Instant;
 const RAYS: usize = 2048;
 /// Renders shorter than this are timed three times, and the middle one counts.
 const QUICK: f64 = 0.3;
+
+/// A row of the table of skips, as `summary.json` and `eval.json` hold it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SkipSummary {
+    /// What is skipped.
+    pub what: String,
+    /// Units skipped.
+    pub skipped: u64,
+    /// Units there would have been.
+    pub total: u64,
+    /// The unit.
+    pub unit: String,
+    /// Bound on the error of a pixel.
+    pub bound: String,
+    /// Seconds saved, where measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds_saved: Option<f64>,
+    /// Largest and mean error over pixels, colour units, where measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<[f64; 2]>,
+}
 
 /// The measured table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,7 +49,7 @@ pub struct MeasuredSkips {
     /// Seconds for them as renders are.
     pub seconds: f64,
     /// A row a skip; then all together; then what cells that count as empty would show.
-    pub rows: Vec<Row>,
+    pub rows: Vec<SkipSummary>,
 }
 
 /// Measure the renders of `system` on rays of the views of `data`. `None` where renders skip nothing, or without rays.
@@ -41,15 +61,16 @@ pub fn measure(system: &dyn System, data: &Dataset, query: &Query) -> Option<Mea
     let trial = |skips, empty| timed(system, &rays, query, &Trial { skips, empty });
     let (full, _, seconds_full) = trial(SkipSet::NONE, EmptyCells::Nothing)?;
     let (with_all, ledger, seconds) = trial(SkipSet::ALL, EmptyCells::Nothing)?;
-    let row = |what: &str, (skipped, total): (u64, u64), unit: &str, bound: String, layers: &Layers, s: f64| Row {
-        what: what.into(),
-        skipped,
-        total,
-        unit: unit.into(),
-        bound,
-        seconds_saved: Some(seconds_full - s),
-        error: Some(difference(layers, &full)),
-    };
+    let row =
+        |what: &str, (skipped, total): (u64, u64), unit: &str, bound: String, layers: &Layers, s: f64| SkipSummary {
+            what: what.into(),
+            skipped,
+            total,
+            unit: unit.into(),
+            bound,
+            seconds_saved: Some(seconds_full - s),
+            error: Some(difference(layers, &full)),
+        };
     let mut rows = Vec::new();
     for skip in Skip::ALL.into_iter().filter(|&skip| ledger.entry(skip).total > 0) {
         let (layers, alone, s) = trial(SkipSet::only(skip), EmptyCells::Nothing)?;

@@ -1,8 +1,13 @@
 //! A reconstruction to points and meshes, in the scene's frame and unit.
 //!
-//! Density is not a surface: points are where half of a ray's light is gone, a mesh is where the density crosses a level
+//! Density is not a surface: points are where the transmittance of a ray falls to one half, a mesh is where the density crosses a level
 //! that the caller states.
 
+mod frame_points;
+
+pub use frame_points::frame_points;
+
+use crate::crop::CropBox;
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::progress::{Meter, Observer};
@@ -13,9 +18,6 @@ use scene_io::export::{Mesh, MeshGrid, PointCloud, marching_cubes};
 use splat_core::SH_0;
 use splat_core::density::opacity;
 
-/// A box of the scene's frame: smallest and largest corner.
-pub type CropBox = [[f64; 3]; 2];
-
 /// Rays or points given to the system at one time.
 const BATCH: usize = 1 << 14;
 
@@ -23,7 +25,7 @@ const BATCH: usize = 1 << 14;
 pub const POINT_OPACITY: f32 = 0.5;
 
 /// About `count` coloured points with normals and confidence (the ray's opacity): where the rays of evenly chosen pixels
-/// of the training views lose half their light, inside `crop`. Of a cloud of Gaussians: the centres of at most `count`, without
+/// of the training views fall to a transmittance of one half, inside `crop`. Of a cloud of Gaussians: the centres of at most `count`, without
 /// normals. Where the observer asks to stop, the points of the views seen so far.
 ///
 /// # Panics
@@ -32,7 +34,8 @@ pub fn points(
     system: &dyn System,
     data: &Dataset,
     query: &Query,
-    (crop, count): (&CropBox, usize),
+    crop: &CropBox,
+    count: usize,
     observer: &mut dyn Observer,
 ) -> PointCloud {
     if let Some(splats) = system.splats() {
@@ -128,12 +131,13 @@ pub fn default_level(crop: &CropBox) -> f32 {
 /// the colour they show along their normal. Where the observer asks to stop, the rest is left empty: not to be used.
 ///
 /// # Errors
-/// [`RunError::Option`] for a cloud of Gaussians; [`RunError::Scene`] for an empty box, a level that is no number, or a mesh too large for its file format.
+/// [`RunError::Option`] for a cloud of Gaussians; [`RunError::Scene`] for an empty box, a level that is not a number, or a mesh too large for its file format.
 pub fn mesh(
     system: &dyn System,
     crop: &CropBox,
     level: f32,
-    (resolution, time): (usize, f64),
+    resolution: usize,
+    time: f64,
     observer: &mut dyn Observer,
 ) -> Result<Mesh, RunError> {
     if system.splats().is_some() {

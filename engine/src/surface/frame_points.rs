@@ -1,4 +1,4 @@
-//! The surface that one photo's camera sees at its moment, as points: rendered depth, smoothed without its edges.
+//! The surface that one photo's camera sees at its time step, as points: rendered depth, smoothed without its edges.
 //!
 //! ```text
 //! D = depth of the render, D' = bilateral(D)          X = o + d D' / (d . axis)

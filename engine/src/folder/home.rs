@@ -4,12 +4,11 @@
 //! still knows. Another folder at its place is taken only where it is empty or holds nothing but a run's first files.
 
 use super::lock::FolderLock;
-use super::{place, planned};
+use super::place::refuse_foreign;
 use crate::checkpoint;
 use crate::error::RunError;
 use crate::output::{Storage, make_folder, write_file};
 use crate::progress::{Event, Observer};
-use crate::train::Schedule;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,14 +17,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// What tells one folder from another: device and number; `None` where the system has no such numbers.
 type Id = Option<(u64, u64)>;
 
-/// The file that says which frames are held out.
-pub(super) const HELD_OUT: &str = "heldout.txt";
-
 /// A run folder, and which one it is. Clones know when it was made again.
 #[derive(Clone, Debug)]
 pub(crate) struct Home {
     folder: PathBuf,
     id: Arc<Mutex<Id>>,
+}
+
+/// Where the results of a run are written.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<'a> {
+    pub(crate) storage: &'a dyn Storage,
+    pub(crate) folder: &'a Path,
+    pub(crate) home: &'a Home,
 }
 
 impl Home {
@@ -50,7 +54,7 @@ impl Home {
         }
         let why = match checkpoint::newest_step(&self.folder) {
             Some(_) => "another run lies there now: the folder was replaced while this one went on".into(),
-            None => match place::refuse_foreign(&self.folder) {
+            None => match refuse_foreign(&self.folder) {
                 Ok(()) => return Ok(()),
                 Err(error) => error.to_string(),
             },
@@ -75,12 +79,11 @@ impl Home {
     ///
     /// # Errors
     /// [`RunError::Write`] where it cannot be made, or where something else lies there now.
-    pub(super) fn restore(
+    pub(crate) fn restore(
         &self,
         lock: &mut Option<FolderLock>,
         storage: &dyn Storage,
         texts: &[(&str, String)],
-        schedule: &Schedule,
         observer: &mut dyn Observer,
     ) -> Result<bool, RunError> {
         if self.stands() {
@@ -98,7 +101,6 @@ impl Home {
         for (name, text) in texts {
             write_file(storage, &self.folder.join(name), text.as_bytes())?;
         }
-        planned::write(storage, &self.folder, schedule, observer);
         *self.id.lock().unwrap_or_else(PoisonError::into_inner) = id_of(&self.folder).flatten();
         let line = format!(
             "`{}` was removed or replaced while the run went on: it is made again; what lay in it before is gone",

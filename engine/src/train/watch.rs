@@ -6,7 +6,7 @@
 /// Share of the photos above which the transient part explains too much.
 const TOO_MUCH: f64 = 0.6;
 
-/// Looked at from this step on, or from this share of a shorter run.
+/// Watched from this step on, or from this share of a shorter run.
 const STEPS: u64 = 5000;
 const SHARE: f64 = 0.25;
 
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn strangers_are_no_reason_to_warn() {
+    fn occluders_are_not_a_reason_to_warn() {
         assert!(said(20_000, |_| 0.59).is_empty());
         // A cloudy start, and a step now and then.
         assert!(said(20_000, |step| if step < 3000 { 1.0 } else { 0.1 }).is_empty());

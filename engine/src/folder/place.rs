@@ -1,52 +1,13 @@
 //! Whether a folder may become a run folder: it is empty, or it is a run folder already.
 
-use super::{datasets, home, kept, lock, planned, whole};
+use super::layout::{CONFIG, LOCK, OWN, PROBE};
 use crate::checkpoint;
-use crate::crop;
 use crate::error::RunError;
-use crate::eval::masks;
 use crate::options::RunConfig;
 use crate::output::temporary_of;
-use crate::photo_points::provide;
-use crate::report::{self, AppearanceRow};
-use crate::summary::Summary;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// The configuration of a run in its folder.
-pub(super) const CONFIG: &str = "config.toml";
-
-/// Written and removed again, to see whether anything can be written.
-pub(super) const PROBE: &str = ".writable";
-
-/// A cloud of Gaussians that a field was converted into, to look at and to export it.
-pub const BAKED: &str = "baked.safetensors";
-
-/// What a run writes into its folder.
-const OWN: [&str; 21] = [
-    CONFIG,
-    home::HELD_OUT,
-    datasets::VALIDATION,
-    kept::FILE,
-    whole::FILE,
-    planned::FILE,
-    "metrics.csv",
-    "checkpoint",
-    "eval.json",
-    "eval.csv",
-    "eval_scales.json",
-    "renders",
-    AppearanceRow::FOLDER,
-    masks::FOLDER,
-    Summary::FILE,
-    report::FILE,
-    report::ANIMATION,
-    BAKED,
-    provide::FILE,
-    crop::FILE,
-    lock::FILE,
-];
 
 /// The configuration of the run in a folder; `None` where there is none that can be read.
 #[must_use]
@@ -54,7 +15,7 @@ pub fn config(folder: &Path) -> Option<RunConfig> {
     toml::from_str(&fs::read_to_string(folder.join(CONFIG)).ok()?).ok()
 }
 
-/// Refuse to start a run among files that are not a run's: a `config.toml` that is no run's, or anything that no run writes.
+/// Refuse to start a run among files that are not a run's: a `config.toml` of another program, or anything that a run does not write.
 /// Hidden files do not count.
 ///
 /// # Errors
@@ -81,7 +42,7 @@ pub(crate) fn refuse_foreign(folder: &Path) -> Result<(), RunError> {
 /// # Errors
 /// [`RunError::Write`] naming what cannot be removed.
 pub fn clear(folder: &Path) -> Result<(), RunError> {
-    for path in OWN.iter().filter(|name| ![lock::FILE, CONFIG].contains(*name)).map(|name| folder.join(name)) {
+    for path in OWN.iter().filter(|name| ![LOCK, CONFIG].contains(*name)).map(|name| folder.join(name)) {
         let removed = match fs::symlink_metadata(&path) {
             Ok(what) if what.is_dir() => fs::remove_dir_all(&path),
             Ok(_) => fs::remove_file(&path),
@@ -94,7 +55,7 @@ pub fn clear(folder: &Path) -> Result<(), RunError> {
 
 /// Remove what [`write_file`](crate::output::write_file) left in a run folder when its process was killed: of files that a run
 /// writes, in folders that a run makes. Links are not followed.
-pub(super) fn sweep(run: &Path) {
+pub(crate) fn sweep(run: &Path) {
     let is_own = |name: &str| name == PROBE || OWN.contains(&name);
     for entry in fs::read_dir(run).into_iter().flatten().flatten() {
         let (path, Ok(what)) = (entry.path(), entry.file_type()) else { continue };

@@ -24,8 +24,8 @@ pub enum LpipsFileError {
         /// What the system said.
         source: io::Error,
     },
-    /// The file is no safetensors file, or a broken one.
-    #[error("the LPIPS weights `{}` are no complete safetensors file", path.display())]
+    /// The file is not a safetensors file, or a broken one.
+    #[error("the LPIPS weights `{}` are not a complete safetensors file", path.display())]
     Format {
         /// The file.
         path: PathBuf,

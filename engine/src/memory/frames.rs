@@ -79,7 +79,8 @@ fn too_many(frames: usize, bytes: u64, available: u64) -> RunError {
     ))
 }
 
-fn check(what: &str, (width, height): (u32, u32), bytes: u64, available: u64) -> Result<(), RunError> {
+fn check(what: &str, size: (u32, u32), bytes: u64, available: u64) -> Result<(), RunError> {
+    let (width, height) = size;
     if bytes <= available {
         return Ok(());
     }
@@ -90,8 +91,8 @@ fn check(what: &str, (width, height): (u32, u32), bytes: u64, available: u64) ->
     )))
 }
 
-fn pixels((width, height): (u32, u32)) -> u64 {
-    u64::from(width) * u64::from(height)
+fn pixels(size: (u32, u32)) -> u64 {
+    u64::from(size.0) * u64::from(size.1)
 }
 
 /// What may be asked for; where the system does not say, what can be addressed.

@@ -4,18 +4,19 @@
 //! camera with larger pixels would have seen. A field that is sampled at points shows the difference: it has more detail
 //! than such a pixel can hold, and aliases.
 
+use super::evaluate::evaluate;
+use super::score::Measured;
+use super::view::Terms;
 use crate::data::Dataset;
 use crate::error::RunError;
-use crate::eval::{Measured, Terms, evaluate};
+use crate::folder::{EVAL_SCALES, Place, RENDERS};
 use crate::names::stem;
-use crate::output::{Storage, make_folder, note_unwritten, write_file};
+use crate::output::{make_folder, note_unwritten, write_file};
 use crate::picture::write_png;
-use crate::progress::{Meter, Observer};
-use crate::run::Home;
+use crate::progress::{Meter, Observer, Reached};
 use crate::system::System;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
-use std::path::Path;
 
 /// Scores at one scale, means over the views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,16 +65,17 @@ impl ScaleTable {
 }
 
 /// Render and measure all views of `data` at `scales` scales; the pictures go to `renders/scale_2` and so on. An observer that
-/// asks to stop gets the scales that are done; they are not written to `eval_scales.json`. A file that cannot be written is no
-/// reason to have no scores.
+/// asks to stop gets the scales that are done; they are not written to `eval_scales.json`. Scores come back even where a
+/// file cannot be written.
 pub(crate) fn evaluate_scales(
-    (storage, folder, home): (&dyn Storage, &Path, &Home),
+    place: Place<'_>,
     system: &dyn System,
     data: &Dataset,
     terms: &Terms<'_>,
     scales: u32,
     observer: &mut dyn Observer,
 ) -> Result<ScaleTable, RunError> {
+    let Place { storage, folder, home } = place;
     let smallest = data.views().iter().map(|v| v.camera.width.min(v.camera.height)).min().unwrap_or(0);
     if scales == 0 || smallest.checked_shr(scales - 1).unwrap_or(0) == 0 {
         return Err(RunError::Option(format!(
@@ -84,9 +86,9 @@ pub(crate) fn evaluate_scales(
     let mut meter = Meter::new("held-out view", data.len() * scales as usize);
     for level in 0..scales {
         let (data, pixel) = (data.at_level(level), 1 << level);
-        let renders = folder.join("renders").join(format!("scale_{pixel}"));
+        let renders = folder.join(RENDERS).join(format!("scale_{pixel}"));
         note_unwritten(home.guard(|| make_folder(&renders)), &mut unwritten)?;
-        let scores = evaluate(system, &data, terms, (0, 0.0), |seen| {
+        let scores = evaluate(system, &data, terms, Reached::default(), |seen| {
             let name = format!("{:03}_{}", seen.index, stem(&data.view(seen.index).name));
             for (ending, picture) in [("", seen.picture), ("_truth", seen.truth)] {
                 let path = renders.join(format!("{name}{ending}.png"));
@@ -113,7 +115,7 @@ pub(crate) fn evaluate_scales(
     let mut table = ScaleTable { split: Measured::of(data), scales: rows, unwritten };
     let mut text = serde_json::to_string_pretty(&table).expect("a plain struct serialises");
     text.push('\n');
-    let written = home.guard(|| write_file(storage, &folder.join("eval_scales.json"), text.as_bytes()));
+    let written = home.guard(|| write_file(storage, &folder.join(EVAL_SCALES), text.as_bytes()));
     note_unwritten(written, &mut table.unwritten)?;
     Ok(table)
 }

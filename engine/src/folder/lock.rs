@@ -2,14 +2,12 @@
 //!
 //! The file stays behind, empty; what counts is the lock on it. Whoever only reads (`render`, `view`, `export`) asks for no lock.
 
+use super::layout::LOCK;
 use crate::error::RunError;
 use crate::output::make_folder;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::Path;
-
-/// Name of the locked file in a run folder.
-pub(super) const FILE: &str = ".lock";
 
 /// The right to write into a run folder; given back on drop.
 #[derive(Debug)]
@@ -25,7 +23,7 @@ impl FolderLock {
     /// [`RunError::Busy`] where another process, or another run of this one, holds it; [`RunError::Write`].
     pub fn take(folder: &Path) -> Result<Option<Self>, RunError> {
         make_folder(folder)?;
-        let path = folder.join(FILE);
+        let path = folder.join(LOCK);
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -50,6 +48,11 @@ impl FolderLock {
         let _ = file.set_len(0).and_then(|()| file.write_all(std::process::id().to_string().as_bytes()));
         Ok(Some(Self { file }))
     }
+}
+
+/// Whether a lock was ever taken in a folder.
+pub(crate) fn was_locked(folder: &Path) -> bool {
+    folder.join(LOCK).exists()
 }
 
 impl Drop for FolderLock {
@@ -85,16 +88,16 @@ mod tests {
         let error = FolderLock::take(&run).unwrap_err();
         assert!(matches!(error, RunError::Busy { .. }) && error.to_string().contains("this process"), "{error}");
         drop(first);
-        assert_eq!(std::fs::read(run.join(FILE)).unwrap(), b"");
+        assert_eq!(std::fs::read(run.join(LOCK)).unwrap(), b"");
         FolderLock::take(&run).unwrap().unwrap();
     }
 
     #[test]
     fn a_lock_that_names_a_dead_process_is_free() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join(FILE), "4194303 and more").unwrap();
+        std::fs::write(folder.path().join(LOCK), "4194303 and more").unwrap();
         let lock = FolderLock::take(folder.path()).unwrap();
-        let written = std::fs::read_to_string(folder.path().join(FILE)).unwrap();
+        let written = std::fs::read_to_string(folder.path().join(LOCK)).unwrap();
         assert!(lock.is_some() && written == std::process::id().to_string(), "{written}");
     }
 }

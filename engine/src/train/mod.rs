@@ -3,92 +3,21 @@
 //! The clock counts the time inside [`System::step`] alone; evaluation, checkpoints and logging stand outside it. What a
 //! step computes never depends on the clock, so a run is the same bits wherever it is stopped and resumed.
 
+mod watch;
+
 use crate::data::Dataset;
 use crate::error::RunError;
 use crate::log::{MetricsLog, Row};
 use crate::memory::resident_bytes;
+pub use crate::options::{Schedule, Stop};
+use crate::progress::{Progress, Reached};
 use crate::system::{StepStats, System};
-use crate::watch::TransientWatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-
-/// When training ends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Stop {
-    /// After this many steps, counted from the start of the run, resumed or not.
-    Steps(u64),
-    /// After this much training time, resumed or not.
-    Seconds(f64),
-}
-
-impl Stop {
-    /// Whether a run at `step` after `seconds` is done.
-    pub fn reached(self, step: u64, seconds: f64) -> bool {
-        match self {
-            Self::Steps(n) => step >= n,
-            Self::Seconds(s) => seconds >= s,
-        }
-    }
-}
-
-/// What happens when.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Schedule {
-    /// When training ends.
-    pub stop: Stop,
-    /// Evaluate at these training seconds.
-    pub eval_at: Vec<f64>,
-    /// Evaluate after every so many steps.
-    pub eval_every: Option<u64>,
-    /// Wall time between checkpoints; there is always one at the end.
-    pub checkpoint_every: Duration,
-    /// Training seconds between rows of `metrics.csv`.
-    pub row_every: f64,
-    /// How long what a run ends with is tried to be written where that fails: a full disk may have room again.
-    pub disk_wait: Duration,
-}
+use watch::TransientWatch;
 
 /// Wall time between two tries to write a checkpoint midway.
 const RETRY: Duration = Duration::from_secs(5);
-
-impl Schedule {
-    /// Evaluation at the end only, a checkpoint every 5 minutes, a row a second.
-    pub fn new(stop: Stop) -> Self {
-        Self {
-            stop,
-            eval_at: Vec::new(),
-            eval_every: None,
-            checkpoint_every: Duration::from_secs(300),
-            row_every: 1.0,
-            disk_wait: Duration::from_secs(60),
-        }
-    }
-}
-
-/// A point of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
-    /// Steps done.
-    pub step: u64,
-    /// Training seconds.
-    pub seconds: f64,
-    /// Share of the run that is done, in `[0, 1]`.
-    pub done: f64,
-    /// Training seconds still to go, from the speed of recent steps; `None` before there is one.
-    pub eta_seconds: Option<f64>,
-    /// Loss of recent steps.
-    pub loss: Option<f64>,
-    /// PSNR of recent training rays, dB.
-    pub psnr_train: Option<f64>,
-    /// PSNR of the held-out views when last measured, dB.
-    pub psnr_test: Option<f64>,
-    /// Rays per second.
-    pub rays_per_s: Option<f64>,
-    /// Field evaluations per second.
-    pub samples_per_s: Option<f64>,
-    /// Resident memory, MB.
-    pub memory_mb: Option<f64>,
-}
 
 /// What became of a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,17 +39,17 @@ pub enum Occasion {
 
 /// What the loop asks of the run around it.
 pub trait Host {
-    /// Measure the held-out views after `at` = (steps, training seconds): mean PSNR in dB, or `None` where there are none.
+    /// Measure the held-out views as the system is `at` this step: mean PSNR in dB, or `None` where there are none.
     ///
     /// # Errors
     /// Stops the run.
-    fn evaluate(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Option<f64>, RunError>;
+    fn evaluate(&mut self, system: &dyn System, at: Reached, occasion: Occasion) -> Result<Option<f64>, RunError>;
 
-    /// Write a checkpoint of `at` = (steps, training seconds). Midway it may come later, at the end it must be written.
+    /// Write a checkpoint of the system as it is `at` this step. Midway it may come later, at the end it must be written.
     ///
     /// # Errors
     /// Stops the run.
-    fn save(&mut self, system: &dyn System, at: (u64, f64), occasion: Occasion) -> Result<Saved, RunError>;
+    fn save(&mut self, system: &dyn System, at: Reached, occasion: Occasion) -> Result<Saved, RunError>;
 
     /// Tell people what they should act on.
     fn warn(&mut self, line: &str);
@@ -215,7 +144,7 @@ impl Pace {
     }
 }
 
-/// Train `system` on `data` from (`step`, `seconds`) until the schedule stops it or `interrupt` is raised.
+/// Train `system` on `data` from where it is until the schedule stops it or `interrupt` is raised.
 ///
 /// At the end a checkpoint is written and, unless interrupted, the held-out views are measured. A run that starts where
 /// it should stop does no step.
@@ -227,11 +156,12 @@ pub fn train(
     system: &mut dyn System,
     data: &Dataset,
     schedule: &Schedule,
-    (mut step, mut seconds): (u64, f64),
+    from: Reached,
     log: &mut MetricsLog,
     host: &mut dyn Host,
     interrupt: &AtomicBool,
 ) -> Result<Ended, RunError> {
+    let Reached { mut step, mut seconds } = from;
     let start = step;
     let mut eval_at: Vec<f64> = schedule.eval_at.iter().copied().filter(|&at| at > seconds).collect();
     eval_at.sort_by(|a, b| b.total_cmp(a));
@@ -278,7 +208,7 @@ pub fn train(
         if evaluate || window.seconds >= schedule.row_every {
             let mut row = window.row(step, seconds);
             if evaluate {
-                row.psnr_test = host.evaluate(system, (step, seconds), Occasion::Midway)?;
+                row.psnr_test = host.evaluate(system, Reached { step, seconds }, Occasion::Midway)?;
                 latest.psnr_test = row.psnr_test;
             }
             note(log.write(&row), &mut logged, host);
@@ -291,7 +221,7 @@ pub fn train(
         }
         host.progress(&latest);
         if saved_at.elapsed() >= save_after {
-            save_after = match host.save(system, (step, seconds), Occasion::Midway)? {
+            save_after = match host.save(system, Reached { step, seconds }, Occasion::Midway)? {
                 Saved::Written => schedule.checkpoint_every,
                 Saved::Later => RETRY,
             };
@@ -300,16 +230,16 @@ pub fn train(
     };
     // A run that was interrupted before its first step can be resumed, too.
     if step > start || (step == 0 && reason == Reason::Interrupted) {
-        let _ = host.save(system, (step, seconds), Occasion::End)?;
+        let _ = host.save(system, Reached { step, seconds }, Occasion::End)?;
     }
     let mut psnr_test = None;
     if reason == Reason::Finished {
-        psnr_test = host.evaluate(system, (step, seconds), Occasion::End)?;
+        psnr_test = host.evaluate(system, Reached { step, seconds }, Occasion::End)?;
     }
     if step > start {
         note(log.write(&Row { psnr_test, ..window.row(step, seconds) }), &mut logged, host);
     } else if let Some(psnr) = psnr_test {
-        note(log.measured((step, seconds), psnr), &mut logged, host);
+        note(log.measured(Reached { step, seconds }, psnr), &mut logged, host);
     }
     latest.psnr_test = psnr_test.or(latest.psnr_test);
     host.progress(&latest);

@@ -1,0 +1,162 @@
+//! A coarse and a fine network, and what trains them.
+
+use super::head::Head;
+use super::network::{Ops, PackedNetwork, Shapes};
+use super::parts::Part;
+use super::recipe::Recipe;
+use super::step::{Chunk, Inputs};
+use super::trained::Trained;
+use crate::left_out::LeftOut;
+use crate::method::{Method, Pixel};
+use crate::space::Space;
+use engine::memory::room_for;
+use engine::options::Background;
+use engine::system::{Appearance, System, SystemError};
+use field_core::rng::Rng;
+use field_core::tape::TapeError;
+use float_core::Simd;
+
+/// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
+pub(super) const CHUNKS: usize = 8;
+
+/// Stream of random numbers.
+const INIT: u64 = 0x6e65_7266;
+
+/// A system made by a recipe.
+pub struct TwoLevel<R: Recipe> {
+    pub(super) config: R,
+    pub(super) seed: u64,
+    pub(super) background: Background,
+    pub(super) space: Space,
+    pub(super) shapes: Shapes<R::Position>,
+    /// What one photo alone shows; only where a method asks.
+    pub(super) head: Option<Head>,
+    /// What else the loss depends on; `None`: the photos show the scene as it is.
+    pub(super) method: Option<Box<dyn Method>>,
+    /// Coarse network, then fine; or one for both. Then the head's.
+    pub(super) trained: Trained,
+    pub(super) packed: Vec<PackedNetwork>,
+    pub(super) inputs: Inputs,
+    pub(super) chunks: Vec<Chunk>,
+    pub(super) grad: Vec<f32>,
+    /// All pixels of the batch as they were rendered; only where a method asks.
+    pub(super) seen: Vec<Pixel>,
+    pub(super) seconds: [f64; 3],
+    pub(super) missed: u64,
+    pub(super) cast: u64,
+    /// Training pixels that were not rendered.
+    pub(super) left_out: LeftOut,
+}
+
+/// The tape operations of both levels and of the head.
+pub(super) struct TwoLevelOps<'a, P> {
+    pub(super) levels: [Ops<'a, P>; 2],
+    pub(super) head: Option<Part<'a>>,
+}
+
+impl<R: Recipe> TwoLevel<R> {
+    /// New networks for a space.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for settings that cannot work.
+    pub fn new(config: R, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
+        Self::with_method(config, space, background, seed, None)
+    }
+
+    /// New networks that learn what a method says. The colour of both levels sees the photo's appearance code; the transient
+    /// part is the fine level's alone.
+    ///
+    /// # Errors
+    /// As [`TwoLevel::new`].
+    pub fn with_method(
+        config: R,
+        space: Space,
+        background: Background,
+        seed: u64,
+        method: Option<Box<dyn Method>>,
+    ) -> Result<Self, SystemError> {
+        config.check()?;
+        let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
+        let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
+        let shapes = Shapes::new(&config.network()?, appearance.unwrap_or(0))?;
+        let n = shapes.param_count();
+        let head = transient.map(|dims| Head::new(shapes.width(), dims, n, config.mixture())).transpose()?;
+        let networks = R::NETWORKS * n;
+        let total = networks + head.as_ref().map_or(0, Head::param_count);
+        room_for("width", shapes.width(), total)?;
+        let mut params = vec![0.0; total];
+        let rng = Rng::new(seed, INIT);
+        for (i, params) in params[..networks].chunks_exact_mut(n).enumerate() {
+            shapes.init(rng.substream(i as u64), params);
+        }
+        if let Some(head) = &head {
+            head.init(rng.substream(R::NETWORKS as u64), &mut params[networks..]);
+        }
+        let mut system = Self {
+            trained: Trained::new(params, R::ADAM),
+            inputs: Inputs::default(),
+            chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
+            grad: vec![0.0; total],
+            seen: Vec::new(),
+            packed: (0..R::NETWORKS).map(|_| PackedNetwork::default()).collect(),
+            seconds: [0.0; 3],
+            missed: 0,
+            cast: 0,
+            left_out: LeftOut::default(),
+            config,
+            seed,
+            background,
+            space,
+            shapes,
+            head,
+            method,
+        };
+        system.pack();
+        Ok(system)
+    }
+
+    pub(super) fn pack(&mut self) {
+        let n = self.shapes.param_count();
+        let (networks, head_params) = self.trained.params.split_at(R::NETWORKS * n);
+        for (params, packed) in networks.chunks_exact(n).zip(&mut self.packed) {
+            self.shapes.pack(params, packed);
+        }
+        if let Some(head) = &mut self.head {
+            head.pack(head_params);
+        }
+    }
+
+    pub(super) fn ops(&self) -> TwoLevelOps<'_, R::Position> {
+        let simd = Simd::best();
+        TwoLevelOps {
+            levels: [0, 1].map(|level| self.shapes.ops(simd, &self.packed[network_of::<R>(level)])),
+            head: self.head.as_ref().map(|head| head.op(simd)),
+        }
+    }
+
+    /// Where the parameters of a level lie: those of its network, and behind the fine one's those of the head.
+    pub(super) fn range(&self, level: usize) -> std::ops::Range<usize> {
+        let (n, i) = (self.shapes.param_count(), network_of::<R>(level));
+        i * n..if level == 1 { self.trained.params.len() } else { (i + 1) * n }
+    }
+
+    /// Parameters of the coarse (0) or fine (1) level.
+    pub(super) fn network(&self, level: usize) -> &[f32] {
+        &self.trained.params[self.range(level)]
+    }
+
+    /// The code of an appearance; empty for a system that knows one light only.
+    pub(super) fn code_of(&self, appearance: &Appearance) -> Vec<f32> {
+        self.appearance_code(appearance).unwrap_or_default()
+    }
+}
+
+/// The network of a level: its own, or the only one.
+pub(super) fn network_of<R: Recipe>(level: usize) -> usize {
+    level.min(R::NETWORKS - 1)
+}
+
+/// The tape is built of shapes that fit: an error is a mistake in this file.
+pub(super) fn recorded<T>(result: Result<T, TapeError>) -> T {
+    result.unwrap_or_else(|e| panic!("the record does not fit: {e}"))
+}
