@@ -2,6 +2,8 @@
 //! them.
 #![expect(clippy::missing_panics_doc, reason = "these are assertions of tests")]
 
+pub mod sources;
+
 use engine::data::Dataset;
 use engine::options::{Background, Plan, RunOptions, parse_set};
 use engine::render::{plain_query, render};
