@@ -6,6 +6,7 @@
 //!   field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`method`] is the seam to the last two. [`networks`]: the driver of networks as published.
+//! * [`gradients`]: gradients with respect to rays and cameras.
 //! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians to look at. [`bake`]: any field as a cloud of
 //!   Gaussians, to look at and to export.
 
@@ -18,6 +19,7 @@ mod codes;
 mod engine_tests;
 pub mod fields;
 pub(crate) mod free_space;
+pub mod gradients;
 pub mod layout;
 pub(crate) mod left_out;
 pub(crate) mod limits;

@@ -18,6 +18,7 @@ use render_core::contract::{Norm, contract_backward, contract_batch, inv_contrac
 use render_core::ndc::Ndc;
 use render_core::ray::Ray;
 use render_core::sample::Spacing;
+use render_core::space_map::SpaceMap;
 use serde::{Deserialize, Serialize};
 
 /// How space is laid out.
@@ -189,6 +190,17 @@ impl Space {
     #[must_use]
     pub fn kind(&self) -> SpaceKind {
         self.kind
+    }
+
+    /// The same map, for gradients.
+    #[must_use]
+    pub fn map(&self) -> SpaceMap {
+        let (centre, radius) = (self.centre, self.radius);
+        match self.kind {
+            SpaceKind::Box => SpaceMap::Box { centre, radius },
+            SpaceKind::Contracted => SpaceMap::Contracted { norm: Norm::Max, centre, radius },
+            SpaceKind::Ndc => SpaceMap::Ndc { pose: self.reference.pose, ndc: self.reference.ndc },
+        }
     }
 
     /// Where the outermost cascade ends, internal units.

@@ -11,6 +11,9 @@ mod fit;
 mod head;
 mod network;
 pub(crate) mod parts;
+mod ray_gradient;
+#[cfg(test)]
+mod ray_gradient_tests;
 mod recipe;
 mod render;
 mod samples;
@@ -21,6 +24,7 @@ mod two_level;
 
 pub use network::NetworkConfig;
 pub(crate) use network::refuse;
+pub use ray_gradient::Along;
 pub use recipe::Recipe;
 pub(crate) use samples::ray_random;
 pub use samples::{Level, Tile};

@@ -1,12 +1,13 @@
 //! What tells the systems of two levels apart.
 
-use super::{Footprint, Level, NetworkConfig, Tile};
+use super::{Along, Footprint, Level, NetworkConfig, Tile};
 use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, Node, Tape, TapeError};
 use optim::AdamConfig;
 use render_core::quadrature::two::Mixture;
+use render_core::ray::RayBar;
 
 /// Settings of a system of two levels, and what follows from them.
 pub trait Recipe: Clone + Send + Sync {
@@ -69,6 +70,15 @@ pub trait Recipe: Clone + Send + Sync {
 
     /// Samples of the second look, from the weights `tile.w` of the first.
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
+
+    /// Whether rays of this space have a gradient: [`Recipe::pull_rays`].
+    fn has_ray_gradient(&self, _space: &Space) -> bool {
+        false
+    }
+
+    /// Add to `bars`, the gradients of the rays in internal coordinates, what `x_bar` `[rows][n]` says of them: the gradient of
+    /// `level.x`, for samples that stay at their distances.
+    fn pull_rays(&self, _space: &Space, _along: &Along<'_>, _x_bar: &[f32], _bars: &mut [RayBar]) {}
 
     /// Fill in `level.x` for the `n` points `level.p`.
     fn place_points(&self, space: &Space, n: usize, level: &mut Level);

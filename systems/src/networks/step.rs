@@ -4,6 +4,7 @@ use super::composite::CompositeOp;
 use super::composite_two::{CompositeTwoOp, PIXEL};
 use super::head::Head;
 use super::network::Seen;
+use super::ray_gradient::{Along, PlaceBars, RayBars};
 use super::recipe::Recipe;
 use super::samples::{Level, Tile, add_codes, spread_codes};
 use super::two_level::{CHUNKS, TwoLevel, TwoLevelOps, recorded};
@@ -16,7 +17,7 @@ use crate::survey::Surveys;
 use engine::data::{Batch, Dataset};
 use engine::system::{StepStats, SystemError};
 use field_core::rng::Rng;
-use field_core::tape::{Tape, TapeError};
+use field_core::tape::{Node, Tape, TapeError};
 use float_core::Simd;
 use losses::sparsity;
 use rayon::prelude::*;
@@ -61,7 +62,6 @@ pub(super) enum Pass {
 /// What all chunks of a pass share.
 pub(super) struct Context<'a, P> {
     pub(super) ops: &'a TwoLevelOps<'a, P>,
-    pub(super) data: &'a Dataset,
     pub(super) inputs: &'a Inputs,
     /// Randomness of samples and densities; `None`: evenly spaced, and no noise.
     pub(super) random: Option<Rng>,
@@ -71,6 +71,8 @@ pub(super) struct Context<'a, P> {
     pub(super) appearance: Option<Codes<'a>>,
     pub(super) transient: Option<Codes<'a>>,
     pub(super) pass: Pass,
+    /// Whether the gradient goes on to the rays.
+    pub(super) by_ray: bool,
 }
 
 /// Memory of a chunk, kept from step to step.
@@ -83,7 +85,14 @@ pub(super) struct Chunk {
     /// `[pixels][dims]`, gradients of the pixels' codes.
     appearance_bar: Vec<f32>,
     transient_bar: Vec<f32>,
-    sums: Sums,
+    pub(super) sums: Sums,
+    /// Of the pixels' rays, where they are asked for.
+    pub(super) ray_bars: RayBars,
+}
+
+/// What is seen of places: an input where rays have a gradient.
+fn placed(tape: &mut Tape<'_>, by_ray: bool, rows: usize, n: usize, data: &[f32]) -> Result<Node, TapeError> {
+    if by_ray { tape.input(rows, n, data) } else { tape.constant(rows, n, data) }
 }
 
 /// Noise on the raw densities of the samples of a level, zero without random numbers.
@@ -157,8 +166,8 @@ fn judge<P>(
 
 /// What a chunk adds up besides gradients.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    loss: f64,
+pub(super) struct Sums {
+    pub(super) loss: f64,
     fine_error: f64,
     weight: f64,
     samples: u64,
@@ -226,12 +235,10 @@ impl<R: Recipe> TwoLevel<R> {
     pub(super) fn context<'a>(
         &'a self,
         ops: &'a TwoLevelOps<'a, R::Position>,
-        data: &'a Dataset,
         inputs: &'a Inputs,
     ) -> Context<'a, R::Position> {
         Context {
             ops,
-            data,
             inputs,
             random: None,
             share: 1.0,
@@ -239,6 +246,7 @@ impl<R: Recipe> TwoLevel<R> {
             appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
             transient: self.method.as_ref().and_then(|method| method.transient()),
             pass: Pass::Look,
+            by_ray: false,
         }
     }
 
@@ -247,25 +255,37 @@ impl<R: Recipe> TwoLevel<R> {
         let mut chunks = std::mem::take(&mut self.chunks);
         let ops = self.ops();
         let random = Some(Rng::new(self.seed, SAMPLES).substream(step));
-        let ctx = Context { random, share, pass, ..self.context(&ops, data, &self.inputs) };
+        let ctx = Context { random, share, pass, ..self.context(&ops, &self.inputs) };
         let pixels = self.inputs.batch.len();
         chunks.par_iter_mut().enumerate().for_each(|(c, chunk)| {
-            self.run(&ctx, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS, chunk);
+            self.run(&ctx, data, c * pixels / CHUNKS..(c + 1) * pixels / CHUNKS, chunk);
         });
         self.chunks = chunks;
     }
 
     /// The pixels `ids` of a batch.
-    pub(super) fn run(&self, ctx: &Context<'_, R::Position>, ids: Range<usize>, chunk: &mut Chunk) {
+    pub(super) fn run(&self, ctx: &Context<'_, R::Position>, data: &Dataset, ids: Range<usize>, chunk: &mut Chunk) {
+        // A method that looks may want to see pixels that do not count between their neighbours.
+        let looks = ctx.method.is_some() && ctx.pass == Pass::Look;
+        let which = if looks { Which::All } else { Which::Counted };
+        let (rays, hit) = crossing(&self.space, (data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
+        self.run_rays(ctx, ids, (&rays, &hit), chunk);
+    }
+
+    /// The pixels `ids` of a batch, `hit` those of them whose `rays` cross the space.
+    pub(super) fn run_rays(
+        &self,
+        ctx: &Context<'_, R::Position>,
+        ids: Range<usize>,
+        (rays, hit): (&[InternalRay], &[usize]),
+        chunk: &mut Chunk,
+    ) {
         chunk.sums = Sums::default();
         if ctx.pass == Pass::Learn {
             chunk.grad.clear();
             chunk.grad.resize(self.trained.params.len(), 0.0);
         }
-        // A method that looks may want to see pixels that do not count between their neighbours.
-        let looks = ctx.method.is_some() && ctx.pass == Pass::Look;
-        let which = if looks { Which::All } else { Which::Counted };
-        let (rays, hit) = crossing(&self.space, (ctx.data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
+        chunk.ray_bars.begin(if ctx.by_ray { ids.len() } else { 0 });
         chunk.sums.missed = (ids.len() - hit.len()) as u64;
         chunk.seen.clear();
         if ctx.method.is_some() {
@@ -306,7 +326,7 @@ impl<R: Recipe> TwoLevel<R> {
             let Tile { coarse, fine, background, bar, appearance, transient, .. } = &mut chunk.tile;
             let samples = if level == 0 { coarse } else { fine };
             draw_noise(samples, level, rng.as_ref(), self.config.density_noise());
-            let Level { arena, offsets, dt, x, d, noise, .. } = samples;
+            let Level { arena, offsets, t, dt, x, d, noise, .. } = samples;
             let (n, offsets, dt, simd) = (dt.len(), &offsets[..], &dt[..], Simd::best());
             let codes = |codes: Option<Codes<'_>>, rows: &mut Vec<f32>| {
                 let codes = codes?;
@@ -321,8 +341,8 @@ impl<R: Recipe> TwoLevel<R> {
             let two = head.map(|head| CompositeTwoOp { simd, mixture: head.mixture, offsets, dt, background });
             let mut tape = Tape::new(arena, self.network(level));
             let seen = Seen {
-                x: tape.constant(x.len() / n.max(1), n, x)?,
-                d: tape.constant(3, n, d)?,
+                x: placed(&mut tape, ctx.by_ray, x.len() / n.max(1), n, x)?,
+                d: placed(&mut tape, ctx.by_ray, 3, n, d)?,
                 code: appearance_dims.map(|dims| tape.input(dims, n, appearance)).transpose()?,
             };
             let out = ctx.ops.levels[level].record(&mut tape, seen)?;
@@ -367,6 +387,10 @@ impl<R: Recipe> TwoLevel<R> {
             let seeds = if sigma_bar.is_empty() { &seeds[..1] } else { &seeds[..] };
             tape.backward(seeds, &mut chunk.grad[self.range(level)])?;
             let places = || ids.iter().map(|i| i - first);
+            if ctx.by_ray {
+                let bars = PlaceBars { x: tape.gradient(seen.x)?, d: tape.gradient(seen.d)? };
+                chunk.ray_bars.add(&self.config, &self.space, &Along { rays, offsets, t, dt }, &bars, places());
+            }
             if let Some(code) = seen.code {
                 add_codes(tape.gradient(code)?, offsets, places(), &mut chunk.appearance_bar);
             }

@@ -27,11 +27,11 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
         inputs.put_on(|_| self.background.colour());
         let n = inputs.batch.len();
         let ops = self.ops();
-        let ctx = self.context(&ops, data, &inputs);
+        let ctx = self.context(&ops, &inputs);
         let tasks: Vec<Vec<Pixel>> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(Chunk::default, |chunk, task| {
-                self.run(&ctx, task * TASK..((task + 1) * TASK).min(n), chunk);
+                self.run(&ctx, data, task * TASK..((task + 1) * TASK).min(n), chunk);
                 chunk.seen.clone()
             })
             .collect();

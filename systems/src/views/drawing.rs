@@ -4,7 +4,9 @@ use super::cloud::CloudParameters;
 use super::hooks::OfAppearance;
 use super::planes::{COLOUR, PlaneLayout};
 use float_core::Simd;
-use splat_core::{Gaussians, ProjectedGaussian, ProjectedGradient, Projection, RasterSettings, SplatError, View};
+use splat_core::{
+    CameraGradient, Gaussians, ProjectedGaussian, ProjectedGradient, Projection, RasterSettings, SplatError, View,
+};
 use std::ops::Range;
 
 /// A cloud at the time of a picture.
@@ -146,7 +148,7 @@ impl Projections {
     }
 
     /// Gradients with respect to the parameters of cloud `cloud.index`, written to `bar`: those of its composited extra rows, and what
-    /// its part of `gradients` says of the rest.
+    /// its part of `gradients` says of the rest. What it says of the camera is added to `camera`, where that is asked for.
     ///
     /// # Errors
     /// [`SplatError::Shape`].
@@ -157,6 +159,7 @@ impl Projections {
         projected: &Projected<'_>,
         gradients: &[ProjectedGradient<K>],
         bar: &mut CloudParameters,
+        camera: Option<&mut CameraGradient>,
     ) -> Result<(), SplatError> {
         let (Projected { view, settings, layout }, n) = (*projected, cloud.gaussians.len());
         let Some((range, projection)) = self.each().nth(cloud.index) else { return Ok(()) };
@@ -167,6 +170,14 @@ impl Projections {
             }
         }
         let depth = layout.depth_feature();
-        projection.backward(simd, cloud.gaussians, view, settings, cloud.degree, own, depth, &mut bar.gaussians)
+        let (gaussians, degree, bar) = (cloud.gaussians, cloud.degree, &mut bar.gaussians);
+        match camera {
+            None => projection.backward(simd, gaussians, view, settings, degree, own, depth, bar),
+            Some(sum) => {
+                let own = projection.backward_with_camera(simd, gaussians, view, settings, degree, own, depth, bar)?;
+                *sum = sum.plus(&own);
+                Ok(())
+            }
+        }
     }
 }

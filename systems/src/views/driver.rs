@@ -7,7 +7,7 @@ use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
 use super::hooks::{CloudMotion, ColourAppearance, OfAppearance};
 use super::memory::Pictures;
-use super::pass::{LossParts, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
+use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
 use super::planes::PlaneLayout;
 use super::render::{CloudRenderer, RenderBuffers};
@@ -22,7 +22,7 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use optim::NonFiniteGuard;
 use render_core::camera::Camera;
-use splat_core::View;
+use splat_core::{CameraGradient, View};
 use std::borrow::Cow;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -79,11 +79,12 @@ pub(crate) struct Views {
 pub(super) type Clouds<'a> = Vec<Cow<'a, CloudParameters>>;
 
 /// The photo of a step.
-struct Shown {
+pub(super) struct Shown {
     /// Index of its view.
-    view: usize,
+    pub(super) view: usize,
     time: f64,
-    camera: Camera,
+    /// Without a lens, at the size of the step.
+    pub(super) camera: Camera,
     background: [f32; 3],
 }
 
@@ -121,6 +122,17 @@ impl Views {
 
     /// The photo of a step: all of them, in an order of their own, before any comes again; its camera, and what is behind it.
     fn show(&mut self, data: &Dataset, step: u64) -> Result<Shown, SystemError> {
+        let seed = self.parts.seed;
+        self.show_one(data, step, |photos| turn(Rng::new(seed, EPOCHS), step, photos))
+    }
+
+    /// One of the photos, as step `step` would show it: `which` chooses among so many.
+    pub(super) fn show_one(
+        &mut self,
+        data: &Dataset,
+        step: u64,
+        which: impl FnOnce(usize) -> usize,
+    ) -> Result<Shown, SystemError> {
         let clock = Instant::now();
         let level = self.parts.pictures.level(step);
         // Those of another level go before new ones come.
@@ -128,7 +140,7 @@ impl Views {
             Some((_, photos)) => photos,
             None => PhotoSet::new(data, level)?,
         };
-        let view = turn(Rng::new(self.parts.seed, EPOCHS), step, photos.len());
+        let view = which(photos.len());
         let shown = photos.get(data, view);
         self.photos = Some((level, photos));
         let (image, camera) = shown?;
@@ -148,8 +160,15 @@ impl Views {
         clouds_at(&self.parts, time)
     }
 
-    /// Learn from the photo that is shown.
-    fn learn(&mut self, step: u64, view: &View, shown: &Shown) -> Result<StepStats, SystemError> {
+    /// The loss of the photo that is shown, and its gradient: that with respect to the clouds is left beside them, that with respect to
+    /// the camera is added to `camera`, where that is asked for.
+    pub(super) fn compare(
+        &mut self,
+        step: u64,
+        view: &View,
+        shown: &Shown,
+        camera_gradient: Option<&mut CameraGradient>,
+    ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
         let mut seconds = [0.0; PARTS.len()];
         let target =
@@ -164,21 +183,32 @@ impl Views {
             Some(moved) => clouds.iter().zip(moved).map(|(cloud, at)| cloud.drawn(step, at)).collect(),
             None => clouds.iter().map(|cloud| cloud.drawn(step, &cloud.parameters)).collect(),
         };
-        let mut parts =
-            LossParts { terms, appearance: appearance.as_deref_mut(), view_space: *view_space, seconds: &mut seconds };
+        let mut parts = LossParts {
+            terms,
+            appearance: appearance.as_deref_mut(),
+            view_space: *view_space,
+            camera: camera_gradient,
+            seconds: &mut seconds,
+        };
         let outcome = self.pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).map_err(refused);
         drop(drawn);
         for (cloud, gradient) in clouds.iter_mut().zip(gradients) {
             cloud.gradient = gradient;
         }
-        let outcome = outcome?;
+        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
+            *sum += more;
+        }
+        outcome
+    }
+
+    /// Learn from the photo that is shown.
+    fn learn(&mut self, step: u64, view: &View, shown: &Shown) -> Result<StepStats, SystemError> {
+        let outcome = self.compare(step, view, shown, None)?;
+        let ViewParts { clouds, appearance, motion, .. } = &mut self.parts;
         if let Some(motion) = motion {
             for (index, cloud) in clouds.iter_mut().enumerate() {
                 motion.pull_back(shown.time, index, &cloud.parameters, &mut cloud.gradient);
             }
-        }
-        for (sum, more) in self.seconds.iter_mut().zip(seconds) {
-            *sum += more;
         }
         let clock = Instant::now();
         let all: usize = clouds.iter().map(|cloud| cloud.parameters.len()).sum();

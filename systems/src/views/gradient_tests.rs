@@ -23,7 +23,7 @@ use splat_core::{Gaussians, ProjectedGaussian, RasterSettings};
 use std::sync::{Arc, Mutex};
 use testkit::reference::splats as reference;
 
-const FRAME: CloudFrame = CloudFrame { centre: [0.0; 3], scale: 2.0 };
+pub(super) const FRAME: CloudFrame = CloudFrame { centre: [0.0; 3], scale: 2.0 };
 const SIDE: usize = made::SIDE as usize;
 const PIXELS: usize = SIDE * SIDE;
 const DSSIM: f32 = 0.3;
@@ -37,13 +37,13 @@ const COARSE: [usize; 2] = [12, 8];
 
 /// What the made-up parts of a step leave behind.
 #[derive(Clone, Debug, Default)]
-struct Record {
+pub(super) struct Record {
     view: usize,
     gain_bar: f64,
     speed_bar: f64,
 }
 
-type Shared = Arc<Mutex<Record>>;
+pub(super) type Shared = Arc<Mutex<Record>>;
 
 /// `factor * mean w e^2` of the first extra row.
 struct LabelTerm(Shared);
@@ -74,6 +74,7 @@ impl Learns for Gain {
     fn step(&mut self, _simd: Simd, _step: u64) -> usize {
         0
     }
+    fn forget(&mut self) {}
     fn state(&self) -> Vec<Tensor<'_>> {
         Vec::new()
     }
@@ -129,6 +130,7 @@ impl Learns for Expansion {
     fn step(&mut self, _simd: Simd, _step: u64) -> usize {
         0
     }
+    fn forget(&mut self) {}
     fn state(&self) -> Vec<Tensor<'_>> {
         Vec::new()
     }
@@ -208,7 +210,7 @@ fn depth_map() -> DepthMap {
     DepthMap { size: COARSE, z }
 }
 
-fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradient) -> Views {
+pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradient) -> Views {
     let rows = ExtraRows { rows: 2, composited: 1, rate: 0.0 };
     let mut clouds = vec![
         TrainedCloud::new(training(rows), 0, &cloud(5, 1, 1)).unwrap(),
@@ -241,18 +243,32 @@ fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradient) -> Vie
 
 /// All that the loss of a step depends on.
 #[derive(Clone)]
-struct Point {
+pub(super) struct Point {
     /// Parameters of both clouds, row by row.
-    clouds: [Vec<f64>; 2],
+    pub(super) clouds: [Vec<f64>; 2],
     /// `[2][5]` extra rows of the first.
-    extra: Vec<f64>,
-    gain: f64,
-    speed: f64,
+    pub(super) extra: Vec<f64>,
+    pub(super) gain: f64,
+    pub(super) speed: f64,
+}
+
+impl Point {
+    /// That of a system.
+    pub(super) fn of(system: &Views) -> Self {
+        let clouds = &system.parts.clouds;
+        Self {
+            clouds: [wide(&clouds[0].parameters.gaussians), wide(&clouds[1].parameters.gaussians)],
+            extra: clouds[0].parameters.extra.iter().map(|&x| f64::from(x)).collect(),
+            gain: GAIN,
+            speed: SPEED,
+        }
+    }
 }
 
 /// The step in `f64`.
-struct Twin {
-    camera: reference::Camera,
+#[derive(Clone)]
+pub(super) struct Twin {
+    pub(super) camera: reference::Camera,
     rules: reference::Rules,
     time: f64,
     /// `[3][pixels]`
@@ -262,7 +278,7 @@ struct Twin {
 }
 
 impl Twin {
-    fn new(data: &Dataset, index: usize) -> Self {
+    pub(super) fn new(data: &Dataset, index: usize) -> Self {
         let seen = view(&data.view(index).camera, &FRAME);
         let settings = RasterSettings::DEFAULT;
         let image = data.image(index).unwrap();
@@ -291,7 +307,12 @@ impl Twin {
         }
     }
 
-    fn loss(&self, at: &Point) -> f64 {
+    /// The same seen from elsewhere.
+    pub(super) fn from(&self, camera: reference::Camera) -> Self {
+        Self { camera, ..self.clone() }
+    }
+
+    pub(super) fn loss(&self, at: &Point) -> f64 {
         let mut all = Vec::new();
         for (index, (parameters, n)) in at.clouds.iter().zip([5, 3]).enumerate() {
             let mut moved = parameters.clone();
@@ -376,7 +397,7 @@ fn worst(twin: &Twin, at: &Point, got: &[f64], value: impl Fn(&mut Point, usize)
 }
 
 /// Photos of noise.
-fn noise() -> Vec<scene_io::Frame> {
+pub(super) fn noise() -> Vec<scene_io::Frame> {
     let rng = Rng::new(3, 1);
     made::frames(3, |k, x, y| {
         rng.uniform4_at((k as u64 * 1000 + u64::from(y)) * 1000 + u64::from(x)).map(|u| (255.0 * u) as u8)
@@ -388,13 +409,7 @@ fn the_gradient_of_a_step_is_that_of_differences_for_every_kind_of_parameter() {
     let (_, data) = made::scene(noise(), Vec::new());
     let shared = Shared::default();
     let mut system = system(&data, &shared, ViewSpaceGradient::Plain);
-    let before = &system.parts.clouds;
-    let at = Point {
-        clouds: [wide(&before[0].parameters.gaussians), wide(&before[1].parameters.gaussians)],
-        extra: before[0].parameters.extra.iter().map(|&x| f64::from(x)).collect(),
-        gain: GAIN,
-        speed: SPEED,
-    };
+    let at = Point::of(&system);
     let stats = system.train_step(&data, 0).unwrap();
     let record = shared.lock().unwrap().clone();
     let twin = Twin::new(&data, record.view);

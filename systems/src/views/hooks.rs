@@ -14,6 +14,9 @@ pub(crate) trait Learns: Send + Sync {
     /// What its next step depends on.
     fn state(&self) -> Vec<Tensor<'_>>;
 
+    /// Drop the gradient that is kept for the next step.
+    fn forget(&mut self);
+
     /// What [`state`](Self::state) wrote.
     ///
     /// # Errors

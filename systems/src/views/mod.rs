@@ -19,6 +19,9 @@
 //!
 //! What is published under a name is in [`crate::papers::gaussians`]; clouds to look at are in [`crate::splats`].
 
+mod camera_gradient;
+#[cfg(test)]
+mod camera_gradient_tests;
 mod cloud;
 pub mod cloud_frame;
 mod config;

@@ -8,7 +8,7 @@ use super::terms::{PictureTerm, TargetPicture};
 use engine::system::Appearance;
 use float_core::Simd;
 use rayon::prelude::*;
-use splat_core::{DrawStats, ProjectedGradient, Raster, RasterSettings, SplatError, View};
+use splat_core::{CameraGradient, DrawStats, ProjectedGradient, Raster, RasterSettings, SplatError, View};
 use std::time::Instant;
 
 /// Parts of a step that are timed.
@@ -74,6 +74,8 @@ pub(crate) struct LossParts<'a> {
     pub(crate) terms: &'a mut [Box<dyn PictureTerm>],
     pub(crate) appearance: Option<&'a mut (dyn ColourAppearance + 'static)>,
     pub(crate) view_space: ViewSpaceGradient,
+    /// Where the gradient with respect to the camera of the step goes; `None`: nobody asks.
+    pub(crate) camera: Option<&'a mut CameraGradient>,
     /// Seconds of each of [`PARTS`], added to.
     pub(crate) seconds: &'a mut [f64; PARTS.len()],
 }
@@ -250,7 +252,8 @@ impl<const K: usize> PicturePass for Pass<K> {
         }
         let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
         for (cloud, gradient) in clouds.iter().zip(gradients) {
-            self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient)?;
+            let camera = parts.camera.as_deref_mut();
+            self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient, camera)?;
         }
         self.clock.lap(5);
         for (sum, more) in parts.seconds.iter_mut().zip(self.clock.seconds) {

@@ -120,6 +120,7 @@ pub(crate) fn refine(
             terms: &mut terms,
             appearance: None,
             view_space: ViewSpaceGradient::Plain,
+            camera: None,
             seconds: &mut seconds,
         };
         let drawn = [DrawnCloud::alone(&cloud.gaussians)];

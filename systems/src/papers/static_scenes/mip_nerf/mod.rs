@@ -15,15 +15,16 @@ mod samples;
 pub use config::MipNerfConfig;
 
 use crate::claims::Claim;
-use crate::networks::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::networks::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
 use crate::plan::{Ask, Built, planned, space};
-use crate::space::{InternalRay, Space};
+use crate::space::{InternalRay, Space, SpaceKind};
 use engine::system::SystemError;
 use field_core::encoding::integrated::Integrated;
 use field_core::mlp::Activation;
 use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
 use optim::AdamConfig;
+use render_core::ray::RayBar;
 
 /// The system.
 pub type MipNerf = TwoLevel<MipNerfConfig>;
@@ -82,6 +83,15 @@ impl Recipe for MipNerfConfig {
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
         samples::fine(self, space, rays, random, tile);
+    }
+
+    /// Where space is contracted a Gaussian goes through second derivatives of the contraction, which nothing gives.
+    fn has_ray_gradient(&self, space: &Space) -> bool {
+        space.kind() != SpaceKind::Contracted
+    }
+
+    fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
+        samples::pull_rays(space, along, x_bar, bars);
     }
 
     fn place_points(&self, space: &Space, n: usize, level: &mut Level) {

@@ -1,12 +1,13 @@
 //! Where a tile's cones are cut, and the Gaussians of the pieces.
 
 use super::MipNerfConfig;
-use crate::networks::{Level, Tile, ray_random};
+use crate::networks::{Along, Level, Tile, ray_random};
 use crate::space::{InternalRay, Space, SpaceKind};
 use field_core::rng::Rng;
 use render_core::contract::{Norm, contract, contract_covariance};
 use render_core::frustum::{Frustum, Moments, symmetric};
 use render_core::histogram::{Quantiles, blur_weights, quantiles, resample_fenceposts};
+use render_core::ray::RayBar;
 use render_core::sample::{bin_edges, dt_from_edges, stratified_nerf};
 
 /// Evenly spaced fenceposts from end to end, jittered in training.
@@ -102,5 +103,30 @@ fn put(level: &mut Level, kind: SpaceKind, (i, n): (usize, usize), mean: [f32; 3
         level.p[a * n + i] = mean[a];
         level.x[a * n + i] = seen[a];
         level.x[(3 + a) * n + i] = var[a];
+    }
+}
+
+/// Gradients of rays from those of means and variances, in a space that is not contracted; see
+/// [`Recipe::pull_rays`](crate::networks::Recipe::pull_rays).
+///
+/// `mean = o + mean_t d`, `var_a = var_t d_a^2 + var_r (1 - d_a^2 / |d|^2)`.
+pub(super) fn pull_rays(space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
+    let n = along.t.len();
+    let shape = if space.kind() == SpaceKind::Ndc { Frustum::Cylinder } else { Frustum::Cone };
+    for ((r, ray), bar) in along.rays.iter().enumerate().zip(bars) {
+        let d = ray.d.map(f64::from);
+        let s = 1.0 / d.iter().map(|d| d * d).sum::<f64>();
+        for i in along.offsets[r] as usize..along.offsets[r + 1] as usize {
+            let (t0, dt) = (f64::from(along.t[i]), f64::from(along.dt[i]));
+            let m = Moments::new(shape, t0, t0 + dt, f64::from(ray.radius));
+            let of = |first: usize| [0, 1, 2].map(|a| f64::from(x_bar[(first + a) * n + i]));
+            let (mean_bar, var_bar) = (of(0), of(3));
+            let turned: f64 = (0..3).map(|a| var_bar[a] * d[a] * d[a]).sum();
+            for b in 0..3 {
+                bar.o[b] += mean_bar[b];
+                bar.d[b] += m.mean_t * mean_bar[b]
+                    + 2.0 * d[b] * ((m.var_t - m.var_r * s) * var_bar[b] + m.var_r * s * s * turned);
+            }
+        }
     }
 }

@@ -15,7 +15,7 @@ pub use config::NerfConfig;
 
 use crate::claims::Claim;
 use crate::method::Method;
-use crate::networks::{Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::networks::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
 use crate::plan::{Ask, Built, Ground, planned, space};
 use crate::space::{InternalRay, Space};
 use engine::data::Dataset;
@@ -25,6 +25,7 @@ use field_core::rng::Rng;
 use field_core::tape::{Node, Tape, TapeError};
 use optim::AdamConfig;
 use render_core::quadrature::two::Mixture;
+use render_core::ray::RayBar;
 
 /// The system.
 pub type Nerf = TwoLevel<NerfConfig>;
@@ -88,6 +89,14 @@ impl Recipe for NerfConfig {
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
         samples::fine(self, space, rays, random, tile);
+    }
+
+    fn has_ray_gradient(&self, _space: &Space) -> bool {
+        true
+    }
+
+    fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
+        samples::pull_rays(space, along, x_bar, bars);
     }
 
     fn place_points(&self, space: &Space, _n: usize, level: &mut Level) {

@@ -1,10 +1,11 @@
 //! Where a tile's rays are sampled: stratified for the coarse network, by its weights for the fine one.
 
 use super::NerfConfig;
-use crate::networks::{Level, Tile, ray_random};
+use crate::networks::{Along, Level, Tile, ray_random};
 use crate::space::{InternalRay, Space};
 use field_core::rng::Rng;
 use float_core::Simd;
+use render_core::ray::{RayBar, SamplePositionsGrads, sample_positions, sample_positions_backward};
 use render_core::sample::{dt_from_points, invert_cdf, merge_sorted, mid_points, stratified_bins};
 
 /// Added to the weights before fine samples are drawn, so that a ray that sees nothing is sampled evenly.
@@ -75,4 +76,15 @@ pub(super) fn encoder_input(space: &Space, level: &mut Level) {
     for x in &mut level.x {
         *x = 2.0 * *x - 1.0;
     }
+}
+
+/// Gradients of rays from those of positions in `[-1, 1]`: see [`Recipe::pull_rays`](crate::networks::Recipe::pull_rays).
+pub(super) fn pull_rays(space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
+    let (rays, n) = (along.lines(), along.t.len());
+    let (mut p, mut p_bar) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
+    sample_positions(&rays, along.offsets, along.t, &mut p);
+    // x = 2 u - 1.
+    let unit_bar: Vec<f32> = x_bar.iter().map(|bar| 2.0 * bar).collect();
+    space.map().unit_backward(&p, &unit_bar, &mut p_bar);
+    sample_positions_backward(&rays, along.offsets, along.t, &p_bar, SamplePositionsGrads { rays: bars, t: None });
 }

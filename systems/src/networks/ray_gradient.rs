@@ -1,0 +1,152 @@
+//! The gradient of the loss with respect to the rays themselves, for samples that stay at their distances. See [`ByRay`].
+
+use super::step::{Chunk, Context, Inputs, Pass};
+use super::{Recipe, TwoLevel};
+use crate::gradients::{ByRay, RayGradients, RayTargets, check};
+use crate::method::Codes;
+use crate::networks::Footprint;
+use crate::space::{InternalRay, Space};
+use engine::data::Batch;
+use engine::system::SystemError;
+use glam::DVec3;
+use rayon::prelude::*;
+use render_core::ray::{Ray, RayBar};
+
+/// Rays of one task.
+const TASK: usize = 64;
+
+/// The samples of a look along rays, each for the interval from `t` to `t + dt`.
+#[derive(Clone, Copy, Debug)]
+pub struct Along<'a> {
+    /// In internal coordinates.
+    pub rays: &'a [InternalRay],
+    /// `[rays + 1]`
+    pub offsets: &'a [u32],
+    /// `[n]`
+    pub t: &'a [f32],
+    /// `[n]`
+    pub dt: &'a [f32],
+}
+
+fn wide(v: [f32; 3]) -> DVec3 {
+    DVec3::from(v.map(f64::from))
+}
+
+impl Along<'_> {
+    /// Origins and directions.
+    pub(crate) fn lines(&self) -> Vec<Ray> {
+        self.rays.iter().map(|ray| Ray { o: wide(ray.o), d: wide(ray.d) }).collect()
+    }
+}
+
+/// Gradients of what networks see of samples.
+pub(super) struct PlaceBars<'a> {
+    /// `[rows][n]`, of what the position encoding sees.
+    pub(super) x: &'a [f32],
+    /// `[3][n]`, of viewing directions.
+    pub(super) d: &'a [f32],
+}
+
+/// The gradients of a chunk's rays.
+#[derive(Default)]
+pub(super) struct RayBars {
+    /// `[pixels]`, of the rays in internal coordinates.
+    internal: Vec<RayBar>,
+    /// `[pixels]`, of viewing directions.
+    view: Vec<DVec3>,
+}
+
+impl RayBars {
+    /// All zero for so many pixels.
+    pub(super) fn begin(&mut self, pixels: usize) {
+        self.internal.clear();
+        self.internal.resize(pixels, RayBar::default());
+        self.view.clear();
+        self.view.resize(pixels, DVec3::ZERO);
+    }
+
+    /// Add those of a look along the rays of the pixels at `places`.
+    pub(super) fn add<R: Recipe>(
+        &mut self,
+        config: &R,
+        space: &Space,
+        along: &Along<'_>,
+        bars: &PlaceBars<'_>,
+        places: impl Iterator<Item = usize>,
+    ) {
+        let (mut own, n) = (vec![RayBar::default(); along.rays.len()], along.t.len());
+        config.pull_rays(space, along, bars.x, &mut own);
+        for ((place, bar), span) in places.zip(own).zip(along.offsets.windows(2)) {
+            self.internal[place] += bar;
+            for i in span[0] as usize..span[1] as usize {
+                self.view[place] += wide([0, 1, 2].map(|a| bars.d[a * n + i]));
+            }
+        }
+    }
+}
+
+impl<R: Recipe> TwoLevel<R> {
+    /// Training views that codes are known of.
+    fn known_views(&self) -> usize {
+        let codes = self.method.iter().flat_map(|method| [method.appearance(), method.transient()]);
+        codes.flatten().map(Codes::len).min().unwrap_or(usize::MAX)
+    }
+
+    /// The loss of the rays of one task, and their gradients.
+    fn task(
+        &self,
+        ctx: &Context<'_, R::Position>,
+        radii: &[f32],
+        first: usize,
+        count: usize,
+        chunk: &mut Chunk,
+    ) -> (f64, Vec<RayBar>) {
+        let world = &ctx.inputs.batch.rays[first..first + count];
+        let (mut rays, mut hit) = (Vec::new(), Vec::new());
+        for (i, ray) in world.iter().enumerate() {
+            let radius = if R::FOOTPRINT == Footprint::Cone { radii.get(first + i).copied() } else { None };
+            let ray = self.space.internal_cone(ray, f64::from(radius.unwrap_or(0.0)));
+            if ray.end > ray.start {
+                rays.push(ray);
+                hit.push(first + i);
+            }
+        }
+        self.run_rays(ctx, first..first + count, (&rays, &hit), chunk);
+        let RayBars { internal, view } = &chunk.ray_bars;
+        let map = self.space.map();
+        let bars = world.iter().zip(internal).zip(view).map(|((ray, internal), view)| {
+            // Tangent to the sphere: directions have unit length.
+            let mut bar = RayBar { o: DVec3::ZERO, d: *view - ray.d * ray.d.dot(*view) };
+            map.internal_ray_backward(ray, internal, &mut bar);
+            bar
+        });
+        (chunk.sums.loss, bars.collect())
+    }
+}
+
+impl<R: Recipe> ByRay for TwoLevel<R> {
+    fn ray_gradients(&mut self, targets: &RayTargets<'_>) -> Result<RayGradients, SystemError> {
+        check(targets, self.known_views())?;
+        if !self.config.has_ray_gradient(&self.space) {
+            let problem = format!("rays of {} have no gradient in such a space", R::NAME);
+            return Err(SystemError::Config { field: "space", value: self.space.kind().name().into(), problem });
+        }
+        let mut inputs = Inputs { batch: Batch::of_rays(targets.rays, targets.rgb), ..Inputs::default() };
+        inputs.batch.view.copy_from_slice(targets.view);
+        inputs.put_on(|_| targets.background);
+        let (n, ops) = (targets.rays.len(), self.ops());
+        let share = 1.0 / n.max(1) as f32;
+        let appearance = self.method.as_ref().and_then(|method| method.appearance());
+        let plain = self.context(&ops, &inputs);
+        let ctx = Context { share, method: None, appearance, pass: Pass::Learn, by_ray: true, ..plain };
+        let tasks: Vec<(f64, Vec<RayBar>)> = (0..n.div_ceil(TASK))
+            .into_par_iter()
+            .map_init(Chunk::default, |chunk, task| {
+                let first = task * TASK;
+                self.task(&ctx, targets.radii, first, TASK.min(n - first), chunk)
+            })
+            .collect();
+        let loss = tasks.iter().map(|(loss, _)| loss).sum::<f64>() * f64::from(share);
+        Ok(RayGradients { loss, bars: tasks.into_iter().flat_map(|(_, bars)| bars).collect() })
+    }
+}
