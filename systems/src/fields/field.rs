@@ -1,12 +1,12 @@
 //! A field: features of points, a network for density and one for colour; and a deformation, where something moves.
 
-use super::{Features, NetworkConfig, Places, xavier};
+use super::{ColourDecoder, Decoder, DensityDecoder, Features, Places, xavier};
 use crate::buffers::{shapes_hold, sized};
 use crate::space::InternalRay;
 use crate::warps::{Deform, DeformScratch, Points, TimeSteps};
 use engine::system::SystemError;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
-use field_core::mlp::{Mlp, Packed};
+use field_core::mlp::Packed;
 use field_core::rng::Rng;
 use float_core::Simd;
 
@@ -15,8 +15,8 @@ pub(crate) struct Field {
     pub(crate) simd: Simd,
     /// What is learnt about places.
     pub(crate) features: Box<dyn Features>,
-    pub(crate) density: Mlp,
-    pub(crate) colour: Mlp,
+    pub(crate) density: DensityDecoder,
+    pub(crate) colour: ColourDecoder,
     pub(crate) harmonics: SphericalHarmonics,
     pub(crate) density_params: Vec<f32>,
     pub(crate) colour_params: Vec<f32>,
@@ -85,20 +85,22 @@ impl Field {
     /// [`SystemError::Config`] for networks that cannot be.
     pub(crate) fn new(
         features: Box<dyn Features>,
-        config: &NetworkConfig,
+        decoder: Decoder<'_>,
         code: usize,
         deform: Option<Deform>,
         rng: &Rng,
     ) -> Result<Self, SystemError> {
         let seen = deform.as_ref().map_or(0, Deform::seen_rows);
-        let density = config.density_mlp(features.rows() + seen)?;
-        let colour = config.colour_mlp(code)?;
-        let harmonics = SphericalHarmonics::new(config.sh_degree, Directions::Unit).map_err(|e| {
-            SystemError::Config { field: "sh_degree", value: config.sh_degree.to_string(), problem: e.to_string() }
+        let (density, colour) = decoder.made(features.rows() + seen, code)?;
+        let degree = decoder.sh_degree();
+        let harmonics = SphericalHarmonics::new(degree, Directions::Unit).map_err(|e| SystemError::Config {
+            field: "sh_degree",
+            value: degree.to_string(),
+            problem: e.to_string(),
         })?;
         let mut field = Self {
-            density_params: xavier(&density, rng.substream(1)),
-            colour_params: xavier(&colour, rng.substream(2)),
+            density_params: xavier(density.mlp(), rng.substream(1)),
+            colour_params: xavier(colour.mlp(), rng.substream(2)),
             time_steps: steps_of(features.view_times().to_vec()),
             deform,
             simd: Simd::best(),
@@ -108,7 +110,7 @@ impl Field {
             harmonics,
             density_packed: Packed::default(),
             colour_packed: Packed::default(),
-            density_bias: config.density_bias,
+            density_bias: decoder.density_bias(),
         };
         field.pack();
         Ok(field)
@@ -116,8 +118,8 @@ impl Field {
 
     /// Renew the packed parameters.
     pub(crate) fn pack(&mut self) {
-        self.density.pack(&self.density_params, &mut self.density_packed);
-        self.colour.pack(&self.colour_params, &mut self.colour_packed);
+        self.density.mlp().pack(&self.density_params, &mut self.density_packed);
+        self.colour.mlp().pack(&self.colour_params, &mut self.colour_packed);
     }
 
     /// Bring gradients of what the density network sees, `bars` `[rows][n]` of `features`, to the table and to positions: those

@@ -1,14 +1,20 @@
-//! What a field of radiance learns about places: features of points, which small networks turn into density and colour.
+//! What a field of radiance learns about places: features of points, which a decoder turns into density and colour.
 //!
 //! A `Features` is a hash grid (`HashGridFeatures`), voxels (`VoxelFeatures`), or another table of learned numbers, with the
 //! optimiser of these numbers.
 
+mod basis;
+#[cfg(test)]
+mod basis_tests;
+mod decoder;
 mod field;
 mod hash_grid;
 mod network;
 mod networks;
 mod voxels;
 
+pub(crate) use decoder::{ColourDecoder, Columns, Decoder, DensityDecoder};
+pub use decoder::{DecoderChoice, DecoderKind, ExplicitConfig};
 pub(crate) use field::{DensityScratch, Field, Placing, When};
 pub use hash_grid::HashGridSettings;
 pub(crate) use network::{fold_gradients, xavier};

@@ -16,7 +16,7 @@ pub enum NetworkPrecision {
 }
 
 impl NetworkPrecision {
-    fn of(self, mlp: Mlp) -> Mlp {
+    pub(super) fn of(self, mlp: Mlp) -> Mlp {
         mlp.with_precision(match self {
             Self::F32 => Precision::F32,
             Self::Bf16 => Precision::Bf16,

@@ -17,6 +17,9 @@ use engine::system::SystemError;
 /// A deformation from its settings, the times of the training views and a seed.
 pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, SystemError>;
 
+/// A field's settings after `--set`, from those that are planned.
+pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
+
 /// The parts of a system for scenes that move: its deformation, its rays, what it makes of measured depth, and what it changes of
 /// its field.
 pub(crate) struct Moving {
@@ -24,12 +27,19 @@ pub(crate) struct Moving {
     pub(crate) rays: RaySettings,
     pub(crate) depth: CueConfig,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
+    /// The field's settings as they are asked for.
+    pub(crate) asked: NewField,
 }
 
 impl Moving {
     /// A field in which nothing moves.
-    pub(crate) const STILL: Self =
-        Self { deform: None, rays: RaySettings::ANYWHERE, depth: CueConfig::NONE, field: |_, _| {} };
+    pub(crate) const STILL: Self = Self {
+        deform: None,
+        rays: RaySettings::ANYWHERE,
+        depth: CueConfig::NONE,
+        field: |_, _| {},
+        asked: |field, settings| field.asked(settings),
+    };
 
     /// A field that a deformation moves.
     pub(crate) const fn deformed(deform: NewDeform) -> Self {
@@ -64,7 +74,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
         field.batch.train_faint = FAINT;
     }
     (parts.field)(&mut field, data);
-    let field = field.asked(&mut settings)?;
+    let field = (parts.asked)(field, &mut settings)?;
     let config = settings.all()?;
     let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
     ground.lines.extend(follow(&mut system, data, &rays)?);

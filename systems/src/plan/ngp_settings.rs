@@ -119,6 +119,7 @@ fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig
             sh_degree: 4,
             density_bias: 0.0,
         },
+        decoder: None,
         sampler: SamplerConfig::Occupancy(OccupancyConfig {
             occupancy: 64,
             occupancy_threshold: 0.01,

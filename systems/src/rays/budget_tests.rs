@@ -2,7 +2,7 @@
 
 use super::render::render_trial;
 use super::{RayConfig, RaySystem};
-use crate::fields::HashGridSettings;
+use crate::fields::{Columns, HashGridSettings};
 use crate::method::Method;
 use crate::plan::{Ground, HASH_GRID, field_settings};
 use crate::samplers::{OccupancyConfig, ProposalField, Sampler};
@@ -177,7 +177,7 @@ fn naive(driver: &RaySystem, ray: &Ray, background: [f32; 3], empty: EmptyCells)
         let tau = field.density_of(input[0]) * dt;
         field.harmonics.encode(field.simd, &ray.view, &mut input[field.density.outputs()..]).unwrap();
         let mut colour = [0.0; 3];
-        field.colour.infer(field.simd, &field.colour_packed, &input, 1, 1, &mut colour, 1, &mut scratch);
+        field.colour.infer(field.simd, &field.colour_packed, &input, 1, Columns::Each, &mut colour, &mut scratch);
         let w = (-depth).exp() as f32 * -(-tau).exp_m1();
         for (sum, c) in rgb.iter_mut().zip(colour) {
             *sum += f64::from(w) * f64::from(c);

@@ -1,7 +1,7 @@
 //! Settings of a system of rays, part by part.
 
 use super::head::HeadConfig;
-use crate::fields::{FeatureSource, NetworkConfig};
+use crate::fields::{Decoder, DecoderChoice, DecoderKind, FeatureSource, NetworkConfig};
 use crate::samplers::{OccupancyConfig, ProposalConfig};
 use crate::settings::Settings;
 use crate::space::SpaceConfig;
@@ -116,8 +116,10 @@ pub struct RayConfig {
     pub space: SpaceConfig,
     /// What is learnt about places.
     pub(crate) features: Arc<dyn FeatureSource>,
-    /// The networks behind the features.
+    /// The networks behind the features, where these are what decodes them.
     pub networks: NetworkConfig,
+    /// What decodes the features, where that can be chosen; `None`: the networks.
+    pub decoder: Option<DecoderChoice>,
     /// What places samples.
     pub sampler: SamplerConfig,
     /// Training batches.
@@ -144,10 +146,13 @@ impl RayConfig {
     /// # Errors
     /// [`SystemError::Config`] for a value of the wrong kind.
     pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        let decoder = self.decoder.as_ref().map(|planned| planned.asked(settings)).transpose()?;
+        let explicit = decoder.is_some_and(|choice| choice.decoder == DecoderKind::Explicit);
         Ok(Self {
             space: settings.of(&self.space)?,
             features: self.features.asked(settings)?,
-            networks: settings.of(&self.networks)?,
+            networks: if explicit { self.networks } else { settings.of(&self.networks)? },
+            decoder,
             sampler: match &self.sampler {
                 SamplerConfig::Occupancy(config) => SamplerConfig::Occupancy(settings.of(config)?),
                 SamplerConfig::Proposals(config) => SamplerConfig::Proposals(settings.of(config)?),
@@ -157,6 +162,14 @@ impl RayConfig {
             terms: settings.of(&self.terms)?,
             head: self.head.as_ref().map(|head| settings.of(head)).transpose()?,
         })
+    }
+
+    /// What decodes the features.
+    pub(crate) fn decoder(&self) -> Decoder<'_> {
+        match &self.decoder {
+            Some(DecoderChoice { decoder: DecoderKind::Explicit, explicit }) => Decoder::Explicit(explicit),
+            _ => Decoder::Hybrid(&self.networks),
+        }
     }
 
     /// The settings of the occupancy grid, where that places the samples.
@@ -173,7 +186,10 @@ impl RayConfig {
     /// [`SystemError::Config`] naming the setting.
     pub fn check(&self) -> Result<(), SystemError> {
         self.space.check()?;
-        self.networks.check()?;
+        match self.decoder() {
+            Decoder::Hybrid(networks) => networks.check()?,
+            Decoder::Explicit(explicit) => explicit.check()?,
+        }
         match &self.sampler {
             SamplerConfig::Occupancy(config) => config.check(self.space.cascades)?,
             SamplerConfig::Proposals(config) => config.check()?,

@@ -8,6 +8,7 @@ use super::chunk::Chunk;
 use super::context::StepContext;
 use super::step::Plan;
 use crate::buffers::sized;
+use crate::fields::Columns;
 use crate::method::Codes;
 use engine::data::Batch;
 use engine::system::{Appearance, Fit, System};
@@ -78,6 +79,8 @@ pub(super) fn fit(driver: &RaySystem, pixels: &Fit<'_>) -> Option<Vec<f32>> {
 #[derive(Default)]
 struct Room {
     columns: Vec<u32>,
+    /// `[pixels + 1]`, the first column of each.
+    firsts: Vec<u32>,
     x: Vec<f32>,
     acts: Vec<f32>,
     rgb: Vec<f32>,
@@ -93,12 +96,17 @@ impl Room {
     /// The gradient of half the squared errors of the pixels `chosen`, times `share`, with respect to `code`: into
     /// [`Room::bar`].
     fn slope(&mut self, driver: &RaySystem, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
-        let Self { columns, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
+        let Self { columns, firsts, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
         let field = &driver.field;
         let mlp = &field.colour;
         let (inputs, rows) = (mlp.inputs(), mlp.inputs() - code.len());
         columns.clear();
-        chosen.iter().for_each(|&p| columns.extend(kept.offsets[p]..kept.offsets[p + 1]));
+        firsts.clear();
+        firsts.push(0);
+        for &p in chosen {
+            columns.extend(kept.offsets[p]..kept.offsets[p + 1]);
+            firsts.push(columns.len() as u32);
+        }
         let n = columns.len();
         let x = sized(x, inputs * n);
         for (j, &i) in columns.iter().enumerate() {
@@ -111,7 +119,8 @@ impl Room {
         }
         let acts = sized(acts, mlp.activations_len(n));
         let rgb = sized(rgb, 3 * n);
-        mlp.forward(field.simd, &field.colour_packed, x, n, n, rgb, n, acts);
+        let rays = Columns::Rays(firsts);
+        mlp.forward(field.simd, &field.colour_packed, x, n, rays, rgb, acts);
         let rgb_bar = sized(rgb_bar, 3 * n);
         let mut first = 0;
         for &p in chosen {
@@ -128,8 +137,8 @@ impl Room {
         let grad = sized(grad, mlp.packed_grad_len());
         grad.fill(0.0);
         let scratch = sized(scratch, mlp.backward_scratch_len());
-        let out = Some((&mut *x_bar, n));
-        mlp.backward(field.simd, &field.colour_packed, acts, rgb_bar, n, n, out, grad, scratch);
+        let out = Some(&mut *x_bar);
+        mlp.backward(field.simd, &field.colour_packed, acts, rgb_bar, n, rays, out, grad, scratch);
         bar.clear();
         bar.extend((0..code.len()).map(|k| x_bar[(rows + k) * n..][..n].iter().sum::<f32>()));
     }

@@ -5,7 +5,7 @@
 //! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
 
 use super::context::StepContext;
-use super::tile::{Gradients, Marched, backward};
+use super::tile::{Gradients, Marched};
 use crate::buffers::sized;
 use crate::fields::xavier;
 use crate::method::Pixel;
@@ -347,7 +347,7 @@ impl HeadTile {
         input_bar.fill(0.0);
         let scratch = sized(&mut self.scratch, head.mlp.backward_scratch_len());
         let x_bar = (&mut *input_bar, n);
-        backward(&head.mlp, ctx.field, &head.packed, &self.acts, raw_bar, n, x_bar, out.head, scratch);
+        head.mlp.backward(ctx.field.simd, &head.packed, &self.acts, raw_bar, n, n, Some(x_bar), out.head, scratch);
         let geometry = head.geometry;
         for (sum, bar) in geometry_bar.iter_mut().zip(&input_bar[..geometry * n]) {
             *sum += *bar;

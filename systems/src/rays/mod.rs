@@ -169,7 +169,7 @@ impl RaySystem {
         let moving = deform.is_some();
         let rng = Rng::new(seed, INIT);
         let features = config.features.features(rng.substream(0))?;
-        let field = Field::new(features, &config.networks, appearance.unwrap_or(0), deform, &rng)?;
+        let field = Field::new(features, config.decoder(), appearance.unwrap_or(0), deform, &rng)?;
         let (sampler, step_min) = Self::sampler(&config, seed)?;
         let refuse = |problem: &str| {
             Err(SystemError::Config { field: "sampler", value: "proposal".into(), problem: problem.into() })
@@ -227,7 +227,7 @@ impl RaySystem {
 
     /// What places samples, and the length of the smallest step where that is fixed.
     fn sampler(config: &RayConfig, seed: u64) -> Result<(Sampler, Option<f32>), SystemError> {
-        let bias = config.networks.density_bias;
+        let bias = config.decoder().density_bias();
         Ok(match &config.sampler {
             SamplerConfig::Occupancy(occupancy) => {
                 let sampler = Occupancy::new(*occupancy, &config.space, bias)?;

@@ -53,7 +53,7 @@ fn flash(full: bool) -> RaySystem {
     };
     write("deform.moments", &[(7, if full { 1.0 } else { 1e-3 })]);
     // The first hidden unit takes the last input, which is the code; the first output is the log-density.
-    let layers = driver.field.density.layers();
+    let layers = driver.field.density.mlp().layers();
     let code = layers[0].weights.start + driver.field.density.inputs() - 1;
     write("field.density", &[(code, 1.0), (layers[1].weights.start, 10.0)]);
     driver.load_state(&state).unwrap();

@@ -2,7 +2,7 @@
 
 use super::RaySystem;
 use crate::buffers::shapes_hold;
-use crate::fields::{Placing, When};
+use crate::fields::{Columns, Placing, When};
 use crate::warps::{DeformScratch, Points};
 use engine::system::{Appearance, System};
 use glam::DVec3;
@@ -64,7 +64,7 @@ pub(super) fn colour(driver: &RaySystem, points: &[[f64; 3]], d: &[[f32; 3]], ti
             row.fill(*value);
         }
         let mut rgb = vec![0.0; 3 * n];
-        field.colour.infer(field.simd, &field.colour_packed, &input, n, n, &mut rgb, n, &mut scratch);
+        field.colour.infer(field.simd, &field.colour_packed, &input, n, Columns::Each, &mut rgb, &mut scratch);
         for (i, out) in out.iter_mut().enumerate() {
             *out = [rgb[i], rgb[n + i], rgb[2 * n + i]];
         }

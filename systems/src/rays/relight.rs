@@ -6,6 +6,7 @@ use super::step::Plan;
 use super::tile::{Gradients, Tile};
 use super::{CHUNKS, Inputs, RaySystem};
 use crate::buffers::sized;
+use crate::fields::Columns;
 use crate::method::{Relit, SecondLight};
 use engine::data::Dataset;
 use engine::system::SystemError;
@@ -145,6 +146,7 @@ impl Tile {
         }
         let scratch = sized(&mut self.scratch, field.colour.backward_scratch_len());
         let (packed, acts) = (&field.colour_packed, &self.colour_acts);
-        field.colour.backward(field.simd, packed, acts, rgb_bar, n, n, None, out.colour, scratch);
+        let columns = Columns::Rays(&self.offsets);
+        field.colour.backward(field.simd, packed, acts, rgb_bar, n, columns, None, out.colour, scratch);
     }
 }

@@ -71,7 +71,7 @@ fn the_colour_network_learns_what_differences_say() {
     assert!(own.len() == 50 && other.len() == 50 && own != other, "another light looks the same");
     let mut grad = vec![0.0; driver.field.colour_params.len()];
     let parts = driver.work.relighting.chunks().map(|c| &c.colour_grad[..]);
-    fold_gradients(&driver.field.colour, parts, &mut Vec::new(), &mut grad);
+    fold_gradients(driver.field.colour.mlp(), parts, &mut Vec::new(), &mut grad);
     let largest = grad.iter().fold(0.0, |m: f32, g| m.max(g.abs()));
     let h = 2e-3;
     for i in (0..grad.len()).step_by(37) {

@@ -9,7 +9,7 @@
 
 use super::RaySystem;
 use crate::buffers::sized;
-use crate::fields::{Detail, Field, Places, Placing, When};
+use crate::fields::{Columns, Detail, Field, Places, Placing, When};
 use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
 use crate::space::{InternalRay, Space};
 use crate::warps::{DeformGrad, DeformScratch, Points, TimeSteps};
@@ -45,6 +45,8 @@ struct Scratch {
     alive: Vec<u32>,
     /// Sample, weight: those of the round that carry weight.
     kept: Vec<Kept>,
+    /// The first of each ray among those.
+    runs: Vec<u32>,
     p: Vec<f32>,
     x: Vec<f32>,
     /// `[3][n]`, positions before they were canonical, and their time steps; only for normals where something moves.
@@ -367,9 +369,12 @@ fn add_colours(driver: &RaySystem, n: usize, progress: &mut [Progress], s: &mut 
             *v = row[kept.ray as usize];
         }
     }
+    // What is kept of a ray is together.
+    s.runs.clear();
+    s.runs.extend((0..m).filter(|&j| j == 0 || s.kept[j].ray != s.kept[j - 1].ray).chain([m]).map(|j| j as u32));
     let rgb = sized(&mut s.rgb, 3 * m);
     let mlp = sized(&mut s.mlp, field.colour.infer_scratch_len());
-    field.colour.infer(field.simd, &field.colour_packed, input, m, m, rgb, m, mlp);
+    field.colour.infer(field.simd, &field.colour_packed, input, m, Columns::Rays(&s.runs), rgb, mlp);
     for (j, kept) in s.kept.iter().enumerate() {
         for c in 0..3 {
             progress[kept.ray as usize].rgb[c] += f64::from(kept.w) * f64::from(rgb[c * m + j]);
@@ -397,7 +402,7 @@ fn add_normals(
     grad.fill(0.0);
     let scratch = sized(&mut s.mlp, field.density.backward_scratch_len());
     let (simd, packed, acts) = (field.simd, &field.density_packed, &s.acts);
-    field.density.backward(simd, packed, acts, bar, n, n, Some((features_bar, n)), grad, scratch);
+    field.density.backward(simd, packed, acts, bar, n, features_bar, n, grad, scratch);
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
     let (x, features) = (&s.x[..3 * n], &s.features[..field.rows() * n]);

@@ -261,9 +261,9 @@ impl RaySystem {
     fn update_networks(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
         let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, relighting, .. } = &mut self.work;
-        fold_gradients(&field.density, chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
+        fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
         let colours = chunks.iter().chain(relighting.chunks()).map(|c| &c.colour_grad[..]);
-        fold_gradients(&field.colour, colours, packed_grad, colour_grad);
+        fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
         let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
             + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
         if let Some(head) = &mut self.head {

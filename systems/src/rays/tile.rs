@@ -3,7 +3,7 @@
 use super::context::StepContext;
 use super::head::{HeadBars, HeadTile};
 use crate::buffers::sized;
-use crate::fields::Field;
+use crate::fields::Columns;
 use crate::method::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use field_core::mlp::{Mlp, Packed};
@@ -151,7 +151,8 @@ impl Tile {
         }
         let rgb = sized(&mut self.rgb, 3 * n);
         let colour_acts = sized(&mut self.colour_acts, field.colour.activations_len(n));
-        field.colour.forward(field.simd, &field.colour_packed, input, n, n, rgb, n, colour_acts);
+        let columns = Columns::Rays(&self.offsets);
+        field.colour.forward(field.simd, &field.colour_packed, input, n, columns, rgb, colour_acts);
 
         // Pixel.
         let background = sized(&mut self.background, 3 * count);
@@ -321,8 +322,9 @@ impl Tile {
         let scratch_len = field.colour.backward_scratch_len().max(field.density.backward_scratch_len());
         let scratch = sized(&mut self.scratch, scratch_len);
         let (packed, acts) = (&field.colour_packed, &self.colour_acts);
-        let x_bar = (&mut *input_bar, n);
-        backward(&field.colour, field, packed, acts, &self.rgb_bar[..3 * n], n, x_bar, out.colour, scratch);
+        let (rgb_bar, columns) = (&self.rgb_bar[..3 * n], Columns::Rays(&self.offsets));
+        let x_bar = Some(&mut *input_bar);
+        field.colour.backward(field.simd, packed, acts, rgb_bar, n, columns, x_bar, out.colour, scratch);
         // What the colour network sees of a ray is the same at all its samples.
         if let Some(codes) = ctx.appearance {
             let first = inputs - codes.dims;
@@ -341,21 +343,7 @@ impl Tile {
         }
         let features_bar = &mut out.features[samples.start..];
         let (packed, acts) = (&field.density_packed, &self.density_acts);
-        backward(&field.density, field, packed, acts, input_bar, n, (features_bar, chunk.n), out.density, scratch);
+        let (simd, grad) = (field.simd, &mut *out.density);
+        field.density.backward(simd, packed, acts, input_bar, n, features_bar, chunk.n, grad, scratch);
     }
-}
-
-#[expect(clippy::too_many_arguments, reason = "forwards a kernel call")]
-pub(super) fn backward(
-    mlp: &Mlp,
-    field: &Field,
-    packed: &Packed,
-    acts: &[f32],
-    y_bar: &[f32],
-    n: usize,
-    x_bar: (&mut [f32], usize),
-    grad: &mut [f32],
-    scratch: &mut [f32],
-) {
-    mlp.backward(field.simd, packed, acts, y_bar, n, n, Some(x_bar), grad, scratch);
 }

@@ -5,6 +5,7 @@
 //! f_s(q) = prod_c psi(P_c^s, pi_c(q))      q = (x, y, z) of a scene at rest, (x, y, z, t) of one that moves (equation 1)
 //! f(q)   = concat_s f_s(q)                 scales s; time is not multiplied by s (section 3.1)
 //! (log sigma, g) = MLP(f),  c = MLP(g, SH(d))          the hybrid model (section 3.4)
+//! log sigma = a . f,  c_i = sigmoid(f . MLP_i(d))       the explicit model
 //! L = |C - C'|^2 + a mean_c TV(P_c) + b mean_c |d^2 P_c / dt^2|^2 + e mean_c |1 - P_c|       (equations 3 to 5)
 //! ```
 //!
@@ -12,7 +13,7 @@
 
 use crate::buffers::{shapes_hold, sized};
 use crate::claims::Claim;
-use crate::fields::{Detail, FeatureSource, Features, Names, Part, Places};
+use crate::fields::{DecoderChoice, DecoderKind, Detail, ExplicitConfig, FeatureSource, Features, Names, Part, Places};
 use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
 use crate::rays::RayConfig;
 use crate::settings::Settings;
@@ -166,8 +167,16 @@ impl FeatureSource for PlaneSource {
 
     fn proposal(&self, round: usize) -> Arc<dyn FeatureSource> {
         let plane_vertices = 64 << round.min(1);
-        let settings =
-            PlaneSettings { plane_vertices, plane_scales: vec![1], plane_features: 8, ..self.settings.clone() };
+        let PlaneSettings { plane_variation, plane_smoothness, .. } = self.settings;
+        let settings = PlaneSettings {
+            plane_vertices,
+            plane_scales: vec![1],
+            plane_features: 8,
+            // As released: densities alone need less of both.
+            plane_variation: plane_variation.min(PROPOSAL_VARIATION),
+            plane_smoothness: PROPOSAL_SMOOTHNESS * plane_smoothness,
+            ..self.settings.clone()
+        };
         Arc::new(Self { settings, times: self.times.clone() })
     }
 
@@ -179,6 +188,10 @@ impl FeatureSource for PlaneSource {
         Ok(Box::new(PlaneFeatures::new(self.clone(), planes, params)))
     }
 }
+
+/// Factor of the variation of proposals at most, and that of their second differences as a share of the field's.
+const PROPOSAL_VARIATION: f32 = 1e-4;
+const PROPOSAL_SMOOTHNESS: f32 = 0.01;
 
 /// Adam as released.
 const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-15);
@@ -344,19 +357,21 @@ impl Features for PlaneFeatures {
     }
 }
 
-/// Planes behind the networks of the hybrid model.
-fn hybrid(config: &mut RayConfig, planes: PlaneSource) {
+/// Planes behind either decoder, the networks of the hybrid model where none is asked for.
+fn planes(config: &mut RayConfig, planes: PlaneSource) {
     if planes.times.is_empty() && config.terms.distortion == 0.0 {
         config.terms.distortion = DISTORTION;
     }
     config.features = Arc::new(planes);
     (config.networks.width, config.networks.colour_layers) = (64, 2);
+    let explicit = ExplicitConfig { density_bias: config.networks.density_bias, ..ExplicitConfig::PAPER };
+    config.decoder = Some(DecoderChoice { decoder: DecoderKind::Hybrid, explicit });
     config.rates.lr = RATE;
 }
 
 /// The field of a scene that moves.
 pub(crate) fn field(config: &mut RayConfig, data: &Dataset) {
-    hybrid(config, PlaneSource::of(data));
+    planes(config, PlaneSource::of(data));
 }
 
 /// Learning rate as released, and the factor of the distortion loss of scenes at rest.
@@ -366,11 +381,11 @@ const DISTORTION: f32 = 1e-3;
 /// Planes for a scene at rest.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     if Shown::of(ask.scene) == Shown::Times {
-        return moving_field(ask, &Moving { field, ..Moving::STILL });
+        return moving_field(ask, &Moving { field, asked: chosen_sampler, ..Moving::STILL });
     }
     let mut ground = ask.ground()?;
     let mut config = field_settings(&mut ground, ask.data);
-    hybrid(&mut config, PlaneSource::still());
+    planes(&mut config, PlaneSource::still());
     let config = chosen_sampler(config, &mut ask.settings)?;
     let all = ask.settings.all()?;
     let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, None)?;

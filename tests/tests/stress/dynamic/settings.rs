@@ -53,7 +53,7 @@ const ACCEPTED: [(&str, &str); 8] = [
         "k-planes",
         "plane_vertices=2 plane_scales=[1] plane_scales=[1,1,1,1,1,1] plane_scales=[16] plane_features=1 plane_features=64
         plane_times=0 plane_times=1 plane_times=2 plane_times=1024 plane_variation=0.0 plane_variation=100.0
-        plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0",
+        plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0 decoder=hybrid",
     ),
     (
         "endo-nerf",
