@@ -8,6 +8,7 @@ use super::context::StepContext;
 use super::head::Head;
 use super::head::{PLACE_ROWS, place_features};
 use super::prepass::{Kept, Look};
+use super::ray_gradient::RayBars;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::fields::{Detail, Features, Field, Part, Places, When};
@@ -38,35 +39,35 @@ pub(super) struct ChunkStats {
 
 /// Buffers of a chunk, kept from step to step.
 pub(super) struct Chunk {
-    rays: Vec<InternalRay>,
+    pub(super) rays: Vec<InternalRay>,
     /// `[sh + appearance][rays]`: spherical harmonics of the view directions, then the codes of the photos.
-    basis: Vec<f32>,
+    pub(super) basis: Vec<f32>,
     /// `[place + transient][rays]`: where in the photo, then the codes of the photos.
     transient: Vec<f32>,
-    views: Vec<f32>,
+    pub(super) views: Vec<f32>,
     /// `[rays + 1]`
-    offsets: Vec<u32>,
+    pub(super) offsets: Vec<u32>,
     /// Distances of the samples, and their steps.
-    t: Vec<f32>,
+    pub(super) t: Vec<f32>,
     dt: Vec<f32>,
     /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
     /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
     pub(super) x: Vec<f32>,
-    was: Vec<f32>,
+    pub(super) was: Vec<f32>,
     /// `[n]`, views; only where something moves.
-    which: Vec<u32>,
+    pub(super) which: Vec<u32>,
     /// `[n]`, times; only where the features know them.
-    times: Vec<f32>,
-    features: Vec<f32>,
+    pub(super) times: Vec<f32>,
+    pub(super) features: Vec<f32>,
     /// `[rows][n]`: those of the grid, then those of the deformation.
     pub(super) features_bar: Vec<f32>,
     /// Gradient of interpolated features, where these are not what the network sees.
-    raw_bar: Vec<f32>,
+    pub(super) raw_bar: Vec<f32>,
     /// `[3][n]`, gradient of the canonical positions; only where something moves.
-    x_bar: Vec<f32>,
+    pub(super) x_bar: Vec<f32>,
     pub(super) deform_grad: DeformGrad,
-    deform: DeformScratch,
+    pub(super) deform: DeformScratch,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
@@ -81,6 +82,8 @@ pub(super) struct Chunk {
     w: Vec<f32>,
     look: Look,
     tile: Tile,
+    /// Gradients of the rays themselves.
+    pub(super) ray_bars: RayBars,
 }
 
 /// Samples of less weight do not pay for a Jacobian.
@@ -100,7 +103,7 @@ fn middle_alone(w: &mut [f32]) {
 }
 
 /// Rows of codes for the pixels `pixels` of a batch, `per_pixel` rays each: `out` is `[dims][rays]`.
-fn fill_codes(codes: Codes<'_>, batch: &Batch, pixels: Range<usize>, per_pixel: usize, out: &mut [f32]) {
+pub(super) fn fill_codes(codes: Codes<'_>, batch: &Batch, pixels: Range<usize>, per_pixel: usize, out: &mut [f32]) {
     let rays = pixels.len() * per_pixel;
     for (p, i) in pixels.enumerate() {
         for (k, &value) in codes.of(batch.view[i] as usize).iter().enumerate() {
@@ -141,6 +144,7 @@ impl Chunk {
             w: Vec::new(),
             look: Look::default(),
             tile: Tile::default(),
+            ray_bars: RayBars::default(),
         }
     }
 
@@ -267,12 +271,13 @@ impl Chunk {
             buffer.clear();
             buffer.resize(codes.map_or(0, |codes| codes.dims * rays), 0.0);
         }
+        self.ray_bars.begin(ctx, rays);
         let keeps = ctx.placing.proposals().is_some() || ctx.elastic() > 0.0;
         if keeps {
             sized(&mut self.w, n);
         }
         let mut stats = self.stats;
-        self.each_tile(ctx, pixels, |tile, chunk, (out, w), seen, rays, pixels| {
+        self.each_tile(ctx, pixels.clone(), |tile, chunk, (out, w), seen, rays, pixels| {
             tile.forward(ctx, chunk, rays.clone(), pixels.clone());
             if keeps {
                 let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
@@ -301,6 +306,9 @@ impl Chunk {
             stats.loss += tile.backward(ctx, chunk, rays, pixels, out);
         });
         self.stats = stats;
+        if ctx.by_ray {
+            return self.rays_back(ctx, pixels);
+        }
         self.move_back(ctx);
         let rendered = Instant::now();
         if let Some(proposals) = ctx.placing.proposals() {
@@ -388,6 +396,7 @@ impl Chunk {
             head: &mut self.head_grad,
             appearance: &mut self.appearance_bar,
             transient: &mut self.transient_bar,
+            directions: &mut self.ray_bars.basis,
         };
         let mut first = 0;
         while first < count {

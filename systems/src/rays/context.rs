@@ -65,6 +65,8 @@ pub(super) struct StepContext<'a> {
     pub(super) faint: f32,
     /// One over the pixels of the batch that count.
     pub(super) share: f32,
+    /// Whether the gradient goes on to the rays, and to nothing else.
+    pub(super) by_ray: bool,
 }
 
 impl StepContext<'_> {

@@ -17,11 +17,11 @@ use field_core::rng::Rng;
 use std::sync::Arc;
 
 /// Photos of the scene.
-const VIEWS: usize = 3;
+pub(super) const VIEWS: usize = 3;
 
 /// Codes of each photo, and a loss that every number of a pixel has a part in.
 #[derive(Clone)]
-struct Coded {
+pub(super) struct Coded {
     appearance: Vec<f32>,
     transient: Option<Vec<f32>>,
 }
@@ -48,7 +48,7 @@ impl Method for Coded {
     }
 }
 
-fn coded(transient: bool) -> Coded {
+pub(super) fn coded(transient: bool) -> Coded {
     let row = |k: usize| ((5 * k + 3) % 7) as f32 / 7.0 - 0.4;
     Coded {
         appearance: (0..2 * VIEWS).map(row).collect(),
@@ -57,7 +57,7 @@ fn coded(transient: bool) -> Coded {
 }
 
 /// A field of few numbers, none of whose samples is left out.
-fn tiny(kind: SpaceKind) -> RayConfig {
+pub(super) fn tiny(kind: SpaceKind) -> RayConfig {
     let mut config = small(kind);
     config.features =
         Arc::new(HashGridSettings { levels: 2, features: 2, log2_table: 6, n_min: 2, n_max: 5, ..HASH_GRID });
@@ -67,7 +67,8 @@ fn tiny(kind: SpaceKind) -> RayConfig {
     config
 }
 
-const TERMS: TermConfig = TermConfig { distortion: 0.3, sparsity: 0.05, background_entropy: 0.2, point_colour: 0.0 };
+pub(super) const TERMS: TermConfig =
+    TermConfig { distortion: 0.3, sparsity: 0.05, background_entropy: 0.2, point_colour: 0.0 };
 
 /// Learned numbers by name.
 type Groups = Vec<(&'static str, Vec<f32>)>;
@@ -148,7 +149,7 @@ fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
     driver.rays = 48;
     driver.draw(data, 3, per_pixel).unwrap();
     let counted: f32 = driver.work.inputs.batch.weight.iter().sum();
-    let plan = Plan { step: 3, per_pixel, share: 1.0 / counted.max(1.0) };
+    let plan = Plan { step: 3, per_pixel, share: 1.0 / counted.max(1.0), by_ray: false };
     let groups = gradients(&mut driver, &plan);
     for (group, gradient) in groups {
         // Colours of samples teach colours alone: the weights of the samples are held, as published.
@@ -242,7 +243,7 @@ fn parts_of_a_batch_add_up() {
     let mut driver = randomised_with(tiny(SpaceKind::Box), 5, None);
     driver.rays = 48;
     driver.draw(&table().1, 3, 1).unwrap();
-    let plan = Plan { step: 3, per_pixel: 1, share: 1.0 };
+    let plan = Plan { step: 3, ..Plan::PICTURE };
     loss(&mut driver, &plan);
     let features = &*driver.field.features;
     let samples: usize = driver.work.chunks.iter().map(|chunk| chunk.part(features).places.len()).sum();
@@ -262,7 +263,6 @@ fn parts_of_a_batch_add_up() {
     }
 }
 
-#[test]
 /// Few planes for the times of a dataset, and small networks or linear maps behind them.
 pub(super) fn planes(data: &Dataset, decoder: &str) -> RayConfig {
     let mut config = tiny(SpaceKind::Box);
@@ -285,6 +285,7 @@ pub(super) fn planes(data: &Dataset, decoder: &str) -> RayConfig {
     config
 }
 
+#[test]
 fn of_planes_of_space_and_of_planes_of_time() {
     for decoder in ["hybrid", "explicit"] {
         let (_, still) = table();

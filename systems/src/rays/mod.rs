@@ -33,6 +33,9 @@ mod points;
 mod prepass;
 #[cfg(test)]
 mod proposal_tests;
+mod ray_gradient;
+#[cfg(test)]
+mod ray_gradient_tests;
 mod relight;
 #[cfg(test)]
 mod relight_tests;

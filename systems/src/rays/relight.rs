@@ -62,7 +62,7 @@ impl RaySystem {
         inputs.jitter.resize(self.sampler.randoms() * n, 0.0);
         Rng::new(self.seed, JITTER).substream(step).fill_uniform(0, &mut inputs.jitter);
         own.chunks.resize_with(CHUNKS, || Chunk::new(&self.field, self.head.as_ref()));
-        let plan = Plan { step, per_pixel: 1, share: 1.0 };
+        let plan = Plan { step, ..Plan::PICTURE };
 
         let in_own = self.shown(own, &plan);
         let pixels = light.patches.pixels();

@@ -34,11 +34,13 @@ pub(super) struct Plan {
     pub(super) per_pixel: usize,
     /// One over the pixels that count.
     pub(super) share: f32,
+    /// Whether the gradient is that with respect to rays.
+    pub(super) by_ray: bool,
 }
 
 impl Plan {
     /// Of a picture that nothing is learnt from.
-    pub(super) const PICTURE: Self = Self { step: u64::MAX, per_pixel: 1, share: 1.0 };
+    pub(super) const PICTURE: Self = Self { step: u64::MAX, per_pixel: 1, share: 1.0, by_ray: false };
 }
 
 /// Where the first sample of a ray lies within its step where nothing is random.
@@ -75,7 +77,7 @@ impl RaySystem {
         let counted: f32 = self.work.inputs.batch.weight.iter().sum();
         self.seconds.draw += since(start);
 
-        let plan = Plan { step, per_pixel, share: 1.0 / counted.max(1.0) };
+        let plan = Plan { step, per_pixel, share: 1.0 / counted.max(1.0), by_ray: false };
         let ahead = self.method.as_ref().is_some_and(|method| method.looks_ahead(step));
         if ahead {
             self.each_chunk(&plan, |chunk, ctx, pixels| {
@@ -199,6 +201,7 @@ impl RaySystem {
             depth_limit: depth_limit(self.config.batch.train_stop),
             faint: self.faint(),
             share: plan.share,
+            by_ray: plan.by_ray,
         }
     }
 

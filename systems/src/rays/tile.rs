@@ -6,7 +6,6 @@ use crate::buffers::sized;
 use crate::fields::Columns;
 use crate::method::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
-use field_core::mlp::{Mlp, Packed};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,
 };
@@ -67,6 +66,8 @@ pub(super) struct Gradients<'a> {
     /// `[rays of the chunk][dims]`, added to.
     pub(super) appearance: &'a mut [f32],
     pub(super) transient: &'a mut [f32],
+    /// `[sh][rays of the chunk]`, of what the colour network sees of directions, added to; empty where nobody asks.
+    pub(super) directions: &'a mut [f32],
 }
 
 /// Buffers of a tile.
@@ -335,6 +336,12 @@ impl Tile {
                 for (k, bar) in bars.iter_mut().enumerate() {
                     *bar += input_bar[(first + k) * n..][span.clone()].iter().sum::<f32>();
                 }
+            }
+        }
+        for (k, bars) in out.directions.chunks_exact_mut(chunk.rays.max(1)).enumerate() {
+            let row = &input_bar[(field.density.outputs() + k) * n..][..n];
+            for (bar, span) in bars[rays.clone()].iter_mut().zip(self.offsets.windows(2)) {
+                *bar += row[span[0] as usize..span[1] as usize].iter().sum::<f32>();
             }
         }
         for (bar, (tau_bar, tau)) in input_bar.iter_mut().zip(self.tau_bar.iter().zip(&self.tau[..n])) {
