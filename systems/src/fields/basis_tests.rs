@@ -128,7 +128,7 @@ fn a_linear_density_passes_its_features_on_and_takes_their_gradients_back() {
         (0..FEATURES).for_each(|k| assert_eq!(y[(1 + k) * n + i], x[k * N + from + i]));
     }
     let y_bar = uniform((1 + FEATURES) * n, 7);
-    let mut x_bar = vec![0.0; FEATURES * N];
+    let mut x_bar = [0.0; FEATURES * N];
     let mut grad = vec![0.0; density.packed_grad_len()];
     let mut scratch = vec![0.0; density.backward_scratch_len()];
     density.backward(simd, &packed, &acts, &y_bar, n, &mut x_bar[from..], N, &mut grad, &mut scratch);

@@ -15,10 +15,8 @@ fn moved(camera: &reference::Camera, k: usize, by: f64) -> reference::Camera {
             let (sin, cos) = by.sin_cos();
             let (i, j) = ((k + 1) % 3, (k + 2) % 3);
             let (r, t) = (camera.r, camera.t);
-            for column in 0..3 {
-                out.r[i][column] = cos * r[i][column] - sin * r[j][column];
-                out.r[j][column] = sin * r[i][column] + cos * r[j][column];
-            }
+            out.r[i] = [0, 1, 2].map(|column| cos * r[i][column] - sin * r[j][column]);
+            out.r[j] = [0, 1, 2].map(|column| sin * r[i][column] + cos * r[j][column]);
             (out.t[i], out.t[j]) = (cos * t[i] - sin * t[j], sin * t[i] + cos * t[j]);
         }
         3..6 => out.t[k - 3] += by,
