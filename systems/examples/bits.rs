@@ -26,6 +26,22 @@ const SMALL: &[&str] = &["occupancy=32", "batch_samples=1500", "batch_rays=256",
 const BUSY: &[&str] =
     &["densify_from=10", "densify_every=20", "max_splats=3000", "sh_every=15", "coarse=1", "coarse_steps=25"];
 
+/// Networks as published, but small.
+const NARROW: &[&str] = &["width=24", "depth=6", "coarse=8", "fine=8", "batch_rays=24"];
+
+/// Networks of mip-NeRF 360, but small.
+const NARROW_360: &[&str] = &[
+    "width=24",
+    "depth=6",
+    "bottleneck=12",
+    "view_width=16",
+    "proposal_width=16",
+    "proposal_depth=2",
+    "proposal_samples=12",
+    "samples=8",
+    "batch_rays=24",
+];
+
 /// Family, system, settings besides the small ones.
 const RUNS: &[(&str, &str, &[&str])] = &[
     ("still", "ngp", &[]),
@@ -43,6 +59,12 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("still", "splat", &["density=mcmc", "mcmc_cost=0.02", "widening=dims"]),
     ("still", "splat", &["sh_degree=0", "dssim=0.5", "near=0.02", "lr_dc=0.01"]),
     ("still", "splat", &["start=random", "start_count=300", "density=mcmc", "free_space=true"]),
+    ("still", "nerf", &["sparsity=0.01"]),
+    ("still", "nerf", &["space=contracted", "density_noise=0.5", "lr=0.001", "lr_decay=50"]),
+    ("still", "mip-nerf", &["density_noise=0.5"]),
+    ("still", "mip-nerf", &["space=contracted", "warmup_steps=10", "lr_steps=50", "resample_padding=0.02"]),
+    ("still", "mip-nerf-360", &["steps=50"]),
+    ("still", "mip-nerf-360", &["space=contracted", "last=finite", "lr_warmup=10", "dilation=0.01", "clip=0.1"]),
     ("thing", "splat", &["densify_gradient=1e-6"]),
     ("thing", "splat", &["start=random", "start_count=400", "free_space=true"]),
     ("lens", "splat", &["densify_gradient=1e-6"]),
@@ -63,6 +85,10 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("photos", "nerf-w", &["appearance=encoder", "lattices=2", "lattice=16"]),
     ("photos", "hugs", &["warmup_steps=10", "appearance=encoder"]),
     ("photos", "sf-nerf", &["appearance=none", "filter_smoothness=0"]),
+    ("photos", "nerf-w", &["field=mlp", "mixture=proportional"]),
+    ("photos", "robust-nerf", &["field=mlp", "judge_first=10"]),
+    ("photos", "hugs", &["field=mlp", "warmup_steps=20", "restart=anew"]),
+    ("photos", "auto", &[]),
     ("film", "ngp", &[]),
     ("film", "t-nerf", &[]),
     ("film", "d-nerf", &["by_error=true", "curriculum=0"]),
@@ -134,7 +160,12 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         (_, Some(&"sampler=proposal")) => &["occupancy"],
         _ => &[],
     };
-    let small = if name == "splat" { BUSY } else { SMALL };
+    let small = match (name, set.first()) {
+        ("splat", _) => BUSY,
+        ("mip-nerf-360", _) => NARROW_360,
+        ("nerf" | "mip-nerf", _) | (_, Some(&"field=mlp")) => NARROW,
+        _ => SMALL,
+    };
     let mut all: Vec<&str> = small.iter().copied().filter(|set| !absent.contains(&&*name_of(set))).collect();
     if family == "tissue" || family == "film" {
         all.push("train_stop=1e-3");
