@@ -1,7 +1,7 @@
 //! A free code for each training photo, learnt with everything else (generative latent optimisation; NeRF in the Wild,
 //! section 4.1).
 
-use crate::method::Codes;
+use crate::photo_model::Codes;
 use engine::data::Batch;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;

@@ -10,7 +10,7 @@ pub(crate) struct LeftOut {
     drawn: u64,
     /// No other was found instead of them: a file's mask ignores them, or the lens has no ray for them.
     ignored: u64,
-    /// The method's masks say that they show occluders.
+    /// The photo model's masks say that they show occluders.
     occluders: u64,
 }
 
@@ -20,14 +20,14 @@ pub(crate) fn unweighted(batch: &Batch) -> u64 {
 }
 
 impl LeftOut {
-    /// Count a batch from which the method has taken what it leaves out; `ignored` of its pixels did not count before.
+    /// Count a batch from which the photo model has taken what it leaves out; `ignored` of its pixels did not count before.
     pub(crate) fn count(&mut self, batch: &Batch, ignored: u64) {
         self.drawn += batch.len() as u64;
         self.ignored += ignored;
         self.occluders += unweighted(batch) - ignored;
     }
 
-    /// Pixels that the method's masks left out.
+    /// Pixels that the photo model's masks left out.
     pub(crate) fn occluders(&self) -> u64 {
         self.occluders
     }
@@ -39,7 +39,7 @@ impl LeftOut {
 
     /// The row of occluders; `None` where no mask left out any.
     pub(crate) fn occluders_row(&self) -> Option<SkipRow> {
-        self.row("training: pixels of occluders, by the method's masks", self.occluders)
+        self.row("training: pixels of occluders, by the photo model's masks", self.occluders)
     }
 
     fn row(&self, what: &'static str, count: u64) -> Option<SkipRow> {

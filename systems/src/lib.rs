@@ -5,7 +5,7 @@
 //! * [`plan`], [`layout`], [`space`]: what a scene needs, what kind of place it is, and the map from world coordinates to those of a
 //!   field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
-//!   [`method`] is the seam to the last two. [`networks`]: the driver of networks as published.
+//!   [`photo_model`] is the seam to the last two. [`networks`]: the driver of networks as published.
 //! * [`gradients`]: gradients with respect to rays and cameras.
 //! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians to look at. [`bake`]: any field as a cloud of
 //!   Gaussians, to look at and to export.
@@ -23,10 +23,10 @@ pub mod gradients;
 pub mod layout;
 pub(crate) mod left_out;
 pub(crate) mod limits;
-pub mod method;
 pub mod networks;
 pub mod occluders;
 pub mod papers;
+pub mod photo_model;
 pub mod plan;
 pub mod rays;
 pub mod registry;

@@ -1,11 +1,12 @@
-//! Surveys: all training views as a field renders them, for its method to judge the photos by. Written once for all fields.
+//! Surveys. Before some steps a field renders all training views, and its photo model compares each photo with its render: what
+//! differs in one photo alone is an occluder. Written once for all fields.
 
-use crate::method::{Method, Pixel, ViewSeen};
+use crate::photo_model::{PhotoAndRender, PhotoModel, Pixel};
 use engine::data::{Batch, Dataset};
 use engine::system::SystemError;
 
-/// A training view, rendered in its own light with all that stood in it.
-pub(crate) struct Shown {
+/// A training view, rendered with its own appearance and its transient part, beside its photo.
+pub(crate) struct RenderedView {
     pub(crate) size: [usize; 2],
     pub(crate) stride: u32,
     pub(crate) pixels: Vec<Pixel>,
@@ -14,7 +15,7 @@ pub(crate) struct Shown {
     pub(crate) place: Vec<[f32; 3]>,
 }
 
-impl Shown {
+impl RenderedView {
     /// `rendered` are the pixels of the view in `batch` and where their rays end; `truth` is the photo behind the same
     /// background. Pixels that a mask ignores say nothing: they are as rendered, and transparent.
     pub(crate) fn new(
@@ -32,9 +33,10 @@ impl Shown {
         Self { size, stride, pixels, truth, alpha, place }
     }
 
-    pub(crate) fn seen(&self, view: usize) -> ViewSeen<'_> {
+    /// What the photo model sees of it, the view of this number.
+    pub(crate) fn beside_photo(&self, view: usize) -> PhotoAndRender<'_> {
         let (size, stride) = (self.size, self.stride as usize);
-        ViewSeen {
+        PhotoAndRender {
             view,
             size,
             stride,
@@ -46,24 +48,23 @@ impl Shown {
     }
 }
 
-/// A field whose method may see the training views.
+/// A field that renders its training views for its photo model.
 pub(crate) trait Surveys {
-    fn method(&self) -> Option<&dyn Method>;
+    fn photo_model(&self) -> Option<&dyn PhotoModel>;
 
-    fn method_mut(&mut self) -> Option<&mut Box<dyn Method>>;
+    fn photo_model_mut(&mut self) -> Option<&mut Box<dyn PhotoModel>>;
 
     /// Render a training view, one ray for each square of `stride` pixels a side; nothing of it is random.
-    fn show(&self, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError>;
+    fn render_training_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<RenderedView, SystemError>;
 
-    /// A new field for the same method, of other numbers than the first: the same would repeat its mistakes.
+    /// A new field for the same photo model, with other initial parameters: the same would repeat its mistakes.
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError>;
 
-    /// What happens before step `step`: the method looks at all training views, or the field begins anew. Returns the step as
-    /// the field's schedules count it.
+    /// What happens before step `step`: a survey, or the field begins anew. Returns the step as the field's schedules count it.
     fn between_steps(&mut self, data: &Dataset, step: u64) -> Result<u64, SystemError> {
-        let Some(method) = self.method() else { return Ok(step) };
-        let anew = method.begins_anew();
-        if let Some(stride) = method.survey(step) {
+        let Some(photo_model) = self.photo_model() else { return Ok(step) };
+        let anew = photo_model.begins_anew();
+        if let Some(stride) = photo_model.survey(step) {
             self.survey(data, stride)?;
         }
         if anew == Some(step) {
@@ -75,39 +76,40 @@ pub(crate) trait Surveys {
         })
     }
 
-    /// Show the method every training view.
+    /// Render every training view for the photo model.
     fn survey(&mut self, data: &Dataset, stride: u32) -> Result<(), SystemError> {
         for view in 0..data.len() {
-            // What the field renders does not depend on what the method learns here.
-            let shown = self.show(data, view, stride)?;
-            if let Some(method) = self.method_mut() {
-                method.look(data, &shown.seen(view))?;
+            // What the field renders does not depend on what the photo model learns here.
+            let rendered = self.render_training_view(data, view, stride)?;
+            if let Some(photo_model) = self.photo_model_mut() {
+                photo_model.survey_view(data, &rendered.beside_photo(view))?;
             }
         }
-        if let Some(method) = self.method_mut() {
-            method.surveyed();
+        if let Some(photo_model) = self.photo_model_mut() {
+            photo_model.surveyed();
         }
         Ok(())
     }
 
     /// See [`engine::system::System::visibility`].
     fn visibility_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
-        let Some(method) = self.method() else { return Ok(None) };
-        Ok(method.visibility(&self.show(data, view, 1)?.seen(view)))
+        let Some(photo_model) = self.photo_model() else { return Ok(None) };
+        Ok(photo_model.visibility(&self.render_training_view(data, view, 1)?.beside_photo(view)))
     }
 
     /// See [`engine::system::System::look`].
-    fn look_once(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
-        let Some(method) = self.method() else { return Ok(false) };
-        let shown = self.show(data, view, stride)?;
-        drop((method.visibility(&shown.seen(view)), method.uncertainty(&shown.seen(view))));
+    fn rehearse_survey(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        let Some(photo_model) = self.photo_model() else { return Ok(false) };
+        let rendered = self.render_training_view(data, view, stride)?;
+        let seen = rendered.beside_photo(view);
+        drop((photo_model.visibility(&seen), photo_model.uncertainty(&seen)));
         Ok(true)
     }
 
     /// See [`engine::system::System::uncertainty`].
     fn uncertainty_of(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
-        let Some(method) = self.method() else { return Ok(None) };
-        Ok(method.uncertainty(&self.show(data, view, 1)?.seen(view)))
+        let Some(photo_model) = self.photo_model() else { return Ok(None) };
+        Ok(photo_model.uncertainty(&self.render_training_view(data, view, 1)?.beside_photo(view)))
     }
 }
 
@@ -121,8 +123,8 @@ mod tests {
         let mut batch = Batch::of_rays(&[ray; 2], &[[0.0; 3]; 2]);
         batch.weight[1] = 0.0;
         let pixel = Pixel { rgb: [0.25; 3], ..Pixel::default() };
-        let shown = Shown::new([2, 1], 1, batch, vec![[0.75; 3]; 2], [(pixel, [0.5; 3]); 2].into_iter());
-        let seen = shown.seen(0);
+        let rendered = RenderedView::new([2, 1], 1, batch, vec![[0.75; 3]; 2], [(pixel, [0.5; 3]); 2].into_iter());
+        let seen = rendered.beside_photo(0);
         assert_eq!((seen.truth, seen.alpha), (&[[0.75; 3], [0.25; 3]][..], &[1.0, 0.0][..]));
         assert_eq!((seen.pixels.len(), seen.place.len()), (2, 2));
     }

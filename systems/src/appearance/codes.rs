@@ -3,7 +3,7 @@
 use super::AppearanceModel;
 use super::config::CodeConfig;
 use crate::codes::CodeTable;
-use crate::method::{Codes, Outcome};
+use crate::photo_model::{Codes, Outcome};
 use engine::system::{SystemError, Tensor, TensorMap};
 
 /// The codes.

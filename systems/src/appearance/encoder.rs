@@ -13,7 +13,7 @@ use super::thumbnail::Thumbnail;
 use super::view_consistency::Consistency;
 use crate::codes::CodeTable;
 use crate::limits::refuse;
-use crate::method::{Codes, Drawing, Outcome, Relit, SecondLight};
+use crate::photo_model::{Codes, Drawing, Outcome, RenderedTwice, SecondRender};
 use engine::data::{Batch, Dataset, Patches, Shape};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::conv::{self, EncoderConfig, Size};
@@ -234,14 +234,14 @@ impl AppearanceModel for Encoder {
         Ok(())
     }
 
-    fn second_render(&self, step: u64) -> Option<SecondLight> {
+    fn second_render(&self, step: u64) -> Option<SecondRender> {
         self.consistency.second_render(self.codes(), step)
     }
 
-    fn judge_second_render(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+    fn judge_second_render(&mut self, rendered: &RenderedTwice<'_>) -> Vec<[f32; 3]> {
         let Self { network, params, rows, consistency, second_grad, .. } = self;
         let codes = Codes { dims: network.code(), rows };
-        consistency.judge(network, params, codes, relit, second_grad).1
+        consistency.judge(network, params, codes, rendered, second_grad).1
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {

@@ -14,7 +14,7 @@ mod photo_network;
 mod thumbnail;
 mod view_consistency;
 
-use crate::method::{Codes, Drawing, Outcome, Relit, SecondLight};
+use crate::photo_model::{Codes, Drawing, Outcome, RenderedTwice, SecondRender};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
@@ -43,14 +43,14 @@ pub(crate) trait AppearanceModel: Send + Sync {
     }
 
     /// Patches to be rendered with codes of other photos in this step, besides the batch.
-    fn second_render(&self, step: u64) -> Option<SecondLight> {
+    fn second_render(&self, step: u64) -> Option<SecondRender> {
         let _ = step;
         None
     }
 
-    /// The derivatives of the loss on those patches with respect to [`Relit::other`], one for each pixel.
-    fn judge_second_render(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
-        vec![[0.0; 3]; relit.other.len()]
+    /// The derivatives of the loss on those patches with respect to [`RenderedTwice::other`], one for each pixel.
+    fn judge_second_render(&mut self, rendered: &RenderedTwice<'_>) -> Vec<[f32; 3]> {
+        vec![[0.0; 3]; rendered.other.len()]
     }
 
     /// Learn from a step. Returns how many gradient entries were not finite.

@@ -10,7 +10,7 @@
 
 use super::config::ConsistencyConfig;
 use super::photo_network::{Kept, PhotoNetwork, Picture};
-use crate::method::{Codes, Relit, SecondLight};
+use crate::photo_model::{Codes, RenderedTwice, SecondRender};
 use engine::data::{Patches, Shape};
 use field_core::conv::Size;
 use field_core::rng::Rng;
@@ -47,40 +47,42 @@ impl Consistency {
 
     /// The photo with whose code a lattice is rendered in this step; `None` in steps without, and until two photos have been
     /// encoded.
-    pub(super) fn second_render(&self, codes: Codes<'_>, step: u64) -> Option<SecondLight> {
+    pub(super) fn second_render(&self, codes: Codes<'_>, step: u64) -> Option<SecondRender> {
         if self.view_weight + self.mode_weight == 0.0 || !step.is_multiple_of(self.every) {
             return None;
         }
         let seen: Vec<u32> = (0..codes.len()).filter(|&v| is_known(codes.of(v))).map(|v| v as u32).collect();
         let other = Rng::new(self.seed, OTHERS).substream(step).below_at(0, seen.len().max(1) as u32) as usize;
         let patches = Patches { shape: Shape::Lattice, side: self.lattice as u32 };
-        (seen.len() > 1).then(|| SecondLight { patches, views: vec![seen[other]] })
+        (seen.len() > 1).then(|| SecondRender { patches, views: vec![seen[other]] })
     }
 
-    /// The loss and the derivatives of the relit pixels; those of the encoder's parameters are added to `grad`.
+    /// The loss and the derivatives of the rendered pixels; those of the encoder's parameters are added to `grad`.
     pub(super) fn judge(
         &self,
         network: &PhotoNetwork,
         params: &[f32],
         codes: Codes<'_>,
-        relit: &Relit<'_>,
+        rendered: &RenderedTwice<'_>,
         grad: &mut [f32],
     ) -> (f64, Vec<[f32; 3]>) {
         let (side, n) = (self.lattice, self.lattice * self.lattice);
-        let (mut loss, mut bars) = (0.0, vec![[0.0; 3]; relit.other.len()]);
+        let (mut loss, mut bars) = (0.0, vec![[0.0; 3]; rendered.other.len()]);
         let (mut kept, mut code) = (Kept::default(), Vec::new());
-        let share = 1.0 / relit.light.views.len().max(1) as f64;
-        for (p, &other_view) in relit.light.views.iter().enumerate() {
-            let view = relit.batch.view[p * n];
+        let share = 1.0 / rendered.request.views.len().max(1) as f64;
+        for (p, &other_view) in rendered.request.views.iter().enumerate() {
+            let view = rendered.batch.view[p * n];
             let [own, other] = [view, other_view].map(|v| codes.of(v as usize));
             if view == other_view || !is_known(own) || !is_known(other) {
                 continue;
             }
             let span = p * n..(p + 1) * n;
-            let (rgb, bars) = (&relit.other[span.clone()], &mut bars[span.clone()]);
+            let (rgb, bars) = (&rendered.other[span.clone()], &mut bars[span.clone()]);
             let x: Vec<f32> = (0..3 * n).map(|k| 2.0 * rgb[k % n][k / n] - 1.0).collect();
-            let alpha: Vec<f32> =
-                span.clone().map(|i| if relit.batch.weight[i] > 0.0 { relit.batch.alpha[i] } else { 0.0 }).collect();
+            let alpha: Vec<f32> = span
+                .clone()
+                .map(|i| if rendered.batch.weight[i] > 0.0 { rendered.batch.alpha[i] } else { 0.0 })
+                .collect();
             let picture = Picture { x: &x, alpha: &alpha, size: Size::one(side, side) };
             network.forward(params, picture, &mut kept, &mut code);
             let (mut code_bar, mut x_bar) = (vec![0.0; code.len()], vec![0.0; x.len()]);
@@ -91,7 +93,7 @@ impl Consistency {
             x_bar.iter().enumerate().for_each(|(k, bar)| bars[k % n][k / n] += 2.0 * bar);
 
             let weight = self.mode_weight * share;
-            let own_rgb = relit.own[span].as_flattened();
+            let own_rgb = rendered.own[span].as_flattened();
             let modes = TwoModes { own: own_rgb, other: rgb.as_flattened(), code_own: own, code_other: other };
             loss += weight * mode_seeking(modes).expect(FITS);
             mode_seeking_backward(modes, weight, bars.as_flattened_mut()).expect(FITS);
@@ -140,8 +142,8 @@ mod tests {
         (batch, [rgb(0), rgb(1)])
     }
 
-    fn second(views: &[u32]) -> SecondLight {
-        SecondLight { patches: Patches { shape: Shape::Lattice, side: SIDE as u32 }, views: views.to_vec() }
+    fn second(views: &[u32]) -> SecondRender {
+        SecondRender { patches: Patches { shape: Shape::Lattice, side: SIDE as u32 }, views: views.to_vec() }
     }
 
     const CODES: Codes<'_> = Codes { dims: 2, rows: &[0.5, -0.4, 1.2, 0.9, -0.7, 0.1] };
@@ -155,8 +157,8 @@ mod tests {
         for (weights, mode) in [([0.3, 0.0], false), ([0.0, 0.3], true)] {
             let consistency = consistency(weights[0], weights[1]);
             let judge = |params: &[f32], other: &[[f32; 3]], grad: &mut [f32]| {
-                let relit = Relit { light: &request, batch: &batch, own: &own, other };
-                consistency.judge(&network, params, CODES, &relit, grad)
+                let rendered = RenderedTwice { request: &request, batch: &batch, own: &own, other };
+                consistency.judge(&network, params, CODES, &rendered, grad)
             };
             let mut grad = vec![0.0; params.len()];
             let (loss, bars) = judge(&params, &other, &mut grad);
@@ -214,9 +216,9 @@ mod tests {
         let unseen = Codes { dims: 2, rows: &[0.0, 0.0, 1.2, 0.9, 0.0, 0.0] };
         for (codes, views) in [(CODES, [0, 1]), (unseen, [1, 2])] {
             let request = second(&views);
-            let relit = Relit { light: &request, batch: &batch, own: &own, other: &other };
+            let rendered = RenderedTwice { request: &request, batch: &batch, own: &own, other: &other };
             let mut grad = vec![0.0; params.len()];
-            let (loss, bars) = consistency.judge(&network, &params, codes, &relit, &mut grad);
+            let (loss, bars) = consistency.judge(&network, &params, codes, &rendered, &mut grad);
             assert!(loss == 0.0 && grad.iter().all(|g| *g == 0.0) && bars.iter().all(|b| *b == [0.0; 3]));
         }
     }

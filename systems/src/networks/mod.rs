@@ -41,7 +41,7 @@ pub use two_level::TwoLevel;
 
 impl<R: Recipe> System for TwoLevel<R> {
     fn name(&self) -> &'static str {
-        self.method.as_ref().map_or(R::NAME, |method| method.name())
+        self.photo_model.as_ref().map_or(R::NAME, |photo_model| photo_model.name())
     }
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
@@ -64,7 +64,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
-        Some(self.method.as_ref()?.appearance()?.code_of(appearance))
+        Some(self.photo_model.as_ref()?.appearance()?.code_of(appearance))
     }
 
     fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
@@ -72,7 +72,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn encode_appearance(&self, photo: &scene_io::Image) -> Option<Vec<f32>> {
-        self.method.as_ref()?.encode(photo)
+        self.photo_model.as_ref()?.encode(photo)
     }
 
     fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
@@ -84,7 +84,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
-        self.look_once(data, view, stride)
+        self.rehearse_survey(data, view, stride)
     }
 
     fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
@@ -106,14 +106,14 @@ impl<R: Recipe> System for TwoLevel<R> {
 
     fn state(&self) -> Vec<Tensor<'_>> {
         let mut state = self.trained.state();
-        state.extend(self.method.iter().flat_map(|method| method.state()));
+        state.extend(self.photo_model.iter().flat_map(|photo_model| photo_model.state()));
         state
     }
 
     fn load_state(&mut self, tensors: &TensorMap) -> Result<(), SystemError> {
         let trained = self.trained.restored(tensors)?;
-        if let Some(method) = &mut self.method {
-            method.load_state(tensors)?;
+        if let Some(photo_model) = &mut self.photo_model {
+            photo_model.load_state(tensors)?;
         }
         self.trained = trained;
         self.pack();
@@ -121,7 +121,7 @@ impl<R: Recipe> System for TwoLevel<R> {
     }
 
     fn parameter_count(&self) -> usize {
-        self.trained.params.len() + self.method.as_ref().map_or(0, |method| method.parameter_count())
+        self.trained.params.len() + self.photo_model.as_ref().map_or(0, |photo_model| photo_model.parameter_count())
     }
 
     fn memory_bytes(&self) -> usize {
@@ -129,11 +129,11 @@ impl<R: Recipe> System for TwoLevel<R> {
             self.chunks.iter().map(|c| c.tile.coarse.arena.memory_bytes() + c.tile.fine.arena.memory_bytes()).sum();
         // Parameters, packed copies, gradient, two moments; a gradient a chunk.
         let networks = 4 * self.trained.params.len() * (6 + CHUNKS);
-        networks + arenas + self.method.as_ref().map_or(0, |method| method.memory_bytes())
+        networks + arenas + self.photo_model.as_ref().map_or(0, |photo_model| photo_model.memory_bytes())
     }
 
     fn skips(&self) -> Vec<SkipRow> {
-        // A ray that a method leaves out is one of those not looked at, too: it is counted once.
+        // A ray that a photo model leaves out is one of those not looked at, too: it is counted once.
         let mut rows = vec![cones::missed_row(self.missed - self.left_out.occluders(), self.cast)];
         rows.extend(self.left_out.occluders_row());
         rows

@@ -3,8 +3,8 @@
 use super::step::{Chunk, Context, Inputs, Pass};
 use super::{Recipe, TwoLevel};
 use crate::gradients::{ByRay, RayGradients, RayTargets, check};
-use crate::method::Codes;
 use crate::networks::Footprint;
+use crate::photo_model::Codes;
 use crate::space::{InternalRay, Space};
 use engine::data::Batch;
 use engine::system::SystemError;
@@ -88,7 +88,7 @@ impl RayBars {
 impl<R: Recipe> TwoLevel<R> {
     /// Training views that codes are known of.
     fn known_views(&self) -> usize {
-        let codes = self.method.iter().flat_map(|method| [method.appearance(), method.transient()]);
+        let codes = self.photo_model.iter().flat_map(|photo_model| [photo_model.appearance(), photo_model.transient()]);
         codes.flatten().map(Codes::len).min().unwrap_or(usize::MAX)
     }
 
@@ -136,9 +136,9 @@ impl<R: Recipe> ByRay for TwoLevel<R> {
         inputs.put_on(|_| targets.background);
         let (n, ops) = (targets.rays.len(), self.ops());
         let share = 1.0 / n.max(1) as f32;
-        let appearance = self.method.as_ref().and_then(|method| method.appearance());
+        let appearance = self.photo_model.as_ref().and_then(|photo_model| photo_model.appearance());
         let plain = self.context(&ops, &inputs);
-        let ctx = Context { share, method: None, appearance, pass: Pass::Learn, by_ray: true, ..plain };
+        let ctx = Context { share, photo_model: None, appearance, pass: Pass::Learn, by_ray: true, ..plain };
         let tasks: Vec<(f64, Vec<RayBar>)> = (0..n.div_ceil(TASK))
             .into_par_iter()
             .map_init(Chunk::default, |chunk, task| {

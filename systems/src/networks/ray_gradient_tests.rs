@@ -2,9 +2,9 @@
 
 use super::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel};
 use crate::gradients::{ByRay, RayTargets};
-use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::papers::static_scenes::mip_nerf::MipNerfConfig;
 use crate::papers::static_scenes::nerf::NerfConfig;
+use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::space::{InternalRay, Space, SpaceKind};
 use engine::options::Background;
 use engine::system::SystemError;
@@ -138,7 +138,7 @@ fn mip_nerf(kind: SpaceKind) -> MipNerfConfig {
 /// Codes of two photos.
 struct Coded(Vec<f32>);
 
-impl Method for Coded {
+impl PhotoModel for Coded {
     fn name(&self) -> &'static str {
         "coded"
     }
@@ -148,7 +148,7 @@ impl Method for Coded {
     }
 
     fn loss(&self, _: usize, _: &Pixel, _: [f32; 3]) -> (f32, PixelBar) {
-        panic!("a method judges batches of its own")
+        panic!("a photo model judges batches of its own")
     }
 }
 
@@ -163,8 +163,8 @@ fn check<R: Recipe>(config: R, kind: SpaceKind, coded: bool) {
         SpaceKind::Contracted => Space::contracted(DVec3::new(0.1, 0.0, 1.0), 0.7, 8.0, 0.01),
         SpaceKind::Ndc => Space::ndc(pose(0.0), 0.5, &cameras).unwrap(),
     };
-    let method = coded.then(|| Box::new(Coded(vec![0.3, -0.2, -0.5, 0.4])) as Box<dyn Method>);
-    let mut system = TwoLevel::with_method(Held(config), space, Background::White, 3, method).unwrap();
+    let photo_model = coded.then(|| Box::new(Coded(vec![0.3, -0.2, -0.5, 0.4])) as Box<dyn PhotoModel>);
+    let mut system = TwoLevel::with_photo_model(Held(config), space, Background::White, 3, photo_model).unwrap();
     for (i, p) in system.trained.params.iter_mut().enumerate() {
         *p += 0.4 * (Rng::new(9, 1).uniform_at(i as u64) - 0.5);
     }

@@ -9,9 +9,9 @@ use super::recipe::Recipe;
 use super::samples::{Level, Tile, add_codes, spread_codes};
 use super::two_level::{CHUNKS, TwoLevel, TwoLevelOps, recorded};
 use crate::left_out::unweighted;
-use crate::method::mean_transient;
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel};
 use crate::networks::cones::{TILE, Which, crossing};
+use crate::photo_model::mean_transient;
+use crate::photo_model::{Codes, Drawing, Outcome, PhotoModel, Pixel};
 use crate::space::InternalRay;
 use crate::survey::Surveys;
 use engine::data::{Batch, Dataset};
@@ -67,7 +67,7 @@ pub(super) struct Context<'a, P> {
     pub(super) random: Option<Rng>,
     /// One over the pixels of the batch that count.
     pub(super) share: f32,
-    pub(super) method: Option<&'a dyn Method>,
+    pub(super) photo_model: Option<&'a dyn PhotoModel>,
     pub(super) appearance: Option<Codes<'a>>,
     pub(super) transient: Option<Codes<'a>>,
     pub(super) pass: Pass,
@@ -80,7 +80,7 @@ pub(super) struct Context<'a, P> {
 pub(super) struct Chunk {
     pub(super) grad: Vec<f32>,
     pub(super) tile: Tile,
-    /// The chunk's pixels as they were rendered; only where a method asks.
+    /// The chunk's pixels as they were rendered; only where a photo model asks.
     pub(super) seen: Vec<Pixel>,
     /// `[pixels][dims]`, gradients of the pixels' codes.
     appearance_bar: Vec<f32>,
@@ -131,7 +131,7 @@ fn judge<P>(
                 sums.weight += f64::from(weight) / 3.0;
             }
         }
-        let Some(method) = ctx.method else {
+        let Some(photo_model) = ctx.photo_model else {
             for (c, e) in error.into_iter().enumerate() {
                 sums.loss += f64::from(factor * weight * e * e) / 3.0;
                 bar[3 * r + c] = factor * weight * 2.0 * e * ctx.share / 3.0;
@@ -140,7 +140,7 @@ fn judge<P>(
         };
         let scale = factor * weight * ctx.share;
         let (loss, rgb_bar) = if level == 0 {
-            method.coarse_loss(i, rgb, truth)
+            photo_model.coarse_loss(i, rgb, truth)
         } else {
             let mut pixel = Pixel { rgb, ..Pixel::default() };
             if two {
@@ -150,7 +150,7 @@ fn judge<P>(
             if ctx.pass == Pass::Look {
                 continue;
             }
-            let (loss, pixel_bar) = method.loss(i, &pixel, truth);
+            let (loss, pixel_bar) = photo_model.loss(i, &pixel, truth);
             if two {
                 bar[3 * count + r] = scale * pixel_bar.beta;
                 bar[5 * count + r] = scale * pixel_bar.sigma_t;
@@ -185,11 +185,11 @@ impl<R: Recipe> TwoLevel<R> {
         self.seconds[0] += start.elapsed().as_secs_f64();
 
         let start = Instant::now();
-        if self.method.as_ref().is_some_and(|method| method.looks_ahead(step)) {
+        if self.photo_model.as_ref().is_some_and(|photo_model| photo_model.judges_batch(step)) {
             self.each_chunk(data, step, share, Pass::Look);
             self.gather_seen();
-            if let Some(method) = &mut self.method {
-                method.judge(&self.inputs.batch, step, &self.seen, &self.inputs.truth);
+            if let Some(photo_model) = &mut self.photo_model {
+                photo_model.judge(&self.inputs.batch, step, &self.seen, &self.inputs.truth);
             }
         }
         self.each_chunk(data, step, share, Pass::Learn);
@@ -200,7 +200,7 @@ impl<R: Recipe> TwoLevel<R> {
         let lr = self.config.learning_rate(step);
         let mut bad = self.trained.step(Simd::best(), lr, &self.grad);
         self.pack();
-        bad += self.update_method(step, lr, share);
+        bad += self.update_photo_model(step, lr, share);
         self.seconds[2] += start.elapsed().as_secs_f64();
         if self.head.is_some() {
             stats.transient = mean_transient(&self.seen, &self.inputs.batch);
@@ -213,7 +213,7 @@ impl<R: Recipe> TwoLevel<R> {
     /// The pixels of a step, on their backgrounds.
     fn draw(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let (seed, pixels, batch) = (self.seed, self.config.batch_rays(), &mut self.inputs.batch);
-        match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
+        match self.photo_model.as_ref().map_or(Drawing::Pixels, |photo_model| photo_model.drawing()) {
             Drawing::Pixels => data.draw(seed, step, pixels, batch)?,
             Drawing::Patches(patches, least) => {
                 let count = pixels.div_ceil(patches.pixels()).max(least);
@@ -221,8 +221,8 @@ impl<R: Recipe> TwoLevel<R> {
             }
         }
         let ignored = unweighted(batch);
-        if let Some(method) = &mut self.method {
-            method.begin(data, batch, step)?;
+        if let Some(photo_model) = &mut self.photo_model {
+            photo_model.begin(data, batch, step)?;
         }
         self.left_out.count(batch, ignored);
         let rng = Rng::new(seed, BACKGROUND).substream(step);
@@ -242,9 +242,9 @@ impl<R: Recipe> TwoLevel<R> {
             inputs,
             random: None,
             share: 1.0,
-            method: self.method.as_deref(),
-            appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
-            transient: self.method.as_ref().and_then(|method| method.transient()),
+            photo_model: self.photo_model.as_deref(),
+            appearance: self.photo_model.as_ref().and_then(|photo_model| photo_model.learning_appearance()),
+            transient: self.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),
             pass: Pass::Look,
             by_ray: false,
         }
@@ -265,8 +265,8 @@ impl<R: Recipe> TwoLevel<R> {
 
     /// The pixels `ids` of a batch.
     pub(super) fn run(&self, ctx: &Context<'_, R::Position>, data: &Dataset, ids: Range<usize>, chunk: &mut Chunk) {
-        // A method that looks may want to see pixels that do not count between their neighbours.
-        let looks = ctx.method.is_some() && ctx.pass == Pass::Look;
+        // A photo model that looks may want to see pixels that do not count between their neighbours.
+        let looks = ctx.photo_model.is_some() && ctx.pass == Pass::Look;
         let which = if looks { Which::All } else { Which::Counted };
         let (rays, hit) = crossing(&self.space, (data, &ctx.inputs.batch), ids.clone(), R::FOOTPRINT, which);
         self.run_rays(ctx, ids, (&rays, &hit), chunk);
@@ -288,7 +288,7 @@ impl<R: Recipe> TwoLevel<R> {
         chunk.ray_bars.begin(if ctx.by_ray { ids.len() } else { 0 });
         chunk.sums.missed = (ids.len() - hit.len()) as u64;
         chunk.seen.clear();
-        if ctx.method.is_some() {
+        if ctx.photo_model.is_some() {
             let nothing = |&rgb| Pixel { rgb, ..Pixel::default() };
             chunk.seen.extend(ctx.inputs.background[ids.clone()].iter().map(nothing));
         }
@@ -430,16 +430,16 @@ impl<R: Recipe> TwoLevel<R> {
         stats
     }
 
-    /// The method's own step. Returns the count of non-finite gradients.
-    fn update_method(&mut self, step: u64, lr: f64, share: f32) -> usize {
-        if self.method.is_none() {
+    /// The photo model's own step. Returns the count of non-finite gradients.
+    fn update_photo_model(&mut self, step: u64, lr: f64, share: f32) -> usize {
+        if self.photo_model.is_none() {
             return 0;
         }
         self.gather_seen();
         let bars = |of: fn(&Chunk) -> &Vec<f32>| -> Vec<f32> { self.chunks.iter().flat_map(of).copied().collect() };
         let (appearance_bar, transient_bar) = (bars(|chunk| &chunk.appearance_bar), bars(|chunk| &chunk.transient_bar));
-        let Some(method) = &mut self.method else { return 0 };
-        method.learn(&Outcome {
+        let Some(photo_model) = &mut self.photo_model else { return 0 };
+        photo_model.learn(&Outcome {
             step,
             lr,
             simd: Simd::best(),

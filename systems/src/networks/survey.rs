@@ -1,10 +1,10 @@
-//! Training views as the networks render them: what a method judges the photos by.
+//! Training views as the networks render them: what a photo model judges the photos by.
 
 use super::recipe::Recipe;
 use super::step::{Chunk, Inputs};
 use super::two_level::TwoLevel;
-use crate::method::{Method, Pixel};
-use crate::survey::{Shown, Surveys};
+use crate::photo_model::{PhotoModel, Pixel};
+use crate::survey::{RenderedView, Surveys};
 use engine::data::Dataset;
 use engine::system::SystemError;
 use rayon::prelude::*;
@@ -13,15 +13,15 @@ use rayon::prelude::*;
 const TASK: usize = 64;
 
 impl<R: Recipe> Surveys for TwoLevel<R> {
-    fn method(&self) -> Option<&dyn Method> {
-        self.method.as_deref()
+    fn photo_model(&self) -> Option<&dyn PhotoModel> {
+        self.photo_model.as_deref()
     }
 
-    fn method_mut(&mut self) -> Option<&mut Box<dyn Method>> {
-        self.method.as_mut()
+    fn photo_model_mut(&mut self) -> Option<&mut Box<dyn PhotoModel>> {
+        self.photo_model.as_mut()
     }
 
-    fn show(&self, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
+    fn render_training_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<RenderedView, SystemError> {
         let mut inputs = Inputs::default();
         let size = data.whole_view(view, stride, &mut inputs.batch)?;
         inputs.put_on(|_| self.background.colour());
@@ -37,13 +37,13 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
             .collect();
         // Networks have no cube of their own to say places in.
         let rendered = tasks.into_iter().flatten().map(|pixel| (pixel, [f32::NAN; 3]));
-        Ok(Shown::new(size, stride, inputs.batch, inputs.truth, rendered))
+        Ok(RenderedView::new(size, stride, inputs.batch, inputs.truth, rendered))
     }
 
     fn begin_anew(&mut self, _data: &Dataset) -> Result<(), SystemError> {
         let seed = self.seed.wrapping_add(1);
-        let method = self.method.take();
-        let fresh = Self::with_method(self.config.clone(), self.space, self.background, seed, method)?;
+        let photo_model = self.photo_model.take();
+        let fresh = Self::with_photo_model(self.config.clone(), self.space, self.background, seed, photo_model)?;
         let old = std::mem::replace(self, fresh);
         (self.seed, self.seconds, self.missed, self.cast) = (old.seed, old.seconds, old.missed, old.cast);
         self.left_out = old.left_out;

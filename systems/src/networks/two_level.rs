@@ -7,7 +7,7 @@ use super::recipe::Recipe;
 use super::step::{Chunk, Inputs};
 use super::trained::Trained;
 use crate::left_out::LeftOut;
-use crate::method::{Method, Pixel};
+use crate::photo_model::{PhotoModel, Pixel};
 use crate::space::Space;
 use engine::memory::room_for;
 use engine::options::Background;
@@ -29,17 +29,17 @@ pub struct TwoLevel<R: Recipe> {
     pub(super) background: Background,
     pub(super) space: Space,
     pub(super) shapes: Shapes<R::Position>,
-    /// What one photo alone shows; only where a method asks.
+    /// What one photo alone shows; only where a photo model asks.
     pub(super) head: Option<Head>,
     /// What else the loss depends on; `None`: the photos show the scene as it is.
-    pub(super) method: Option<Box<dyn Method>>,
+    pub(super) photo_model: Option<Box<dyn PhotoModel>>,
     /// Coarse network, then fine; or one for both. Then the head's.
     pub(super) trained: Trained,
     pub(super) packed: Vec<PackedNetwork>,
     pub(super) inputs: Inputs,
     pub(super) chunks: Vec<Chunk>,
     pub(super) grad: Vec<f32>,
-    /// All pixels of the batch as they were rendered; only where a method asks.
+    /// All pixels of the batch as they were rendered; only where a photo model asks.
     pub(super) seen: Vec<Pixel>,
     pub(super) seconds: [f64; 3],
     pub(super) missed: u64,
@@ -60,23 +60,23 @@ impl<R: Recipe> TwoLevel<R> {
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot work.
     pub fn new(config: R, space: Space, background: Background, seed: u64) -> Result<Self, SystemError> {
-        Self::with_method(config, space, background, seed, None)
+        Self::with_photo_model(config, space, background, seed, None)
     }
 
-    /// New networks that learn what a method says. The colour of both levels sees the photo's appearance code; the transient
+    /// New networks that learn what a photo model says. The colour of both levels sees the photo's appearance code; the transient
     /// part is the fine level's alone.
     ///
     /// # Errors
     /// As [`TwoLevel::new`].
-    pub fn with_method(
+    pub fn with_photo_model(
         config: R,
         space: Space,
         background: Background,
         seed: u64,
-        method: Option<Box<dyn Method>>,
+        photo_model: Option<Box<dyn PhotoModel>>,
     ) -> Result<Self, SystemError> {
         config.check()?;
-        let codes = method.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
+        let codes = photo_model.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
         let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
         let shapes = Shapes::new(&config.network()?, appearance.unwrap_or(0))?;
         let n = shapes.param_count();
@@ -109,7 +109,7 @@ impl<R: Recipe> TwoLevel<R> {
             space,
             shapes,
             head,
-            method,
+            photo_model,
         };
         system.pack();
         Ok(system)

@@ -1,7 +1,7 @@
 //! The error of the field at a place in most photos. Texture, gloss and a field that has not learnt enough cause errors in all
 //! photos alike, an occluder in one.
 
-use crate::method::ViewSeen;
+use crate::photo_model::PhotoAndRender;
 
 /// Cells along each axis of the field's unit cube.
 const CELLS: usize = 32;
@@ -31,7 +31,7 @@ fn cell_of(place: [f32; 3]) -> usize {
 
 impl ExpectedError {
     /// Add the errors of a photo, `[pixels]`. Transparent pixels are left out: nothing stands there.
-    pub(crate) fn add(&mut self, seen: &ViewSeen<'_>, errors: &[f32]) {
+    pub(crate) fn add(&mut self, seen: &PhotoAndRender<'_>, errors: &[f32]) {
         let counts = |i: &usize| seen.alpha[*i] > 0.0 && errors[*i].is_finite();
         self.errors.extend((0..errors.len()).filter(counts).map(|i| (cell_of(seen.place[i]) as u32, errors[i])));
     }
@@ -64,7 +64,7 @@ impl ExpectedError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method::Pixel;
+    use crate::photo_model::Pixel;
 
     #[test]
     fn the_expected_error_is_that_of_most_photos_and_one_occluder_does_not_count() {
@@ -85,7 +85,8 @@ mod tests {
             let pixels = vec![Pixel::default(); 90];
             let (truth, alpha) = (vec![[0.0; 3]; 90], vec![1.0; 90]);
             let (size, view, stride) = ([90, 1], photo, 1);
-            let seen = ViewSeen { view, size, stride, pixels: &pixels, truth: &truth, alpha: &alpha, place: &places };
+            let seen =
+                PhotoAndRender { view, size, stride, pixels: &pixels, truth: &truth, alpha: &alpha, place: &places };
             expected.add(&seen, &errors);
         }
         expected.settle(0.5);

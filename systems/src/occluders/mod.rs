@@ -22,7 +22,7 @@ pub(crate) mod survey;
 pub use outliers::OutlierConfig;
 pub use pixel_error::{KernelConfig, KernelKind};
 
-use crate::method::{Codes, Drawing, Outcome, Pixel, PixelBar, ViewSeen};
+use crate::photo_model::{Codes, Drawing, Outcome, PhotoAndRender, Pixel, PixelBar};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
@@ -49,7 +49,7 @@ pub(crate) trait OccluderModel: Send + Sync {
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a prior of the photo cannot be read.
-    fn survey_view(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         let _ = (data, seen);
         Ok(())
     }
@@ -72,7 +72,7 @@ pub(crate) trait OccluderModel: Send + Sync {
     }
 
     /// Whether [`OccluderModel::judge`] needs the whole batch, rendered, before any of it is learnt from.
-    fn looks_ahead(&self) -> bool {
+    fn judges_batch(&self) -> bool {
         false
     }
 
@@ -94,10 +94,10 @@ pub(crate) trait OccluderModel: Send + Sync {
     }
 
     /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the model does not say.
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>>;
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>>;
 
     /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the model does not say.
-    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let _ = seen;
         None
     }

@@ -2,7 +2,7 @@
 
 use super::OccluderModel;
 use super::pixel_error::kernel_loss;
-use crate::method::{Pixel, PixelBar, ViewSeen};
+use crate::photo_model::{PhotoAndRender, Pixel, PixelBar};
 use engine::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 
@@ -24,7 +24,7 @@ impl OccluderModel for NoOccluders {
         (loss, bar.rgb)
     }
 
-    fn visibility(&self, _seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, _seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         None
     }
 

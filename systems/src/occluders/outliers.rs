@@ -11,7 +11,7 @@ use super::expected_error::ExpectedError;
 use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
 use super::static_maps::StaticMap;
 use crate::limits::{positive, refuse, within};
-use crate::method::ViewSeen;
+use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
@@ -127,7 +127,7 @@ struct Photo {
 }
 
 /// `|mean(C - Y)|` over a square neighbourhood of each pixel, cut off at the borders.
-pub(crate) fn mean_residuals(seen: &ViewSeen<'_>, side: usize) -> Vec<f32> {
+pub(crate) fn mean_residuals(seen: &PhotoAndRender<'_>, side: usize) -> Vec<f32> {
     let [width, height] = seen.size;
     // Sums over all pixels above and to the left.
     let mut sums = vec![[0.0_f64; 3]; (width + 1) * (height + 1)];
@@ -161,11 +161,11 @@ impl PhotoOutliers {
     }
 
     /// Add a photo; they come in the order of the views.
-    pub(crate) fn add(&mut self, data: &Dataset, seen: &ViewSeen<'_>) {
+    pub(crate) fn add(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) {
         let residuals = mean_residuals(seen, NEIGHBOURHOOD);
         let alpha: Vec<f32> =
             seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if self.backdrop.is(*rgb) { 0.0 } else { *a }).collect();
-        self.expected.add(&ViewSeen { alpha: &alpha, ..*seen }, &residuals);
+        self.expected.add(&PhotoAndRender { alpha: &alpha, ..*seen }, &residuals);
         let [width, height] = seen.size;
         let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
         let (geometry, colours) = (PhotoGeometry::of(data, seen.view), seen.truth.to_vec());

@@ -1,7 +1,7 @@
 //! The loss of a pixel's error: squared, or a robust kernel of its length.
 
 use crate::limits::{refuse, within};
-use crate::method::PixelBar;
+use crate::photo_model::PixelBar;
 use engine::system::SystemError;
 use losses::kernel::Kernel;
 use serde::{Deserialize, Serialize};

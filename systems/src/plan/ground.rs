@@ -3,7 +3,7 @@
 use super::backdrop::Backdrop;
 use super::parallax::check_parallax;
 use crate::layout::{Layout, layout};
-use crate::method::Method;
+use crate::photo_model::PhotoModel;
 use crate::rays::{RayConfig, RaySystem};
 use crate::space::{Space, SpaceConfig, SpaceKind};
 use crate::warps::Deform;
@@ -84,7 +84,7 @@ impl Ground {
         data: &Dataset,
         config: &RayConfig,
         seed: u64,
-        method: Option<Box<dyn Method>>,
+        method: Option<Box<dyn PhotoModel>>,
     ) -> Result<RaySystem, SystemError> {
         let name = method.as_ref().map_or("ngp", |method| method.name());
         let space = self.space_of(config, data)?;

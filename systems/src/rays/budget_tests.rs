@@ -3,7 +3,7 @@
 use super::render::render_trial;
 use super::{RayConfig, RaySystem};
 use crate::fields::{Columns, HashGridSettings};
-use crate::method::Method;
+use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, HASH_GRID, field_settings};
 use crate::samplers::{OccupancyConfig, ProposalField, Sampler};
 use crate::space::{Space, SpaceConfig, SpaceKind};
@@ -80,7 +80,7 @@ pub(super) fn randomised(config: RayConfig, seed: u64) -> RaySystem {
 }
 
 /// Random parameters for these settings and a method.
-pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn Method>>) -> RaySystem {
+pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn PhotoModel>>) -> RaySystem {
     let kind = config.space.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),

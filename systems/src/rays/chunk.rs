@@ -12,7 +12,7 @@ use super::ray_gradient::RayBars;
 use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::fields::{Detail, Features, Field, Part, Places, When};
-use crate::method::{Codes, Pixel, PixelBar};
+use crate::photo_model::{Codes, Pixel, PixelBar};
 use crate::samplers::{Draw, Proposed};
 use crate::space::InternalRay;
 use crate::warps::{DeformGrad, DeformScratch, ElasticAt, Points};

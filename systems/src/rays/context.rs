@@ -2,7 +2,7 @@
 
 use super::head::Head;
 use crate::fields::Field;
-use crate::method::{Codes, Method, Pixel, PixelBar};
+use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::samplers::{Marcher, MeasuredDepth, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
@@ -41,7 +41,7 @@ pub(super) struct StepContext<'a> {
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
     /// What else the loss depends on.
-    pub(super) method: Option<&'a dyn Method>,
+    pub(super) method: Option<&'a dyn PhotoModel>,
     /// Codes of the training views.
     pub(super) appearance: Option<Codes<'a>>,
     pub(super) transient: Option<Codes<'a>>,

@@ -9,7 +9,7 @@ use super::context::StepContext;
 use super::step::Plan;
 use crate::buffers::sized;
 use crate::fields::Columns;
-use crate::method::Codes;
+use crate::photo_model::Codes;
 use engine::data::Batch;
 use engine::system::{Appearance, Fit, System};
 use field_core::rng::Rng;

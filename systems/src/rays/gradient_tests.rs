@@ -5,8 +5,8 @@ use super::moving_tests::filmed;
 use super::step::Plan;
 use super::{HeadConfig, MixtureKind, RayConfig, RaySystem};
 use crate::fields::{HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
-use crate::method::{Codes, Method, Pixel, PixelBar};
 use crate::papers::dynamic::k_planes;
+use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::plan::HASH_GRID;
 use crate::settings::Settings;
 use crate::space::SpaceKind;
@@ -26,7 +26,7 @@ pub(super) struct Coded {
     transient: Option<Vec<f32>>,
 }
 
-impl Method for Coded {
+impl PhotoModel for Coded {
     fn name(&self) -> &'static str {
         "coded"
     }
@@ -142,7 +142,7 @@ fn shift(driver: &mut RaySystem, method: &mut Coded, group: &str, i: usize, by: 
 const CHECKED: usize = 60;
 
 fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
-    let boxed = method.clone().map(|method| Box::new(method) as Box<dyn Method>);
+    let boxed = method.clone().map(|method| Box::new(method) as Box<dyn PhotoModel>);
     let mut driver = randomised_with(config, 5, boxed);
     let mut method = method.unwrap_or_else(|| coded(false));
     let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;

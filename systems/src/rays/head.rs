@@ -8,7 +8,7 @@ use super::context::StepContext;
 use super::tile::{Gradients, Marched};
 use crate::buffers::sized;
 use crate::fields::xavier;
-use crate::method::Pixel;
+use crate::photo_model::Pixel;
 use engine::system::{MOST_UNITS, SystemError, at_most};
 use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;

@@ -6,7 +6,7 @@
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
 //! | what moves | `deform` |
-//! | appearance of photos, and what hides the scene in them | [`crate::method`] |
+//! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
 //!
@@ -36,10 +36,10 @@ mod proposal_tests;
 mod ray_gradient;
 #[cfg(test)]
 mod ray_gradient_tests;
-mod relight;
-#[cfg(test)]
-mod relight_tests;
 mod render;
+mod second_render;
+#[cfg(test)]
+mod second_render_tests;
 mod state;
 mod step;
 mod survey;
@@ -49,7 +49,7 @@ pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 pub use head::{HeadConfig, MixtureKind};
 
 use crate::fields::Field;
-use crate::method::{Method, Pixel};
+use crate::photo_model::{PhotoModel, Pixel};
 use crate::samplers::{CueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
 use crate::space::{Space, SpaceKind};
 use crate::survey::Surveys;
@@ -65,10 +65,10 @@ use engine::system::{
 use field_core::rng::Rng;
 use head::Head;
 use optim::{Adam, AdamConfig, Decay, NonFiniteGuard};
-use relight::Relighting;
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
 use render_core::ray_distance::{RayDistance, RaySpacing};
+use second_render::SecondRenders;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads.
 const CHUNKS: usize = 16;
@@ -93,7 +93,7 @@ pub struct RaySystem {
     head: Option<Head>,
     sampler: Sampler,
     /// What else the loss depends on; `None`: the photos show the scene as it is.
-    method: Option<Box<dyn Method>>,
+    method: Option<Box<dyn PhotoModel>>,
     /// Where the photos are explained badly still, where that is asked for.
     errors: Option<ErrorMap>,
     /// Which pixels are drawn, where masks say so.
@@ -138,7 +138,7 @@ struct Work {
     /// The background's pull on what moves.
     still: StillWork,
     /// What is rendered in another light; empty until a method asks.
-    relighting: Relighting,
+    second_renders: SecondRenders,
 }
 
 /// Normalised distance of a ray: even across a box, half linear and half inverse where space has no end.
@@ -163,7 +163,7 @@ impl RaySystem {
         background: Background,
         seed: u64,
         name: &'static str,
-        method: Option<Box<dyn Method>>,
+        method: Option<Box<dyn PhotoModel>>,
         deform: Option<Deform>,
     ) -> Result<Self, SystemError> {
         config.check()?;
@@ -202,7 +202,7 @@ impl RaySystem {
             appearance_bar: Vec::new(),
             transient_bar: Vec::new(),
             still: StillWork::default(),
-            relighting: Relighting::default(),
+            second_renders: SecondRenders::default(),
         };
         Ok(Self {
             errors: None,
@@ -346,7 +346,7 @@ impl System for RaySystem {
     }
 
     fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
-        self.look_once(data, view, stride)
+        self.rehearse_survey(data, view, stride)
     }
 
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
@@ -387,7 +387,7 @@ impl System for RaySystem {
     }
 
     fn memory_bytes(&self) -> usize {
-        let chunks: usize = self.work.chunks.iter().chain(self.work.relighting.chunks()).map(Chunk::bytes).sum();
+        let chunks: usize = self.work.chunks.iter().chain(self.work.second_renders.chunks()).map(Chunk::bytes).sum();
         // Gradient and two moments of each parameter.
         self.field.bytes()
             + 12 * self.parameter_count()

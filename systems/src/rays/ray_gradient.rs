@@ -7,7 +7,7 @@ use super::{CHUNKS, Inputs, RaySystem};
 use crate::buffers::{shapes_hold, sized};
 use crate::fields::{Detail, Field, Places};
 use crate::gradients::{ByRay, RayGradients, RayTargets, check};
-use crate::method::Codes;
+use crate::photo_model::Codes;
 use crate::warps::Points;
 use engine::data::Batch;
 use engine::system::SystemError;

@@ -9,7 +9,7 @@ use super::{HeadConfig, MixtureKind, RayConfig, RaySystem, SamplerConfig};
 use crate::buffers::sized;
 use crate::fields::{HashGridSettings, VoxelSettings, When};
 use crate::gradients::{ByRay, RayTargets};
-use crate::method::Method;
+use crate::photo_model::PhotoModel;
 use crate::plan::HASH_GRID;
 use crate::samplers::ProposalConfig;
 use crate::space::{Space, SpaceKind};
@@ -159,7 +159,7 @@ fn check_shot(driver: &mut RaySystem, shot: &Shot) {
 
 /// A system of random parameters.
 fn random(config: RayConfig, method: bool) -> RaySystem {
-    randomised_with(config, 5, method.then(|| Box::new(coded(false)) as Box<dyn Method>))
+    randomised_with(config, 5, method.then(|| Box::new(coded(false)) as Box<dyn PhotoModel>))
 }
 
 #[test]

@@ -5,8 +5,8 @@ use super::context::StepContext;
 use super::{CHUNKS, Inputs, RaySystem, Work};
 use crate::fields::{Part, fold_gradients};
 use crate::left_out::unweighted;
-use crate::method::mean_transient;
-use crate::method::{Drawing, Outcome, Pixel};
+use crate::photo_model::mean_transient;
+use crate::photo_model::{Drawing, Outcome, Pixel};
 use crate::samplers::{Proposals, Sampler};
 use crate::survey::Surveys;
 use crate::warps::Deform;
@@ -78,7 +78,7 @@ impl RaySystem {
         self.seconds.draw += since(start);
 
         let plan = Plan { step, per_pixel, share: 1.0 / counted.max(1.0), by_ray: false };
-        let ahead = self.method.as_ref().is_some_and(|method| method.looks_ahead(step));
+        let ahead = self.method.as_ref().is_some_and(|method| method.judges_batch(step));
         if ahead {
             self.each_chunk(&plan, |chunk, ctx, pixels| {
                 chunk.sample(ctx, pixels.clone());
@@ -96,7 +96,7 @@ impl RaySystem {
                 chunk.learn(ctx, pixels);
             });
         }
-        self.relight(data, step)?;
+        self.render_twice(data, step)?;
         let mut stats = self.count(rays);
         if let Some(mut map) = self.errors.take() {
             self.gather_seen();
@@ -263,9 +263,9 @@ impl RaySystem {
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
-        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, relighting, .. } = &mut self.work;
+        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, second_renders, .. } = &mut self.work;
         fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
-        let colours = chunks.iter().chain(relighting.chunks()).map(|c| &c.colour_grad[..]);
+        let colours = chunks.iter().chain(second_renders.chunks()).map(|c| &c.colour_grad[..]);
         fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
         let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
             + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);

@@ -4,8 +4,8 @@ use super::chunk::Chunk;
 use super::context::{Placing, StepContext};
 use super::step::Plan;
 use super::{Inputs, RaySystem};
-use crate::method::{Method, Pixel};
-use crate::survey::{Shown, Surveys};
+use crate::photo_model::{PhotoModel, Pixel};
+use crate::survey::{RenderedView, Surveys};
 use engine::data::{Batch, Dataset};
 use engine::system::SystemError;
 use rayon::prelude::*;
@@ -55,15 +55,15 @@ impl RaySystem {
 }
 
 impl Surveys for RaySystem {
-    fn method(&self) -> Option<&dyn Method> {
+    fn photo_model(&self) -> Option<&dyn PhotoModel> {
         self.method.as_deref()
     }
 
-    fn method_mut(&mut self) -> Option<&mut Box<dyn Method>> {
+    fn photo_model_mut(&mut self) -> Option<&mut Box<dyn PhotoModel>> {
         self.method.as_mut()
     }
 
-    fn show(&self, data: &Dataset, view: usize, stride: u32) -> Result<Shown, SystemError> {
+    fn render_training_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<RenderedView, SystemError> {
         let (size, inputs) = self.of_view(data, view, stride)?;
         let (n, ctx) = (inputs.batch.len(), self.view_context(&inputs));
         let tasks: Vec<Vec<(Pixel, [f32; 3])>> = (0..n.div_ceil(TASK))
@@ -78,7 +78,7 @@ impl Surveys for RaySystem {
                 },
             )
             .collect();
-        Ok(Shown::new(size, stride, inputs.batch, inputs.truth, tasks.into_iter().flatten()))
+        Ok(RenderedView::new(size, stride, inputs.batch, inputs.truth, tasks.into_iter().flatten()))
     }
 
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {

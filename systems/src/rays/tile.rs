@@ -4,7 +4,7 @@ use super::context::StepContext;
 use super::head::{HeadBars, HeadTile};
 use crate::buffers::sized;
 use crate::fields::Columns;
-use crate::method::{Pixel, PixelBar};
+use crate::photo_model::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use render_core::quadrature::{
     Composite, CompositeBar, CompositeGrads, LastInterval, Samples, Values, Weights, composite, composite_backward,

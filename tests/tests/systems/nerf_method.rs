@@ -1,4 +1,4 @@
-//! The published networks with a method: codes for each photo, a transient part, and the method's own loss.
+//! The published networks with a photo model: codes for each photo, a transient part, and the photo model's own loss.
 
 use engine::data::{Batch, Dataset, Patches, Shape};
 use engine::options::Background;
@@ -12,10 +12,10 @@ use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
-use systems::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, ViewSeen};
 use systems::networks::{Recipe, TwoLevel};
 use systems::papers::static_scenes::mip_nerf::MipNerfConfig;
 use systems::papers::static_scenes::nerf::NerfConfig;
+use systems::photo_model::{Codes, Drawing, Outcome, PhotoAndRender, PhotoModel, Pixel, PixelBar};
 use systems::space::{Space, SpaceKind};
 
 /// Length of an appearance and of a transient code.
@@ -25,10 +25,10 @@ const VIEWS: usize = 5;
 const BETA_MIN: f32 = 0.2;
 const SPARSE: f32 = 0.03;
 
-/// What the method of these tests was told.
+/// What the photo model of these tests was told.
 #[derive(Default)]
 struct Told {
-    /// Loss of each pixel of the last step: first look, second look.
+    /// Loss of each pixel of the last step: coarse level, fine level.
     losses: [BTreeMap<usize, f32>; 2],
     /// Each pixel's part in the mean, its view and what was rendered.
     share: f32,
@@ -67,7 +67,7 @@ impl Both {
     }
 }
 
-impl Method for Both {
+impl PhotoModel for Both {
     fn name(&self) -> &'static str {
         "both"
     }
@@ -84,7 +84,7 @@ impl Method for Both {
         self.drawing
     }
 
-    fn looks_ahead(&self, step: u64) -> bool {
+    fn judges_batch(&self, step: u64) -> bool {
         step % 2 == 1
     }
 
@@ -140,12 +140,12 @@ impl Method for Both {
         self.survey_before
     }
 
-    fn look(&mut self, _data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, _data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         self.told.lock().unwrap().surveyed.push((seen.view, seen.pixels.len()));
         Ok(())
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         self.told.lock().unwrap().shown = seen.pixels.to_vec();
         Some(seen.pixels.iter().map(|p| 1.0 - p.transient).collect())
     }
@@ -201,16 +201,16 @@ fn small_cones() -> MipNerfConfig {
     }
 }
 
-fn system<R: Recipe>(config: R, method: Both) -> TwoLevel<R> {
+fn system<R: Recipe>(config: R, photo_model: Both) -> TwoLevel<R> {
     let space = Space::boxed(glam::DVec3::ZERO, 1.6, 0.05);
-    TwoLevel::with_method(config, space, Background::White, 7, Some(Box::new(method))).unwrap()
+    TwoLevel::with_photo_model(config, space, Background::White, 7, Some(Box::new(photo_model))).unwrap()
 }
 
 /// Loss of the first step's batch, and the gradient of each code of both kinds, summed over the pixels of its view.
 fn first_step<R: Recipe>(config: &R, data: &Dataset, rows: &[Vec<f32>; 2]) -> (f64, [Vec<f64>; 2]) {
-    let method = Both { rows: rows.clone(), ..Both::new() };
-    let told = method.told.clone();
-    system(config.clone(), method).step(data, 0).unwrap();
+    let photo_model = Both { rows: rows.clone(), ..Both::new() };
+    let told = photo_model.told.clone();
+    system(config.clone(), photo_model).step(data, 0).unwrap();
     let told = told.lock().unwrap();
     let factors = [0, 1].map(|level| f64::from(config.level_weight(level)));
     let mut loss = 0.0;
@@ -237,7 +237,7 @@ fn codes_follow_their_gradient<R: Recipe>(config: &R) {
     let (_, bars) = first_step(config, &data, &rows);
     for which in [0, 1] {
         const H: f32 = 2e-3;
-        let slopes: Vec<f64> = (0..rows[which].len())
+        let gradients: Vec<f64> = (0..rows[which].len())
             .map(|k| {
                 let [up, down] = [H, -H].map(|h| {
                     let mut rows = rows.clone();
@@ -248,20 +248,20 @@ fn codes_follow_their_gradient<R: Recipe>(config: &R) {
             })
             .collect();
         let length = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>().sqrt();
-        let want = length(&mut slopes.iter().copied());
-        let off = length(&mut slopes.iter().zip(&bars[which]).map(|(a, b)| a - b));
+        let want = length(&mut gradients.iter().copied());
+        let off = length(&mut gradients.iter().zip(&bars[which]).map(|(a, b)| a - b));
         // Differences of f32 losses, over kinks of the networks.
-        assert!(want > 1e-5 && off < 4e-2 * want, "codes {which}: {:?}, differences {slopes:?}", bars[which]);
+        assert!(want > 1e-5 && off < 4e-2 * want, "codes {which}: {:?}, differences {gradients:?}", bars[which]);
     }
 }
 
 #[test]
-fn gradients_of_codes_are_the_slopes_of_the_loss() {
+fn gradients_of_codes_match_differences_of_the_loss() {
     codes_follow_their_gradient(&small());
 }
 
 #[test]
-fn gradients_of_codes_are_the_slopes_of_the_loss_where_both_levels_share_a_network() {
+fn gradients_of_codes_match_differences_of_the_loss_where_both_levels_share_a_network() {
     codes_follow_their_gradient(&small_cones());
 }
 
@@ -301,7 +301,7 @@ fn appearance_changes_colours_and_nothing_else() {
     let code = system.appearance_code(&Appearance::View(0)).unwrap();
     assert_eq!(code.len(), DIMS[0]);
     assert!(shown_in(&system, &rays, Appearance::Code(code.into())) == first);
-    // Points are in the mean light, whose code is the mean of all.
+    // Points have the mean appearance, whose code is the mean of all.
     let mean = system.appearance_code(&Appearance::Mean).unwrap();
     let all: Vec<Vec<f32>> = (0..VIEWS).map(|v| system.appearance_code(&Appearance::View(v)).unwrap()).collect();
     for (k, mean) in mean.iter().enumerate() {
@@ -310,7 +310,7 @@ fn appearance_changes_colours_and_nothing_else() {
     }
 }
 
-/// What the method is shown of a training view.
+/// What the photo model is shown of a training view.
 fn seen(system: &TwoLevel<NerfConfig>, told: &Arc<Mutex<Told>>, data: &Dataset, view: usize) -> Vec<Pixel> {
     let visible = system.visibility(data, view).unwrap().unwrap();
     let pixels = told.lock().unwrap().shown.clone();
@@ -326,9 +326,9 @@ fn transient_codes_change_the_transient_part_and_nothing_else() {
     for shift in [0.0, 1.0] {
         let Some(TensorData::F32(codes)) = state.get_mut("both.transient").map(|t| &mut t.data) else { panic!() };
         codes.to_mut().iter_mut().for_each(|x| *x += shift);
-        let method = Both::new();
-        let told = method.told.clone();
-        let mut system = system(small(), method);
+        let photo_model = Both::new();
+        let told = photo_model.told.clone();
+        let mut system = system(small(), photo_model);
         system.load_state(&state).unwrap();
         renders.push(shown_in(&system, &rays(&data, 1), Appearance::View(1)));
         pixels.push(seen(&system, &told, &data, 1));
@@ -349,15 +349,15 @@ fn without_transient_density_a_pixel_is_that_of_the_static_part() {
     networks[at] = -1e4;
     let tensor = |name: &str, data: &[f32]| (name.to_string(), f32_tensor(name, data).into_owned());
     state.extend([tensor("networks", &networks)]);
-    let method = Both::new();
-    let told = method.told.clone();
-    let mut with = system(small(), method);
+    let photo_model = Both::new();
+    let told = photo_model.told.clone();
+    let mut with = system(small(), photo_model);
     with.load_state(&state).unwrap();
     let with_head = seen(&with, &told, &data, 2);
 
-    let method = Both { with: [true, false], ..Both::new() };
-    let told = method.told.clone();
-    let mut without = system(small(), method);
+    let photo_model = Both { with: [true, false], ..Both::new() };
+    let told = photo_model.told.clone();
+    let mut without = system(small(), photo_model);
     let statics = without.parameter_count() - VIEWS * (DIMS[0] + DIMS[1]);
     for name in ["networks", "adam.m", "adam.v"] {
         let all = take_f32(&state, name, networks.len()).unwrap();
@@ -378,9 +378,9 @@ fn run_on(threads: usize, steps: std::ops::Range<u64>, state: Option<&TensorMap>
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
         let drawing = Drawing::Patches(Patches { shape: Shape::Window, side: 4 }, 5);
-        let method = Both { drawing, ..Both::new() };
-        let told = method.told.clone();
-        let mut system = system(small(), method);
+        let photo_model = Both { drawing, ..Both::new() };
+        let told = photo_model.told.clone();
+        let mut system = system(small(), photo_model);
         if let Some(state) = state {
             system.load_state(state).unwrap();
         }
@@ -407,9 +407,9 @@ fn the_same_bits_with_1_2_and_4_threads_and_after_a_resume() {
 #[test]
 fn a_method_judges_the_pixels_it_then_learns_from() {
     let data = data(12);
-    let method = Both::new();
-    let told = method.told.clone();
-    let mut system = system(small(), method);
+    let photo_model = Both::new();
+    let told = photo_model.told.clone();
+    let mut system = system(small(), photo_model);
     for step in 0..4 {
         system.step(&data, step).unwrap();
     }
@@ -421,9 +421,9 @@ fn a_method_judges_the_pixels_it_then_learns_from() {
 #[test]
 fn a_survey_shows_every_view_and_starts_anew() {
     let data = data(8);
-    let method = Both { survey_before: Some(3), ..Both::new() };
-    let told = method.told.clone();
-    let mut system = system(small(), method);
+    let photo_model = Both { survey_before: Some(3), ..Both::new() };
+    let told = photo_model.told.clone();
+    let mut system = system(small(), photo_model);
     let mut first = Vec::new();
     for step in 0..5 {
         system.step(&data, step).unwrap();

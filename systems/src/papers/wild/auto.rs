@@ -15,11 +15,11 @@ use super::combined::Wild;
 use super::nerf_w::{CHARBONNIER, HASH_GRID_CODES};
 use crate::appearance::codes::FreeCodes;
 use crate::claims::Claim;
-use crate::method::{Pixel, ViewSeen};
 use crate::occluders::none::NoOccluders;
 use crate::occluders::outliers::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use crate::occluders::scene_guard::{DARK, LEAST_PHOTOS, LOOSE, Marked, PhotoGeometry, marks_of_the_scene};
 use crate::occluders::survey::survey_stride;
+use crate::photo_model::{PhotoAndRender, Pixel};
 use crate::plan::{Ground, field_settings};
 use crate::rays::RaySystem;
 use crate::survey::Surveys;
@@ -160,10 +160,10 @@ impl Found {
         let (mut gains, mut marked) = (Vec::with_capacity(data.len()), Vec::with_capacity(data.len()));
         let (mut all, mut squares) = (0, 0);
         for view in 0..data.len() {
-            let shown = field.show(data, view, stride)?;
-            let seen = shown.seen(view);
+            let rendered = field.render_training_view(data, view, stride)?;
+            let seen = rendered.beside_photo(view);
             let alpha = evidence(&seen, backdrop);
-            let seen = ViewSeen { alpha: &alpha, ..seen };
+            let seen = PhotoAndRender { alpha: &alpha, ..seen };
             let gain = gain(&seen);
             let marks = far_squares(&seen, gain);
             all += marks.iter().filter(|mark| **mark).count();
@@ -195,22 +195,22 @@ impl Found {
 }
 
 /// How far each square is evidence: its opacity, and 0 where the backdrop is seen.
-fn evidence(seen: &ViewSeen<'_>, backdrop: Backdrop) -> Vec<f32> {
+fn evidence(seen: &PhotoAndRender<'_>, backdrop: Backdrop) -> Vec<f32> {
     seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if backdrop.is(*rgb) { 0.0 } else { *a }).collect()
 }
 
 /// Logarithm of the factor between photo and field, by channel: the median over its pixels.
-fn gain(seen: &ViewSeen<'_>) -> [f32; 3] {
+fn gain(seen: &PhotoAndRender<'_>) -> [f32; 3] {
     medians(seen, |photo, field| ((photo + DARK) / (field.max(0.0) + DARK)).ln())
 }
 
 /// The summand between photo and field, by channel: the median over its pixels.
-fn offset(seen: &ViewSeen<'_>) -> [f32; 3] {
+fn offset(seen: &PhotoAndRender<'_>) -> [f32; 3] {
     medians(seen, |photo, field| photo - field)
 }
 
 /// The median over the pixels that are evidence of `of(photo, field)`, by channel; 0 without any.
-fn medians(seen: &ViewSeen<'_>, of: impl Fn(f32, f32) -> f32) -> [f32; 3] {
+fn medians(seen: &PhotoAndRender<'_>, of: impl Fn(f32, f32) -> f32) -> [f32; 3] {
     [0, 1, 2].map(|c| {
         let evident = (0..seen.pixels.len()).filter(|&i| seen.alpha[i] > 0.5);
         let mut values: Vec<f32> = evident.map(|i| of(seen.truth[i][c], seen.pixels[i].rgb[c])).collect();
@@ -234,11 +234,11 @@ fn deviation(gains: &[[f32; 3]]) -> f64 {
 
 /// Squares that are evidence and far from the field, by the means of their neighbourhoods, as texture that is not learnt yet errs
 /// both ways. Neither a factor nor a summand of the photo explains them.
-fn far_squares(seen: &ViewSeen<'_>, gain: [f32; 3]) -> Vec<bool> {
+fn far_squares(seen: &PhotoAndRender<'_>, gain: [f32; 3]) -> Vec<bool> {
     let (gain, offset) = (gain.map(f32::exp), offset(seen));
     let far = |evened: &dyn Fn(&Pixel) -> [f32; 3]| -> Vec<bool> {
         let pixels: Vec<Pixel> = seen.pixels.iter().map(|pixel| Pixel { rgb: evened(pixel), ..*pixel }).collect();
-        let residuals = mean_residuals(&ViewSeen { pixels: &pixels, ..*seen }, NEIGHBOURHOOD);
+        let residuals = mean_residuals(&PhotoAndRender { pixels: &pixels, ..*seen }, NEIGHBOURHOOD);
         residuals.iter().zip(seen.alpha).map(|(e, a)| *a > 0.5 && *e > FAR).collect()
     };
     let by_factor = far(&|pixel| [0, 1, 2].map(|c| (pixel.rgb[c] + DARK) * gain[c] - DARK));
@@ -250,8 +250,8 @@ fn far_squares(seen: &ViewSeen<'_>, gain: [f32; 3]) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    fn seen<'a>(pixels: &'a [Pixel], truth: &'a [[f32; 3]], alpha: &'a [f32]) -> ViewSeen<'a> {
-        ViewSeen { view: 0, size: [pixels.len(), 1], stride: 1, pixels, truth, alpha, place: &[] }
+    fn seen<'a>(pixels: &'a [Pixel], truth: &'a [[f32; 3]], alpha: &'a [f32]) -> PhotoAndRender<'a> {
+        PhotoAndRender { view: 0, size: [pixels.len(), 1], stride: 1, pixels, truth, alpha, place: &[] }
     }
 
     #[test]
@@ -269,7 +269,7 @@ mod tests {
         let far = far_squares(&seen, gain).into_iter().filter(|far| *far).count();
         assert!((3..=6).contains(&far), "{far}");
         let darker: Vec<[f32; 3]> = pixels.iter().map(|p| p.rgb.map(|c| c - 0.3)).collect();
-        assert_eq!(far_squares(&ViewSeen { truth: &darker, ..seen }, gain), [false; 20], "a summand explains it");
+        assert_eq!(far_squares(&PhotoAndRender { truth: &darker, ..seen }, gain), [false; 20], "a summand explains it");
         assert!(deviation(&[gain, gain]) < 1e-6 && deviation(&[gain, [0.0; 3]]) > 0.04);
     }
 

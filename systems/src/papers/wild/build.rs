@@ -6,9 +6,9 @@ use super::combined::Wild;
 use super::planning::{AppearancePlan, OccluderPlan, Planning};
 use super::{ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf};
 use crate::limits::refuse;
-use crate::method::{Drawing, Method};
 use crate::occluders::outliers::Backdrop;
 use crate::papers::static_scenes::nerf::{self, NerfConfig};
+use crate::photo_model::{Drawing, PhotoModel};
 use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
 use crate::rays::HeadConfig;
 use engine::options::RunOptions;
@@ -52,7 +52,7 @@ pub(crate) fn build(ask: Ask<'_>, parts: Option<(AppearanceKind, OccluderKind)>)
         Planning::new(Choice { field: FieldKind::Ngp, appearance, occluders }, scene, data, run, backdrop);
     planning.choice = planning.settings.of(&planning.choice)?;
     refuse_absent(&planning)?;
-    let method = method(&mut planning)?;
+    let photo_model = photo_model(&mut planning)?;
     let Planning { choice, mut settings, lines, of_field, .. } = planning;
     ground.lines.extend(lines);
     let (system, config): (Box<dyn System>, _) = match choice.field {
@@ -65,7 +65,7 @@ pub(crate) fn build(ask: Ask<'_>, parts: Option<(AppearanceKind, OccluderKind)>)
                 let samples = planned.batch.batch_samples;
                 ground.lines.push(format!("batches: {samples} samples (rays have more of them with a transient part)"));
             }
-            if let Some(Drawing::Patches(patches, _)) = method.as_ref().map(|method| method.drawing())
+            if let Some(Drawing::Patches(patches, _)) = photo_model.as_ref().map(|photo_model| photo_model.drawing())
                 && planned.batch.rays_per_side > 1
             {
                 planned.batch.rays_per_side = 1;
@@ -75,20 +75,20 @@ pub(crate) fn build(ask: Ask<'_>, parts: Option<(AppearanceKind, OccluderKind)>)
             }
             let config = chosen_sampler(planned, &mut settings)?;
             let all = settings.all()?;
-            (Box::new(ground.ngp(data, &config, run.seed, method)?), all)
+            (Box::new(ground.ngp(data, &config, run.seed, photo_model)?), all)
         }
         FieldKind::Mlp => {
             let planned = NerfConfig { sparsity: of_field.sparsity, ..nerf::settings(&ground) };
             let config = settings.of(&planned)?;
             let all = settings.all()?;
-            (Box::new(nerf::system(&ground, data, &config, run.seed, method)?), all)
+            (Box::new(nerf::system(&ground, data, &config, run.seed, photo_model)?), all)
         }
     };
     Ok((system, planned(ground, config)))
 }
 
-/// The method of the parts; `None` where the photos show the scene as it is.
-fn method(planning: &mut Planning<'_>) -> Result<Option<Box<dyn Method>>, SystemError> {
+/// The photo model of the parts; `None` where the photos show the scene as it is.
+fn photo_model(planning: &mut Planning<'_>) -> Result<Option<Box<dyn PhotoModel>>, SystemError> {
     let (appearance, occluders) = plans(planning.choice);
     let appearance = appearance.map(|plan| plan(planning)).transpose()?;
     let Some(occluders) = occluders else { return Ok(None) };

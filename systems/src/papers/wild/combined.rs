@@ -2,8 +2,10 @@
 
 use crate::appearance::AppearanceModel;
 use crate::claims::Claim;
-use crate::method::{Codes, Drawing, Method, Outcome, Pixel, PixelBar, Relit, SecondLight, ViewSeen};
 use crate::occluders::OccluderModel;
+use crate::photo_model::{
+    Codes, Drawing, Outcome, PhotoAndRender, PhotoModel, Pixel, PixelBar, RenderedTwice, SecondRender,
+};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
@@ -19,7 +21,7 @@ pub(super) struct Wild {
     pub(super) occluders: Box<dyn OccluderModel>,
 }
 
-impl Method for Wild {
+impl PhotoModel for Wild {
     fn name(&self) -> &'static str {
         self.name
     }
@@ -46,8 +48,8 @@ impl Method for Wild {
         self.appearance.as_mut().map_or(Ok(()), |model| model.begin(data, batch, step))
     }
 
-    fn looks_ahead(&self, _step: u64) -> bool {
-        self.occluders.looks_ahead()
+    fn judges_batch(&self, _step: u64) -> bool {
+        self.occluders.judges_batch()
     }
 
     fn judge(&mut self, batch: &Batch, _step: u64, pixels: &[Pixel], truth: &[[f32; 3]]) {
@@ -62,14 +64,14 @@ impl Method for Wild {
         self.occluders.coarse_loss(i, rgb, truth)
     }
 
-    fn second_light(&self, step: u64) -> Option<SecondLight> {
+    fn second_render(&self, step: u64) -> Option<SecondRender> {
         self.appearance.as_ref()?.second_render(step)
     }
 
-    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
+    fn judge_second_render(&mut self, rendered: &RenderedTwice<'_>) -> Vec<[f32; 3]> {
         match &mut self.appearance {
-            Some(model) => model.judge_second_render(relit),
-            None => vec![[0.0; 3]; relit.other.len()],
+            Some(model) => model.judge_second_render(rendered),
+            None => vec![[0.0; 3]; rendered.other.len()],
         }
     }
 
@@ -81,7 +83,7 @@ impl Method for Wild {
         self.occluders.survey(step)
     }
 
-    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         self.occluders.survey_view(data, seen)
     }
 
@@ -93,11 +95,11 @@ impl Method for Wild {
         self.occluders.begins_anew()
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         self.occluders.visibility(seen)
     }
 
-    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         self.occluders.uncertainty(seen)
     }
 

@@ -21,11 +21,11 @@ use crate::appearance::config::CodeConfig;
 use crate::claims::Claim;
 use crate::codes::CodeTable;
 use crate::limits::{MOST, above_0, within};
-use crate::method::{Codes, Outcome, Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
 use crate::occluders::likelihood::{self, PixelLikelihood, likelihood};
 use crate::occluders::none::NoOccluders;
 use crate::occluders::pixel_error::{KernelConfig, KernelKind, squared};
+use crate::photo_model::{Codes, Outcome, PhotoAndRender, Pixel, PixelBar};
 use engine::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 use losses::uncertainty::Likelihood;
@@ -184,11 +184,11 @@ impl OccluderModel for Transient {
         self.codes.learn(outcome.simd, outcome.lr * self.lr, outcome.batch, outcome.transient_bar, 0.0)
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         Some(seen.pixels.iter().map(|pixel| if pixel.transient < 0.5 { 1.0 } else { 0.0 }).collect())
     }
 
-    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         Some(seen.pixels.iter().map(|pixel| self.beta(pixel)).collect())
     }
 

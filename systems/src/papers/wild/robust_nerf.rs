@@ -18,12 +18,12 @@ use super::nerf_w::{CHARBONNIER, SQUARED};
 use super::planning::{Build, Planning};
 use crate::claims::Claim;
 use crate::limits::{at_least_1, positive, refuse};
-use crate::method::{Drawing, Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
 use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, mask_of};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss, residual};
 use crate::occluders::static_maps::StaticMaps;
 use crate::occluders::survey::{is_doubled, survey_stride};
+use crate::photo_model::{Drawing, PhotoAndRender, Pixel, PixelBar};
 use engine::data::{Batch, Dataset, Patches, Shape};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::heuristics::Extent;
@@ -189,7 +189,7 @@ impl OccluderModel for RobustNerf {
         (self.judging == Judging::Photos && is_doubled(step, self.judge_first)).then_some(self.stride)
     }
 
-    fn survey_view(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         self.judge.add(data, seen);
         Ok(())
     }
@@ -209,7 +209,7 @@ impl OccluderModel for RobustNerf {
         Ok(())
     }
 
-    fn looks_ahead(&self) -> bool {
+    fn judges_batch(&self) -> bool {
         self.judging == Judging::Batch
     }
 
@@ -237,7 +237,7 @@ impl OccluderModel for RobustNerf {
         (loss, bar.rgb)
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let [width, height] = seen.size;
         let extent = Extent { width, height };
         match self.judging {

@@ -33,7 +33,7 @@ pub struct NerfConfig {
     pub fine: usize,
     /// Deviation of the noise on the raw density in training: 0 for objects, 1 for real scenes.
     pub density_noise: f32,
-    /// How a transient part shares an interval with the static one, where a method has one: `paper` or `proportional`.
+    /// How a transient part shares an interval with the static one, where a photo model has one: `paper` or `proportional`.
     pub mixture: MixtureKind,
     /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the coarse network, mean over its samples; 0: none.
     pub sparsity: f32,

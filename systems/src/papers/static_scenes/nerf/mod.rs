@@ -14,8 +14,8 @@ mod samples;
 pub use config::NerfConfig;
 
 use crate::claims::Claim;
-use crate::method::Method;
 use crate::networks::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::photo_model::PhotoModel;
 use crate::plan::{Ask, Built, Ground, planned, space};
 use crate::space::{InternalRay, Space};
 use engine::data::Dataset;
@@ -124,7 +124,7 @@ pub(crate) fn settings(ground: &Ground) -> NerfConfig {
     }
 }
 
-/// The networks of a scene, with a method for photos from the wild or without.
+/// The networks of a scene, with a photo model for photos from the wild or without.
 ///
 /// # Errors
 /// [`SystemError::Config`] for settings that cannot work.
@@ -133,11 +133,11 @@ pub(crate) fn system(
     data: &Dataset,
     config: &NerfConfig,
     seed: u64,
-    method: Option<Box<dyn Method>>,
+    photo_model: Option<Box<dyn PhotoModel>>,
 ) -> Result<Nerf, SystemError> {
     let place = (config.centre, config.radius, config.extent);
     let space = space(&ground.layout, data, config.space, place, config.near)?;
-    Nerf::with_method(config.clone(), space, ground.background, seed, method)
+    Nerf::with_photo_model(config.clone(), space, ground.background, seed, photo_model)
 }
 
 /// The published settings in the scene's box.

@@ -31,10 +31,10 @@ use crate::appearance::config::{CodeConfig, ConsistencyConfig, PhotoEncoderConfi
 use crate::appearance::encoder::Encoder;
 use crate::claims::Claim;
 use crate::limits::{MOST, above_0, within};
-use crate::method::{Outcome, Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
 use crate::occluders::none::NoOccluders;
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss};
+use crate::photo_model::{Outcome, PhotoAndRender, Pixel, PixelBar};
 use engine::data::Batch;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::conv::EncoderConfig;
@@ -278,7 +278,7 @@ impl OccluderModel for Visibility {
         bad
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let mut out = self.map.of_view(seen);
         out.iter_mut().for_each(|m| *m = if *m < 0.5 { 1.0 } else { 0.0 });
         Some(out)
@@ -351,7 +351,7 @@ mod tests {
         assert!(visibility.m.iter().rev().eq(&first));
         assert!(first[0] != first[1] && first[0] != first[2], "neither photo nor place matter");
         // The same as a picture.
-        let seen = ViewSeen { view: 1, size: [8, 8], stride: 1, pixels: &[], truth: &[], alpha: &[], place: &[] };
+        let seen = PhotoAndRender { view: 1, size: [8, 8], stride: 1, pixels: &[], truth: &[], alpha: &[], place: &[] };
         for (i, m) in visibility.map.of_view(&seen).into_iter().enumerate() {
             assert!((m - first[2 * i + 1]).abs() < 1e-6, "pixel {i}: {m} {}", first[2 * i + 1]);
         }

@@ -3,8 +3,8 @@
 use super::VisibilityConfig;
 use crate::codes::CodeTable;
 use crate::limits::refuse;
-use crate::method::{Outcome, ViewSeen};
 use crate::occluders::pixel_network::PixelNetwork;
+use crate::photo_model::{Outcome, PhotoAndRender};
 use engine::data::Batch;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
@@ -116,7 +116,7 @@ impl VisibilityMap {
     }
 
     /// The map of a whole photo, row by row.
-    pub(super) fn of_view(&self, seen: &ViewSeen<'_>) -> Vec<f32> {
+    pub(super) fn of_view(&self, seen: &PhotoAndRender<'_>) -> Vec<f32> {
         let [width, height] = seen.size;
         let at = |n: usize, size: usize| (n as f32 + 0.5) / size as f32;
         let of = |i: usize| (seen.view, [at(i % width, width), at(i / width, height)]);

@@ -25,12 +25,12 @@ use super::planning::{Build, Planning};
 use super::robust_nerf::trimming;
 use crate::claims::Claim;
 use crate::limits::{above_0, at_least_1, within};
-use crate::method::{Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
 use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, StaticParts};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss};
 use crate::occluders::static_maps::{StaticMap, StaticMaps};
 use crate::occluders::survey::{is_doubled, survey_stride};
+use crate::photo_model::{PhotoAndRender, Pixel, PixelBar};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 use losses::heuristics::points::min_track;
@@ -229,7 +229,7 @@ impl OccluderModel for Hugs {
         (step == warmup_steps || again).then_some(self.stride)
     }
 
-    fn survey_view(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         let [width, height] = seen.size;
         let (mut extent, mut stride) = (Extent { width, height }, seen.stride);
         let view = data.view(seen.view);
@@ -285,7 +285,7 @@ impl OccluderModel for Hugs {
         (loss, bar.rgb)
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let [width, height] = seen.size;
         self.maps.pixels(seen.view, Extent { width, height })
     }

@@ -32,10 +32,10 @@ use super::planning::{Build, Planning};
 use crate::claims::Claim;
 use crate::codes::CodeTable;
 use crate::limits::{MOST, above_0, positive, within};
-use crate::method::{Outcome, Pixel, PixelBar, ViewSeen};
 use crate::occluders::OccluderModel;
 use crate::occluders::likelihood::{self, likelihood};
 use crate::occluders::pixel_error::squared;
+use crate::photo_model::{Outcome, PhotoAndRender, Pixel, PixelBar};
 use engine::data::Batch;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
@@ -360,7 +360,7 @@ impl OccluderModel for SfNerf {
         filter + self.codes.learn(outcome.simd, lr, outcome.batch, &self.code_bar, 0.0)
     }
 
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let [width, height] = seen.size;
         let code = self.codes.codes().of(seen.view);
         let features = self.features.get(seen.view).map(|f| &**f);

@@ -1,19 +1,18 @@
-//! The seam between a radiance field and the models that a method adds to it: codes for each photo, a transient part, and
-//! the loss of a pixel.
+//! The seam between a radiance field and a model of the photos: codes for each photo, a transient part, and the loss of a pixel.
 //!
-//! A field (`ngp`, or the published networks) renders rays and learns from the gradient of their pixels. A [`Method`] knows
-//! nothing of samples. A step calls it in this order:
+//! A field (`ngp`, or the published networks) renders rays and learns from the gradient of their pixels. A [`PhotoModel`]
+//! (an appearance model and an occluder model) knows nothing of samples. A step calls it in this order:
 //!
-//! 1. [`Method::drawing`]: how pixels are drawn; [`Method::begin`]: the batch is drawn;
-//! 2. where [`Method::looks_ahead`]: the field renders the batch, and [`Method::judge`] sees all of it;
-//! 3. [`Method::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
-//! 4. where [`Method::second_light`] asks for it: patches rendered with codes of other photos, and [`Method::judge_second`]
-//!    (`ngp` alone does this);
-//! 5. [`Method::learn`]: the outcome, for the method's own parameters.
+//! 1. [`PhotoModel::drawing`]: how pixels are drawn; [`PhotoModel::begin`]: the batch is drawn;
+//! 2. where [`PhotoModel::judges_batch`]: the field renders the batch, and [`PhotoModel::judge`] sees all of it;
+//! 3. [`PhotoModel::loss`]: once for each pixel, from many threads, as the field renders it for its gradient;
+//! 4. where [`PhotoModel::second_render`] asks for it: patches rendered with codes of other photos, and
+//!    [`PhotoModel::judge_second_render`] (`ngp` alone does this);
+//! 5. [`PhotoModel::learn`]: the outcome, for the photo model's own parameters.
 //!
-//! Before some of the steps ([`Method::survey`]) it sees all training photos beside their renders.
+//! Before some of the steps ([`PhotoModel::survey`]) it sees all training photos beside their renders: a survey.
 //!
-//! A field without a method does none of this and pays for none of it.
+//! A field without a photo model does none of this and pays for none of it.
 
 use engine::data::{Batch, Dataset, Patches};
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
@@ -112,14 +111,14 @@ impl PixelBar {
     }
 }
 
-/// The outcome of a step, for the method's own parameters. Derivatives are those of the mean over the pixels that count.
+/// The outcome of a step, for the photo model's own parameters. Derivatives are those of the mean over the pixels that count.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome<'a> {
     /// Number of the step.
     pub step: u64,
     /// Learning rate of the field's networks.
     pub lr: f64,
-    /// For the method's kernels.
+    /// For the photo model's kernels.
     pub simd: Simd,
     /// The batch.
     pub batch: &'a Batch,
@@ -135,9 +134,9 @@ pub struct Outcome<'a> {
     pub transient_bar: &'a [f32],
 }
 
-/// All pixels of a training view beside their render.
+/// The photo of a training view beside its render, all pixels.
 #[derive(Clone, Copy, Debug)]
-pub struct ViewSeen<'a> {
+pub struct PhotoAndRender<'a> {
     /// The view.
     pub view: usize,
     /// Columns and rows.
@@ -150,24 +149,25 @@ pub struct ViewSeen<'a> {
     pub truth: &'a [[f32; 3]],
     /// Its opacity.
     pub alpha: &'a [f32],
-    /// Where each pixel's ray ends in the field's own unit cube; NaN for one that ends nowhere.
+    /// Where each pixel's ray ends in the field's own unit cube; NaN for a ray that ends nowhere.
     pub place: &'a [[f32; 3]],
 }
 
-/// Patches that are rendered twice: with the appearance of their own photo, and with that of another.
+/// A request for patches that are rendered a second time: with the appearance code of another photo.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SecondLight {
+pub struct SecondRender {
     /// Their form.
     pub patches: Patches,
-    /// For each patch the view with whose code it is rendered.
+    /// For each patch the view with whose code it is rendered the second time.
     pub views: Vec<u32>,
 }
 
-/// These patches, static part alone, before a grey of one half.
+/// Patches rendered with the code of their own photo and with that of another: the static part alone, before a grey of one
+/// half.
 #[derive(Clone, Copy, Debug)]
-pub struct Relit<'a> {
+pub struct RenderedTwice<'a> {
     /// The request.
-    pub light: &'a SecondLight,
+    pub request: &'a SecondRender,
     /// The patches, one after the other, with their own views.
     pub batch: &'a Batch,
     /// Colours with the code of their own view.
@@ -176,8 +176,8 @@ pub struct Relit<'a> {
     pub other: &'a [[f32; 3]],
 }
 
-/// What a method adds to a field.
-pub trait Method: Send + Sync {
+/// What a field knows of its photos: how their appearance differs, and what hides the scene in them.
+pub trait PhotoModel: Send + Sync {
     /// Name on the command line.
     fn name(&self) -> &'static str;
 
@@ -210,8 +210,8 @@ pub trait Method: Send + Sync {
         Ok(())
     }
 
-    /// Whether [`Method::judge`] wants to see the whole batch before any of it is learnt from, in this step.
-    fn looks_ahead(&self, _step: u64) -> bool {
+    /// Whether the whole batch is rendered for [`PhotoModel::judge`] in this step before any of it is learnt from.
+    fn judges_batch(&self, _step: u64) -> bool {
         false
     }
 
@@ -224,8 +224,8 @@ pub trait Method: Send + Sync {
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar);
 
     /// The loss of pixel `i` of the coarse render, and its derivative, for fields that render twice along each ray; summed as
-    /// [`Method::loss`] is. The coarse render only places the samples of the fine one, and has no transient part: the default is
-    /// the mean squared error over channels. A method whose masks leave pixels out of the loss leaves them out here too, without
+    /// [`PhotoModel::loss`] is. The coarse render only places the samples of the fine one, and has no transient part: the default is
+    /// the mean squared error over channels. A photo model whose masks leave pixels out of the loss leaves them out here too, without
     /// a derivative of the mask.
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let _ = i;
@@ -233,15 +233,15 @@ pub trait Method: Send + Sync {
         (e.iter().map(|e| e * e).sum::<f32>() / 3.0, e.map(|e| 2.0 * e / 3.0))
     }
 
-    /// Patches to be rendered with codes of other photos in this step, besides the batch. `None`: there are none.
-    fn second_light(&self, _step: u64) -> Option<SecondLight> {
+    /// Patches to be rendered with the codes of other photos in this step, besides the batch. `None`: there are none.
+    fn second_render(&self, _step: u64) -> Option<SecondRender> {
         None
     }
 
-    /// Those patches. Returns the derivatives of the loss on them with respect to [`Relit::other`], one for each pixel: only the
+    /// Those patches. Returns the derivatives of the loss on them with respect to [`RenderedTwice::other`], one for each pixel: only the
     /// network that knows colours learns from them, neither density, nor what both are computed from, nor the codes.
-    fn judge_second(&mut self, relit: &Relit<'_>) -> Vec<[f32; 3]> {
-        vec![[0.0; 3]; relit.other.len()]
+    fn judge_second_render(&mut self, rendered: &RenderedTwice<'_>) -> Vec<[f32; 3]> {
+        vec![[0.0; 3]; rendered.other.len()]
     }
 
     /// Learn from a step. Returns how many gradient entries were not finite.
@@ -250,8 +250,8 @@ pub trait Method: Send + Sync {
         0
     }
 
-    /// Before this step all training views are to be rendered for the method: the mean of the photo over squares of this many
-    /// pixels a side, and the ray through the middle of each. `None`: they are not.
+    /// Whether there is a survey before this step ([`crate::photo_model`]): all training views are rendered, the mean of the photo
+    /// over squares of this many pixels a side beside the ray through the middle of each. `None`: there is none.
     fn survey(&self, _step: u64) -> Option<u32> {
         None
     }
@@ -260,27 +260,27 @@ pub trait Method: Send + Sync {
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a prior of the photo cannot be read.
-    fn look(&mut self, data: &Dataset, seen: &ViewSeen<'_>) -> Result<(), SystemError> {
+    fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
         let _ = (data, seen);
         Ok(())
     }
 
-    /// All views of a survey have been seen.
+    /// The survey is over: all views have been rendered.
     fn surveyed(&mut self) {}
 
-    /// The field, and its schedules with it, begin anew before this step. A function of the method's settings alone.
+    /// The field, and its schedules with it, begin anew before this step. A function of the photo model's settings alone.
     fn begins_anew(&self) -> Option<u64> {
         None
     }
 
-    /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the method does not say.
-    fn visibility(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the photo model does not say.
+    fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let _ = seen;
         None
     }
 
-    /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the method does not say.
-    fn uncertainty(&self, seen: &ViewSeen<'_>) -> Option<Vec<f32>> {
+    /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the photo model does not say.
+    fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let _ = seen;
         None
     }
@@ -296,7 +296,7 @@ pub trait Method: Send + Sync {
         Vec::new()
     }
 
-    /// Put back what [`Method::state`] gave.
+    /// Put back what [`PhotoModel::state`] gave.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.

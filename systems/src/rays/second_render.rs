@@ -1,4 +1,4 @@
-//! Patches in the light of another photo, for a method that wants to see them: only the colour network learns from that.
+//! Patches rendered with the code of another photo, where the photo model asks for them: only the colour network learns from that.
 
 use super::chunk::Chunk;
 use super::context::StepContext;
@@ -7,7 +7,7 @@ use super::tile::{Gradients, Tile};
 use super::{CHUNKS, Inputs, RaySystem};
 use crate::buffers::sized;
 use crate::fields::Columns;
-use crate::method::{Relit, SecondLight};
+use crate::photo_model::{RenderedTwice, SecondRender};
 use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::rng::Rng;
@@ -21,14 +21,14 @@ const JITTER: u64 = 0x7265_6c69_6768;
 
 /// Buffers, kept from step to step.
 #[derive(Default)]
-pub(super) struct Relighting {
+pub(super) struct SecondRenders {
     inputs: Inputs,
     chunks: Vec<Chunk>,
     /// Whether this step has patches.
     active: bool,
 }
 
-impl Relighting {
+impl SecondRenders {
     /// What this step brings to the colour network's gradient.
     pub(super) fn chunks(&self) -> impl Iterator<Item = &Chunk> {
         self.chunks.iter().filter(|_| self.active)
@@ -36,22 +36,22 @@ impl Relighting {
 }
 
 impl RaySystem {
-    /// Render the patches a method asks for, and keep what it says of them until the networks learn.
-    pub(super) fn relight(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let mut own = std::mem::take(&mut self.work.relighting);
+    /// Render the patches the photo model asks for, and keep what it says of them until the networks learn.
+    pub(super) fn render_twice(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let mut own = std::mem::take(&mut self.work.second_renders);
         own.active = false;
-        if let Some(light) = self.method.as_ref().and_then(|method| method.second_light(step)) {
+        if let Some(request) = self.method.as_ref().and_then(|method| method.second_render(step)) {
             // Its photos, if not all of them fit in memory, are those of the step.
             own.inputs.batch = self.work.inputs.batch.clone();
-            data.draw_patches(self.seed, step, light.views.len(), light.patches, &mut own.inputs.batch)?;
-            self.relight_patches(&mut own, &light, step);
+            data.draw_patches(self.seed, step, request.views.len(), request.patches, &mut own.inputs.batch)?;
+            self.render_patches_twice(&mut own, &request, step);
         }
-        self.work.relighting = own;
+        self.work.second_renders = own;
         Ok(())
     }
 
-    /// [`RaySystem::relight`] for the patches in `own`.
-    pub(super) fn relight_patches(&mut self, own: &mut Relighting, light: &SecondLight, step: u64) {
+    /// [`RaySystem::render_twice`] for the patches in `own`.
+    pub(super) fn render_patches_twice(&mut self, own: &mut SecondRenders, request: &SecondRender, step: u64) {
         let inputs = &mut own.inputs;
         let n = inputs.batch.len();
         own.active = n > 0;
@@ -64,24 +64,24 @@ impl RaySystem {
         own.chunks.resize_with(CHUNKS, || Chunk::new(&self.field, self.head.as_ref()));
         let plan = Plan { step, ..Plan::PICTURE };
 
-        let in_own = self.shown(own, &plan);
-        let pixels = light.patches.pixels();
-        let others = light.views.iter().flat_map(|&view| std::iter::repeat_n(view, pixels)).collect();
+        let in_own = self.colours(own, &plan);
+        let pixels = request.patches.pixels();
+        let others = request.views.iter().flat_map(|&view| std::iter::repeat_n(view, pixels)).collect();
         let views = std::mem::replace(&mut own.inputs.batch.view, others);
-        let in_other = self.shown(own, &plan);
+        let in_other = self.colours(own, &plan);
         let others = std::mem::replace(&mut own.inputs.batch.view, views);
         let Some(method) = &mut self.method else { return };
-        let relit = Relit { light, batch: &own.inputs.batch, own: &in_own, other: &in_other };
-        let bars = method.judge_second(&relit);
+        let rendered = RenderedTwice { request, batch: &own.inputs.batch, own: &in_own, other: &in_other };
+        let bars = method.judge_second_render(&rendered);
         own.inputs.batch.view = others;
-        self.each_part(own, &plan, |chunk, ctx, pixels| chunk.learn_relit(ctx, pixels, &bars));
+        self.each_part(own, &plan, |chunk, ctx, pixels| chunk.learn_second_render(ctx, pixels, &bars));
     }
 
     /// Place samples and render.
-    fn shown(&mut self, own: &mut Relighting, plan: &Plan) -> Vec<[f32; 3]> {
+    fn colours(&mut self, own: &mut SecondRenders, plan: &Plan) -> Vec<[f32; 3]> {
         let parts = self.each_part(own, plan, |chunk, ctx, pixels| {
             chunk.sample(ctx, pixels.clone());
-            chunk.show_static(ctx, pixels)
+            chunk.render_static(ctx, pixels)
         });
         for chunk in &own.chunks {
             let [march, encode, networks, _] = chunk.stats.seconds;
@@ -94,11 +94,11 @@ impl RaySystem {
 
     fn each_part<T: Send>(
         &self,
-        own: &mut Relighting,
+        own: &mut SecondRenders,
         plan: &Plan,
         work: impl Fn(&mut Chunk, &StepContext<'_>, Range<usize>) -> T + Sync,
     ) -> Vec<T> {
-        let Relighting { inputs, chunks, .. } = own;
+        let SecondRenders { inputs, chunks, .. } = own;
         let (n, ctx) = (inputs.batch.len(), self.context(plan, inputs));
         let span = |c: usize| c * n / CHUNKS..(c + 1) * n / CHUNKS;
         chunks.par_iter_mut().enumerate().map(|(c, chunk)| work(chunk, &ctx, span(c))).collect()
@@ -107,7 +107,7 @@ impl RaySystem {
 
 impl Chunk {
     /// The static part of what [`Chunk::sample`] placed.
-    fn show_static(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
+    fn render_static(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
         let mut out = Vec::with_capacity(pixels.len());
         self.each_tile(ctx, pixels, |tile, chunk, _, _, rays, pixels| {
             let count = rays.len();
@@ -118,7 +118,7 @@ impl Chunk {
     }
 
     /// Bring derivatives of those colours to the colour network's gradient.
-    fn learn_relit(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, bars: &[[f32; 3]]) {
+    fn learn_second_render(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, bars: &[[f32; 3]]) {
         self.colour_grad.fill(0.0);
         self.each_tile(ctx, pixels, |tile, chunk, (out, _), _, rays, pixels| {
             // What was rendered in between is gone.
