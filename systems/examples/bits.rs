@@ -12,7 +12,7 @@ use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOpt
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use splat_core::Gaussians;
 use std::sync::Arc;
-use systems::bake::{BakeOptions, bake, relight};
+use systems::bake::{BakeOptions, bake, recolour};
 
 const STEPS: u64 = 40;
 /// Steps of a cloud of Gaussians: across some changes of their number.
@@ -205,8 +205,9 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         let baked = bake(&*system, &data, &query, &options, &|| true).expect("a bake").expect("not halted");
         push_cloud(&baked.splats.gaussians, &mut bytes);
         let options = BakeOptions { steps: 5, ..options };
-        let relit = relight(&baked, &*system, &data, &query, &options, &|| true).expect("a bake").expect("not halted");
-        push_cloud(&relit.splats.gaussians, &mut bytes);
+        let recoloured =
+            recolour(&baked, &*system, &data, &query, &options, &|| true).expect("a bake").expect("not halted");
+        push_cloud(&recoloured.splats.gaussians, &mut bytes);
     }
     Ok(format!("{} mse {:.6}", &sha256(&bytes)[..16], loss / steps as f64))
 }

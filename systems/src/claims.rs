@@ -8,7 +8,7 @@
 pub struct Claim {
     /// Name on the command line.
     pub name: &'static str,
-    /// The paper that it is named after; empty where the name is nobody's.
+    /// The paper that it is named after; empty where the name is not from a paper.
     pub paper: &'static str,
     /// What differs from the paper, a sentence or two; of systems without one, what they are.
     pub differs: &'static str,
@@ -23,7 +23,7 @@ impl Claim {
         !self.paper.is_empty()
     }
 
-    /// A line of a plan; `None` where the name is no paper's.
+    /// A line of a plan; `None` where the name is not from a paper.
     #[must_use]
     pub fn line(&self) -> Option<String> {
         self.is_of_a_paper().then(|| format!("not all as published ({}): {}", self.paper, self.differs))

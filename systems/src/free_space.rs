@@ -1,4 +1,4 @@
-//! Space that points of photos are seen through: whoever sees a point sees nothing before it.
+//! Space that points of photos are seen through: a camera that sees a point sees nothing before it.
 //!
 //! Points that several photos show belong to the place, and the line from a camera to such a point is free. A cell that several of
 //! these lines cross, none of them near its end, and that no point lies in or beside, is empty; and so is what lies in a picture
@@ -17,7 +17,7 @@ use render_core::occupancy::OccupancyGrid;
 const LINES: u16 = 3;
 /// Part of a line that counts: points are not that certain, and what they lie on has a thickness.
 const CERTAIN: f32 = 0.9;
-/// Places looked at in a cell's side.
+/// Places checked along a cell's side.
 const PER_CELL: f32 = 2.0;
 
 /// Whether what lies in a picture before all of its points is free as well.
@@ -190,7 +190,7 @@ mod tests {
             assert_eq!(at([x, 0.03, 0.03]), 1, "{x}");
         }
         assert_eq!([at([0.9, 0.03, 0.03]), at([0.0, 0.3, 0.0])], [0, 0]);
-        // A point at the camera is no line.
+        // A point at the camera is not a line.
         cross(&grid, [0.5; 3], [0.5; 3], &mut lines);
     }
 

@@ -9,12 +9,12 @@ use render_core::camera::{Camera, Pose};
 use render_core::rig::{focus_point, mean_centre, mean_pose, rms_distance};
 use scene_io::{DepthMap, LayoutHint, Scene};
 
-/// An object is told by so many points at least; this share of them at each end of an axis may be strays; the cube is so much
-/// larger than the rest.
+/// An object is found from this many points at least; this share of them at each end of an axis may be strays; the cube is
+/// larger than the rest by this factor.
 const FEWEST_POINTS: usize = 16;
 const STRAY: f64 = 0.002;
 const OBJECT_MARGIN: f64 = 1.15;
-/// Points tell where the place is if there are so many; a cube that holds this share of them is it. The cameras stand far off
+/// Points tell where the place is if there are this many; a cube that holds this share of them is it. The cameras stand far off
 /// where it is smaller than this part of their distance.
 const FEWEST_PLACE_POINTS: usize = 100;
 const PLACE_PERCENTILE: f64 = 0.95;
@@ -29,7 +29,7 @@ const NEAR_PLANE: f64 = 0.9;
 const WIDEST: f64 = 64.0;
 /// Extent of an unbounded scene without points, internal units.
 const UNKNOWN_EXTENT: f64 = 16.0;
-/// Measured depths that are looked at, of all photos together.
+/// Measured depths that are used, of all photos together.
 const DEPTHS: usize = 1 << 24;
 /// Points nearer than this percentile decide where an unbounded scene ends.
 const FAR_PERCENTILE: f64 = 0.98;
@@ -49,11 +49,11 @@ pub struct Layout {
     pub footprint: f64,
     /// Reference of NDC: pose and near plane in world units.
     pub reference: Option<(Pose, f64)>,
-    /// Why, for people.
+    /// Why, in words.
     pub why: String,
 }
 
-/// Look at cameras and points.
+/// The layout of a scene, from its cameras and points.
 #[must_use]
 pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
     let cameras: Vec<Camera> = data.views().iter().filter(|v| v.level == 0).map(|v| v.camera).collect();
@@ -67,9 +67,9 @@ pub fn layout(scene: &Scene, data: &Dataset) -> Layout {
         LayoutHint::Object { near, far } => object(&cameras, &poses, focal, near, far),
         LayoutHint::ForwardFacing => cut_out()
             .or_else(|| forward_facing(scene, data, &cameras, &poses))
-            .unwrap_or_else(|| open(scene, data, (&poses, focal), "cameras do not look the same way")),
+            .unwrap_or_else(|| open(scene, data, &poses, focal, "cameras do not look the same way")),
         _ => cut_out()
-            .unwrap_or_else(|| open(scene, data, (&poses, focal), "the format does not say where the scene ends")),
+            .unwrap_or_else(|| open(scene, data, &poses, focal, "the format does not say where the scene ends")),
     }
 }
 
@@ -169,15 +169,22 @@ fn forward_facing(scene: &Scene, data: &Dataset, cameras: &[Camera], poses: &[Po
     })
 }
 
-/// Where the points are: their middle, and half the side of a cube that holds nearly all of them.
-fn place(scene: &Scene) -> Option<(DVec3, f64)> {
+/// A cube.
+struct Cube {
+    centre: DVec3,
+    /// Half the side.
+    radius: f64,
+}
+
+/// Where the points are: a cube about their middle that holds nearly all of them.
+fn place(scene: &Scene) -> Option<Cube> {
     if scene.points.len() < FEWEST_PLACE_POINTS {
         return None;
     }
     let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
     let centre = robust_box(&points, 0.5)?.centre();
     let half = percentile(&reach(scene, centre, 1.0), PLACE_PERCENTILE)?;
-    (half > 0.0).then_some((centre, OBJECT_MARGIN * half))
+    (half > 0.0).then_some(Cube { centre, radius: OBJECT_MARGIN * half })
 }
 
 /// Largest coordinates of the points about `centre`, in units of `radius`, sorted.
@@ -203,7 +210,8 @@ pub(crate) fn stated_depths(data: &Dataset) -> Option<[f64; 2]> {
 }
 
 /// Cameras far from what they have in common: an inner cube around that, which the cameras stand outside of.
-fn far_off(scene: &Scene, poses: &[Pose], (centre, radius): (DVec3, f64), footprint: f64, reason: &str) -> Layout {
+fn far_off(scene: &Scene, poses: &[Pose], inner: &Cube, footprint: f64, reason: &str) -> Layout {
+    let &Cube { centre, radius } = inner;
     let cameras = poses.iter().map(|p| (p.c - centre).abs().max_element() / radius);
     let points = percentile(&reach(scene, centre, radius), FAR_PERCENTILE).unwrap_or(0.0);
     let cascades = cameras.fold(points, f64::max).clamp(2.0, WIDEST).log2().ceil() as usize + 1;
@@ -232,7 +240,7 @@ pub(crate) fn stands_still(poses: &[Pose]) -> bool {
 }
 
 /// A camera that stands still and whose photos come with depth: a box around what it sees between the nearest and the furthest
-/// of them (EndoNeRF's percentiles). Depth that cannot be read is nobody's concern here.
+/// of them (EndoNeRF's percentiles). Depth that cannot be read is passed over here.
 fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
     if !stands_still(poses) {
         return None;
@@ -268,7 +276,7 @@ fn still_camera(data: &Dataset, poses: &[Pose], focal: f64) -> Option<Layout> {
 }
 
 /// An inner cube around what the cameras look at, and the rest contracted.
-fn open(scene: &Scene, data: &Dataset, (poses, focal): (&[Pose], f64), reason: &str) -> Layout {
+fn open(scene: &Scene, data: &Dataset, poses: &[Pose], focal: f64, reason: &str) -> Layout {
     let in_front = |p: &DVec3| poses.iter().filter(|c| (*p - c.c).dot(c.r.z_axis) > 0.0).count() * 2 > poses.len();
     let middle = mean_centre(poses).unwrap_or(DVec3::ZERO);
     let focus = focus_point(poses).filter(in_front);
@@ -279,8 +287,9 @@ fn open(scene: &Scene, data: &Dataset, (poses, focal): (&[Pose], f64), reason: &
         percentile(&distances, share).filter(|r| *r > 0.0).unwrap_or(1.0)
     };
     let radius = distance(centre, 0.5);
-    if let Some((heart, small)) = place(scene).filter(|(_, small)| *small < SMALL_PLACE * radius) {
-        return far_off(scene, poses, (heart, small), distance(heart, 0.25) / small / focal, reason);
+    if let Some(inner) = place(scene).filter(|inner| inner.radius < SMALL_PLACE * radius) {
+        let footprint = distance(inner.centre, 0.25) / inner.radius / focal;
+        return far_off(scene, poses, &inner, footprint, reason);
     }
     let reach = reach(scene, centre, radius);
     let stated = scene.bounds.map(|b| (b.min - centre).abs().max((b.max - centre).abs()).max_element() / radius);

@@ -18,7 +18,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
-use systems::bake::{BakeOptions, Baked, bake, load, relight, store};
+use systems::bake::{BakeOptions, Baked, bake, load, recolour, store};
 use systems::splats::Cloud;
 
 /// A light or a moment is baked once it has been wanted for so long without a change.
@@ -209,7 +209,7 @@ impl Fast {
         let made = match (kept, base()) {
             (Some(baked), _) => Ok(Some(baked)),
             (None, Some(base)) if !key.light.is_empty() => {
-                relight(&base.baked, system.as_ref(), data, &query, &BakeOptions::QUICK, go_on)
+                recolour(&base.baked, system.as_ref(), data, &query, &BakeOptions::QUICK, go_on)
             }
             _ => {
                 let options = if is_first && !trains { BakeOptions::DEFAULT } else { BakeOptions::QUICK };

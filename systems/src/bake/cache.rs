@@ -1,7 +1,7 @@
 //! The baked cloud beside the checkpoint it was made from: a file of a run folder.
 //!
 //! It belongs to a checkpoint by the SHA-256 of the checkpoint's arrays; a file of another checkpoint, of another version or one
-//! that cannot be read is no error: the field is baked again.
+//! that cannot be read is not an error: the field is baked again.
 
 use super::Baked;
 use engine::checkpoint::{digest, read_arrays, serialise, sha256};
@@ -19,7 +19,7 @@ const VERSION: u64 = 1;
 /// Gaussians of a file that is read at most: more were never written.
 const MOST: u64 = 10_000_000;
 
-/// What the bake of a checkpoint in the light and background of the run is known by.
+/// What the bake of a checkpoint with the appearance and background of the run is known by.
 fn key(run: &Path, step: u64) -> Option<Vec<u64>> {
     let digest = sha256(format!("{VERSION} {}", digest(run, step)?).as_bytes());
     Some((0..4).filter_map(|k| u64::from_str_radix(digest.get(16 * k..16 * (k + 1))?, 16).ok()).collect())
@@ -79,7 +79,7 @@ mod tests {
     use engine::output::Disk;
     use std::fs;
 
-    /// A run folder that has a checkpoint, as far as the key looks.
+    /// A run folder that has a checkpoint, as far as the key reads.
     fn run(sha: &str) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("checkpoint")).unwrap();
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_file_is_no_cloud() {
+    fn a_broken_file_is_not_a_cloud() {
         let folder = run("aa");
         let none = Baked { psnr: None, ..baked() };
         store(&Disk, folder.path(), 7, &none).unwrap();

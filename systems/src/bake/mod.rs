@@ -1,4 +1,4 @@
-//! A field as a cloud of Gaussians: fast to look at, and readable by other programs.
+//! A field as a cloud of Gaussians: fast to draw, and readable by other programs.
 //!
 //! ```text
 //! shots    pictures of the field from training cameras: colour, opacity, median depth
@@ -43,10 +43,10 @@ pub struct BakeOptions {
 }
 
 impl BakeOptions {
-    /// For looking and for export: some ten seconds on two cores for a field that draws 50 000 rays a second.
+    /// For the viewer and for export: some ten seconds on two cores for a field that draws 50 000 rays a second.
     pub const DEFAULT: Self = Self { rays: 300_000, most: 80_000, steps: 250, degree: 1, seed: 0 };
 
-    /// A quick one: for a light or a moment that is looked at for a while.
+    /// A quick one: for an appearance or a time step that stays on the screen for a while.
     pub const QUICK: Self = Self { rays: 100_000, most: 40_000, steps: 120, ..Self::DEFAULT };
 }
 
@@ -60,7 +60,7 @@ pub struct Baked {
     pub psnr: Option<f64>,
 }
 
-/// The cloud that shows what the field shows in the light and at the time of `query`. `None` as soon as `go_on` says no; a cloud
+/// The cloud that shows what the field shows with the appearance and at the time of `query`. `None` as soon as `go_on` says no; a cloud
 /// system ([`System::splats`]) is its own cloud.
 ///
 /// # Errors
@@ -86,7 +86,7 @@ pub fn bake(
     fit(&cloud, &pictures, query, &terms, go_on)
 }
 
-/// `baked` in the light of `query`: its colours fitted to fewer pictures of the field, its shapes as they are. `None` as soon as
+/// `baked` with the appearance of `query`: its colours fitted to fewer pictures of the field, its shapes as they are. `None` as soon as
 /// `go_on` says no.
 ///
 /// # Errors
@@ -94,7 +94,7 @@ pub fn bake(
 ///
 /// # Panics
 /// When fields of the baked cloud disagree in length.
-pub fn relight(
+pub fn recolour(
     baked: &Baked,
     system: &dyn System,
     data: &Dataset,

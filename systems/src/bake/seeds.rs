@@ -20,9 +20,9 @@ use std::f64::consts::FRAC_1_SQRT_2;
 const OPACITY: f64 = 0.9;
 /// Side of a cell at first, sizes of a pixel; it grows by the factor beside it until there are few enough Gaussians.
 const CELL: [f64; 2] = [1.0, 1.2];
-/// Cells are grown so often at most.
+/// Cells are grown this often at most.
 const ROUNDS: usize = 60;
-/// Coarser samples are left out where there are some so many levels finer.
+/// Coarser samples are left out where there are some this many levels finer.
 const FINER: i32 = 2;
 /// Standard deviation in the surface: this part of the distance to the neighbours, between two parts of a cell.
 const ACROSS: f64 = 0.65;
@@ -31,7 +31,7 @@ const LIMITS: [f64; 2] = [0.45, 1.3];
 const FLAT: f64 = 0.3;
 /// Depths that differ by more than this part of themselves are not of one surface.
 const EDGE: f64 = 0.05;
-/// The sky is so many times as far as what is far: nearer, cameras apart would see it shifted against each other.
+/// The sky is this many times as far as what is far: nearer, cameras apart would see it shifted against each other.
 const SKY: f64 = 50.0;
 
 /// What a pixel sees.
@@ -113,14 +113,14 @@ fn samples(picture: &Picture) -> (Vec<Sample>, Vec<SkyPixel>) {
             continue;
         };
         let t = x.distance(o);
-        // The slope of the surface along a side of the picture, from the neighbours on the same surface.
-        let slope = |low: Option<usize>, high: Option<usize>| {
+        // A tangent of the surface along a side of the picture, from the neighbours on the same surface.
+        let tangent = |low: Option<usize>, high: Option<usize>| {
             let near = |j: Option<usize>| j.and_then(|j| points[j]).filter(|y| (y.distance(o) - t).abs() < EDGE * t);
             let (low, high) = (near(low).unwrap_or(x), near(high).unwrap_or(x));
             (high != low).then(|| high - low)
         };
-        let across = slope(column.checked_sub(1).map(|_| i - 1), (column + 1 < w).then_some(i + 1));
-        let down = slope(row.checked_sub(1).map(|_| i - w), (row + 1 < h).then_some(i + w));
+        let across = tangent(column.checked_sub(1).map(|_| i - 1), (column + 1 < w).then_some(i + 1));
+        let down = tangent(row.checked_sub(1).map(|_| i - w), (row + 1 < h).then_some(i + w));
         let to_camera = (o - x).normalize_or_zero();
         let normal = across.zip(down).and_then(|(a, b)| a.cross(b).try_normalize()).unwrap_or(to_camera);
         let normal = if normal.dot(to_camera) < 0.0 { -normal } else { normal };

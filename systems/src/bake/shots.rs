@@ -8,9 +8,9 @@ use render_core::camera::{Camera, Lens};
 
 /// Cameras at most: more say little that is new.
 const MOST: usize = 48;
-/// A side of a picture is at least so long, pixels.
+/// A side of a picture is at least this long, pixels.
 const LEAST_SIDE: u32 = 12;
-/// One camera in so many is kept aside to measure by; with fewer cameras none is.
+/// One camera in this many is kept aside to measure by; with fewer cameras none is.
 const ASIDE: usize = 8;
 
 /// A picture of the field.
@@ -18,7 +18,7 @@ pub(super) struct Picture {
     /// A pinhole camera of the scene's frame.
     pub(super) camera: Camera,
     pub(super) layers: Layers,
-    /// Kept for measuring: neither seeds nor the fit look at it.
+    /// Kept for measuring: neither seeds nor the fit use it.
     pub(super) is_aside: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Gaussians from a file: something to look at, without photos and without training.
+//! Gaussians from a file: drawn without photos and without training.
 
 use super::upright;
 use crate::views::cloud_frame::CloudFrame;
@@ -32,9 +32,9 @@ const DISTANCE: f64 = 2.0;
 const HEIGHT: f64 = 0.35;
 /// Views around the middle that are offered.
 const AROUND: usize = 8;
-/// Parts of that distance that the first view is looked for at.
+/// Parts of that distance that the first view is sought at.
 const CLOSER: [f64; 3] = [1.0, 0.6, 0.35];
-/// Longest side of the pictures it is looked for with.
+/// Longest side of the pictures it is sought with.
 const SMALL: u32 = 80;
 /// A pixel is opaque from here on: clouds of short trainings are thin everywhere.
 const OPAQUE: f32 = 0.5;
@@ -189,7 +189,7 @@ impl Cloud {
         self.at_distance(turn, DISTANCE)
     }
 
-    /// The same, so many radii away.
+    /// The same, `distance` radii away.
     fn at_distance(&self, turn: f64, distance: f64) -> Camera {
         let (up, angle) = (self.up(), turn * core::f64::consts::TAU);
         let aside = up.any_orthonormal_vector();
@@ -204,7 +204,7 @@ impl Cloud {
         Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
     }
 
-    /// Cameras to look from. The first sees the middle of the cloud best; then those around it, and the one where the frame of the
+    /// Cameras that show the cloud. The first sees the middle of the cloud best; then those around it, and the one where the frame of the
     /// file begins: structure from motion often puts one of its cameras there. That one is the first where it is inside of the
     /// scene.
     #[must_use]
@@ -243,12 +243,12 @@ impl Cloud {
         inside.then_some([near, middle])
     }
 
-    /// A camera at the origin of the file that looks along z.
+    /// A camera at the origin of the file whose axis is z.
     fn origin(&self) -> Camera {
         Camera { pose: Pose::IDENTITY, ..self.camera(0.0) }
     }
 
-    /// A circle of `n` cameras, and where it is, for people: around the middle, or a small one inside of a room.
+    /// A circle of `n` cameras, and where it is, in words: around the middle, or a small one inside of a room.
     fn orbit(&self, n: usize) -> (Vec<Camera>, &'static str) {
         let origin = self.origin();
         let Some([near, middle]) = self.surroundings(&origin) else {
@@ -266,8 +266,8 @@ impl Cloud {
         (cameras, "orbit: a small circle around the origin of the file, which is inside of the scene")
     }
 
-    /// `frames` cameras along a path (default: 60, or as many as the file holds), and where an orbit goes, for people: a circle
-    /// around the middle, a small one where the scene is looked at from inside, or a file.
+    /// `frames` cameras along a path (default: 60, or as many as the file holds), and where an orbit goes, in words: a circle
+    /// around the middle, a small one where cameras are inside of the scene, or a file.
     ///
     /// # Errors
     /// [`RunError::Option`] for a path that needs photos; [`RunError::Read`], [`RunError::Content`] for files.

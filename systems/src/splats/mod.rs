@@ -1,7 +1,7 @@
-//! Clouds of Gaussians to look at: from a file, a training or a bake, without photos.
+//! Clouds of Gaussians to be drawn: from a file, a training or a bake, without photos.
 //!
 //! * [`Cloud`]: a cloud that is drawn as it is, with cameras and paths around it.
-//! * `upright`: which way is up, and where to look from.
+//! * `upright`: which way is up, and where the first view is from.
 //!
 //! How clouds are trained: [`crate::views`].
 

@@ -1,4 +1,4 @@
-//! A file of Gaussians says neither which way is up nor where to look from: both are guessed from what shows.
+//! A file of Gaussians says neither which way is up nor where it is seen from: both are guessed from what shows.
 //!
 //! Up: floors and tables are large, flat and level, so among the flat Gaussians one of the frame's axes has many of its own. Files
 //! come from structure from motion (y points down) unless they clearly do not; files that are drawn by hand or aligned have z up.
@@ -17,7 +17,7 @@ const FLAT: f64 = 0.5;
 /// Cosine of the angle within which a normal belongs to an axis, and within which it counts for the direction itself.
 const NEAR_AXIS: f64 = 0.82;
 const NEAR_UP: f64 = 0.94;
-/// Another axis than y is up where it has so many times the weight of y.
+/// Another axis than y is up where it has this many times the weight of y.
 const CLEARLY: f64 = 2.0;
 /// With less than this share of all flat weight an axis says nothing of the direction itself.
 const LEAST: f64 = 0.05;
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_view_looks_at_the_thing_from_where_nothing_is_before_it() {
+    fn the_first_view_shows_the_thing_from_where_nothing_is_before_it() {
         let mut gaussians = scene(DVec3::Z);
         let cloud = Cloud::new(gaussians.clone(), RasterSettings::DEFAULT);
         let cameras: Vec<Camera> = cloud.views();

@@ -11,7 +11,7 @@ use render_core::ray::Ray;
 use scene_io::{Dialect, Frame, Image, ImageSource, LayoutHint, Scene};
 use std::cell::Cell;
 use std::sync::Arc;
-use systems::bake::{BakeOptions, Baked, bake, relight};
+use systems::bake::{BakeOptions, Baked, bake, recolour};
 use systems::splats::Cloud;
 
 const OPTIONS: BakeOptions = BakeOptions { rays: 40_000, most: 8000, steps: 150, degree: 1, seed: 0 };
@@ -188,7 +188,7 @@ fn another_light_changes_colours_alone() {
     let (ball, data, query) = (Ball { sky: false }, data(12), plain_query([0.0; 3], 0.0));
     let day = baked(&ball, &data, &query, &OPTIONS);
     let dim = Query { appearance: Appearance::Code(Arc::from([0.4].as_slice())), ..query.clone() };
-    let night = relight(&day, &ball, &data, &dim, &OPTIONS, &|| true).unwrap().unwrap();
+    let night = recolour(&day, &ball, &data, &dim, &OPTIONS, &|| true).unwrap().unwrap();
     assert!(night.psnr.unwrap() > 22.0, "{:?}", night.psnr);
     let (a, b) = (&day.splats.gaussians, &night.splats.gaussians);
     assert_eq!((a.len(), &a.wxyz, &a.logit), (b.len(), &b.wxyz, &b.logit));

@@ -1,15 +1,7 @@
-//! From the scene's frame to the unit the fields work in, and back.
-//!
-//! *Internal* coordinates put what matters into the cube `[-1, 1]^3`. Rays stay straight in them, so that sampling and
-//! occupancy grids work there; the field's grid then sees `[0, 1]^3`:
-//!
-//! | kind | internal | grid |
-//! | --- | --- | --- |
-//! | `box` | `(x - centre) / radius` | `(p + 1) / 2` |
-//! | `contracted` | the same; space goes on beyond the cube | `(contract(p) + 2) / 4`, max-norm |
-//! | `ndc` | projective: lateral position over depth, and disparity, of a reference camera | `(p + 1) / 2` |
+//! The map between the scene's frame and internal coordinates.
 
-use engine::system::SystemError;
+use super::config::SpaceKind;
+use super::ray::InternalRay;
 use float_core::Simd;
 use glam::{DMat3, DVec3};
 use render_core::bounds::intersect_box;
@@ -19,80 +11,6 @@ use render_core::ndc::Ndc;
 use render_core::ray::Ray;
 use render_core::sample::Spacing;
 use render_core::space_map::SpaceMap;
-use serde::{Deserialize, Serialize};
-
-/// How space is laid out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SpaceKind {
-    /// Everything lies in a box.
-    Box,
-    /// An inner cube, and all the rest of space contracted around it.
-    Contracted,
-    /// Cameras look the same way: normalised device coordinates.
-    Ndc,
-}
-
-impl SpaceKind {
-    /// The word in `--set space=…`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Box => "box",
-            Self::Contracted => "contracted",
-            Self::Ndc => "ndc",
-        }
-    }
-}
-
-/// Where the scene is. Lengths but for `centre` and `radius` are *internal*: the radius of the scene is 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SpaceConfig {
-    /// How space is laid out: `box`, `contracted` or `ndc`.
-    pub space: SpaceKind,
-    /// Centre of the scene, world units.
-    pub centre: [f64; 3],
-    /// Internal length 1 in world units: half the side of a box scene, the inner region of an unbounded one.
-    pub radius: f64,
-    /// Distance before which nothing is sampled.
-    pub near: f32,
-    /// Cubes that rays go through, each twice the size of the one before.
-    pub cascades: usize,
-}
-
-impl SpaceConfig {
-    /// Half the side of the outermost cube, internal units.
-    #[must_use]
-    pub fn extent(&self) -> f64 {
-        f64::from(1_u32 << (self.cascades.clamp(1, 16) - 1))
-    }
-
-    /// Check the ranges.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting.
-    pub fn check(&self) -> Result<(), SystemError> {
-        let refuse =
-            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
-        for (field, value) in [("radius", self.radius), ("near", f64::from(self.near))] {
-            if !(value > 0.0 && value.is_finite()) {
-                return refuse(field, value.to_string(), "must be positive and finite");
-            }
-        }
-        if self.near > 1e6 {
-            return refuse("near", self.near.to_string(), "must be at most 1e6 radii");
-        }
-        if !self.centre.iter().all(|c| c.is_finite()) {
-            return refuse("centre", format!("{:?}", self.centre), "must be three finite numbers");
-        }
-        if !(1..=16).contains(&self.cascades) || (self.space != SpaceKind::Contracted && self.cascades != 1) {
-            let problem = "must be in 1..=16, and 1 unless `space` is contracted";
-            return refuse("cascades", self.cascades.to_string(), problem);
-        }
-        Ok(())
-    }
-}
 
 /// The map between the scene's frame and internal coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,32 +29,6 @@ pub struct Space {
 struct Reference {
     pose: Pose,
     ndc: Ndc<f64>,
-}
-
-/// A ray in internal coordinates, clipped to where there may be something.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InternalRay {
-    /// Origin.
-    pub o: [f32; 3],
-    /// Unit direction.
-    pub d: [f32; 3],
-    /// Where sampling begins and ends; nothing to sample where `end <= start`.
-    pub start: f32,
-    /// See `start`.
-    pub end: f32,
-    /// Unit direction in the scene's frame, for the colour.
-    pub view: [f32; 3],
-    /// Radius of the pixel's cone at distance 1; in NDC that of its cylinder.
-    pub radius: f32,
-}
-
-impl InternalRay {
-    /// The point at distance `t`.
-    #[inline(always)]
-    #[must_use]
-    pub fn at(&self, t: f32) -> [f32; 3] {
-        [self.o[0] + t * self.d[0], self.o[1] + t * self.d[1], self.o[2] + t * self.d[2]]
-    }
 }
 
 /// GL axes of a CV camera's point or direction: y and z turn.
@@ -394,7 +286,8 @@ impl Space {
 
     /// A box of the scene's frame around a box of internal coordinates.
     #[must_use]
-    pub fn world_box(&self, [low, high]: [[f32; 3]; 2]) -> [[f64; 3]; 2] {
+    pub fn world_box(&self, inner: [[f32; 3]; 2]) -> [[f64; 3]; 2] {
+        let [low, high] = inner;
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in 0..8 {
             let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { high[a] } else { low[a] });
@@ -411,94 +304,5 @@ impl Reference {
             pose: Pose { r: DMat3::IDENTITY, c: DVec3::ZERO },
             ndc: Ndc { scale: [1.0; 2], shift: [0.0; 2], near: 1.0 },
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::DVec2;
-
-    fn camera(c: DVec3) -> Camera {
-        Camera::pinhole(64, 48, 60.0, 60.0, 32.0, 24.0, Pose { r: DMat3::IDENTITY, c })
-    }
-
-    #[test]
-    fn internal_rays_pass_through_the_points_they_should() {
-        let cameras = [camera(DVec3::ZERO), camera(DVec3::new(0.3, -0.2, 0.1))];
-        let reference = Pose { r: DMat3::IDENTITY, c: DVec3::ZERO };
-        let spaces = [
-            Space::boxed(DVec3::new(0.0, 0.0, 5.0), 6.0, 0.01),
-            Space::contracted(DVec3::new(0.0, 0.0, 5.0), 2.0, 16.0, 0.01),
-            Space::ndc(reference, 1.0, &cameras).unwrap(),
-        ];
-        for space in spaces {
-            for camera in &cameras {
-                let ray = camera.ray(DVec2::new(11.0, 37.5)).unwrap();
-                let internal = space.internal_ray(&ray);
-                assert!(internal.end > internal.start);
-                for k in 1..10 {
-                    let t = internal.start + (internal.end - internal.start) * k as f32 / 12.0;
-                    let world = space.world_distance(&ray, t);
-                    assert!((space.internal_distance(&ray, world) - t).abs() < 1e-4 * t.max(1.0), "{:?}", space.kind());
-                    let x = ray.o + world * ray.d;
-                    let p = space.internal_point(x).unwrap();
-                    let on_ray = internal.at(t);
-                    for a in 0..3 {
-                        assert!((p[a] - on_ray[a]).abs() < 1e-4, "{:?} {p:?} {on_ray:?}", space.kind());
-                    }
-                    assert!((space.world_point(p) - x).length() < 1e-3 * x.length(), "{:?}", space.kind());
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn grid_positions_stay_in_the_unit_cube_and_come_back() {
-        let space = Space::contracted(DVec3::ZERO, 1.0, 64.0, 0.1);
-        let x = [0.3, -7.0, 63.0, 0.1, 2.0, -64.0, 1.0, -0.5, 5.0];
-        let mut u = [0.0; 9];
-        space.grid_positions(Simd::best(), &x, &mut u);
-        for i in 0..3 {
-            let p = [u[i], u[3 + i], u[6 + i]];
-            assert!(p.iter().all(|u| (0.0..=1.0).contains(u)));
-            let back = space.internal_of_grid(p);
-            for a in 0..3 {
-                let want = x[3 * a + i];
-                assert!((back[a] - want).abs() < 1e-3 * want.abs().max(1.0), "{back:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn cones_are_as_wide_as_the_pixels_around_them() {
-        let pose = Pose { r: DMat3::IDENTITY, c: DVec3::ZERO };
-        let cameras = [camera(DVec3::ZERO), camera(DVec3::new(0.3, -0.2, 0.1))];
-        let to_disc = 2.0 / 12.0_f64.sqrt();
-        for camera in &cameras {
-            let pixel = DVec2::new(11.5, 37.5);
-            let ray = camera.ray(pixel).unwrap();
-            let radius = camera.prepare().cone_radius(pixel).unwrap();
-            // A scene in other units looks the same.
-            for space in
-                [Space::boxed(DVec3::new(0.0, 0.0, 5.0), 6.0, 0.01), Space::contracted(DVec3::ZERO, 2.0, 16.0, 0.01)]
-            {
-                assert_eq!(space.internal_cone(&ray, radius).radius, radius as f32);
-            }
-            let space = Space::ndc(pose, 1.0, &cameras).unwrap();
-            let cone = space.internal_cone(&ray, radius);
-            // Far away, the neighbours are one pixel aside.
-            let far = |pixel| space.internal_point(camera.ray(pixel).unwrap().at(1e5)).unwrap();
-            let [at, right, below] = [DVec2::ZERO, DVec2::X, DVec2::Y].map(|step| far(pixel + step));
-            let pitch = 0.5 * ((right[0] - at[0]) + (at[1] - below[1]));
-            assert!((f64::from(cone.radius / pitch) - to_disc).abs() < 1e-3, "{} {pitch}", cone.radius);
-        }
-    }
-
-    #[test]
-    fn rays_that_miss_have_nothing_to_sample() {
-        let space = Space::boxed(DVec3::ZERO, 1.0, 0.0);
-        let ray = space.internal_ray(&Ray { o: DVec3::new(0.0, 5.0, 0.0), d: DVec3::Z });
-        assert!(ray.end <= ray.start);
     }
 }
