@@ -52,7 +52,8 @@ impl Layer {
 
 impl LayerLoss {
     /// The occluder from the filter's raw outputs; `noise` is 0 outside of training.
-    pub(super) fn layer(&self, [h, r, g, b, raw_beta]: [f32; OUTPUTS], noise: f32) -> Layer {
+    pub(super) fn layer(&self, raw: [f32; OUTPUTS], noise: f32) -> Layer {
+        let [h, r, g, b, raw_beta] = raw;
         let [alpha, ..] = opacity(self.concrete, h, noise);
         let beta = self.likelihood.beta_min + m32::softplus(raw_beta);
         Layer { h, noise, alpha, rgb: [r, g, b].map(m32::logistic), raw_beta, beta }
