@@ -15,7 +15,7 @@ const INIT: u64 = 0x636f_6465;
 /// Deviation of initial codes: small, so that all photos begin with nearly the same.
 const DEVIATION: f32 = 0.1;
 
-/// The codes, their moments and gradient.
+/// The codes, their gradient and the moments of Adam.
 pub(crate) struct CodeTable {
     name: &'static str,
     dims: usize,
@@ -25,7 +25,7 @@ pub(crate) struct CodeTable {
 }
 
 impl CodeTable {
-    /// Codes of `views` photos; `name` tells tables of a checkpoint apart.
+    /// Codes of `views` photos; `name` distinguishes the tables of a checkpoint.
     pub(crate) fn new(name: &'static str, views: usize, dims: usize, seed: u64) -> Self {
         let mut rows = vec![0.0; views * dims];
         let stream = name.bytes().fold(0, |sum: u64, b| sum.wrapping_mul(31).wrapping_add(b.into()));
@@ -67,7 +67,7 @@ impl CodeTable {
         self.rows.len()
     }
 
-    /// Bytes of codes, moments and gradient.
+    /// Bytes of codes, gradient and moments of Adam.
     pub(crate) fn bytes(&self) -> usize {
         16 * self.rows.len()
     }

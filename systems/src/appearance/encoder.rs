@@ -8,7 +8,7 @@
 
 use super::AppearanceModel;
 use super::config::{CodeConfig, ConsistencyConfig, PhotoEncoderConfig};
-use super::photo_network::{Kept, PhotoNetwork, Picture};
+use super::photo_network::{ForwardMemory, PhotoNetwork, Picture};
 use super::thumbnail::Thumbnail;
 use super::view_consistency::Consistency;
 use crate::codes::CodeTable;
@@ -74,7 +74,7 @@ struct Task {
     size: Option<Size>,
     x: Vec<f32>,
     alpha: Vec<f32>,
-    kept: Kept,
+    memory: ForwardMemory,
     code: Vec<f32>,
     code_bar: Vec<f32>,
     grad: Vec<f32>,
@@ -82,23 +82,23 @@ struct Task {
 
 impl Task {
     fn forward(&mut self, network: &PhotoNetwork, params: &[f32], thumbnail: &Thumbnail) {
-        let Self { size, x, alpha, kept, code, .. } = self;
+        let Self { size, x, alpha, memory, code, .. } = self;
         *size = Some(thumbnail.size);
         x.clear();
         // Around 0, which is also what transparent pixels are.
         x.extend(thumbnail.planes.iter().map(|&v| (f32::from(v) - 127.5) / 127.5));
         alpha.clear();
         alpha.extend(thumbnail.alpha.iter().map(|&a| f32::from(a) / 255.0));
-        network.forward(params, Picture { x, alpha, size: thumbnail.size }, kept, code);
+        network.forward(params, Picture { x, alpha, size: thumbnail.size }, memory, code);
     }
 
     /// After [`Task::forward`].
     fn backward(&mut self, network: &PhotoNetwork, params: &[f32]) {
-        let Self { size, x, alpha, kept, code_bar, grad, .. } = self;
+        let Self { size, x, alpha, memory, code_bar, grad, .. } = self;
         grad.clear();
         grad.resize(params.len(), 0.0);
         if let Some(size) = *size {
-            network.backward(params, Picture { x, alpha, size }, kept, code_bar, grad, None);
+            network.backward(params, Picture { x, alpha, size }, memory, code_bar, grad, None);
         }
     }
 }
@@ -305,7 +305,7 @@ impl AppearanceModel for Encoder {
     fn memory_bytes(&self) -> usize {
         let thumbnails: usize =
             self.thumbnails.iter().flatten().map(|t| t.planes.capacity() + t.alpha.capacity()).sum();
-        let task = |t: &Task| t.x.capacity() + t.alpha.capacity() + t.kept.len() + t.grad.capacity();
+        let task = |t: &Task| t.x.capacity() + t.alpha.capacity() + t.memory.len() + t.grad.capacity();
         thumbnails + 4 * (5 * self.params.len() + 5 * self.rows.len() + self.tasks.iter().map(task).sum::<usize>())
     }
 

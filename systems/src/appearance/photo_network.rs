@@ -37,15 +37,15 @@ pub(super) struct Picture<'a> {
     pub(super) size: Size,
 }
 
-/// Activations kept for the backward pass.
+/// Activations that the backward pass needs.
 #[derive(Default)]
-pub(super) struct Kept {
+pub(super) struct ForwardMemory {
     acts: Vec<f32>,
     tones: Vec<f32>,
     work: Workspace,
 }
 
-impl Kept {
+impl ForwardMemory {
     /// Numbers held.
     pub(super) fn len(&self) -> usize {
         self.acts.capacity() + self.tones.capacity()
@@ -83,9 +83,15 @@ impl PhotoNetwork {
     }
 
     /// The code of a picture, written.
-    pub(super) fn forward(&self, params: &[f32], picture: Picture<'_>, kept: &mut Kept, code: &mut Vec<f32>) {
+    pub(super) fn forward(
+        &self,
+        params: &[f32],
+        picture: Picture<'_>,
+        memory: &mut ForwardMemory,
+        code: &mut Vec<f32>,
+    ) {
         let (network, weights) = params.split_at(self.encoder.param_count());
-        let Kept { acts, tones, work } = kept;
+        let ForwardMemory { acts, tones, work } = memory;
         acts.resize(self.encoder.activations_len(picture.size).expect(FITS), 0.0);
         code.resize(self.code(), 0.0);
         self.encoder.forward(self.simd, network, picture.x, picture.size, acts, code, work).expect(FITS);
@@ -104,14 +110,14 @@ impl PhotoNetwork {
         &self,
         params: &[f32],
         picture: Picture<'_>,
-        kept: &mut Kept,
+        memory: &mut ForwardMemory,
         code_bar: &[f32],
         grad: &mut [f32],
         mut x_bar: Option<&mut [f32]>,
     ) {
         let (network, weights) = params.split_at(self.encoder.param_count());
         let (network_grad, weights_grad) = grad.split_at_mut(network.len());
-        let Kept { acts, tones, work } = kept;
+        let ForwardMemory { acts, tones, work } = memory;
         let (x, size, bars) = (picture.x, picture.size, x_bar.as_deref_mut());
         self.encoder.backward(self.simd, network, x, size, acts, code_bar, network_grad, bars, work).expect(FITS);
         let count = tones.len().max(1);
@@ -200,14 +206,14 @@ mod tests {
         let bar = [0.7, -1.3];
         let value = |params: &[f32], x: &[f32]| {
             let mut code = Vec::new();
-            network.forward(params, Picture { x, alpha: &alpha, size }, &mut Kept::default(), &mut code);
+            network.forward(params, Picture { x, alpha: &alpha, size }, &mut ForwardMemory::default(), &mut code);
             code.iter().zip(bar).map(|(c, b)| f64::from(c * b)).sum::<f64>()
         };
-        let (mut kept, mut code) = (Kept::default(), Vec::new());
+        let (mut memory, mut code) = (ForwardMemory::default(), Vec::new());
         let picture = Picture { x: &x, alpha: &alpha, size };
-        network.forward(&params, picture, &mut kept, &mut code);
+        network.forward(&params, picture, &mut memory, &mut code);
         let (mut grad, mut x_bar) = (vec![0.0; params.len()], vec![0.0; x.len()]);
-        network.backward(&params, picture, &mut kept, &bar, &mut grad, Some(&mut x_bar));
+        network.backward(&params, picture, &mut memory, &bar, &mut grad, Some(&mut x_bar));
         let h = 1e-2;
         // The rows of tones, which are linear; the encoder has tests of its own.
         for i in params.len() - 18..params.len() {

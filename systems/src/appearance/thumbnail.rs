@@ -37,7 +37,8 @@ impl Thumbnail {
     }
 
     /// A part of it, at least `least` pixels along each side: `u` uniform numbers for its size and place.
-    pub(super) fn part(&self, least: usize, [u, x, y, _]: [f32; 4]) -> Self {
+    pub(super) fn part(&self, least: usize, uniform: [f32; 4]) -> Self {
+        let [u, x, y, _] = uniform;
         let span = SMALLEST_PART + (1.0 - SMALLEST_PART) * u;
         let cut = |n: usize, at: f32| {
             let part = ((n as f32 * span) as usize).clamp(least.min(n), n);

@@ -9,7 +9,7 @@
 //! render with it: all but `I_r` are constants, and the field brings the derivatives of `I_r` to its colour network alone.
 
 use super::config::ConsistencyConfig;
-use super::photo_network::{Kept, PhotoNetwork, Picture};
+use super::photo_network::{ForwardMemory, PhotoNetwork, Picture};
 use crate::photo_model::{Codes, RenderedTwice, SecondRender};
 use engine::data::{Patches, Shape};
 use field_core::conv::Size;
@@ -57,7 +57,7 @@ impl Consistency {
         (seen.len() > 1).then(|| SecondRender { patches, views: vec![seen[other]] })
     }
 
-    /// The loss and the derivatives of the rendered pixels; those of the encoder's parameters are added to `grad`.
+    /// The loss and its derivatives with respect to the second render; those of the encoder's parameters are added to `grad`.
     pub(super) fn judge(
         &self,
         network: &PhotoNetwork,
@@ -68,7 +68,7 @@ impl Consistency {
     ) -> (f64, Vec<[f32; 3]>) {
         let (side, n) = (self.lattice, self.lattice * self.lattice);
         let (mut loss, mut bars) = (0.0, vec![[0.0; 3]; rendered.other.len()]);
-        let (mut kept, mut code) = (Kept::default(), Vec::new());
+        let (mut memory, mut code) = (ForwardMemory::default(), Vec::new());
         let share = 1.0 / rendered.request.views.len().max(1) as f64;
         for (p, &other_view) in rendered.request.views.iter().enumerate() {
             let view = rendered.batch.view[p * n];
@@ -84,12 +84,12 @@ impl Consistency {
                 .map(|i| if rendered.batch.weight[i] > 0.0 { rendered.batch.alpha[i] } else { 0.0 })
                 .collect();
             let picture = Picture { x: &x, alpha: &alpha, size: Size::one(side, side) };
-            network.forward(params, picture, &mut kept, &mut code);
+            network.forward(params, picture, &mut memory, &mut code);
             let (mut code_bar, mut x_bar) = (vec![0.0; code.len()], vec![0.0; x.len()]);
             let weight = self.view_weight * share;
             loss += weight * view_consistency(&code, other).expect(FITS);
             view_consistency_backward(&code, other, weight, &mut code_bar).expect(FITS);
-            network.backward(params, picture, &mut kept, &code_bar, grad, Some(&mut x_bar));
+            network.backward(params, picture, &mut memory, &code_bar, grad, Some(&mut x_bar));
             x_bar.iter().enumerate().for_each(|(k, bar)| bars[k % n][k / n] += 2.0 * bar);
 
             let weight = self.mode_weight * share;

@@ -17,7 +17,7 @@ pub(super) struct CompositeOp<'a> {
     pub(super) background: &'a [f32],
 }
 
-/// Arrays kept for the way back: optical depths, weights, opacities, transmittances.
+/// Arrays kept for the backward pass: optical depths, weights, opacities, transmittances.
 fn split(saved: &[f32], n: usize, rays: usize) -> (&[f32], &[f32], &[f32]) {
     (&saved[..n], &saved[n..2 * n], &saved[2 * n + rays..2 * n + 2 * rays])
 }

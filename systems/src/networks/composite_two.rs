@@ -13,7 +13,7 @@ pub(super) const PIXEL: usize = 6;
 
 /// Inputs `[sigma_s [1 x n], rgb_s [3 x n], sigma_t [1 x n], rgb_t [3 x n], beta [1 x n]]`. Output, one block after the other:
 /// colours `[rays][3]`, then `[rays]` each of `sum(w_t beta)`, `sum(w_t)` and the mean of `sigma_t` over the ray's samples.
-/// There is no way back from `sum(w_t)`.
+/// `sum(w_t)` has no gradient.
 pub(super) struct CompositeTwoOp<'a> {
     pub(super) simd: Simd,
     /// How an interval's opacity is divided.
@@ -26,7 +26,7 @@ pub(super) struct CompositeTwoOp<'a> {
     pub(super) background: &'a [f32],
 }
 
-/// What the way back needs: optical depths and weights of both parts `[n]`, transmittances `[rays]`.
+/// What the backward pass needs: optical depths and weights of both parts `[n]`, transmittances `[rays]`.
 fn split(saved: &mut [f32], n: usize) -> ([&mut [f32]; 4], &mut [f32]) {
     let (tau_s, rest) = saved.split_at_mut(n);
     let (tau_t, rest) = rest.split_at_mut(n);
@@ -169,7 +169,7 @@ mod tests {
         let out = tape.custom(&op, &nodes).unwrap();
         let values = tape.value(out).unwrap().data.to_vec();
         let mut bar: Vec<f32> = (0..values.len()).map(|i| (0.7 * i as f32).cos()).collect();
-        // There is no way back from the weight of the transient samples.
+        // The weight of the transient samples has no gradient.
         bar[12..15].fill(0.0);
         let sum = values.iter().zip(&bar).map(|(v, b)| f64::from(*v) * f64::from(*b)).sum();
         tape.backward(&[(out, &bar)], &mut []).unwrap();
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_the_slopes_of_the_output() {
+    fn gradients_match_differences_of_the_output() {
         for mixture in Mixture::ALL {
             let (_, _, bars) = run(mixture, &inputs());
             for (which, bars) in bars.iter().enumerate() {
@@ -188,8 +188,11 @@ mod tests {
                         inputs[which][i] += h;
                         run(mixture, &inputs).1
                     });
-                    let slope = (up - down) / (2.0 * f64::from(H));
-                    assert!((slope - f64::from(bar)).abs() < 2e-4, "{mixture:?}, input {which}, {i}: {bar}, {slope}");
+                    let difference = (up - down) / (2.0 * f64::from(H));
+                    assert!(
+                        (difference - f64::from(bar)).abs() < 2e-4,
+                        "{mixture:?}, input {which}, {i}: {bar}, {difference}"
+                    );
                 }
             }
         }

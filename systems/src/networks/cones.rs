@@ -21,7 +21,7 @@ pub enum Footprint {
     Cone,
 }
 
-/// Which pixels of a batch are looked at.
+/// Which pixels of a batch are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Which {
     /// Those that count.
@@ -33,7 +33,8 @@ pub(crate) enum Which {
 /// The rays of the pixels `ids` of a batch that cross the space, and which pixels these are.
 pub(crate) fn crossing(
     space: &Space,
-    (data, batch): (&Dataset, &Batch),
+    data: &Dataset,
+    batch: &Batch,
     ids: Range<usize>,
     footprint: Footprint,
     which: Which,
@@ -56,22 +57,37 @@ pub(crate) fn crossing(
     (rays, hit)
 }
 
-/// The layers of rays, tile by tile in parallel: `render` appends those of a tile's rays, given with the radii of their cones. Nothing where the query's halt is raised.
+/// Rays to render.
+#[derive(Clone, Copy)]
+pub(crate) struct Cones<'a> {
+    pub(crate) rays: &'a [Ray],
+    /// Radius of each pixel's cone at distance 1; 0 for a line.
+    pub(crate) radii: &'a [f32],
+}
+
+impl Cones<'_> {
+    /// In internal coordinates.
+    pub(crate) fn internal(self, space: &Space) -> Vec<InternalRay> {
+        self.rays.iter().zip(self.radii).map(|(ray, &r)| space.internal_cone(ray, r.into())).collect()
+    }
+}
+
+/// The layers of rays, tile by tile in parallel: `render` appends those of a tile's rays. Nothing where the query's halt is raised.
 pub(crate) fn render_tiles<S: Default>(
     rays: &[Ray],
     radii: &[f32],
     query: &Query,
-    render: impl Fn((&[Ray], &[f32]), &mut S, &mut Layers) + Sync + Send,
+    render: impl Fn(Cones<'_>, &mut S, &mut Layers) + Sync + Send,
 ) -> Layers {
     let parts: Vec<Layers> = rays
         .par_chunks(RENDER_TASK)
         .zip(radii.par_chunks(RENDER_TASK))
         .map_init(S::default, |scratch, (rays, radii)| {
             let mut out = Layers::default();
-            for cones in rays.chunks(TILE).zip(radii.chunks(TILE)) {
+            for (rays, radii) in rays.chunks(TILE).zip(radii.chunks(TILE)) {
                 match query.halt.raised() {
-                    true => out.extend(Layers::nothing(cones.0.len(), query)),
-                    false => render(cones, scratch, &mut out),
+                    true => out.extend(Layers::nothing(rays.len(), query)),
+                    false => render(Cones { rays, radii }, scratch, &mut out),
                 }
             }
             out
@@ -82,7 +98,7 @@ pub(crate) fn render_tiles<S: Default>(
     out
 }
 
-/// The row of the table of skips for training rays that were not looked at, of those cast.
+/// The row of the table of skips for training rays that were not sampled, of those cast.
 pub(crate) fn missed_row(missed: u64, cast: u64) -> SkipRow {
     SkipRow::counted(
         "training: rays that miss the scene's box or are masked",

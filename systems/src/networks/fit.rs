@@ -5,11 +5,12 @@
 //! sees besides the code: its sum before the activation is kept for each sample. The code adds the same numbers to all of
 //! these, so a step of the fit costs a few hundred operations a sample.
 
+use super::chunk::TwoLevelOps;
+use super::cones::TILE;
 use super::network::Seen;
 use super::recipe::Recipe;
 use super::samples::{Level, Tile};
-use super::two_level::{TwoLevel, TwoLevelOps, recorded};
-use crate::networks::cones::TILE;
+use super::two_level::{TwoLevel, recorded};
 use crate::space::InternalRay;
 use engine::system::{Appearance, Fit, System};
 use field_core::mlp::{Activation, Layer, Mlp, MlpConfig, Packed};
@@ -61,7 +62,7 @@ impl<'a> Cut<'a> {
 
 /// The samples of some pixels that carry weight.
 #[derive(Default)]
-struct Kept {
+struct FittedSamples {
     /// Samples of each pixel.
     counts: Vec<usize>,
     /// `[n]`, weights.
@@ -109,8 +110,8 @@ pub(super) fn fit<R: Recipe>(system: &TwoLevel<R>, pixels: &Fit<'_>) -> Option<V
             let (w, hidden) = (&kept.w[span.clone()], &kept.hidden[span.start * units..span.end * units]);
             let value = cut.forward(w, hidden, &shift, &mut active, &mut colours);
             // Half the mean squared error.
-            let slope = [0, 1, 2].map(|c| (value[c] - kept.rest[p][c]) / (3 * chosen.len()) as f32);
-            cut.backward(w, slope, &active, &colours, &mut shift_bar);
+            let value_bar = [0, 1, 2].map(|c| (value[c] - kept.rest[p][c]) / (3 * chosen.len()) as f32);
+            cut.backward(w, value_bar, &active, &colours, &mut shift_bar);
         }
         let mut bar = vec![0.0; code.len()];
         for (h, shift_bar) in shift_bar.iter().enumerate() {
@@ -158,11 +159,11 @@ impl Cut<'_> {
     }
 
     /// Add the gradient of the sums of the hidden layer, which is that of what the code adds to them.
-    fn backward(&self, w: &[f32], slope: [f32; 3], active: &[f32], colours: &[[f32; 3]], shift_bar: &mut [f32]) {
+    fn backward(&self, w: &[f32], value_bar: [f32; 3], active: &[f32], colours: &[[f32; 3]], shift_bar: &mut [f32]) {
         let units = shift_bar.len();
         let weights = &self.params[self.last.weights.clone()];
         for ((w, rgb), active) in w.iter().zip(colours).zip(active.chunks_exact(units)) {
-            let bar = [0, 1, 2].map(|c| slope[c] * w * self.last.activation.derivative_from_output(rgb[c]));
+            let bar = [0, 1, 2].map(|c| value_bar[c] * w * self.last.activation.derivative_from_output(rgb[c]));
             for (h, (sum, a)) in shift_bar.iter_mut().zip(active).enumerate() {
                 let through = bar[0] * weights[h] + bar[1] * weights[units + h] + bar[2] * weights[2 * units + h];
                 *sum += if *a > 0.0 { through } else { 0.0 };
@@ -179,21 +180,22 @@ fn keep<R: Recipe>(
     dims: usize,
     every: usize,
     most: usize,
-) -> Option<Kept> {
+) -> Option<FittedSamples> {
     let chosen: Vec<(&Ray, [f32; 3])> = pixels.rays.iter().zip(pixels.rgb.iter().copied()).step_by(every).collect();
     let ops = system.ops();
     // Whichever tile sees that they are too many, all of them are thrown away.
     let total = AtomicUsize::new(0);
     let too_many = || chosen.len() > TILE && total.load(Ordering::Relaxed) > most;
-    let parts: Vec<Kept> = chosen
+    let parts: Vec<FittedSamples> = chosen
         .par_chunks(TILE)
         .map_init(Tile::default, |tile, chosen| {
             let rays = chosen.iter().map(|(ray, _)| system.space.internal_ray(ray));
             let (rays, truth): (Vec<InternalRay>, Vec<[f32; 3]>) =
                 rays.zip(chosen.iter().map(|c| c.1)).filter(|(ray, _)| ray.end > ray.start).unzip();
-            let mut kept = Kept::default();
+            let mut kept = FittedSamples::default();
+            let pixels_of_tile = TilePixels { rays: &rays, truth: &truth, background: pixels.background };
             if !rays.is_empty() && !too_many() {
-                recorded(keep_tile(system, &ops, cut, (&rays, &truth), (pixels.background, dims), tile, &mut kept));
+                recorded(keep_tile(system, &ops, cut, &pixels_of_tile, dims, tile, &mut kept));
             }
             total.fetch_add(kept.w.len(), Ordering::Relaxed);
             kept
@@ -202,7 +204,7 @@ fn keep<R: Recipe>(
     if too_many() {
         return None;
     }
-    let mut all = Kept::default();
+    let mut all = FittedSamples::default();
     for part in parts {
         all.counts.extend(part.counts);
         all.w.extend(part.w);
@@ -212,18 +214,27 @@ fn keep<R: Recipe>(
     Some(all)
 }
 
+/// Pixels of a tile that a code is fitted to.
+struct TilePixels<'a> {
+    rays: &'a [InternalRay],
+    truth: &'a [[f32; 3]],
+    background: [f32; 3],
+}
+
+/// Add the samples of a tile that carry weight.
 fn keep_tile<R: Recipe>(
     system: &TwoLevel<R>,
     ops: &TwoLevelOps<'_, R::Position>,
     cut: &Cut<'_>,
-    (rays, truth): (&[InternalRay], &[[f32; 3]]),
-    (background, dims): ([f32; 3], usize),
+    pixels: &TilePixels<'_>,
+    dims: usize,
     tile: &mut Tile,
-    kept: &mut Kept,
+    kept: &mut FittedSamples,
 ) -> Result<(), TapeError> {
+    let TilePixels { rays, truth, background } = *pixels;
     // The code of these rays is what is sought: 0 adds nothing to the sums.
     let blank = vec![0.0; dims];
-    system.look_twice(ops, rays, &blank, tile)?;
+    system.place_samples(ops, rays, &blank, tile)?;
     let Level { arena, offsets, dt, x, d, .. } = &mut tile.fine;
     let (n, units) = (dt.len(), cut.hidden.outputs);
     let mut tape = Tape::new(arena, system.network(1));

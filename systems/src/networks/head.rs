@@ -2,7 +2,7 @@
 //! photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
 
 use super::network::refuse;
-use crate::networks::parts::{self, Part};
+use super::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::init::Init;
 use field_core::mlp::{Mlp, MlpConfig, Packed};
@@ -15,7 +15,7 @@ use render_core::quadrature::two::Mixture;
 const LAYERS: usize = 4;
 /// Density, three colours, uncertainty.
 const OUTPUTS: usize = 5;
-/// Added to the raw density: transient matter starts thin, a tenth of the light that crosses the box of the scene.
+/// Added to the raw density: transient matter starts thin, with a transmittance of nine tenths across the box of the scene.
 const DENSITY_SHIFT: f32 = -3.0;
 
 /// Shape of the head, and its parameters as the kernels read them.

@@ -1,7 +1,7 @@
 //! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the sixth, density from the
 //! eighth, colour from it and the viewing direction.
 
-use crate::networks::parts::{self, Part};
+use super::parts::{self, Part};
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
@@ -12,7 +12,7 @@ use float_core::Simd;
 use std::ops::Range;
 
 /// What a network is made of.
-pub struct NetworkConfig<P> {
+pub struct NetworkShape<P> {
     /// Encoding of positions.
     pub(crate) position: P,
     /// Octaves of the direction.
@@ -46,14 +46,14 @@ pub(super) struct Ops<'a, P> {
     parts: [Part<'a>; 4],
 }
 
-/// Settings of which no network can be made.
+/// Settings that no network can be made of.
 pub(crate) fn refuse(e: impl ToString) -> SystemError {
     SystemError::Config { field: "octaves, width, depth", value: String::new(), problem: e.to_string() }
 }
 
 impl<P: Encoder + Copy> Shapes<P> {
     /// `appearance` is the length of a photo's code, 0 without.
-    pub(super) fn new(config: &NetworkConfig<P>, appearance: usize) -> Result<Self, SystemError> {
+    pub(super) fn new(config: &NetworkShape<P>, appearance: usize) -> Result<Self, SystemError> {
         let position = config.position;
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
@@ -141,7 +141,7 @@ pub(super) struct Seen {
     pub(super) x: Node,
     /// `[3 x n]` unit directions.
     pub(super) d: Node,
-    /// `[dims x n]` code of the photo; `None` where colours know of none.
+    /// `[dims x n]` code of the photo; `None` where colours depend on none.
     pub(super) code: Option<Node>,
 }
 

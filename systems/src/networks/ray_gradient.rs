@@ -1,89 +1,20 @@
 //! The gradient of the loss with respect to the rays themselves, for samples that stay at their distances. See [`ByRay`].
 
-use super::step::{Chunk, Context, Inputs, Pass};
-use super::{Recipe, TwoLevel};
+use super::chunk::{Chunk, Context, Inputs, Pass};
+use super::cones::Footprint;
+use super::ray_bars::RayBars;
+use super::recipe::Recipe;
+use super::two_level::TwoLevel;
 use crate::gradients::{ByRay, RayGradients, RayTargets, check};
-use crate::networks::Footprint;
 use crate::photo_model::Codes;
-use crate::space::{InternalRay, Space};
 use engine::data::Batch;
 use engine::system::SystemError;
 use glam::DVec3;
 use rayon::prelude::*;
-use render_core::ray::{Ray, RayBar};
+use render_core::ray::RayBar;
 
 /// Rays of one task.
 const TASK: usize = 64;
-
-/// The samples of a look along rays, each for the interval from `t` to `t + dt`.
-#[derive(Clone, Copy, Debug)]
-pub struct Along<'a> {
-    /// In internal coordinates.
-    pub rays: &'a [InternalRay],
-    /// `[rays + 1]`
-    pub offsets: &'a [u32],
-    /// `[n]`
-    pub t: &'a [f32],
-    /// `[n]`
-    pub dt: &'a [f32],
-}
-
-fn wide(v: [f32; 3]) -> DVec3 {
-    DVec3::from(v.map(f64::from))
-}
-
-impl Along<'_> {
-    /// Origins and directions.
-    pub(crate) fn lines(&self) -> Vec<Ray> {
-        self.rays.iter().map(|ray| Ray { o: wide(ray.o), d: wide(ray.d) }).collect()
-    }
-}
-
-/// Gradients of what networks see of samples.
-pub(super) struct PlaceBars<'a> {
-    /// `[rows][n]`, of what the position encoding sees.
-    pub(super) x: &'a [f32],
-    /// `[3][n]`, of viewing directions.
-    pub(super) d: &'a [f32],
-}
-
-/// The gradients of a chunk's rays.
-#[derive(Default)]
-pub(super) struct RayBars {
-    /// `[pixels]`, of the rays in internal coordinates.
-    internal: Vec<RayBar>,
-    /// `[pixels]`, of viewing directions.
-    view: Vec<DVec3>,
-}
-
-impl RayBars {
-    /// All zero for so many pixels.
-    pub(super) fn begin(&mut self, pixels: usize) {
-        self.internal.clear();
-        self.internal.resize(pixels, RayBar::default());
-        self.view.clear();
-        self.view.resize(pixels, DVec3::ZERO);
-    }
-
-    /// Add those of a look along the rays of the pixels at `places`.
-    pub(super) fn add<R: Recipe>(
-        &mut self,
-        config: &R,
-        space: &Space,
-        along: &Along<'_>,
-        bars: &PlaceBars<'_>,
-        places: impl Iterator<Item = usize>,
-    ) {
-        let (mut own, n) = (vec![RayBar::default(); along.rays.len()], along.t.len());
-        config.pull_rays(space, along, bars.x, &mut own);
-        for ((place, bar), span) in places.zip(own).zip(along.offsets.windows(2)) {
-            self.internal[place] += bar;
-            for i in span[0] as usize..span[1] as usize {
-                self.view[place] += wide([0, 1, 2].map(|a| bars.d[a * n + i]));
-            }
-        }
-    }
-}
 
 impl<R: Recipe> TwoLevel<R> {
     /// Training views that codes are known of.
@@ -111,7 +42,7 @@ impl<R: Recipe> TwoLevel<R> {
                 hit.push(first + i);
             }
         }
-        self.run_rays(ctx, first..first + count, (&rays, &hit), chunk);
+        self.run_rays(ctx, first..first + count, &rays, &hit, chunk);
         let RayBars { internal, view } = &chunk.ray_bars;
         let map = self.space.map();
         let bars = world.iter().zip(internal).zip(view).map(|((ray, internal), view)| {

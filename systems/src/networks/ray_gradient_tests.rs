@@ -1,6 +1,6 @@
 //! The gradient with respect to rays against differences of the loss, for samples that are at the same distances on every ray.
 
-use super::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel};
+use super::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel};
 use crate::gradients::{ByRay, RayTargets};
 use crate::papers::static_scenes::mip_nerf::MipNerfConfig;
 use crate::papers::static_scenes::nerf::NerfConfig;
@@ -43,7 +43,7 @@ impl<R: Recipe> Held<R> {
                 }
             }
         }
-        level.look_along(rays);
+        level.set_directions(rays);
         // Colours see where a ray goes, however long its direction is.
         for i in 0..n {
             let length = [0, 1, 2].map(|a| level.d[a * n + i].powi(2)).iter().sum::<f32>().sqrt();
@@ -66,7 +66,7 @@ impl<R: Recipe> Recipe for Held<R> {
         self.0.check()
     }
 
-    fn network(&self) -> Result<NetworkConfig<R::Position>, SystemError> {
+    fn network(&self) -> Result<NetworkShape<R::Position>, SystemError> {
         self.0.network()
     }
 
@@ -120,19 +120,18 @@ impl<R: Recipe> Recipe for Held<R> {
 }
 
 fn nerf(kind: SpaceKind) -> NerfConfig {
-    NerfConfig {
-        position_octaves: 2,
-        direction_octaves: 2,
-        width: 12,
-        depth: 3,
-        sparsity: 0.1,
-        density_noise: 1.0,
-        ..NerfConfig::published(kind)
-    }
+    let mut config = NerfConfig::published(kind);
+    let network = &mut config.levels.network;
+    (network.position_octaves, network.direction_octaves, network.width, network.depth) = (2, 2, 12, 3);
+    (network.density_noise, config.training.sparsity) = (1.0, 0.1);
+    config
 }
 
 fn mip_nerf(kind: SpaceKind) -> MipNerfConfig {
-    MipNerfConfig { position_octaves: 3, direction_octaves: 2, width: 12, depth: 3, ..MipNerfConfig::published(kind) }
+    let mut config = MipNerfConfig::published(kind);
+    let network = &mut config.levels.network;
+    (network.position_octaves, network.direction_octaves, network.width, network.depth) = (3, 2, 12, 3);
+    config
 }
 
 /// Codes of two photos.

@@ -1,6 +1,9 @@
-//! What tells the systems of two levels apart.
+//! What distinguishes the systems of two levels.
 
-use super::{Along, Footprint, Level, NetworkConfig, Tile};
+use super::along::Along;
+use super::cones::Footprint;
+use super::network::NetworkShape;
+use super::samples::{Level, Tile};
 use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
 use field_core::rng::Rng;
@@ -28,11 +31,11 @@ pub trait Recipe: Clone + Send + Sync {
     /// [`SystemError::Config`] naming the field.
     fn check(&self) -> Result<(), SystemError>;
 
-    /// Shapes of a network.
+    /// Shape of a network.
     ///
     /// # Errors
     /// [`SystemError::Config`] for encodings that cannot be.
-    fn network(&self) -> Result<NetworkConfig<Self::Position>, SystemError>;
+    fn network(&self) -> Result<NetworkShape<Self::Position>, SystemError>;
 
     /// Rays of a batch.
     fn batch_rays(&self) -> usize;
@@ -48,7 +51,7 @@ pub trait Recipe: Clone + Send + Sync {
         Mixture::default()
     }
 
-    /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the first look, mean over its samples; 0: none.
+    /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the coarse level, mean over its samples; 0: none.
     fn sparsity(&self) -> f32 {
         0.0
     }
@@ -65,10 +68,10 @@ pub trait Recipe: Clone + Send + Sync {
     /// Density of one raw one.
     fn density_of(&self, raw: f32) -> f32;
 
-    /// Samples of the first look; random ones in training.
+    /// Samples of the coarse level; random ones in training.
     fn fill_coarse(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
 
-    /// Samples of the second look, from the weights `tile.w` of the first.
+    /// Samples of the fine level, from the weights `tile.w` of the coarse one.
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
 
     /// Whether rays of this space have a gradient: [`Recipe::pull_rays`].

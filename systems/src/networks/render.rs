@@ -1,9 +1,11 @@
 //! Rendering: colours, depths and normals from the fine network.
 
+use super::chunk::TwoLevelOps;
+use super::cones::Cones;
 use super::network::{Ops, Output, Seen};
 use super::recipe::Recipe;
 use super::samples::{Level, Tile};
-use super::two_level::{TwoLevel, TwoLevelOps, recorded};
+use super::two_level::{TwoLevel, recorded};
 use crate::space::InternalRay;
 use engine::system::{Appearance, Layers, Normals, Query};
 use field_core::tape::{Encoder, Node, Tape, TapeError};
@@ -11,7 +13,6 @@ use float_core::Simd;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::quadrature::{LastInterval, Samples, depth_median_exact, weights};
-use render_core::ray::Ray;
 
 /// The fine network's answers: `[n]` and `[3][n]`.
 struct Rendered {
@@ -19,7 +20,7 @@ struct Rendered {
     rgb: Vec<f32>,
 }
 
-/// A network's answers at a level's samples, all in the light of `code`; empty where colours know of none.
+/// A network's answers at a level's samples, all with the appearance `code`; empty where colours depend on none.
 fn record<'a, P: Encoder>(
     ops: &'a Ops<'a, P>,
     level: &'a mut Level,
@@ -44,8 +45,8 @@ fn code_rows(tape: &mut Tape<'_>, code: &[f32], n: usize) -> Result<Option<Node>
 }
 
 impl<R: Recipe> TwoLevel<R> {
-    /// Both looks at a tile of rays, evenly spaced; the samples of the second are in `tile.fine`.
-    pub(super) fn look_twice(
+    /// The samples of both levels of a tile of rays, evenly spaced; those of the fine one are in `tile.fine`.
+    pub(super) fn place_samples(
         &self,
         ops: &TwoLevelOps<'_, R::Position>,
         rays: &[InternalRay],
@@ -70,7 +71,7 @@ impl<R: Recipe> TwoLevel<R> {
         code: &[f32],
         tile: &mut Tile,
     ) -> Result<Rendered, TapeError> {
-        self.look_twice(ops, rays, code, tile)?;
+        self.place_samples(ops, rays, code, tile)?;
         let (tape, out) = record(&ops.levels[1], &mut tile.fine, self.network(1), code)?;
         Ok(Rendered { raw: tape.value(out.raw_density)?.data.to_vec(), rgb: tape.value(out.rgb)?.data.to_vec() })
     }
@@ -79,14 +80,14 @@ impl<R: Recipe> TwoLevel<R> {
     pub(super) fn render_into(
         &self,
         ops: &TwoLevelOps<'_, R::Position>,
-        (rays, radii): (&[Ray], &[f32]),
+        cones: Cones<'_>,
         query: &Query,
         code: &[f32],
         tile: &mut Tile,
         out: &mut Layers,
     ) {
-        let internal: Vec<InternalRay> =
-            rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
+        let rays = cones.rays;
+        let internal = cones.internal(&self.space);
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
         out.extend(Layers::nothing(rays.len(), query));
@@ -153,13 +154,13 @@ impl<R: Recipe> TwoLevel<R> {
         let (x, d) = (tape.input(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
         let code = code_rows(&mut tape, code, n)?;
         let out = ops.levels[1].record(&mut tape, Seen { x, d, code })?;
-        // Directions only: any positive slope of the activation will do.
+        // Directions only: any positive derivative of the activation will do.
         let bar: Vec<f32> = raw.iter().map(|&raw| if self.config.density_of(raw) > 0.0 { 1.0 } else { 0.0 }).collect();
         tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
         Ok(tape.gradient(x)?[..3 * n].to_vec())
     }
 
-    /// Fine network at points of the scene's frame, in the mean light: `each(i, density per world unit, colour)`.
+    /// Fine network at points of the scene's frame, in the mean appearance: `each(i, density per world unit, colour)`.
     pub(super) fn evaluate(&self, points: &[[f64; 3]], d: &[[f32; 3]], mut each: impl FnMut(usize, f32, [f32; 3])) {
         const TASK: usize = 256;
         let ops = self.ops();

@@ -1,4 +1,4 @@
-//! Memory of a tile of rays: the samples of both looks, and what they are drawn with.
+//! Memory of a tile of rays: the samples of both levels, and what they are drawn with.
 
 use crate::space::InternalRay;
 use field_core::rng::Rng;
@@ -9,9 +9,9 @@ use render_core::quadrature::{LastInterval, Samples, weights};
 /// Memory of a tile.
 #[derive(Default)]
 pub struct Tile {
-    /// The first look.
+    /// The coarse level.
     pub(crate) coarse: Level,
-    /// The second look.
+    /// The fine level.
     pub(crate) fine: Level,
     /// Weights of the coarse samples, `[rays][coarse]`.
     pub(crate) w: Vec<f32>,
@@ -21,7 +21,7 @@ pub struct Tile {
     pub(super) tau: Vec<f32>,
     pub(super) background: Vec<f32>,
     pub(super) bar: Vec<f32>,
-    /// Codes of the photos, `[dims][n]` for the samples of one look.
+    /// Codes of the photos, `[dims][n]` for the samples of one level.
     pub(super) appearance: Vec<f32>,
     pub(super) transient: Vec<f32>,
 }
@@ -38,7 +38,7 @@ pub(crate) struct RayScratch {
     pub(crate) cdf: Vec<f64>,
 }
 
-/// The samples of one look at a tile. Samples stand for the intervals from `t` to `t + dt`.
+/// The samples of a tile at one level. Samples stand for the intervals from `t` to `t + dt`.
 #[derive(Default)]
 pub struct Level {
     pub(super) arena: Arena,
@@ -95,7 +95,7 @@ impl Level {
     }
 
     /// Viewing directions of all samples.
-    pub(crate) fn look_along(&mut self, rays: &[InternalRay]) {
+    pub(crate) fn set_directions(&mut self, rays: &[InternalRay]) {
         let n = self.t.len();
         for (r, ray) in rays.iter().enumerate() {
             for i in self.offsets[r] as usize..self.offsets[r + 1] as usize {
@@ -123,7 +123,7 @@ pub(super) fn spread_codes<'c>(
     }
 }
 
-/// The way back: add the gradients `bars` `[dims][n]` of a ray's samples to those of its code, `out` `[pixels][dims]`, at its
+/// Backwards: add the gradients `bars` `[dims][n]` of a ray's samples to those of its code, `out` `[pixels][dims]`, at its
 /// place.
 pub(super) fn add_codes(bars: &[f32], offsets: &[u32], places: impl Iterator<Item = usize>, out: &mut [f32]) {
     let n = offsets.last().map_or(0, |&n| n as usize).max(1);

@@ -1,7 +1,7 @@
 //! Training views as the networks render them: what a photo model judges the photos by.
 
+use super::chunk::{Chunk, Inputs};
 use super::recipe::Recipe;
-use super::step::{Chunk, Inputs};
 use super::two_level::TwoLevel;
 use crate::photo_model::{PhotoModel, Pixel};
 use crate::survey::{RenderedView, Surveys};

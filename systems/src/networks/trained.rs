@@ -1,4 +1,4 @@
-//! Parameters that learn: with their moments, the count of gradients that were no numbers, and all of it in a checkpoint.
+//! Parameters that learn: with the moments of Adam, the count of gradients that were not finite, and all of it in a checkpoint.
 
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use float_core::Simd;
@@ -26,7 +26,7 @@ impl Trained {
         self.adam.step(simd, lr, &mut self.params, grad)
     }
 
-    /// Count a step of which so many entries of the gradient were not finite.
+    /// Count a step in which this many entries of the gradient were not finite.
     ///
     /// # Errors
     /// [`SystemError::NonFinite`] past the share a run may have.

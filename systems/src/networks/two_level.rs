@@ -1,10 +1,9 @@
-//! A coarse and a fine network, and what trains them.
+//! The coarse and the fine level: their networks, and the memory of a training.
 
+use super::chunk::{Chunk, Inputs, TwoLevelOps};
 use super::head::Head;
-use super::network::{Ops, PackedNetwork, Shapes};
-use super::parts::Part;
+use super::network::{PackedNetwork, Shapes};
 use super::recipe::Recipe;
-use super::step::{Chunk, Inputs};
 use super::trained::Trained;
 use crate::left_out::LeftOut;
 use crate::photo_model::{PhotoModel, Pixel};
@@ -18,7 +17,6 @@ use float_core::Simd;
 
 /// Chunks of a batch: fixed, so that sums do not depend on the number of threads. Each holds a gradient.
 pub(super) const CHUNKS: usize = 8;
-
 /// Stream of random numbers.
 const INIT: u64 = 0x6e65_7266;
 
@@ -46,12 +44,6 @@ pub struct TwoLevel<R: Recipe> {
     pub(super) cast: u64,
     /// Training pixels that were not rendered.
     pub(super) left_out: LeftOut,
-}
-
-/// The tape operations of both levels and of the head.
-pub(super) struct TwoLevelOps<'a, P> {
-    pub(super) levels: [Ops<'a, P>; 2],
-    pub(super) head: Option<Part<'a>>,
 }
 
 impl<R: Recipe> TwoLevel<R> {
@@ -145,14 +137,14 @@ impl<R: Recipe> TwoLevel<R> {
         &self.trained.params[self.range(level)]
     }
 
-    /// The code of an appearance; empty for a system that knows one light only.
+    /// The code of an appearance; empty for a system without codes.
     pub(super) fn code_of(&self, appearance: &Appearance) -> Vec<f32> {
         self.appearance_code(appearance).unwrap_or_default()
     }
 }
 
 /// The network of a level: its own, or the only one.
-pub(super) fn network_of<R: Recipe>(level: usize) -> usize {
+fn network_of<R: Recipe>(level: usize) -> usize {
     level.min(R::NETWORKS - 1)
 }
 

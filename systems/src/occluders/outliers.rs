@@ -91,7 +91,7 @@ impl Backdrop {
 #[derive(Default)]
 pub(crate) struct PhotoOutliers {
     expected: ExpectedError,
-    photos: Vec<Photo>,
+    photos: Vec<SurveyedPhoto>,
     backdrop: Backdrop,
     brightness: Brightness,
 }
@@ -115,7 +115,7 @@ pub(crate) struct StaticParts {
 }
 
 /// A photo of a survey.
-struct Photo {
+struct SurveyedPhoto {
     extent: Extent,
     stride: usize,
     residuals: Vec<f32>,
@@ -170,7 +170,7 @@ impl PhotoOutliers {
         let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
         let (geometry, colours) = (PhotoGeometry::of(data, seen.view), seen.truth.to_vec());
         let evidence = alpha.iter().map(|a| *a > 0.5).collect();
-        self.photos.push(Photo { extent, stride, residuals, place, geometry, colours, evidence });
+        self.photos.push(SurveyedPhoto { extent, stride, residuals, place, geometry, colours, evidence });
     }
 
     /// Static squares of all photos of the survey, in the order they came; `threshold` in units of the expected error. Forgets
@@ -180,7 +180,7 @@ impl PhotoOutliers {
         let expected = &self.expected;
         let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
             .into_par_iter()
-            .map(|Photo { extent, stride, mut residuals, place, geometry, colours, evidence }| {
+            .map(|SurveyedPhoto { extent, stride, mut residuals, place, geometry, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
                 let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();

@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Pixels of one task: fixed, so that sums do not depend on the number of threads.
 const TASK: usize = 1024;
 
-/// Network, parameters, moments.
+/// Network, parameters, moments of Adam.
 pub(crate) struct PixelNetwork {
     name: &'static str,
     pub(crate) mlp: Mlp,

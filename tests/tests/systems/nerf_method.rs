@@ -12,7 +12,7 @@ use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
-use systems::networks::{Recipe, TwoLevel};
+use systems::networks::{NetworkConfig, RaysConfig, Recipe, TwoLevel, TwoLevelConfig};
 use systems::papers::static_scenes::mip_nerf::MipNerfConfig;
 use systems::papers::static_scenes::nerf::NerfConfig;
 use systems::photo_model::{Codes, Drawing, Outcome, PhotoAndRender, PhotoModel, Pixel, PixelBar};
@@ -174,31 +174,22 @@ fn data(size: u32) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }
 
+/// Small networks, few samples, few rays.
+fn narrow(levels: TwoLevelConfig) -> TwoLevelConfig {
+    let network = NetworkConfig { width: 24, depth: 3, position_octaves: 4, direction_octaves: 2, ..levels.network };
+    TwoLevelConfig { network, rays: RaysConfig { coarse: 12, fine: 10, batch_rays: 48, ..levels.rays }, ..levels }
+}
+
 fn small() -> NerfConfig {
-    NerfConfig {
-        width: 24,
-        depth: 3,
-        coarse: 12,
-        fine: 10,
-        position_octaves: 4,
-        direction_octaves: 2,
-        batch_rays: 48,
-        lr: 2e-3,
-        ..NerfConfig::published(SpaceKind::Box)
-    }
+    let mut config = NerfConfig::published(SpaceKind::Box);
+    config.levels = narrow(config.levels);
+    config.training.lr = 2e-3;
+    config
 }
 
 fn small_cones() -> MipNerfConfig {
-    MipNerfConfig {
-        width: 24,
-        depth: 3,
-        coarse: 12,
-        fine: 10,
-        position_octaves: 4,
-        direction_octaves: 2,
-        batch_rays: 48,
-        ..MipNerfConfig::published(SpaceKind::Box)
-    }
+    let published = MipNerfConfig::published(SpaceKind::Box);
+    MipNerfConfig { levels: narrow(published.levels), ..published }
 }
 
 fn system<R: Recipe>(config: R, photo_model: Both) -> TwoLevel<R> {

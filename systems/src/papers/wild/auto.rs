@@ -63,7 +63,7 @@ pub(super) fn needs(
     run: &RunOptions,
 ) -> Result<(AppearanceKind, OccluderKind), SystemError> {
     if data.len() < 2 {
-        ground.lines.push("appearance and occluders: not looked for (there is one photo)".into());
+        ground.lines.push("appearance and occluders: not sought (there is one photo)".into());
         return Ok((AppearanceKind::None, OccluderKind::None));
     }
     let lines = ground.lines.len();
@@ -107,7 +107,7 @@ pub(super) fn needs(
         100.0 * GAIN_DEVIATION
     ));
     if data.len() < LEAST_PHOTOS {
-        ground.lines.push(format!("occluders: not looked for ({} photos are too few)", data.len()));
+        ground.lines.push(format!("occluders: not sought ({} photos are too few)", data.len()));
         return Ok((appearance, OccluderKind::None));
     }
     let (scene, kind, word) = if data.len() < FEW_PHOTOS {

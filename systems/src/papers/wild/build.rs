@@ -7,7 +7,7 @@ use super::planning::{AppearancePlan, OccluderPlan, Planning};
 use super::{ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf};
 use crate::limits::refuse;
 use crate::occluders::outliers::Backdrop;
-use crate::papers::static_scenes::nerf::{self, NerfConfig};
+use crate::papers::static_scenes::nerf;
 use crate::photo_model::{Drawing, PhotoModel};
 use crate::plan::{Ask, Built, chosen_sampler, field_settings, planned};
 use crate::rays::HeadConfig;
@@ -78,8 +78,9 @@ pub(crate) fn build(ask: Ask<'_>, parts: Option<(AppearanceKind, OccluderKind)>)
             (Box::new(ground.ngp(data, &config, run.seed, photo_model)?), all)
         }
         FieldKind::Mlp => {
-            let planned = NerfConfig { sparsity: of_field.sparsity, ..nerf::settings(&ground) };
-            let config = settings.of(&planned)?;
+            let mut planned = nerf::settings(&ground);
+            planned.training.sparsity = of_field.sparsity;
+            let config = planned.asked(&mut settings)?;
             let all = settings.all()?;
             (Box::new(nerf::system(&ground, data, &config, run.seed, photo_model)?), all)
         }

@@ -39,7 +39,7 @@ pub enum OccluderKind {
     Transient,
     /// A network in image space predicts where they are (Ha-NeRF).
     Visibility,
-    /// A network in image space predicts where they are and what they look like (SF-NeRF).
+    /// A network in image space predicts where they are and of what colour (SF-NeRF).
     Filter,
     /// They are found after a short training, then masked (HuGS).
     Masks,

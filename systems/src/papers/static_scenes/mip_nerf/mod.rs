@@ -12,11 +12,12 @@
 mod config;
 mod samples;
 
-pub use config::MipNerfConfig;
+pub use config::{ConesConfig, MipNerfConfig, RateConfig};
 
+use super::place::{placed, space_of};
 use crate::claims::Claim;
-use crate::networks::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
-use crate::plan::{Ask, Built, planned, space};
+use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel, refuse};
+use crate::plan::{Ask, Built, planned};
 use crate::space::{InternalRay, Space, SpaceKind};
 use engine::system::SystemError;
 use field_core::encoding::integrated::Integrated;
@@ -43,30 +44,31 @@ impl Recipe for MipNerfConfig {
         MipNerfConfig::check(self)
     }
 
-    fn network(&self) -> Result<NetworkConfig<Integrated>, SystemError> {
-        Ok(NetworkConfig {
-            position: Integrated::new(3, self.position_octaves).map_err(refuse)?,
-            direction_octaves: self.direction_octaves,
-            width: self.width,
-            depth: self.depth,
-            colour_pad: self.colour_padding,
+    fn network(&self) -> Result<NetworkShape<Integrated>, SystemError> {
+        let network = self.levels.network;
+        Ok(NetworkShape {
+            position: Integrated::new(3, network.position_octaves).map_err(refuse)?,
+            direction_octaves: network.direction_octaves,
+            width: network.width,
+            depth: network.depth,
+            colour_pad: self.cones.colour_padding,
         })
     }
 
     fn batch_rays(&self) -> usize {
-        self.batch_rays
+        self.levels.rays.batch_rays
     }
 
     fn learning_rate(&self, step: u64) -> f64 {
-        MipNerfConfig::learning_rate(self, step)
+        self.rate.learning_rate(step)
     }
 
     fn level_weight(&self, level: usize) -> f32 {
-        if level == 0 { self.coarse_loss } else { 1.0 }
+        if level == 0 { self.cones.coarse_loss } else { 1.0 }
     }
 
     fn density_noise(&self) -> f32 {
-        self.density_noise
+        self.levels.network.density_noise
     }
 
     fn density(&self, tape: &mut Tape<'_>, raw: Node) -> Result<Node, TapeError> {
@@ -95,7 +97,7 @@ impl Recipe for MipNerfConfig {
     }
 
     fn place_points(&self, space: &Space, n: usize, level: &mut Level) {
-        samples::cubes(self.point_size, space, n, level);
+        samples::cubes(self.cones.point_size, space, n, level);
     }
 }
 
@@ -111,17 +113,15 @@ pub(crate) const CLAIM: Claim = Claim {
 /// The published settings in the scene's box.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let ground = ask.ground()?;
-    let layout = &ground.layout;
-    let config = ask.settings.of(&MipNerfConfig {
-        centre: layout.centre.to_array(),
-        radius: layout.radius,
-        extent: f64::from(1_u32 << (layout.cascades - 1)),
-        point_size: layout.footprint as f32,
-        ..MipNerfConfig::published(layout.kind)
-    })?;
+    let published = MipNerfConfig::published(ground.layout.kind);
+    let config = MipNerfConfig {
+        levels: placed(published.levels, &ground),
+        cones: ConesConfig { point_size: ground.layout.footprint as f32, ..published.cones },
+        ..published
+    };
+    let config = config.asked(&mut ask.settings)?;
     let all = ask.settings.all()?;
-    let place = (config.centre, config.radius, config.extent);
-    let space = space(layout, ask.data, config.space, place, config.near)?;
+    let space = space_of(&ground, ask.data, &config.levels)?;
     let system = MipNerf::new(config, space, ground.background, ask.run.seed)?;
     Ok((Box::new(system), planned(ground, all)))
 }

@@ -18,7 +18,7 @@ pub(super) fn coarse(
     random: Option<&Rng>,
     tile: &mut Tile,
 ) {
-    let n = config.coarse + 1;
+    let n = config.levels.rays.coarse + 1;
     let Tile { coarse: level, ray: scratch, .. } = tile;
     level.begin();
     scratch.drawn.resize(n, 0.0);
@@ -33,9 +33,9 @@ pub(super) fn coarse(
     place(level, rays, space);
 }
 
-/// Fenceposts anew, from the blurred weights of the first look.
+/// Fenceposts anew, from the blurred weights of the coarse level.
 pub(super) fn fine(config: &MipNerfConfig, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
-    let (n, m) = (config.coarse, config.fine + 1);
+    let (n, m) = (config.levels.rays.coarse, config.levels.rays.fine + 1);
     let Tile { coarse, fine: level, w, ray: scratch, .. } = tile;
     scratch.u.resize(m, 0.0);
     scratch.drawn.resize(m, 0.0);
@@ -48,7 +48,7 @@ pub(super) fn fine(config: &MipNerfConfig, space: &Space, rays: &[InternalRay], 
         let (t, dt) = (&coarse.t[span.clone()], &coarse.dt[span.clone()]);
         scratch.bins[..n].copy_from_slice(t);
         scratch.bins[n] = t[n - 1] + dt[n - 1];
-        blur_weights(&w[span], config.resample_padding, &mut scratch.blurred);
+        blur_weights(&w[span], config.cones.resample_padding, &mut scratch.blurred);
         let rule = match ray_random(random, r, n as u64 + 1, &mut scratch.random, m) {
             Some(u) => Quantiles::Each(u),
             None => Quantiles::Ends,
@@ -74,10 +74,10 @@ fn place(level: &mut Level, rays: &[InternalRay], space: &Space) {
         for i in level.offsets[r] as usize..level.offsets[r + 1] as usize {
             let moments = Moments::new(shape, level.t[i], level.t[i] + level.dt[i], ray.radius);
             let (mean, cov) = moments.covariance(ray.o, ray.d);
-            put(level, space.kind(), (i, n), mean, cov);
+            put(level, space.kind(), i, n, Gaussian { mean, cov });
         }
     }
-    level.look_along(rays);
+    level.set_directions(rays);
 }
 
 /// Points as the Gaussians of cubes of this side.
@@ -85,12 +85,20 @@ pub(super) fn cubes(side: f32, space: &Space, n: usize, level: &mut Level) {
     let var = side * side / 12.0;
     for i in 0..n {
         let mean = [level.p[i], level.p[n + i], level.p[2 * n + i]];
-        put(level, space.kind(), (i, n), mean, [var, 0.0, 0.0, var, 0.0, var]);
+        put(level, space.kind(), i, n, Gaussian { mean, cov: [var, 0.0, 0.0, var, 0.0, var] });
     }
 }
 
+/// The Gaussian of a piece of a cone.
+struct Gaussian {
+    mean: [f32; 3],
+    /// Upper triangle of the covariance.
+    cov: [f32; 6],
+}
+
 /// Gaussian `i` of `n`: its mean, and mean and variances in the cube `[-1, 1]^3` that the encoding sees.
-fn put(level: &mut Level, kind: SpaceKind, (i, n): (usize, usize), mean: [f32; 3], cov: [f32; 6]) {
+fn put(level: &mut Level, kind: SpaceKind, i: usize, n: usize, gaussian: Gaussian) {
+    let Gaussian { mean, cov } = gaussian;
     let (seen, var) = match kind {
         SpaceKind::Box | SpaceKind::Ndc => (mean, [cov[0], cov[3], cov[5]]),
         SpaceKind::Contracted => {

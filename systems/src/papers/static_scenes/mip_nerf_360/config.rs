@@ -1,10 +1,19 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
+use crate::limits::{at_least_1, positive, refuse, within};
+use crate::networks::PlaceConfig;
+use crate::settings::Settings;
 use crate::space::SpaceKind;
 use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
 use optim::{LearningRate, Schedule, Warmup};
 use render_core::quadrature::LastInterval;
 use serde::{Deserialize, Serialize};
+
+/// Most rounds of proposals, and most intervals of a round.
+pub(super) const MOST_ROUNDS: usize = 8;
+const MOST_INTERVALS: usize = 4096;
+/// Largest factor of a loss, and largest dilation.
+const MOST: f32 = 100.0;
 
 /// What the last interval of a ray is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,20 +25,67 @@ pub enum LastSample {
     Finite,
 }
 
-/// Settings of [`MipNerf360`](super::MipNerf360). As published, but for `batch_rays`, and `charbonnier` of objects.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Where rays are sampled: rounds of proposals, then the final round. As published.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MipNerf360Config {
-    /// How space is laid out: `box` or `contracted`.
-    pub space: SpaceKind,
-    /// Centre of the scene, world units.
-    pub centre: [f64; 3],
-    /// Internal length 1 in world units.
-    pub radius: f64,
+pub struct RoundsConfig {
     /// Distance before which nothing is sampled, internal units: 0.2 where space is contracted.
     pub near: f32,
     /// Distance behind which nothing is sampled where space is contracted, internal units: 1e6.
     pub far: f32,
+    /// Proposal rounds, 2.
+    pub proposals: usize,
+    /// Intervals of each of them, 64.
+    pub proposal_samples: usize,
+    /// Intervals of the final round, 32.
+    pub samples: usize,
+    /// `opaque` or `finite`.
+    pub last: LastSample,
+    /// Half width in `s` by which histograms are dilated at least, 0.0025.
+    pub dilation: f32,
+    /// The same divided by the intervals of the rounds before, 0.5.
+    pub dilation_spread: f32,
+    /// Steepness of the annealing of proposal weights, 10.
+    pub anneal_slope: f32,
+}
+
+impl RoundsConfig {
+    /// What the last interval of each ray is.
+    pub(super) fn last(&self) -> LastInterval {
+        match self.last {
+            LastSample::Opaque => LastInterval::Opaque,
+            LastSample::Finite => LastInterval::Finite,
+        }
+    }
+
+    /// Intervals of round `round`; the last is the final one.
+    pub(super) fn intervals(&self, round: usize) -> usize {
+        if round < self.proposals { self.proposal_samples } else { self.samples }
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        positive("near", self.near)?;
+        positive("anneal_slope", self.anneal_slope)?;
+        for (field, value) in [("proposal_samples", self.proposal_samples), ("samples", self.samples)] {
+            if !(2..=MOST_INTERVALS).contains(&value) {
+                return refuse(field, value, "must be in 2..=4096: one interval cannot be cut anew");
+            }
+        }
+        within("proposals", self.proposals, 0..=MOST_ROUNDS)?;
+        if !(self.far > self.near && self.far.is_finite()) {
+            return refuse("far", self.far, "must be finite and beyond `near`");
+        }
+        within("dilation", self.dilation, 0.0..=MOST)?;
+        within("dilation_spread", self.dilation_spread, 0.0..=MOST)
+    }
+}
+
+/// The proposal network and the final one. As published.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworksConfig {
     /// Octaves of the position along each of the 21 directions, 12.
     pub octaves: usize,
     /// Octaves of the viewing direction, 4.
@@ -46,26 +102,52 @@ pub struct MipNerf360Config {
     pub bottleneck: usize,
     /// Width of the view branch, 128.
     pub view_width: usize,
-    /// Looks of the proposal network at a ray, 2.
-    pub proposals: usize,
-    /// Intervals of each of them, 64.
-    pub proposal_samples: usize,
-    /// Intervals of the final look, 32.
-    pub samples: usize,
-    /// `opaque` or `finite`.
-    pub last: LastSample,
-    /// Half width in `s` by which histograms are dilated at least, 0.0025.
-    pub dilation: f32,
-    /// The same divided by the intervals seen before, 0.5.
-    pub dilation_spread: f32,
-    /// Steepness of the annealing of proposal weights, 10.
-    pub anneal_slope: f32,
+}
+
+impl NetworksConfig {
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        let sizes = [
+            ("width", self.width, MOST_UNITS),
+            ("depth", self.depth, MOST_LAYERS),
+            ("proposal_width", self.proposal_width, MOST_UNITS),
+            ("proposal_depth", self.proposal_depth, MOST_LAYERS),
+            ("bottleneck", self.bottleneck, MOST_UNITS),
+            ("view_width", self.view_width, MOST_UNITS),
+        ];
+        at_most(&sizes)?;
+        at_most(&[("octaves", self.octaves, MOST_LAYERS), ("direction_octaves", self.direction_octaves, MOST_LAYERS)])?;
+        sizes.iter().try_for_each(|&(field, value, _)| at_least_1(field, value as u64))
+    }
+}
+
+/// Losses. As published, but for `charbonnier` of objects.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossConfig {
     /// Weight of the interlevel loss, 1.
     pub interlevel: f32,
     /// Weight of the distortion loss: 0.01, or 0 for objects.
     pub distortion: f32,
     /// Charbonnier constant of the colour loss: 0.001, or 1 for objects, which is all but the squared error.
     pub charbonnier: f32,
+}
+
+impl LossConfig {
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        positive("charbonnier", self.charbonnier)?;
+        within("interlevel", self.interlevel, 0.0..=MOST)?;
+        within("distortion", self.distortion, 0.0..=MOST)
+    }
+}
+
+/// Batches and their steps. As published, but for `batch_rays`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StepConfig {
     /// Rays of a batch. Published: 16384; fewer make more steps in the same time.
     pub batch_rays: usize,
     /// Learning rate at the start, 2e-3.
@@ -80,8 +162,44 @@ pub struct MipNerf360Config {
     pub clip: f32,
 }
 
-pub(super) fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
-    SystemError::Config { field, value: value.to_string(), problem: problem.into() }
+impl StepConfig {
+    /// Learning rate of a step.
+    #[must_use]
+    pub fn learning_rate(&self, step: u64) -> f64 {
+        let schedule = Schedule::LogLerp { lr_init: self.lr.into(), lr_final: self.lr_final.into(), steps: self.steps };
+        LearningRate { schedule, warmup: Warmup::Sine { start: 0.01, steps: self.lr_warmup } }.at(step)
+    }
+
+    /// Part of the training that is over.
+    pub(super) fn fraction(&self, step: u64) -> f32 {
+        (step as f64 / self.steps as f64) as f32
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        at_most(&[("batch_rays", self.batch_rays, MOST_RAYS)])?;
+        at_least_1("batch_rays", self.batch_rays as u64)?;
+        positive("lr", self.lr)?;
+        positive("lr_final", self.lr_final)?;
+        at_least_1("steps", self.steps)?;
+        positive("clip", self.clip)
+    }
+}
+
+/// Settings of [`MipNerf360`](super::MipNerf360), part by part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MipNerf360Config {
+    /// Where the scene is: `box` or `contracted`.
+    pub place: PlaceConfig,
+    /// Where rays are sampled.
+    pub rounds: RoundsConfig,
+    /// Both networks.
+    pub networks: NetworksConfig,
+    /// Losses.
+    pub loss: LossConfig,
+    /// Batches and their steps.
+    pub step: StepConfig,
 }
 
 impl MipNerf360Config {
@@ -90,120 +208,63 @@ impl MipNerf360Config {
     pub fn published(space: SpaceKind) -> Self {
         let object = space == SpaceKind::Box;
         Self {
-            space: if object { SpaceKind::Box } else { SpaceKind::Contracted },
-            centre: [0.0; 3],
-            radius: 1.0,
-            near: if object { 0.05 } else { 0.2 },
-            far: 1e6,
-            octaves: 12,
-            direction_octaves: 4,
-            proposal_width: 256,
-            proposal_depth: 4,
-            width: 1024,
-            depth: 8,
-            bottleneck: 256,
-            view_width: 128,
-            proposals: 2,
-            proposal_samples: 64,
-            samples: 32,
-            last: if object { LastSample::Finite } else { LastSample::Opaque },
-            dilation: 0.0025,
-            dilation_spread: 0.5,
-            anneal_slope: 10.0,
-            interlevel: 1.0,
-            distortion: if object { 0.0 } else { 0.01 },
-            charbonnier: if object { 1.0 } else { 1e-3 },
-            batch_rays: 64,
-            lr: 2e-3,
-            lr_final: 2e-5,
-            lr_warmup: 512,
-            steps: 250_000,
-            clip: 1e-3,
+            place: PlaceConfig::unit(if object { SpaceKind::Box } else { SpaceKind::Contracted }),
+            rounds: RoundsConfig {
+                near: if object { 0.05 } else { 0.2 },
+                far: 1e6,
+                proposals: 2,
+                proposal_samples: 64,
+                samples: 32,
+                last: if object { LastSample::Finite } else { LastSample::Opaque },
+                dilation: 0.0025,
+                dilation_spread: 0.5,
+                anneal_slope: 10.0,
+            },
+            networks: NetworksConfig {
+                octaves: 12,
+                direction_octaves: 4,
+                proposal_width: 256,
+                proposal_depth: 4,
+                width: 1024,
+                depth: 8,
+                bottleneck: 256,
+                view_width: 128,
+            },
+            loss: LossConfig {
+                interlevel: 1.0,
+                distortion: if object { 0.0 } else { 0.01 },
+                charbonnier: if object { 1.0 } else { 1e-3 },
+            },
+            step: StepConfig { batch_rays: 64, lr: 2e-3, lr_final: 2e-5, lr_warmup: 512, steps: 250_000, clip: 1e-3 },
         }
     }
 
-    /// Learning rate of a step.
-    #[must_use]
-    pub fn learning_rate(&self, step: u64) -> f64 {
-        let schedule = Schedule::LogLerp { lr_init: self.lr.into(), lr_final: self.lr_final.into(), steps: self.steps };
-        LearningRate { schedule, warmup: Warmup::Sine { start: 0.01, steps: self.lr_warmup } }.at(step)
-    }
-
-    /// What the last interval of each ray is.
-    pub(super) fn last(&self) -> LastInterval {
-        match self.last {
-            LastSample::Opaque => LastInterval::Opaque,
-            LastSample::Finite => LastInterval::Finite,
-        }
-    }
-
-    /// Intervals of look `round`; the last is the final one.
-    pub(super) fn intervals(&self, round: usize) -> usize {
-        if round < self.proposals { self.proposal_samples } else { self.samples }
-    }
-
-    /// Check what the parts do not check themselves.
+    /// The same after `--set`.
     ///
     /// # Errors
-    /// [`SystemError::Config`] naming the field.
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        Ok(Self {
+            place: settings.of(&self.place)?,
+            rounds: settings.of(&self.rounds)?,
+            networks: settings.of(&self.networks)?,
+            loss: settings.of(&self.loss)?,
+            step: settings.of(&self.step)?,
+        })
+    }
+
+    /// Check what the parts do not check when they are made.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
     pub fn check(&self) -> Result<(), SystemError> {
-        at_most(&[
-            ("width", self.width, MOST_UNITS),
-            ("depth", self.depth, MOST_LAYERS),
-            ("proposal_width", self.proposal_width, MOST_UNITS),
-            ("proposal_depth", self.proposal_depth, MOST_LAYERS),
-            ("bottleneck", self.bottleneck, MOST_UNITS),
-            ("view_width", self.view_width, MOST_UNITS),
-            ("octaves", self.octaves, MOST_LAYERS),
-            ("direction_octaves", self.direction_octaves, MOST_LAYERS),
-            ("batch_rays", self.batch_rays, MOST_RAYS),
-        ])?;
-        let positive = |field, value: f64| {
-            if value > 0.0 && value.is_finite() {
-                Ok(())
-            } else {
-                Err(bad(field, value, "must be positive and finite"))
-            }
-        };
-        positive("radius", self.radius)?;
-        positive("near", self.near.into())?;
-        positive("proposal_width", self.proposal_width as f64)?;
-        positive("proposal_depth", self.proposal_depth as f64)?;
-        positive("width", self.width as f64)?;
-        positive("depth", self.depth as f64)?;
-        positive("bottleneck", self.bottleneck as f64)?;
-        positive("view_width", self.view_width as f64)?;
-        positive("anneal_slope", self.anneal_slope.into())?;
-        positive("charbonnier", self.charbonnier.into())?;
-        positive("batch_rays", self.batch_rays as f64)?;
-        positive("lr", self.lr.into())?;
-        positive("lr_final", self.lr_final.into())?;
-        positive("steps", self.steps as f64)?;
-        positive("clip", self.clip.into())?;
-        let sizes = [("proposal_samples", self.proposal_samples), ("samples", self.samples)];
-        for (field, value) in sizes {
-            if !(2..=4096).contains(&value) {
-                return Err(bad(field, value, "must be in 2..=4096: one interval cannot be cut anew"));
-            }
-        }
-        if self.proposals > 8 {
-            return Err(bad("proposals", self.proposals, "must be at most 8"));
-        }
-        if !(self.far > self.near && self.far.is_finite()) {
-            return Err(bad("far", self.far, "must be finite and beyond `near`"));
-        }
-        for (field, value) in [
-            ("dilation", self.dilation),
-            ("dilation_spread", self.dilation_spread),
-            ("interlevel", self.interlevel),
-            ("distortion", self.distortion),
-        ] {
-            if !(0.0..=100.0).contains(&value) {
-                return Err(bad(field, value, "must be in 0..=100"));
-            }
-        }
-        if self.space == SpaceKind::Ndc {
-            return Err(bad("space", "ndc", "cones have no common width there; use `contracted` or `box`"));
+        self.networks.check()?;
+        self.step.check()?;
+        self.place.check()?;
+        self.rounds.check()?;
+        self.loss.check()?;
+        if self.place.space == SpaceKind::Ndc {
+            return refuse("space", "ndc", "cones have no common width there; use `contracted` or `box`");
         }
         Ok(())
     }

@@ -1,8 +1,8 @@
-//! Two networks: a small one that proposes where to look, asked in every proposal round, and the final one.
+//! Two networks: a small one that proposes where density may be, asked in every proposal round, and the final one.
 
-use super::MipNerf360Config;
-use super::config::bad;
+use super::config::NetworksConfig;
 use crate::networks::parts::{self, Part};
+use crate::networks::refuse;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
@@ -40,17 +40,15 @@ pub(super) struct Ops<'a> {
 }
 
 impl Shapes {
-    pub(super) fn new(config: &MipNerf360Config) -> Result<Self, SystemError> {
-        let refuse = |e: String| bad("octaves, width, depth", "", &e);
+    pub(super) fn new(config: &NetworksConfig) -> Result<Self, SystemError> {
         let basis = icosahedron(TESSELLATION);
-        let position = Integrated::new(basis.len(), config.octaves).map_err(|e| refuse(e.to_string()))?;
-        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include)
-            .map_err(|e| refuse(e.to_string()))?;
+        let position = Integrated::new(basis.len(), config.octaves).map_err(refuse)?;
+        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, output_activation, skips| {
             Mlp::new(
                 &MlpConfig::new(inputs, hidden, outputs).with_output_activation(output_activation).with_skips(skips),
             )
-            .map_err(|e| refuse(e.to_string()))
+            .map_err(refuse)
         };
         let (w, d, rows) = (config.width, config.depth, position.out_rows());
         // As in NeRF: the encoding comes in again at the sixth layer.

@@ -1,9 +1,11 @@
-//! Rendering: the same looks without jitter, then colours, depths and normals from the final network.
+//! Rendering: the same rounds without jitter, then colours, depths and normals from the final network.
 
-use super::looks::{Level, Looks};
+use super::driver::{MipNerf360, Tile, fits};
+use super::level::{Gaussian, Level};
 use super::network::Ops;
 use super::quadrature::QuadratureOp;
-use super::{MipNerf360, Tile, fits};
+use super::rounds::Rounds;
+use crate::networks::cones::Cones;
 use crate::space::{InternalRay, SpaceKind};
 use engine::system::{Layers, Normals, Query};
 use field_core::tape::{Tape, TapeError};
@@ -12,7 +14,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 use render_core::contract::{Norm, contract_backward};
 use render_core::quadrature::{Samples, depth_median_exact, weights};
-use render_core::ray::Ray;
 
 /// Points evaluated together.
 const POINTS: usize = 256;
@@ -25,17 +26,17 @@ struct Values {
 }
 
 impl MipNerf360 {
-    /// Looks at a tile's rays; the last of the tile's levels holds the final intervals.
-    fn render_looks(&self, ops: &Ops<'_>, rays: &[InternalRay], tile: &mut Tile) -> Result<(), TapeError> {
-        let looks = Looks { rays, random: None, fraction: 1.0 };
+    /// All rounds of a tile's rays; the last of the tile's levels holds the final intervals.
+    fn render_rounds(&self, ops: &Ops<'_>, rays: &[InternalRay], tile: &mut Tile) -> Result<(), TapeError> {
+        let rounds = Rounds { rays, random: None, fraction: 1.0 };
         let Tile { levels, resampler, .. } = tile;
-        levels.resize_with(self.config.proposals + 1, Level::default);
-        self.fill(&looks, 0, None, resampler, &mut levels[0]);
-        for round in 0..self.config.proposals {
-            let (level, next) = levels[round..].split_first_mut().expect("a level for each look");
+        levels.resize_with(self.config.rounds.proposals + 1, Level::default);
+        self.fill(&rounds, 0, None, resampler, &mut levels[0]);
+        for round in 0..self.config.rounds.proposals {
+            let (level, next) = levels[round..].split_first_mut().expect("a level for each round");
             let Level { arena, offsets, dt, w, x, .. } = level;
             let n = dt.len();
-            let op = QuadratureOp { simd: Simd::best(), offsets, dt, last: self.config.last(), background: &[] };
+            let op = QuadratureOp { simd: Simd::best(), offsets, dt, last: self.config.rounds.last(), background: &[] };
             {
                 let mut tape = Tape::new(arena, &self.trained.params);
                 let x = tape.constant(x.len() / n, n, x)?;
@@ -43,7 +44,7 @@ impl MipNerf360 {
                 let out = tape.custom(&op, &[sigma])?;
                 w.copy_from_slice(tape.value(out)?.data);
             }
-            self.fill(&looks, round + 1, Some(level), resampler, &mut next[0]);
+            self.fill(&rounds, round + 1, Some(level), resampler, &mut next[0]);
         }
         Ok(())
     }
@@ -62,13 +63,13 @@ impl MipNerf360 {
     pub(super) fn render_into(
         &self,
         ops: &Ops<'_>,
-        (rays, radii): (&[Ray], &[f32]),
+        cones: Cones<'_>,
         query: &Query,
         tile: &mut Tile,
         out: &mut Layers,
     ) -> Result<(), TapeError> {
-        let internal: Vec<InternalRay> =
-            rays.iter().zip(radii).map(|(ray, &r)| self.space.internal_cone(ray, r.into())).collect();
+        let rays = cones.rays;
+        let internal = cones.internal(&self.space);
         let hit: Vec<usize> = (0..rays.len()).filter(|&i| internal[i].end > internal[i].start).collect();
         let from = out.rgb.len();
         out.extend(Layers::nothing(rays.len(), query));
@@ -76,8 +77,8 @@ impl MipNerf360 {
             return Ok(());
         }
         let hit_rays: Vec<InternalRay> = hit.iter().map(|&i| internal[i]).collect();
-        self.render_looks(ops, &hit_rays, tile)?;
-        let level = tile.levels.last_mut().expect("the final look");
+        self.render_rounds(ops, &hit_rays, tile)?;
+        let level = tile.levels.last_mut().expect("the final round");
         let values = self.values(ops, level)?;
         let normals = match query.layers.normals {
             Normals::Compute => Some(self.normals(ops, &hit_rays, level)?),
@@ -85,7 +86,7 @@ impl MipNerf360 {
         };
         let n = level.dt.len();
         let tau: Vec<f32> = values.sigma.iter().zip(&level.dt).map(|(sigma, dt)| sigma * dt).collect();
-        let samples = Samples { offsets: &level.offsets, tau: &tau, last: self.config.last() };
+        let samples = Samples { offsets: &level.offsets, tau: &tau, last: self.config.rounds.last() };
         let mut trans_end = vec![0.0; hit.len()];
         weights(Simd::best(), samples, &mut level.w, &mut trans_end);
         let mut median = vec![0.0; hit.len()];
@@ -176,7 +177,8 @@ impl MipNerf360 {
                 level.make_room(n);
                 for (i, (&point, d)) in points.iter().zip(d).enumerate() {
                     let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
-                    level.put(n, i, self.contracted(p.map(f64::from), [0.0; 6]));
+                    let gaussian = Gaussian { mean: p.map(f64::from), cov: [0.0; 6] };
+                    level.put(n, i, self.contracted(gaussian));
                     for (a, d) in d.iter().enumerate() {
                         level.d[a * n + i] = *d;
                     }

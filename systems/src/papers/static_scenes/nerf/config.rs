@@ -1,127 +1,98 @@
 //! Settings of the system; all of them can be given as `--set name=value`.
 
+use crate::limits::{at_least_1, positive, within};
+use crate::networks::{NetworkConfig, PlaceConfig, RaysConfig, TwoLevelConfig};
 use crate::rays::MixtureKind;
+use crate::settings::Settings;
 use crate::space::SpaceKind;
-use engine::system::{MOST_LAYERS, MOST_RAYS, MOST_UNITS, SystemError, at_most};
+use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`Nerf`](super::Nerf). As published, but for `batch_rays`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Most octaves of an encoding.
+const MOST_OCTAVES: usize = 32;
+
+/// Losses and learning rate. As published.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NerfConfig {
-    /// How space is laid out: `box`, `contracted` or `ndc`.
-    pub space: SpaceKind,
-    /// Centre of the scene, world units.
-    pub centre: [f64; 3],
-    /// Internal length 1 in world units.
-    pub radius: f64,
-    /// Half the side of the space, internal units: 1 unless `space` is contracted.
-    pub extent: f64,
-    /// Distance before which nothing is sampled, internal units.
-    pub near: f32,
-    /// Octaves of the position, 10.
-    pub position_octaves: usize,
-    /// Octaves of the direction, 4.
-    pub direction_octaves: usize,
-    /// Width of the layers, 256.
-    pub width: usize,
-    /// Layers of the trunk, 8.
-    pub depth: usize,
-    /// Samples of the coarse network, 64.
-    pub coarse: usize,
-    /// Samples added for the fine network, 128.
-    pub fine: usize,
-    /// Deviation of the noise on the raw density in training: 0 for objects, 1 for real scenes.
-    pub density_noise: f32,
+pub struct NerfTrainingConfig {
     /// How a transient part shares an interval with the static one, where a photo model has one: `paper` or `proportional`.
     pub mixture: MixtureKind,
     /// Factor of the prior `ln(1 + 2 sigma^2)` on the densities of the coarse network, mean over its samples; 0: none.
     pub sparsity: f32,
-    /// Rays of a batch. Published: 4096; fewer make more steps in the same time.
-    pub batch_rays: usize,
     /// Learning rate at the start, 5e-4.
     pub lr: f32,
     /// Steps in which it falls to a tenth, 500 000 (250 000 for forward-facing scenes).
     pub lr_decay: u64,
 }
 
-impl NerfConfig {
-    /// The published settings for a space.
-    #[must_use]
-    pub fn published(space: SpaceKind) -> Self {
-        Self {
-            space,
-            centre: [0.0; 3],
-            radius: 1.0,
-            extent: 1.0,
-            near: 0.05,
-            position_octaves: 10,
-            direction_octaves: 4,
-            width: 256,
-            depth: 8,
-            coarse: 64,
-            fine: 128,
-            density_noise: if space == SpaceKind::Box { 0.0 } else { 1.0 },
-            mixture: MixtureKind::Paper,
-            sparsity: 0.0,
-            batch_rays: 128,
-            lr: 5e-4,
-            lr_decay: if space == SpaceKind::Ndc { 250_000 } else { 500_000 },
-        }
-    }
-
+impl NerfTrainingConfig {
     /// Learning rate of a step.
     #[must_use]
     pub fn learning_rate(&self, step: u64) -> f64 {
         f64::from(self.lr) * 0.1_f64.powf(step as f64 / self.lr_decay as f64)
     }
 
-    /// Check what the parts do not check themselves.
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
+    pub fn check(&self) -> Result<(), SystemError> {
+        positive("lr", self.lr)?;
+        at_least_1("lr_decay", self.lr_decay)?;
+        within("sparsity", self.sparsity, 0.0..=10.0)
+    }
+}
+
+/// Settings of [`Nerf`](super::Nerf), part by part. As published, but for `batch_rays`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NerfConfig {
+    /// What the systems of two levels share. Published: 10 octaves of the position; noise of 0 for objects, 1 for real scenes; 64
+    /// samples of the coarse network, 128 more for the fine one.
+    pub levels: TwoLevelConfig,
+    /// Losses and learning rate.
+    pub training: NerfTrainingConfig,
+}
+
+impl NerfConfig {
+    /// The published settings for a space.
+    #[must_use]
+    pub fn published(space: SpaceKind) -> Self {
+        let density_noise = if space == SpaceKind::Box { 0.0 } else { 1.0 };
+        Self {
+            levels: TwoLevelConfig {
+                place: PlaceConfig::unit(space),
+                network: NetworkConfig::published(10, density_noise),
+                rays: RaysConfig::published(64, 128),
+            },
+            training: NerfTrainingConfig {
+                mixture: MixtureKind::Paper,
+                sparsity: 0.0,
+                lr: 5e-4,
+                lr_decay: if space == SpaceKind::Ndc { 250_000 } else { 500_000 },
+            },
+        }
+    }
+
+    /// The same after `--set`.
     ///
     /// # Errors
-    /// [`SystemError::Config`] naming the field.
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        Ok(Self { levels: self.levels.asked(settings)?, training: settings.of(&self.training)? })
+    }
+
+    /// Check what the parts do not check when they are made.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot work.
     pub fn check(&self) -> Result<(), SystemError> {
-        at_most(&[
-            ("width", self.width, MOST_UNITS),
-            ("depth", self.depth, MOST_LAYERS),
-            ("coarse", self.coarse, MOST_UNITS),
-            ("fine", self.fine, MOST_UNITS),
-            ("batch_rays", self.batch_rays, MOST_RAYS),
-        ])?;
-        let positive = |field, value: f64| {
-            if value > 0.0 && value.is_finite() {
-                return Ok(());
-            }
-            Err(SystemError::Config { field, value: value.to_string(), problem: "must be positive and finite".into() })
-        };
-        positive("radius", self.radius)?;
-        positive("extent", self.extent)?;
-        positive("near", f64::from(self.near))?;
-        positive("width", (self.width / 2) as f64)?;
-        positive("depth", self.depth as f64)?;
-        positive("batch_rays", self.batch_rays as f64)?;
-        positive("lr", f64::from(self.lr))?;
-        positive("lr_decay", self.lr_decay as f64)?;
-        positive("density_noise + 1", f64::from(self.density_noise) + 1.0)?;
-        for (field, octaves) in
-            [("position_octaves", self.position_octaves), ("direction_octaves", self.direction_octaves)]
-        {
-            if octaves > 32 {
-                let problem = "must be at most 32".into();
-                return Err(SystemError::Config { field, value: octaves.to_string(), problem });
-            }
-        }
-        if !(0.0..=10.0).contains(&self.sparsity) {
-            return Err(SystemError::Config {
-                field: "sparsity",
-                value: self.sparsity.to_string(),
-                problem: "must be in 0..=10".into(),
-            });
-        }
-        if self.coarse < 3 {
+        self.levels.check()?;
+        self.training.check()?;
+        let NetworkConfig { position_octaves, direction_octaves, .. } = self.levels.network;
+        within("position_octaves", position_octaves, 0..=MOST_OCTAVES)?;
+        within("direction_octaves", direction_octaves, 0..=MOST_OCTAVES)?;
+        if self.levels.rays.coarse < 3 {
             return Err(SystemError::Config {
                 field: "coarse",
-                value: self.coarse.to_string(),
+                value: self.levels.rays.coarse.to_string(),
                 problem: "must be at least 3: the fine samples are drawn between the inner ones".into(),
             });
         }

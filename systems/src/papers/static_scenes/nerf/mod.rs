@@ -11,12 +11,13 @@
 mod config;
 mod samples;
 
-pub use config::NerfConfig;
+pub use config::{NerfConfig, NerfTrainingConfig};
 
+use super::place::{placed, space_of};
 use crate::claims::Claim;
-use crate::networks::{Along, Footprint, Level, NetworkConfig, Recipe, Tile, TwoLevel, refuse};
+use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel, refuse};
 use crate::photo_model::PhotoModel;
-use crate::plan::{Ask, Built, Ground, planned, space};
+use crate::plan::{Ask, Built, Ground, planned};
 use crate::space::{InternalRay, Space};
 use engine::data::Dataset;
 use engine::system::SystemError;
@@ -41,22 +42,23 @@ impl Recipe for NerfConfig {
         NerfConfig::check(self)
     }
 
-    fn network(&self) -> Result<NetworkConfig<Frequency>, SystemError> {
-        Ok(NetworkConfig {
-            position: Frequency::new(3, self.position_octaves, Base::One, Identity::Include).map_err(refuse)?,
-            direction_octaves: self.direction_octaves,
-            width: self.width,
-            depth: self.depth,
+    fn network(&self) -> Result<NetworkShape<Frequency>, SystemError> {
+        let network = self.levels.network;
+        Ok(NetworkShape {
+            position: Frequency::new(3, network.position_octaves, Base::One, Identity::Include).map_err(refuse)?,
+            direction_octaves: network.direction_octaves,
+            width: network.width,
+            depth: network.depth,
             colour_pad: 0.0,
         })
     }
 
     fn batch_rays(&self) -> usize {
-        self.batch_rays
+        self.levels.rays.batch_rays
     }
 
     fn learning_rate(&self, step: u64) -> f64 {
-        NerfConfig::learning_rate(self, step)
+        self.training.learning_rate(step)
     }
 
     fn level_weight(&self, _level: usize) -> f32 {
@@ -64,15 +66,15 @@ impl Recipe for NerfConfig {
     }
 
     fn sparsity(&self) -> f32 {
-        self.sparsity
+        self.training.sparsity
     }
 
     fn mixture(&self) -> Mixture {
-        self.mixture.into()
+        self.training.mixture.into()
     }
 
     fn density_noise(&self) -> f32 {
-        self.density_noise
+        self.levels.network.density_noise
     }
 
     fn density(&self, tape: &mut Tape<'_>, raw: Node) -> Result<Node, TapeError> {
@@ -84,11 +86,11 @@ impl Recipe for NerfConfig {
     }
 
     fn fill_coarse(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
-        samples::coarse(self, space, rays, random, tile);
+        samples::coarse(&self.levels.rays, space, rays, random, tile);
     }
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
-        samples::fine(self, space, rays, random, tile);
+        samples::fine(&self.levels.rays, space, rays, random, tile);
     }
 
     fn has_ray_gradient(&self, _space: &Space) -> bool {
@@ -115,13 +117,8 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// The published settings for a scene.
 pub(crate) fn settings(ground: &Ground) -> NerfConfig {
-    let layout = &ground.layout;
-    NerfConfig {
-        centre: layout.centre.to_array(),
-        radius: layout.radius,
-        extent: f64::from(1_u32 << (layout.cascades - 1)),
-        ..NerfConfig::published(layout.kind)
-    }
+    let published = NerfConfig::published(ground.layout.kind);
+    NerfConfig { levels: placed(published.levels, ground), ..published }
 }
 
 /// The networks of a scene, with a photo model for photos from the wild or without.
@@ -135,15 +132,14 @@ pub(crate) fn system(
     seed: u64,
     photo_model: Option<Box<dyn PhotoModel>>,
 ) -> Result<Nerf, SystemError> {
-    let place = (config.centre, config.radius, config.extent);
-    let space = space(&ground.layout, data, config.space, place, config.near)?;
-    Nerf::with_photo_model(config.clone(), space, ground.background, seed, photo_model)
+    let space = space_of(ground, data, &config.levels)?;
+    Nerf::with_photo_model(*config, space, ground.background, seed, photo_model)
 }
 
 /// The published settings in the scene's box.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let ground = ask.ground()?;
-    let config = ask.settings.of(&settings(&ground))?;
+    let config = settings(&ground).asked(&mut ask.settings)?;
     let all = ask.settings.all()?;
     let system = system(&ground, ask.data, &config, ask.run.seed, None)?;
     Ok((Box::new(system), planned(ground, all)))

@@ -1,7 +1,6 @@
 //! Where a tile's rays are sampled: stratified for the coarse network, by its weights for the fine one.
 
-use super::NerfConfig;
-use crate::networks::{Along, Level, Tile, ray_random};
+use crate::networks::{Along, Level, RaysConfig, Tile, ray_random};
 use crate::space::{InternalRay, Space};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -12,7 +11,7 @@ use render_core::sample::{dt_from_points, invert_cdf, merge_sorted, mid_points, 
 const PAD: f32 = 1e-5;
 
 /// One sample in each of equal bins; in their middle for a render.
-pub(super) fn coarse(config: &NerfConfig, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
+pub(super) fn coarse(config: &RaysConfig, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
     let n = config.coarse;
     let Tile { coarse: level, ray: scratch, .. } = tile;
     level.begin();
@@ -29,7 +28,7 @@ pub(super) fn coarse(config: &NerfConfig, space: &Space, rays: &[InternalRay], r
 }
 
 /// Samples from the coarse weights, merged with the coarse samples.
-pub(super) fn fine(config: &NerfConfig, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
+pub(super) fn fine(config: &RaysConfig, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
     let (n, m) = (config.coarse, config.fine);
     let Tile { coarse, fine: level, w, ray: scratch, .. } = tile;
     scratch.drawn.resize(m, 0.0);
@@ -66,7 +65,7 @@ fn place(level: &mut Level, rays: &[InternalRay], space: &Space) {
             }
         }
     }
-    level.look_along(rays);
+    level.set_directions(rays);
     encoder_input(space, level);
 }
 

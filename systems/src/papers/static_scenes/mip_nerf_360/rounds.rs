@@ -1,9 +1,10 @@
-//! The intervals of a look at a tile of rays, and the Gaussians that stand for them.
+//! The intervals of a round along a tile's rays, from the weights of the round before.
 
-use super::MipNerf360;
+use super::config::MOST_ROUNDS;
+use super::driver::MipNerf360;
+use super::level::{Gaussian, Level};
 use crate::space::{InternalRay, SpaceKind};
 use field_core::rng::Rng;
-use field_core::tape::Arena;
 use float_core::Simd;
 use render_core::contract::{Norm, contract, contract_covariance};
 use render_core::frustum::{Moments, symmetric};
@@ -11,34 +12,10 @@ use render_core::histogram::Quantiles;
 use render_core::proposal::{Refine, Resampler, annealing_exponent, dilation};
 use render_core::ray_distance::{RayDistance, RaySpacing};
 
-/// One look.
-#[derive(Default)]
-pub(super) struct Level {
-    pub(super) arena: Arena,
-    /// `[rays + 1]`
-    pub(super) offsets: Vec<u32>,
-    /// `[n + rays]` fenceposts in normalised distance.
-    pub(super) s: Vec<f32>,
-    /// `[n]` where each interval begins, internal units.
-    pub(super) t: Vec<f32>,
-    /// `[n]`
-    pub(super) dt: Vec<f32>,
-    /// `[n]`
-    pub(super) w: Vec<f32>,
-    /// `[2 K][n]` means and variances along the `K` directions.
-    pub(super) x: Vec<f32>,
-    /// `[3][n]`
-    pub(super) d: Vec<f32>,
-    /// Gradient of what the look's tape puts out.
-    pub(super) bar: Vec<f32>,
-    mean: Vec<f32>,
-    cov: Vec<f32>,
-}
-
-/// What looks of a tile have in common.
-pub(super) struct Looks<'a> {
+/// What the rounds of a tile have in common.
+pub(super) struct Rounds<'a> {
     pub(super) rays: &'a [InternalRay],
-    /// Random numbers of each ray, told apart by these; `None` for a render.
+    /// Random numbers of each ray, distinguished by these; `None` for a render.
     pub(super) random: Option<(Rng, &'a [usize])>,
     /// Part of the training that is over.
     pub(super) fraction: f32,
@@ -52,30 +29,30 @@ impl MipNerf360 {
         RayDistance::new(warp, near, far).expect("rays that end where they start are left out")
     }
 
-    /// Fill the level of look `round` from the weights of the one before, `None` for the first.
+    /// Fill the level of round `round` from the weights of the one before, `None` for the first.
     pub(super) fn fill(
         &self,
-        looks: &Looks<'_>,
+        rounds: &Rounds<'_>,
         round: usize,
         before: Option<&Level>,
         resampler: &mut Resampler,
         level: &mut Level,
     ) {
-        let (config, rays) = (&self.config, looks.rays.len());
+        let (config, rays) = (&self.config.rounds, rounds.rays.len());
         let m = config.intervals(round);
-        let counts = [config.proposal_samples; 8];
+        let counts = [config.proposal_samples; MOST_ROUNDS];
         let refine = match before {
             None => Refine { dilation: 0.0, exponent: 1.0 },
             Some(_) => Refine {
                 dilation: dilation(config.dilation, config.dilation_spread, &counts[..round]),
-                exponent: annealing_exponent(looks.fraction, config.anneal_slope),
+                exponent: annealing_exponent(rounds.fraction, config.anneal_slope),
             },
         };
         level.s.resize(rays * (m + 1), 0.0);
         level.offsets.clear();
         level.offsets.extend((0..=rays).map(|r| (r * m) as u32));
         for r in 0..rays {
-            let rule = match &looks.random {
+            let rule = match &rounds.random {
                 Some((rng, ids)) => Quantiles::Shared(rng.substream(ids[r] as u64).uniform_at(round as u64)),
                 None => Quantiles::Centres,
             };
@@ -88,7 +65,7 @@ impl MipNerf360 {
             };
             resampler.next(s, w, refine, rule, &mut level.s[r * (m + 1)..][..m + 1]);
         }
-        self.place(looks.rays, m, level);
+        self.place(rounds.rays, m, level);
     }
 
     /// Distances, Gaussians and directions of the intervals.
@@ -104,7 +81,7 @@ impl MipNerf360 {
                 let (i, t1) = (r * m + k, map.t_of(level.s[first + k + 1].into()));
                 (level.t[i], level.dt[i]) = (t0 as f32, (t1 - t0) as f32);
                 let (mean, cov) = Moments::conical(t0, t1, f64::from(ray.radius)).covariance(o, d);
-                level.put(n, i, self.contracted(mean, cov));
+                level.put(n, i, self.contracted(Gaussian { mean, cov }));
                 for (a, view) in ray.view.into_iter().enumerate() {
                     level.d[a * n + i] = view;
                 }
@@ -115,12 +92,14 @@ impl MipNerf360 {
     }
 
     /// A Gaussian where the networks see it.
-    pub(super) fn contracted(&self, mean: [f64; 3], cov: [f64; 6]) -> ([f64; 3], [f64; 6]) {
+    pub(super) fn contracted(&self, gaussian: Gaussian) -> Gaussian {
         if self.space.kind() != SpaceKind::Contracted {
-            return (mean, cov);
+            return gaussian;
         }
+        let Gaussian { mean, cov } = gaussian;
         let c = contract_covariance(Norm::L2, mean, &symmetric(cov));
-        (contract(Norm::L2, mean), [c[0][0], c[0][1], c[0][2], c[1][1], c[1][2], c[2][2]])
+        let cov = [c[0][0], c[0][1], c[0][2], c[1][1], c[1][2], c[2][2]];
+        Gaussian { mean: contract(Norm::L2, mean), cov }
     }
 
     /// Gaussians along the directions of the encoding.
@@ -131,31 +110,5 @@ impl MipNerf360 {
         projection
             .project(Simd::best(), &level.mean[..3 * n], &level.cov[..6 * n], along, var)
             .expect("buffers are cut to the shapes of the encoding");
-    }
-}
-
-impl Level {
-    /// Make room for `n` intervals.
-    pub(super) fn make_room(&mut self, n: usize) {
-        for (buffer, rows) in [
-            (&mut self.t, 1),
-            (&mut self.dt, 1),
-            (&mut self.w, 1),
-            (&mut self.mean, 3),
-            (&mut self.cov, 6),
-            (&mut self.d, 3),
-        ] {
-            buffer.resize(rows * n, 0.0);
-        }
-    }
-
-    /// Gaussian of interval `i`.
-    pub(super) fn put(&mut self, n: usize, i: usize, (mean, cov): ([f64; 3], [f64; 6])) {
-        for (a, m) in mean.into_iter().enumerate() {
-            self.mean[a * n + i] = m as f32;
-        }
-        for (a, c) in cov.into_iter().enumerate() {
-            self.cov[a * n + i] = c as f32;
-        }
     }
 }
