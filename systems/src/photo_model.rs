@@ -224,9 +224,9 @@ pub trait PhotoModel: Send + Sync {
     fn loss(&self, i: usize, pixel: &Pixel, truth: [f32; 3]) -> (f32, PixelBar);
 
     /// The loss of pixel `i` of the coarse render, and its derivative, for fields that render twice along each ray; summed as
-    /// [`PhotoModel::loss`] is. The coarse render only places the samples of the fine one, and has no transient part: the default is
-    /// the mean squared error over channels. A photo model whose masks leave pixels out of the loss leaves them out here too, without
-    /// a derivative of the mask.
+    /// [`PhotoModel::loss`] is. The coarse render only places the samples of the fine one, and has no transient part: the default
+    /// is the mean squared error over channels. A photo model whose masks leave pixels out of the loss leaves them out here too,
+    /// without a derivative of the mask.
     fn coarse_loss(&self, i: usize, rgb: [f32; 3], truth: [f32; 3]) -> (f32, [f32; 3]) {
         let _ = i;
         let e = [0, 1, 2].map(|c| rgb[c] - truth[c]);
@@ -238,8 +238,8 @@ pub trait PhotoModel: Send + Sync {
         None
     }
 
-    /// Those patches. Returns the derivatives of the loss on them with respect to [`RenderedTwice::other`], one for each pixel: only the
-    /// network that knows colours learns from them, neither density, nor what both are computed from, nor the codes.
+    /// Those patches. Returns the derivatives of the loss on them with respect to [`RenderedTwice::other`], one for each pixel: only
+    /// the network that knows colours learns from them, neither density, nor what both are computed from, nor the codes.
     fn judge_second_render(&mut self, rendered: &RenderedTwice<'_>) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; rendered.other.len()]
     }

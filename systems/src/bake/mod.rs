@@ -60,8 +60,8 @@ pub struct Baked {
     pub psnr: Option<f64>,
 }
 
-/// The cloud that shows what the field shows with the appearance and at the time of `query`. `None` as soon as `go_on` says no; a cloud
-/// system ([`System::splats`]) is its own cloud.
+/// The cloud that shows what the field shows with the appearance and at the time of `query`. `None` as soon as `go_on` says no; a
+/// cloud system ([`System::splats`]) is its own cloud.
 ///
 /// # Errors
 /// [`RunError::System`] for options that cannot work.
@@ -86,8 +86,8 @@ pub fn bake(
     fit(&cloud, &pictures, query, &terms, go_on)
 }
 
-/// `baked` with the appearance of `query`: its colours fitted to fewer pictures of the field, its shapes as they are. `None` as soon as
-/// `go_on` says no.
+/// `baked` with the appearance of `query`: its colours fitted to fewer pictures of the field, its shapes as they are. `None` as
+/// soon as `go_on` says no.
 ///
 /// # Errors
 /// As [`bake`].

@@ -1,5 +1,5 @@
-//! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the sixth, density from the
-//! eighth, colour from it and the viewing direction.
+//! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the
+//! sixth, density from the eighth, colour from it and the viewing direction.
 
 use super::parts::{self, Part};
 use engine::system::SystemError;

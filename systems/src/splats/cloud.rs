@@ -204,8 +204,8 @@ impl Cloud {
         Camera::pinhole(SIZE[0], SIZE[1], f, f, 0.5 * w, 0.5 * h, pose)
     }
 
-    /// Cameras that show the cloud. The first sees the middle of the cloud best; then those around it, and the one where the frame of the
-    /// file begins: structure from motion often puts one of its cameras there. That one is the first where it is inside of the
+    /// Cameras that show the cloud. The first sees the middle of the cloud best; then those around it, and the one where the frame
+    /// of the file begins: structure from motion often puts one of its cameras there. That one is the first where it is inside of the
     /// scene.
     #[must_use]
     pub fn views(&self) -> Vec<Camera> {
