@@ -27,6 +27,9 @@ use field_core::rng::Rng;
 use std::fmt::Debug;
 use std::sync::Arc;
 
+/// What networks learn with: Adam as in Instant-NGP, whose `epsilon` of 1e-15 lets seldom gradients count.
+pub(crate) const NETWORK_ADAM: optim::AdamConfig = optim::AdamConfig::NGP;
+
 /// Points, and when they are looked at.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Places<'a> {

@@ -1,40 +1,10 @@
 //! What a training did and did not do: seconds by part, samples skipped.
 
-use super::{RaySystem, render};
-use crate::left_out::LeftOut;
+use super::driver::RaySystem;
+use super::render;
 use crate::warps::Deform;
 use engine::system::SkipRow;
-use render_core::budget::Ledger;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Seconds of work in each part: of all threads together where a part runs on several.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Seconds {
-    pub(super) draw: f64,
-    pub(super) march: f64,
-    pub(super) encode: f64,
-    pub(super) networks: f64,
-    pub(super) proposals: f64,
-    pub(super) scatter: f64,
-    pub(super) optimise: f64,
-    pub(super) occupancy: f64,
-}
-
-/// Counts for the table of skips.
-#[derive(Debug, Default)]
-pub(super) struct Skipped {
-    /// Training samples kept, placed, and those a march without the occupancy grid would have placed.
-    pub(super) kept: AtomicU64,
-    pub(super) placed: AtomicU64,
-    pub(super) dense: AtomicU64,
-    /// Intervals that proposals weighed.
-    pub(super) proposed: AtomicU64,
-    /// Training pixels that were not rendered.
-    pub(super) left_out: LeftOut,
-    /// What renders skipped.
-    pub(super) renders: Mutex<Ledger>,
-}
 
 /// Rows of the table of skips.
 pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {

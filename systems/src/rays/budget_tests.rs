@@ -79,14 +79,14 @@ pub(super) fn randomised(config: RayConfig, seed: u64) -> RaySystem {
     randomised_with(config, seed, None)
 }
 
-/// Random parameters for these settings and a method.
-pub(super) fn randomised_with(config: RayConfig, seed: u64, method: Option<Box<dyn PhotoModel>>) -> RaySystem {
+/// Random parameters for these settings and a photo model.
+pub(super) fn randomised_with(config: RayConfig, seed: u64, photo_model: Option<Box<dyn PhotoModel>>) -> RaySystem {
     let kind = config.space.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
     };
-    let mut driver = RaySystem::new(config, space, Background::White, seed, "ngp", method, None).unwrap();
+    let mut driver = RaySystem::new(config, space, Background::White, seed, "ngp", photo_model, None).unwrap();
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
     for (i, x) in driver.field.features.parameters_mut().iter_mut().enumerate() {
         *x = 4.0 * (uniform(1, i) - 0.5);

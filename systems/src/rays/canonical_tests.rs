@@ -1,7 +1,7 @@
 //! Canonical points of rays: where a known warp sends them, nowhere for rays that hit nothing, the same bits always.
 
-use super::RaySystem;
 use super::budget_tests::{query, random_rays, randomised, small};
+use super::driver::RaySystem;
 use crate::space::SpaceKind;
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, Origin, TimeKind, Times, WarpSettings};

@@ -7,9 +7,10 @@ use super::context::Placing;
 use super::context::StepContext;
 use super::head::Head;
 use super::head::{PLACE_ROWS, place_features};
+use super::marched::{Gradients, Marched};
 use super::prepass::{Kept, Look};
-use super::ray_gradient::RayBars;
-use super::tile::{Gradients, Marched, StaticRay, TILE, Tile};
+use super::ray_bars::RayGeometryBars;
+use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::fields::{Detail, Features, Field, Part, Places, When};
 use crate::photo_model::{Codes, Pixel, PixelBar};
@@ -74,7 +75,7 @@ pub(super) struct Chunk {
     /// `[rays][dims]`, gradients of the rays' codes.
     pub(super) appearance_bar: Vec<f32>,
     pub(super) transient_bar: Vec<f32>,
-    /// The chunk's pixels as they were rendered; only where a method asks.
+    /// The chunk's pixels as they were rendered; only where a photo model asks.
     pub(super) seen: Vec<Pixel>,
     pub(super) stats: ChunkStats,
     pub(super) proposed: Proposed,
@@ -83,7 +84,7 @@ pub(super) struct Chunk {
     look: Look,
     tile: Tile,
     /// Gradients of the rays themselves.
-    pub(super) ray_bars: RayBars,
+    pub(super) ray_bars: RayGeometryBars,
 }
 
 /// Samples of less weight do not pay for a Jacobian.
@@ -144,7 +145,7 @@ impl Chunk {
             w: Vec::new(),
             look: Look::default(),
             tile: Tile::default(),
-            ray_bars: RayBars::default(),
+            ray_bars: RayGeometryBars::default(),
         }
     }
 
@@ -231,7 +232,7 @@ impl Chunk {
         self.look.looked()
     }
 
-    /// Render what [`Chunk::sample`] placed into `seen`, for a method that wants to see the batch first.
+    /// Render what [`Chunk::sample`] placed into `seen`, for a photo model that wants to see the batch first.
     pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
         self.look(ctx, pixels, |_, _| {});
     }

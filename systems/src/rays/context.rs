@@ -41,7 +41,7 @@ pub(super) struct StepContext<'a> {
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
     /// What else the loss depends on.
-    pub(super) method: Option<&'a dyn PhotoModel>,
+    pub(super) photo_model: Option<&'a dyn PhotoModel>,
     /// Codes of the training views.
     pub(super) appearance: Option<Codes<'a>>,
     pub(super) transient: Option<Codes<'a>>,
@@ -92,8 +92,8 @@ impl StepContext<'_> {
     /// What the error of pixel `i` costs and the derivative of that.
     pub(super) fn loss(&self, i: usize, pixel: &Pixel) -> (f32, PixelBar) {
         let truth = self.truth[i];
-        match self.method {
-            Some(method) => method.loss(i, pixel, truth),
+        match self.photo_model {
+            Some(photo_model) => photo_model.loss(i, pixel, truth),
             None => {
                 let value = |c: usize| self.kernel.value(pixel.rgb[c], truth[c]);
                 let slope = |c: usize| self.kernel.derivative(pixel.rgb[c], truth[c]) / 3.0;

@@ -3,9 +3,9 @@
 //! Geometry does not depend on the code, so the samples of the rays are placed, weighed and encoded once; a step of the fit
 //! asks the colour network alone (NeRF in the Wild, section 5: the left half of a test photo).
 
-use super::RaySystem;
 use super::chunk::Chunk;
 use super::context::StepContext;
+use super::driver::RaySystem;
 use super::step::Plan;
 use crate::buffers::sized;
 use crate::fields::Columns;
@@ -155,7 +155,7 @@ fn keep(driver: &RaySystem, pixels: &Fit<'_>, dims: usize, every: usize, most: u
     let blank = vec![0.0; dims];
     let ctx = StepContext {
         appearance: Some(Codes { dims, rows: &blank }),
-        transient: driver.method.as_ref().and_then(|method| method.transient()),
+        transient: driver.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),
         ..driver.context(&Plan::PICTURE, &inputs)
     };
     let mut kept = Kept { offsets: vec![0], ..Kept::default() };

@@ -104,8 +104,10 @@ fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
     }
     let views = &driver.work.inputs.batch.view;
     for (name, transient) in [("appearance codes", false), ("transient codes", true)] {
-        let Some(method) = &driver.method else { continue };
-        let Some(codes) = (if transient { method.transient() } else { method.appearance() }) else { continue };
+        let Some(photo_model) = &driver.photo_model else { continue };
+        let Some(codes) = (if transient { photo_model.transient() } else { photo_model.appearance() }) else {
+            continue;
+        };
         let mut bars = vec![0.0; codes.rows.len()];
         let of = |chunk: &super::chunk::Chunk| {
             if transient { chunk.transient_bar.clone() } else { chunk.appearance_bar.clone() }
@@ -121,30 +123,30 @@ fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
 }
 
 /// Add to number `i` of a group.
-fn shift(driver: &mut RaySystem, method: &mut Coded, group: &str, i: usize, by: f32) {
+fn shift(driver: &mut RaySystem, photo_model: &mut Coded, group: &str, i: usize, by: f32) {
     match group {
         "features" => driver.field.features.parameters_mut()[i] += by,
         "density network" => driver.field.density_params[i] += by,
         "colour network" => driver.field.colour_params[i] += by,
         "transient head" => driver.head.as_mut().unwrap().params[i] += by,
-        "appearance codes" => method.appearance[i] += by,
-        "transient codes" => method.transient.as_mut().unwrap()[i] += by,
+        "appearance codes" => photo_model.appearance[i] += by,
+        "transient codes" => photo_model.transient.as_mut().unwrap()[i] += by,
         other => panic!("{other} has no numbers"),
     }
     driver.field.pack();
     driver.head.iter_mut().for_each(|head| head.pack());
-    if driver.method.is_some() {
-        driver.method = Some(Box::new(method.clone()));
+    if driver.photo_model.is_some() {
+        driver.photo_model = Some(Box::new(photo_model.clone()));
     }
 }
 
 /// Numbers of a group that are checked at most, spread evenly.
 const CHECKED: usize = 60;
 
-fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
-    let boxed = method.clone().map(|method| Box::new(method) as Box<dyn PhotoModel>);
+fn check(config: RayConfig, photo_model: Option<Coded>, data: &Dataset) {
+    let boxed = photo_model.clone().map(|photo_model| Box::new(photo_model) as Box<dyn PhotoModel>);
     let mut driver = randomised_with(config, 5, boxed);
-    let mut method = method.unwrap_or_else(|| coded(false));
+    let mut photo_model = photo_model.unwrap_or_else(|| coded(false));
     let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;
     driver.rays = 48;
     driver.draw(data, 3, per_pixel).unwrap();
@@ -164,11 +166,11 @@ fn check(config: RayConfig, method: Option<Coded>, data: &Dataset) {
         let mut checked = 0;
         for i in chosen {
             let mut slope = |h: f32| {
-                shift(&mut driver, &mut method, group, i, h);
+                shift(&mut driver, &mut photo_model, group, i, h);
                 let above = loss(&mut driver, &plan);
-                shift(&mut driver, &mut method, group, i, -2.0 * h);
+                shift(&mut driver, &mut photo_model, group, i, -2.0 * h);
                 let below = loss(&mut driver, &plan);
-                shift(&mut driver, &mut method, group, i, h);
+                shift(&mut driver, &mut photo_model, group, i, h);
                 (above - below) / f64::from(2.0 * h)
             };
             let (wide, narrow) = (slope(4e-3), slope(2e-3));

@@ -5,14 +5,15 @@
 //! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
 
 use super::context::StepContext;
-use super::tile::{Gradients, Marched};
+use super::marched::{Gradients, Marched};
 use crate::buffers::sized;
+use crate::fields::NETWORK_ADAM;
 use crate::fields::xavier;
 use crate::photo_model::Pixel;
 use engine::system::{MOST_UNITS, SystemError, at_most};
 use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
-use optim::{Adam, AdamConfig};
+use optim::Adam;
 use render_core::quadrature::Values;
 use render_core::quadrature::two::{
     CompositeTwo, CompositeTwoBar, CompositeTwoGrads, Mixture, TwoSamples, TwoValues, WeightsTwo, composite_two,
@@ -127,7 +128,7 @@ impl Head {
                 |e| SystemError::Config { field: "transient_dims", value: dims.to_string(), problem: e.to_string() },
             )?;
         let params = xavier(&mlp, rng);
-        let adam = Adam::new(params.len(), AdamConfig::NGP);
+        let adam = Adam::new(params.len(), NETWORK_ADAM);
         let mut head = Self {
             mlp,
             params,

@@ -1,6 +1,6 @@
 //! Density and colour at points of the scene's frame, for surfaces, slices and tests; and where points are canonical.
 
-use super::RaySystem;
+use super::driver::RaySystem;
 use crate::buffers::shapes_hold;
 use crate::fields::{Columns, Placing, When};
 use crate::warps::{DeformScratch, Points};

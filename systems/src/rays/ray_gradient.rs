@@ -2,46 +2,20 @@
 
 use super::chunk::Chunk;
 use super::context::StepContext;
+use super::driver::RaySystem;
 use super::step::Plan;
-use super::{CHUNKS, Inputs, RaySystem};
-use crate::buffers::{shapes_hold, sized};
-use crate::fields::{Detail, Field, Places};
+use super::work::{CHUNKS, Inputs};
+use crate::buffers::sized;
+use crate::fields::{Detail, Places};
 use crate::gradients::{ByRay, RayGradients, RayTargets, check};
 use crate::photo_model::Codes;
 use crate::warps::Points;
 use engine::data::Batch;
 use engine::system::SystemError;
-use float_core::Simd;
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::ray::{Ray, RayBar, SamplePositionsGrads, sample_positions, sample_positions_backward};
 use std::ops::Range;
-
-/// The gradients of a chunk's rays, where they are asked for.
-#[derive(Default)]
-pub(super) struct RayBars {
-    /// `[sh][rays]`, of the basis of the view directions; empty where nobody asks.
-    pub(super) basis: Vec<f32>,
-    /// `[rays]`
-    bars: Vec<RayBar>,
-}
-
-impl RayBars {
-    /// All zero for so many rays, where they are asked for.
-    pub(super) fn begin(&mut self, ctx: &StepContext<'_>, rays: usize) {
-        self.basis.clear();
-        if ctx.by_ray {
-            self.basis.resize(ctx.field.harmonics.out_rows() * rays, 0.0);
-        }
-    }
-
-    /// Gradients `d_bar` `[3][rays]` of directions, from those of their basis.
-    fn directions(&self, simd: Simd, field: &Field, d: &[f32]) -> Vec<f32> {
-        let mut d_bar = vec![0.0; d.len()];
-        shapes_hold(field.harmonics.encode_backward(simd, d, &self.basis, &mut d_bar));
-        d_bar
-    }
-}
 
 impl Chunk {
     /// Bring the gradients of the features and of the directions' basis back to the chunk's rays, the batch's `rays`.
@@ -82,7 +56,7 @@ impl Chunk {
 impl RaySystem {
     /// Training views that codes and times are known of.
     fn known_views(&self) -> usize {
-        let codes = self.method.iter().flat_map(|method| [method.appearance(), method.transient()]);
+        let codes = self.photo_model.iter().flat_map(|photo_model| [photo_model.appearance(), photo_model.transient()]);
         let times = self.is_timed().then(|| self.field.time_steps().times.len());
         codes.flatten().map(Codes::len).chain(times).min().unwrap_or(usize::MAX)
     }
@@ -95,10 +69,10 @@ impl RaySystem {
         (self.not_random(batch, targets.background), Plan { share, by_ray: true, ..Plan::PICTURE })
     }
 
-    /// What the loss of rays depends on: no method judges them, and nothing is measured of them.
+    /// What the loss of rays depends on: no photo model judges them, and nothing is measured of them.
     pub(super) fn ray_context<'a>(&'a self, plan: &Plan, inputs: &'a Inputs) -> StepContext<'a> {
-        let appearance = self.method.as_ref().and_then(|method| method.appearance());
-        StepContext { method: None, cues: None, appearance, ..self.context(plan, inputs) }
+        let appearance = self.photo_model.as_ref().and_then(|photo_model| photo_model.appearance());
+        StepContext { photo_model: None, cues: None, appearance, ..self.context(plan, inputs) }
     }
 }
 

@@ -158,15 +158,15 @@ fn check_shot(driver: &mut RaySystem, shot: &Shot) {
 }
 
 /// A system of random parameters.
-fn random(config: RayConfig, method: bool) -> RaySystem {
-    randomised_with(config, 5, method.then(|| Box::new(coded(false)) as Box<dyn PhotoModel>))
+fn random(config: RayConfig, photo_model: bool) -> RaySystem {
+    randomised_with(config, 5, photo_model.then(|| Box::new(coded(false)) as Box<dyn PhotoModel>))
 }
 
 #[test]
 fn of_a_hash_grid_in_a_box_and_in_contracted_space() {
     for kind in [SpaceKind::Box, SpaceKind::Contracted] {
-        for method in [false, true] {
-            check(random(tiny(kind), method), &table().1);
+        for photo_model in [false, true] {
+            check(random(tiny(kind), photo_model), &table().1);
         }
     }
 }
@@ -197,19 +197,19 @@ fn of_samples_that_proposals_place() {
 
 #[test]
 fn of_voxels() {
-    for method in [false, true] {
+    for photo_model in [false, true] {
         let mut config = tiny(SpaceKind::Box);
         config.features = std::sync::Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
-        check(random(config, method), &table().1);
+        check(random(config, photo_model), &table().1);
     }
 }
 
 #[test]
 fn of_planes_of_space_and_of_planes_of_time() {
     for decoder in ["hybrid", "explicit"] {
-        for method in [false, true] {
+        for photo_model in [false, true] {
             let (_, still) = table();
-            check(random(planes(&still, decoder), method), &still);
+            check(random(planes(&still, decoder), photo_model), &still);
         }
         let film = filmed(8);
         check(random(planes(&film, decoder), false), &film);

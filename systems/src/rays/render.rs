@@ -7,7 +7,7 @@
 //! visits all samples of the lattice and asks for every density and every colour. Where proposals place the samples, these
 //! are the lattice, and no cell is empty.
 
-use super::RaySystem;
+use super::driver::RaySystem;
 use crate::buffers::sized;
 use crate::fields::{Columns, Detail, Field, Places, Placing, When};
 use crate::samplers::{Draw, Occupancy, Proposed, Sampler};

@@ -2,9 +2,11 @@
 
 use super::chunk::Chunk;
 use super::context::StepContext;
+use super::driver::RaySystem;
+use super::marched::Gradients;
 use super::step::Plan;
-use super::tile::{Gradients, Tile};
-use super::{CHUNKS, Inputs, RaySystem};
+use super::tile::Tile;
+use super::work::{CHUNKS, SecondRenders};
 use crate::buffers::sized;
 use crate::fields::Columns;
 use crate::photo_model::{RenderedTwice, SecondRender};
@@ -19,28 +21,12 @@ const GREY: [f32; 3] = [0.5; 3];
 /// Stream of the first samples of these rays.
 const JITTER: u64 = 0x7265_6c69_6768;
 
-/// Buffers, kept from step to step.
-#[derive(Default)]
-pub(super) struct SecondRenders {
-    inputs: Inputs,
-    chunks: Vec<Chunk>,
-    /// Whether this step has patches.
-    active: bool,
-}
-
-impl SecondRenders {
-    /// What this step brings to the colour network's gradient.
-    pub(super) fn chunks(&self) -> impl Iterator<Item = &Chunk> {
-        self.chunks.iter().filter(|_| self.active)
-    }
-}
-
 impl RaySystem {
     /// Render the patches the photo model asks for, and keep what it says of them until the networks learn.
     pub(super) fn render_twice(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let mut own = std::mem::take(&mut self.work.second_renders);
         own.active = false;
-        if let Some(request) = self.method.as_ref().and_then(|method| method.second_render(step)) {
+        if let Some(request) = self.photo_model.as_ref().and_then(|photo_model| photo_model.second_render(step)) {
             // Its photos, if not all of them fit in memory, are those of the step.
             own.inputs.batch = self.work.inputs.batch.clone();
             data.draw_patches(self.seed, step, request.views.len(), request.patches, &mut own.inputs.batch)?;
@@ -70,9 +56,9 @@ impl RaySystem {
         let views = std::mem::replace(&mut own.inputs.batch.view, others);
         let in_other = self.colours(own, &plan);
         let others = std::mem::replace(&mut own.inputs.batch.view, views);
-        let Some(method) = &mut self.method else { return };
+        let Some(photo_model) = &mut self.photo_model else { return };
         let rendered = RenderedTwice { request, batch: &own.inputs.batch, own: &in_own, other: &in_other };
-        let bars = method.judge_second_render(&rendered);
+        let bars = photo_model.judge_second_render(&rendered);
         own.inputs.batch.view = others;
         self.each_part(own, &plan, |chunk, ctx, pixels| chunk.learn_second_render(ctx, pixels, &bars));
     }

@@ -1,7 +1,7 @@
 //! What second renders teach: the colour network what the photo model says, everything else nothing.
 
-use super::RaySystem;
 use super::budget_tests::{biased, randomised_with, table};
+use super::driver::RaySystem;
 use crate::fields::fold_gradients;
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar, RenderedTwice, SecondRender};
 use crate::space::SpaceKind;

@@ -1,6 +1,6 @@
 //! What a checkpoint holds.
 
-use super::RaySystem;
+use super::driver::RaySystem;
 use crate::fields::Names;
 use engine::system::{
     SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_numbers, u64_tensor,
@@ -38,7 +38,7 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
     out.extend(driver.errors.iter().flat_map(|map| map.state()));
     out.extend(driver.cues.iter().flat_map(|cues| cues.state()));
     out.extend(f.deform.iter().flat_map(|deform| deform.state()));
-    out.extend(driver.method.iter().flat_map(|method| method.state()));
+    out.extend(driver.photo_model.iter().flat_map(|photo_model| photo_model.state()));
     driver.sampler.push_state(&mut out);
     out
 }
@@ -73,8 +73,8 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
     if let Some(deform) = &mut driver.field.deform {
         deform.load_state(tensors)?;
     }
-    if let Some(method) = &mut driver.method {
-        method.load_state(tensors)?;
+    if let Some(photo_model) = &mut driver.photo_model {
+        photo_model.load_state(tensors)?;
     }
     (driver.field.features, driver.field.density_params, driver.field.colour_params) = (features, density, colour);
     (driver.density_adam, driver.colour_adam) = (density_adam, colour_adam);

@@ -2,7 +2,8 @@
 
 use super::context::Placing;
 use super::context::StepContext;
-use super::{CHUNKS, Inputs, RaySystem, Work};
+use super::driver::RaySystem;
+use super::work::{CHUNKS, Inputs, Work};
 use crate::fields::{Part, fold_gradients};
 use crate::left_out::unweighted;
 use crate::photo_model::mean_transient;
@@ -78,7 +79,7 @@ impl RaySystem {
         self.seconds.draw += since(start);
 
         let plan = Plan { step, per_pixel, share: 1.0 / counted.max(1.0), by_ray: false };
-        let ahead = self.method.as_ref().is_some_and(|method| method.judges_batch(step));
+        let ahead = self.photo_model.as_ref().is_some_and(|photo_model| photo_model.judges_batch(step));
         if ahead {
             self.each_chunk(&plan, |chunk, ctx, pixels| {
                 chunk.sample(ctx, pixels.clone());
@@ -86,8 +87,8 @@ impl RaySystem {
             });
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;
-            if let Some(method) = &mut self.method {
-                method.judge(&inputs.batch, step, seen, &inputs.truth);
+            if let Some(photo_model) = &mut self.photo_model {
+                photo_model.judge(&inputs.batch, step, seen, &inputs.truth);
             }
             self.each_chunk(&plan, |chunk, ctx, pixels| chunk.learn(ctx, pixels));
         } else {
@@ -112,7 +113,8 @@ impl RaySystem {
         self.seconds.scatter += since(start);
         let start = Instant::now();
         let network_lr = lr * f64::from(self.config.rates.network_lr);
-        let bad = bad + self.update_networks(network_lr) + self.update_deform(step, lr) + self.update_method(&plan, lr);
+        let bad =
+            bad + self.update_networks(network_lr) + self.update_deform(step, lr) + self.update_photo_model(&plan, lr);
         self.seconds.optimise += since(start);
         if self.head.is_some() {
             stats.transient = mean_transient(&self.work.seen, &self.work.inputs.batch);
@@ -135,7 +137,7 @@ impl RaySystem {
     pub(super) fn draw(&mut self, data: &Dataset, step: u64, per_pixel: usize) -> Result<(), SystemError> {
         let Inputs { batch, rays, .. } = &mut self.work.inputs;
         let pixels = self.rays.div_ceil(per_pixel);
-        match self.method.as_ref().map_or(Drawing::Pixels, |method| method.drawing()) {
+        match self.photo_model.as_ref().map_or(Drawing::Pixels, |photo_model| photo_model.drawing()) {
             Drawing::Pixels if let Some(guide) = &self.guide => {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
             }
@@ -152,8 +154,8 @@ impl RaySystem {
             }
         }
         let ignored = unweighted(batch);
-        if let Some(method) = &mut self.method {
-            method.begin(data, batch, step)?;
+        if let Some(photo_model) = &mut self.photo_model {
+            photo_model.begin(data, batch, step)?;
         }
         self.skipped.left_out.count(batch, ignored);
         data.spread(self.seed, step, self.config.batch.rays_per_side, batch, rays);
@@ -187,9 +189,9 @@ impl RaySystem {
             },
             lead: self.sampler.lead(),
             batch: &inputs.batch,
-            method: self.method.as_deref(),
-            appearance: self.method.as_ref().and_then(|method| method.learning_appearance()),
-            transient: self.method.as_ref().and_then(|method| method.transient()),
+            photo_model: self.photo_model.as_deref(),
+            appearance: self.photo_model.as_ref().and_then(|photo_model| photo_model.learning_appearance()),
+            transient: self.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),
             per_pixel: plan.per_pixel,
             rays: &inputs.rays,
             background: &inputs.background,
@@ -302,9 +304,9 @@ impl RaySystem {
         bad
     }
 
-    /// The method's own step. Returns the count of non-finite gradients.
-    fn update_method(&mut self, plan: &Plan, lr: f64) -> usize {
-        if self.method.is_none() {
+    /// The photo model's own step. Returns the count of non-finite gradients.
+    fn update_photo_model(&mut self, plan: &Plan, lr: f64) -> usize {
+        if self.photo_model.is_none() {
             return 0;
         }
         self.gather_seen();
@@ -321,8 +323,8 @@ impl RaySystem {
             }
         }
         let Work { inputs, seen, appearance_bar, transient_bar, .. } = &self.work;
-        let Some(method) = &mut self.method else { return 0 };
-        method.learn(&Outcome {
+        let Some(photo_model) = &mut self.photo_model else { return 0 };
+        photo_model.learn(&Outcome {
             step: plan.step,
             lr,
             simd: self.field.simd,

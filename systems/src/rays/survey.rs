@@ -1,9 +1,10 @@
-//! Training views as the field renders them: what a method judges the photos by.
+//! Training views as the field renders them: what a photo model judges the photos by.
 
 use super::chunk::Chunk;
 use super::context::{Placing, StepContext};
+use super::driver::RaySystem;
 use super::step::Plan;
-use super::{Inputs, RaySystem};
+use super::work::Inputs;
 use crate::photo_model::{PhotoModel, Pixel};
 use crate::survey::{RenderedView, Surveys};
 use engine::data::{Batch, Dataset};
@@ -56,11 +57,11 @@ impl RaySystem {
 
 impl Surveys for RaySystem {
     fn photo_model(&self) -> Option<&dyn PhotoModel> {
-        self.method.as_deref()
+        self.photo_model.as_deref()
     }
 
     fn photo_model_mut(&mut self) -> Option<&mut Box<dyn PhotoModel>> {
-        self.method.as_mut()
+        self.photo_model.as_mut()
     }
 
     fn render_training_view(&self, data: &Dataset, view: usize, stride: u32) -> Result<RenderedView, SystemError> {
@@ -83,8 +84,9 @@ impl Surveys for RaySystem {
 
     fn begin_anew(&mut self, data: &Dataset) -> Result<(), SystemError> {
         let seed = self.seed.wrapping_add(1);
-        let method = self.method.take();
-        let mut fresh = Self::new(self.config.clone(), self.space, self.background, seed, self.name, method, None)?;
+        let photo_model = self.photo_model.take();
+        let mut fresh =
+            Self::new(self.config.clone(), self.space, self.background, seed, self.name, photo_model, None)?;
         fresh.carve(data)?;
         (fresh.seed, fresh.seconds, fresh.guard) = (self.seed, self.seconds, self.guard);
         fresh.skipped = std::mem::take(&mut self.skipped);

@@ -2,6 +2,7 @@
 
 use super::context::StepContext;
 use super::head::{HeadBars, HeadTile};
+use super::marched::{Gradients, Marched};
 use crate::buffers::sized;
 use crate::fields::Columns;
 use crate::photo_model::{Pixel, PixelBar};
@@ -13,26 +14,6 @@ use std::ops::Range;
 
 /// Samples a tile aims at (rays stay whole).
 pub(super) const TILE: usize = 480;
-
-/// The samples of a chunk, as its tiles read them.
-#[derive(Clone, Copy)]
-pub(super) struct Marched<'a> {
-    /// Rays of the chunk.
-    pub(super) rays: usize,
-    /// `[rays + 1]`
-    pub(super) offsets: &'a [u32],
-    /// `[n]`, distances and steps.
-    pub(super) t: &'a [f32],
-    pub(super) dt: &'a [f32],
-    /// `[levels * features][n]`
-    pub(super) features: &'a [f32],
-    /// Samples of the chunk.
-    pub(super) n: usize,
-    /// `[sh + appearance][rays]`: what the colour network sees of a ray.
-    pub(super) basis: &'a [f32],
-    /// `[place + transient code][rays]`
-    pub(super) transient: &'a [f32],
-}
 
 /// A ray of a tile, static part alone.
 pub(super) struct StaticRay<'a> {
@@ -54,20 +35,6 @@ impl StaticRay<'_> {
             sum >= 0.5
         })
     }
-}
-
-/// Where a tile's gradients go.
-pub(super) struct Gradients<'a> {
-    /// `[levels * features][n]` of the chunk.
-    pub(super) features: &'a mut [f32],
-    pub(super) density: &'a mut [f32],
-    pub(super) colour: &'a mut [f32],
-    pub(super) head: &'a mut [f32],
-    /// `[rays of the chunk][dims]`, added to.
-    pub(super) appearance: &'a mut [f32],
-    pub(super) transient: &'a mut [f32],
-    /// `[sh][rays of the chunk]`, of what the colour network sees of directions, added to; empty where nobody asks.
-    pub(super) directions: &'a mut [f32],
 }
 
 /// Buffers of a tile.

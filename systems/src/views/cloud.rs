@@ -1,5 +1,6 @@
 //! A cloud that is trained: its parameters, their gradients, its optimiser and its density control.
 
+use super::cloud_parameters::CloudParameters;
 use super::config::{CloudConfig, CloudRates, ExtraRows};
 use super::density_control::{Change, DensityControl, DensityRules};
 use super::drawing::{DrawnCloud, SeenGaussians};
@@ -7,42 +8,8 @@ use super::memory;
 use super::optimiser::Optimiser;
 use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_numbers};
 use float_core::Simd;
-use splat_core::density::{Fresh, Rows, morton_order};
+use splat_core::density::{Rows, morton_order};
 use splat_core::{Gaussians, SplatError};
-
-/// Parameters of a cloud: those of every Gaussian, and rows that a system adds.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct CloudParameters {
-    /// Positions, sizes, rotations, opacities, colours.
-    pub(crate) gaussians: Gaussians,
-    /// `[rows][n]`: codes, labels, features of each Gaussian.
-    pub(crate) extra: Vec<f32>,
-    /// Number of extra rows.
-    pub(crate) rows: usize,
-}
-
-impl CloudParameters {
-    /// With `rows` extra rows of 0.
-    pub(crate) fn new(gaussians: Gaussians, rows: usize) -> Self {
-        Self { extra: vec![0.0; rows * gaussians.len()], rows, gaussians }
-    }
-
-    /// Number of Gaussians.
-    pub(crate) fn len(&self) -> usize {
-        self.gaussians.len()
-    }
-
-    /// Number of parameters of one Gaussian.
-    pub(crate) fn per_gaussian(&self) -> usize {
-        self.gaussians.parameters_per_gaussian() + self.rows
-    }
-
-    /// The extra rows after a change of the Gaussians; new ones are copies.
-    fn follow_extra(&mut self, changed: &Rows) -> Result<(), SplatError> {
-        self.extra = changed.apply("extra", &self.extra, self.rows, Fresh::Copied)?;
-        Ok(())
-    }
-}
 
 /// How a cloud is trained.
 #[derive(Clone, Copy, Debug, PartialEq)]

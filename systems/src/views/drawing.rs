@@ -1,6 +1,6 @@
 //! Clouds as a camera sees them: projected together, with the features that are composited.
 
-use super::cloud::CloudParameters;
+use super::cloud_parameters::CloudParameters;
 use super::hooks::OfAppearance;
 use super::planes::{COLOUR, PlaneLayout};
 use float_core::Simd;

@@ -1,7 +1,8 @@
 //! The driver: draws a photo's picture of the clouds, compares it, takes the gradient back, steps the optimisers, controls the density.
 
-use super::cloud::{CloudParameters, TrainedCloud};
+use super::cloud::TrainedCloud;
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::CloudParameters;
 use super::config::PictureConfig;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;

@@ -1,7 +1,8 @@
 //! One step, as it is wired, against the definition in `f64`: the gradient of its loss with respect to every kind of parameter.
 
-use super::cloud::{CloudParameters, CloudTraining, TrainedCloud};
+use super::cloud::{CloudTraining, TrainedCloud};
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::CloudParameters;
 use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningKind};
 use super::density_config::{AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules};
 use super::drawing::DrawnCloud;

@@ -1,6 +1,6 @@
 //! Where a system may put in parts of its own between a cloud and its picture: appearance, and time.
 
-use super::cloud::CloudParameters;
+use super::cloud_parameters::CloudParameters;
 use super::drawing::DrawnCloud;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;

@@ -24,6 +24,7 @@ mod camera_gradient;
 mod camera_gradient_tests;
 mod cloud;
 pub mod cloud_frame;
+mod cloud_parameters;
 mod config;
 mod density_config;
 mod density_control;

@@ -1,6 +1,6 @@
 //! Adam over a cloud: a rate for each kind of parameter, and rows that come and go.
 
-use super::cloud::CloudParameters;
+use super::cloud_parameters::CloudParameters;
 use super::config::StepRates;
 use engine::system::{SystemError, Tensor, TensorMap, push_adam, take_adam};
 use float_core::Simd;

@@ -1,6 +1,6 @@
 //! One training step's picture: draw the clouds as a photo's camera sees them, compare, and take the gradient back.
 
-use super::cloud::CloudParameters;
+use super::cloud_parameters::CloudParameters;
 use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
 use super::hooks::{ColourAppearance, OfAppearance};
 use super::planes::{COLOUR, PIXELS, PlaneBars, PlaneLayout, RenderedPicture};

@@ -1,7 +1,7 @@
 //! A cloud that is nearly right, fitted to pictures: a short training without density control.
 
-use super::cloud::CloudParameters;
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::CloudParameters;
 use super::config::{CloudRates, PictureConfig, WideningKind};
 use super::drawing::DrawnCloud;
 use super::driver::refused;

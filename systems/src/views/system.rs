@@ -1,7 +1,7 @@
 //! The driver as a [`System`]: rendering, checkpoints, accounts.
 
-use super::cloud::CloudParameters;
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::CloudParameters;
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
 use super::pass::PARTS;

@@ -1,7 +1,8 @@
 //! Extra rows and several clouds through steps, density changes and checkpoints.
 
-use super::cloud::{CloudParameters, CloudTraining, TrainedCloud};
+use super::cloud::{CloudTraining, TrainedCloud};
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::CloudParameters;
 use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningKind};
 use super::density_config::{AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig};
 use super::driver::{ViewParts, Views};
