@@ -15,7 +15,7 @@ pub struct Layers {
     /// Expected distance along the ray, world units; `f32::INFINITY` where nothing was hit.
     pub depth: Vec<f32>,
     /// Distance at which the transmittance passes one half; `f32::INFINITY` where it never does. As `depth` for Gaussians where
-    /// [`Median::Skip`] was asked for.
+    /// [`Median::Skip`](super::Median::Skip) was asked for.
     pub median_depth: Vec<f32>,
     /// Unit normals, empty unless asked for; zero where nothing was hit.
     pub normal: Vec<[f32; 3]>,

@@ -84,7 +84,7 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// What [`System::render`] does.
+    /// What [`System::render`](super::System::render) does.
     pub const USUAL: Self = Self { skips: SkipSet::ALL, empty: EmptyCells::Nothing };
 }
 
