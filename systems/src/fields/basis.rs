@@ -47,7 +47,7 @@ impl Columns<'_> {
 }
 
 impl ColourBasis {
-    /// A basis for so many features.
+    /// A basis for this many features.
     pub(super) fn new(mlp: Mlp, features: usize) -> Self {
         debug_assert_eq!(mlp.outputs(), 3 * features, "a coefficient for each channel and feature");
         Self { mlp, features }

@@ -120,7 +120,7 @@ impl Decoder<'_> {
         }
     }
 
-    /// Density and colour of so many features; colours see a code of length `code`.
+    /// Density and colour of this many features; colours see a code of length `code`.
     ///
     /// # Errors
     /// [`SystemError::Config`] for networks that cannot be.

@@ -160,7 +160,7 @@ impl Field {
         self.deform.as_ref().map_or(&self.time_steps, Deform::time_steps)
     }
 
-    /// The moment of a time.
+    /// The time step of a time.
     pub(crate) fn time_steps_at(&self, time: f64) -> TimeSteps {
         match &self.deform {
             Some(deform) => deform.time_steps_at(&[time]),

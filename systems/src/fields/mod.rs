@@ -30,7 +30,7 @@ use std::sync::Arc;
 /// What networks learn with: Adam as in Instant-NGP, whose `epsilon` of 1e-15 lets seldom gradients count.
 pub(crate) const NETWORK_ADAM: optim::AdamConfig = optim::AdamConfig::NGP;
 
-/// Points, and when they are looked at.
+/// Points, and their times.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Places<'a> {
     /// `[3][n]`, in the unit cube.

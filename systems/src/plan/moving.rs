@@ -8,7 +8,7 @@ use super::ngp_settings::{Shown, ngp_settings};
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
 use crate::rays::{RayConfig, RaySystem};
-use crate::samplers::CueConfig;
+use crate::samplers::DepthCueConfig;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
@@ -25,7 +25,7 @@ pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig,
 pub(crate) struct Moving {
     pub(crate) deform: Option<NewDeform>,
     pub(crate) rays: RaySettings,
-    pub(crate) depth: CueConfig,
+    pub(crate) depth: DepthCueConfig,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
     /// The field's settings as they are asked for.
     pub(crate) asked: NewField,
@@ -36,7 +36,7 @@ impl Moving {
     pub(crate) const STILL: Self = Self {
         deform: None,
         rays: RaySettings::ANYWHERE,
-        depth: CueConfig::NONE,
+        depth: DepthCueConfig::NONE,
         field: |_, _| {},
         asked: |field, settings| field.asked(settings),
     };

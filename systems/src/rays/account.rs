@@ -40,7 +40,7 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
             placed,
             "samples",
             if faint > 0.0 {
-                format!("at most {faint} of a ray's light, and transmittance < {}", driver.config.batch.train_stop)
+                format!("at most {faint} of a ray's weight, and transmittance < {}", driver.config.batch.train_stop)
             } else {
                 format!("transmittance < {}", driver.config.batch.train_stop)
             },

@@ -8,7 +8,7 @@ use super::context::StepContext;
 use super::head::Head;
 use super::head::{PLACE_ROWS, place_features};
 use super::marched::{Gradients, Marched};
-use super::prepass::{Kept, Look};
+use super::prepass::{Kept, Prepass};
 use super::ray_bars::RayGeometryBars;
 use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
@@ -81,7 +81,7 @@ pub(super) struct Chunk {
     pub(super) proposed: Proposed,
     /// `[n]`, weights of the samples; only where proposals learn from them.
     w: Vec<f32>,
-    look: Look,
+    prepass: Prepass,
     tile: Tile,
     /// Gradients of the rays themselves.
     pub(super) ray_bars: RayGeometryBars,
@@ -90,7 +90,7 @@ pub(super) struct Chunk {
 /// Samples of less weight do not pay for a Jacobian.
 const FAINT: f32 = 1e-4;
 
-/// Weight 1 for the sample of a ray in which half of its light is gone, 0 for the others; 0 for all of a ray that loses less.
+/// Weight 1 for the sample of a ray in which half of its transmittance is gone, 0 for the others; 0 for all of a ray that loses less.
 fn middle_alone(w: &mut [f32]) {
     let mut sum = 0.0;
     let middle = w.iter().position(|w| {
@@ -143,7 +143,7 @@ impl Chunk {
             stats: ChunkStats::default(),
             proposed: Proposed::default(),
             w: Vec::new(),
-            look: Look::default(),
+            prepass: Prepass::default(),
             tile: Tile::default(),
             ray_bars: RayGeometryBars::default(),
         }
@@ -175,7 +175,7 @@ impl Chunk {
             &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        let parts = self.look.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes();
+        let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes();
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }
 
@@ -203,7 +203,7 @@ impl Chunk {
             }
         }
         match ctx.placing {
-            Placing::March(grid, marcher) => self.look.march(ctx, grid, marcher, &self.rays, rays),
+            Placing::March(grid, marcher) => self.prepass.march(ctx, grid, marcher, &self.rays, rays),
             Placing::Proposals(proposals, exponent) => {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
@@ -212,41 +212,41 @@ impl Chunk {
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
                 let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
                 self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, time, draw);
-                self.look.take(&self.proposed, self.rays.len());
-                self.stats.proposed = self.proposed.looked();
+                self.prepass.take(&self.proposed, self.rays.len());
+                self.stats.proposed = self.proposed.interval_count();
             }
         }
         let marched = Instant::now();
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
-        self.n = self.look.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
+        self.n = self.prepass.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
         ctx.field.fill_times(When { time_steps: ctx.field.time_steps(), which: &self.which }, &mut self.times);
-        self.stats.dense = self.look.dense;
-        self.stats.placed = self.look.placed();
+        self.stats.dense = self.prepass.dense;
+        self.stats.placed = self.prepass.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
         self.stats.seconds[1] = marched.elapsed().as_secs_f64();
     }
 
-    /// Samples that [`Chunk::sample`] looked at.
-    pub(super) fn looked(&self) -> u64 {
-        self.look.looked()
+    /// Samples that [`Chunk::sample`] evaluated.
+    pub(super) fn evaluated(&self) -> u64 {
+        self.prepass.evaluated()
     }
 
     /// Render what [`Chunk::sample`] placed into `seen`, for a photo model that wants to see the batch first.
-    pub(super) fn look_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
-        self.look(ctx, pixels, |_, _| {});
+    pub(super) fn render_ahead(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
+        self.render_tiles(ctx, pixels, |_, _| {});
     }
 
-    /// [`Chunk::look_ahead`]; returns where each ray ends, in the grid's unit cube; NaN where it ends nowhere.
-    pub(super) fn look_where(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
+    /// [`Chunk::render_ahead`]; returns where each ray ends, in the grid's unit cube; NaN where it ends nowhere.
+    pub(super) fn render_ends(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
         let mut ends = Vec::with_capacity(pixels.len() * ctx.per_pixel);
-        self.look(ctx, pixels, |tile, rays| ends.extend((0..rays).map(|r| tile.static_ray(r).middle())));
+        self.render_tiles(ctx, pixels, |tile, rays| ends.extend((0..rays).map(|r| tile.static_ray(r).middle())));
         let at = |ray: usize, k: usize| [0, 1, 2].map(|a| self.x[a * self.n + self.offsets[ray] as usize + k]);
         ends.iter().enumerate().map(|(ray, k)| k.map_or([f32::NAN; 3], |k| at(ray, k))).collect()
     }
 
     /// Render into `seen`, and show each tile with the number of its rays.
-    fn look(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, mut each: impl FnMut(&Tile, usize)) {
+    fn render_tiles(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, mut each: impl FnMut(&Tile, usize)) {
         let start = Instant::now();
         self.seen.clear();
         self.each_tile(ctx, pixels, |tile, chunk, _, seen, rays, pixels| {
@@ -315,7 +315,7 @@ impl Chunk {
         if let Some(proposals) = ctx.placing.proposals() {
             // The mean over rays and final intervals.
             let factor = f64::from(ctx.share) / (ctx.per_pixel * proposals.last()) as f64;
-            self.proposed.learn((proposals, ctx.field.simd), &self.offsets, &self.w[..n], factor);
+            self.proposed.learn(proposals, ctx.field.simd, &self.offsets, &self.w[..n], factor);
         }
         self.stats.seconds[2] += (rendered - start).as_secs_f64();
         self.stats.seconds[3] = rendered.elapsed().as_secs_f64();

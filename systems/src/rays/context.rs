@@ -59,9 +59,9 @@ pub(super) struct StepContext<'a> {
     pub(super) kernel: Kernel,
     /// What whole rays cost, besides measured depth.
     pub(super) terms: &'a [Box<dyn RayTerm>],
-    /// Optical depth behind which nothing is looked at.
+    /// Optical depth behind which nothing is evaluated.
     pub(super) depth_limit: f64,
-    /// Part of a ray's light that faint samples are left out with.
+    /// Part of a ray's weight that faint samples are left out with.
     pub(super) faint: f32,
     /// One over the pixels of the batch that count.
     pub(super) share: f32,
@@ -96,8 +96,8 @@ impl StepContext<'_> {
             Some(photo_model) => photo_model.loss(i, pixel, truth),
             None => {
                 let value = |c: usize| self.kernel.value(pixel.rgb[c], truth[c]);
-                let slope = |c: usize| self.kernel.derivative(pixel.rgb[c], truth[c]) / 3.0;
-                ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(slope)))
+                let derivative = |c: usize| self.kernel.derivative(pixel.rgb[c], truth[c]) / 3.0;
+                ((value(0) + value(1) + value(2)) / 3.0, PixelBar::colour([0, 1, 2].map(derivative)))
             }
         }
     }

@@ -7,7 +7,7 @@ use super::head::Head;
 use super::work::{CHUNKS, Inputs, SecondRenders, Work};
 use crate::fields::{Field, NETWORK_ADAM};
 use crate::photo_model::PhotoModel;
-use crate::samplers::{CueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
+use crate::samplers::{DepthCueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
 use crate::space::{Space, SpaceKind};
 use crate::terms::RayTerm;
 use crate::warps::{Deform, StillWork};
@@ -193,7 +193,7 @@ impl RaySystem {
     ///
     /// # Errors
     /// [`SystemError::Scene`] when a depth map cannot be read.
-    pub(crate) fn follow_depth(&mut self, config: CueConfig, data: &Dataset) -> Result<bool, SystemError> {
+    pub(crate) fn follow_depth(&mut self, config: DepthCueConfig, data: &Dataset) -> Result<bool, SystemError> {
         self.cues = MeasuredDepth::read(config, &self.space, data)?;
         Ok(self.cues.is_some())
     }

@@ -65,7 +65,7 @@ pub(super) fn fit(driver: &RaySystem, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         };
         let share = 1.0 / (3 * chosen.len()) as f32;
         let groups = rooms.par_iter_mut().zip(chosen.par_chunks(GROUP));
-        groups.for_each(|(room, chosen)| room.slope(driver, &kept, chosen, &code, share));
+        groups.for_each(|(room, chosen)| room.gradient(driver, &kept, chosen, &code, share));
         // Always in this order, whoever was ready first.
         let bar: Vec<f32> = (0..code.len()).map(|k| rooms.iter().map(|room| room.bar[k]).sum()).collect();
         let third = (3 * step / pixels.steps.max(1)) as i32;
@@ -95,7 +95,7 @@ struct Room {
 impl Room {
     /// The gradient of half the squared errors of the pixels `chosen`, times `share`, with respect to `code`: into
     /// [`Room::bar`].
-    fn slope(&mut self, driver: &RaySystem, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
+    fn gradient(&mut self, driver: &RaySystem, kept: &Kept, chosen: &[usize], code: &[f32], share: f32) {
         let Self { columns, firsts, x, acts, rgb, rgb_bar, x_bar, grad, scratch, bar } = self;
         let field = &driver.field;
         let mlp = &field.colour;
@@ -127,8 +127,8 @@ impl Room {
             let w = &kept.w[kept.offsets[p] as usize..kept.offsets[p + 1] as usize];
             for c in 0..3 {
                 let value: f32 = rgb[c * n + first..].iter().zip(w).map(|(rgb, w)| rgb * w).sum();
-                let slope = (value - kept.rest[p][c]) * share;
-                rgb_bar[c * n + first..].iter_mut().zip(w).for_each(|(bar, w)| *bar = slope * w);
+                let derivative = (value - kept.rest[p][c]) * share;
+                rgb_bar[c * n + first..].iter_mut().zip(w).for_each(|(bar, w)| *bar = derivative * w);
             }
             first += w.len();
         }

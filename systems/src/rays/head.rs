@@ -2,7 +2,7 @@
 //! the photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
 //!
 //! Every ray has one sample more, where it enters the scene: the **veil**. Nothing static is there, and the occupancy grid
-//! never rules it out, so that somebody who stood before the camera, in what is empty space for everybody else, has a place.
+//! never rules it out, so that an occluder before the camera, in what is empty space for all other photos, has a place.
 
 use super::context::StepContext;
 use super::marched::{Gradients, Marched};
@@ -25,7 +25,7 @@ use std::f32::consts::PI;
 use std::ops::Range;
 
 /// Octaves of the pixel's place in its photo, which the head sees beside the code: what the trunk of the published network
-/// knows of a stranger from fifteen octaves of his position, a hash grid would have to learn from one photo.
+/// knows of an occluder from fifteen octaves of the position, a hash grid would have to learn from one photo.
 const PLACE_OCTAVES: usize = 4;
 
 /// What the head sees of a ray besides its code.

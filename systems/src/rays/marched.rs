@@ -30,6 +30,6 @@ pub(super) struct Gradients<'a> {
     /// `[rays of the chunk][dims]`, added to.
     pub(super) appearance: &'a mut [f32],
     pub(super) transient: &'a mut [f32],
-    /// `[sh][rays of the chunk]`, of what the colour network sees of directions, added to; empty where nobody asks.
+    /// `[sh][rays of the chunk]`, of what the colour network sees of directions, added to; empty where they are not asked for.
     pub(super) directions: &'a mut [f32],
 }

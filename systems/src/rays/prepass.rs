@@ -1,10 +1,10 @@
 //! Density first: along the rays of a chunk in rounds, until each is opaque. Only what lies in front goes on to the colour
 //! network and the backward pass.
 //!
-//! A round encodes the next samples of all rays that still let light through and asks the density network alone. A ray
+//! A round encodes the next samples of all rays that are not opaque yet and asks the density network alone. A ray
 //! ends behind the sample at which its transmittance falls below [`super::BatchConfig::train_stop`]; what is left out
 //! changes a pixel by that much at most ([`render_core::budget`]). Samples that hardly weigh anything are left out too, where
-//! that is asked for: together at most [`super::BatchConfig::train_faint`] of a ray's light.
+//! that is asked for: together at most [`super::BatchConfig::train_faint`] of a ray's weight.
 
 use super::context::StepContext;
 use crate::buffers::sized;
@@ -21,7 +21,7 @@ const FAINT_SAMPLES: f32 = 32.0;
 
 /// The samples of a chunk's rays, and which of them the rays keep.
 #[derive(Default)]
-pub(super) struct Look {
+pub(super) struct Prepass {
     /// `[rays + 1]`, all samples of the march.
     offsets: Vec<u32>,
     t: Vec<f32>,
@@ -30,9 +30,9 @@ pub(super) struct Look {
     alive: Vec<u32>,
     /// `[rays]`, optical depth so far.
     depth: Vec<f64>,
-    /// `[rays]`, samples looked at.
-    looked: Vec<u32>,
-    /// `[rays]`, samples to keep among them, and the light that is lost with the others.
+    /// `[rays]`, samples evaluated.
+    evaluated: Vec<u32>,
+    /// `[rays]`, samples to keep among them, and the weight that is lost with the others.
     kept: Vec<u32>,
     lost: Vec<f32>,
     rounds: Vec<Round>,
@@ -113,11 +113,11 @@ pub(super) struct Kept<'a> {
     pub(super) features: &'a mut Vec<f32>,
 }
 
-impl Look {
+impl Prepass {
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
         let rounds: usize = self.rounds.iter().map(Round::bytes).sum();
-        let counts = self.offsets.capacity() + self.alive.capacity() + self.looked.capacity() + self.kept.capacity();
+        let counts = self.offsets.capacity() + self.alive.capacity() + self.evaluated.capacity() + self.kept.capacity();
         let floats = self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity();
         rounds + 4 * (counts + floats + self.lost.capacity()) + self.placing.bytes()
     }
@@ -127,9 +127,9 @@ impl Look {
         self.t.len() as u64
     }
 
-    /// Samples that the rays looked at before they were opaque or ended.
-    pub(super) fn looked(&self) -> u64 {
-        self.looked.iter().map(|&n| u64::from(n)).sum()
+    /// Samples that the rays evaluated before they were opaque or ended.
+    pub(super) fn evaluated(&self) -> u64 {
+        self.evaluated.iter().map(|&n| u64::from(n)).sum()
     }
 
     /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
@@ -161,9 +161,9 @@ impl Look {
                 };
                 self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).candidates);
                 if let Some(cues) = ctx.cues {
-                    let (ends, measured) = ((ray.start, ray.end), ctx.measured(i / ctx.per_pixel));
+                    let (start, end, measured) = (ray.start, ray.end, ctx.measured(i / ctx.per_pixel));
                     let intervals = (&mut self.t, &mut self.dt, first);
-                    self.dense += u64::from(cues.cut(ends, measured, ctx.jitter[i], intervals, &mut self.cut));
+                    self.dense += u64::from(cues.cut(start, end, measured, ctx.jitter[i], intervals, &mut self.cut));
                 }
             }
             self.offsets.push(self.t.len() as u32);
@@ -187,7 +187,7 @@ impl Look {
     ) -> usize {
         self.depth.clear();
         self.depth.resize(rays.len(), 0.0);
-        for counts in [&mut self.looked, &mut self.kept] {
+        for counts in [&mut self.evaluated, &mut self.kept] {
             counts.clear();
             counts.resize(rays.len(), 0);
         }
@@ -197,9 +197,9 @@ impl Look {
         self.alive.extend(0..rays.len() as u32);
         let mut count = 0;
         loop {
-            let (offsets, looked) = (&self.offsets, &self.looked);
+            let (offsets, evaluated) = (&self.offsets, &self.evaluated);
             // Rays that are opaque have been taken out; this takes out those at their end.
-            self.alive.retain(|&r| offsets[r as usize] + looked[r as usize] < offsets[r as usize + 1]);
+            self.alive.retain(|&r| offsets[r as usize] + evaluated[r as usize] < offsets[r as usize + 1]);
             if self.alive.is_empty() {
                 break;
             }
@@ -217,7 +217,7 @@ impl Look {
         round.runs.clear();
         let mut n = 0;
         for &ray in &self.alive {
-            let from = self.offsets[ray as usize] + self.looked[ray as usize];
+            let from = self.offsets[ray as usize] + self.evaluated[ray as usize];
             let len = (self.offsets[ray as usize + 1] - from).min(ROUND as u32);
             round.runs.push(Run { ray, first: n, len, from, kept: 0, count: 0, place: 0 });
             n += len;
@@ -257,15 +257,15 @@ impl Look {
             let mut opaque = false;
             (run.kept, run.place) = (round.columns.len() as u32, self.kept[r]);
             // Nothing static is where the veil is.
-            let veil = usize::from(ctx.head.is_some() && self.looked[r] == 0);
+            let veil = usize::from(ctx.head.is_some() && self.evaluated[r] == 0);
             round.columns.extend(run.first..run.first + veil as u32);
-            let mut light = (-self.depth[r]).exp() as f32;
+            let mut transmittance = (-self.depth[r]).exp() as f32;
             for k in veil..run.len as usize {
                 let column = run.first + k as u32;
                 self.depth[r] += f64::from(field.density_of(raw[column as usize]) * self.dt[from + k]);
                 let w = if ctx.faint > 0.0 {
-                    let before = std::mem::replace(&mut light, (-self.depth[r]).exp() as f32);
-                    before - light
+                    let before = std::mem::replace(&mut transmittance, (-self.depth[r]).exp() as f32);
+                    before - transmittance
                 } else {
                     1.0
                 };
@@ -282,7 +282,7 @@ impl Look {
                 }
             }
             run.count = round.columns.len() as u32 - run.kept;
-            self.looked[r] += run.len;
+            self.evaluated[r] += run.len;
             self.kept[r] += run.count;
             if !opaque {
                 self.alive[still] = run.ray;

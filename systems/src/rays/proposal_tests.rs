@@ -113,7 +113,7 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let w: Vec<f32> = (0..10 * m).map(|i| 0.1 * Rng::new(5, 2).uniform_at(i as u64)).collect();
     let fine: Vec<(f32, f32)> =
         proposed.last_posts(12).iter().flat_map(|p| p[..11].windows(2)).map(|p| (p[0], p[1])).collect();
-    proposed.learn((driver.sampler.proposals().unwrap(), simd), &offsets, &w, 1.0);
+    proposed.learn(driver.sampler.proposals().unwrap(), simd, &offsets, &w, 1.0);
 
     let total = |driver: &RaySystem| {
         let mut proposed = Proposed::default();

@@ -3,7 +3,7 @@
 //! # What is skipped
 //! Each ray deals out the query's [`Budget`]: it stops where what is left costs no more than what it has, and leaves out
 //! colours of samples that its account can pay for. Cells that the occupancy grid counts as empty hold no density: that
-//! is part of the model, as training never looks there, so passing over them is exact. A budget of 0 skips nothing: it
+//! is part of the model, as training has no samples there, so passing over them is exact. A budget of 0 skips nothing: it
 //! visits all samples of the lattice and asks for every density and every colour. Where proposals place the samples, these
 //! are the lattice, and no cell is empty.
 
@@ -119,9 +119,9 @@ struct Job<'a> {
     empty: EmptyCells,
     /// What is marched through where empty cells are not passed over.
     full: Option<OccupancyGrid>,
-    /// Appearance code of the query; empty where the field knows one light only.
+    /// Appearance code of the query; empty where the field knows one appearance only.
     code: Vec<f32>,
-    /// The query's moment.
+    /// The query's time step.
     time_steps: TimeSteps,
 }
 
@@ -210,19 +210,19 @@ impl Job<'_> {
         let mut progress = vec![Progress::START; rays.len()];
         s.alive.clear();
         s.alive.extend((0..rays.len() as u32).filter(|&r| s.offsets[r as usize + 1] > s.offsets[r as usize]));
-        let mut looked = 0;
+        let mut evaluated = 0;
         for round in 0.. {
             if s.alive.is_empty() {
                 break;
             }
-            looked += self.shade_round(round, &mut progress, s, &mut ledger);
+            evaluated += self.shade_round(round, &mut progress, s, &mut ledger);
             let offsets = &s.offsets;
             s.alive.retain(|&r| {
                 let r = r as usize;
                 !progress[r].stopped && (offsets[r + 1] - offsets[r]) as usize > (round + 1) * ROUND
             });
         }
-        ledger.count(Skip::Behind, s.t.len() as u64 - looked, s.t.len() as u64);
+        ledger.count(Skip::Behind, s.t.len() as u64 - evaluated, s.t.len() as u64);
         let spread = Radiance::UNIT.spread(self.query.background) as f32;
         for p in &progress {
             let behind = if p.stopped { self.budget.stop_cost(p.trans) } else { 0.0 };

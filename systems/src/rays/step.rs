@@ -83,7 +83,7 @@ impl RaySystem {
         if ahead {
             self.each_chunk(&plan, |chunk, ctx, pixels| {
                 chunk.sample(ctx, pixels.clone());
-                chunk.look_ahead(ctx, pixels);
+                chunk.render_ahead(ctx, pixels);
             });
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;

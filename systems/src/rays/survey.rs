@@ -14,10 +14,10 @@ use rayon::prelude::*;
 /// Pixels of one task.
 const TASK: usize = 256;
 
-/// Samples that a ray looks at, in the mean at most, in units of [`samples_per_ray`](crate::samplers::OccupancyConfig::samples_per_ray):
+/// Samples that a ray evaluates, in the mean at most, in units of [`samples_per_ray`](crate::samplers::OccupancyConfig::samples_per_ray):
 /// where nothing is opaque yet, a survey of all photos with the steps of training costs as much as a thousand steps of training.
 const MOST_SAMPLES: f64 = 2.0;
-/// One pixel in this many says how many samples the rays of a picture look at.
+/// One pixel in this many says how many samples the rays of a picture evaluate.
 const PROBE_EVERY: usize = 64;
 
 impl RaySystem {
@@ -28,30 +28,30 @@ impl RaySystem {
         Ok((size, self.not_random(batch, self.background.colour())))
     }
 
-    /// What a picture is rendered with: the steps of training, longer where its rays would look at more than [`MOST_SAMPLES`].
+    /// What a picture is rendered with: the steps of training, longer where its rays would evaluate more than [`MOST_SAMPLES`].
     fn view_context<'a>(&'a self, inputs: &'a Inputs) -> StepContext<'a> {
         let ctx = self.context(&Plan::PICTURE, inputs);
         let Some(occupancy) = self.sampler.occupancy() else { return ctx };
         let most = MOST_SAMPLES * f64::from(occupancy.config().samples_per_ray);
-        let longer = (self.looked(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
+        let longer = (self.evaluated(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
         StepContext { placing: Placing::March(&occupancy.grid, occupancy.stretched(longer)), ..ctx }
     }
 
-    /// Samples that the rays of a picture of `n` pixels look at before they are opaque or end, in the mean over some of them.
-    fn looked(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
+    /// Samples that the rays of a picture of `n` pixels evaluate before they are opaque or end, in the mean over some of them.
+    fn evaluated(&self, ctx: &StepContext<'_>, n: usize) -> f64 {
         let probes = n.div_ceil(PROBE_EVERY);
-        let looked: u64 = (0..probes)
+        let evaluated: u64 = (0..probes)
             .into_par_iter()
             .map_init(
                 || Chunk::new(&self.field, self.head.as_ref()),
                 |chunk, k| {
                     let pixel = k * PROBE_EVERY;
                     chunk.sample(ctx, pixel..pixel + 1);
-                    chunk.looked()
+                    chunk.evaluated()
                 },
             )
             .sum();
-        looked as f64 / probes.max(1) as f64
+        evaluated as f64 / probes.max(1) as f64
     }
 }
 
@@ -74,7 +74,7 @@ impl Surveys for RaySystem {
                 |chunk, task| {
                     let pixels = task * TASK..((task + 1) * TASK).min(n);
                     chunk.sample(&ctx, pixels.clone());
-                    let places = chunk.look_where(&ctx, pixels);
+                    let places = chunk.render_ends(&ctx, pixels);
                     chunk.seen.iter().copied().zip(places).collect()
                 },
             )
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn pictures_of_a_field_that_is_mist_everywhere_take_longer_steps_and_others_those_of_training() {
         let (_, data) = capture(Points::None);
-        let looked = |density_bias: f32| {
+        let evaluated = |density_bias: f32| {
             let mut config = biased(SpaceKind::Contracted, density_bias);
             let grid = occupancy(&mut config);
             *grid = OccupancyConfig { samples_per_ray: 12.0, step_min: 0.002, step_cone: 0.002, ..*grid };
@@ -116,12 +116,12 @@ mod tests {
             let driver = RaySystem::new(config, space, Background::Random, 3, "ngp", None, None).unwrap();
             let (_, inputs) = driver.of_view(&data, 0, 1).unwrap();
             let n = inputs.batch.len();
-            let of_training = driver.looked(&driver.context(&Plan::PICTURE, &inputs), n);
-            (of_training, driver.looked(&driver.view_context(&inputs), n))
+            let of_training = driver.evaluated(&driver.context(&Plan::PICTURE, &inputs), n);
+            (of_training, driver.evaluated(&driver.view_context(&inputs), n))
         };
-        let (mist, longer) = looked(-9.0);
+        let (mist, longer) = evaluated(-9.0);
         assert!(mist > 60.0 && (12.0..36.0).contains(&longer), "{mist} {longer}");
-        let (wall, same) = looked(9.0);
+        let (wall, same) = evaluated(9.0);
         assert!(wall <= 24.0 && wall == same, "{wall} {same}");
     }
 }

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 /// What is made of measured depth. Fields of a system's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CueConfig {
+pub struct DepthCueConfig {
     /// Factor of the depth loss; 0: none.
     pub depth: f32,
     /// Width of its Huber kernel, a share of the range of depths.
@@ -34,7 +34,7 @@ pub struct CueConfig {
     pub refine_share: f32,
 }
 
-impl CueConfig {
+impl DepthCueConfig {
     /// Measured depth is left alone.
     pub const NONE: Self = Self {
         depth: 0.0,
@@ -84,7 +84,7 @@ pub(crate) struct CutRoom {
 
 /// Measured depth of the training views.
 pub(crate) struct MeasuredDepth {
-    config: CueConfig,
+    config: DepthCueConfig,
     /// `[views][height][width]`, internal distance along the pixel's ray; 0 where nothing is known.
     t: Vec<Vec<f32>>,
     /// `[views]`
@@ -103,7 +103,7 @@ const KNOWN: usize = 1 << 24;
 
 impl MeasuredDepth {
     /// Those of the training views, where any has depth.
-    pub(crate) fn read(config: CueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
+    pub(crate) fn read(config: DepthCueConfig, space: &Space, data: &Dataset) -> Result<Option<Self>, SceneError> {
         let views: Vec<Vec<f32>> =
             (0..data.len()).into_par_iter().map(|i| distances(space, data, i)).collect::<Result<_, _>>()?;
         let pixels: usize = views.iter().map(Vec::len).sum();
@@ -127,10 +127,11 @@ impl MeasuredDepth {
     }
 
     /// Cut a ray's intervals at places around its measured distance, where that is asked for: a march that steps over space alone
-    /// does not look closer where a surface was measured. What is known to be empty stays so. How many cuts.
+    /// places no more samples where a surface was measured. What is known to be empty stays so. How many cuts.
     pub(crate) fn cut(
         &self,
-        (start, end): (f32, f32),
+        start: f32,
+        end: f32,
         depth: f32,
         jitter: f32,
         intervals: (&mut Vec<f32>, &mut Vec<f32>, usize),
@@ -172,20 +173,14 @@ impl MeasuredDepth {
 
     /// What the expected distance of a ray, `sum w t / sum w`, costs; `factor` times its derivative is added to `w_bar`. Each
     /// sample counts where the middle of its interval is, as renders have it.
-    pub(crate) fn learn(
-        &self,
-        (w, t, dt): (&[f32], &[f32], &[f32]),
-        measured: f32,
-        factor: f32,
-        w_bar: &mut [f32],
-    ) -> f32 {
+    pub(crate) fn learn(&self, w: &[f32], t: &[f32], dt: &[f32], measured: f32, factor: f32, w_bar: &mut [f32]) -> f32 {
         let at = |i: usize| t[i] + 0.5 * dt[i];
         let sum: f32 = w.iter().sum::<f32>() + 1e-6;
         let found = (0..w.len()).map(|i| w[i] * at(i)).sum::<f32>() / sum;
         let kernel = Kernel::Huber { delta: self.config.depth_delta };
-        let slope = self.config.depth * kernel.derivative(found / self.range, measured / self.range) / self.range;
+        let derivative = self.config.depth * kernel.derivative(found / self.range, measured / self.range) / self.range;
         for (i, bar) in w_bar.iter_mut().enumerate() {
-            *bar += factor * slope * (at(i) - found) / sum;
+            *bar += factor * derivative * (at(i) - found) / sum;
         }
         self.config.depth * kernel.value(found / self.range, measured / self.range)
     }
@@ -197,7 +192,7 @@ impl MeasuredDepth {
 
     /// Whether measurements give way before this step.
     pub(crate) fn is_due(&self, step: u64) -> bool {
-        let CueConfig { refine_every, refine_rounds, .. } = self.config;
+        let DepthCueConfig { refine_every, refine_rounds, .. } = self.config;
         refine_every > 0 && step > 0 && step.is_multiple_of(refine_every) && step / refine_every <= refine_rounds
     }
 
@@ -327,11 +322,11 @@ mod tests {
         Dataset::new(&scene, store, vec![0, 1]).unwrap()
     }
 
-    fn cues(config: CueConfig, z: impl Fn(usize) -> f32) -> MeasuredDepth {
+    fn cues(config: DepthCueConfig, z: impl Fn(usize) -> f32) -> MeasuredDepth {
         MeasuredDepth::read(config, &Space::boxed(DVec3::ZERO, 4.0, 0.01), &measured(z)).unwrap().unwrap()
     }
 
-    const LED: CueConfig = CueConfig { depth: 0.7, cue_samples: 24, ..CueConfig::NONE };
+    const LED: DepthCueConfig = DepthCueConfig { depth: 0.7, cue_samples: 24, ..DepthCueConfig::NONE };
 
     #[test]
     fn a_depth_map_is_distances_along_the_rays_and_holes_stay_holes() {
@@ -376,15 +371,15 @@ mod tests {
         for (config, jitter) in [
             (LED, 0.0),
             (LED, 0.999),
-            (CueConfig { cue_spread: 0.0, ..LED }, 0.5),
-            (CueConfig { cue_anywhere: 0.0, ..LED }, 0.5),
-            (CueConfig { cue_anywhere: 1.0, ..LED }, 0.5),
-            (CueConfig { cue_samples: 1, ..LED }, 0.3),
+            (DepthCueConfig { cue_spread: 0.0, ..LED }, 0.5),
+            (DepthCueConfig { cue_anywhere: 0.0, ..LED }, 0.5),
+            (DepthCueConfig { cue_anywhere: 1.0, ..LED }, 0.5),
+            (DepthCueConfig { cue_samples: 1, ..LED }, 0.3),
         ] {
             let cues = cues(config, |k| 2.0 + 0.02 * k as f32);
             for depth in [0.2, 0.95, 1.25, 4.0, 1e6] {
                 let (mut t, mut dt) = marched();
-                let n = cues.cut((0.5, 1.5), depth, jitter, (&mut t, &mut dt, 1), &mut room);
+                let n = cues.cut(0.5, 1.5, depth, jitter, (&mut t, &mut dt, 1), &mut room);
                 assert_eq!((t.len(), dt.len()), (9 + n as usize, 9 + n as usize));
                 assert!(n as usize <= config.cue_samples && t[0] == 9.0 && dt[0] == 0.1, "the other ray stays");
                 assert!(t[1..].windows(2).all(|w| w[0] < w[1]), "{config:?}, {depth}: {t:?}");
@@ -396,18 +391,18 @@ mod tests {
                     assert_eq!(n, 1, "places that fall on each other are one");
                 }
             }
-            let mut nothing = |ends, depth| {
+            let mut nothing = |start, end, depth| {
                 let (mut t, mut dt) = marched();
-                assert_eq!(cues.cut(ends, depth, jitter, (&mut t, &mut dt, 1), &mut room), 0);
+                assert_eq!(cues.cut(start, end, depth, jitter, (&mut t, &mut dt, 1), &mut room), 0);
                 assert_eq!((t, dt), marched(), "nothing is known, or nothing is left");
             };
-            nothing((0.5, 1.5), 0.0);
-            nothing((1.5, 1.5), 1.0);
+            nothing(0.5, 1.5, 0.0);
+            nothing(1.5, 1.5, 1.0);
         }
         // A surface that was measured inside a run gets its samples.
-        let cues = cues(CueConfig { cue_anywhere: 0.0, cue_spread: 0.01, ..LED }, |k| 2.0 + 0.02 * k as f32);
+        let cues = cues(DepthCueConfig { cue_anywhere: 0.0, cue_spread: 0.01, ..LED }, |k| 2.0 + 0.02 * k as f32);
         let (mut t, mut dt) = marched();
-        let n = cues.cut((0.5, 1.5), 1.25, 0.5, (&mut t, &mut dt, 1), &mut room);
+        let n = cues.cut(0.5, 1.5, 1.25, 0.5, (&mut t, &mut dt, 1), &mut room);
         assert!(n >= 20, "{n}");
     }
 
@@ -417,11 +412,11 @@ mod tests {
         let w = [0.1, 0.4, 0.25, 0.05_f32];
         // Where the kernel is a square, where it is a line, and where next to nothing was hit.
         for (delta, measured, scale) in [(10.0, 0.9, 1.0), (1e-3, 0.4, 1.0), (1e-3, 1.6, 1.0), (0.2, 1.2, 1e-2)] {
-            let cues = cues(CueConfig { depth_delta: delta, ..LED }, |k| 2.0 + 0.02 * k as f32);
+            let cues = cues(DepthCueConfig { depth_delta: delta, ..LED }, |k| 2.0 + 0.02 * k as f32);
             let w = w.map(|w| scale * w);
-            let value = |w: &[f32]| f64::from(cues.learn((w, &t, &dt), measured, 0.0, &mut [0.0; 4]));
+            let value = |w: &[f32]| f64::from(cues.learn(w, &t, &dt, measured, 0.0, &mut [0.0; 4]));
             let mut bar = [1.5; 4];
-            cues.learn((&w, &t, &dt), measured, 2.0, &mut bar);
+            cues.learn(&w, &t, &dt, measured, 2.0, &mut bar);
             for i in 0..4 {
                 let at = |sign: f32| {
                     let mut w = w;
@@ -435,14 +430,14 @@ mod tests {
         }
         let cues = cues(LED, |k| 2.0 + 0.02 * k as f32);
         let mut bar = [0.0; 4];
-        let loss = cues.learn((&[0.0; 4], &t, &dt), 0.9, 1.0, &mut bar);
+        let loss = cues.learn(&[0.0; 4], &t, &dt, 0.9, 1.0, &mut bar);
         assert!(loss.is_finite() && bar.iter().all(|b| b.is_finite()), "of a ray that meets nothing");
-        assert_eq!(cues.learn((&[], &[], &[]), 0.0, 1.0, &mut []), 0.0);
+        assert_eq!(cues.learn(&[], &[], &[], 0.0, 1.0, &mut []), 0.0);
     }
 
     #[test]
     fn rounds_come_when_they_are_due_and_then_no_more() {
-        let cues = cues(CueConfig { refine_every: 5, refine_rounds: 2, ..LED }, |_| 2.0);
+        let cues = cues(DepthCueConfig { refine_every: 5, refine_rounds: 2, ..LED }, |_| 2.0);
         assert_eq!((0..30).filter(|&step| cues.is_due(step)).collect::<Vec<u64>>(), [5, 10]);
         assert!(cues.state().len() == 2 && cues.holds());
         let never = self::cues(LED, |_| 2.0);

@@ -10,7 +10,7 @@ mod proposals;
 mod proposed;
 mod silhouette;
 
-pub use depth::CueConfig;
+pub use depth::DepthCueConfig;
 pub(crate) use depth::{CutRoom, MeasuredDepth};
 pub use occupancy::OccupancyConfig;
 pub(crate) use occupancy::{Marcher, Moves, Occupancy};

@@ -1,9 +1,9 @@
 //! An occupancy grid: rays are marched through what is not known to be empty (Müller et al., 2022, appendix E).
 //!
-//! The grid looks at the field now and then; what the cameras and the alpha of the photos rule out is empty from the start.
+//! The grid probes the field now and then; what the cameras and the alpha of the photos rule out is empty from the start.
 
 pub(crate) use super::silhouette::Moves;
-use super::silhouette::{Sight, Silhouette};
+use super::silhouette::{Seen, Silhouette};
 use crate::buffers::sized;
 use crate::fields::{DensityScratch, Field, When};
 use crate::free_space::{NearPlanes, free_cells};
@@ -17,23 +17,23 @@ use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-/// Streams of the points looked at, and of their times.
+/// Streams of the points probed, and of their times.
 const POINTS: u64 = 0x6f63_6375;
 const TIMES: u64 = 0x6d6f_6d65;
-/// An update looks at one in this many cells, and at one in this many occupied ones.
+/// An update probes one in this many cells, and at one in this many occupied ones.
 const SHARE: u32 = 8;
 const OCCUPIED_SHARE: u32 = 4;
-/// The first updates look at every second cell, so that empty space is known early.
+/// The first updates probe every second cell, so that empty space is known early.
 const EAGER_UPDATES: u64 = 16;
 const EAGER_SHARE: u32 = 2;
-/// Factor on a cell's running maximum each time it is looked at. Faster than the paper's 0.95: a step of a CPU is worth
+/// Factor on a cell's running maximum each time it is probed. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
-/// Times at which a cell is looked at where things move: it is full now and then.
-const TIMES_OF_A_LOOK: u32 = 4;
-/// From one time to the next that a cell is looked at, as a share of all: the golden ratio leaves no gap for long.
+/// Times at which a cell is probed where things move: it is full now and then.
+const TIMES_OF_A_PROBE: u32 = 4;
+/// From one time to the next that a cell is probed, as a share of all: the golden ratio leaves no gap for long.
 const NEXT_TIME: f64 = 0.618_033_988_749_894_9;
-/// Cells looked at together.
+/// Cells probed together.
 const TASK: usize = 4096;
 /// One in this many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
 const DOUBTED: usize = 10;
@@ -127,7 +127,7 @@ pub(crate) struct Occupancy {
     cells: Vec<u32>,
     thickness: Vec<f32>,
     /// Buffers that no task uses just now.
-    lookers: Mutex<Vec<Looker>>,
+    probers: Mutex<Vec<Prober>>,
 }
 
 /// Settings after a number of updates. The threshold begins below what the field starts with and rises to its place while
@@ -145,16 +145,16 @@ fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u6
 
 /// Buffers of a task of an update.
 #[derive(Default)]
-struct Looker {
+struct Prober {
     densities: DensityScratch,
     p: Vec<f32>,
     x: Vec<f32>,
-    /// Views whose times are looked at, and what is seen in one of them; only where something moves.
+    /// Views whose times are probed, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
     now: Vec<f32>,
 }
 
-/// Where in its cell, and at which times, an update looks.
+/// Where in its cell, and at which times, an update probes.
 struct Draws {
     points: Rng,
     times: Rng,
@@ -163,12 +163,12 @@ struct Draws {
 }
 
 impl Draws {
-    /// Which of `steps` time steps a cell is looked at in: what is empty has to be so at all times. Those of successive looks are
-    /// far from each other and leave no gap for long, so that what is there for a twentieth of the time is seen every few looks.
+    /// Which of `steps` time steps a cell is probed in: what is empty has to be so at all times. Those of successive probes are
+    /// far from each other and leave no gap for long, so that what is there for a twentieth of the time is seen every few probes.
     fn time_step(&self, id: u32, round: u32, steps: usize) -> u32 {
-        let look = u64::from(id.wrapping_add(self.phase) / OCCUPIED_SHARE);
-        let looks = (look * u64::from(TIMES_OF_A_LOOK) + u64::from(round)) as f64;
-        let at = (f64::from(self.times.uniform_at(id.into())) + looks * NEXT_TIME).fract();
+        let probe = u64::from(id.wrapping_add(self.phase) / OCCUPIED_SHARE);
+        let probes = (probe * u64::from(TIMES_OF_A_PROBE) + u64::from(round)) as f64;
+        let at = (f64::from(self.times.uniform_at(id.into())) + probes * NEXT_TIME).fract();
         ((at * steps as f64) as u32).min(steps as u32 - 1)
     }
 }
@@ -224,7 +224,7 @@ impl Occupancy {
             problem: e.to_string(),
         })?;
         // Room for all that can be at work, so that none is allocated for later.
-        let lookers = Mutex::new(Vec::with_capacity(TASKS));
+        let probers = Mutex::new(Vec::with_capacity(TASKS));
         Ok(Self {
             config,
             cascades: space.cascades,
@@ -233,7 +233,7 @@ impl Occupancy {
             stretch: MAX_STRETCH,
             cells: Vec::new(),
             thickness: Vec::new(),
-            lookers,
+            probers,
         })
     }
 
@@ -256,7 +256,7 @@ impl Occupancy {
         &self.config
     }
 
-    /// Whether the grid looks at the field before this step.
+    /// Whether the grid probes the field before this step.
     pub(crate) fn is_due(&self, step: u64) -> bool {
         step.is_multiple_of(self.config.occupancy_every)
     }
@@ -299,12 +299,12 @@ impl Occupancy {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        let lookers = self.lookers.lock().unwrap_or_else(PoisonError::into_inner);
-        let lookers: usize = lookers.iter().map(Looker::bytes).sum();
-        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + lookers
+        let probers = self.probers.lock().unwrap_or_else(PoisonError::into_inner);
+        let probers: usize = probers.iter().map(Prober::bytes).sum();
+        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + probers
     }
 
-    /// Look at a share of the cells, each at a random point.
+    /// Probe a share of the cells, each at a random point.
     pub(crate) fn update(&mut self, field: &Field, space: &Space, seed: u64, step: u64) {
         self.grid.set_threshold(self.settings(self.grid.updates() + 1).threshold);
         let update = self.grid.updates();
@@ -312,7 +312,7 @@ impl Occupancy {
         let (phase, bits, thickness) = (update as u32, self.grid.bits(), self.grid.thickness());
         self.cells.clear();
         self.cells.extend((0..self.grid.cells() as u32).filter(|&id| {
-            // Neighbours in number are neighbours in space: taking every eighth looks everywhere.
+            // Neighbours in number are neighbours in space: taking every eighth probes everywhere.
             let turn = id.wrapping_add(phase);
             let occupied = bits[id as usize / 64] >> (id % 64) & 1 == 1;
             let share = if occupied { share.min(OCCUPIED_SHARE) } else { share };
@@ -324,18 +324,18 @@ impl Occupancy {
         // Whole blocks of `TASK` to each task.
         let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
-        // As many as there are threads, not tasks: what a looker holds from the task before says nothing about the next.
-        let lookers = &self.lookers;
-        let idle = || lookers.lock().unwrap_or_else(PoisonError::into_inner);
+        // As many as there are threads, not tasks: what a prober holds from the task before says nothing about the next.
+        let probers = &self.probers;
+        let idle = || probers.lock().unwrap_or_else(PoisonError::into_inner);
         tasks.for_each(|(out, cells)| {
-            let mut looker = idle().pop().unwrap_or_default();
+            let mut prober = idle().pop().unwrap_or_default();
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
-                looker.look(grid, field, space, &draws, cells, out);
+                prober.probe(grid, field, space, &draws, cells, out);
                 for (out, &id) in out.iter_mut().zip(cells) {
                     *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
                 }
             }
-            idle().push(looker);
+            idle().push(prober);
         });
         self.grid.update(&self.cells, &self.thickness);
     }
@@ -366,15 +366,15 @@ impl Occupancy {
                     .fold(0.0, f64::max);
                 let (mut seen, mut empty) = (false, 0);
                 for view in &views {
-                    match view.look(centre, reach) {
-                        Sight::Background => {
+                    match view.judge(centre, reach) {
+                        Seen::Background => {
                             empty += 1;
                             if empty > doubted {
                                 return false;
                             }
                         }
-                        Sight::Something => seen = true,
-                        Sight::Outside => {}
+                        Seen::Something => seen = true,
+                        Seen::Outside => {}
                     }
                     if seen && !view.has_alpha() {
                         return true;
@@ -390,12 +390,12 @@ impl Occupancy {
     }
 }
 
-impl Looker {
+impl Prober {
     /// Densities of cells, each at a random point, written over `out`.
     ///
-    /// Where something moves, a cell is looked at at several times, and its fullest counts: what is there for a short while
+    /// Where something moves, a cell is probed at several times, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
-    fn look(
+    fn probe(
         &mut self,
         grid: &OccupancyGrid,
         field: &Field,
@@ -405,18 +405,18 @@ impl Looker {
         out: &mut [f32],
     ) {
         if !field.time_steps().differ() {
-            return self.look_once((grid, field, space), (draws, 0), cells, out);
+            return self.probe_once((grid, field, space), (draws, 0), cells, out);
         }
         out.fill(0.0);
-        for round in 0..TIMES_OF_A_LOOK {
+        for round in 0..TIMES_OF_A_PROBE {
             let mut now = std::mem::take(&mut self.now);
-            self.look_once((grid, field, space), (draws, round), cells, sized(&mut now, cells.len()));
+            self.probe_once((grid, field, space), (draws, round), cells, sized(&mut now, cells.len()));
             out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
             self.now = now;
         }
     }
 
-    fn look_once(
+    fn probe_once(
         &mut self,
         (grid, field, space): (&OccupancyGrid, &Field, &Space),
         (draws, round): (&Draws, u32),

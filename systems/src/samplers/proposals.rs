@@ -1,4 +1,4 @@
-//! Proposals: small density fields that tell the field where along a ray to look.
+//! Proposals: small density fields that say where along a ray the field needs samples.
 //!
 //! A ray is cut into intervals evenly in normalised distance; the first proposal weighs them, the ray is cut anew where the
 //! weight is, the next proposal weighs those, and the field sees the last cut alone (`proposed.rs`). Proposals learn to

@@ -49,7 +49,7 @@ impl Draw<'_> {
 /// Buffers of the rays of a chunk or task. Rays that do not cross the space, or do not count, are left out.
 #[derive(Default)]
 pub(crate) struct Proposed {
-    /// Rays that are looked along, and their normalised distance.
+    /// Rays that samples are placed on, and their normalised distance.
     rays: Vec<u32>,
     maps: Vec<RayDistance>,
     rounds: Vec<Round>,
@@ -117,7 +117,7 @@ impl Proposed {
     }
 
     /// Intervals that the proposals weighed.
-    pub(crate) fn looked(&self) -> u64 {
+    pub(crate) fn interval_count(&self) -> u64 {
         self.rounds.iter().map(|r| r.n as u64).sum()
     }
 
@@ -148,7 +148,7 @@ impl Proposed {
             cut(&mut self.resampler, before.last(), refine, shares, (self.rays.len(), count), &mut round.posts);
             round.place(&self.maps, count);
             round.fill_times(&*field.features, &self.rays, &time);
-            round.look((field, simd, space), rays, &self.rays, (&mut self.p, &mut self.mlp), draw);
+            round.weigh((field, simd, space), rays, &self.rays, (&mut self.p, &mut self.mlp), draw);
         }
         let k = proposals.fields.len();
         let refine = Refine { dilation: proposals.dilation(k), exponent: draw.exponent() };
@@ -164,9 +164,9 @@ impl Proposed {
         offsets.clear();
         offsets.push(0);
         let stride = self.posts.len() / self.rays.len().max(1);
-        let mut looked = self.rays.iter().zip(&self.maps).zip(self.posts.chunks_exact(stride.max(1))).peekable();
+        let mut asked = self.rays.iter().zip(&self.maps).zip(self.posts.chunks_exact(stride.max(1))).peekable();
         for r in 0..rays as u32 {
-            if let Some(((_, map), posts)) = looked.next_if(|((ray, _), _)| **ray == r) {
+            if let Some(((_, map), posts)) = asked.next_if(|((ray, _), _)| **ray == r) {
                 each_interval(map, posts, |middle, length| {
                     t.push(middle);
                     dt.push(length);
@@ -178,7 +178,7 @@ impl Proposed {
 
     /// Gradients of the proposals' parameters from the weights `w` that the field found in the first intervals of each
     /// ray, `offsets` `[rays + 1]`; `factor` is that of the loss, summed over rays and intervals.
-    pub(crate) fn learn(&mut self, (proposals, simd): (&Proposals, Simd), offsets: &[u32], w: &[f32], factor: f64) {
+    pub(crate) fn learn(&mut self, proposals: &Proposals, simd: Simd, offsets: &[u32], w: &[f32], factor: f64) {
         let stride = self.posts.len() / self.rays.len().max(1);
         self.fine_offsets.clear();
         self.fine_offsets.push(0);
@@ -269,27 +269,27 @@ impl Round {
     }
 
     /// Times of the intervals, where the proposal knows them.
-    fn fill_times(&mut self, features: &dyn Features, looked: &[u32], time: impl Fn(usize) -> f32) {
+    fn fill_times(&mut self, features: &dyn Features, asked: &[u32], time: impl Fn(usize) -> f32) {
         self.times.clear();
         if !features.view_times().is_empty() {
-            for (&r, span) in looked.iter().zip(self.offsets.windows(2)) {
+            for (&r, span) in asked.iter().zip(self.offsets.windows(2)) {
                 self.times.extend(std::iter::repeat_n(time(r as usize), (span[1] - span[0]) as usize));
             }
         }
     }
 
     /// Weights of the intervals.
-    fn look(
+    fn weigh(
         &mut self,
         (field, simd, space): (&ProposalField, Simd, &Space),
         rays: &[InternalRay],
-        looked: &[u32],
+        asked: &[u32],
         (p, mlp): (&mut Vec<f32>, &mut Vec<f32>),
         draw: Draw<'_>,
     ) {
         let n = self.n;
         let p = sized(p, 3 * n);
-        for (&r, span) in looked.iter().zip(self.offsets.windows(2)) {
+        for (&r, span) in asked.iter().zip(self.offsets.windows(2)) {
             for i in span[0] as usize..span[1] as usize {
                 let at = rays[r as usize].at(self.w[i]);
                 (p[i], p[n + i], p[2 * n + i]) = (at[0], at[1], at[2]);
@@ -315,7 +315,7 @@ impl Round {
             *tau *= field.density_of(*raw);
         }
         let samples = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
-        weights(simd, samples, &mut self.w[..n], sized(&mut self.trans_end, looked.len()));
+        weights(simd, samples, &mut self.w[..n], sized(&mut self.trans_end, asked.len()));
     }
 }
 

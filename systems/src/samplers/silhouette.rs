@@ -13,7 +13,7 @@ pub(crate) enum Moves {
 }
 
 /// What a view says about a ball.
-pub(super) enum Sight {
+pub(super) enum Seen {
     /// All of it lies before transparent pixels: nothing is there.
     Background,
     /// Part of it is seen.
@@ -64,16 +64,16 @@ impl Silhouette {
     }
 
     /// A ball of radius `reach` about `x`.
-    pub(super) fn look(&self, x: DVec3, reach: f64) -> Sight {
+    pub(super) fn judge(&self, x: DVec3, reach: f64) -> Seen {
         let depth = (x - self.centre).dot(self.axis);
         if depth < -reach {
-            return Sight::Outside;
+            return Seen::Outside;
         }
         if depth <= 2.0 * reach {
             // So near that the ball fills the view.
-            return Sight::Something;
+            return Seen::Something;
         }
-        let Some(p) = self.camera.project(x) else { return Sight::Outside };
+        let Some(p) = self.camera.project(x) else { return Seen::Outside };
         // A pixel more for interpolation and rounding; 1.5 for what perspective and lens add off the axis.
         let radius = 1.5 * reach * self.focal / (depth - reach) + 1.0;
         let range = |c: f64, size: i64| {
@@ -83,12 +83,12 @@ impl Silhouette {
         let (x0, x1, cut_x) = range(p.x, self.size[0]);
         let (y0, y1, cut_y) = range(p.y, self.size[1]);
         if x0 >= x1 || y0 >= y1 {
-            return Sight::Outside;
+            return Seen::Outside;
         }
         if !self.has_alpha() || cut_x || cut_y {
-            return Sight::Something;
+            return Seen::Something;
         }
         let at = |x: i64, y: i64| u64::from(self.sums[(y * (self.size[0] + 1) + x) as usize]);
-        if at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0) { Sight::Background } else { Sight::Something }
+        if at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0) { Seen::Background } else { Seen::Something }
     }
 }

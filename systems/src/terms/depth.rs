@@ -10,9 +10,9 @@ impl RayTerm for MeasuredDepth {
             let (span, pixel) = (rays.span(r), r / rays.per_pixel);
             let (measured, weight) = (self.at(rays.view[pixel], rays.place[pixel]), rays.weight[pixel]);
             if measured > 0.0 && weight > 0.0 {
-                let ray = (&rays.w[span.clone()], &rays.t[span.clone()], &rays.dt[span.clone()]);
+                let (w, t, dt) = (&rays.w[span.clone()], &rays.t[span.clone()], &rays.dt[span.clone()]);
                 let factor = weight * rays.per_ray();
-                *loss += f64::from(factor * self.learn(ray, measured, factor * rays.share, &mut w_bar[span]));
+                *loss += f64::from(factor * self.learn(w, t, dt, measured, factor * rays.share, &mut w_bar[span]));
             }
         }
     }

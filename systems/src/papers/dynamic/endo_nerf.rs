@@ -15,7 +15,7 @@
 pub(crate) use super::d_nerf::deform;
 use crate::claims::Claim;
 use crate::plan::{Ask, Built, Moving, RaySettings, moving_field};
-use crate::samplers::CueConfig;
+use crate::samplers::DepthCueConfig;
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -31,7 +31,7 @@ pub(crate) const CLAIM: Claim = Claim {
 const RAYS: RaySettings = RaySettings { guided: true, ..RaySettings::ANYWHERE };
 
 /// What measured depth does.
-const DEPTH: CueConfig = CueConfig {
+const DEPTH: DepthCueConfig = DepthCueConfig {
     depth: 1.0,
     depth_delta: 0.2,
     // Besides those of the march: where a fifth of the depths are wrong, other places of the ray need samples, too.
