@@ -117,7 +117,7 @@ impl Ground {
     fn space_of(&self, config: &RayConfig, data: &Dataset) -> Result<Space, SystemError> {
         config.check()?;
         let SpaceConfig { space: kind, centre, radius, near, .. } = config.space;
-        space(&self.layout, data, kind, (centre, radius, config.space.extent()), near)
+        space(&self.layout, data, kind, centre, radius, config.space.extent(), near)
     }
 
     /// The same with what the cameras rule out.
@@ -148,7 +148,9 @@ pub(crate) fn space(
     layout: &Layout,
     data: &Dataset,
     kind: SpaceKind,
-    (centre, radius, extent): ([f64; 3], f64, f64),
+    centre: [f64; 3],
+    radius: f64,
+    extent: f64,
     near: f32,
 ) -> Result<Space, SystemError> {
     let (centre, near) = (centre.into(), f64::from(near));

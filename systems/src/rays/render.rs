@@ -345,7 +345,7 @@ impl Job<'_> {
         }
         ledger.count(Skip::Faint, shaded - s.kept.len() as u64, shaded);
         if self.query.layers.normals == Normals::Compute {
-            add_normals(field, space, &self.time_steps, progress, (n, s));
+            add_normals(field, space, &self.time_steps, progress, n, s);
         }
         add_colours(self.driver, n, progress, s);
         n as u64
@@ -388,7 +388,8 @@ fn add_normals(
     space: &Space,
     time_steps: &TimeSteps,
     progress: &mut [Progress],
-    (n, s): (usize, &mut Scratch),
+    n: usize,
+    s: &mut Scratch,
 ) {
     let bar = sized(&mut s.bar, field.density.outputs() * n);
     bar.fill(0.0);

@@ -145,7 +145,7 @@ impl Proposed {
             let round = &mut rest[0];
             let refine = Refine { dilation: proposals.dilation(k), exponent: draw.exponent() };
             let shares = |j: usize| draw.shares(k, self.rays[j]);
-            cut(&mut self.resampler, before.last(), refine, shares, (self.rays.len(), count), &mut round.posts);
+            cut(&mut self.resampler, before.last(), refine, shares, self.rays.len(), count, &mut round.posts);
             round.place(&self.maps, count);
             round.fill_times(&*field.features, &self.rays, &time);
             round.weigh((field, simd, space), rays, &self.rays, (&mut self.p, &mut self.mlp), draw);
@@ -153,8 +153,8 @@ impl Proposed {
         let k = proposals.fields.len();
         let refine = Refine { dilation: proposals.dilation(k), exponent: draw.exponent() };
         let shares = |j: usize| draw.shares(k, self.rays[j]);
-        let shape = (self.rays.len(), proposals.last());
-        cut(&mut self.resampler, self.rounds.last(), refine, shares, shape, &mut self.posts);
+        let (rays, count) = (self.rays.len(), proposals.last());
+        cut(&mut self.resampler, self.rounds.last(), refine, shares, rays, count, &mut self.posts);
     }
 
     /// The cut: middles and lengths of the intervals of all `rays`, written over `t`, `dt`, `offsets`.
@@ -325,7 +325,8 @@ fn cut<'u>(
     before: Option<&Round>,
     refine: Refine,
     shares: impl Fn(usize) -> Quantiles<'u>,
-    (rays, count): (usize, usize),
+    rays: usize,
+    count: usize,
     posts: &mut Vec<f32>,
 ) {
     posts.resize(rays * (count + 1), 0.0);

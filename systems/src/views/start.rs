@@ -171,8 +171,7 @@ fn fits(point: &Point, frame: &CloudFrame) -> bool {
 /// The box a scene lies in, world units: the one of its space, or a cube around its centre where its cameras do not fit that.
 #[must_use]
 pub fn scene_box(layout: &Layout, data: &Dataset) -> Bounds {
-    let place = (layout.centre.to_array(), layout.radius, 1.0);
-    match space(layout, data, layout.kind, place, 0.0) {
+    match space(layout, data, layout.kind, layout.centre.to_array(), layout.radius, 1.0, 0.0) {
         Ok(space) => {
             let [min, max] = space.world_bounds();
             Bounds { min: min.into(), max: max.into() }

@@ -51,7 +51,7 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let all = ask.settings.all()?;
     config.check()?;
     let MipNerf360Config { place, rounds, .. } = config;
-    let space = space(layout, ask.data, place.space, (place.centre, place.radius, f64::from(rounds.far)), rounds.near)?;
+    let space = space(layout, ask.data, place.space, place.centre, place.radius, f64::from(rounds.far), rounds.near)?;
     let system = MipNerf360::new(config, space, ground.background, ask.run.seed)?;
     Ok((Box::new(system), planned(ground, all)))
 }
