@@ -1,6 +1,6 @@
 //! Exponentials.
 
-use super::polynomial;
+use super::polynomial::polynomial;
 use crate::Vector;
 
 /// Arguments are clamped here, so that the power of two stays a normal number.

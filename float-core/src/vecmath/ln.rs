@@ -1,6 +1,6 @@
 //! Natural logarithm.
 
-use super::polynomial;
+use super::polynomial::polynomial;
 use crate::Vector;
 
 /// `ln x`, subnormal numbers included; `-inf` at 0, NaN below. Error at most 0.9 ulp.

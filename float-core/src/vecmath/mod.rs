@@ -28,6 +28,7 @@ mod exp;
 mod function;
 mod ln;
 mod logistic;
+mod polynomial;
 mod sin_cos;
 mod softplus;
 
@@ -40,13 +41,3 @@ pub use softplus::softplus;
 
 #[cfg(doc)]
 use crate::Vector;
-
-/// The polynomial with these coefficients, from the highest power down.
-#[inline(always)]
-fn polynomial<V: crate::Vector, const N: usize>(x: V, coefficients: [f32; N]) -> V {
-    let mut p = V::splat(coefficients[0]);
-    for c in &coefficients[1..] {
-        p = p.mul_add(x, V::splat(*c));
-    }
-    p
-}

@@ -1,7 +1,7 @@
 //! Softplus.
 
 use super::exp::exp_tail;
-use super::polynomial;
+use super::polynomial::polynomial;
 use crate::Vector;
 
 /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|)`, with full digits where it is small, down to 0 through the subnormal numbers.
