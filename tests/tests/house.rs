@@ -11,8 +11,6 @@ const FILE_CIRCLES: [(&str, &[&str]); 7] = [
         "field-core",
         &["tape/arena.rs", "tape/custom.rs", "tape/error.rs", "tape/forward.rs", "tape/mod.rs", "tape/op.rs"],
     ),
-    ("losses", &["dssim/band.rs", "dssim/kernel.rs", "dssim/mod.rs"]),
-    ("losses", &["heuristics/component.rs", "heuristics/mod.rs", "heuristics/morphology.rs", "heuristics/vote.rs"]),
     (
         "render-core",
         &[

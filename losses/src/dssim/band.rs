@@ -1,70 +1,31 @@
-//! A picture cut into bands of rows, and what one band needs.
+//! A picture cut into bands of rows.
 
 use super::kernel::Band;
-use super::{BAND, Derivatives, Dssim, Pair, REACH, TAPS};
+use super::pair::{Derivatives, Pair};
+use super::scratch::{Scratch, TAPS};
 use alloc::vec::Vec;
 use core::ops::Range;
+use float_core::Simd;
 
-/// Columns worked on together, whatever the level: a multiple of all lanes.
-pub(super) const BLOCK: usize = 16;
-/// Filtered planes on the way to the map, and back from it.
-pub(super) const MOMENTS: usize = 4;
-pub(super) const DERIVATIVES: usize = 3;
-
-/// Buffers of a band.
-///
-/// Rows that are filtered along x have [`REACH`] zeros before their first pixel and zeros after their last. Rings hold the last
-/// [`TAPS`] rows, row `i` in slot `i % TAPS`, and lie block by block, so that a filter along y reads one run of memory.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Scratch {
-    /// `[slot][p, q][row]`.
-    pub(super) halves: Vec<f32>,
-    /// `[block][slot][moment][BLOCK]`.
-    pub(super) moments: Vec<f32>,
-    /// Derivatives of the map, `[derivative][row]`.
-    pub(super) derivatives: Vec<f32>,
-    /// The same filtered along x, `[block][slot][derivative][BLOCK]`.
-    pub(super) filtered: Vec<f32>,
-    /// Weights of a row, 0 past its end.
-    pub(super) weights: Vec<f32>,
-    /// Gradient of a row.
-    pub(super) out: Vec<f32>,
-}
-
-impl Scratch {
-    /// All zero, for rows of `blocks`.
-    pub(super) fn clear(&mut self, blocks: usize) {
-        let (row, columns) = (padded(blocks), blocks * BLOCK);
-        for (buffer, len) in [
-            (&mut self.halves, TAPS * 2 * row),
-            (&mut self.moments, TAPS * MOMENTS * columns),
-            (&mut self.derivatives, DERIVATIVES * row),
-            (&mut self.filtered, TAPS * DERIVATIVES * columns),
-            (&mut self.weights, columns),
-            (&mut self.out, columns),
-        ] {
-            buffer.clear();
-            buffer.resize(len, 0.0);
-        }
-    }
-}
-
-/// Values of a row that is filtered along x: a block may read two blocks from its own start.
-pub(super) const fn padded(blocks: usize) -> usize {
-    const { assert!(BLOCK + 2 * REACH <= 2 * BLOCK) };
-    (blocks + 1) * BLOCK
-}
+/// Rows of a band, about: what is worked on together. Each band filters up to 20 rows of its neighbours again.
+const BAND: usize = 128;
 
 /// Rows of each band: as equal as can be, and no matter of threads.
 fn band_rows(height: usize) -> usize {
     height.div_ceil(height.div_ceil(BAND))
 }
 
-/// Sums of all bands into `dssim.sums`, gradients into the slice beside `Derivatives`. The picture is not empty.
-pub(super) fn for_all(dssim: &mut Dssim, pair: &Pair<'_>, gradient: Option<(Derivatives, &mut [f32])>) {
+/// Sums of all bands into `sums`, gradients into the slice beside `Derivatives`. The picture is not empty.
+pub(super) fn for_all(
+    simd: Simd,
+    taps: &[f32; TAPS],
+    pool: &mut Vec<Scratch>,
+    sums: &mut Vec<[f64; 2]>,
+    pair: &Pair<'_>,
+    gradient: Option<(Derivatives, &mut [f32])>,
+) {
     let rows = band_rows(pair.height);
     let bands = pair.height.div_ceil(rows);
-    let Dssim { simd, taps, pool, sums } = dssim;
     sums.clear();
     sums.resize(pair.channels * bands, [0.0; 2]);
     let (derivatives, x_bar) = gradient.unzip();

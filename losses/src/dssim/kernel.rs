@@ -3,8 +3,8 @@
 //! A value costs about 230 multiply-adds: 66 and 44 for the moments along x and y, 45 for the map and its derivatives, 33 and 33 for
 //! the derivatives' filters, 8 at the end. Rows stream through rings that stay in the second-level cache: 528 bytes a column.
 
-use super::band::{BLOCK, DERIVATIVES, MOMENTS, Scratch, padded};
-use super::{Derivatives, Pair, REACH, TAPS, Target};
+use super::pair::{Derivatives, Pair, Target};
+use super::scratch::{BLOCK, DERIVATIVES, MOMENTS, REACH, Scratch, TAPS, padded};
 use crate::metrics::{C1, C2};
 use core::ops::Range;
 use float_core::{Task, Vector};

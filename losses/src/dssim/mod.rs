@@ -29,46 +29,17 @@
 
 mod band;
 mod kernel;
+mod pair;
+mod scratch;
+
+pub use pair::{Pair, Target};
 
 use crate::metrics::window_taps;
 use crate::{LossError, error::same};
 use alloc::vec::Vec;
-use band::Scratch;
 use float_core::Simd;
-
-/// Taps of the window along one axis, and how many of them lie before its centre.
-const TAPS: usize = 11;
-const REACH: usize = TAPS / 2;
-/// Rows of a band, about: what is worked on together. Each band filters up to 20 rows of its neighbours again.
-const BAND: usize = 128;
-
-/// The truth of a picture.
-#[derive(Clone, Copy, Debug)]
-pub enum Target<'a> {
-    /// `[channel][row][column]`.
-    Planes(&'a [f32]),
-    /// `[row][column][channel]`, read as `value / 255`.
-    Bytes(&'a [u8]),
-}
-
-/// A rendered picture and what it should be.
-#[derive(Clone, Copy, Debug)]
-pub struct Pair<'a> {
-    /// Channels of both.
-    pub channels: usize,
-    /// Rows of both.
-    pub height: usize,
-    /// Columns of both.
-    pub width: usize,
-    /// `[channel][row][column]`, `[0, 1]` expected, not clamped.
-    pub x: &'a [f32],
-    /// The truth.
-    pub target: Target<'a>,
-    /// `[row][column]`, `>= 0`, of the maps of both losses: 0 leaves a pixel out. One each where absent.
-    ///
-    /// A pixel that is left out is still seen by the windows of its neighbours, and has a gradient from them.
-    pub weights: Option<&'a [f32]>,
-}
+use pair::Derivatives;
+use scratch::{Scratch, TAPS};
 
 /// Both losses of a picture: means over all pixels and channels, left-out ones among them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -90,13 +61,6 @@ pub struct Dssim {
     pool: Vec<Scratch>,
     /// Sums `[l1, dssim]` of each `[channel][band]`.
     sums: Vec<[f64; 2]>,
-}
-
-/// What the gradient of each map is multiplied by.
-#[derive(Clone, Copy)]
-struct Derivatives {
-    l1: f32,
-    dssim: f32,
 }
 
 impl Dssim {
@@ -166,7 +130,8 @@ impl Dssim {
         if pair.x.is_empty() {
             return L1Dssim::default();
         }
-        band::for_all(self, pair, gradient);
+        let Self { simd, taps, pool, sums } = self;
+        band::for_all(*simd, taps, pool, sums, pair, gradient);
         let [l1, dssim] = self.sums.iter().fold([0.0; 2], |[l1, dssim], sum| [l1 + sum[0], dssim + sum[1]]);
         let (n, lambda) = (pair.x.len() as f64, f64::from(lambda));
         let (l1, dssim) = (l1 / n, dssim / n);

@@ -1,6 +1,6 @@
 //! Pixels that hang together.
 
-use super::Extent;
+use super::extent::Extent;
 use crate::LossError;
 use alloc::vec::Vec;
 

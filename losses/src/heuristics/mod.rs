@@ -19,6 +19,7 @@
 //! 2024, section 3, and as released.
 
 mod component;
+mod extent;
 mod morphology;
 pub mod points;
 mod residual;
@@ -26,34 +27,13 @@ pub mod superpixels;
 mod vote;
 
 pub use component::take_component;
+pub use extent::Extent;
 pub use morphology::{ERODE_SIDE, GAP_SIDE, SMOOTH_SIDE, close, erode, fill_gaps, grow, smooth};
 pub use residual::{MEAN_SLACK, combine, residual_masks};
 pub use vote::{Segments, VoteScratch, vote};
 
-use crate::{LossError, error::same};
+use crate::LossError;
 use alloc::vec::Vec;
-
-/// Size of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Extent {
-    /// Pixels in a row.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-impl Extent {
-    /// Number of pixels, the largest number where that is more than can be counted.
-    #[must_use]
-    pub const fn pixels(self) -> usize {
-        self.width.saturating_mul(self.height)
-    }
-
-    /// The argument holds one value for each pixel.
-    fn check(self, what: &'static str, got: usize) -> Result<(), LossError> {
-        same(what, self.pixels(), got)
-    }
-}
 
 /// The static mask of an image from its clues. `default()` is as published.
 #[derive(Clone, Copy, Debug, PartialEq)]

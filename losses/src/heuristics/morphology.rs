@@ -1,6 +1,6 @@
 //! Windows over a mask: fill what is mostly static, shrink what is.
 
-use super::Extent;
+use super::extent::Extent;
 use crate::LossError;
 use alloc::vec;
 use alloc::vec::Vec;

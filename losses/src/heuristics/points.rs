@@ -1,6 +1,6 @@
 //! What feature tracks say: a point that many photos agree on stands still, and so does what it belongs to.
 
-use super::Extent;
+use super::extent::Extent;
 use crate::LossError;
 use float_core::m64;
 

@@ -14,7 +14,7 @@
 //!
 //! Source: Achanta et al., "SLIC superpixels compared to state-of-the-art superpixel methods", 2012, algorithm 1.
 
-use super::Extent;
+use super::extent::Extent;
 use crate::LossError;
 use alloc::vec::Vec;
 use float_core::{m32, m64};

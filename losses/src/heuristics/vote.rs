@@ -1,6 +1,7 @@
 //! Segments vote: static as a whole, or not at all.
 
-use super::{Extent, take_component};
+use super::component::take_component;
+use super::extent::Extent;
 use crate::LossError;
 use alloc::vec::Vec;
 
