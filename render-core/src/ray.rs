@@ -49,6 +49,16 @@ impl AddAssign for RayBar {
     }
 }
 
+/// Gradient with respect to `v` of `v / |v|`; 0 for a zero vector.
+pub(crate) fn normalise_backward(v: DVec3, unit_bar: DVec3) -> DVec3 {
+    let length = v.length();
+    if length == 0.0 {
+        return DVec3::ZERO;
+    }
+    let unit = v / length;
+    (unit_bar - unit * unit.dot(unit_bar)) / length
+}
+
 /// Positions of the samples of a batch of rays, `x[i] = o + t[i] d`, written; samples that belong to no ray are left alone.
 ///
 /// # Shapes and units

@@ -31,7 +31,7 @@
 use crate::contract::{Norm, contract, contract_backward};
 use crate::ndc::{Ndc, NdcRay};
 use crate::pose::Pose;
-use crate::ray::{Ray, RayBar};
+use crate::ray::{Ray, RayBar, normalise_backward};
 use glam::DVec3;
 
 /// How the world is laid out for a field.
@@ -180,16 +180,6 @@ fn gl(v: DVec3) -> DVec3 {
 /// Origin and direction of a ray of the world in the GL axes of a camera.
 fn gl_ray(pose: &Pose, ray: &Ray) -> ([f64; 3], [f64; 3]) {
     (gl(pose.to_camera(ray.o)).to_array(), gl(pose.r.transpose() * ray.d).to_array())
-}
-
-/// Gradient with respect to `v` of `v / |v|`; 0 for a zero vector.
-pub(crate) fn normalise_backward(v: DVec3, unit_bar: DVec3) -> DVec3 {
-    let length = v.length();
-    if length == 0.0 {
-        return DVec3::ZERO;
-    }
-    let unit = v / length;
-    (unit_bar - unit * unit.dot(unit_bar)) / length
 }
 
 /// Point `i` of a `[3][n]` array.

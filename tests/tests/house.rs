@@ -5,24 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use tests::sources::{Crate, circles, crates, sources, tokens, without_tests};
 
 /// Circles of more than two files that are still there: crate and files.
-const FILE_CIRCLES: [(&str, &[&str]); 7] = [
+const FILE_CIRCLES: [(&str, &[&str]); 6] = [
     ("field-core", &["mlp/backward.rs", "mlp/bf16/pass.rs", "mlp/forward.rs"]),
     (
         "field-core",
         &["tape/arena.rs", "tape/custom.rs", "tape/error.rs", "tape/forward.rs", "tape/mod.rs", "tape/op.rs"],
-    ),
-    (
-        "render-core",
-        &[
-            "camera/colmap.rs",
-            "camera/derivative.rs",
-            "camera/limits.rs",
-            "camera/mod.rs",
-            "camera/prepared.rs",
-            "camera/table.rs",
-            "ndc.rs",
-            "space_map.rs",
-        ],
     ),
     (
         "scene-io",
@@ -54,9 +41,8 @@ const FILE_CIRCLES: [(&str, &[&str]); 7] = [
 ];
 
 /// Circles of rooms (top-level modules) that are still there: crate and rooms.
-const ROOM_CIRCLES: [(&str, &[&str]); 4] = [
+const ROOM_CIRCLES: [(&str, &[&str]); 3] = [
     ("field-core", &["encoding", "tape"]),
-    ("render-core", &["camera", "ndc", "space_map"]),
     (
         "scene-io",
         &[

@@ -2,8 +2,8 @@
 
 use alloc::{vec, vec::Vec};
 
-use super::{Camera, Lens, Pose};
-use crate::error::CameraError;
+use super::{lens::Lens, parameters::Camera};
+use crate::{error::CameraError, pose::Pose};
 
 /// A camera model of COLMAP's `cameras.txt` / `cameras.bin`.
 ///

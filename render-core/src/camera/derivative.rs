@@ -5,9 +5,11 @@
 use float_core::m64;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::{Lens, Pose, Prepared, distortion::Distortion, fov, polynomial::evaluate, prepared::Model};
-use crate::ray::RayBar;
-use crate::space_map::normalise_backward;
+use super::lens::Lens;
+use super::prepared::{Model, Prepared};
+use super::{distortion::Distortion, fov, polynomial::evaluate};
+use crate::pose::Pose;
+use crate::ray::{RayBar, normalise_backward};
 use core::ops::AddAssign;
 
 /// Gradient with respect to the intrinsics and the lens of a camera.

@@ -3,7 +3,7 @@
 use float_core::m64;
 use glam::{DVec2, DVec3};
 
-use super::{Camera, Lens, distortion::Distortion, fov};
+use super::{distortion::Distortion, fov, lens::Lens, parameters::Camera};
 use crate::ray::Ray;
 
 /// Rays this close to the image plane (cosine to the optical axis) count as not seen by a perspective lens.
@@ -32,8 +32,36 @@ pub struct Prepared {
     pub(super) r_max: f64,
 }
 
+impl Camera {
+    /// The camera with the limits of its lens worked out: faster for more than a few points.
+    #[must_use]
+    pub fn prepare(&self) -> Prepared {
+        Prepared::new(*self)
+    }
+
+    /// Pixel coordinates of a world point; `None` behind the camera and beyond the fold of the lens.
+    ///
+    /// The pixel may lie outside of the image.
+    #[must_use]
+    pub fn project(&self, x_world: DVec3) -> Option<DVec2> {
+        self.prepare().project(x_world)
+    }
+
+    /// The ray through a pixel, `None` where the lens has none.
+    #[must_use]
+    pub fn ray(&self, pixel: DVec2) -> Option<Ray> {
+        self.prepare().ray(pixel)
+    }
+
+    /// Unit direction of the ray through a pixel, in camera axes; `None` where the lens has none.
+    #[must_use]
+    pub fn direction_in_camera(&self, pixel: DVec2) -> Option<DVec3> {
+        self.prepare().direction(pixel)
+    }
+}
+
 impl Prepared {
-    pub(super) fn new(camera: Camera) -> Self {
+    fn new(camera: Camera) -> Self {
         let model = match (camera.lens, camera.lens.distortion()) {
             (Lens::Fov { omega }, _) => Model::Fov(omega),
             (Lens::Perspective { .. }, Some(d)) => Model::Tangent(d),

@@ -3,7 +3,8 @@
 use alloc::vec::Vec;
 use glam::{DVec2, DVec3};
 
-use super::{Camera, Pose, Prepared};
+use super::{parameters::Camera, prepared::Prepared};
+use crate::pose::Pose;
 use crate::ray::Ray;
 
 /// Unit directions, camera axes, through the centre of every pixel of an image.
