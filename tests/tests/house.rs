@@ -5,12 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use tests::sources::{Crate, circles, crates, sources, tokens, without_tests};
 
 /// Circles of more than two files that are still there: crate and files.
-const FILE_CIRCLES: [(&str, &[&str]); 6] = [
-    ("field-core", &["mlp/backward.rs", "mlp/bf16/pass.rs", "mlp/forward.rs"]),
-    (
-        "field-core",
-        &["tape/arena.rs", "tape/custom.rs", "tape/error.rs", "tape/forward.rs", "tape/mod.rs", "tape/op.rs"],
-    ),
+const FILE_CIRCLES: [(&str, &[&str]); 4] = [
     (
         "scene-io",
         &[
@@ -41,8 +36,7 @@ const FILE_CIRCLES: [(&str, &[&str]); 6] = [
 ];
 
 /// Circles of rooms (top-level modules) that are still there: crate and rooms.
-const ROOM_CIRCLES: [(&str, &[&str]); 3] = [
-    ("field-core", &["encoding", "tape"]),
+const ROOM_CIRCLES: [(&str, &[&str]); 2] = [
     (
         "scene-io",
         &[

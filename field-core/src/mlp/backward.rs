@@ -1,5 +1,6 @@
 //! Backward pass: input gradients and weight gradients of a panel, last layer to first.
 
+use super::batch::Backward;
 use super::kernel::{Finish, column_sums, outer_product, product};
 use super::transpose::{panel_from_rows, rows_from_panel};
 use super::{Activation, Layer, Mlp, PANEL, Packed, reaches};
@@ -50,19 +51,6 @@ impl Mlp {
         }
         simd.run(task);
     }
-}
-
-pub(super) struct Backward<'a> {
-    pub(super) mlp: &'a Mlp,
-    pub(super) simd: Simd,
-    pub(super) packed: &'a Packed,
-    pub(super) acts: &'a [f32],
-    pub(super) y_bar: &'a [f32],
-    pub(super) y_stride: usize,
-    pub(super) n: usize,
-    pub(super) x_bar: Option<(&'a mut [f32], usize)>,
-    pub(super) grad: &'a mut [f32],
-    pub(super) scratch: &'a mut [f32],
 }
 
 impl Task for Backward<'_> {

@@ -1,5 +1,6 @@
 //! Forward pass: every layer of a panel while it lies in the L1 cache.
 
+use super::batch::Forward;
 use super::kernel::{Finish, product};
 use super::transpose::{panel_from_rows, rows_from_panel};
 use super::{Activation, Mlp, PANEL, Packed, reaches};
@@ -93,22 +94,6 @@ impl Mlp {
         }
         simd.run(task);
     }
-}
-
-pub(super) struct Forward<'a> {
-    pub(super) mlp: &'a Mlp,
-    pub(super) simd: Simd,
-    pub(super) packed: &'a Packed,
-    pub(super) x: &'a [f32],
-    pub(super) x_stride: usize,
-    pub(super) n: usize,
-    pub(super) y: &'a mut [f32],
-    pub(super) y_stride: usize,
-    pub(super) acts: &'a mut [f32],
-    /// From one panel's activations to the next: 0 to use the same ones over again.
-    pub(super) acts_step: usize,
-    /// The last layer's output panel, before it is turned: the same for all panels.
-    pub(super) last: &'a mut [f32],
 }
 
 impl Task for Forward<'_> {

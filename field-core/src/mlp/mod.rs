@@ -45,6 +45,7 @@
 
 mod activation;
 mod backward;
+mod batch;
 mod bf16;
 mod forward;
 mod kernel;

@@ -1,7 +1,7 @@
 //! Storage of a tape: values, gradients and the record of operations, kept from tile to tile.
 
-use super::custom::CustomOp;
 use super::op::{Entry, Op, Place};
+use super::recycled::Recycled;
 use alloc::vec::Vec;
 use core::ops::Range;
 use float_core::Simd;
@@ -52,7 +52,7 @@ impl Arena {
             reached: Vec::new(),
             scratch: Vec::new(),
             work: Vec::new(),
-            customs: Recycled(Vec::new()),
+            customs: Recycled::default(),
             generation: 0,
             simd,
         }
@@ -115,35 +115,4 @@ pub(super) fn span(entry: &Entry) -> (Range<usize>, bool) {
 pub(super) fn read<'v>(entry: &Entry, values: &'v [f32], params: &'v [f32]) -> &'v [f32] {
     let (range, is_param) = span(entry);
     if is_param { &params[range] } else { &values[range] }
-}
-
-/// An empty list that only carries capacity over from one tape to the next.
-pub(super) struct Recycled(Vec<&'static dyn CustomOp>);
-
-impl Recycled {
-    pub(super) fn take<'a>(&mut self) -> Vec<&'a dyn CustomOp> {
-        recycle(core::mem::take(&mut self.0))
-    }
-
-    pub(super) fn give(&mut self, list: Vec<&dyn CustomOp>) {
-        self.0 = recycle(list);
-    }
-}
-
-impl Clone for Recycled {
-    fn clone(&self) -> Self {
-        Self(Vec::new())
-    }
-}
-
-impl core::fmt::Debug for Recycled {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("[]")
-    }
-}
-
-/// Same allocation, another lifetime: collecting an emptied list of the same layout reuses its memory.
-fn recycle<'b>(mut list: Vec<&dyn CustomOp>) -> Vec<&'b dyn CustomOp> {
-    list.clear();
-    list.into_iter().map_while(|_| None).collect()
 }

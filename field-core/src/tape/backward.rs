@@ -1,11 +1,14 @@
 //! Reverse mode: gradients of all nodes that a loss depends on.
 
 use super::arena::{Arena, span};
-use super::custom::{BackwardArgs, Bar, Demand, MAX_INPUTS};
+use super::args::{BackwardArgs, Bar, Demand, MAX_INPUTS, View};
+use super::error::TapeError;
 use super::forward::{Source, add, mul_add, mul_sub};
 use super::op::{Binary, Entry, NONE, Op};
 use super::product::{Product, Start, Transpose, sum};
-use super::{Node, Tape, TapeError, View, unary};
+use super::shape::Node;
+use super::state::Tape;
+use super::unary;
 use alloc::vec::Vec;
 use float_core::{Simd, Task, Vector};
 

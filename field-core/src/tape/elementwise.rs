@@ -1,8 +1,10 @@
 //! Operations that work number by number.
 
+use super::error::TapeError;
 use super::op::{Binary, Op};
+use super::shape::Node;
+use super::state::Tape;
 use super::unary::Unary;
-use super::{Node, Tape, TapeError};
 
 macro_rules! unary_ops {
     ($($(#[$doc:meta])* $name:ident = $f:expr;)+) => {$(

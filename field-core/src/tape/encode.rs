@@ -1,7 +1,10 @@
 //! Encodings as tape operations.
 
-use super::custom::{BackwardArgs, Bar, CustomOp, Demand, View};
-use super::{Node, Shape, Tape, TapeError};
+use super::args::{BackwardArgs, Bar, Demand, View};
+use super::custom::CustomOp;
+use super::error::TapeError;
+use super::shape::{Node, Shape};
+use super::state::Tape;
 use crate::FieldError;
 use crate::encoding::EncodingBars;
 use float_core::Simd;

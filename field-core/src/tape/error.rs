@@ -1,6 +1,7 @@
 //! Errors of the tape.
 
-use super::Shape;
+use super::args::MAX_INPUTS;
+use super::shape::Shape;
 use crate::FieldError;
 use core::fmt;
 
@@ -53,7 +54,7 @@ pub enum TapeError {
         /// Operation it was given to.
         op: &'static str,
     },
-    /// A custom operation has more inputs than [`MAX_INPUTS`](super::MAX_INPUTS), or none.
+    /// A custom operation has more inputs than [`MAX_INPUTS`], or none.
     Inputs {
         /// Operation.
         op: &'static str,
@@ -88,7 +89,7 @@ impl fmt::Display for TapeError {
                 write!(f, "parameter: {len} values from {start}, but there are only {available}")
             }
             Self::ForeignNode { op } => write!(f, "{op}: the node belongs to another tape"),
-            Self::Inputs { op, got } => write!(f, "{op}: {got} inputs, expected 1 to {}", super::MAX_INPUTS),
+            Self::Inputs { op, got } => write!(f, "{op}: {got} inputs, expected 1 to {MAX_INPUTS}"),
             Self::NoTangent { op } => write!(f, "{op} has no tangent rule"),
             Self::NoGradient => write!(f, "the node has no gradient: constant, parameter, or not part of the loss"),
             Self::Custom { op, reason } => write!(f, "{op}: {reason}"),

@@ -1,10 +1,13 @@
 //! Values of a node from the values of its inputs.
 
 use super::arena::read;
-use super::custom::{CustomOp, MAX_INPUTS};
+use super::args::{MAX_INPUTS, View};
+use super::custom::CustomOp;
+use super::error::TapeError;
 use super::op::{Binary, Entry, NONE, Op};
 use super::product::{Product, Start, sum};
-use super::{Shape, TapeError, View, unary};
+use super::shape::Shape;
+use super::unary;
 use float_core::{Simd, Task, Vector};
 
 /// All earlier nodes.

@@ -1,7 +1,9 @@
 //! Operations on rows and samples.
 
+use super::error::TapeError;
 use super::op::{NONE, Op};
-use super::{Node, Shape, Tape, TapeError};
+use super::shape::{Node, Shape};
+use super::state::Tape;
 use core::ops::Range;
 
 /// Squared lengths below this count as this in [`Tape::normalise`].

@@ -1,7 +1,10 @@
 //! Networks as tape operations: fused, or layer by layer.
 
-use super::custom::{BackwardArgs, Bar, CustomOp, View};
-use super::{Node, Shape, Tape, TapeError};
+use super::args::{BackwardArgs, Bar, View};
+use super::custom::CustomOp;
+use super::error::TapeError;
+use super::shape::{Node, Shape};
+use super::state::Tape;
 use crate::mlp::{Activation, Layer, Mlp, Packed};
 use float_core::Simd;
 

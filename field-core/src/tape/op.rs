@@ -1,6 +1,6 @@
 //! The record: what a node is and which nodes it was made from.
 
-use super::Shape;
+use super::shape::Shape;
 use super::unary::Unary;
 
 /// Input number that stands for "none".

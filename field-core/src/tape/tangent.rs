@@ -1,9 +1,12 @@
 //! Forward mode, recorded: the tangent of a node as new nodes.
 
-use super::custom::MAX_INPUTS;
+use super::arena::Arena;
+use super::args::MAX_INPUTS;
+use super::error::TapeError;
 use super::op::{Binary, NONE, Op};
+use super::shape::{Node, Shape};
+use super::state::Tape;
 use super::unary::{TRUNC_EXP_LIMIT, Unary};
-use super::{Node, Shape, Tape, TapeError};
 
 /// The nodes below `count`, each with its tangent and whether an output depends on it, in the arena's scratch.
 #[derive(Clone, Copy)]
@@ -117,7 +120,7 @@ impl Tape<'_> {
             rank = inputs.rows;
         }
         let first = self.arena.links.len() as u32;
-        let super::Arena { links, scratch, .. } = &mut *self.arena;
+        let Arena { links, scratch, .. } = &mut *self.arena;
         links.extend_from_slice(&scratch[base + rank..]);
         scratch.truncate(base);
         let count = links.len() as u32 - first;
@@ -136,7 +139,7 @@ impl Tape<'_> {
             }
         }
         for id in (0..frame.count).rev() {
-            let super::Arena { entries, links, scratch, .. } = &mut *self.arena;
+            let Arena { entries, links, scratch, .. } = &mut *self.arena;
             let seeded = scratch[frame.base + id] != NONE;
             if scratch[marks + id] == 1 && !seeded {
                 entries[id].op.for_each_input(links, |input| scratch[marks + input as usize] = 1);
@@ -347,7 +350,7 @@ impl Tape<'_> {
             self.arena.scratch.push(tangent.id);
         }
         let first = self.arena.links.len() as u32;
-        let super::Arena { links, scratch, .. } = &mut *self.arena;
+        let Arena { links, scratch, .. } = &mut *self.arena;
         links.extend_from_slice(&scratch[base..]);
         scratch.truncate(base);
         self.emit(Op::Concat { first, count }, Shape::new(rows, cols)).map(Some)

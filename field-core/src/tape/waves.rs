@@ -1,9 +1,10 @@
-//! Frequency and spherical harmonics encodings as tape operations.
+//! Encodings by waves as tape operations: frequency, integrated, spherical harmonics.
 
 use super::encode::Encoder;
 use crate::FieldError;
 use crate::encoding::EncodingBars;
 use crate::encoding::frequency::Frequency;
+use crate::encoding::integrated::{Gaussians, Integrated};
 use crate::encoding::spherical_harmonics::SphericalHarmonics;
 use float_core::Simd;
 
@@ -128,6 +129,63 @@ impl Encoder for Frequency {
         bars: EncodingBars<'_>,
     ) -> Result<(), FieldError> {
         Windowed::open(*self).tangent_backward(simd, table, x, x_dot, out_dot_bar, bars)
+    }
+}
+
+impl Encoder for Integrated {
+    const NAME: &'static str = "integrated";
+
+    fn in_rows(&self) -> usize {
+        2 * self.dims()
+    }
+
+    fn out_rows(&self) -> usize {
+        Integrated::out_rows(self)
+    }
+
+    fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
+        let Gaussians { mean, var } = Gaussians::stacked(x);
+        Integrated::encode(self, simd, mean, var, out)
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        _table: &[f32],
+        x: &[f32],
+        out_bar: &[f32],
+        bars: EncodingBars<'_>,
+    ) -> Result<(), FieldError> {
+        let Some(x_bar) = bars.x else { return Ok(()) };
+        let Gaussians { mean, var } = Gaussians::stacked(x);
+        let (mean_bar, var_bar) = x_bar.split_at_mut(mean.len());
+        self.encode_backward(simd, mean, var, out_bar, Some(mean_bar), Some(var_bar))
+    }
+
+    fn tangent(
+        &self,
+        simd: Simd,
+        _table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot: &mut [f32],
+    ) -> Result<(), FieldError> {
+        Integrated::tangent(self, simd, Gaussians::stacked(x), Gaussians::stacked(x_dot), out_dot)
+    }
+
+    fn tangent_backward(
+        &self,
+        simd: Simd,
+        _table: &[f32],
+        x: &[f32],
+        x_dot: &[f32],
+        out_dot_bar: &[f32],
+        bars: EncodingBars<'_>,
+    ) -> Result<(), FieldError> {
+        let Some(x_bar) = bars.x else { return Ok(()) };
+        let (mean_bar, var_bar) = x_bar.split_at_mut(x.len() / 2);
+        let (at, dot) = (Gaussians::stacked(x), Gaussians::stacked(x_dot));
+        Integrated::tangent_backward(self, simd, at, dot, out_dot_bar, Some(mean_bar), Some(var_bar))
     }
 }
 

@@ -10,18 +10,16 @@ mod projection;
 pub use icosahedron::icosahedron;
 pub use projection::Projection;
 
-use super::EncodingBars;
 use super::lattice::cell::{BLOCK, Lanes};
 use crate::FieldError;
 use crate::error::check_len;
-use crate::tape::Encoder;
 use float_core::{Simd, Task, Vector, vecmath};
 
 /// Encoding of Gaussians with `dims` independent coordinates by `octaves` octaves.
 ///
 /// Rows of the output, for each octave `k`: for all dimensions `exp(-4^k var / 2) sin(2^k mean)`, then for all dimensions
 /// the same with the cosine. The order is that of [`Frequency`](super::frequency::Frequency), and so are the values where
-/// the variance is 0. On the tape ([`Encoder`]) the input is `[mean; var]`, `2 dims` rows.
+/// the variance is 0. On the tape ([`Encoder`](crate::tape::Encoder)) the input is `[mean; var]`, `2 dims` rows.
 ///
 /// # Shapes
 /// * `mean`, `var` `[dims][n]`; variances `>= 0` (smaller ones count as 0)
@@ -344,61 +342,4 @@ fn damping<V: Vector>(half: f32, var: &Lanes) -> Lanes {
 #[inline(always)]
 fn times(a: &Lanes, b: &Lanes) -> Lanes {
     core::array::from_fn(|i| a[i] * b[i])
-}
-
-impl Encoder for Integrated {
-    const NAME: &'static str = "integrated";
-
-    fn in_rows(&self) -> usize {
-        2 * self.dims
-    }
-
-    fn out_rows(&self) -> usize {
-        Integrated::out_rows(self)
-    }
-
-    fn encode(&self, simd: Simd, _table: &[f32], x: &[f32], out: &mut [f32]) -> Result<(), FieldError> {
-        let Gaussians { mean, var } = Gaussians::stacked(x);
-        Integrated::encode(self, simd, mean, var, out)
-    }
-
-    fn backward(
-        &self,
-        simd: Simd,
-        _table: &[f32],
-        x: &[f32],
-        out_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        let Some(x_bar) = bars.x else { return Ok(()) };
-        let Gaussians { mean, var } = Gaussians::stacked(x);
-        let (mean_bar, var_bar) = x_bar.split_at_mut(mean.len());
-        self.encode_backward(simd, mean, var, out_bar, Some(mean_bar), Some(var_bar))
-    }
-
-    fn tangent(
-        &self,
-        simd: Simd,
-        _table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot: &mut [f32],
-    ) -> Result<(), FieldError> {
-        Integrated::tangent(self, simd, Gaussians::stacked(x), Gaussians::stacked(x_dot), out_dot)
-    }
-
-    fn tangent_backward(
-        &self,
-        simd: Simd,
-        _table: &[f32],
-        x: &[f32],
-        x_dot: &[f32],
-        out_dot_bar: &[f32],
-        bars: EncodingBars<'_>,
-    ) -> Result<(), FieldError> {
-        let Some(x_bar) = bars.x else { return Ok(()) };
-        let (mean_bar, var_bar) = x_bar.split_at_mut(x.len() / 2);
-        let (at, dot) = (Gaussians::stacked(x), Gaussians::stacked(x_dot));
-        Integrated::tangent_backward(self, simd, at, dot, out_dot_bar, Some(mean_bar), Some(var_bar))
-    }
 }

@@ -3,8 +3,7 @@
 
 use super::avx512::{Out, column_sums, interleave, outer_product, product, round_panel, widen};
 use super::pairs_len;
-use crate::mlp::backward::Backward;
-use crate::mlp::forward::Forward;
+use crate::mlp::batch::{Backward, Forward};
 use crate::mlp::transpose::{panel_from_rows, rows_from_panel};
 use crate::mlp::{Activation, Layer, PANEL};
 use float_core::{Bf16, Simd, Task, Vector};
