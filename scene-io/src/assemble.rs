@@ -4,6 +4,7 @@
 
 use crate::files::with_image_extension;
 use crate::limits::{check_camera, is_depth_range};
+use crate::listing::listing;
 use crate::mask_files::find_mask;
 use crate::options::{LoadOptions, MissingImages};
 use crate::picture::{Plan, foreign, same_shape, wrong_size};
@@ -276,13 +277,4 @@ fn note_mended(frames: &[&RawFrame], out: &mut Assembled) {
         let names = listing(&names);
         out.notes.push(format!("rotations not quite orthonormal (by up to {worst:.1e}), mended: {names}"));
     }
-}
-
-/// A list of names for people, the middle of long ones left out.
-pub(crate) fn listing(names: &[&str]) -> String {
-    const MOST: usize = 20;
-    if names.len() <= MOST {
-        return names.join(", ");
-    }
-    format!("{}, … {} more …, {}", names[..MOST - 1].join(", "), names.len() - MOST, names[names.len() - 1])
 }

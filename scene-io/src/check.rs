@@ -1,9 +1,9 @@
 //! Everything there is to say about a dataset, before training on it.
 
-use crate::assemble::listing;
 use crate::capture::{self, Thumb};
+use crate::frame_files::refuse_blank_masks;
+use crate::listing::listing;
 use crate::load::load_all;
-use crate::priors::refuse_blank_masks;
 use crate::reading::Need;
 use crate::splits::numbers;
 use crate::{

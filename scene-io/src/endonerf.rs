@@ -13,9 +13,9 @@
 //! EndoNeRF does, unless the caller holds some out. A frame that its mask covers whole is left out with a warning. The README
 //! of EndoNeRF calls the pose file `pose_bounds.npy`; that is read, too.
 
-use crate::assemble::listing;
 use crate::depth::DepthSource;
 use crate::files::is_image;
+use crate::listing::listing;
 use crate::llff::{Row, images_of, rows};
 use crate::options::{LoadOptions, Masks};
 use crate::picture::{Plan, same_shape, with_mask};

@@ -48,6 +48,16 @@ pub(crate) fn inside(root: &Path, written: &str) -> Option<PathBuf> {
     lexical(written).map(|relative| root.join(relative))
 }
 
+/// The name of a frame: its path without a leading `./`.
+pub(crate) fn plain_name(written: &str) -> String {
+    let slashes = written.replace('\\', "/");
+    let mut name = slashes.as_str();
+    while let Some(rest) = name.strip_prefix("./") {
+        name = rest.trim_start_matches('/');
+    }
+    name.to_owned()
+}
+
 /// Removes `.` and resolves `..` by the text alone; `None` where `..` would leave the start.
 fn lexical(path: &Path) -> Option<PathBuf> {
     let mut out = PathBuf::new();
@@ -78,13 +88,19 @@ pub(crate) fn is_image(path: &Path) -> bool {
     extension.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str()))
 }
 
+/// Whether a picture is not a photo but belongs to one.
+pub(crate) fn is_beside(path: &Path) -> bool {
+    let inner = path.file_stem().map(Path::new).and_then(Path::extension).and_then(|e| e.to_str());
+    inner.is_some_and(|e| ["mask", "segs", "inpaint"].contains(&e))
+}
+
 /// The image files of a folder, sorted by name; those that belong to another (see [`crate::Priors`]) left out.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let entries = std::fs::read_dir(folder).map_err(|e| SceneError::io(folder, "list the folder", e))?;
     let mut files = Vec::new();
     for entry in entries {
         let path = entry.map_err(|e| SceneError::io(folder, "list the folder", e))?.path();
-        if is_image(&path) && path.is_file() && !crate::priors::is_beside(&path) {
+        if is_image(&path) && path.is_file() && !is_beside(&path) {
             files.push(path);
         }
     }

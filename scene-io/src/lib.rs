@@ -33,6 +33,7 @@
 #![expect(clippy::result_large_err, reason = "a problem is moved once for each bad frame: boxing would buy nothing")]
 
 mod assemble;
+mod bit_mask;
 mod blender;
 pub mod capture;
 mod check;
@@ -44,11 +45,14 @@ mod endonerf;
 mod error;
 pub mod export;
 mod files;
+mod frame_files;
 mod hash;
+mod image_store;
 mod images_folder;
 mod instant_ngp;
 mod json;
 mod limits;
+mod listing;
 mod llff;
 mod load;
 mod mask_files;
@@ -59,6 +63,7 @@ mod npy;
 mod nr_nerf;
 mod options;
 mod perturb;
+mod perturbation;
 mod picture;
 mod ply;
 mod pose;
@@ -78,18 +83,21 @@ pub use glam;
 pub use render_core;
 pub use splat_core;
 
+pub use bit_mask::BitMask;
 pub use check::{Depth, DepthSummary, Report, check};
 pub use decode_memory::{DecodeMemory, available_bytes};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity, one_line};
+pub use frame_files::refuse_blank_masks;
+pub use image_store::{ImageStore, StoreOptions};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos, Validation};
-pub use perturb::{Bars, ColourChange, Disturbance, Perturbation, perturb};
-pub use picture::{Image, ImageStore, Picture, StoreOptions, decode_photo, photo_size, with_photo};
+pub use perturb::perturb;
+pub use perturbation::{Bars, ColourChange, Disturbance, Perturbation};
+pub use picture::{Image, Picture, decode_photo, photo_size, with_photo};
 pub use priors::{
-    BitMask, Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
-    refuse_blank_masks,
+    Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
 };
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,

@@ -10,8 +10,8 @@
 //! trained on. Frames that no list holds are unused. The Blender form's `transforms_train_clutter.json` and
 //! `transforms_train_clean.json` are chosen between while the dialect is detected.
 
-use crate::assemble::listing;
 use crate::json::Document;
+use crate::listing::listing;
 use crate::options::{LoadOptions, TrainPhotos};
 use crate::reading::{DialectSplits, Reading};
 use crate::{Dialect, ErrorKind, Place, Problem, SceneError, Split, files};

@@ -5,10 +5,11 @@
 //! file and named splits. Frames are sorted by file name. `applied_transform` and `applied_scale` say how the file's frame came from
 //! the original one; poses and points are left in the file's frame.
 
-use crate::assemble::listing;
+use crate::files::plain_name;
 use crate::json::{Document, Object};
+use crate::listing::listing;
 use crate::reading::{DialectSplits, Reading};
-use crate::transforms::{path_inside, plain_name, raw_frame};
+use crate::transforms::{path_inside, raw_frame};
 use crate::{ErrorKind, Problem, SceneError, Split, ply};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;

@@ -4,6 +4,9 @@ use crate::scene::{Dialect, MaskPolarity};
 use crate::{ErrorKind, Problem, SceneError};
 use std::path::{Path, PathBuf};
 
+/// The word on the command line for [`Validation`].
+pub(crate) const VALIDATION: &str = "--validation";
+
 /// How a dataset is to be read; the default lets the files decide everything, `with_` methods change one thing each.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
@@ -228,7 +231,7 @@ impl Validation {
         const WORDS: &str = "write `every:8`, `every:8+4`, `names:FILE`, `dataset` or `none`";
         match text {
             "dataset" => Ok(Self::Dataset),
-            word => Holdout::parse_word(word, crate::validation::OPTION, WORDS).map(Self::Frames),
+            word => Holdout::parse_word(word, VALIDATION, WORDS).map(Self::Frames),
         }
     }
 }

@@ -1,9 +1,8 @@
 //! A dataset as every system sees it: frames, cameras, points. Dialects end here.
 
-use crate::SceneError;
 use crate::depth::DepthSource;
-use crate::perturb::Perturbation;
-use crate::picture::{Image, ImageStore, Picture, StoreOptions};
+use crate::perturbation::Perturbation;
+use crate::picture::Image;
 use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -45,29 +44,6 @@ impl Scene {
     #[must_use]
     pub fn count(&self, split: Split) -> usize {
         self.split(split).count()
-    }
-
-    /// Hold training frames out for choosing settings, as [`crate::LoadOptions::validation`] does while reading.
-    ///
-    /// # Errors
-    /// [`crate::ErrorKind::Split`] where nothing would be held out or nothing be left to train on, and for names of frames that
-    /// are not trained on.
-    pub fn hold_for_validation(&mut self, validation: &crate::Validation) -> Result<(), SceneError> {
-        crate::validation::apply(&self.root, &mut self.frames, validation, &mut self.notes)
-    }
-
-    /// A photo as numbers, at its native size: the shortest way to pixels. Many photos, or scaled ones, are better asked of an
-    /// [`ImageStore`], which keeps what it decoded.
-    ///
-    /// # Errors
-    /// Names the file where the photo or its mask cannot be decoded or has another size than its camera says.
-    ///
-    /// # Panics
-    /// When there is no frame of this index.
-    pub fn picture(&self, frame: usize) -> Result<Picture, SceneError> {
-        let options = StoreOptions { longest_side: None, budget_bytes: 0 };
-        let image = ImageStore::new(std::slice::from_ref(&self.frames[frame]), options)?.get(0)?;
-        Ok(Picture::of(&image))
     }
 
     /// Names of the test frames, in frame order: what is written beside a run so that it can be repeated.
@@ -246,6 +222,11 @@ impl Frame {
             z_bounds: None,
             sharpness: None,
         }
+    }
+
+    /// The photo's native size.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.camera.width, self.camera.height)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Which frames are trained on and which are held out.
 
-use crate::assemble::listing;
+use crate::files::plain_name;
+use crate::listing::listing;
 use crate::reading::DialectSplits;
 use crate::{ErrorKind, Frame, Holdout, Problem, SceneError, Split};
 use std::path::Path;
@@ -131,7 +132,7 @@ pub(crate) fn find(
     option: &str,
     likely: Split,
 ) -> Result<usize, SceneError> {
-    let name = crate::transforms::plain_name(name);
+    let name = plain_name(name);
     let fits: [&dyn Fn(&str) -> bool; 4] =
         [&|n| n == name, &|n| without_extension(n) == without_extension(&name), &|n| is_path_end(n, &name), &|n| {
             is_path_end(without_extension(n), without_extension(&name))

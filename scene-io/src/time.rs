@@ -24,7 +24,7 @@
 //! | missing in all frames | none: a scene that stands still, unless the caller knows better ([`Scene::time_by_order`]) |
 //! | not finite | an error that names frame and field |
 
-use crate::assemble::listing;
+use crate::listing::listing;
 use crate::reading::Reading;
 use crate::{Dialect, Frame, Problem, Scene, Split};
 use std::collections::HashMap;

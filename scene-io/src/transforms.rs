@@ -1,6 +1,7 @@
 //! What the `transforms*.json` family has in common: intrinsics, lens and pose of a frame.
 
 use crate::depth::DepthSource;
+use crate::files::plain_name;
 use crate::json::Object;
 use crate::pose::{Axes, pose_from};
 use crate::priors::{FlowPlace, FlowTruth};
@@ -79,16 +80,6 @@ fn flow(root: &Path, frame: &Object<'_>) -> Result<Option<FlowTruth>, Problem> {
 fn depth_source(path: PathBuf) -> DepthSource {
     let millimetres = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     DepthSource::file(path).in_units_of(if millimetres { 1e-3 } else { 1.0 })
-}
-
-/// The name of a frame: its path without a leading `./`.
-pub(crate) fn plain_name(written: &str) -> String {
-    let slashes = written.replace('\\', "/");
-    let mut name = slashes.as_str();
-    while let Some(rest) = name.strip_prefix("./") {
-        name = rest.trim_start_matches('/');
-    }
-    name.to_owned()
 }
 
 /// A path of the file, refused where it leads out of the dataset.

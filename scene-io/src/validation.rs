@@ -1,11 +1,20 @@
 //! Training frames that are held out to choose settings by, so that test frames are left for the last word.
 
+use crate::options::VALIDATION;
 use crate::splits::{by_name, find};
-use crate::{ErrorKind, Frame, Holdout, Problem, SceneError, Split, Validation};
+use crate::{ErrorKind, Frame, Holdout, Problem, Scene, SceneError, Split, Validation};
 use std::path::Path;
 
-/// The word on the command line.
-pub(crate) const OPTION: &str = "--validation";
+impl Scene {
+    /// Hold training frames out for choosing settings, as [`crate::LoadOptions::validation`] does while reading.
+    ///
+    /// # Errors
+    /// [`crate::ErrorKind::Split`] where nothing would be held out or nothing be left to train on, and for names of frames that
+    /// are not trained on.
+    pub fn hold_for_validation(&mut self, validation: &Validation) -> Result<(), SceneError> {
+        apply(&self.root, &mut self.frames, validation, &mut self.notes)
+    }
+}
 
 /// Make validation frames of training frames as `validation` says. Test frames stay test frames: who measures validation frames
 /// leaves them alone. Validation frames that the dataset has besides become unused, unless they are what is asked for.
@@ -16,7 +25,7 @@ pub(crate) fn apply(
     notes: &mut Vec<String>,
 ) -> Result<(), SceneError> {
     let refuse = |what: String, remedy: &str| {
-        Err(SceneError::new(ErrorKind::Split, Problem::new(root, what, remedy).field(OPTION)))
+        Err(SceneError::new(ErrorKind::Split, Problem::new(root, what, remedy).field(VALIDATION)))
     };
     let count = |frames: &[Frame], split| frames.iter().filter(|f| f.split == split).count();
     let all = count(frames, Split::Train);
@@ -64,13 +73,13 @@ fn every(frames: &[Frame], n: usize, first: usize) -> Vec<usize> {
 /// The frames that names mean; each has to be a training frame.
 fn named(root: &Path, frames: &[Frame], names: &[String]) -> Result<Vec<usize>, SceneError> {
     let held = |name: &String| {
-        let i = find(root, frames, name, OPTION, Split::Train)?;
+        let i = find(root, frames, name, VALIDATION, Split::Train)?;
         if frames[i].split == Split::Train {
             return Ok(i);
         }
         let what =
             format!("is a {} frame, and validation frames are held out of those trained on", frames[i].split.name());
-        let problem = Problem::new(root, what, "name training frames").field(OPTION).value(name);
+        let problem = Problem::new(root, what, "name training frames").field(VALIDATION).value(name);
         Err(SceneError::new(ErrorKind::Split, problem))
     };
     names.iter().map(held).collect()

@@ -14,7 +14,7 @@ mod thumb;
 
 pub use thumb::Thumb;
 
-use crate::assemble::listing;
+use crate::listing::listing;
 use crate::{Dialect, Problem, Scene, Split, time};
 use compare::{Neighbour, neighbours};
 use render_core::bounds::percentile;

@@ -1,7 +1,7 @@
 //! A COLMAP model with its images as a scene.
 
 use super::model::{Model, ModelFiles, ModelImage};
-use crate::assemble::listing;
+use crate::listing::listing;
 use crate::options::LoadOptions;
 use crate::pose::Mended;
 use crate::priors::TrackPoint;

@@ -1,6 +1,6 @@
 //! Depth files to numbers.
 
-use super::DepthMap;
+use super::map::DepthMap;
 use crate::decode_memory::DecodeMemory;
 use crate::picture::{Plan, exr_blocks};
 use crate::{ErrorKind, Problem, SceneError, files, npy};
@@ -11,8 +11,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Reads a depth file as it is; NaN and negative numbers are left in.
-pub(super) fn read(path: &Path) -> Result<DepthMap, SceneError> {
+/// Reads a depth file as it is, in its own unit and meaning; NaN and negative numbers are left in.
+pub(crate) fn read_file(path: &Path) -> Result<DepthMap, SceneError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let map = match extension.as_str() {
         "npy" => array(path)?,
@@ -139,18 +139,18 @@ mod tests {
         let values = |at: f32| (0..6).map(|i| at + i as f32).collect::<Vec<f32>>();
         let f32s = |name: &str, at| AnyChannel::new(name, FlatSamples::F32(values(at)));
         exr_file(&path, vec![f32s("A", 0.0), f32s("Z", 10.0), f32s("R", 20.0)]);
-        let map = read(&path).unwrap();
+        let map = read_file(&path).unwrap();
         assert_eq!((map.width, map.height, map.z), (3, 2, values(10.0)));
         exr_file(&path, vec![f32s("View.Depth", 1.0), f32s("View.Y", 2.0)]);
-        assert_eq!(read(&path).unwrap().z, values(2.0));
+        assert_eq!(read_file(&path).unwrap().z, values(2.0));
         let halves = values(5.0).into_iter().map(f16::from_f32).collect();
         exr_file(&path, vec![AnyChannel::new("D", FlatSamples::F16(halves))]);
-        assert_eq!(read(&path).unwrap().z, values(5.0));
+        assert_eq!(read_file(&path).unwrap().z, values(5.0));
         exr_file(&path, vec![AnyChannel::new("Z", FlatSamples::U32(vec![7; 6]))]);
-        assert_eq!(read(&path).unwrap().z, [7.0; 6]);
+        assert_eq!(read_file(&path).unwrap().z, [7.0; 6]);
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 4]).unwrap();
-        let error = read(&path).unwrap_err().to_string();
+        let error = read_file(&path).unwrap_err().to_string();
         assert!(error.contains("a.exr") && error.contains("broken or cut off"), "{error}");
     }
 
@@ -159,16 +159,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         image::ImageBuffer::from_fn(3, 2, |x, y| image::Luma([(1000 * x + y) as u16])).save(&path).unwrap();
-        assert_eq!(read(&path).unwrap().z, [0.0, 1000.0, 2000.0, 1.0, 1001.0, 2001.0]);
+        assert_eq!(read_file(&path).unwrap().z, [0.0, 1000.0, 2000.0, 1.0, 1001.0, 2001.0]);
         image::ImageBuffer::from_pixel(3, 2, image::Luma([105_u8])).save(&path).unwrap();
-        assert_eq!(read(&path).unwrap().z, [105.0; 6]);
+        assert_eq!(read_file(&path).unwrap().z, [105.0; 6]);
         image::ImageBuffer::from_pixel(3, 2, image::Rgb([9_u8; 3])).save(&path).unwrap();
-        assert_eq!(read(&path).unwrap().z, [9.0; 6]);
+        assert_eq!(read_file(&path).unwrap().z, [9.0; 6]);
         image::ImageBuffer::from_pixel(3, 2, image::Rgb([9_u8, 8, 9])).save(&path).unwrap();
-        let error = read(&path).unwrap_err().to_string();
+        let error = read_file(&path).unwrap_err().to_string();
         assert!(error.contains("a picture of Rgb8"), "{error}");
         let other = folder.path().join("a.tif");
         std::fs::write(&other, "x").unwrap();
-        assert!(read(&other).unwrap_err().to_string().contains("is not a depth map that can be read"));
+        assert!(read_file(&other).unwrap_err().to_string().contains("is not a depth map that can be read"));
     }
 }

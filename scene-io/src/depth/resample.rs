@@ -1,6 +1,6 @@
 //! A depth map at another size.
 
-use super::{DepthMap, is_known};
+use super::map::{DepthMap, is_known};
 
 impl DepthMap {
     /// The map at another size: each pixel takes the depth that is known nearest to its centre, of those inside the area it

@@ -4,7 +4,7 @@
 //! with premultiplied alpha, clipped to `[0, 1]` and encoded as sRGB with straight alpha. Colour profiles and the EXIF
 //! orientation are **not** applied: cameras belong to the pixels as they are stored, and so do COLMAP's.
 
-use super::Image;
+use super::image::Image;
 use super::plan::Plan;
 use crate::{ErrorKind, Problem, SceneError};
 use image::{ColorType, DynamicImage};
@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// Decodes an image file for which memory was reserved: [`Plan::bytes_in_8_bit`]. `mask` (values >= 128 are used) tells which
 /// pixels may be NaN or infinite.
-pub(super) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
+pub(crate) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
     match plan.decode()? {
         DynamicImage::ImageRgb32F(pixels) => {
             from_linear(path, pixels.width(), pixels.height(), 3, pixels.as_raw(), mask)
@@ -42,7 +42,7 @@ pub(crate) fn with_mask<T>(path: &Path, work: impl FnOnce(Vec<u8>, (u32, u32)) -
 }
 
 /// Decodes a mask to its brightness, where [`Plan::bytes_in_grey`] was reserved.
-pub(super) fn decode_grey(plan: &Plan) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+pub(crate) fn decode_grey(plan: &Plan) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
     let grey = plan.decode()?.into_luma8();
     let size = (grey.width(), grey.height());
     Ok((grey.into_raw(), size))

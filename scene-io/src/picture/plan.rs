@@ -1,7 +1,8 @@
 //! What decoding an image file takes, from its headers alone; and decoding it.
 
 use super::jpeg::{Frame, is_complete};
-use super::refusal::{REMEDY, decoding_failed, limits, wrong_size, zero_bytes};
+use super::refusal::{REMEDY, decoding_failed, limits, zero_bytes};
+use super::shape::same_shape;
 use super::{png, webp};
 use crate::decode_memory::{DecodeMemory, Reserved};
 use crate::{ErrorKind, Problem, SceneError, files};
@@ -183,8 +184,40 @@ impl Plan {
     }
 }
 
+/// An image that has not the size its camera says, with the cause where the file tells it.
+pub(crate) fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> Problem {
+    let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
+    let turned = same_shape((is.1, is.0), said);
+    let text =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).display().to_string();
+    let folder = shlex::try_quote(&text).map_or_else(|_| text.clone(), std::borrow::Cow::into_owned);
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let (cause, remedy) = match orientation(path) {
+        Some(exif @ 5..=8) if turned => (
+            format!(
+                ": the cause is its EXIF rotation (orientation {exif}), which turns the picture by 90 degrees where it is \
+                 shown, but not the pixels in the file"
+            ),
+            format!(
+                "`mogrify -auto-orient {folder}/*.{extension}` (ImageMagick) turns the pixels of all photos of the folder; \
+                 keep a copy"
+            ),
+        ),
+        Some(exif @ 2..) => (
+            format!(" (its EXIF orientation, {exif}, is not applied)"),
+            "use the image the cameras were computed for, or resize it uniformly".into(),
+        ),
+        _ if turned => (
+            ": one of them is turned by 90 degrees".into(),
+            "turn the image as it was when the cameras were computed".into(),
+        ),
+        _ => (String::new(), "use the image the cameras were computed for, or resize it uniformly".into()),
+    };
+    Problem::new(path, what + &cause, remedy)
+}
+
 /// The EXIF orientation of an image, 1 to 8; `None` for files that cannot be read. Nothing here turns images by it.
-pub(super) fn orientation(path: &Path) -> Option<u8> {
+fn orientation(path: &Path) -> Option<u8> {
     let (mut reader, length) = open(path).ok()?;
     let format = ImageReader::new(&mut reader).with_guessed_format().ok()?.format();
     reader.rewind().ok()?;

@@ -4,7 +4,19 @@
 //! sums do not depend on order. Colours are averaged as stored (sRGB values); with alpha they are premultiplied first,
 //! so that invisible colours do not bleed.
 
-use super::Image;
+use super::image::Image;
+
+impl Image {
+    /// The image at another size: each pixel is the mean of the area it covers, colours weighted with their opacity. A pixel
+    /// of the mask is used where half of its area is.
+    ///
+    /// # Panics
+    /// If `data` or `mask` is shorter than the size says, or there are fewer than three channels.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        if (width, height) == (self.width, self.height) { self.clone() } else { scaled(self, width, height) }
+    }
+}
 
 /// Size after fitting the longest side into `longest`; never larger than the original, never 0.
 pub(crate) fn fitted(width: u32, height: u32, longest: Option<u32>) -> (u32, u32) {
@@ -96,7 +108,7 @@ pub(crate) fn resize(image: Image, width: u32, height: u32) -> Image {
 }
 
 /// A new image of another size.
-pub(super) fn scaled(image: &Image, width: u32, height: u32) -> Image {
+fn scaled(image: &Image, width: u32, height: u32) -> Image {
     let from = (image.width, image.height);
     let to = (width, height);
     let area = u64::from(image.width) * u64::from(image.height);

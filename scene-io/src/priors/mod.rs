@@ -14,22 +14,19 @@
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
 //! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training.
 //!
-//! Paths only are kept in a [`Frame`]; `Frame::read_*` decodes at the file's own size and checks it.
+//! Paths only are kept in a [`Frame`](crate::Frame); `Frame::read_*` decodes at the file's own size and checks it.
 
-mod bits;
 mod features;
 mod flow;
 mod segments;
 mod truth;
 
-use crate::Frame;
 use std::path::{Path, PathBuf};
 
-pub use bits::BitMask;
 pub use features::Features;
 pub use flow::{Flow, FlowPlace, FlowTruth};
 pub use segments::{LabelMap, PromptedSegment, Segments};
-pub use truth::{TruthMask, refuse_blank_masks};
+pub use truth::TruthMask;
 
 /// Files that other programs made of a photo. See the table above for their names and forms.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -62,27 +59,14 @@ impl Priors {
     }
 }
 
-/// Whether a picture is not a photo but belongs to one.
-pub(crate) fn is_beside(path: &Path) -> bool {
-    let inner = path.file_stem().map(Path::new).and_then(Path::extension).and_then(|e| e.to_str());
-    inner.is_some_and(|e| ["mask", "segs", "inpaint"].contains(&e))
-}
-
 /// A feature of a photo that belongs to a reconstructed point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackPoint {
-    /// Where it is seen: column and row at the photo's native size, [`Frame::camera`]; pixel `(i, j)` has its centre at
+    /// Where it is seen: column and row at the photo's native size, [`Frame::camera`](crate::Frame::camera); pixel `(i, j)` has its centre at
     /// `(i + 0.5, j + 0.5)`.
     pub pixel: [f32; 2],
     /// Number of photos of the model the point is seen in, this one included.
     pub length: u32,
     /// Index into [`crate::Scene::points`].
     pub point: u32,
-}
-
-impl Frame {
-    /// The photo's native size.
-    fn size(&self) -> (u32, u32) {
-        (self.camera.width, self.camera.height)
-    }
 }

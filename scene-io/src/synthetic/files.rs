@@ -1,7 +1,7 @@
 //! Pictures, masks and arrays to files.
 
+use crate::bit_mask::BitMask;
 use crate::export::write_atomically;
-use crate::priors::BitMask;
 use crate::{Image, SceneError};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};

@@ -22,7 +22,7 @@ pub use truth::{FlowMap, MomentTruth, Sight};
 pub use views::{OrbitCamera, OrbitOptions, OrbitView, orbit, orbit_views};
 pub use write::write_orbit;
 
-use crate::priors::BitMask;
+use crate::bit_mask::BitMask;
 use crate::synthetic::surface::to_byte;
 use crate::{Bounds, Image};
 use body::Posed;

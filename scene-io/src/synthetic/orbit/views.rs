@@ -1,7 +1,8 @@
 //! One camera's pictures of the stage: poses, times, and the scene they make.
 
 use super::{Orbit, OrbitMotion, Sight};
-use crate::priors::{BitMask, Flow, FlowPlace, FlowTruth, TruthMask};
+use crate::bit_mask::BitMask;
+use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask};
 use crate::random::random;
 use crate::synthetic::surface::to_byte;
 use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split, Truth};

@@ -1,8 +1,8 @@
 //! The stage in files, in D-NeRF's form, with what is known about it beside.
 
 use super::{Orbit, OrbitOptions, Sight, orbit, orbit_views};
+use crate::bit_mask::BitMask;
 use crate::export::write_atomically;
-use crate::priors::BitMask;
 use crate::synthetic::files::{write_mask, write_npy};
 use crate::synthetic::write_blender;
 use crate::{SceneError, Split};

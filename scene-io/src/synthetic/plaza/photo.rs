@@ -2,7 +2,7 @@
 
 use super::light::Light;
 use super::{Paint, Placed, Plaza, PlazaHit, Shape};
-use crate::priors::BitMask;
+use crate::bit_mask::BitMask;
 use crate::random::random;
 use crate::synthetic::surface::to_srgb;
 use crate::{Image, Split};

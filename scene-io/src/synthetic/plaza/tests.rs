@@ -1,5 +1,5 @@
 use super::*;
-use crate::priors::BitMask;
+use crate::bit_mask::BitMask;
 use crate::{Image, ImageStore, StoreOptions};
 use proptest::prelude::*;
 

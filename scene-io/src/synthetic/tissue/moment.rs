@@ -4,7 +4,7 @@ use super::super::surface::to_byte;
 use super::sheet::{Sheet, SheetMoment};
 use super::tool::{self, TissueTool, Tool};
 use crate::Image;
-use crate::priors::BitMask;
+use crate::bit_mask::BitMask;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::Camera;

@@ -3,7 +3,8 @@
 use super::moment::Tissue;
 use super::stereo::Stereo;
 use super::tool::TissueTool;
-use crate::priors::{BitMask, TruthMask};
+use crate::bit_mask::BitMask;
+use crate::priors::TruthMask;
 use crate::{Bounds, DepthMap, DepthSource, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, Truth};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
