@@ -176,7 +176,7 @@ fn a_folder_with_other_files_in_it_is_refused_and_left_as_it_was() {
         let answer = nerf(&words(&scene, place, &["--steps", "1"]));
         assert_eq!(answer.code, 1);
         let line = error_line(&answer);
-        assert!(line.contains("no run folder") && line.contains("--out"), "{line}");
+        assert!(line.contains("is not a run folder") && line.contains("--out"), "{line}");
         assert_eq!(files_in(place), before, "{}", place.display());
     }
     let answer = nerf(&words(&scene, &out, &["--steps", "1"]));

@@ -9,10 +9,10 @@ use super::block_backward::ProjectedBar;
 use super::camera::{COMPONENTS, CameraGradient};
 use super::colour::{Viewpoint, colour_backward};
 use super::forward::{CHUNK, Projection};
+use super::gradient::ProjectedGradient;
 use super::rows::{LANES_MAX, to_array};
 use crate::chunks::for_each;
 use crate::gaussians::rest_len;
-use crate::raster::ProjectedGradient;
 use crate::{Gaussians, RasterSettings, SplatError, View};
 
 /// Rows of one chunk's gradients, in the order of [`Gaussians::fields`].

@@ -6,10 +6,12 @@ mod block_backward;
 mod camera;
 mod colour;
 mod forward;
+mod gradient;
 mod rows;
 
 pub use camera::CameraGradient;
 pub use forward::Projection;
+pub use gradient::ProjectedGradient;
 
 /// A Gaussian projected onto the picture: 48 bytes in one cache line.
 ///
