@@ -10,6 +10,10 @@ pub struct Claim {
     pub name: &'static str,
     /// The paper that it is named after; empty where the name is not from a paper.
     pub paper: &'static str,
+    /// What it is, in a few words.
+    pub what: &'static str,
+    /// When to take it, in a few words.
+    pub take: &'static str,
     /// What differs from the paper, a sentence or two; of systems without one, what they are.
     pub differs: &'static str,
     /// The same in a few words, for rows of tables; empty without a paper.

@@ -19,6 +19,13 @@ fn every_system_with_a_paper_s_name_says_what_differs_in_a_sentence_or_two() {
         assert!(claim.differs.ends_with('.'), "{}: {}", claim.name, claim.differs);
         let sentences = claim.differs.matches(". ").count() + 1;
         assert!(sentences <= 3 && claim.differs.len() <= 420, "{}: {}", claim.name, claim.differs);
+        for text in [claim.what, claim.take] {
+            assert!(
+                (5..180).contains(&text.len()) && !text.ends_with('.'),
+                "{}: a cell of a table: {text}",
+                claim.name
+            );
+        }
         if claim.is_of_a_paper() {
             assert!((5..60).contains(&claim.mark.len()), "{}: {}", claim.name, claim.mark);
             assert!(claim.line().unwrap().contains(claim.differs));

@@ -21,6 +21,8 @@ use crate::samplers::DepthCueConfig;
 pub(crate) const CLAIM: Claim = Claim {
     name: "endo-nerf",
     paper: "Wang et al., 2022",
+    what: "As `d-nerf`, with rays led by tool masks and samples and losses by measured depth, which is refined",
+    take: "endoscopy; a camera that stands still, where depth was measured",
     differs: "The field is the hybrid of `d-nerf` here, not the published networks; distances are in world units \
               along rays instead of device coordinates, and measured depth cuts the march at 16 places instead of \
               placing all samples.",

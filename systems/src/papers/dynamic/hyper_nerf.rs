@@ -23,6 +23,8 @@ use field_core::tape::{Tape, TapeError};
 pub(crate) const CLAIM: Claim = Claim {
     name: "hypernerf",
     paper: "Park et al., 2021",
+    what: "As `nerfies` without the elastic loss, with two coordinates beyond space",
+    take: "what opens and closes",
     differs: "As `nerfies` here, on a hash grid with planes of place and time in the warp and short schedules; the \
               ambient coordinates are those of the bendy sheet alone. The axis-aligned plane and codes of \
               appearance are not built.",

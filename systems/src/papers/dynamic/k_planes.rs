@@ -36,6 +36,8 @@ use std::sync::Arc;
 pub(crate) const CLAIM: Claim = Claim {
     name: "k-planes",
     paper: "Fridovich-Keil et al., 2023",
+    what: "Products of planes of features at several scales: three planes of space and, for scenes that move, three of time",
+    take: "to compare; one method for static scenes and moving ones",
     differs: "The hybrid model with 8 features at scales 1, 2 and 4 instead of 32 at 1 to 8, and an occupancy grid instead of \
               proposals; the schedule is that of `ngp` here. There are no codes of appearance.",
     mark: "8 features, 3 scales, occupancy grid",

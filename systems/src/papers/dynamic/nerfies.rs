@@ -26,6 +26,8 @@ use field_core::tape::{Node, Tape, TapeError};
 pub(crate) const CLAIM: Claim = Claim {
     name: "nerfies",
     paper: "Park et al., 2021",
+    what: "Rigid motions by a free code for each time, kept rigid where there is matter, coarse to fine; points of the dataset stay where they are",
+    take: "a person or an animal that moves a little",
     differs: "The template is a hash grid and the warp sees planes of place and time; octaves come in over 1000 \
               steps, the elastic loss looks at one sample a ray, the background loss has a factor of 3e-5 instead \
               of 1. There are no codes of appearance or camera.",

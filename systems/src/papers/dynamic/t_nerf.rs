@@ -23,6 +23,8 @@ use field_core::tape::{Tape, TapeError};
 pub(crate) const CLAIM: Claim = Claim {
     name: "t-nerf",
     paper: "Pumarola et al., 2021",
+    what: "Density and colour depend on time; nothing is displaced",
+    take: "the fastest; what appears and disappears",
     differs: "A hash grid and planes of features of place and time instead of the published 8 x 256 network, and 3 \
               octaves of the time instead of 10. `planes=[]` leaves the hash grid and a small network.",
     mark: "hash grid, planes of time",

@@ -47,6 +47,8 @@ const PUBLISHED_HORIZON: u64 = 30_000;
 pub(crate) const CLAIM: Claim = Claim {
     name: "splat",
     paper: "Kerbl et al., 2023",
+    what: "A cloud of Gaussians, drawn tile by tile",
+    take: "to look around smoothly, and files for other programs; a minute or more of training",
     differs: "Opacities are never reset, large Gaussians are not pruned, there are at most 100 000, the schedules take a \
               third of the steps, and large photos are drawn at half their size first. Random starts keep to places that \
               no photo shows to be empty.",

@@ -22,6 +22,9 @@ use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, mov
 pub(crate) const CLAIM: Claim = Claim {
     name: "ngp",
     paper: "Müller et al., 2022",
+    what: "Features in a hash table at several resolutions, two small networks, an occupancy grid; contracted space where the \
+           scene has no end, NDC where the photos face one way",
+    take: "seconds to minutes of training, small photos; meshes, points and densities",
     differs: "Set for minutes on a CPU: 8 levels of 4 features, networks half as wide, squared error, no moving average of the \
           weights, cells of the occupancy grid and steps from the size of a pixel. Where space has no end it is contracted \
           and a distortion loss is added.",

@@ -33,6 +33,8 @@ use losses::kernel::Kernel;
 pub(crate) const CLAIM: Claim = Claim {
     name: "auto",
     paper: "",
+    what: "Whichever parts the photos need, found by a short training",
+    take: "always, unless you know what your photos need",
     differs: "Appearance and occluders are chosen after a short training that is compared with the photos.",
     mark: "",
 };

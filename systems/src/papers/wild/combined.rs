@@ -10,8 +10,14 @@ use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
 /// `plain`: neither appearance nor occluders.
-pub(crate) const PLAIN: Claim =
-    Claim { name: "plain", paper: "", differs: "The field alone: one appearance, no occluders.", mark: "" };
+pub(crate) const PLAIN: Claim = Claim {
+    name: "plain",
+    paper: "",
+    what: "The field of `ngp` with no part for appearance or occluders",
+    take: "to see what the other parts are worth",
+    differs: "The field alone: one appearance, no occluders.",
+    mark: "",
+};
 
 /// The pair.
 pub(super) struct Wild {

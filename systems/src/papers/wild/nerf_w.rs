@@ -35,6 +35,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) const NERF_A: Claim = Claim {
     name: "nerf-a",
     paper: "Martin-Brualla et al., 2021",
+    what: "Appearance: a free code for each photo",
+    take: "photos that differ in exposure, weather or time of day, without occluders",
     differs: "On ngp's field with codes of 16 numbers, and errors cost Charbonnier 0.05 instead of their square, which also \
               helps against occluders. `--field mlp` has published networks, codes and squares.",
     mark: "Charbonnier, ngp field",
@@ -44,6 +46,8 @@ pub(crate) const NERF_A: Claim = Claim {
 pub(crate) const NERF_U: Claim = Claim {
     name: "nerf-u",
     paper: "Martin-Brualla et al., 2021",
+    what: "Occluders: a transient field with uncertainty",
+    take: "to compare with `robust-nerf`",
     differs: "On ngp's field with a sample before each camera for occluders, beta_min 0.1, and errors well above 0.05 cost \
               their length. `--field mlp` has published networks and squares, but transient density begins at \
               softplus(x - 3).",
@@ -54,6 +58,8 @@ pub(crate) const NERF_U: Claim = Claim {
 pub(crate) const NERF_W: Claim = Claim {
     name: "nerf-w",
     paper: "Martin-Brualla et al., 2021",
+    what: "Appearance: a free code for each photo; occluders: a transient field with uncertainty",
+    take: "few photos of a place, of different appearance and with occluders",
     differs: "On ngp's field with codes of 16 numbers, a sample before each camera for occluders, beta_min 0.1, and errors \
               well above 0.05 cost their length. `--field mlp` has published networks, codes and squares, but transient \
               density begins at softplus(x - 3).",

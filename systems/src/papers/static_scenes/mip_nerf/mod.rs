@@ -105,6 +105,8 @@ impl Recipe for MipNerfConfig {
 pub(crate) const CLAIM: Claim = Claim {
     name: "mip-nerf",
     paper: "Barron et al., 2021",
+    what: "Cones instead of rays: the same field at every resolution",
+    take: "to compare; photos of several resolutions; hours",
     differs: "Network, intervals, losses and learning rate are the published ones. Batches are of 128 rays instead of 4096, \
               rays begin and end at the scene's box, the last interval is finite, and space without an end is contracted.",
     mark: "batches of 128 rays",

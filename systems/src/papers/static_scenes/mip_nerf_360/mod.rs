@@ -34,6 +34,8 @@ use crate::plan::{Ask, Built, planned, space};
 pub(crate) const CLAIM: Claim = Claim {
     name: "mip-nerf-360",
     paper: "Barron et al., 2022",
+    what: "Cones in contracted space, a proposal network, interlevel and distortion losses",
+    take: "to compare, on scenes without an end; hours to days",
     differs: "Networks and losses of open scenes are the published ones, batches are of 64 rays instead of 16384; objects \
               have a squared error and no distortion loss. Annealing and learning rate are spread over the published 250 000 \
               steps: a run of minutes stays at the start of both.",

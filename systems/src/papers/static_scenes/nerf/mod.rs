@@ -110,6 +110,8 @@ impl Recipe for NerfConfig {
 pub(crate) const CLAIM: Claim = Claim {
     name: "nerf",
     paper: "Mildenhall et al., 2020",
+    what: "A coarse and a fine network of sines and cosines of the point",
+    take: "to compare with the original; hours",
     differs: "Networks, samples and learning rate are the published ones. Batches are of 128 rays instead of 4096, rays \
               begin and end at the scene's box, the last interval is finite, and space without an end is contracted.",
     mark: "batches of 128 rays",

@@ -45,6 +45,8 @@ use visibility::Visibility;
 pub(crate) const HA_NERF_A: Claim = Claim {
     name: "ha-nerf-a",
     paper: "Chen et al., 2022",
+    what: "Appearance: an encoder of the photo",
+    take: "to show the scene in the appearance of a photo that was not trained on",
     differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
               Charbonnier 0.05, weights of view consistency are doubled, ngp's field. `--field mlp` learns through the \
               published encoder, without view consistency.",
@@ -55,6 +57,8 @@ pub(crate) const HA_NERF_A: Claim = Claim {
 pub(crate) const HA_NERF_T: Claim = Claim {
     name: "ha-nerf-t",
     paper: "Chen et al., 2022",
+    what: "Occluders: a visibility network in the photo's plane",
+    take: "to compare with `robust-nerf`",
     differs: "The scene's errors cost Charbonnier 0.05 instead of their square and the visibility network is 2 x 64, on ngp's \
               field. `--field mlp` has published networks and squares.",
     mark: "Charbonnier, small network",
@@ -64,6 +68,8 @@ pub(crate) const HA_NERF_T: Claim = Claim {
 pub(crate) const HA_NERF: Claim = Claim {
     name: "ha-nerf",
     paper: "Chen et al., 2022",
+    what: "Appearance: an encoder of the photo; occluders: a visibility network in the photo's plane",
+    take: "as `ha-nerf-a`, where there are occluders",
     differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
               Charbonnier 0.05, weights of view consistency are doubled, the visibility network is 2 x 64, ngp's field. \
               `--field mlp`: published encoder, networks and squares, without view consistency.",

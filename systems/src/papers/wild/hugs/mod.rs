@@ -46,6 +46,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) const CLAIM: Claim = Claim {
     name: "hugs",
     paper: "Chen et al., 2024",
+    what: "Occluders: masks of whole photos, then segments vote",
+    take: "as `robust-nerf`, where another program has made segments",
     differs: "Not HuGS: training masks come from our own rule of robust-nerf on whole photos, then segments vote. The \
               published residual heuristic and its join with point tracks are not used: what tracks or segments rescue is \
               still left out where that rule leaves it out.",

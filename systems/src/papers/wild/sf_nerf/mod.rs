@@ -58,6 +58,8 @@ use std::sync::Arc;
 pub(crate) const CLAIM: Claim = Claim {
     name: "sf-nerf",
     paper: "Lee et al., 2023",
+    what: "Appearance: a free code for each photo; occluders: a filter network in the photo's plane",
+    take: "to compare; better with feature files beside the photos",
     differs: "On ngp's field with a filter 64 wide, beta_min 0.1 and a hold of 250 steps; features only from files beside the \
               photos, a pretrained filter only from another run. `--field mlp` has the published sizes and steps.",
     mark: "small filter, ngp field",
