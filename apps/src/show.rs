@@ -36,7 +36,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Write a line to standard output; a closed pipe is no failure of ours.
+/// Write a line to standard output; a closed pipe is not a failure of ours.
 pub(crate) fn line(text: impl std::fmt::Display) {
     let _ = writeln!(std::io::stdout().lock(), "{text}");
 }

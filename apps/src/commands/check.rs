@@ -50,7 +50,7 @@ fn beside_the_photos(scene: &Scene) -> Option<String> {
         ("features", |f| f.priors.features.is_some()),
         ("point tracks", |f| !f.tracks.is_empty()),
         ("ignore masks", |f| f.mask.is_some()),
-        ("truth about passers-by (for scores only)", |f| f.truth.transient.is_some()),
+        ("true masks of occluders (for scores only)", |f| f.truth.transient.is_some()),
     ];
     let found: Vec<String> = kinds
         .iter()

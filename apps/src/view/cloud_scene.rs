@@ -1,7 +1,7 @@
 //! A file of Gaussians, as something to look at.
 
 use super::cropped::Cropped;
-use super::protocol::{Layer, Light};
+use super::protocol::{AppearanceMix, Layer};
 use super::run_scene::title;
 use super::scene::{Description, Photo, Scene3d};
 use engine::RunError;
@@ -58,7 +58,7 @@ impl Scene3d for CloudScene {
             up: self.cloud.whole().up().to_array(),
             radius,
             moves: false,
-            lights: Vec::new(),
+            appearances: Vec::new(),
             layers: [Layer::Colour, Layer::Depth, Layer::Normals, Layer::Opacity].map(Layer::name).to_vec(),
             background: self.background(),
             longest_side: 1280,
@@ -94,7 +94,7 @@ impl Scene3d for CloudScene {
         &self.path
     }
 
-    fn appearance(&self, _light: &Light) -> Appearance {
+    fn appearance(&self, _mix: &AppearanceMix) -> Appearance {
         Appearance::Mean
     }
 

@@ -2,10 +2,10 @@
 //!
 //! | what is looked at | cloud |
 //! | --- | --- |
-//! | the mean light, the first moment | baked when a page opens; from the run folder where it was baked before |
-//! | another light | the colours of that cloud fitted to the light, once the light has been wanted for a while |
-//! | another moment | baked anew, once the moment has been wanted for a while |
-//! | a training that goes on | the cloud of an older checkpoint; baked only while somebody moves the camera |
+//! | the mean appearance, the first time step | baked when a page opens; from the run folder where it was baked before |
+//! | another appearance | the colours of that cloud fitted to it, once it has been wanted for a while |
+//! | another time | baked anew, once the time has been wanted for a while |
+//! | a training that goes on | the cloud of an older checkpoint; baked only while the camera moves |
 //!
 //! Until a cloud is there the field itself is drawn, small.
 
@@ -21,27 +21,27 @@ use std::time::{Duration, Instant};
 use systems::bake::{BakeOptions, Baked, bake, load, recolour, store};
 use systems::splats::Cloud;
 
-/// A light or a moment is baked once it has been wanted for so long without a change.
+/// An appearance or a time is baked once it has been wanted for this long without a change.
 const SETTLED: Duration = Duration::from_millis(500);
 /// Pictures wanted in a row before the cloud of a training that goes on is baked: a camera that moves.
 const MOVES: u32 = 4;
 /// Clouds that are kept.
 const KEPT: usize = 6;
 
-/// Told of what changes, as the message `fast`.
+/// Takes what changes, as the message `fast`.
 pub(crate) type Tell = dyn Fn(&str) + Send + Sync;
 
 /// What a cloud was baked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Key {
-    /// Bits of the appearance code; empty where there is one light, and for the mean of all.
-    light: Vec<u32>,
+    /// Bits of the appearance code; empty where there is one appearance, and for the mean of all.
+    appearance: Vec<u32>,
     /// Bits of the time; 0 where nothing moves.
     time: u64,
 }
 
 impl Key {
-    const FIRST: Self = Self { light: Vec::new(), time: 0 };
+    const FIRST: Self = Self { appearance: Vec::new(), time: 0 };
 }
 
 /// A cloud that is ready.
@@ -129,7 +129,7 @@ impl Fast {
         self.is_its_own
     }
 
-    /// What the page is told now.
+    /// What the page shows now.
     pub(crate) fn message(&self) -> String {
         let state = self.lock();
         let ready = state.ready.iter().find(|ready| ready.key == Key::FIRST);
@@ -153,11 +153,11 @@ impl Fast {
 
     fn key(&self, query: &Query) -> Key {
         let system = self.source.system.as_ref();
-        let light = match query.appearance {
+        let appearance = match query.appearance {
             Appearance::Mean => Vec::new(),
             _ => system.appearance_code(&query.appearance).unwrap_or_default().iter().map(|x| x.to_bits()).collect(),
         };
-        Key { light, time: if self.source.moves { query.time.to_bits() } else { 0 } }
+        Key { appearance, time: if self.source.moves { query.time.to_bits() } else { 0 } }
     }
 
     fn say(&self, message: serde_json::Value) {
@@ -169,7 +169,7 @@ impl Fast {
         let mut state = self.lock();
         state.ready.retain(|ready| ready.key != key);
         state.ready.push(Ready { key, cloud, baked: Arc::new(baked), is_new: true });
-        // The first stays: lights are made from it.
+        // The first stays: those of other appearances are made from it.
         if state.ready.len() > KEPT
             && let Some(oldest) = state.ready.iter().position(|ready| ready.key != Key::FIRST)
         {
@@ -201,14 +201,18 @@ impl Fast {
         let query =
             Query { appearance: query.appearance.clone(), time: query.time, ..plain_query(*background, 1.0 / 255.0) };
         let base = || {
-            self.lock().ready.iter().find(|r| r.key == Key { light: Vec::new(), ..key.clone() } && r.is_new).cloned()
+            self.lock()
+                .ready
+                .iter()
+                .find(|r| r.key == Key { appearance: Vec::new(), ..key.clone() } && r.is_new)
+                .cloned()
         };
         let is_first = *key == Key::FIRST;
         let kept = if is_first { load(folder, *step) } else { None };
         let was_kept = kept.is_some();
         let made = match (kept, base()) {
             (Some(baked), _) => Ok(Some(baked)),
-            (None, Some(base)) if !key.light.is_empty() => {
+            (None, Some(base)) if !key.appearance.is_empty() => {
                 recolour(&base.baked, system.as_ref(), data, &query, &BakeOptions::QUICK, go_on)
             }
             _ => {
@@ -245,7 +249,7 @@ fn is_training(folder: &Path) -> bool {
 
 /// Bake what is wanted until nobody holds the clouds any more.
 fn work(weak: &Weak<Fast>) {
-    // A pool of its own: tasks of a bake must not stand before those of a picture that somebody waits for.
+    // A pool of its own: tasks of a bake must not stand before those of a picture that a page waits for.
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(rayon::current_num_threads()).build() else { return };
     while let Some(fast) = weak.upgrade() {
         let Some((key, query)) = fast.due() else {

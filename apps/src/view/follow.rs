@@ -1,4 +1,4 @@
-//! A run folder as it changes: the newest checkpoint is what is shown, and the training is told of. Files are only read.
+//! A run folder as it changes: the newest checkpoint is what is shown, and the page shows the training. Files are only read.
 
 use super::run_scene::{RunScene, title};
 use super::stage::{Shown, Stage};
@@ -68,7 +68,7 @@ impl Follower {
     /// Follow from a thread of its own, to the end of the program.
     ///
     /// # Errors
-    /// When there is no such thread to be had.
+    /// When a thread cannot be started.
     pub(crate) fn start(mut self) -> Result<(), Failure> {
         let forever = move || {
             loop {

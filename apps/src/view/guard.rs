@@ -86,7 +86,7 @@ impl Guard {
         Ok(host.into())
     }
 
-    /// Judge a request by its headers `Host` and `Origin`. Programs that are no browsers, and visits by hand, have no
+    /// Judge a request by its headers `Host` and `Origin`. Programs that are not browsers, and visits by hand, have no
     /// `Origin`.
     ///
     /// # Errors

@@ -70,7 +70,7 @@ pub(crate) fn run(session: &Session, args: &View) -> Result<Done, Failure> {
         if !follow::is_run(&args.what) {
             return Err(refusal(
                 &args.what,
-                "is no run folder: there is neither a `config.toml` nor a checkpoint in it",
+                "is not a run folder: there is neither a `config.toml` nor a checkpoint in it",
             ));
         }
         let mut show = session.show();

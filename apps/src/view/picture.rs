@@ -191,7 +191,7 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
 
 /// The size in its shape that has at most [`SMALL`] pixels.
 fn at_most_small(size: (u32, u32)) -> (u32, u32) {
-    let area = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
+    let area = |size: (u32, u32)| u64::from(size.0) * u64::from(size.1);
     if area(size) <= SMALL {
         return size;
     }
@@ -234,7 +234,7 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     let background = draw.background.unwrap_or_else(|| scene.background());
     Query {
         layers: LayerRequest { normals, canonical, median: Median::Skip },
-        appearance: scene.appearance(&draw.light),
+        appearance: scene.appearance(&draw.appearance),
         time: draw.time,
         ..plain_query(background, ERROR_BUDGET)
     }

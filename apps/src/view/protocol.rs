@@ -57,8 +57,8 @@ pub(crate) struct Draw {
     pub(crate) limit: u32,
     /// Time of a scene that moves, `0..=1`.
     pub(crate) time: f64,
-    /// In which light, where there are several.
-    pub(crate) light: Light,
+    /// In which appearance, where there are several.
+    pub(crate) appearance: AppearanceMix,
     /// What is behind the scene, `0..=1` each; without, as it was trained.
     pub(crate) background: Option<[f32; 3]>,
     /// The photo meant by the layers `photo`, `mask` and `uncertainty`: an index into the scene's photos.
@@ -135,13 +135,13 @@ impl Layer {
     }
 }
 
-/// A mix of the lights of two photos; `None` is the mean of all.
+/// A mix of the appearances of two photos; `None` is the mean of all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct Light {
-    /// The light at blend 0, an index into the scene's lights.
+pub(crate) struct AppearanceMix {
+    /// The appearance at blend 0, an index into the scene's appearances.
     pub(crate) from: Option<usize>,
-    /// The light at blend 1.
+    /// The appearance at blend 1.
     pub(crate) to: Option<usize>,
     /// How far from one to the other, `0..=1`.
     pub(crate) blend: f32,
@@ -186,7 +186,7 @@ impl Draw {
         self.eye.check()?;
         within("limit", f64::from(self.limit), 16.0..=f64::from(LARGEST_PICTURE))?;
         within("time", self.time, 0.0..=1.0)?;
-        within("light.blend", f64::from(self.light.blend), 0.0..=1.0)?;
+        within("appearance.blend", f64::from(self.appearance.blend), 0.0..=1.0)?;
         for value in self.background.into_iter().flatten() {
             within("background", f64::from(value), 0.0..=1.0)?;
         }
@@ -254,10 +254,10 @@ mod tests {
     #[test]
     fn messages_of_the_page_are_understood() {
         let text = r#"{"type": "draw", "id": 7, EYE, "layer": "depth", "limit": 40, "time": 0.5,
-                       "light": {"from": 3, "blend": 0.25}, "background": [1, 0, 0]}"#;
+                       "appearance": {"from": 3, "blend": 0.25}, "background": [1, 0, 0]}"#;
         let Ok(Message::Draw(draw)) = parse(text) else { panic!("{:?}", parse(text)) };
         assert_eq!((draw.id, draw.layer, draw.full_size()), (7, Layer::Depth, (40, 30)));
-        assert_eq!(draw.light, Light { from: Some(3), to: None, blend: 0.25 });
+        assert_eq!(draw.appearance, AppearanceMix { from: Some(3), to: None, blend: 0.25 });
         let short = r#"{"type": "draw", "id": 7, EYE, "layer": "mask", "limit": 2400, "photo": 2}"#;
         let Ok(Message::Draw(draw)) = parse(short) else { panic!("{:?}", parse(short)) };
         assert_eq!((draw.full_size(), draw.photo, draw.background), ((80, 60), Some(2), None));
@@ -276,7 +276,7 @@ mod tests {
             (&draw(r#", "time": 1.5"#), "`time` = 1.5"),
             (&draw(r#", "time": "now""#), "not understood"),
             (&draw(r#", "background": [0, 0, 2]"#), "`background` = 2"),
-            (&draw(r#", "light": {"blend": -1}"#), "`light.blend` = -1"),
+            (&draw(r#", "appearance": {"blend": -1}"#), "`appearance.blend` = -1"),
             (&draw(r#", "photo": -1"#), "not understood"),
             (&draw("").replace("colour", "smell"), "smell"),
             (&draw("").replace("\"limit\": 40", "\"limit\": 2401"), "`limit` = 2401"),
@@ -295,7 +295,7 @@ mod tests {
             (&draw(r#", "limit": 40"#), "duplicate field `limit`"),
             (&draw(r#", "path": "/etc/passwd""#), "unknown field `path`"),
             (&draw(r#", "at": [0, 0]"#), "unknown field `at`"),
-            (&draw(r#", "light": {"file": 1}"#), "unknown field `file`"),
+            (&draw(r#", "appearance": {"file": 1}"#), "unknown field `file`"),
             (r#"{"type": "pick", "id": 1, EYE, "at": [0, 1], "layer": "colour"}"#, "unknown field `layer`"),
             (r#"{"type": "save", "crop": {}, "file": "../x"}"#, "unknown field `file`"),
             (&draw("").replace("EYE", &EYE.replace("80", "0")), "`width` = 0"),

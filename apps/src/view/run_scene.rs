@@ -2,7 +2,7 @@
 
 use super::cropped::Cropped;
 use super::fast::{Fast, Source, Tell};
-use super::protocol::{Layer, Light};
+use super::protocol::{AppearanceMix, Layer};
 use super::scene::{Description, Photo, Scene3d};
 use engine::checkpoint::Checkpoint;
 use engine::crop::Crop;
@@ -123,7 +123,7 @@ impl Scene3d for RunScene {
             full.map(|v| Photo::new(&v.name, &v.camera, v.time, held_out)).collect()
         };
         let trained = photos(train, false);
-        let lights = match self.system.appearance_code(&Appearance::Mean) {
+        let appearances = match self.system.appearance_code(&Appearance::Mean) {
             Some(_) => trained.iter().map(|photo| photo.name.clone()).collect(),
             None => Vec::new(),
         };
@@ -148,7 +148,7 @@ impl Scene3d for RunScene {
             up: mean_up(&poses).unwrap_or(DVec3::Z).to_array(),
             radius: around.radius,
             moves,
-            lights,
+            appearances,
             layers: layers
                 .into_iter()
                 .filter_map(|(layer, there)| there.then_some(layer))
@@ -197,9 +197,9 @@ impl Scene3d for RunScene {
         }
     }
 
-    fn appearance(&self, light: &Light) -> Appearance {
+    fn appearance(&self, mix: &AppearanceMix) -> Appearance {
         let known = |view: Option<usize>| view.filter(|view| *view < self.common.train.len());
-        match (known(light.from), known(light.to), light.blend) {
+        match (known(mix.from), known(mix.to), mix.blend) {
             (from, _, 0.0) => from.map_or(Appearance::Mean, Appearance::View),
             (_, to, 1.0) => to.map_or(Appearance::Mean, Appearance::View),
             (from, to, blend) => match (self.code(from), self.code(to)) {

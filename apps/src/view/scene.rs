@@ -1,7 +1,7 @@
 //! What can be looked at: the seam between the viewer and what draws.
 
 use super::cropped::Cropped;
-use super::protocol::{Layer, Light};
+use super::protocol::{AppearanceMix, Layer};
 use engine::crop::Crop;
 use engine::render::Rendered;
 use engine::system::{Appearance, Layers, Query};
@@ -38,7 +38,7 @@ pub(crate) trait Scene3d: Send + Sync {
         false
     }
 
-    /// What the page is told of that cloud, as the message `fast`; empty where there is nothing to tell.
+    /// What the page shows of that cloud, as the message `fast`; empty where there is nothing to say.
     fn fast_message(&self) -> String {
         String::new()
     }
@@ -46,8 +46,8 @@ pub(crate) trait Scene3d: Send + Sync {
     /// What is shown: a run folder or a file. A crop is kept there.
     fn place(&self) -> &Path;
 
-    /// A light as the scene knows it; lights that it has not are the mean of all.
-    fn appearance(&self, light: &Light) -> Appearance;
+    /// An appearance as the scene knows it; one that it does not have is the mean of all.
+    fn appearance(&self, mix: &AppearanceMix) -> Appearance;
 
     /// A photo of [`Description::photos`] as it was taken (`Layer::Photo`), or what the system makes of it, as grey: which
     /// pixels show the place itself (`Layer::Mask`), how far they may be from it (`Layer::Uncertainty`).
@@ -81,8 +81,8 @@ pub(crate) struct Description {
     pub(crate) radius: f64,
     /// Whether the scene moves.
     pub(crate) moves: bool,
-    /// Photos whose light can be chosen; empty where there is one light.
-    pub(crate) lights: Vec<String>,
+    /// Photos whose appearance can be chosen; empty where there is one.
+    pub(crate) appearances: Vec<String>,
     /// Layers that there are, by their words.
     pub(crate) layers: Vec<&'static str>,
     /// What was behind the scene in training, `0..=1`.

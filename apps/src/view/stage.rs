@@ -20,7 +20,7 @@ pub(crate) enum Shown {
 }
 
 impl Shown {
-    /// What the page is told.
+    /// What is sent to the page.
     pub(crate) fn text(&self) -> String {
         match self {
             Self::Waiting { title, message } => {
@@ -74,7 +74,7 @@ impl Stage {
         replace(&self.training, training);
     }
 
-    /// Something is to be told of the cloud that stands for a field.
+    /// There is something to say of the cloud that stands for a field.
     pub(crate) fn tell_fast(&self, message: &str) {
         replace(&self.fast, message);
     }

@@ -26,7 +26,7 @@ impl Tail {
         &self.rows
     }
 
-    /// Read what was written since. A line that is still being written waits for its end; lines that are no rows are left
+    /// Read what was written since. A line that is still being written waits for its end; lines that are not rows are left
     /// out; a file that is not there has no rows.
     pub(crate) fn read(&mut self) {
         if self.more().is_err() {

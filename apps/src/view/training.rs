@@ -39,7 +39,7 @@ pub(crate) fn message(folder: &Path, rows: &[Row]) -> String {
     .to_string()
 }
 
-/// Whether somebody is still writing: nothing tells so directly.
+/// Whether a training still writes: nothing says so directly.
 pub(crate) fn is_running(folder: &Path) -> bool {
     let written = |name: &str| fs::metadata(folder.join(name)).and_then(|m| m.modified()).ok();
     let Some(row) = written("metrics.csv") else { return false };
@@ -65,7 +65,7 @@ fn eta(rows: &[Row], stop: Stop) -> Option<f64> {
     }
 }
 
-/// Every so many rows, so that about `most` are left; those with a held-out score stay, and so does the last.
+/// One row of every few, so that about `most` are left; those with a held-out score stay, and so does the last.
 fn thinned(rows: &[Row], most: usize) -> impl Iterator<Item = &Row> {
     let every = rows.len().div_ceil(most).max(1);
     let n = rows.len();

@@ -1,6 +1,6 @@
 //! Messages as they are written: flat, and without a field that is not known.
 
-use super::protocol::{self, Eye, Layer, Light};
+use super::protocol::{self, AppearanceMix, Eye, Layer};
 use engine::crop::Crop;
 use serde::Deserialize;
 
@@ -19,7 +19,7 @@ pub(crate) struct Draw {
     #[serde(default)]
     time: f64,
     #[serde(default)]
-    light: Light,
+    appearance: AppearanceMix,
     #[serde(default)]
     background: Option<[f32; 3]>,
     #[serde(default)]
@@ -45,9 +45,10 @@ pub(crate) struct Pick {
 
 impl From<Draw> for protocol::Draw {
     fn from(draw: Draw) -> Self {
-        let Draw { id, width, height, position, wxyz, fov, layer, limit, time, light, background, photo, crop } = draw;
+        let Draw { id, width, height, position, wxyz, fov, layer, limit, time, appearance, background, photo, crop } =
+            draw;
         let eye = Eye { width, height, position, wxyz, fov };
-        Self { id, eye, layer, limit, time, light, background, photo, crop }
+        Self { id, eye, layer, limit, time, appearance, background, photo, crop }
     }
 }
 

@@ -141,7 +141,7 @@ fn the_page_waits_for_a_training_and_keeps_the_camera_through_checkpoints() {
     browser.wait("document.getElementById('notice-text').textContent.includes('connection is lost')");
     browser.screenshot(&screenshots().join("lost.png"));
     let answer = nerf(&["view", text(&scene)]);
-    assert!(answer.code == 1 && error_line(&answer).contains("no run folder"), "{}", answer.err);
+    assert!(answer.code == 1 && error_line(&answer).contains("not a run folder"), "{}", answer.err);
 }
 
 /// Three times what a client may be silent, on a page that does nothing and then on one that is frozen like a tab in the back.

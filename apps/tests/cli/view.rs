@@ -37,7 +37,7 @@ fn what_cannot_be_looked_at_is_refused_in_one_line() {
     let file = folder.path().join("notes.txt");
     fs::write(&file, "no run").unwrap();
     for (what, part) in
-        [(Path::new("/nowhere"), "is not there"), (folder.path(), "no run folder"), (&file, "neither PLY nor SPZ")]
+        [(Path::new("/nowhere"), "is not there"), (folder.path(), "not a run folder"), (&file, "neither PLY nor SPZ")]
     {
         let answer = nerf(&["view", text(what)]);
         assert_eq!(answer.code, 1, "{}", answer.out);
@@ -88,7 +88,7 @@ fn pictures_follow_the_camera_and_the_layer() {
     let viewer = Viewer::start("nerf-static", &run);
     let mut live = viewer.connect();
     let scene = live.hear("scene");
-    assert_eq!((&scene["step"], &scene["moves"], &scene["lights"]), (&json!(20), &json!(false), &json!([])));
+    assert_eq!((&scene["step"], &scene["moves"], &scene["appearances"]), (&json!(20), &json!(false), &json!([])));
     let photos = scene["photos"].as_array().unwrap();
     assert_eq!(photos.iter().filter(|photo| photo["held_out"] == false).count(), 6);
     assert_eq!(photos.len(), 8);
@@ -160,12 +160,12 @@ fn nonsense_gets_an_answer_and_the_server_lives() {
         let word = live.hear("error");
         assert!(word["message"].as_str().unwrap().contains(part), "{word}");
     }
-    // Odd, and possible: cameras inside of things, far away, of one pixel, in a light that is not there.
+    // Odd, and possible: cameras inside of things, far away, of one pixel, in an appearance that is not there.
     for odd in [
         json!({ "position": [0.0, 0.0, 0.0] }),
         json!({ "position": [1e8, -1e8, 1e8] }),
         json!({ "width": 1, "height": 1 }),
-        json!({ "light": { "from": 99, "to": 3, "blend": 0.5 }, "time": 1.0 }),
+        json!({ "appearance": { "from": 99, "to": 3, "blend": 0.5 }, "time": 1.0 }),
     ] {
         let id = live.ask(camera, odd);
         live.best(id);
@@ -247,7 +247,7 @@ fn a_scene_that_moves_is_seen_at_any_time() {
 }
 
 #[test]
-fn photos_of_many_lights_are_blended_and_masks_shown() {
+fn photos_of_many_appearances_are_blended_and_masks_shown() {
     let (folder, scene) = dataset();
     let run = |system: &str, more: &[&str]| {
         let run = folder.path().join(system);
@@ -260,10 +260,10 @@ fn photos_of_many_lights_are_blended_and_masks_shown() {
     let viewer = Viewer::start("nerf-wild", &run("nerf-a", &[]));
     let mut live = viewer.connect();
     let scene = live.hear("scene");
-    assert_eq!(scene["lights"].as_array().unwrap().len(), 6);
+    assert_eq!(scene["appearances"].as_array().unwrap().len(), 6);
     assert!(!scene["layers"].as_array().unwrap().contains(&json!("mask")));
-    let mut lit = |light: Value| {
-        let id = live.ask(&scene["photos"][0], json!({ "light": light }));
+    let mut lit = |appearance: Value| {
+        let id = live.ask(&scene["photos"][0], json!({ "appearance": appearance }));
         live.best(id).file
     };
     let (a, b) = (lit(json!({ "from": 0 })), lit(json!({ "from": 5 })));

@@ -74,7 +74,7 @@ pub(crate) fn viewer() -> Seeds {
     named(&[
         (
             "draw",
-            r#"{"type":"draw","id":7,"width":80,"height":60,"position":[1,2,3],"wxyz":[1,0,0,0],"fov":1.5,"layer":"depth","limit":40,"time":0.5,"light":{"from":3,"blend":0.25},"background":[1,0,0],"crop":{"faint":0.1}}"#,
+            r#"{"type":"draw","id":7,"width":80,"height":60,"position":[1,2,3],"wxyz":[1,0,0,0],"fov":1.5,"layer":"depth","limit":40,"time":0.5,"appearance":{"from":3,"blend":0.25},"background":[1,0,0],"crop":{"faint":0.1}}"#,
         ),
         (
             "pick",

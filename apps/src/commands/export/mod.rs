@@ -40,7 +40,7 @@ struct Job<'a> {
     /// What the crop leaves of a cloud of Gaussians, where it leaves anything out.
     part: Option<Cloud>,
     show: Show,
-    /// Depth at the photos' cameras, once somebody asked.
+    /// Depth at the photos' cameras, once it was asked for.
     views: Option<Vec<DepthView>>,
 }
 
@@ -187,7 +187,7 @@ impl Job<'_> {
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         line(format_args!("{triangles} triangles, {vertices} vertices{how} in {}", path.display()));
         if MeshFormat::of(path)? == MeshFormat::Glb {
-            line("its numbers are in the input's frame; its node turns that upright, as glTF has y up");
+            line("its vertices are in the input's frame; the node of the file turns them upright, as glTF has y up");
         }
         Ok(())
     }
@@ -295,7 +295,7 @@ fn crop_of(args: &Export) -> Result<Crop, RunError> {
             Ok(Crop { bounds: Some([[x0, y0, z0], [x1, y1, z1]]), ..Crop::default() })
         }
         _ => Err(RunError::Option(
-            "`--box`: write six numbers x0,y0,z0,x1,y1,z1, each of the first three below its fellow".into(),
+            "`--box`: write six numbers x0,y0,z0,x1,y1,z1, with x0 < x1, y0 < y1 and z0 < z1".into(),
         )),
     }
 }

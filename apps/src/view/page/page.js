@@ -63,8 +63,8 @@ function ask() {
   isDirty = false;
   if (!eye || !canvas.width || !canvas.height) return;
   const index = (id) => ($(id).value === "" ? null : Number($(id).value));
-  const light = { from: index("from"), to: index("to"), blend: Number($("blend").value) };
-  send({ type: "draw", id: ++wish, ...view(), layer, limit: Number($("limit").value), light, background, photo, crop });
+  const appearance = { from: index("from"), to: index("to"), blend: Number($("blend").value) };
+  send({ type: "draw", id: ++wish, ...view(), layer, limit: Number($("limit").value), appearance, background, photo, crop });
 }
 
 // --- pictures ---
@@ -136,7 +136,7 @@ function showFast(message) {
   const ready = `While you move: a cloud of ${gaussians} Gaussians${quality}; at rest, the field itself. Cropped: the cloud alone.`;
   const text = {
     baking: `A cloud that is quick to draw is being baked; ${gaussians ? "the last one is shown until then" : "small pictures until then"}.`,
-    ready: scene && scene.lights.length ? `${ready} Another light gets its own cloud once it rests.`
+    ready: scene && scene.appearances.length ? `${ready} Another appearance gets its own cloud once it rests.`
       : scene && scene.moves ? `${ready} Another time gets its own cloud once it rests; small pictures until then.` : ready,
     failed: "The field could not be baked: small pictures while you move.",
     none: "Small pictures while you move, until a cloud is baked.",
@@ -177,8 +177,8 @@ function welcome(message) {
   const option = (value, text) => new Option(text, value);
   $("photo").replaceChildren(option("", "free"), ...scene.photos.map((p, i) => option(i, p.held_out ? `${p.name} (held out)` : p.name)));
   $("photos").hidden = scene.photos.length === 0;
-  for (const id of ["from", "to"]) $(id).replaceChildren(option("", "mean of all"), ...scene.lights.map((name, i) => option(i, name)));
-  $("light-section").hidden = $("its-light").hidden = scene.lights.length === 0;
+  for (const id of ["from", "to"]) $(id).replaceChildren(option("", "mean of all"), ...scene.appearances.map((name, i) => option(i, name)));
+  $("appearance-section").hidden = $("its-appearance").hidden = scene.appearances.length === 0;
   $("time-section").hidden = !scene.moves;
   $("layer").replaceChildren(...scene.layers.map((name) => {
     const button = document.createElement("button");
@@ -208,7 +208,7 @@ function stand(which) {
   photo = typeof which === "number" ? which : null;
   if (photo !== null) lastPhoto = photo;
   eye.stand(to, scene.pivot);
-  // Views of a file are no photos: they stand as up is now.
+  // Views of a file are not photos: they stand as up is now.
   if (upWord !== "guess" && !scene.step) eye.level(eye.up);
   frame = to.tangents.slice();
   if (scene.moves) setTime(to.time);
@@ -234,7 +234,7 @@ function changed() {
   drawBox();
   $("photo").value = photo === null ? "" : photo;
   if (scene) $("photo-count").textContent = photo === null ? "" : `${photo + 1} of ${scene.photos.length}`;
-  $("its-light").disabled = photo === null || (scene && photo >= scene.lights.length);
+  $("its-appearance").disabled = photo === null || (scene && photo >= scene.appearances.length);
   for (const button of $("layer").children) {
     button.setAttribute("aria-pressed", button.value === layer);
     const judges = isJudgement(button.value);
@@ -389,7 +389,7 @@ $("previous").onclick = () => step(-1);
 $("next").onclick = () => step(1);
 $("reset").onclick = () => scene && reset();
 $("photo").onchange = () => ($("photo").value === "" ? moved() : stand(Number($("photo").value)));
-$("its-light").onclick = () => {
+$("its-appearance").onclick = () => {
   $("from").value = photo;
   $("blend").value = 0;
   changed();
@@ -463,7 +463,7 @@ function tick(now) {
       moved();
     }
   }
-  // Four seconds from the first moment to the last.
+  // Four seconds from the first time step to the last.
   if (playing && eye) {
     setTime((Number($("time").value) + seconds / 4) % 1);
     changed();
