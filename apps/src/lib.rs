@@ -8,6 +8,8 @@ mod app;
 mod cli;
 mod commands;
 mod interrupt;
+#[doc(hidden)]
+pub mod reference;
 mod session;
 mod show;
 mod view;

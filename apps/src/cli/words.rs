@@ -7,13 +7,13 @@ use losses::metrics::EmptyClass;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressKind {
-    /// A redrawn line on a terminal, a line per interval otherwise
+    /// One line that is redrawn on a terminal, a line per interval otherwise
     Auto,
-    /// A line per interval
+    /// A line per interval, for logs
     Lines,
-    /// A JSON object a line, on standard error
+    /// A JSON object a line on standard error, for programs
     Json,
-    /// None
+    /// Nothing is shown
     Off,
 }
 
@@ -44,7 +44,7 @@ pub(crate) enum VideoWord {
     Mp4,
     /// VP9 in preview.webm
     Webm,
-    /// None
+    /// No video
     Off,
 }
 
@@ -96,7 +96,9 @@ impl From<EmptyWord> for EmptyClass {
 /// `white | black | random`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BackgroundWord {
+    /// White
     White,
+    /// Black
     Black,
     /// Another colour for each training ray; evaluated on white
     Random,
@@ -113,12 +115,12 @@ impl From<BackgroundWord> for Background {
 }
 
 /// A time of a scene that moves.
-pub(super) fn moment(text: &str) -> Result<f64, String> {
+pub(super) fn time_step(text: &str) -> Result<f64, String> {
     let path: TimePath = text.parse()?;
     if path.is_still() {
         Ok(path.at(0, 1))
     } else {
-        Err(format!("`{text}` is a way from one time to another: give one time"))
+        Err(format!("`{text}` goes from one time to another: give one time"))
     }
 }
 

@@ -1,0 +1,56 @@
+//! The tables of systems in `README.md`.
+
+use super::table::Table;
+use systems::registry::{Entry, Family, Needs, entries};
+
+/// Each family, its heading and what is said of it.
+const FAMILIES: [(Family, &str, &str); 3] = [
+    (
+        Family::Static,
+        "For scenes that stand still",
+        "`nerf-static`; without `--system`, `ngp` or `splat`, whichever suits the scene.",
+    ),
+    (
+        Family::Wild,
+        "For photos of many people",
+        "`nerf-wild`; without `--system`, `auto`. They work on the field of `ngp`, and the column *not as published* is about that; `--field \
+         mlp` is nearer to the papers and takes hours.",
+    ),
+    (
+        Family::Moving,
+        "For scenes that move",
+        "`nerf-dynamic`; without `--system`, `d-nerf`. They work on the field of `ngp` but for `tineuvox` and `k-planes`.",
+    ),
+];
+
+/// A table for each family. A system stands where its first family is.
+pub(super) fn page() -> String {
+    FAMILIES.map(|(family, heading, about)| format!("### {heading}\n\n{about}\n\n{}", table(family))).join("\n")
+}
+
+fn table(family: Family) -> String {
+    let mut table = Table::new(&["`--system`", "what it is", "take it for", "not as published", "needs", "paper"]);
+    for entry in entries().iter().filter(|entry| entry.families.first() == Some(&family)) {
+        let claim = entry.claim;
+        let said = |text: &str| if text.is_empty() { "-".to_owned() } else { text.to_owned() };
+        table.row([
+            format!("`{}`", claim.name),
+            claim.what.into(),
+            claim.take.into(),
+            said(claim.mark),
+            needs(entry),
+            said(claim.paper),
+        ]);
+    }
+    table.text()
+}
+
+/// What a system needs from a scene.
+pub(super) fn needs(entry: &Entry) -> String {
+    let needs = match entry.needs {
+        Needs::Photos => "photos",
+        Needs::Times => "photos with times",
+    };
+    let moves = entry.needs == Needs::Photos && entry.families.contains(&Family::Moving);
+    format!("{needs}{}", if moves { ", with times or without" } else { "" })
+}
