@@ -2,7 +2,6 @@
 //!
 //! The network is asked once a ray, not once a sample.
 
-use super::decoder::Columns;
 use field_core::mlp::{Activation, Mlp, Packed};
 use float_core::Simd;
 use std::ops::Range;
@@ -26,6 +25,15 @@ struct Kept<'a> {
     /// `[3 features][rays]`
     basis: &'a [f32],
     mlp: &'a [f32],
+}
+
+/// Which columns of a colour's inputs are of one ray: these have the same direction and code.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Columns<'a> {
+    /// Each of a ray of its own.
+    Each,
+    /// `[rays + 1]`, the first of each ray, from 0.
+    Rays(&'a [u32]),
 }
 
 impl Columns<'_> {

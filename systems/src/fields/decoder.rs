@@ -9,7 +9,7 @@
 //!
 //! Source of the explicit one: Fridovich-Keil et al., "K-Planes", 2023, section 3.4.
 
-use super::basis::ColourBasis;
+use super::basis::{ColourBasis, Columns};
 use super::networks::{NetworkConfig, NetworkPrecision};
 use crate::settings::Settings;
 use engine::system::{MOST_LAYERS, MOST_UNITS, SystemError, at_most};
@@ -51,6 +51,8 @@ pub struct DecoderChoice {
     pub decoder: DecoderKind,
     /// Settings of linear maps, where these are chosen.
     pub explicit: ExplicitConfig,
+    /// Learning rate at the start, where these are chosen and none is asked for.
+    pub explicit_lr: f32,
 }
 
 /// A decoder and its settings.
@@ -76,7 +78,7 @@ impl DecoderChoice {
     pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
         let DecoderName { decoder } = settings.of(&DecoderName { decoder: self.decoder })?;
         let explicit = if decoder == DecoderKind::Explicit { settings.of(&self.explicit)? } else { self.explicit };
-        Ok(Self { decoder, explicit })
+        Ok(Self { decoder, explicit, ..*self })
     }
 }
 
@@ -146,15 +148,6 @@ impl Decoder<'_> {
             }
         }
     }
-}
-
-/// Which columns of a colour's inputs are of one ray: these have the same direction and code.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Columns<'a> {
-    /// Each of a ray of its own.
-    Each,
-    /// `[rays + 1]`, the first of each ray, from 0.
-    Rays(&'a [u32]),
 }
 
 /// From features to the raw log-density and what colours depend on. As [`Mlp`], whose functions these are.

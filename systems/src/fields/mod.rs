@@ -13,7 +13,8 @@ mod network;
 mod networks;
 mod voxels;
 
-pub(crate) use decoder::{ColourDecoder, Columns, Decoder, DensityDecoder};
+pub(crate) use basis::Columns;
+pub(crate) use decoder::{ColourDecoder, Decoder, DensityDecoder};
 pub use decoder::{DecoderChoice, DecoderKind, ExplicitConfig};
 pub(crate) use field::{DensityScratch, Field, Placing, When};
 pub use hash_grid::HashGridSettings;

@@ -38,8 +38,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Fridovich-Keil et al., 2023",
     what: "Products of planes of features at several scales: three planes of space and, for scenes that move, three of time",
     take: "to compare; one method for static scenes and moving ones",
-    differs: "The hybrid model with 8 features at scales 1, 2 and 4 instead of 32 at 1 to 8, and an occupancy grid instead of \
-              proposals; the schedule is that of `ngp` here. There are no codes of appearance.",
+    differs: "8 features at scales 1, 2 and 4 instead of 32 at 1 to 8, and an occupancy grid instead of proposals (which \
+              `sampler=proposal` brings back); the schedule is that of `ngp` here, from 2 or 4 times the published rate. The \
+              hybrid model, or with `decoder=explicit` the explicit one, whose basis sees the direction with a bias. There are no \
+              codes of appearance.",
     mark: "8 features, 3 scales, occupancy grid",
 };
 
@@ -361,13 +363,15 @@ impl Features for PlaneFeatures {
 
 /// Planes behind either decoder, the networks of the hybrid model where none is asked for.
 fn planes(config: &mut RayConfig, planes: PlaneSource) {
-    if planes.times.is_empty() && config.terms.distortion == 0.0 {
+    let still = planes.times.is_empty();
+    if still && config.terms.distortion == 0.0 {
         config.terms.distortion = DISTORTION;
     }
     config.features = Arc::new(planes);
     (config.networks.width, config.networks.colour_layers) = (64, 2);
     let explicit = ExplicitConfig { density_bias: config.networks.density_bias, ..ExplicitConfig::PAPER };
-    config.decoder = Some(DecoderChoice { decoder: DecoderKind::Hybrid, explicit });
+    let explicit_lr = if still { STILL_EXPLICIT_RATE } else { RATE };
+    config.decoder = Some(DecoderChoice { decoder: DecoderKind::Hybrid, explicit, explicit_lr });
     config.rates.lr = RATE;
 }
 
@@ -376,8 +380,11 @@ pub(crate) fn field(config: &mut RayConfig, data: &Dataset) {
     planes(config, PlaneSource::of(data));
 }
 
-/// Learning rate as released, and the factor of the distortion loss of scenes at rest.
-const RATE: f32 = 0.01;
+/// Learning rate, and that of the explicit model of a scene at rest; 0.01 as released is too small for runs of minutes
+/// (`docs/decisions/0039-k-planes.md`).
+const RATE: f32 = 0.02;
+const STILL_EXPLICIT_RATE: f32 = 0.04;
+/// Factor of the distortion loss of scenes at rest, as released.
 const DISTORTION: f32 = 1e-3;
 
 /// Planes for a scene at rest.
