@@ -16,54 +16,19 @@
 
 #![forbid(unsafe_code)]
 
+mod method;
 mod sampler;
+mod study;
 
+pub use method::Method;
 pub use sampler::Sampler;
+pub use study::Study;
 
-use float_core::Simd;
 use render_core::quadrature::{Composite, LastInterval, Points, Rule, Samples, Values, composite, intervals};
 use sampler::Rays;
 use std::time::Instant;
+use study::uniform;
 use testkit::analytic::Field;
-
-/// A [`Rule`] and where its samples lie in their intervals.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Method {
-    /// Constant from each sample to the next, as NeRF has it: the first order.
-    LeftPoint,
-    /// Constant in bins with a sample in each, in the middle where nothing is random, as mip-NeRF has it: the second order.
-    MidPoint,
-    /// Mean of both ends.
-    Trapezoid,
-    /// Linear between samples.
-    PiecewiseLinear,
-}
-
-impl Method {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::LeftPoint, Self::MidPoint, Self::Trapezoid, Self::PiecewiseLinear];
-
-    /// For tables: no spaces.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::LeftPoint => "left-point",
-            Self::MidPoint => "mid-point",
-            Self::Trapezoid => "trapezoid",
-            Self::PiecewiseLinear => "piecewise-linear",
-        }
-    }
-
-    /// The rule of `render-core`.
-    #[must_use]
-    pub fn rule(self) -> Rule {
-        match self {
-            Self::LeftPoint | Self::MidPoint => Rule::PiecewiseConstant,
-            Self::Trapezoid => Rule::Trapezoid,
-            Self::PiecewiseLinear => Rule::PiecewiseLinear,
-        }
-    }
-}
 
 /// One measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,26 +58,6 @@ struct Truth {
     spans: Vec<[f32; 2]>,
     /// `[rays][3]`
     colour: Vec<f64>,
-}
-
-/// How to measure.
-#[derive(Clone, Copy, Debug)]
-pub struct Study {
-    /// Rays in a batch.
-    pub rays: usize,
-    /// What random numbers come from.
-    pub seed: u64,
-    /// Times that each measurement is taken.
-    pub repeats: usize,
-    /// Level that `render-core` runs at.
-    pub simd: Simd,
-}
-
-impl Default for Study {
-    /// 128 rays, seed 0, once, the fastest level.
-    fn default() -> Self {
-        Self { rays: 128, seed: 0, repeats: 1, simd: Simd::best() }
-    }
 }
 
 impl Study {
@@ -227,13 +172,4 @@ pub fn order(rows: &[Row]) -> f64 {
     let (xy, xx) =
         points.iter().fold((0.0, 0.0), |s, p| (s.0 + (p.0 - mean.0) * (p.1 - mean.1), s.1 + (p.0 - mean.0).powi(2)));
     -xy / xx
-}
-
-/// A number in `[0, 1)`: a function of seed and index only (SplitMix64, public domain).
-fn uniform(seed: u64, index: u64) -> f32 {
-    let mut z = seed.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add((index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^= z >> 31;
-    (z >> 40) as f32 / (1 << 24) as f32
 }

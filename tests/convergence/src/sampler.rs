@@ -1,6 +1,7 @@
 //! Where the samples of a study lie.
 
-use crate::{Method, Study, uniform};
+use crate::method::Method;
+use crate::study::{Study, uniform};
 use core::ops::ControlFlow;
 use render_core::occupancy::{GridSettings, OccupancyGrid, RaySpan, StepRule};
 use render_core::quadrature::{LastInterval, Samples, weights};
