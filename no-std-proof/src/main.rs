@@ -53,4 +53,3 @@ extern "C" fn main(_argc: i32, _argv: *const *const u8) -> i32 {
     }
     0
 }
-
