@@ -74,7 +74,7 @@ impl ImageStore {
     /// Refuse images whose pixels alone are more than decoding may take: to be asked before anything is made of their size.
     ///
     /// # Errors
-    /// [`ErrorKind::Memory`] naming the first.
+    /// [`ErrorKind::Memory`](crate::ErrorKind::Memory) naming the first.
     pub fn check_sizes(&self) -> Result<(), SceneError> {
         self.entries.iter().try_for_each(|entry| {
             let ImageSource::File(path) = &entry.image else { return Ok(()) };
@@ -106,7 +106,7 @@ impl ImageStore {
         &self.entries[index].camera
     }
 
-    /// Whether a mask is the alpha of an image; see [`MaskPolarity::WhiteIsObject`].
+    /// Whether a mask is the alpha of an image; see [`MaskPolarity::WhiteIsObject`](crate::MaskPolarity::WhiteIsObject).
     ///
     /// # Panics
     /// If `index` is not below [`ImageStore::len`].
