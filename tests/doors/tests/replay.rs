@@ -1,6 +1,13 @@
 //! Every input of the fuzzers' corpus once more: valid ones, and all that ever broke something.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Decoding has one count of memory for the whole process, and doors ask that nothing of it stays: one test at a time.
+fn alone() -> MutexGuard<'static, ()> {
+    static ONE: Mutex<()> = Mutex::new(());
+    ONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 fn corpus() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/corpus"))
@@ -8,6 +15,7 @@ fn corpus() -> PathBuf {
 
 #[test]
 fn what_was_found_stays_mended() {
+    let _alone = alone();
     for door in doors::DOORS {
         let folder = corpus().join(door.name);
         let entries = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
@@ -25,6 +33,7 @@ fn what_was_found_stays_mended() {
 #[test]
 fn valid_inputs_and_many_changes_of_them_hold() {
     const CHANGES: u32 = 60;
+    let _alone = alone();
     for door in doors::DOORS {
         let mut open = (door.open)();
         for (name, seed) in (door.seeds)() {
