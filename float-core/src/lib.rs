@@ -42,6 +42,7 @@ compile_error!("float-core needs a float backend: enable `std` or `libm`");
 mod bf16;
 mod door;
 pub mod rng;
+mod setters;
 mod simd;
 pub mod vecmath;
 

@@ -70,8 +70,6 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("losses needs a float backend: enable `std` or `libm`");
 
-#[macro_use]
-mod setters;
 pub mod background;
 pub mod codes;
 pub mod concrete;

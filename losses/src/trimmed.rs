@@ -94,7 +94,7 @@ pub fn count_non_finite(residuals: &[f32]) -> usize {
 }
 
 impl TrimmedMask {
-    setters! {
+    float_core::setters! {
         with_quantile quantile: f32;
         with_diffuse diffuse: f32;
         with_vote vote: f32;

@@ -54,7 +54,7 @@ impl Likelihood {
     /// For photographs: `beta_min` 0.03, mean over channels, no tail.
     pub const PHOTOGRAPHS: Self = Self { beta_min: 0.03, channels: Channels::Mean, tail: 0.0 };
 
-    setters! {
+    float_core::setters! {
         with_beta_min beta_min: f32;
         with_channels channels: Channels;
         with_tail tail: f32;

@@ -75,8 +75,6 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("render-core needs a float backend: enable `std` or `libm`");
 
-#[macro_use]
-mod setters;
 pub mod bilateral;
 pub mod bounds;
 pub mod budget;

@@ -56,8 +56,6 @@ compile_error!("splat-core needs a float backend: enable `std` or `libm`");
 
 #[macro_use]
 mod each;
-#[macro_use]
-mod setters;
 mod chunks;
 pub mod density;
 mod error;

@@ -32,7 +32,7 @@ impl<'a> Cloud<'a> {
         Self { gaussians, degree: crate::MAX_DEGREE, extras: &[] }
     }
 
-    setters! {
+    float_core::setters! {
         with_degree degree: usize;
         with_extras extras: &'a [f32];
     }
@@ -52,7 +52,7 @@ impl GradientOptions {
     /// Gradients of the clouds only.
     pub const DEFAULT: Self = Self { camera: false, absolute: false };
 
-    setters! {
+    float_core::setters! {
         with_camera camera: bool;
         with_absolute absolute: bool;
     }
@@ -145,7 +145,7 @@ impl<const K: usize> Renderer<K> {
         }
     }
 
-    setters! {
+    float_core::setters! {
         with_simd simd: Simd;
         with_settings settings: RasterSettings;
         with_depth depth: bool;

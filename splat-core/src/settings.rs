@@ -55,7 +55,7 @@ impl RasterSettings {
         transmittance_stop: 0.0,
     };
 
-    setters! {
+    float_core::setters! {
         with_near near: f32;
         with_blur blur: f32;
         with_widening widening: Widening;

@@ -55,16 +55,24 @@ pub(super) fn words_of_others(family: Family) -> impl Iterator<Item = Word> {
 /// What is wrong with a word that neither the app nor the system has.
 pub(super) fn foreign_word(app: &App, matches: &ArgMatches) -> Option<String> {
     let (word, given) = matches.subcommand()?;
+    let is_given = |argument: &Option<&str>| {
+        argument.is_none_or(|name| given.value_source(name) == Some(ValueSource::CommandLine))
+    };
+    let foreign: Vec<(&Words, Option<&str>)> = WORDS
+        .iter()
+        .filter(|words| words.family != app.family)
+        .flat_map(|words| words.words.iter().map(move |(sub, argument)| (words, *sub, *argument)))
+        .filter(|(_, sub, argument)| *sub == word && is_given(argument))
+        .map(|(words, _, argument)| (words, argument))
+        .collect();
+    // Most command lines have none of them: no run is read for these.
+    if foreign.is_empty() {
+        return None;
+    }
     let families = system(word, given).and_then(|name| find(&name)).map_or(&[][..], |entry| entry.families);
-    let others = WORDS.iter().filter(|words| words.family != app.family && !families.contains(&words.family));
-    others.flat_map(|words| words.words.iter().map(move |(sub, argument)| (words, *sub, *argument))).find_map(
-        |(words, sub, argument)| {
-            let is_given =
-                sub == word && argument.is_none_or(|name| given.value_source(name) == Some(ValueSource::CommandLine));
-            let shown = argument.map_or_else(|| sub.into(), |name| format!("--{}", name.replace('_', "-")));
-            is_given.then(|| format!("`{shown}` is a word of {}: {}", words.app, words.why))
-        },
-    )
+    let (words, argument) = foreign.into_iter().find(|(words, _)| !families.contains(&words.family))?;
+    let shown = argument.map_or_else(|| word.into(), |name| format!("--{}", name.replace('_', "-")));
+    Some(format!("`{shown}` is a word of {}: {}", words.app, words.why))
 }
 
 /// The system that is named, or that of the run.

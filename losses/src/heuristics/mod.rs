@@ -66,7 +66,7 @@ pub struct Scratch {
 }
 
 impl StaticMask {
-    setters! {
+    float_core::setters! {
         with_quantile quantile: f32;
         with_share share: f32;
         with_smooth smooth: usize;

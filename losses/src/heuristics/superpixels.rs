@@ -68,7 +68,7 @@ struct Centre {
 }
 
 impl Superpixels {
-    setters! {
+    float_core::setters! {
         with_count count: usize;
         with_compactness compactness: f32;
         with_rounds rounds: usize;

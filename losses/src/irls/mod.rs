@@ -71,7 +71,7 @@ impl Irls {
         Self { kernel, tolerance: 1e-6, max_iterations: 100 }
     }
 
-    setters! {
+    float_core::setters! {
         with_kernel kernel: Kernel;
         with_tolerance tolerance: f64;
         with_max_iterations max_iterations: usize;

@@ -71,7 +71,7 @@ impl SsimVariant {
     /// 3x3 with zero padding, clipped to `[0, 1]`: the one of Ha-NeRF, CR-NeRF and SF-NeRF.
     pub const SMALL_WINDOW: Self = Self { window: Window::Three, border: Border::Zero, clamp: Clamp::Yes };
 
-    setters! {
+    float_core::setters! {
         with_window window: Window;
         with_border border: Border;
         with_clamp clamp: Clamp;

@@ -45,7 +45,7 @@ impl GridSettings {
     /// 128^3, one cascade, decay 0.95, threshold 0.01.
     pub const DEFAULT: Self = Self { resolution: 128, cascades: 1, decay: 0.95, threshold: 0.01 };
 
-    setters! {
+    float_core::setters! {
         with_resolution resolution: u32;
         with_cascades cascades: u32;
         with_decay decay: f32;

@@ -58,7 +58,7 @@ impl Adc {
         reset_to: 0.01,
     };
 
-    setters! {
+    float_core::setters! {
         with_after after: u64;
         with_until until: u64;
         with_every every: u64;

@@ -54,7 +54,7 @@ impl Mcmc {
         scale_weight: 0.01,
     };
 
-    setters! {
+    float_core::setters! {
         with_after after: u64;
         with_until until: u64;
         with_every every: u64;

@@ -2,7 +2,7 @@
 
 use super::network::Ops;
 use super::parts::Part;
-use super::ray_bars::RayBars;
+use super::ray_bars::RayGeometryBars;
 use super::samples::Tile;
 use crate::photo_model::{Codes, PhotoModel, Pixel};
 use engine::data::Batch;
@@ -73,7 +73,7 @@ pub(super) struct Chunk {
     pub(super) transient_bar: Vec<f32>,
     pub(super) sums: Sums,
     /// Of the pixels' rays, where they are asked for.
-    pub(super) ray_bars: RayBars,
+    pub(super) ray_bars: RayGeometryBars,
 }
 
 /// What a chunk adds up besides gradients.

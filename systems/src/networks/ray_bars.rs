@@ -8,14 +8,14 @@ use render_core::ray::RayBar;
 
 /// The gradients of a chunk's rays.
 #[derive(Default)]
-pub(super) struct RayBars {
+pub(super) struct RayGeometryBars {
     /// `[pixels]`, of the rays in internal coordinates.
     pub(super) internal: Vec<RayBar>,
     /// `[pixels]`, of viewing directions.
     pub(super) view: Vec<DVec3>,
 }
 
-impl RayBars {
+impl RayGeometryBars {
     /// All zero for this many pixels.
     pub(super) fn begin(&mut self, pixels: usize) {
         self.internal.clear();

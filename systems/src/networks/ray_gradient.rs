@@ -2,7 +2,7 @@
 
 use super::chunk::{Chunk, Context, Inputs, Pass};
 use super::cones::Footprint;
-use super::ray_bars::RayBars;
+use super::ray_bars::RayGeometryBars;
 use super::recipe::Recipe;
 use super::two_level::TwoLevel;
 use crate::gradients::{ByRay, RayGradients, RayTargets, check};
@@ -43,7 +43,7 @@ impl<R: Recipe> TwoLevel<R> {
             }
         }
         self.run_rays(ctx, first..first + count, &rays, &hit, chunk);
-        let RayBars { internal, view } = &chunk.ray_bars;
+        let RayGeometryBars { internal, view } = &chunk.ray_bars;
         let map = self.space.map();
         let bars = world.iter().zip(internal).zip(view).map(|((ray, internal), view)| {
             // Tangent to the sphere: directions have unit length.

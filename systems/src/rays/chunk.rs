@@ -14,7 +14,7 @@ use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::fields::{Detail, Features, Field, Part, Places, When};
 use crate::photo_model::{Codes, Pixel, PixelBar};
-use crate::samplers::{Draw, Proposed};
+use crate::samplers::{Draw, Proposed, RaysInSpace};
 use crate::space::InternalRay;
 use crate::warps::{DeformGrad, DeformScratch, ElasticAt, Points};
 use engine::data::Batch;
@@ -211,7 +211,8 @@ impl Chunk {
                 let time_steps = ctx.field.time_steps();
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
                 let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
-                self.proposed.sample((proposals, ctx.field.simd, ctx.space), &self.rays, counts, time, draw);
+                let at = RaysInSpace { simd: ctx.field.simd, space: ctx.space, rays: &self.rays };
+                self.proposed.sample(proposals, &at, counts, time, draw);
                 self.prepass.take(&self.proposed, self.rays.len());
                 self.stats.proposed = self.proposed.interval_count();
             }

@@ -159,6 +159,28 @@ fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
+/// The static part of the rays of a tile.
+pub(super) struct StaticPart<'a> {
+    /// `[rays + 1]`
+    pub(super) offsets: &'a [u32],
+    /// `[n]`, optical depths.
+    pub(super) tau: &'a [f32],
+    /// `[3][n]`
+    pub(super) rgb: &'a [f32],
+    /// `[rays][3]`
+    pub(super) background: &'a [f32],
+}
+
+/// Where the gradients of the static part are added.
+pub(super) struct StaticBars<'a> {
+    /// `[n]`
+    pub(super) tau: &'a mut [f32],
+    /// `[3][n]`
+    pub(super) rgb: &'a mut [f32],
+    /// `[geometry][n]`
+    pub(super) geometry: &'a mut [f32],
+}
+
 /// Gradients of rays with respect to what the head adds to them.
 #[derive(Default)]
 pub(super) struct HeadBars {
@@ -231,11 +253,13 @@ impl HeadTile {
         head: &Head,
         ctx: &StepContext<'_>,
         chunk: Marched<'_>,
-        (rays, samples): (Range<usize>, Range<usize>),
-        offsets: &[u32],
-        (input, tau_s, rgb_s, background): (&[f32], &[f32], &[f32], &[f32]),
+        rays: Range<usize>,
+        input: &[f32],
+        part: &StaticPart<'_>,
     ) {
-        let (simd, n, count) = (ctx.field.simd, samples.len(), rays.len());
+        let &StaticPart { offsets, tau: tau_s, rgb: rgb_s, background } = part;
+        let (simd, n, count) = (ctx.field.simd, tau_s.len(), rays.len());
+        let first = chunk.offsets[rays.start] as usize;
         let geometry = head.geometry;
         let x = sized(&mut self.input, head.mlp.inputs() * n);
         x[..geometry * n].copy_from_slice(&input[..geometry * n]);
@@ -251,7 +275,7 @@ impl HeadTile {
         let (tau, length) = (sized(&mut self.tau, n), sized(&mut self.length, n));
         let (rgb, beta) = (sized(&mut self.rgb, 3 * n), sized(&mut self.beta, n));
         for i in 0..n {
-            length[i] = chunk.dt[samples.start + i] * head.per_step;
+            length[i] = chunk.dt[first + i] * head.per_step;
             tau[i] = softplus(raw[i] + head.bias) * length[i];
             beta[i] = softplus(raw[4 * n + i]);
         }
@@ -292,12 +316,14 @@ impl HeadTile {
         head: &Head,
         ctx: &StepContext<'_>,
         rays: Range<usize>,
-        offsets: &[u32],
-        (tau_s, rgb_s, background): (&[f32], &[f32], &[f32]),
-        (colour_bar, bars): (&[f32], &HeadBars),
-        (tau_s_bar, rgb_s_bar, geometry_bar): (&mut [f32], &mut [f32], &mut [f32]),
+        part: &StaticPart<'_>,
+        colour_bar: &[f32],
+        bars: &HeadBars,
+        static_bars: StaticBars<'_>,
         out: &mut Gradients<'_>,
     ) {
+        let &StaticPart { offsets, tau: tau_s, rgb: rgb_s, background } = part;
+        let StaticBars { tau: tau_s_bar, rgb: rgb_s_bar, geometry: geometry_bar } = static_bars;
         let (simd, n, count) = (ctx.field.simd, tau_s.len(), rays.len());
         let (raw, tau, length) = (&self.raw[..OUTPUTS * n], &self.tau[..n], &self.length[..n]);
         let samples = TwoSamples { offsets, tau_s, tau_t: tau };

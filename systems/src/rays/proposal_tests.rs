@@ -3,7 +3,7 @@
 use super::budget_tests::{biased, largest_difference, proposals, query, random_rays, randomised};
 use super::{RaySystem, SamplerConfig};
 use crate::fields::When;
-use crate::samplers::{Draw, ProposalConfig, Proposed};
+use crate::samplers::{Draw, ProposalConfig, Proposed, RaysInSpace};
 use crate::space::{InternalRay, SpaceKind};
 use engine::system::{System, Trial};
 use field_core::rng::Rng;
@@ -20,8 +20,8 @@ fn proposing(seed: u64, kind: SpaceKind, density_bias: f32, counts: &[usize]) ->
 /// Middles, lengths and offsets of a render's samples.
 fn cut(driver: &RaySystem, rays: &[InternalRay]) -> (Vec<f32>, Vec<f32>, Vec<u32>) {
     let (mut proposed, mut out) = (Proposed::default(), Default::default());
-    let parts = (driver.sampler.proposals().unwrap(), driver.field.simd, &driver.space);
-    proposed.sample(parts, rays, |_| true, |_| 0.0, Draw::Render);
+    let at = RaysInSpace { simd: driver.field.simd, space: &driver.space, rays };
+    proposed.sample(driver.sampler.proposals().unwrap(), &at, |_| true, |_| 0.0, Draw::Render);
     let (t, dt, offsets) = &mut out;
     proposed.intervals(rays.len(), t, dt, offsets);
     out
@@ -106,7 +106,13 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let draw = Draw::Training { jitter: &jitter, rays: m, first: 0, exponent: 1.0 };
     let simd = driver.field.simd;
     let mut proposed = Proposed::default();
-    proposed.sample((driver.sampler.proposals().unwrap(), simd, &driver.space), &rays, |_| true, |_| 0.0, draw);
+    proposed.sample(
+        driver.sampler.proposals().unwrap(),
+        &RaysInSpace { simd, space: &driver.space, rays: &rays },
+        |_| true,
+        |_| 0.0,
+        draw,
+    );
 
     // Each ray keeps its first ten intervals, their weights have little to do with the proposal's.
     let offsets: Vec<u32> = (0..=m as u32).map(|r| 10 * r).collect();
@@ -117,7 +123,13 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
 
     let total = |driver: &RaySystem| {
         let mut proposed = Proposed::default();
-        proposed.sample((driver.sampler.proposals().unwrap(), simd, &driver.space), &rays, |_| true, |_| 0.0, draw);
+        proposed.sample(
+            driver.sampler.proposals().unwrap(),
+            &RaysInSpace { simd, space: &driver.space, rays: &rays },
+            |_| true,
+            |_| 0.0,
+            draw,
+        );
         let rounds = proposed.weighed(0);
         (0..m).map(|r| loss(&rounds[16 * r..][..16], &fine[10 * r..][..10], &w[10 * r..][..10])).sum::<f64>()
     };

@@ -10,7 +10,7 @@
 use super::driver::RaySystem;
 use crate::buffers::sized;
 use crate::fields::{Columns, Detail, Field, Places, Placing, When};
-use crate::samplers::{Draw, Occupancy, Proposed, Sampler};
+use crate::samplers::{Draw, Occupancy, Proposed, RaysInSpace, Sampler};
 use crate::space::{InternalRay, Space};
 use crate::warps::{DeformGrad, DeformScratch, Points, TimeSteps};
 use engine::canonical::add_canonical;
@@ -203,7 +203,8 @@ impl Job<'_> {
             Sampler::Occupancy(occupancy) => self.march(occupancy, s, &mut ledger),
             Sampler::Proposals(proposals) => {
                 let time = self.time_steps.times.first().copied().unwrap_or(0.0);
-                s.proposed.sample((proposals, field.simd, space), &s.rays, |_| true, |_| time, Draw::Render);
+                let at = RaysInSpace { simd: field.simd, space, rays: &s.rays };
+                s.proposed.sample(proposals, &at, |_| true, |_| time, Draw::Render);
                 s.proposed.intervals(rays.len(), &mut s.t, &mut s.dt, &mut s.offsets);
             }
         }

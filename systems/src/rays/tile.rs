@@ -1,7 +1,7 @@
 //! A tile: whole rays of a chunk, few enough that their activations stay in the L2 cache. Forward to pixels, and back.
 
 use super::context::StepContext;
-use super::head::{HeadBars, HeadTile};
+use super::head::{HeadBars, HeadTile, StaticBars, StaticPart};
 use super::marched::{Gradients, Marched};
 use crate::buffers::sized;
 use crate::fields::Columns;
@@ -134,7 +134,14 @@ impl Tile {
                     tau[self.offsets[r] as usize] = 0.0;
                 }
             }
-            self.head.forward(head, ctx, chunk, (rays, samples), &self.offsets, (input, tau, rgb, background));
+            self.head.forward(
+                head,
+                ctx,
+                chunk,
+                rays,
+                input,
+                &StaticPart { offsets: &self.offsets, tau, rgb, background },
+            );
         }
         let quadrature = Samples { offsets: &self.offsets, tau, last: LastInterval::Finite };
         let values = Values { data: rgb, stride: n, channels: 3 };
@@ -263,10 +270,9 @@ impl Tile {
         } else {
             tau_bar.fill(0.0);
         }
-        let colour = (&self.pixel_bar[..], &self.head_bars);
-        let forward = (tau, &self.rgb[..3 * n], background);
-        let bars = (&mut *tau_bar, &mut *rgb_bar, &mut input_bar[..geometry * n]);
-        self.head.backward(head, ctx, rays, &self.offsets, forward, colour, bars, out);
+        let part = StaticPart { offsets: &self.offsets, tau, rgb: &self.rgb[..3 * n], background };
+        let bars = StaticBars { tau: &mut *tau_bar, rgb: &mut *rgb_bar, geometry: &mut input_bar[..geometry * n] };
+        self.head.backward(head, ctx, rays, &part, &self.pixel_bar, &self.head_bars, bars, out);
         // Nothing static is where the veil is.
         for r in 0..count {
             if self.offsets[r] < self.offsets[r + 1] {

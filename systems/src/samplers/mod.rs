@@ -18,7 +18,7 @@ pub use proposals::ProposalConfig;
 #[cfg(test)]
 pub(crate) use proposals::ProposalField;
 pub(crate) use proposals::{ProposalNetwork, ProposalState, Proposals};
-pub(crate) use proposed::{Draw, Proposed};
+pub(crate) use proposed::{Draw, Proposed, RaysInSpace};
 
 use engine::system::{SystemError, Tensor, TensorMap};
 use render_core::occupancy::OccupancyGrid;

@@ -326,11 +326,12 @@ impl Occupancy {
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
         // As many as there are threads, not tasks: what a prober holds from the task before says nothing about the next.
         let probers = &self.probers;
+        let probed = Probed { grid, field, space, draws };
         let idle = || probers.lock().unwrap_or_else(PoisonError::into_inner);
         tasks.for_each(|(out, cells)| {
             let mut prober = idle().pop().unwrap_or_default();
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
-                prober.probe(grid, field, space, &draws, cells, out);
+                prober.probe(&probed, cells, out);
                 for (out, &id) in out.iter_mut().zip(cells) {
                     *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
                 }
@@ -390,40 +391,34 @@ impl Occupancy {
     }
 }
 
+/// What is probed, and where.
+struct Probed<'a> {
+    grid: &'a OccupancyGrid,
+    field: &'a Field,
+    space: &'a Space,
+    draws: Draws,
+}
+
 impl Prober {
     /// Densities of cells, each at a random point, written over `out`.
     ///
     /// Where something moves, a cell is probed at several times, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
-    fn probe(
-        &mut self,
-        grid: &OccupancyGrid,
-        field: &Field,
-        space: &Space,
-        draws: &Draws,
-        cells: &[u32],
-        out: &mut [f32],
-    ) {
-        if !field.time_steps().differ() {
-            return self.probe_once((grid, field, space), (draws, 0), cells, out);
+    fn probe(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32]) {
+        if !of.field.time_steps().differ() {
+            return self.probe_once(of, 0, cells, out);
         }
         out.fill(0.0);
         for round in 0..TIMES_OF_A_PROBE {
             let mut now = std::mem::take(&mut self.now);
-            self.probe_once((grid, field, space), (draws, round), cells, sized(&mut now, cells.len()));
+            self.probe_once(of, round, cells, sized(&mut now, cells.len()));
             out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
             self.now = now;
         }
     }
 
-    fn probe_once(
-        &mut self,
-        (grid, field, space): (&OccupancyGrid, &Field, &Space),
-        (draws, round): (&Draws, u32),
-        cells: &[u32],
-        out: &mut [f32],
-    ) {
-        let n = cells.len();
+    fn probe_once(&mut self, of: &Probed<'_>, round: u32, cells: &[u32], out: &mut [f32]) {
+        let (Probed { grid, field, space, draws }, n) = (of, cells.len());
         let time_steps = field.time_steps();
         let points = if time_steps.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
         let p = sized(&mut self.p, 3 * n);

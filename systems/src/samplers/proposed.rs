@@ -109,6 +109,15 @@ impl Round {
     }
 }
 
+/// Rays, and the space that they go through.
+#[derive(Clone, Copy)]
+pub(crate) struct RaysInSpace<'a> {
+    /// Level of the kernels.
+    pub(crate) simd: Simd,
+    pub(crate) space: &'a Space,
+    pub(crate) rays: &'a [InternalRay],
+}
+
 impl Proposed {
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
@@ -124,15 +133,15 @@ impl Proposed {
     /// Cut the rays for which `counts` holds; `time` is that of a ray, in `[-1, 1]`.
     pub(crate) fn sample(
         &mut self,
-        (proposals, simd, space): (&Proposals, Simd, &Space),
-        rays: &[InternalRay],
+        proposals: &Proposals,
+        at: &RaysInSpace<'_>,
         counts: impl Fn(usize) -> bool,
         time: impl Fn(usize) -> f32,
         draw: Draw<'_>,
     ) {
         self.rays.clear();
         self.maps.clear();
-        for (r, ray) in rays.iter().enumerate().filter(|&(r, _)| counts(r)) {
+        for (r, ray) in at.rays.iter().enumerate().filter(|&(r, _)| counts(r)) {
             // A ray that misses the space has no distances to normalise.
             if let Ok(map) = RayDistance::new(proposals.warp, ray.start.into(), ray.end.into()) {
                 self.rays.push(r as u32);
@@ -148,7 +157,7 @@ impl Proposed {
             cut(&mut self.resampler, before.last(), refine, shares, self.rays.len(), count, &mut round.posts);
             round.place(&self.maps, count);
             round.fill_times(&*field.features, &self.rays, &time);
-            round.weigh((field, simd, space), rays, &self.rays, (&mut self.p, &mut self.mlp), draw);
+            round.weigh(field, at, &self.rays, &mut self.p, &mut self.mlp, draw);
         }
         let k = proposals.fields.len();
         let refine = Refine { dilation: proposals.dilation(k), exponent: draw.exponent() };
@@ -281,13 +290,14 @@ impl Round {
     /// Weights of the intervals.
     fn weigh(
         &mut self,
-        (field, simd, space): (&ProposalField, Simd, &Space),
-        rays: &[InternalRay],
+        field: &ProposalField,
+        at: &RaysInSpace<'_>,
         asked: &[u32],
-        (p, mlp): (&mut Vec<f32>, &mut Vec<f32>),
+        p: &mut Vec<f32>,
+        mlp: &mut Vec<f32>,
         draw: Draw<'_>,
     ) {
-        let n = self.n;
+        let (&RaysInSpace { simd, space, rays }, n) = (at, self.n);
         let p = sized(p, 3 * n);
         for (&r, span) in asked.iter().zip(self.offsets.windows(2)) {
             for i in span[0] as usize..span[1] as usize {
