@@ -41,6 +41,7 @@ mod ray_gradient;
 #[cfg(test)]
 mod ray_gradient_tests;
 mod render;
+mod render_scratch;
 mod second_render;
 #[cfg(test)]
 mod second_render_tests;

@@ -8,16 +8,17 @@
 //! are the lattice, and no cell is empty.
 
 use super::driver::RaySystem;
+use super::render_scratch::{Kept, Progress, Scratch};
 use crate::buffers::sized;
-use crate::fields::{Columns, Detail, Field, Places, Placing, When};
-use crate::samplers::{Draw, Occupancy, Proposed, RaysInSpace, Sampler};
-use crate::space::{InternalRay, Space};
-use crate::warps::{DeformGrad, DeformScratch, Points, TimeSteps};
+use crate::fields::{Columns, Detail, Field, Places, When};
+use crate::samplers::{Draw, Occupancy, RaysInSpace, Sampler};
+use crate::space::Space;
+use crate::warps::{Points, TimeSteps};
 use engine::canonical::add_canonical;
 use engine::eval::skips::bound_of;
 use engine::system::{EmptyCells, Layers, Normals, Query, SkipRow, System, Trial};
 use rayon::prelude::*;
-use render_core::budget::{Account, Budget, Ledger, Radiance, Skip, empty_bound};
+use render_core::budget::{Budget, Ledger, Radiance, Skip, empty_bound};
 use render_core::occupancy::OccupancyGrid;
 use render_core::quadrature::normalise;
 use render_core::ray::Ray;
@@ -29,87 +30,6 @@ const TASK: usize = 256;
 const ROUND: usize = 24;
 /// Where a pixel's first sample lies within its step.
 const JITTER: f32 = 0.5;
-
-/// Buffers of a task.
-#[derive(Default)]
-struct Scratch {
-    t: Vec<f32>,
-    dt: Vec<f32>,
-    /// Samples in cells that count as empty; only where those are visited.
-    empty: Vec<bool>,
-    occupied: Vec<f32>,
-    offsets: Vec<u32>,
-    rays: Vec<InternalRay>,
-    views: Vec<f32>,
-    basis: Vec<f32>,
-    alive: Vec<u32>,
-    /// Sample, weight: those of the round that carry weight.
-    kept: Vec<Kept>,
-    /// The first of each ray among those.
-    runs: Vec<u32>,
-    p: Vec<f32>,
-    x: Vec<f32>,
-    /// `[3][n]`, positions before they were canonical, and their time steps; only for normals where something moves.
-    was: Vec<f32>,
-    which: Vec<u32>,
-    placing: Placing,
-    deform: (DeformGrad, DeformScratch),
-    features: Vec<f32>,
-    acts: Vec<f32>,
-    raw: Vec<f32>,
-    input: Vec<f32>,
-    rgb: Vec<f32>,
-    mlp: Vec<f32>,
-    bar: Vec<f32>,
-    features_bar: Vec<f32>,
-    raw_bar: Vec<f32>,
-    x_bar: Vec<f32>,
-    times: Vec<f32>,
-    grad: Vec<f32>,
-    proposed: Proposed,
-}
-
-#[derive(Clone, Copy)]
-struct Kept {
-    ray: u32,
-    /// Column in the round's buffers.
-    column: u32,
-    t: f32,
-    w: f32,
-    sigma: f32,
-}
-
-/// A ray on its way.
-#[derive(Clone, Copy)]
-struct Progress {
-    account: Account,
-    depth: f64,
-    /// `exp(-depth)`
-    trans: f64,
-    /// Optical depth of the samples in cells that count as empty.
-    hidden: f64,
-    stopped: bool,
-    rgb: [f64; 3],
-    opacity: f32,
-    distance: f32,
-    median: f32,
-    normal: [f32; 3],
-}
-
-impl Progress {
-    const START: Self = Self {
-        account: Account::NEW,
-        depth: 0.0,
-        trans: 1.0,
-        hidden: 0.0,
-        stopped: false,
-        rgb: [0.0; 3],
-        opacity: 0.0,
-        distance: 0.0,
-        median: f32::INFINITY,
-        normal: [0.0; 3],
-    };
-}
 
 /// What all tasks of a render share.
 struct Job<'a> {

@@ -6,6 +6,7 @@
 
 mod depth;
 mod occupancy;
+mod probe;
 mod proposals;
 mod proposed;
 mod silhouette;

@@ -2,37 +2,28 @@
 //!
 //! The grid probes the field now and then; what the cameras and the alpha of the photos rule out is empty from the start.
 
+use super::probe::{Draws, OCCUPIED_SHARE, Probed, Prober};
 pub(crate) use super::silhouette::Moves;
 use super::silhouette::{Seen, Silhouette};
-use crate::buffers::sized;
-use crate::fields::{DensityScratch, Field, When};
+use crate::fields::Field;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
-use field_core::rng::Rng;
 use rayon::prelude::*;
 use render_core::occupancy::{GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-/// Streams of the points probed, and of their times.
-const POINTS: u64 = 0x6f63_6375;
-const TIMES: u64 = 0x6d6f_6d65;
-/// An update probes one in this many cells, and at one in this many occupied ones.
+/// An update probes one in this many cells, and at one in [`OCCUPIED_SHARE`] occupied ones.
 const SHARE: u32 = 8;
-const OCCUPIED_SHARE: u32 = 4;
 /// The first updates probe every second cell, so that empty space is known early.
 const EAGER_UPDATES: u64 = 16;
 const EAGER_SHARE: u32 = 2;
 /// Factor on a cell's running maximum each time it is probed. Faster than the paper's 0.95: a step of a CPU is worth
 /// more, so empty space has to clear in fewer of them.
 const DECAY: f32 = 0.8;
-/// Times at which a cell is probed where things move: it is full now and then.
-const TIMES_OF_A_PROBE: u32 = 4;
-/// From one time to the next that a cell is probed, as a share of all: the golden ratio leaves no gap for long.
-const NEXT_TIME: f64 = 0.618_033_988_749_894_9;
 /// Cells probed together.
 const TASK: usize = 4096;
 /// One in this many photos whose alpha is a mask, drawn by hand or found, may be wrong about a cell.
@@ -141,36 +132,6 @@ fn settings(config: &OccupancyConfig, cascades: usize, initial: f32, updates: u6
         .with_cascades(cascades as u32)
         .with_decay(DECAY)
         .with_threshold(first * (last / first).powf(settled.min(1.0)))
-}
-
-/// Buffers of a task of an update.
-#[derive(Default)]
-struct Prober {
-    densities: DensityScratch,
-    p: Vec<f32>,
-    x: Vec<f32>,
-    /// Views whose times are probed, and what is seen in one of them; only where something moves.
-    which: Vec<u32>,
-    now: Vec<f32>,
-}
-
-/// Where in its cell, and at which times, an update probes.
-struct Draws {
-    points: Rng,
-    times: Rng,
-    /// Number of the update.
-    phase: u32,
-}
-
-impl Draws {
-    /// Which of `steps` time steps a cell is probed in: what is empty has to be so at all times. Those of successive probes are
-    /// far from each other and leave no gap for long, so that what is there for a twentieth of the time is seen every few probes.
-    fn time_step(&self, id: u32, round: u32, steps: usize) -> u32 {
-        let probe = u64::from(id.wrapping_add(self.phase) / OCCUPIED_SHARE);
-        let probes = (probe * u64::from(TIMES_OF_A_PROBE) + u64::from(round)) as f64;
-        let at = (f64::from(self.times.uniform_at(id.into())) + probes * NEXT_TIME).fract();
-        ((at * steps as f64) as u32).min(steps as u32 - 1)
-    }
 }
 
 /// Step rule of a march.
@@ -318,7 +279,7 @@ impl Occupancy {
             let share = if occupied { share.min(OCCUPIED_SHARE) } else { share };
             thickness[id as usize] >= 0.0 && turn.is_multiple_of(share)
         }));
-        let draws = Draws { points: Rng::new(seed, POINTS).substream(step), times: Rng::new(seed, TIMES), phase };
+        let draws = Draws::new(seed, step, phase);
         self.thickness.resize(self.cells.len(), 0.0);
         let (grid, step_min) = (&self.grid, self.config.step_min);
         // Whole blocks of `TASK` to each task.
@@ -388,55 +349,5 @@ impl Occupancy {
         // Asked for every cell in order: none is marked yet.
         self.grid.mark_invisible(|_, _| cells.next().copied().unwrap_or(true));
         Ok(())
-    }
-}
-
-/// What is probed, and where.
-struct Probed<'a> {
-    grid: &'a OccupancyGrid,
-    field: &'a Field,
-    space: &'a Space,
-    draws: Draws,
-}
-
-impl Prober {
-    /// Densities of cells, each at a random point, written over `out`.
-    ///
-    /// Where something moves, a cell is probed at several times, and its fullest counts: what is there for a short while
-    /// must not be taken for empty.
-    fn probe(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32]) {
-        if !of.field.time_steps().differ() {
-            return self.probe_once(of, 0, cells, out);
-        }
-        out.fill(0.0);
-        for round in 0..TIMES_OF_A_PROBE {
-            let mut now = std::mem::take(&mut self.now);
-            self.probe_once(of, round, cells, sized(&mut now, cells.len()));
-            out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
-            self.now = now;
-        }
-    }
-
-    fn probe_once(&mut self, of: &Probed<'_>, round: u32, cells: &[u32], out: &mut [f32]) {
-        let (Probed { grid, field, space, draws }, n) = (of, cells.len());
-        let time_steps = field.time_steps();
-        let points = if time_steps.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
-        let p = sized(&mut self.p, 3 * n);
-        for (i, &id) in cells.iter().enumerate() {
-            let u = [0, 1, 2].map(|a| points.uniform_at(3 * u64::from(id) + a));
-            let point = grid.cell_point(id, u);
-            (p[i], p[n + i], p[2 * n + i]) = (point[0], point[1], point[2]);
-        }
-        let x = sized(&mut self.x, 3 * n);
-        space.grid_positions(field.simd, p, x);
-        self.which.clear();
-        if let 1.. = time_steps.len() {
-            self.which.extend(cells.iter().map(|&id| draws.time_step(id, round, time_steps.len())));
-        }
-        field.densities(x, When { time_steps, which: &self.which }, out, &mut self.densities);
-    }
-
-    fn bytes(&self) -> usize {
-        4 * (self.p.capacity() + self.x.capacity()) + self.densities.bytes()
     }
 }
