@@ -1,8 +1,8 @@
-//! The binaries: they parse, call `systems`, and show.
+//! The binaries: they parse the command line, call `engine` and `systems`, and show the results.
 //!
-//! Exit codes: 0 done, 1 failed or not all written, 2 wrong usage, 130 stopped by SIGINT or SIGTERM (what is done is kept; `view` ends with 0, as there is no
-//! other end). Results go to standard
-//! output, progress and errors to standard error.
+//! Exit codes: 0 done, 1 failed or not all written, 2 wrong usage, 130 stopped by SIGINT or SIGTERM (what is done is kept). A
+//! signal is the usual end of `view`, which then ends with 0. Results go to standard output, progress and errors to standard
+//! error.
 
 mod app;
 mod cli;

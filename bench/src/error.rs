@@ -11,7 +11,7 @@ pub(crate) enum BenchError {
     #[error("`{}`: {source}", path.display())]
     File { path: PathBuf, source: std::io::Error },
     /// A measured number is NaN or infinite: nothing that is published may be.
-    #[error("{table}: {column} of `{row}` is {value}, which is no result")]
+    #[error("{table}: {column} of `{row}` is {value}, which is not a result")]
     NonFinite { table: String, column: String, row: String, value: f64 },
     /// A plot could not be drawn.
     #[error("plot `{0}`: {1}")]

@@ -2,7 +2,7 @@
 //!
 //! Each file of `sections` measures one thing and gives a `page::Section`; `page` writes sections as Markdown, CSV and
 //! SVG. What is compared is measured interleaved in one run (`measure`), so that a ratio means something on a machine
-//! that others use too. No time stands without an error: kernels are compared with `f64` twins on the same inputs.
+//! that others use too. Every time has an error beside it: kernels are compared with `f64` twins on the same inputs.
 
 mod bench;
 mod claims;

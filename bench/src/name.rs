@@ -25,13 +25,13 @@ pub(crate) enum Name {
     Training,
     /// Gaussians: time and error of the kernels, PSNR over time, error budgets
     Splats,
-    /// Disturbed photos of lego, small: what systems for the wild win back
+    /// Perturbed photos of lego, small: what systems for the wild win back
     WildLego100,
     /// The same, larger
     WildLego400,
     /// Things in the way: the same, and masks against the truth
     WildYard,
-    /// Light and strangers at once
+    /// Appearance and occluders at once
     WildPlaza,
     /// Real photographs of many people
     WildReal,

@@ -64,7 +64,11 @@ pub(crate) fn write_index(out: &Path, names: &[String]) -> Result<(), BenchError
         "# nerf-bench\n\nTime against error, and kernels against the ceilings of the machine they ran on. Each section is \
          one run on one machine; figures of different sections are compared with care. Times are medians of repetitions that \
          take turns, so ratios within a table hold on a busy machine too. Errors are against `f64` twins on the same inputs. Rows bear the \
-         names of the systems here; none is all of the paper it is named after, and each page says what differs.\n",
+         names of the systems here; none is all of the paper it is named after, and each page says what differs.\n\n\
+         **How old they are.** Each page was measured at the commit in its first line; where the code has changed in what it shows, it \
+         says so below that line. Verdicts of pages before 2026-11-24 were given by rules that are gone: a part that cost 0 dB counted as \
+         \"yes\", and a curve by its best point. Today a part has to be worth 0.3 dB (a tenth of an error of depth) and a curve is \
+         judged by its end.\n",
     );
     for name in names {
         let file = out.join(format!("{name}.md"));

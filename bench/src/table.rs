@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(table.csv(), "what,x\n\"a, \"\"b\"\"\",1.50000\nc|d,\n");
         assert_eq!(table.markdown(), "| what | x |\n| --- | ---: |\n| a, \"b\" | 1.50 |\n| c\\|d | - |\n");
         let error = table.row(["bad".into(), f64::NAN.into()]).unwrap_err();
-        assert_eq!(error.to_string(), "t: x of `bad` is NaN, which is no result");
+        assert_eq!(error.to_string(), "t: x of `bad` is NaN, which is not a result");
         assert_eq!(table.csv().lines().count(), 3);
         table.row(["e".into(), Table::decibels(Some(31.125_4))]).unwrap();
         assert!(table.markdown().ends_with("| e | 31.13 |\n") && table.csv().ends_with("e,31.1254\n"));

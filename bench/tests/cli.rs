@@ -46,7 +46,7 @@ fn check_pages(out: &Path) {
         } else if name.ends_with(".svg") {
             assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>") && !text.contains("NaN"), "{name}");
         } else {
-            // Every file that a page names is there; nothing on it is no number.
+            // Every file that a page names is there; nothing on it is NaN.
             for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
                 assert!(out.join(link).exists(), "{name}: {link}");
             }

@@ -3,7 +3,7 @@
 use crate::error::RunError;
 use crate::options::DataOptions;
 use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
-use scene_io::{Depth, Disturbance, Report, Scene, TrainPhotos};
+use scene_io::{Depth, PerturbationKind, Report, Scene, TrainPhotos};
 use std::path::Path;
 
 /// What embedded scenes begin with.
@@ -60,7 +60,7 @@ pub fn check(spec: &str, data: &DataOptions, depth: Depth) -> Result<Report, Run
 }
 
 /// What is done to which scene, where the word asks for a perturbation.
-fn perturbed(spec: &str) -> Result<Option<(Disturbance, &str)>, RunError> {
+fn perturbed(spec: &str) -> Result<Option<(PerturbationKind, &str)>, RunError> {
     let Some(rest) = spec.strip_prefix(PERTURBED) else { return Ok(None) };
     let Some((what, inner)) = rest.split_once(':').filter(|(_, inner)| !inner.is_empty()) else {
         return Err(RunError::Option(format!("`{spec}`: write `{PERTURBED}c:SCENE`, `o:` or `co:`")));
@@ -108,11 +108,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn perturbed_scenes_are_scenes_with_disturbed_training_views() {
+    fn perturbed_scenes_are_scenes_with_perturbed_training_views() {
         let data = DataOptions::default();
         let scene = load("perturbed:co:synthetic:plaza", &data).unwrap();
-        let disturbed = scene.split(scene_io::Split::Train).filter(|i| scene.frames[*i].perturbation.is_some()).count();
-        assert_eq!(disturbed, scene.count(scene_io::Split::Train) - 1);
+        let perturbed = scene.split(scene_io::Split::Train).filter(|i| scene.frames[*i].perturbation.is_some()).count();
+        assert_eq!(perturbed, scene.count(scene_io::Split::Train) - 1);
         assert!(scene.split(scene_io::Split::Test).all(|i| scene.frames[i].perturbation.is_none()));
         let report = check("perturbed:o:synthetic:plaza", &data, Depth::Headers).unwrap();
         assert!(report.notes.iter().any(|n| n.contains("occluders, seed 0")), "{report}");

@@ -1,5 +1,5 @@
 //! MLP kernels in both precisions: forward, and forward with backward, in samples a second, on one thread and on two. Before
-//! each network its errors against f64 are printed: a speed without its error is no figure.
+//! each network its errors against f64 are printed: a speed without its error is not a figure.
 #[path = "../tests/all/mlp_twin.rs"]
 mod mlp_twin;
 

@@ -1,8 +1,8 @@
 //! A point in space to density, colour and features: encodings, feature grids, small networks and reverse-mode differentiation.
 //!
 //! Everything differentiable is a pair of plain functions on slices, `f` and `f_backward`; the backward function **adds** to
-//! gradients. Batches are feature-major, `[feature][sample]`. Functions that vectorise take the [`Simd`] level to run at, and need
-//! no allocation: buffers come from the caller.
+//! gradients. Batches are feature-major, `[feature][sample]`. Functions that vectorise take the [`Simd`] level to run at, and
+//! allocate nothing: buffers come from the caller.
 //!
 //! | module | content |
 //! | --- | --- |
@@ -20,7 +20,7 @@
 //! thread pool; the same bits for any number of threads).
 //!
 //! # Example
-//! Densities of two points by a hash grid and a small network, and the way back to the gradients of both:
+//! Densities of two points from a hash grid and a small network, and the gradients of both:
 //!
 //! ```
 //! use field_core::Simd;

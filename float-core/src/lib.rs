@@ -11,7 +11,7 @@
 //! | [`rng`] | counter-based random numbers: a function of (seed, stream, index), the same in any order |
 //!
 //! # Features
-//! `std` (default), `libm` (the pure Rust functions; where both are on, `libm` wins and every platform gives the same bits, so it is a
+//! `std` (default), `libm` (functions in pure Rust: the same bits on every platform; where both are on, `libm` wins, so it is a
 //! choice for the binary, not for a library in the middle).
 //!
 //! # Example

@@ -1,4 +1,4 @@
-//! The doors of `tests/doors`, opened by libFuzzer.
+//! The functions of `tests/doors`, which read what comes from outside, called by libFuzzer.
 
 pub use doors;
 pub use libfuzzer_sys;

@@ -101,9 +101,9 @@ pub fn elastic_backward(j: &[f32], w: &[f32], c: f32, loss_bar: f64, j_bar: &mut
     let (n, mut sum) = (w.len(), 0.0);
     for (s, &w) in w.iter().enumerate().filter(|(_, w)| **w != 0.0) {
         let (energy, gradient) = energy_gradient_of(&jacobian(j, n, s));
-        let (value, slope) = robust(energy, c);
+        let (value, derivative) = robust(energy, c);
         sum += f64::from(w) * value;
-        add(&gradient, loss_bar * f64::from(w) * slope, j_bar, n, s);
+        add(&gradient, loss_bar * f64::from(w) * derivative, j_bar, n, s);
     }
     Ok(sum)
 }

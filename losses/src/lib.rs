@@ -20,27 +20,27 @@
 //!
 //! * [`elastic`]: how far a deformation is from rigid (Nerfies)
 //! * [`background`]: static points that a deformation must not move (Nerfies)
-//! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-planes,
+//! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-Planes,
 //!   HexPlane, DVGO, TiNeuVox)
 //! * [`planes`]: feature planes that are smooth in space and time, planes of time near 1 (K-Planes)
 //!
 //! **Occluders and appearance**
 //!
-//! * [`trimmed`]: inlier rays of a batch of patches, by the size of their errors (RobustNeRF)
+//! * [`trimmed`]: which rays of a batch of patches are inliers, by the size of their errors (RobustNeRF)
 //! * [`heuristics`]: static masks from feature tracks, errors and segments (NeRF-HuGS), superpixels (SLIC)
 //! * [`uncertainty`]: errors under a learned uncertainty, sparsity of transient density (NeRF-W)
 //! * [`visibility`]: a learned mask of occluders (Ha-NeRF)
-//! * [`codes`]: appearance codes that renders agree with (Ha-NeRF)
+//! * [`codes`]: the encoder should find in a render the appearance code that it was made with (Ha-NeRF)
 //! * [`concrete`]: nearly binary opacities with a derivative (SF-NeRF)
-//! * [`smoothness`]: opacities without flicker (SF-NeRF)
-//! * [`sparsity`]: opacities without excess (SF-NeRF)
+//! * [`smoothness`]: opacities that change little from pixel to pixel (SF-NeRF)
+//! * [`sparsity`]: little density, little opacity of occluders (SF-NeRF)
 //!
 //! **Fits and metrics**
 //!
 //! * [`irls`]: robust fits by iteratively reweighted least squares
 //! * [`metrics`]: PSNR, SSIM, MS-SSIM, their masked forms, LPIPS; IoU and F1 of masks
 //!
-//! Every module names its source; a function `f` has a twin `f_backward`, which adds. Colours are as they stand in files
+//! Every module names its source. A function `f` comes with `f_backward`, which adds to gradients. Colours are as in files
 //! (display-referred sRGB, expected in `[0, 1]`); letters are `w` for weights and `alpha` for opacity of samples, `trans` for
 //! transmittance, `x_bar` for the gradient of the loss with respect to `x`.
 //!

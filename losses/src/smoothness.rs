@@ -7,7 +7,7 @@
 //! loss = mean over pixels of sum_k 2^k sum over the rows of octave k of |d|
 //! ```
 //!
-//! By the chain rule the slope `|d alpha / d p|_1` over the picture is at most `loss` times the factor inside the sine (`pi` for
+//! By the chain rule the derivative `|d alpha / d p|_1` over the picture is at most `loss` times the factor inside the sine (`pi` for
 //! `sin(2^k pi p)`, 1 for `sin(2^k p)`): a small loss forbids opacities that flicker from pixel to pixel.
 //!
 //! `d` is itself a derivative through the network; [`smoothness_backward`] ends at it, the rest is the network's own

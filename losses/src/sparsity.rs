@@ -29,7 +29,7 @@ pub fn density_backward(sigma: &[f32], loss_bar: f64, sigma_bar: &mut [f32]) -> 
     same("sigma_bar", sigma.len(), sigma_bar.len())?;
     let bar = loss_bar / sigma.len().max(1) as f64;
     for (sigma_bar, &sigma) in sigma_bar.iter_mut().zip(sigma) {
-        // In units that fit: 2 sigma^2 stays far from overflow in f64, an infinite sigma has slope 0.
+        // In units that fit: 2 sigma^2 stays far from overflow in f64, an infinite sigma has derivative 0.
         let sigma = f64::from(sigma);
         if !sigma.is_infinite() {
             *sigma_bar += (bar * 4.0 * sigma / (1.0 + 2.0 * sigma * sigma)) as f32;

@@ -121,10 +121,10 @@ impl Likelihood {
         for i in 0..prediction.len() {
             let (bar, b) = (loss_bar * weight(w, i), self.floor(beta[i]));
             let precision = 1.0 / (b * b);
-            let (k2, slope) = self.shortened(self.error(&prediction[i], &target[i]));
+            let (k2, derivative) = self.shortened(self.error(&prediction[i], &target[i]));
             for c in 0..3 {
                 let x = f64::from(prediction[i][c]) - f64::from(target[i][c]);
-                prediction_bar[i][c] += (bar * self.share() * precision * slope * x) as f32;
+                prediction_bar[i][c] += (bar * self.share() * precision * derivative * x) as f32;
             }
             // Under the floor the cost does not depend on beta.
             if beta[i] >= self.beta_min {

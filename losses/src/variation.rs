@@ -38,7 +38,7 @@ pub fn magnitude_backward(a: &[f32], kernel: Kernel, loss_bar: f64, a_bar: &mut 
     check(kernel)?;
     same("a_bar", a.len(), a_bar.len())?;
     for (a_bar, &a) in a_bar.iter_mut().zip(a) {
-        *a_bar += slope(kernel, a, 0.0, loss_bar);
+        *a_bar += derivative(kernel, a, 0.0, loss_bar);
     }
     Ok(())
 }
@@ -68,7 +68,7 @@ pub fn difference_backward(
     same("a_bar", a.len(), a_bar.len())?;
     same("b_bar", a.len(), b_bar.len())?;
     for (((&a, &b), a_bar), b_bar) in a.iter().zip(b).zip(a_bar).zip(b_bar) {
-        let bar = slope(kernel, a, b, loss_bar);
+        let bar = derivative(kernel, a, b, loss_bar);
         *a_bar += bar;
         *b_bar -= bar;
     }
@@ -100,7 +100,7 @@ pub fn acceleration_backward(
     same("a_bar", a.len(), a_bar.len())?;
     same("b_bar", a.len(), b_bar.len())?;
     for (((&a, &b), a_bar), b_bar) in a.iter().zip(b).zip(a_bar).zip(b_bar) {
-        let bar = slope(kernel, a, -b, loss_bar);
+        let bar = derivative(kernel, a, -b, loss_bar);
         *a_bar += bar;
         *b_bar += bar;
     }
@@ -149,7 +149,7 @@ pub fn total_variation_backward(
         let bar = loss_bar / axis.pairs as f64;
         axis.for_each_run(|low, high| {
             for (low, high) in low.zip(high) {
-                let bar = slope(kernel, x[high], x[low], bar);
+                let bar = derivative(kernel, x[high], x[low], bar);
                 x_bar[high] += bar;
                 x_bar[low] -= bar;
             }
@@ -186,7 +186,7 @@ impl Axis {
     }
 }
 
-fn slope(kernel: Kernel, a: f32, b: f32, bar: f64) -> f32 {
+fn derivative(kernel: Kernel, a: f32, b: f32, bar: f64) -> f32 {
     (bar * f64::from(kernel.derivative(a, b))) as f32
 }
 

@@ -1,7 +1,7 @@
 //! A gradient to a step: Adam (dense and sparse), learning-rate schedules, clipping, and a limit on non-finite gradients.
 //!
-//! Everything works on plain slices of `f32` with coefficients in `f64`. Results are the same bits at every [`Simd`] level and for any
-//! number of threads.
+//! Everything works on plain slices of `f32`, with coefficients in `f64`. Results are the same to the bit at every [`Simd`] level
+//! and for any number of threads.
 //!
 //! | type or module | content |
 //! | --- | --- |

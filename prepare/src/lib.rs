@@ -2,8 +2,8 @@
 //!
 //! [`prepare`] makes a scene in COLMAP's layout: upright pictures in `images`, poses and points in `sparse/0`. Frames come out of
 //! videos by `ffmpeg`; poses come from the first of these that is there: the crate `openmvg-sfm` (feature `sfm`), `colmap`,
-//! with `glomap` on demand. Each stage leaves a marker in `prepare/` and is done once for the same inputs; what programs say is
-//! kept in `prepare.log`.
+//! with `glomap` on demand. Each stage leaves a marker in `prepare/` and is done once for the same inputs; the output of these
+//! programs is kept in `prepare.log`.
 //!
 //! [`compare`] tells how far two sets of cameras are apart.
 

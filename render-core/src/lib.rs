@@ -2,7 +2,7 @@
 //!
 //! **Cameras**
 //!
-//! * [`camera`]: lens models, projection, rays, their derivatives and the way back to pose and intrinsics
+//! * [`camera`]: lens models, projection, rays, their derivatives, gradients of pose and intrinsics
 //! * [`pose`]: camera poses, their file conventions and repair
 //! * [`ray`]: a ray, the positions of samples on it, gradients back to it
 //! * [`rig`]: what a set of cameras has in common: mean pose, up, focus point
@@ -24,25 +24,26 @@
 //! * [`proposal`]: dilated and annealed proposals (mip-NeRF 360)
 //! * [`occupancy`]: the occupancy grid and the march through it (Instant-NGP)
 //! * [`frustum`]: conical frusta as Gaussians (mip-NeRF)
-//! * [`importance`]: which pixels to cast rays through where tools hide them (EndoNeRF)
+//! * [`importance`]: which pixels to cast rays through where tools hide parts of frames (EndoNeRF)
 //!
 //! **Compositing**
 //!
-//! * [`quadrature`]: volume rendering: weights, colours, depths, and the same with two parts;
+//! * [`quadrature`]: volume rendering: weights, colours, depths, and the same for a static and a transient part together;
 //!   [`Compositor`](quadrature::Compositor) for the usual case
-//! * [`budget`]: work that may be left out, and the error that costs at most
+//! * [`budget`]: work that may be left out, and a bound on the error of that
 //! * [`lighting`]: spherical-harmonic lighting and shading (NeRF-OSR)
-//! * [`bilateral`]: depth smoothed without its edges
+//! * [`bilateral`]: depth smoothed, with its edges kept
 //!
-//! **Below**
+//! **Basics**
 //!
-//! * [`error`]: what can be wrong with the input
+//! * [`error`]: why an input was refused
 //! * [`real`]: the two float types, for functions in both precisions
 //!
-//! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds gradients. Poses are
-//! camera-to-world with CV axes (x right, y down, z forward), pixel centres lie at `+ 0.5`, directions of rays are of unit length,
-//! angles in radians. Letters: `t` distance, `s` the same in `[0, 1]`, `sigma` density, `tau = sigma * dt` optical depth, `w`
-//! weights, `trans` transmittance, `x_bar` the gradient of the loss with respect to `x`.
+//! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds to gradients unless its
+//! documentation says that it writes them. Poses are camera-to-world with CV axes (x right, y down, z forward), pixel centres
+//! lie at `+ 0.5`, directions of rays are of unit length, angles in radians. Letters: `t` distance, `s` the same in `[0, 1]`,
+//! `sigma` density, `tau = sigma * dt` optical depth, `w` weights, `trans` transmittance, `x_bar` the gradient of the loss with
+//! respect to `x`.
 //!
 //! # Features
 //! * `std` (default): float functions of the standard library.

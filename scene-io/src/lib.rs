@@ -1,18 +1,19 @@
 //! Files to a [`Scene`] and back: dataset readers, exporters, and drawn scenes with exact truth.
 //!
-//! * Reading: [`load`], [`load_cameras`] and [`LoadOptions`] find out which dialect a folder is written in and read it
+//! * Reading: [`load`] and [`load_cameras`], with [`LoadOptions`], find out in which format a folder is written, and read it
 //!   (Blender, instant-ngp, nerfstudio, COLMAP, LLFF, NR-NeRF, Nerfies, EndoNeRF); [`check()`] lists everything that is wrong
-//!   with it at once; [`capture`] finds captures that cannot turn out well; [`unposed()`] finds photos without cameras.
+//!   with it at once; [`capture`] finds photos and cameras that cannot give a good result; [`unposed()`] finds photos without
+//!   cameras.
 //! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
-//! * Pictures: [`Scene::picture`] for one photo as numbers; [`ImageStore`] decodes many on demand, within [`DecodeMemory`].
+//! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`].
 //! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`BitMask`].
 //! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
 //! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
 //!
-//! Everything above sees one type, whatever the dialect. Cameras are converted to CV axes
-//! (x right, y down, z forward) with pixel centres at `+ 0.5`; world axes and the world unit stay those of the file. Errors name file, field, value and remedy.
-//! There are no features.
+//! Code that uses this crate sees one type, [`Scene`], whatever the format ([`Dialect`]) of the files. Cameras are converted to
+//! CV axes (x right, y down, z forward) with pixel centres at `+ 0.5`; world axes and the world unit stay those of the file.
+//! Errors name file, field, value and remedy. There are no features.
 //!
 //! ```
 //! use scene_io::synthetic::{TabletopOptions, tabletop};
@@ -94,7 +95,7 @@ pub use image_store::{ImageStore, StoreOptions};
 pub use load::{load, load_cameras};
 pub use options::{Holdout, LoadOptions, Masks, MissingImages, TrainPhotos, Validation};
 pub use perturb::perturb;
-pub use perturbation::{Bars, ColourChange, Disturbance, Perturbation};
+pub use perturbation::{Bars, ColourChange, Perturbation, PerturbationKind};
 pub use picture::{Image, Picture, decode_photo, photo_size, with_photo};
 pub use priors::{
     Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,

@@ -16,20 +16,20 @@
 //! pixels), are pasted over the picture, opaque also where it is transparent. The first training view and all other splits
 //! stay as they are. All this happens at the picture's native size, when it is decoded.
 
-use crate::perturbation::{Disturbance, Perturbation};
+use crate::perturbation::{Perturbation, PerturbationKind};
 use crate::priors::TruthMask;
 use crate::{Scene, Split};
 use std::sync::Arc;
 
-/// The scene with its training views disturbed, but for the first of them; truth masks show the occluders.
+/// The scene with its training views perturbed, but for the first of them; truth masks show the occluders.
 #[must_use]
-pub fn perturb(mut scene: Scene, what: Disturbance, seed: u64) -> Scene {
+pub fn perturb(mut scene: Scene, what: PerturbationKind, seed: u64) -> Scene {
     let training: Vec<usize> = scene.split(Split::Train).collect();
     for (view, index) in training.iter().enumerate() {
         let frame = &mut scene.frames[*index];
         let (width, height) = (frame.camera.width, frame.camera.height);
         let perturbation = Perturbation::of(view, width, height, what, seed);
-        if what != Disturbance::Colour {
+        if what != PerturbationKind::Colour {
             frame.truth.transient = Some(TruthMask::Bars(perturbation.as_ref().and_then(|p| p.bars)));
         }
         frame.perturbation = perturbation.map(Arc::new);
@@ -39,9 +39,9 @@ pub fn perturb(mut scene: Scene, what: Disturbance, seed: u64) -> Scene {
         training.len().saturating_sub(1),
         training.len(),
         match what {
-            Disturbance::Colour => "colours",
-            Disturbance::Occluder => "occluders",
-            Disturbance::Both => "colours and occluders",
+            PerturbationKind::Colour => "colours",
+            PerturbationKind::Occluder => "occluders",
+            PerturbationKind::Both => "colours and occluders",
         }
     ));
     scene
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn occluders_are_exactly_where_the_truth_says_and_nothing_else_changes() {
-        let scene = perturb(scene(), Disturbance::Occluder, 0);
+        let scene = perturb(scene(), PerturbationKind::Occluder, 0);
         for (i, (frame, image)) in scene.frames.iter().zip(images(&scene, None)).enumerate() {
             if frame.split == Split::Test {
                 assert!(frame.truth.transient.is_none() && frame.perturbation.is_none());
@@ -96,8 +96,9 @@ mod tests {
 
     #[test]
     fn colours_change_as_written_and_both_is_one_after_the_other() {
-        let (colour, both) = (perturb(scene(), Disturbance::Colour, 0), perturb(scene(), Disturbance::Both, 0));
-        let occluder = perturb(scene(), Disturbance::Occluder, 0);
+        let (colour, both) =
+            (perturb(scene(), PerturbationKind::Colour, 0), perturb(scene(), PerturbationKind::Both, 0));
+        let occluder = perturb(scene(), PerturbationKind::Occluder, 0);
         let (a, b) = (images(&colour, None), images(&both, None));
         for i in 1..4 {
             let change = colour.frames[i].perturbation.as_ref().unwrap().colour.unwrap();
@@ -121,11 +122,11 @@ mod tests {
 
     #[test]
     fn pictures_are_perturbed_before_they_are_scaled_and_fingerprints_differ() {
-        let scene = perturb(scene(), Disturbance::Both, 0);
+        let scene = perturb(scene(), PerturbationKind::Both, 0);
         for (small, full) in images(&scene, Some(20)).iter().zip(images(&scene, None)) {
             assert_eq!(**small, full.resized(20, 10));
         }
-        let prints: Vec<String> = [Disturbance::Colour, Disturbance::Occluder, Disturbance::Both]
+        let prints: Vec<String> = [PerturbationKind::Colour, PerturbationKind::Occluder, PerturbationKind::Both]
             .into_iter()
             .flat_map(|what| [0, 1].map(|seed| perturb(self::scene(), what, seed).fingerprint()))
             .chain([self::scene().fingerprint()])
@@ -137,7 +138,7 @@ mod tests {
     /// The generator is fixed: other numbers would be another protocol.
     #[test]
     fn the_numbers_of_seed_0_never_change() {
-        let p = Perturbation::of(1, 400, 400, Disturbance::Both, 0).unwrap();
+        let p = Perturbation::of(1, 400, 400, PerturbationKind::Both, 0).unwrap();
         let (colour, bars) = (p.colour.unwrap(), p.bars.unwrap());
         assert_eq!((bars.left, bars.top, bars.colours[0]), GOLDEN_BARS);
         let close = colour.scale.iter().zip(GOLDEN_SCALE).all(|(a, b)| (a - b).abs() < 1e-6);
@@ -155,7 +156,7 @@ mod tests {
 
         #[test]
         fn perturbations_stay_in_their_ranges(view in 1_usize..500, w in 1_u32..900, h in 1_u32..900, seed: u64) {
-            let p = Perturbation::of(view, w, h, Disturbance::Both, seed).unwrap();
+            let p = Perturbation::of(view, w, h, PerturbationKind::Both, seed).unwrap();
             let (colour, bars) = (p.colour.unwrap(), p.bars.unwrap());
             prop_assert!(colour.scale.iter().all(|s| (0.8..1.2).contains(s)));
             prop_assert!(colour.offset.iter().all(|b| (-0.2..0.2).contains(b)));

@@ -9,7 +9,7 @@ const BARS: u32 = 10;
 
 /// What is done to the training views of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Disturbance {
+pub enum PerturbationKind {
     /// Each view has colours of its own.
     Colour,
     /// Each view has something in front.
@@ -18,7 +18,7 @@ pub enum Disturbance {
     Both,
 }
 
-impl Disturbance {
+impl PerturbationKind {
     /// Name on the command line: `c`, `o` or `co`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -30,10 +30,10 @@ impl Disturbance {
     }
 }
 
-impl std::str::FromStr for Disturbance {
+impl std::str::FromStr for PerturbationKind {
     type Err = String;
 
-    /// Accepts the names of [`Disturbance::name`].
+    /// Accepts the names of [`PerturbationKind::name`].
     fn from_str(text: &str) -> Result<Self, String> {
         [Self::Colour, Self::Occluder, Self::Both]
             .into_iter()
@@ -97,7 +97,7 @@ impl Perturbation {
     /// # Panics
     /// In builds that check for overflow: when `view` is above 2^57.
     #[must_use]
-    pub fn of(view: usize, width: u32, height: u32, what: Disturbance, seed: u64) -> Option<Self> {
+    pub fn of(view: usize, width: u32, height: u32, what: PerturbationKind, seed: u64) -> Option<Self> {
         if view == 0 {
             return None;
         }
@@ -113,8 +113,8 @@ impl Perturbation {
         }
         let bars = Bars { left: start(width, 8), top: start(height, 9), picture: (width, height), colours };
         Some(Self {
-            colour: (what != Disturbance::Occluder).then_some(colour),
-            bars: (what != Disturbance::Colour).then_some(bars),
+            colour: (what != PerturbationKind::Occluder).then_some(colour),
+            bars: (what != PerturbationKind::Colour).then_some(bars),
         })
     }
 

@@ -98,7 +98,7 @@ pub(crate) struct Vertices<'a> {
 /// Reads the vertices of a PLY file; without colours they are grey.
 ///
 /// # Errors
-/// Names the line or byte where the file is no such PLY, is cut off, or holds a coordinate that is not finite.
+/// Names the line or byte where the file is not such a PLY, is cut off, or holds a coordinate that is not finite.
 pub(crate) fn read_points(path: &Path) -> Result<Vec<Point>, SceneError> {
     let bytes = files::read_bytes(path)?;
     let vertices = Vertices::read_header(path, &bytes, REMEDY)?;

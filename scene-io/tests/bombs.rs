@@ -7,7 +7,7 @@ use counting::{alone, peak_of};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use scene_io::{
-    DecodeMemory, Depth, Disturbance, ErrorKind, ImageStore, LoadOptions, StoreOptions, check, decode_photo, load,
+    DecodeMemory, Depth, ErrorKind, ImageStore, LoadOptions, PerturbationKind, StoreOptions, check, decode_photo, load,
     read_splats,
 };
 use std::fs;
@@ -135,7 +135,7 @@ fn a_photo_that_cannot_be_decoded_is_refused_before_anything_is_made_of_its_size
     let folder = dataset(&vec![jpeg(false, 65_500, 65_500); 8], (65_500, 65_500));
     let (error, peak) = within(1 << 30, || {
         let scene = load(folder.path(), &LoadOptions::default()).unwrap();
-        let scene = scene_io::perturb(scene, Disturbance::Both, 0);
+        let scene = scene_io::perturb(scene, PerturbationKind::Both, 0);
         ImageStore::new(&scene.frames, StoreOptions::default()).unwrap().check_sizes().unwrap_err().to_string()
     });
     one_line(&error, &["0.jpg", "65500x65500 pixels takes", "`--memory"]);

@@ -176,7 +176,7 @@ fn profiles_and_exif_count() {
 }
 
 #[test]
-fn masks_transparency_and_disturbances_reserve_what_they_take() {
+fn masks_transparency_and_perturbations_reserve_what_they_take() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| -> PathBuf { folder.path().join(name) };

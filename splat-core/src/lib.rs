@@ -5,10 +5,10 @@
 //! | inputs | [`Gaussians`] | raw parameters of a cloud, as they are optimised and stored, row by row |
 //! | | [`View`] | a pinhole camera: world-to-camera pose, intrinsics, size of the picture |
 //! | | [`RasterSettings`] | near plane, blur, [`Widening`], thresholds of alpha and transmittance |
-//! | usual way | [`Renderer`] | draws [`Cloud`]s to a [`Picture`]; its [`Gradients`], per cloud, of the camera, absolute ones |
+//! | usual way | [`Renderer`] | draws [`Cloud`]s to a [`Picture`]; [`Gradients`] of each cloud and of the camera, and absolute view-space gradients |
 //! | functions | [`Projection`] | 3D Gaussians to [`ProjectedGaussian`]s and colours, and the backward pass |
 //! | | [`Raster`] | projected Gaussians with any `K` features to pixels, and the backward pass ([`ProjectedGradient`]) |
-//! | | [`CameraGradient`] | the gradient with respect to pose and intrinsics: its convention |
+//! | | [`CameraGradient`] | the gradient with respect to pose and intrinsics, and its conventions |
 //! | training | [`density`] | density control: clone, split, prune, relocate; [`density::ViewSpaceGradients`] |
 //! | errors | [`SplatError`] | why an input was refused |
 //!
@@ -31,20 +31,19 @@
 //! ```
 //!
 //! Everything that is composited is a feature: colour, depth, masks. Gradients are those of the picture as drawn: which Gaussians
-//! contribute to which pixels is held constant. Gaussians with a parameter that is not finite are not drawn. Results are the same bits
-//! for any number of threads; SIMD levels agree to rounding.
+//! contribute to which pixels counts as constant. Gaussians with a parameter that is not finite are not drawn. Results are the
+//! same to the bit for any number of threads; SIMD levels agree up to rounding.
 //!
-//! CV axes (x right, y down, z forward), pixel centres at `+ 0.5`, quaternions `wxyz`, twists rotation first; `x_bar` is the gradient of the
-//! loss with respect to `x`. Degrees and signs of spherical harmonics are
-//! those of 3DGS.
+//! Axes are CV (x right, y down, z forward), pixel centres lie at `+ 0.5`, quaternions are `wxyz`, twists have the rotation
+//! first; `x_bar` is the gradient of the loss with respect to `x`. Degrees and signs of spherical harmonics are those of 3DGS.
 //!
-//! Features: `std` (default), `libm` (float functions without `std`), `rayon` (chunks and tiles over threads). [`Simd`] chooses the vector
-//! instructions; it and [`rng`] are those of `float-core`.
+//! Features: `std` (default), `libm` (float functions without `std`), `rayon` (chunks and tiles over threads). [`Simd`]
+//! chooses the vector instructions; it and [`rng`] are those of `float-core`.
 //!
 //! # Source
 //! Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023; Yu et al., "Mip-Splatting", 2024, section
-//! 4.2 ([`Widening::Dims`]); Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024 ([`density::Mcmc`]); Ye et al.,
-//! "AbsGS", 2024 ([`Raster::backward_absolute`]).
+//! 4.2 ([`Widening::Dims`]); Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024 ([`density::Mcmc`]);
+//! Ye et al., "AbsGS", 2024 ([`Raster::backward_absolute`]).
 #![no_std]
 #![forbid(unsafe_code)]
 extern crate alloc;

@@ -1,14 +1,14 @@
-//! Radiance-field systems, composed from the math crates, on the engine that they share (crate `engine`).
+//! Radiance-field systems, put together from the math crates, on the engine that they share (crate `engine`).
 //!
 //! * [`registry`]: the systems by name, for all apps; [`claims`]: what each does otherwise than its paper.
-//! * [`papers`]: one file or folder a system, with the paper's equations.
-//! * [`plan`], [`layout`], [`space`]: what a scene needs, what kind of place it is, and the map from world coordinates to those of a
-//!   field.
+//! * [`papers`]: one file or folder for each system, with the paper's equations.
+//! * [`plan`], [`layout`], [`space`]: what a scene needs, what kind of place it is, and the map from world coordinates to those
+//!   of a field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
-//!   [`photo_model`] is the seam to the last two. [`networks`]: the driver of networks as published.
+//!   [`photo_model`] is the interface to the last two. [`networks`]: the driver for networks of the published sizes.
 //! * [`gradients`]: gradients with respect to rays and cameras.
-//! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians to look at. [`bake`]: any field as a cloud of
-//!   Gaussians, to look at and to export.
+//! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud
+//!   of Gaussians, to look at and to export.
 
 pub mod appearance;
 pub mod bake;

@@ -4,14 +4,14 @@
 //! | --- | --- |
 //! | [`gradient`] | is a backward function the derivative of its forward function? An `f64` twin against central differences, an `f32` kernel against the twin, functions with corners |
 //! | [`strategies`] | proptest strategies for rays, edges, densities, histograms, images, cameras, rotations, with the values that break code mixed in |
-//! | [`property`] | number of cases of a property, and how a failed one runs again |
+//! | [`property`] | number of cases of a property, and how to run a failed one again |
 //! | [`reference`](mod@reference) | `f64` twins that several crates need |
 //! | [`analytic`] | densities and colours along a ray whose pixel is known |
 //! | [`golden`] | reader of golden vectors, [`golden::assert_close`], the folder of shared data |
 //!
-//! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair written elsewhere is tested
-//! in the same way. `examples/own_pair.rs` does it from start to end. The checks return a [`gradient::Mismatch`], which names the
-//! worst entry, both values and the bound; they have tests of their own, which feed them wrong gradients.
+//! Nothing here depends on the crates it tests: everything is plain arrays, slices and closures, so a pair of another crate is
+//! tested in the same way. `examples/own_pair.rs` does it from start to end. The checks return a [`gradient::Mismatch`], which names the
+//! worst entry, both values and the bound; they are tested themselves, with wrong gradients.
 //!
 //! # Example
 //! ```

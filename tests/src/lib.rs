@@ -1,5 +1,5 @@
-//! What tests of whole systems share: a small scene, systems as the command line builds them, and what is asked of all of
-//! them.
+//! What tests of whole systems share: a small scene, systems as the command line builds them, and checks that all of them
+//! must pass.
 #![expect(clippy::missing_panics_doc, reason = "these are assertions of tests")]
 
 pub mod sources;

@@ -56,7 +56,7 @@ pub(crate) struct Render {
     pub(crate) out: PathBuf,
     /// Layers written
     ///
-    /// `canonical` draws which point of the scene at rest each pixel sees, by its place in the scene's box (x red, y green, z blue):
+    /// `canonical` draws which point of the canonical scene each pixel sees, by its place in the scene's box (x red, y green, z blue):
     /// a point that moves keeps its colour. Where nothing is warped it is the surface itself.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "colour", value_name = "LAYER,…")]
     pub(crate) layers: Vec<Layer>,

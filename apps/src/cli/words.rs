@@ -59,7 +59,7 @@ pub(crate) enum Layer {
     Opacity,
     /// Normals of the world's frame
     Normals,
-    /// Which point of the scene at rest is seen, as colour: x, y, z within the scene's box
+    /// Which point of the canonical scene is seen, as colour: x, y, z within the scene's box
     Canonical,
 }
 

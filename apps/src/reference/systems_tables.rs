@@ -19,13 +19,22 @@ const FAMILIES: [(Family, &str, &str); 3] = [
     (
         Family::Moving,
         "For scenes that move",
-        "`nerf-dynamic`; without `--system`, `d-nerf`. They work on the field of `ngp` but for `tineuvox` and `k-planes`.",
+        "`nerf-dynamic`; without `--system`, `d-nerf`. They work on the field of `ngp`, but for `tineuvox` and `k-planes`, which have their own.",
     ),
 ];
 
-/// A table for each family. A system stands where its first family is.
+/// A table for each family. A system stands where its first family is; the others name it.
 pub(super) fn page() -> String {
-    FAMILIES.map(|(family, heading, about)| format!("### {heading}\n\n{about}\n\n{}", table(family))).join("\n")
+    FAMILIES
+        .map(|(family, heading, about)| format!("### {heading}\n\n{about}\n\n{}{}", table(family), above(family)))
+        .join("\n")
+}
+
+/// A line with the systems of the family that stand in the table of another.
+fn above(family: Family) -> String {
+    let is_here = |entry: &&Entry| entry.families.contains(&family) && entry.families.first() != Some(&family);
+    let names: Vec<String> = entries().iter().filter(is_here).map(|entry| format!("`{}`", entry.claim.name)).collect();
+    if names.is_empty() { String::new() } else { format!("\nFrom the tables above: {}.\n", names.join(", ")) }
 }
 
 fn table(family: Family) -> String {

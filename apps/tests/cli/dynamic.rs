@@ -106,7 +106,7 @@ fn a_video_is_trained_measured_rendered_and_exported() {
     let [first, middle, last] = [0, 1, 2].map(frame);
     assert!(first != middle && middle != last && first != last, "the camera holds and time goes on");
     assert!(pictures.join("preview.gif").exists());
-    // One moment of one place is one picture, the same as on the way.
+    // One time of one place is one picture, the same as on the way.
     for (time, same) in [("0.5", &middle), ("1", &last), ("1..1", &last)] {
         fs::remove_dir_all(&pictures).unwrap();
         let answer = render(&["--path", "hold:test/r_000", "--time", time]);
@@ -129,7 +129,7 @@ fn a_video_is_trained_measured_rendered_and_exported() {
         Ply::read(&path).unwrap();
         fs::read(path).unwrap()
     };
-    assert!(mesh("0.5") != mesh("0"), "another moment, another surface");
+    assert!(mesh("0.5") != mesh("0"), "another time, another surface");
     let points = folder.path().join("points.ply");
     let answer = nerf_dynamic(&["export", text(&run), "--points", text(&points), "--count", "50", "--time", "1"]);
     assert!(answer.code == 0 && points.exists(), "{}", answer.err);

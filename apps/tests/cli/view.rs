@@ -78,7 +78,7 @@ fn only_the_page_itself_is_served_and_only_to_its_own_name() {
         let refused = viewer.try_connect(Some(origin)).err().unwrap();
         assert!(refused.contains("403"), "{origin}: {refused}");
     }
-    assert!(viewer.try_connect(None).is_ok(), "programs that are no browsers have no origin");
+    assert!(viewer.try_connect(None).is_ok(), "programs that are not browsers have no origin");
     assert_eq!(viewer.interrupt(), Some(0));
 }
 
@@ -187,7 +187,7 @@ fn a_training_is_followed_from_its_first_checkpoint_on() {
     let viewer = Viewer::start("nerf-static", &run);
     let mut live = viewer.connect();
     assert!(live.hear("waiting")["message"].as_str().unwrap().contains("no checkpoint yet"));
-    // Half-written files of a training that has begun are no error.
+    // Half-written files of a training that has begun are not an error.
     fs::create_dir(run.join("checkpoint")).unwrap();
     fs::write(run.join("checkpoint/step-00000002.safetensors"), [0; 100]).unwrap();
     fs::write(run.join("metrics.csv"), "step,seco").unwrap();

@@ -69,7 +69,7 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     let names: Vec<String> = Name::value_variants().iter().map(|n| n.file()).collect();
     page::write_index(&cli.out, &names)?;
     say(&format!("{:4.0} s  done", clock.elapsed().as_secs_f64()));
-    // A closed pipe is no failure of ours.
+    // A closed pipe is not a failure of ours.
     let _ = writeln!(std::io::stdout().lock(), "{}", cli.out.join("README.md").display());
     Ok(())
 }

@@ -38,7 +38,7 @@ fn unary_functions_match_the_twin() {
             Softplus(0.0),
             Softplus(-1.0),
             Logistic,
-            LogisticSlope,
+            LogisticDerivative,
             Tanh,
             Abs,
             Pow(2.0),
@@ -134,7 +134,7 @@ fn the_derivatives_of_the_twin_are_those_of_its_values() {
         LeakyRelu(0.1),
         Softplus(-1.0),
         Logistic,
-        LogisticSlope,
+        LogisticDerivative,
         Tanh,
         Abs,
         Pow(1.7),
@@ -154,7 +154,7 @@ fn the_derivatives_of_the_twin_are_those_of_its_values() {
 fn saturated_functions_keep_the_digits_of_small_derivatives() {
     use Unary::*;
     // Derivatives down to 1e-12, compared with their own size.
-    for f in [Logistic, LogisticSlope, Softplus(0.0), Tanh, Exp, TruncExp] {
+    for f in [Logistic, LogisticDerivative, Softplus(0.0), Tanh, Exp, TruncExp] {
         for x in [-12.0_f32, -9.0, 9.0, 12.0] {
             let mut arena = field_core::tape::Arena::new();
             let mut tape = field_core::tape::Tape::new(&mut arena, &[]);
@@ -227,7 +227,7 @@ fn extreme_values_stay_finite_and_nan_is_passed_on() {
         Softplus(0.0),
         Softplus(-1.0),
         Logistic,
-        LogisticSlope,
+        LogisticDerivative,
         Tanh,
         Relu,
         LeakyRelu(0.1),
@@ -262,7 +262,7 @@ fn extreme_values_stay_finite_and_nan_is_passed_on() {
         LeakyRelu(0.1),
         Softplus(0.0),
         Logistic,
-        LogisticSlope,
+        LogisticDerivative,
         Tanh,
         Abs,
         Pow(2.0),

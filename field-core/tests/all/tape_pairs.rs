@@ -290,7 +290,7 @@ fn encodings_name_wrong_inputs() {
     assert_eq!(tape.custom(&op, &[x, x]), length("frequency", "inputs", 1, 2));
     assert_eq!(tape.custom(&dense, &[x]), length("dense_grid", "inputs", 2, 1));
     assert_eq!(tape.custom(&dense, &[x, x]), length("dense_grid", "table", 8, 15));
-    // Zero is no direction.
+    // Zero has no direction.
     assert!(matches!(tape.custom(&harmonics, &[x]), Err(TapeError::Field(_))));
 }
 

@@ -64,7 +64,7 @@ pub(crate) enum Unary {
     LeakyRelu(f32),
     Softplus(f32),
     Logistic,
-    LogisticSlope,
+    LogisticDerivative,
     Tanh,
     Abs,
     Pow(f32),
@@ -101,7 +101,7 @@ impl Unary {
                 (x.max(0.0) + (-x.abs()).exp().ln_1p(), logistic(x))
             }
             Self::Logistic => (logistic(x), slope(x)),
-            Self::LogisticSlope => (slope(x), slope(x) * (1.0 - 2.0 * logistic(x))),
+            Self::LogisticDerivative => (slope(x), slope(x) * (1.0 - 2.0 * logistic(x))),
             Self::Tanh => (x.tanh(), 1.0 / x.cosh().powi(2)),
             Self::Abs => (x.abs(), if x == 0.0 { 0.0 } else { x.signum() }),
             Self::Pow(p) => {
@@ -144,7 +144,7 @@ impl Unary {
             Self::LeakyRelu(a) => tape.leaky_relu(x, a),
             Self::Softplus(shift) => tape.softplus(x, shift),
             Self::Logistic => tape.logistic(x),
-            Self::LogisticSlope => tape.logistic_derivative(x),
+            Self::LogisticDerivative => tape.logistic_derivative(x),
             Self::Tanh => tape.tanh(x),
             Self::Abs => tape.abs(x),
             Self::Pow(p) => tape.pow(x, p),

@@ -69,11 +69,11 @@ impl Alignment {
             sides += side(d);
         }
         for (i, (bar, &d)) in d_bar.iter_mut().zip(d).enumerate() {
-            let mut slope = normal_bar(i) - along * side(d) / n;
+            let mut gradient = normal_bar(i) - along * side(d) / n;
             if i == self.holder {
-                slope += along * sides / n - sum;
+                gradient += along * sides / n - sum;
             }
-            *bar += (slope / self.deviation) as f32;
+            *bar += (gradient / self.deviation) as f32;
         }
         Ok(())
     }

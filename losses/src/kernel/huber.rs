@@ -24,7 +24,7 @@ pub fn huber_derivative(x: f32, delta: f32) -> f32 {
     if x.abs() > delta { delta.copysign(x) } else { x }
 }
 
-/// Huber as Instant-NGP trains with: [`huber`] with `delta = 0.1`, divided by `delta` (slope 1 outside), divided by 5.
+/// Huber as Instant-NGP trains with: [`huber`] with `delta = 0.1`, divided by `delta` (derivative 1 outside), divided by 5.
 ///
 /// That is `x^2` where `|x| <= 0.1`, else `(|x| - 0.05) / 5`: near the optimum it reads as a squared error.
 ///

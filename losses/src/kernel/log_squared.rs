@@ -25,7 +25,7 @@ pub fn log_squared(prediction: f32, target: f32, eps: f32) -> f32 {
     d * d
 }
 
-/// Derivative of [`log_squared`] with respect to `prediction`: `2 ln((p + eps) / (t + eps)) / (p + eps)`, the slope to the
+/// Derivative of [`log_squared`] with respect to `prediction`: `2 ln((p + eps) / (t + eps)) / (p + eps)`, the derivative to the
 /// right at `p = 0`, and 0 below, where the cost is flat.
 #[inline]
 #[must_use]
@@ -53,8 +53,8 @@ pub fn log_squared_weight(prediction: f32, target: f32, eps: f32) -> f32 {
     if difference == 0.0 && target >= 0.0 {
         return (2.0 / (base * base)) as f32;
     }
-    let slope = 2.0 * m64::ln_1p(difference / base) / (p + eps);
-    (slope / (p - t)) as f32
+    let derivative = 2.0 * m64::ln_1p(difference / base) / (p + eps);
+    (derivative / (p - t)) as f32
 }
 
 /// `ln((p + eps) / (t + eps))` for `p, t >= 0`.

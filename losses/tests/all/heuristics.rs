@@ -308,7 +308,7 @@ proptest! {
     }
 }
 
-/// A 60 x 40 picture: a wall with fine texture (errs as much as strangers do, has tracks), a stranger, calm ground.
+/// A 60 x 40 picture: a wall with fine texture (errs as much as occluders do, has tracks), an occluder, calm ground.
 struct Street {
     extent: Extent,
     truth: Vec<u8>,
@@ -319,12 +319,12 @@ struct Street {
 
 fn street() -> Street {
     let extent = Extent { width: 60, height: 40 };
-    let stranger = |x: usize, y: usize| (30..42).contains(&x) && (12..34).contains(&y);
+    let occluder = |x: usize, y: usize| (30..42).contains(&x) && (12..34).contains(&y);
     let mut out = Street { extent, truth: vec![], labels: vec![], r: vec![], points: vec![] };
     for (y, x) in (0..40).flat_map(|y| (0..60).map(move |x| (y, x))) {
         let noise = ((x * 31 + y * 17) % 11) as f32 / 11.0;
-        let (label, r) = match (stranger(x, y), y < 10) {
-            // Ragged: a sixth of the stranger looks like what is behind.
+        let (label, r) = match (occluder(x, y), y < 10) {
+            // Ragged: a sixth of the occluder looks like what is behind.
             (true, _) => (3, if (x + 2 * y) % 6 == 0 { 0.02 } else { 0.6 + 0.2 * noise }),
             // Texture.
             (_, true) => (1, 0.3 + 0.1 * noise),
@@ -341,7 +341,7 @@ fn street() -> Street {
 }
 
 #[test]
-fn a_stranger_before_a_textured_wall_is_found() {
+fn an_occluder_before_a_textured_wall_is_found() {
     let Street { extent, truth, labels, r, points } = street();
     let mut h_sfm = vec![0; r.len()];
     segments_at(extent, &labels, &points, &mut h_sfm).unwrap();
@@ -351,13 +351,13 @@ fn a_stranger_before_a_textured_wall_is_found() {
         mask.run(extent, h_sfm, &r, segments, &mut Scratch::default(), &mut out).unwrap();
         out
     };
-    // Tracks and errors together, by segment: exactly the stranger.
+    // Tracks and errors together, by segment: exactly the occluder.
     assert!(run(&h_sfm, Segments::Labels(&labels)) == truth);
     // Discs where there are no segments for points do as well here.
     let mut by_discs = vec![0; r.len()];
     discs(extent, &points, 3.0, &mut by_discs).unwrap();
     assert!(run(&by_discs, Segments::Labels(&labels)) == truth);
-    // Without tracks the wall goes with the stranger; without segments some of the stranger stays.
+    // Without tracks the wall goes with the occluder; without segments some of the occluder stays.
     let without = run(&vec![0; r.len()], Segments::Labels(&labels));
     assert!((0..600).all(|i| without[i] == 0));
     let ragged = run(&h_sfm, Segments::Pixels);

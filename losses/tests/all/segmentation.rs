@@ -65,7 +65,7 @@ fn empty_classes_count_as_asked() {
 
 #[test]
 fn averages_differ() {
-    // A small stranger found half, and a photo without one.
+    // A small occluder found half, and a photo without one.
     let found = Confusion { true_positive: 10, false_positive: 0, false_negative: 10, true_negative: 80 };
     let calm = Confusion { true_negative: 100, ..Confusion::default() };
     let f1 = |average, empty| segmentation(&[found, calm], average, empty).f1.unwrap();

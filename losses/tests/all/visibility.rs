@@ -1,4 +1,4 @@
-//! The mask of strangers and the codes of images: gradients, optima in closed form, what gets no gradient.
+//! The mask of occluders and the codes of images: gradients, optima in closed form, what gets no gradient.
 
 use losses::LossError;
 use losses::codes::{self, TwoModes, mode_seeking, mode_seeking_backward, view_consistency, view_consistency_backward};

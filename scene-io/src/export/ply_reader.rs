@@ -35,7 +35,7 @@ impl Ply {
     /// Read a binary little-endian file.
     ///
     /// # Errors
-    /// Names the file and the line or byte where it is no such PLY or is cut off.
+    /// Names the file and the line or byte where it is not such a PLY or is cut off.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         let bytes = std::fs::read(path).map_err(|e| SceneError::io(path, "read the file", e))?;
         Self::parse(&bytes).map_err(|(place, what)| {

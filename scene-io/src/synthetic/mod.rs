@@ -29,14 +29,14 @@ mod tissue;
 
 pub use blender::write_blender;
 pub use orbit::{
-    FlowMap, Form, Moment, MomentHit, MomentTruth, Orbit, OrbitCamera, OrbitMotion, OrbitOptions, OrbitView, Placement,
-    Sight, Warp, orbit, orbit_views, write_orbit,
+    FlowMap, Form, Orbit, OrbitCamera, OrbitMotion, OrbitOptions, OrbitView, Placement, Sight, Snapshot, SnapshotHit,
+    SnapshotTruth, Warp, orbit, orbit_views, write_orbit,
 };
 pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOptions, plaza, plaza_photos};
 pub use shape::{Placed, Shape};
 pub use surface::{Paint, Surface};
 pub use tabletop::{Hit, Tabletop, TabletopOptions, ViewTruth, tabletop};
 pub use tissue::{
-    Stereo, StereoOcclusion, Tissue, TissueDepth, TissueHit, TissueMoment, TissueOptions, TissueTool, TissueTruth,
+    Stereo, StereoOcclusion, Tissue, TissueDepth, TissueHit, TissueOptions, TissueSnapshot, TissueTool, TissueTruth,
     tissue, tissue_camera, tissue_truth, write_tissue,
 };

@@ -4,8 +4,8 @@ use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Lens, Pose};
 use scene_io::colmap::Model;
 use scene_io::{
-    Depth, Dialect, Disturbance, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, Scene,
-    Split, StoreOptions, TrainPhotos, check, load, load_cameras, perturb, refuse_blank_masks,
+    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, PerturbationKind,
+    Scene, Split, StoreOptions, TrainPhotos, check, load, load_cameras, perturb, refuse_blank_masks,
 };
 use std::path::PathBuf;
 
@@ -125,7 +125,7 @@ fn lego_is_a_blender_scene() {
 fn perturbed_lego_keeps_its_first_view_and_its_test_views() {
     let Some(path) = data("nerf_synthetic/lego") else { return };
     let clean = load(&path, &LoadOptions::default()).unwrap();
-    let scene = perturb(clean.clone(), Disturbance::Both, 0);
+    let scene = perturb(clean.clone(), PerturbationKind::Both, 0);
     assert_ne!(scene.fingerprint(), clean.fingerprint());
     let small = StoreOptions::default().with_longest_side(100);
     let [a, b] = [&clean, &scene].map(|s| ImageStore::new(&s.frames, small).unwrap());

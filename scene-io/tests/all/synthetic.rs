@@ -55,7 +55,7 @@ fn orbit_comes_back_from_its_files_as_it_was_drawn() {
 }
 
 #[test]
-fn the_truth_beside_orbit_is_that_of_its_moments() {
+fn the_truth_beside_orbit_is_that_of_its_times() {
     let folder = tempfile::tempdir().unwrap();
     let options = OrbitOptions {
         width: 20,

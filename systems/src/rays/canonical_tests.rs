@@ -84,7 +84,7 @@ fn canonical_points_are_where_the_warp_sends_them() {
     for (x, there) in pairs(&rays, &driver.render(&rays, &asked(0.5))) {
         assert!((there - x - way).length() < 1e-5, "{x} to {there}");
     }
-    // Nothing is warped at the canonical moment: not a bit.
+    // Nothing is warped at the canonical time: not a bit.
     assert!(pairs(&rays, &driver.render(&rays, &asked(0.0))).iter().all(|(x, there)| x == there));
     let asked_directly = |point: DVec3| {
         let mut out = [[0.0; 3]];

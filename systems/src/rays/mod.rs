@@ -29,6 +29,7 @@ mod fit;
 #[cfg(test)]
 mod gradient_tests;
 mod head;
+mod learn;
 mod marched;
 #[cfg(test)]
 mod moving_tests;

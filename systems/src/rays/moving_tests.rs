@@ -18,12 +18,12 @@ use scene_io::synthetic::{OrbitOptions, orbit};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
-const MOMENTS: usize = 20;
+const TIME_STEPS: usize = 20;
 
 /// A photo of each time step.
 pub(super) fn filmed(side: u32) -> Dataset {
     let options =
-        OrbitOptions { width: side, height: side, train: MOMENTS, test: 0, rays: 1, ..OrbitOptions::default() };
+        OrbitOptions { width: side, height: side, train: TIME_STEPS, test: 0, rays: 1, ..OrbitOptions::default() };
     let scene = orbit(&options);
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
@@ -36,8 +36,8 @@ fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> RaySystem {
     RaySystem::new(config, space, Background::White, 1, "ngp", None, Some(deform)).unwrap()
 }
 
-/// A field that is full everywhere at one moment of [`MOMENTS`], or at none, and empty at all others: the density is that of the
-/// moment's code.
+/// A field that is full everywhere at one time step of [`TIME_STEPS`], or at none, and empty at all others: the density is that of the
+/// time step's code.
 fn flash(full: bool) -> RaySystem {
     let mut config = biased(SpaceKind::Box, -8.0);
     let grid = occupancy(&mut config);
@@ -76,11 +76,11 @@ fn lost(mut driver: RaySystem) -> f64 {
 }
 
 #[test]
-fn a_cell_that_is_full_at_one_moment_in_twenty_stays_in_sight() {
+fn a_cell_that_is_full_at_one_time_step_in_twenty_stays_in_sight() {
     let driver = flash(true);
     let at = |k: usize| {
         let mut out = [0.0];
-        driver.density(&[[0.1, 0.2, 0.3]], k as f64 / (MOMENTS - 1) as f64, &mut out);
+        driver.density(&[[0.1, 0.2, 0.3]], k as f64 / (TIME_STEPS - 1) as f64, &mut out);
         out[0]
     };
     assert!(at(7) > 5.0 && at(3) < 1e-2 && at(19) < 1e-2, "{} {} {}", at(7), at(3), at(19));

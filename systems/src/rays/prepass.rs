@@ -9,7 +9,7 @@
 use super::context::StepContext;
 use crate::buffers::sized;
 use crate::fields::{Placing, When};
-use crate::samplers::{CutRoom, Marcher, Proposed};
+use crate::samplers::{CutRoom, Intervals, Marcher, Proposed};
 use crate::space::InternalRay;
 use render_core::occupancy::OccupancyGrid;
 use std::ops::Range;
@@ -162,7 +162,7 @@ impl Prepass {
                 self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).candidates);
                 if let Some(cues) = ctx.cues {
                     let (start, end, measured) = (ray.start, ray.end, ctx.measured(i / ctx.per_pixel));
-                    let intervals = (&mut self.t, &mut self.dt, first);
+                    let intervals = Intervals { t: &mut self.t, dt: &mut self.dt, first };
                     self.dense += u64::from(cues.cut(start, end, measured, ctx.jitter[i], intervals, &mut self.cut));
                 }
             }

@@ -243,7 +243,7 @@ impl Job<'_> {
                 let w = before as f32 * -(-tau).exp_m1();
                 ray.depth += f64::from(tau);
                 ray.trans = (-ray.depth).exp();
-                // The sky is no distance.
+                // The sky has no distance.
                 let in_space = s.t[i] <= s.rays[r].end;
                 if in_space && before > 0.5 && ray.trans <= 0.5 {
                     // Where within the step the transmittance passes one half.

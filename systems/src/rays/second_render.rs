@@ -1,6 +1,6 @@
 //! Patches rendered with the code of another photo, where the photo model asks for them: only the colour network learns from that.
 
-use super::chunk::Chunk;
+use super::chunk::{Chunk, TileWork};
 use super::context::StepContext;
 use super::driver::RaySystem;
 use super::marched::Gradients;
@@ -95,7 +95,7 @@ impl Chunk {
     /// The static part of what [`Chunk::sample`] placed.
     fn render_static(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) -> Vec<[f32; 3]> {
         let mut out = Vec::with_capacity(pixels.len());
-        self.each_tile(ctx, pixels, |tile, chunk, _, _, rays, pixels| {
+        self.each_tile(ctx, pixels, |TileWork { tile, chunk, rays, pixels, .. }| {
             let count = rays.len();
             tile.forward(ctx, chunk, rays, pixels);
             out.extend_from_slice(&tile.pixel.as_chunks().0[..count]);
@@ -106,10 +106,10 @@ impl Chunk {
     /// Bring derivatives of those colours to the colour network's gradient.
     fn learn_second_render(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>, bars: &[[f32; 3]]) {
         self.colour_grad.fill(0.0);
-        self.each_tile(ctx, pixels, |tile, chunk, (out, _), _, rays, pixels| {
+        self.each_tile(ctx, pixels, |TileWork { tile, chunk, gradients, rays, pixels, .. }| {
             // What was rendered in between is gone.
             tile.forward(ctx, chunk, rays, pixels.clone());
-            tile.colour_backward(ctx, &bars[pixels], out);
+            tile.colour_backward(ctx, &bars[pixels], gradients);
         });
     }
 }

@@ -5,7 +5,7 @@ use crate::claims::Claim;
 use crate::plan::made::{Points, capture, film};
 use engine::options::RunOptions;
 
-/// Names that are no paper's.
+/// Names that are not of a paper.
 const OWN: [&str; 2] = ["auto", "plain"];
 
 fn all() -> impl Iterator<Item = Claim> {

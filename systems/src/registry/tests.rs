@@ -160,12 +160,12 @@ fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
     assert_eq!(white.background, Background::White);
     assert!(white.line.contains("12 of 12"), "{}", white.line);
     assert_eq!(found(around(3)).unwrap().background, Background::Black);
-    assert_eq!(found(around(128)), None, "grey is no background that there is");
+    assert_eq!(found(around(128)), None, "grey is not one of the backgrounds");
     assert_eq!(found(around(220)), None);
     // One photo of twelve may differ, three may not.
     let but = |few: usize| frames(3, move |k, x, y| if edge(x, y) && k >= few { [255; 4] } else { [90, 30, 60, 255] });
     assert!(found(but(1)).is_some() && found(but(3)).is_none());
-    // White and black in turn are no backdrop, nor is a white edge with alpha.
+    // White and black in turn are not a backdrop, nor is a white edge with alpha.
     assert_eq!(found(frames(3, |k, _, _| [255 * (k % 2) as u8; 4])), None);
     assert_eq!(found(frames(4, |_, _, _| [255; 4])), None);
     let (white, data) = scene(around(255), Vec::new());

@@ -74,6 +74,15 @@ impl DepthCueConfig {
     }
 }
 
+/// The intervals of a ray: those of `t`, `dt` from `first` on.
+pub(crate) struct Intervals<'a> {
+    /// Where they begin.
+    pub(crate) t: &'a mut Vec<f32>,
+    /// Their lengths.
+    pub(crate) dt: &'a mut Vec<f32>,
+    pub(crate) first: usize,
+}
+
 /// Room for [`MeasuredDepth::cut`]: random numbers, places of cuts, the intervals before.
 #[derive(Default)]
 pub(crate) struct CutRoom {
@@ -134,14 +143,14 @@ impl MeasuredDepth {
         end: f32,
         depth: f32,
         jitter: f32,
-        intervals: (&mut Vec<f32>, &mut Vec<f32>, usize),
+        intervals: Intervals<'_>,
         room: &mut CutRoom,
     ) -> u32 {
         let n = self.config.cue_samples;
         if n == 0 || depth <= 0.0 || end <= start {
             return 0;
         }
-        let (t, dt, first) = intervals;
+        let Intervals { t, dt, first } = intervals;
         let CutRoom { u, places, marched } = room;
         let cue = DepthCue { sigma: self.config.cue_spread * self.range, uniform_share: self.config.cue_anywhere };
         u.clear();
@@ -273,7 +282,7 @@ fn distances(space: &Space, data: &Dataset, i: usize) -> Result<Vec<f32>, SceneE
     Ok(out)
 }
 
-/// Replace the share of `t` at `known` that is furthest from `found`, strictly above the quantile; 0 in `found` is no depth.
+/// Replace the share of `t` at `known` that is furthest from `found`, strictly above the quantile; 0 in `found` means: no depth.
 fn give_way(t: &mut [f32], known: &[usize], found: &[f32], share: f32) {
     let pairs = known.iter().zip(found).filter(|(_, found)| **found > 0.0);
     let mut errors: Vec<f64> = pairs.clone().map(|(&k, &found)| f64::from((t[k] - found).powi(2))).collect();

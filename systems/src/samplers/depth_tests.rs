@@ -91,7 +91,7 @@ fn intervals_are_cut_around_the_measurement_and_cover_what_they_covered() {
         let cues = cues(config, |k| 2.0 + 0.02 * k as f32);
         for depth in [0.2, 0.95, 1.25, 4.0, 1e6] {
             let (mut t, mut dt) = marched();
-            let n = cues.cut(0.5, 1.5, depth, jitter, (&mut t, &mut dt, 1), &mut room);
+            let n = cues.cut(0.5, 1.5, depth, jitter, Intervals { t: &mut t, dt: &mut dt, first: 1 }, &mut room);
             assert_eq!((t.len(), dt.len()), (9 + n as usize, 9 + n as usize));
             assert!(n as usize <= config.cue_samples && t[0] == 9.0 && dt[0] == 0.1, "the other ray stays");
             assert!(t[1..].windows(2).all(|w| w[0] < w[1]), "{config:?}, {depth}: {t:?}");
@@ -105,7 +105,10 @@ fn intervals_are_cut_around_the_measurement_and_cover_what_they_covered() {
         }
         let mut nothing = |start, end, depth| {
             let (mut t, mut dt) = marched();
-            assert_eq!(cues.cut(start, end, depth, jitter, (&mut t, &mut dt, 1), &mut room), 0);
+            assert_eq!(
+                cues.cut(start, end, depth, jitter, Intervals { t: &mut t, dt: &mut dt, first: 1 }, &mut room),
+                0
+            );
             assert_eq!((t, dt), marched(), "nothing is known, or nothing is left");
         };
         nothing(0.5, 1.5, 0.0);
@@ -114,7 +117,7 @@ fn intervals_are_cut_around_the_measurement_and_cover_what_they_covered() {
     // A surface that was measured inside a run gets its samples.
     let cues = cues(DepthCueConfig { cue_anywhere: 0.0, cue_spread: 0.01, ..LED }, |k| 2.0 + 0.02 * k as f32);
     let (mut t, mut dt) = marched();
-    let n = cues.cut(0.5, 1.5, 1.25, 0.5, (&mut t, &mut dt, 1), &mut room);
+    let n = cues.cut(0.5, 1.5, 1.25, 0.5, Intervals { t: &mut t, dt: &mut dt, first: 1 }, &mut room);
     assert!(n >= 20, "{n}");
 }
 

@@ -12,7 +12,7 @@ mod proposed;
 mod silhouette;
 
 pub use depth::DepthCueConfig;
-pub(crate) use depth::{CutRoom, MeasuredDepth};
+pub(crate) use depth::{CutRoom, Intervals, MeasuredDepth};
 pub use occupancy::OccupancyConfig;
 pub(crate) use occupancy::{Marcher, Moves, Occupancy};
 pub use proposals::ProposalConfig;

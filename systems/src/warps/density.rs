@@ -16,7 +16,6 @@ pub(crate) enum Sees {
     /// Nothing.
     Place,
     /// The time.
-    #[serde(rename = "moment")]
     Time,
     /// The time, and the octaves of the point where it is now.
     Point,
@@ -26,7 +25,7 @@ pub(crate) enum Sees {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DensitySettings {
-    /// `place` (nothing), `moment` (the time), or `point` (the time and where the point is now).
+    /// `place` (nothing), `time`, or `point` (the time and where the point is now).
     pub(crate) sees: Sees,
     /// Octaves of that point, with the point itself.
     #[serde(rename = "sees_octaves")]

@@ -20,7 +20,7 @@ pub fn data_dir(manifest_dir: &str) -> Option<PathBuf> {
 /// The line goes past the capture of the test harness, so it is seen without `--nocapture`.
 pub fn skipped(test: &str, reason: &str) {
     use std::io::Write;
-    // A closed stderr is no reason to fail a test.
+    // A closed stderr is not a reason to fail a test.
     let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: {reason}");
 }
 

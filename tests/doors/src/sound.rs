@@ -15,7 +15,7 @@ pub(crate) fn refused(line: &str, file: &str) {
 /// Text that stays on one line of a terminal.
 pub(crate) fn one_line(line: &str) {
     assert!(!line.contains(char::is_control), "more than one line, or what a terminal obeys: {line:?}");
-    assert!(line.len() < 20_000, "{} bytes are no line", line.len());
+    assert!(line.len() < 20_000, "{} bytes are not a line", line.len());
 }
 
 /// A camera that systems can use: finite, within what cameras can have, and with finite rays.
@@ -71,7 +71,7 @@ pub(crate) fn belongings(frame: &Frame, root: &Path) {
     let mask = |mask: &BitMask| assert_eq!(mask.iter().count(), mask.width() as usize * mask.height() as usize);
     if let Some(map) = read(frame.read_depth(), &root) {
         assert_eq!(map.z.len() as u64, u64::from(map.width) * u64::from(map.height));
-        assert!(map.z.iter().all(|z| z.is_finite() && *z >= 0.0), "a depth is no depth");
+        assert!(map.z.iter().all(|z| z.is_finite() && *z >= 0.0), "a depth is not finite or negative");
         assert!(map.holes() <= map.z.len() && map.range().is_none_or(|[low, high]| 0.0 < low && low <= high));
     }
     for truth in [frame.read_mask(), frame.read_transient(), frame.read_moving(), frame.read_covisible()] {

@@ -64,7 +64,7 @@ impl Tally {
 /// What a panic said.
 fn panic_text(panic: &(dyn std::any::Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("something that is no text")
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("something that is not text")
 }
 
 /// Go through the groups, one line for each and one for all; what failed is listed.
@@ -124,7 +124,7 @@ fn list_at(list: &str, test: &str, name: &str) -> bool {
 const LEVEL: &str = "WILDFIELD_STRESS_LEVEL";
 
 fn report(list: &str, groups: &[Group], out: &mut dyn Write) {
-    // A closed stdout is no reason to fail a test.
+    // A closed stdout is not a reason to fail a test.
     let mut say = |line: &str| drop(writeln!(out, "{line}"));
     let (mut tried, mut failed) = (0, 0);
     for group in groups {

@@ -23,7 +23,7 @@ fn inverse_cdf_samples_match() {
         let (mut cdf, mut samples) = (vec![0.0; edges.len()], vec![0.0; u.len()]);
         invert_cdf(&edges, &weights, record.param("pad").f32(), &u, &mut cdf, &mut samples);
         let label = record.label();
-        // The pad is no f32 number, everything else is.
+        // The pad is not an f32 number, everything else is.
         assert_close(&format!("{label} cdf"), &cdf, &record.output("cdf").data, 1e-8, 1e-13);
         assert_close(&label, &samples, &record.output("samples").data, rtol, atol);
         assert_eq!((cdf[0], cdf[edges.len() - 1]), (0.0, 1.0), "{label}");

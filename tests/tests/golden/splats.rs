@@ -55,7 +55,7 @@ fn single(mean: [f64; 3], wxyz: &[f64], scale: &[f64]) -> Gaussians {
 fn covariances_are_seen_from_three_sides() {
     // At the same distance as the focal length, straight ahead: the picture's covariance is two rows and columns of the world's.
     for record in golden().op("covariance") {
-        // Shorter than 1e-8 a quaternion is no direction here.
+        // Shorter than 1e-8 a quaternion has no direction here.
         if record.name == "tiny_quat" {
             continue;
         }

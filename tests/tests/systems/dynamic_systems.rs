@@ -1,4 +1,4 @@
-//! Systems for scenes that move: each learns, shows the moment asked for, and makes the same bits with any number of threads
+//! Systems for scenes that move: each learns, shows the time asked for, and makes the same bits with any number of threads
 //! and after a resume. What a part adds is nothing where the part is switched off.
 
 use engine::data::Dataset;
@@ -125,7 +125,7 @@ fn spoil(state: &mut TensorMap, name: &str, from: usize) {
 }
 
 #[test]
-fn each_system_learns_and_shows_the_moment_asked_for() {
+fn each_system_learns_and_shows_the_time_asked_for() {
     for name in names(Family::Moving) {
         let scene = scene_of(name);
         let (train, _) = views(&scene, 1);
@@ -163,7 +163,7 @@ fn each_system_learns_and_shows_the_moment_asked_for() {
             out
         };
         assert_eq!(density(0.2) != density(0.9), moves, "{name}");
-        // Times nobody should ask for are no reason to show nonsense.
+        // Times nobody should ask for are not a reason to show nonsense.
         for time in [-1.0, 2.0] {
             assert!(seen(system.as_ref(), &train, time).rgb.as_flattened().iter().all(|v| v.is_finite()), "{name}");
         }
@@ -413,7 +413,7 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
         ("d-nerf", "background=1.0"),
         ("d-nerf", "ambient=2"),
         ("nerfies", "ambient=2"),
-        ("nerfies", "sees=moment"),
+        ("nerfies", "sees=time"),
         ("tineuvox", "planes=[4]"),
         ("tineuvox", "elastic=0.1"),
         ("endo-nerf", "elastic=0.1"),
@@ -425,11 +425,11 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
     }
     for (name, set) in [
         ("ngp", &["depth=1.0", "guided=true"][..]),
-        ("t-nerf", &["moment=codes"]),
+        ("t-nerf", &["time_input=codes"]),
         ("t-nerf", &["planes=[]"]),
         ("d-nerf", &["warp=rigid", "planes=[]"]),
-        ("d-nerf", &["origin=free", "sees=moment"]),
-        ("nerfies", &["warp=translation", "moment=time", "origin=canonical"]),
+        ("d-nerf", &["origin=free", "sees=time"]),
+        ("nerfies", &["warp=translation", "time_input=time", "origin=canonical"]),
         ("hypernerf", &["elastic=0.1", "sees=point", "ambient=0"]),
     ] {
         let mut system = system(name, &scene, &train, set);

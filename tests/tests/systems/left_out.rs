@@ -4,7 +4,7 @@ use engine::data::{Batch, Dataset, Patches, Shape};
 use engine::options::{Background, RunOptions, parse_set};
 use engine::system::{SkipRow, System};
 use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
+use scene_io::{Image, ImageSource, PerturbationKind, Scene, perturb};
 use std::sync::Arc;
 use tests::views;
 
@@ -16,7 +16,7 @@ const OCCLUDERS: &str = "occluders";
 /// 24x24 pixels, with what each photo's mask shows of itself where there is one.
 fn scene(mask: Option<fn(u32) -> u8>) -> (Scene, Dataset) {
     let options = TabletopOptions { width: 24, height: 24, train: 6, test: 0, rays: 1, ..TabletopOptions::default() };
-    let mut scene = perturb(tabletop(&options), Disturbance::Both, 3);
+    let mut scene = perturb(tabletop(&options), PerturbationKind::Both, 3);
     for frame in &mut scene.frames {
         if let (ImageSource::Memory(image), Some(mask)) = (&frame.image, mask) {
             let of = |i: u32| mask(i % 24);

@@ -6,7 +6,7 @@ use engine::options::{Background, RunOptions};
 use engine::system::System;
 use scene_io::synthetic::{PlazaOptions, TabletopOptions, plaza, tabletop};
 use scene_io::{
-    Disturbance, Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, Scene, Split, TrainPhotos, perturb,
+    Image, ImageSource, LayoutHint, LoadOptions, MaskPolarity, PerturbationKind, Scene, Split, TrainPhotos, perturb,
 };
 use std::sync::Arc;
 use systems::registry::build;
@@ -49,12 +49,12 @@ fn before_white(range: f32) -> Scene {
 }
 
 #[test]
-fn disturbed_photos_get_what_they_need_and_clean_ones_nothing() {
+fn perturbed_photos_get_what_they_need_and_clean_ones_nothing() {
     for (what, appearance, occluders) in [
         (None, "none", "none"),
-        (Some(Disturbance::Colour), "codes", "none"),
-        (Some(Disturbance::Occluder), "none", "robust"),
-        (Some(Disturbance::Both), "codes", "robust"),
+        (Some(PerturbationKind::Colour), "codes", "none"),
+        (Some(PerturbationKind::Occluder), "none", "robust"),
+        (Some(PerturbationKind::Both), "codes", "robust"),
     ] {
         let scene = what.map_or_else(table, |what| perturb(table(), what, 0));
         let (decided, lines) = decided(&scene, None);

@@ -4,7 +4,7 @@ use engine::data::Dataset;
 use engine::options::{Background, RunOptions, parse_set};
 use engine::system::{Appearance, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Disturbance, Image, ImageSource, Scene, perturb};
+use scene_io::{Image, ImageSource, PerturbationKind, Scene, perturb};
 use std::sync::Arc;
 use systems::registry::build;
 use tests::{assert_same_bits, state_after, views};
@@ -19,7 +19,7 @@ fn table(size: u32, views: usize) -> Scene {
     tabletop(&options)
 }
 
-fn data(size: u32, views: usize, what: Disturbance) -> (Scene, Dataset) {
+fn data(size: u32, views: usize, what: PerturbationKind) -> (Scene, Dataset) {
     let scene = perturb(table(size, views), what, 3);
     let train = train_of(&scene);
     (scene, train)
@@ -41,7 +41,7 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     ] {
         println!("{name} {set:?}");
         assert_same_bits(|steps, state| {
-            let (scene, train) = data(24, 12, Disturbance::Both);
+            let (scene, train) = data(24, 12, PerturbationKind::Both);
             state_after(try_system(name, &scene, &train, set).unwrap(), &train, steps, state)
         });
     }
@@ -49,7 +49,7 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
 
 #[test]
 fn codes_follow_the_appearance_of_photos_and_photos_that_were_not_trained_on_have_one() {
-    let (scene, train) = data(24, 12, Disturbance::Colour);
+    let (scene, train) = data(24, 12, PerturbationKind::Colour);
     let mut system = try_system("ha-nerf-a", &scene, &train, &[]).unwrap();
     assert_eq!(system.name(), "ha-nerf-a");
     let mut errors = Vec::new();
@@ -79,7 +79,7 @@ fn codes_follow_the_appearance_of_photos_and_photos_that_were_not_trained_on_hav
 
 #[test]
 fn what_stands_in_one_photo_is_left_out() {
-    let (scene, train) = data(40, 20, Disturbance::Occluder);
+    let (scene, train) = data(40, 20, PerturbationKind::Occluder);
     let mut system = try_system("ha-nerf-t", &scene, &train, &["mask_size_steps=150"]).unwrap();
     for step in 0..400 {
         system.step(&train, step).unwrap();
@@ -107,7 +107,7 @@ fn what_stands_in_one_photo_is_left_out() {
 #[test]
 fn a_map_that_keeps_all_is_the_plain_loss() {
     // Nothing is worth leaving out at this price, so the two differ by little; without visibility, by nothing.
-    let (scene, train) = data(24, 6, Disturbance::Colour);
+    let (scene, train) = data(24, 6, PerturbationKind::Colour);
     let run = |name: &str, set: &[&str]| {
         let mut system = try_system(name, &scene, &train, set).unwrap();
         (0..60).map(|step| system.step(&train, step).unwrap().mse).sum::<f64>() / 60.0
@@ -119,7 +119,7 @@ fn a_map_that_keeps_all_is_the_plain_loss() {
 
 #[test]
 fn one_photo_and_photos_without_anything_in_them() {
-    let (scene, train) = data(24, 1, Disturbance::Both);
+    let (scene, train) = data(24, 1, PerturbationKind::Both);
     let mut system = try_system("ha-nerf", &scene, &train, &[]).unwrap();
     for step in 0..3 {
         assert_eq!(system.step(&train, step).unwrap().nonfinite, 0);
@@ -140,14 +140,14 @@ fn one_photo_and_photos_without_anything_in_them() {
 
 #[test]
 fn what_cannot_work_is_named() {
-    let (scene, train) = data(12, 3, Disturbance::Both);
+    let (scene, train) = data(12, 3, PerturbationKind::Both);
     let error = try_system("ha-nerf", &scene, &train, &[]).err().unwrap().to_string();
     assert_eq!(
         error,
         "`appearance` = encoder: photo `train/r_000` is 12x12 pixels and the encoder needs 16 on each side; use `codes`"
     );
     assert!(try_system("ha-nerf-t", &scene, &train, &[]).is_ok(), "the map has no smallest photo");
-    let (scene, train) = data(24, 3, Disturbance::Both);
+    let (scene, train) = data(24, 3, PerturbationKind::Both);
     for (set, line) in [
         (
             "encoder_side=8",

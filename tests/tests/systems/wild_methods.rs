@@ -7,7 +7,7 @@ use engine::options::{Background, RunOptions, parse_set};
 use engine::render::{plain_query, render};
 use engine::system::{Appearance, Fit, Query, System, SystemError};
 use scene_io::synthetic::{TabletopOptions, tabletop};
-use scene_io::{Disturbance, ImageSource, Scene, perturb};
+use scene_io::{ImageSource, PerturbationKind, Scene, perturb};
 use std::sync::Arc;
 use systems::registry::build;
 use tests::{assert_same_bits, state_after, views};
@@ -27,7 +27,7 @@ fn soon(name: &str) -> &'static [&'static str] {
 fn scene(views: usize) -> Scene {
     let options =
         TabletopOptions { width: 24, height: 24, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
-    perturb(tabletop(&options), Disturbance::Both, 3)
+    perturb(tabletop(&options), PerturbationKind::Both, 3)
 }
 
 fn train_of(scene: &Scene) -> Dataset {

@@ -112,7 +112,7 @@ mod tests {
         assert_eq!(within.map(|g| g.figure), Some(27.0), "the last of a curve counts, not the best");
         assert_eq!(of(Aim::Costs(0.0)), Some((-0.5, 0.0)));
         let idle = goal(Aim::Costs(0.0), "g", &entry, &row("own", 28.0, 25.0, &[]), &before);
-        assert!(idle.is_none(), "a part that does nothing here costs nothing, and that is no merit");
+        assert!(idle.is_none(), "a part that does nothing here costs nothing, and that is not a merit");
         assert_eq!(of(Aim::HiddenCosts(0.0)), Some((-5.0, 0.0)));
         assert_eq!(of(Aim::DepthCosts(1.0)).map(|(x, _)| (x * 100.0).round()), Some(80.0));
         assert_eq!(of(Aim::Over("absent", 0.0)), None, "nothing to compare with");

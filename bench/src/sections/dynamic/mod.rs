@@ -24,7 +24,7 @@ pub(super) use protocols::names;
 const QUICK_STEPS: u64 = 10;
 
 const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show things that move at some time; still: the others. \
-                     Hidden: what something stood in front of when the photo of the moment was taken. Depth: mean absolute error \
+                     Hidden: what something stood in front of when the photo was taken. Depth: mean absolute error \
                      of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. \
                      Found again: points of things that move, brought to another held-out view by the canonical point nearest to \
                      theirs, that come within 5 % of its longer side of where they are; flow: how far off they are on average. Rows \

@@ -65,7 +65,7 @@ pub(super) fn run(bench: &Bench, trained: &Trained<'_>, scene: &str, budgets: &m
         }
         for (row, before) in system.skips().iter().zip(&before) {
             let (skipped, total) = ((row.skipped - before.skipped) as usize, (row.total - before.total) as usize);
-            // What happens in training alone is no row here.
+            // What happens in training alone is not a row here.
             if total == 0 {
                 continue;
             }

@@ -307,7 +307,7 @@ fn loss(stage: &Stage, shot: &Shot) -> Result<Option<f64>, BenchError> {
     Ok((!some.is_empty()).then(|| worst(&some, &want)))
 }
 
-/// The larger; NaN is: it is no small difference.
+/// The larger; NaN is: it is not a small difference.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b <= a { a } else { b }
 }

@@ -37,7 +37,7 @@ impl Ground {
     pub(super) fn new(bench: &Bench, subject: &Subject) -> Result<Self, BenchError> {
         let (run, _, _folder) = begin(job(bench, subject, Schedule::new(Stop::Steps(0))))?;
         let Some(splats) = run.system.splats() else {
-            return Err(BenchError::Part(format!("`{}` is no system of Gaussians", run.system.name())));
+            return Err(BenchError::Part(format!("`{}` is not a system of Gaussians", run.system.name())));
         };
         let n = run.train.len();
         let chosen: Vec<usize> = (0..n.min(CAMERAS)).map(|k| k * n / n.min(CAMERAS)).collect();

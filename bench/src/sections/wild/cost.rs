@@ -11,7 +11,7 @@ use crate::table::Table;
 use engine::options::{DataOptions, Request};
 use engine::run::Build;
 use engine::train::{Schedule, Stop};
-use scene_io::{Disturbance, Scene, perturb};
+use scene_io::{PerturbationKind, Scene, perturb};
 
 /// One kind of training.
 struct Case<'a> {
@@ -33,7 +33,7 @@ pub(in crate::sections) fn run(bench: &Bench, keep: &Keep<'_>) -> Result<Section
     let steps = bench.steps.unwrap_or(steps);
     let mut cases = vec![Case::new(NGP, &systems::registry::build)];
     cases.extend(COSTS.iter().map(|&entry| Case::new(entry, &systems::registry::build)));
-    let scene = perturb(small_tabletop(), Disturbance::Both, 0);
+    let scene = perturb(small_tabletop(), PerturbationKind::Both, 0);
     for round in 1..=rounds {
         for case in &mut cases {
             let (seconds, psnr) = train_case(case, &scene, steps)?;
@@ -53,7 +53,7 @@ fn section(cases: &[Case<'_>], steps: u64) -> Result<Section, BenchError> {
     let mut table = Table::new(
         "cost",
         "Median over rounds in which the systems took turns; the first steps' surveys, warm-ups and encoders included. Held-out \
-         PSNR in dB, in the mean light, after so few steps: it says that the work was done, and that `plain` is `ngp`, to the \
+         PSNR in dB, in the mean appearance, after so few steps: it says that the work was done, and that `plain` is `ngp`, to the \
          last digit.",
         &["system", claims::COLUMN, "steps", "ms a step", "times ngp", "PSNR"],
     );

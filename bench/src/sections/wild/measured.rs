@@ -1,4 +1,4 @@
-//! One system on one set of photos: trained, and measured in each light.
+//! One system on one set of photos: trained, and measured in each appearance.
 
 use super::protocols::{Entry, Group, Kind, Photos, Segments};
 use super::segments;
@@ -24,14 +24,14 @@ const MASK_PIXELS: f64 = 3e6;
 /// What came out.
 pub(super) struct Measured {
     pub(super) views: String,
-    /// A measurement for each light of the photos.
+    /// A measurement for each appearance of the photos.
     pub(super) scores: Vec<Score>,
     /// Mean over photos of mIoU and of F1 of occluders, where the truth is known.
     pub(super) masks: [Option<f64>; 2],
     pub(super) ms_per_step: f64,
 }
 
-/// Means over the held-out views in one light.
+/// Means over the held-out views in one appearance.
 pub(super) struct Score {
     pub(super) scored: Scored,
     pub(super) psnr: Option<f64>,
@@ -75,14 +75,14 @@ pub(super) fn request(
     Ok(Some(request))
 }
 
-/// Train for `steps`, measure the held-out views in each of `lights`, and the masks of all training photos.
+/// Train for `steps`, measure the held-out views in each of `appearances`, and the masks of all training photos.
 pub(super) fn measure(
     bench: &Bench,
     name: &str,
     segments: Segments,
     request: &Request,
     steps: u64,
-    lights: &[&str],
+    appearances: &[&str],
 ) -> Result<Measured, BenchError> {
     let outlines = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let load = |spec: &str, data: &DataOptions| {
@@ -93,13 +93,13 @@ pub(super) fn measure(
         Ok(scene)
     };
     let load: &Load<'_> = &load;
-    let lights: Vec<EvalAppearance> =
-        lights.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<_, _>>()?;
+    let appearances: Vec<EvalAppearance> =
+        appearances.iter().map(|l| l.parse().map_err(BenchError::Part)).collect::<Result<_, _>>()?;
     let schedule = Schedule::new(Stop::Steps(steps));
     let job = Job { name, request, load, build: &systems::registry::build, schedule, lpips: None };
-    let mut known = lights;
+    let mut known = appearances;
     let mut trained = train(job, |run| {
-        // A system that knows one light has no photo's: its whole views are in the only one.
+        // A system that knows one appearance has no photo's: its whole views are in the only one.
         if run.system.appearance_code(&Appearance::Mean).is_none() {
             known.iter_mut().filter(|l| matches!(l, EvalAppearance::Image(_))).for_each(|l| *l = EvalAppearance::Mean);
         }
@@ -108,8 +108,8 @@ pub(super) fn measure(
     let mut scores: Vec<Score> = trained.evaluation.take().into_iter().map(Score::from).collect();
     let (views, ms_per_step) = (trained.views(), trained.ms_per_step());
     let Trained { mut run, mut watch, folder, .. } = trained;
-    for light in known.into_iter().skip(1) {
-        run.measure_in(Some(light));
+    for appearance in known.into_iter().skip(1) {
+        run.measure_in(Some(appearance));
         scores.push(run.evaluate(None, &mut watch)?.into());
     }
     let has_truth = run.scene.frames.iter().any(|f| f.split == Split::Train && f.truth.transient.is_some());

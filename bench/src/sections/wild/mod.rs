@@ -1,4 +1,4 @@
-//! Photographs from the wild: how much of what occluders and light cost does each system win back, and at what cost a step.
+//! Photographs from the wild: how much of what occluders and appearance cost does each system win back, and at what cost a step.
 
 mod cost;
 mod measured;
@@ -23,21 +23,21 @@ pub(super) use protocols::names;
 const QUICK_STEPS: u64 = 60;
 const QUICK_SYSTEMS: usize = 2;
 
-const INTRO: &str = "Whole views: held-out views in a light that is known (that of a photo left as it was, or the only one \
-                     there is). Right halves: the light fitted on the left half of each held-out view, the right half scored, \
-                     also where a system has no light to fit. Share: of the gap between `plain` on these photos and `plain` on \
+const INTRO: &str = "Whole views: held-out views in an appearance that is known (that of a photo left as it was, or the only one \
+                     there is). Right halves: the appearance fitted on the left half of each held-out view, the right half scored, \
+                     also where a system has no appearance to fit. Share: of the gap between `plain` on these photos and `plain` on \
                      clean photos of the same place. Masks: training photos against the truth, means over photos; of many large \
                      photos some. The \
                      time is that of the training alone, with whatever else the machine does: compare it within a table.";
 
-/// Lego, disturbed.
+/// Lego, perturbed.
 pub(super) fn lego100(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section(bench, keep, "In the wild: disturbed lego, 100 pixels", LEGO100)
+    section(bench, keep, "In the wild: perturbed lego, 100 pixels", LEGO100)
 }
 
 /// The same photos, larger.
 pub(super) fn lego400(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
-    section(bench, keep, "In the wild: disturbed lego, 400 pixels", LEGO400)
+    section(bench, keep, "In the wild: perturbed lego, 400 pixels", LEGO400)
 }
 
 /// Things in the way.
@@ -55,7 +55,7 @@ pub(super) fn real(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError
     section(bench, keep, "In the wild: real photographs", REAL)
 }
 
-/// What `plain` reached in each light.
+/// What `plain` reached in each appearance.
 struct Plain<'a> {
     group: &'a str,
     kind: Kind,
@@ -101,7 +101,7 @@ fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, groups: &[Group]
                 let name = format!("{} {}", group.name, photos.name);
                 let steps = bench.steps.unwrap_or(if quick { QUICK_STEPS } else { group.steps });
                 let watched = format!("{name}, {}", entry.name);
-                let measured = measure(bench, &watched, entry.segments, &request, steps, photos.lights)?;
+                let measured = measure(bench, &watched, entry.segments, &request, steps, photos.appearances)?;
                 if entry.system == "plain" {
                     let psnr = measured.scores.iter().map(|e| e.psnr).collect();
                     plains.push(Plain { group: group.name, kind: photos.kind, psnr });
@@ -134,13 +134,14 @@ fn page(title: &'static str, table: &Table, systems: &[&'static str], goals: Vec
     Section { title, intro: INTRO, items: items.collect(), goals }
 }
 
-/// Per cent of the gap that was closed in each light; nothing without clean photos, for them, or where there is no gap.
+/// Per cent of the gap that was closed in each appearance; nothing without clean photos, for them, or where there is no gap.
 fn shares(plains: &[Plain<'_>], group: &str, kind: Kind, measured: &Measured) -> Vec<Option<f64>> {
     let plain = |kind| plains.iter().find(|p| (p.group, p.kind) == (group, kind));
-    let of = |light: usize| {
-        let (low, high) = (plain(kind)?.psnr.get(light).copied()??, plain(Kind::Clean)?.psnr.get(light).copied()??);
+    let of = |appearance: usize| {
+        let (low, high) =
+            (plain(kind)?.psnr.get(appearance).copied()??, plain(Kind::Clean)?.psnr.get(appearance).copied()??);
         let gap = high - low;
-        (kind != Kind::Clean && gap > 0.0).then_some(100.0 * (measured.scores[light].psnr? - low) / gap)
+        (kind != Kind::Clean && gap > 0.0).then_some(100.0 * (measured.scores[appearance].psnr? - low) / gap)
     };
     (0..measured.scores.len()).map(of).collect()
 }
@@ -155,9 +156,9 @@ fn row(
 ) -> Result<(), BenchError> {
     let of = |scored: Scored| measured.scores.iter().position(|e| e.scored == scored);
     let pair = |scored| {
-        let light = of(scored);
-        let psnr = Table::decibels(light.and_then(|l| measured.scores[l].psnr));
-        [psnr, light.and_then(|l| shares[l]).into()]
+        let appearance = of(scored);
+        let psnr = Table::decibels(appearance.and_then(|l| measured.scores[l].psnr));
+        [psnr, appearance.and_then(|l| shares[l]).into()]
     };
     let ([whole, whole_share], [half, half_share]) = (pair(Scored::Whole), pair(Scored::RightHalf));
     let first = measured.scores.first();
@@ -253,8 +254,8 @@ mod tests {
                     assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
                     assert!(systems::registry::find(entry.system).is_some());
                 }
-                for light in photos.lights {
-                    assert!(light.parse::<engine::eval::EvalAppearance>().is_ok());
+                for appearance in photos.appearances {
+                    assert!(appearance.parse::<engine::eval::EvalAppearance>().is_ok());
                 }
             }
         }

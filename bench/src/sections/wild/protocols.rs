@@ -24,7 +24,7 @@ pub(super) struct Photos {
     /// Photos of the dataset that are trained on, a word of `--train-split`; none: all.
     pub(super) split: Option<&'static str>,
     /// Lights that held-out views are measured in, words of `--eval-appearance`.
-    pub(super) lights: &'static [&'static str],
+    pub(super) appearances: &'static [&'static str],
     pub(super) entries: &'static [Entry],
 }
 
@@ -35,7 +35,7 @@ pub(super) enum Kind {
     AsIs,
     /// Its clean photos: the first of a group, which others are compared with.
     Clean,
-    /// Disturbed: `c`, `o` or `co`.
+    /// Perturbed: `c`, `o` or `co`.
     Perturbed(&'static str),
 }
 
@@ -63,7 +63,7 @@ pub(super) enum Segments {
 /// What was planned, in per cent, decibels or as F1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Aim {
-    /// Of the gap between plain and clean, at least; in the light of a training photo or over whole views.
+    /// Of the gap between plain and clean, at least; in the appearance of a training photo or over whole views.
     Share(f64),
     /// Occluders in its masks.
     F1(f64),
@@ -104,14 +104,14 @@ const HA_NERF: Entry = Entry::new("ha-nerf");
 const HA_NERF_A: Entry = Entry::new("ha-nerf-a");
 const HA_NERF_T: Entry = Entry::new("ha-nerf-t");
 const SF_NERF: Entry = Entry::new("sf-nerf");
-const SF_NERF_ONE_LIGHT: Entry = SF_NERF.set("sf-nerf, one light", "appearance = 'none'");
+const SF_NERF_ONE_APPEARANCE: Entry = SF_NERF.set("sf-nerf, one appearance", "appearance = 'none'");
 const HUGS: Entry = Entry::new("hugs");
 const HUGS_CODES: Entry = HUGS.set("hugs with codes", "appearance = 'codes'");
 
-/// Every light is the same there, or known: whole views count.
-const ONE_LIGHT: &[&str] = &["mean"];
+/// Every appearance is the same there, or known: whole views count.
+const ONE_APPEARANCE: &[&str] = &["mean"];
 /// The first photo of lego is left as it was.
-const KNOWN_LIGHT: &[&str] = &["image:train/r_0", "fit"];
+const KNOWN_APPEARANCE: &[&str] = &["image:train/r_0", "fit"];
 const FITTED: &[&str] = &["fit"];
 
 const PERTURBED: [Photos; 4] = [
@@ -120,14 +120,14 @@ const PERTURBED: [Photos; 4] = [
         kind: Kind::Clean,
         // The perturbed ones are made of these: there are no others.
         split: None,
-        lights: KNOWN_LIGHT,
+        appearances: KNOWN_APPEARANCE,
         entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), HUGS.aims(&[Aim::Loss(0.5)])],
     },
     Photos {
         name: "o",
         kind: Kind::Perturbed("o"),
         split: None,
-        lights: ONE_LIGHT,
+        appearances: ONE_APPEARANCE,
         entries: &[
             PLAIN,
             L1,
@@ -137,14 +137,14 @@ const PERTURBED: [Photos; 4] = [
             NERF_U,
             NERF_W,
             HA_NERF_T,
-            SF_NERF_ONE_LIGHT,
+            SF_NERF_ONE_APPEARANCE,
         ],
     },
     Photos {
         name: "c",
         kind: Kind::Perturbed("c"),
         split: None,
-        lights: KNOWN_LIGHT,
+        appearances: KNOWN_APPEARANCE,
         entries: &[
             PLAIN,
             NERF_A.aims(&[Aim::Share(85.0)]),
@@ -156,7 +156,7 @@ const PERTURBED: [Photos; 4] = [
         name: "co",
         kind: Kind::Perturbed("co"),
         split: None,
-        lights: KNOWN_LIGHT,
+        appearances: KNOWN_APPEARANCE,
         entries: &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_W.aims(&[Aim::Share(80.0)]), HA_NERF, SF_NERF],
     },
 ];
@@ -190,14 +190,14 @@ pub(super) const YARD: &[Group] = &[Group {
             name: "clean",
             kind: Kind::Clean,
             split: Some("clean"),
-            lights: ONE_LIGHT,
+            appearances: ONE_APPEARANCE,
             entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)])],
         },
         Photos {
             name: "occluders",
             kind: Kind::AsIs,
             split: None,
-            lights: ONE_LIGHT,
+            appearances: ONE_APPEARANCE,
             entries: &[
                 PLAIN,
                 L1,
@@ -228,8 +228,8 @@ pub(super) const PLAZA: &[Group] = &[
         mask_white: None,
         steps: 1000,
         photos: &[
-            Photos { name: "clean", kind: Kind::Clean, split: Some("clean"), lights: FITTED, entries: &[PLAIN] },
-            Photos { name: "many people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING },
+            Photos { name: "clean", kind: Kind::Clean, split: Some("clean"), appearances: FITTED, entries: &[PLAIN] },
+            Photos { name: "many people's", kind: Kind::AsIs, split: None, appearances: FITTED, entries: EVERYTHING },
         ],
     },
     Group {
@@ -239,7 +239,13 @@ pub(super) const PLAZA: &[Group] = &[
         holdout: Held::Own,
         mask_white: None,
         steps: 1000,
-        photos: &[Photos { name: "many people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING }],
+        photos: &[Photos {
+            name: "many people's",
+            kind: Kind::AsIs,
+            split: None,
+            appearances: FITTED,
+            entries: EVERYTHING,
+        }],
     },
 ];
 
@@ -256,7 +262,7 @@ pub(super) const REAL: &[Group] = &[
             name: "40 people's",
             kind: Kind::AsIs,
             split: None,
-            lights: FITTED,
+            appearances: FITTED,
             entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF],
         }],
     },
@@ -267,7 +273,13 @@ pub(super) const REAL: &[Group] = &[
         holdout: Held::Every(5),
         mask_white: None,
         steps: 1000,
-        photos: &[Photos { name: "8 people's", kind: Kind::AsIs, split: None, lights: FITTED, entries: EVERYTHING }],
+        photos: &[Photos {
+            name: "8 people's",
+            kind: Kind::AsIs,
+            split: None,
+            appearances: FITTED,
+            entries: EVERYTHING,
+        }],
     },
 ];
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::system::NOWHERE;
 use glam::DVec2;
-use scene_io::synthetic::{Moment, MomentHit, Orbit, OrbitOptions, orbit};
+use scene_io::synthetic::{Orbit, OrbitOptions, Snapshot, SnapshotHit, orbit};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
@@ -19,15 +19,15 @@ fn data(longest_side: Option<u32>) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Test).collect()).unwrap()
 }
 
-/// Scores of a system that says of each point seen at a moment what `canonical` says.
-fn scored(data: &Dataset, canonical: impl Fn(&Moment, &MomentHit) -> [f64; 3]) -> Vec<Transfer> {
+/// Scores of a system that says of each point seen at a snapshot what `canonical` says.
+fn scored(data: &Dataset, canonical: impl Fn(&Snapshot, &SnapshotHit) -> [f64; 3]) -> Vec<Transfer> {
     let stage = Orbit::new(options().seed, options().motion);
     let mut points = Correspondence::of(data).unwrap();
     for (i, view) in data.views().iter().enumerate() {
-        let moment = stage.at(view.time);
+        let snapshot = stage.at(view.time);
         let (w, h) = (view.camera.width, view.camera.height);
         let centre = |k: u32| DVec2::new(f64::from(k % w) + 0.5, f64::from(k / w) + 0.5);
-        let point = |k| moment.look(&view.camera, centre(k)).map_or(NOWHERE, |hit| canonical(&moment, &hit));
+        let point = |k| snapshot.hit(&view.camera, centre(k)).map_or(NOWHERE, |hit| canonical(&snapshot, &hit));
         assert!(points.wants(i));
         points.keep(i, (0..w * h).map(point).collect());
     }
@@ -36,8 +36,8 @@ fn scored(data: &Dataset, canonical: impl Fn(&Moment, &MomentHit) -> [f64; 3]) -
     scores.into_iter().map(|s| s.1).collect()
 }
 
-/// Where the point is at the first moment.
-fn exact(hit: &MomentHit) -> [f64; 3] {
+/// Where the point is at the first snapshot.
+fn exact(hit: &SnapshotHit) -> [f64; 3] {
     Orbit::new(options().seed, options().motion).at(0.0).place(hit).to_array()
 }
 

@@ -6,7 +6,7 @@
 //! there is no change of topology.
 //!
 //! Motion takes each **material point** `q` of a thing to the world, `x = r(t) warp(q, t) + c(t)`, and its inverse is known
-//! in closed form. So rays are intersected exactly (polynomials up to degree 4), and a surface point of one moment can be
+//! in closed form. So rays are intersected exactly (polynomials up to degree 4), and a surface point of one snapshot can be
 //! followed to any other. Colour belongs to the material: light is painted on (it turns with the thing) and there are no
 //! shadows and no gloss, so a point looks the same at all times and from all sides.
 
@@ -18,7 +18,7 @@ mod write;
 
 pub use body::{Form, Placement, Warp};
 pub use stage::OrbitMotion;
-pub use truth::{FlowMap, MomentTruth, Sight};
+pub use truth::{FlowMap, Sight, SnapshotTruth};
 pub use views::{OrbitCamera, OrbitOptions, OrbitView, orbit, orbit_views};
 pub use write::write_orbit;
 
@@ -40,14 +40,14 @@ pub struct Orbit {
 
 /// The stage at one time.
 #[derive(Clone, Debug)]
-pub struct Moment {
+pub struct Snapshot {
     time: f64,
     things: Vec<(Posed, Thing)>,
 }
 
 /// Where a ray first meets the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MomentHit {
+pub struct SnapshotHit {
     /// Distance along the ray, world units.
     pub t: f64,
     /// The point.
@@ -79,15 +79,15 @@ impl Orbit {
 
     /// The stage at a time, usually in `[0, 1]`.
     #[must_use]
-    pub fn at(&self, time: f64) -> Moment {
-        Moment {
+    pub fn at(&self, time: f64) -> Snapshot {
+        Snapshot {
             time,
             things: self.things.iter().map(|thing| (Posed::new(thing.form, thing.at(time)), *thing)).collect(),
         }
     }
 }
 
-impl Moment {
+impl Snapshot {
     /// When it is.
     #[must_use]
     pub fn time(&self) -> f64 {
@@ -111,13 +111,13 @@ impl Moment {
 
     /// Where a ray first meets a surface.
     #[must_use]
-    pub fn trace(&self, ray: &Ray) -> Option<MomentHit> {
+    pub fn trace(&self, ray: &Ray) -> Option<SnapshotHit> {
         let hits = self.things.iter().enumerate();
         let (hit, thing) = hits
             .filter_map(|(i, (posed, _))| posed.hit(ray, 0.0).map(|hit| (hit, i)))
             .min_by(|a, b| a.0.t.total_cmp(&b.0.t))?;
         let Thing { pattern, .. } = &self.things[thing].1;
-        Some(MomentHit {
+        Some(SnapshotHit {
             t: hit.t,
             x: ray.at(hit.t),
             normal: hit.normal,

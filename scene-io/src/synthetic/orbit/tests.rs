@@ -93,12 +93,12 @@ fn points_lie_on_what_stands_still() {
     let scene = orbit(&small());
     assert!(scene.points.len() > 20, "{} points", scene.points.len());
     for time in [0.0, 0.3, 1.0] {
-        let moment = Orbit::new(small().seed, OrbitMotion::Some).at(time);
+        let snapshot = Orbit::new(small().seed, OrbitMotion::Some).at(time);
         for point in &scene.points {
             // A short ray from just outside meets a thing that stands still there, at all times.
             let on = |away: DVec3| {
                 let ray = Ray { o: point.xyz + away * 1e-3, d: -away };
-                moment.trace(&ray).is_some_and(|hit| !hit.moves && (hit.x - point.xyz).length() < 1e-6)
+                snapshot.trace(&ray).is_some_and(|hit| !hit.moves && (hit.x - point.xyz).length() < 1e-6)
             };
             let around =
                 (0..26).map(|k| DVec3::new(f64::from(k % 3) - 1.0, f64::from(k / 3 % 3) - 1.0, f64::from(k / 9) - 1.0));
@@ -113,9 +113,9 @@ fn nothing_runs_into_anything_else() {
     // The arm's parts hold together; everything else keeps apart, and above the ground.
     let arm = |thing: usize| thing == 4 || thing >= 8;
     for (seed, i) in (0..3).flat_map(|seed| (0..=20).map(move |i| (seed, i))) {
-        let moment = Orbit::new(seed, OrbitMotion::Some).at(f64::from(i) * 0.05);
+        let snapshot = Orbit::new(seed, OrbitMotion::Some).at(f64::from(i) * 0.05);
         let c = DVec3::new(0.0, 0.0, 0.3);
-        for (a, (posed, _)) in moment.things.iter().enumerate().skip(1) {
+        for (a, (posed, _)) in snapshot.things.iter().enumerate().skip(1) {
             let middle = posed.placement.c.lerp(c, 0.02);
             for k in 0..200_u64 {
                 let draw = |j: u64| crate::random::random(9, 2 * k + j);
@@ -125,9 +125,9 @@ fn nothing_runs_into_anything_else() {
                 let Some(hit) = posed.hit(&ray, 0.0) else { continue };
                 let x = ray.at(hit.t);
                 assert!(x.z > -1e-9, "thing {a} is in the ground at {x}");
-                for (b, (other, _)) in moment.things.iter().enumerate().skip(1) {
+                for (b, (other, _)) in snapshot.things.iter().enumerate().skip(1) {
                     let apart = a == b || (arm(a) && arm(b)) || !other.contains(x);
-                    assert!(apart, "{a} runs into {b} at {}, seed {seed}", moment.time());
+                    assert!(apart, "{a} runs into {b} at {}, seed {seed}", snapshot.time());
                 }
             }
         }
@@ -159,7 +159,7 @@ fn a_followed_point_has_the_depth_and_the_colour_the_other_picture_shows() {
             if !hit.moves {
                 assert!(flow.moved[i].length() < 1e-12, "a thing that stands still moves by {}", flow.moved[i]);
             }
-            let Some(there) = then.look(&b.camera, target) else {
+            let Some(there) = then.hit(&b.camera, target) else {
                 // Grazing points may fall off the silhouette by rounding.
                 assert_ne!(flow.sight[i], Sight::Seen);
                 continue;
@@ -192,7 +192,7 @@ fn flow_there_and_back_is_nothing() {
     let mut compared = 0;
     for hit in now.centres(&a.camera).into_iter().flatten() {
         let (Some(pixel), Sight::Seen) = then.find(&hit, &b.camera) else { continue };
-        let there = then.look(&b.camera, pixel).unwrap();
+        let there = then.hit(&b.camera, pixel).unwrap();
         let (back, sight) = now.find(&there, &a.camera);
         let (start, _) = now.find(&hit, &a.camera);
         assert_eq!(sight, Sight::Seen);
@@ -206,9 +206,9 @@ fn flow_there_and_back_is_nothing() {
 fn truth_is_what_the_picture_shows() {
     let (stage, views) = pairs();
     for view in &views {
-        let moment = stage.at(view.time);
-        let truth = moment.truth(&view.camera);
-        let (image, moving) = moment.render(&view.camera, 3);
+        let snapshot = stage.at(view.time);
+        let truth = snapshot.truth(&view.camera);
+        let (image, moving) = snapshot.render(&view.camera, 3);
         for (i, z) in truth.z.iter().enumerate() {
             let (column, row) = (i as u32 % 40, i as u32 / 40);
             // The middle ray of nine is the pixel's centre.

@@ -1,6 +1,6 @@
-//! What is known exactly about a moment: depth, normals, which thing, and where each point goes.
+//! What is known exactly about a snapshot: depth, normals, which thing, and where each point goes.
 
-use super::{Moment, MomentHit};
+use super::{Snapshot, SnapshotHit};
 use crate::DepthMap;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ const SAME: f64 = 1e-7;
 
 /// Exact numbers of one picture, at the pixel centres, `[height * width]`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct MomentTruth {
+pub struct SnapshotTruth {
     /// Columns.
     pub width: u32,
     /// Rows.
@@ -27,7 +27,7 @@ pub struct MomentTruth {
     pub moving: Vec<bool>,
 }
 
-impl MomentTruth {
+impl SnapshotTruth {
     /// The depths as frames carry them.
     #[must_use]
     pub fn depth_map(&self) -> DepthMap {
@@ -64,33 +64,33 @@ pub struct FlowMap {
     pub sight: Vec<Sight>,
 }
 
-impl Moment {
+impl Snapshot {
     /// What is seen at a place of a picture, pixels.
     #[must_use]
-    pub fn look(&self, camera: &Camera, pixel: DVec2) -> Option<MomentHit> {
+    pub fn hit(&self, camera: &Camera, pixel: DVec2) -> Option<SnapshotHit> {
         camera.ray(pixel).and_then(|ray| self.trace(&ray))
     }
 
-    /// Where a surface point of another moment (or this one) is now.
+    /// Where a surface point of another snapshot (or this one) is now.
     ///
     /// # Panics
     /// If there is no such thing.
     #[must_use]
-    pub fn place(&self, hit: &MomentHit) -> DVec3 {
+    pub fn place(&self, hit: &SnapshotHit) -> DVec3 {
         self.placement(hit.thing).place(hit.material)
     }
 
-    /// Where a camera shows a surface point of another moment (or this one), pixels, and whether it is seen there. `None`
+    /// Where a camera shows a surface point of another snapshot (or this one), pixels, and whether it is seen there. `None`
     /// behind the camera.
     ///
     /// # Panics
-    /// As [`Moment::place`].
+    /// As [`Snapshot::place`].
     #[must_use]
-    pub fn find(&self, hit: &MomentHit, camera: &Camera) -> (Option<DVec2>, Sight) {
+    pub fn find(&self, hit: &SnapshotHit, camera: &Camera) -> (Option<DVec2>, Sight) {
         self.find_prepared(hit, &camera.prepare())
     }
 
-    fn find_prepared(&self, hit: &MomentHit, prepared: &Prepared) -> (Option<DVec2>, Sight) {
+    fn find_prepared(&self, hit: &SnapshotHit, prepared: &Prepared) -> (Option<DVec2>, Sight) {
         let camera = prepared.camera();
         let x = self.place(hit);
         let Some(pixel) = prepared.project(x) else { return (None, Sight::Outside) };
@@ -108,11 +108,11 @@ impl Moment {
 
     /// Exact depth, normals and things of a camera.
     #[must_use]
-    pub fn truth(&self, camera: &Camera) -> MomentTruth {
+    pub fn truth(&self, camera: &Camera) -> SnapshotTruth {
         let hits = self.centres(camera);
         let axis = camera.optical_axis();
         let each = hits.iter();
-        MomentTruth {
+        SnapshotTruth {
             width: camera.width,
             height: camera.height,
             z: each.clone().map(|h| h.map_or(0.0, |h| (h.x - camera.pose.c).dot(axis))).collect(),
@@ -122,7 +122,7 @@ impl Moment {
         }
     }
 
-    /// Exact flow from what `camera` shows of this moment to what `other_camera` shows of another one.
+    /// Exact flow from what `camera` shows of this snapshot to what `other_camera` shows of another one.
     ///
     /// # Panics
     /// If `other` lacks a thing that is seen, being of another scene.
@@ -130,7 +130,7 @@ impl Moment {
     pub fn flow_to(&self, camera: &Camera, other: &Self, other_camera: &Camera) -> FlowMap {
         let prepared = other_camera.prepare();
         let width = u64::from(camera.width);
-        let one = |(i, hit): (usize, &Option<MomentHit>)| {
+        let one = |(i, hit): (usize, &Option<SnapshotHit>)| {
             let Some(hit) = hit else { return (DVec2::ZERO, DVec3::ZERO, Sight::Empty) };
             let centre = DVec2::new((i as u64 % width) as f64 + 0.5, (i as u64 / width) as f64 + 0.5);
             let (pixel, sight) = other.find_prepared(hit, &prepared);
@@ -147,7 +147,7 @@ impl Moment {
     }
 
     /// What is seen at each pixel centre.
-    pub(super) fn centres(&self, camera: &Camera) -> Vec<Option<MomentHit>> {
+    pub(super) fn centres(&self, camera: &Camera) -> Vec<Option<SnapshotHit>> {
         let prepared = camera.prepare();
         let (w, h) = (u64::from(camera.width), u64::from(camera.height));
         let centre = |i: u64| {

@@ -176,11 +176,11 @@ fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
 fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
     let mut found = Vec::new();
     for view in views.iter().filter(|v| v.split == Split::Train) {
-        let (moment, camera) = (stage.at(view.time), view.camera.prepare());
+        let (snapshot, camera) = (stage.at(view.time), view.camera.prepare());
         let size = DVec2::new(f64::from(view.camera.width), f64::from(view.camera.height)) / f64::from(POINT_RAYS);
         let lattice =
             (0..POINT_RAYS).flat_map(|j| (0..POINT_RAYS).map(move |i| DVec2::new(f64::from(i), f64::from(j))));
-        let hits = lattice.filter_map(|p| moment.trace(&camera.ray((p + 0.5) * size)?));
+        let hits = lattice.filter_map(|p| snapshot.trace(&camera.ray((p + 0.5) * size)?));
         found.extend(
             hits.filter(|hit| !hit.moves).map(|hit| Point { xyz: hit.x, rgb: hit.rgb.to_array().map(to_byte) }),
         );
@@ -190,7 +190,7 @@ fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
 
 /// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames
 /// carry the truth about what moves; test frames carry exact flow to the test frame nearby; validation and test frames carry
-/// exact depth (for training frames, which have none to train on, see [`super::Moment::truth`]). The same options give the
+/// exact depth (for training frames, which have none to train on, see [`super::Snapshot::truth`]). The same options give the
 /// same bytes.
 ///
 /// # Panics
@@ -200,9 +200,9 @@ pub fn orbit(options: &OrbitOptions) -> Scene {
     let stage = Orbit::new(options.seed, options.motion);
     let views = orbit_views(options);
     let frame = |view: OrbitView| {
-        let moment = stage.at(view.time);
-        let (image, moving) = moment.render(&view.camera, options.rays);
-        let depth = (view.split != Split::Train).then(|| DepthSource::memory(moment.truth(&view.camera).depth_map()));
+        let snapshot = stage.at(view.time);
+        let (image, moving) = snapshot.render(&view.camera, options.rays);
+        let depth = (view.split != Split::Train).then(|| DepthSource::memory(snapshot.truth(&view.camera).depth_map()));
         Frame {
             split: view.split,
             time: Some(view.time),

@@ -27,16 +27,16 @@ pub fn write_orbit(options: &OrbitOptions, folder: &Path) -> Result<(), SceneErr
     let views: Vec<_> = orbit_views(options).into_iter().filter(|v| v.split == Split::Train).collect();
     for (i, view) in views.iter().enumerate() {
         let file = |what: &str, extension: &str| truth.join(format!("{what}/{i:03}.{extension}"));
-        let moment = stage.at(view.time);
-        let exact = moment.truth(&view.camera);
+        let snapshot = stage.at(view.time);
+        let exact = snapshot.truth(&view.camera);
         write_npy(&file("depth", "npy"), &[h, w], &exact.depth_map().z)?;
         let normals: Vec<f32> = exact.normal.iter().flat_map(|n| n.as_vec3().to_array()).collect();
         write_npy(&file("normal", "npy"), &[h, w, 3], &normals)?;
-        let home = moment.flow_to(&view.camera, &start, &view.camera);
+        let home = snapshot.flow_to(&view.camera, &start, &view.camera);
         let moved: Vec<f32> = home.moved.iter().flat_map(|m| m.as_vec3().to_array()).collect();
         write_npy(&file("to_start", "npy"), &[h, w, 3], &moved)?;
         if let Some(next) = views.get(i + 1) {
-            let flow = moment.flow_to(&view.camera, &stage.at(next.time), &next.camera);
+            let flow = snapshot.flow_to(&view.camera, &stage.at(next.time), &next.camera);
             let way: Vec<f32> = flow.flow.iter().flat_map(|f| f.as_vec2().to_array()).collect();
             write_npy(&file("flow", "npy"), &[h, w, 2], &way)?;
             let seen = |column: u32, row: u32| flow.sight[row as usize * w as usize + column as usize] == Sight::Seen;

@@ -5,15 +5,15 @@
 //! sight by closed formulas that can be inverted; colour belongs to the material (light is painted on). So what the tool
 //! hides is known exactly: its colour, its depth, and whether it comes into sight at another time.
 
-mod moment;
 mod scene;
 mod sheet;
+mod snapshot;
 mod stereo;
 mod tool;
 mod write;
 
-pub use moment::{Tissue, TissueHit, TissueMoment};
 pub use scene::{TissueOptions, TissueTruth, tissue, tissue_camera, tissue_truth};
+pub use snapshot::{Tissue, TissueHit, TissueSnapshot};
 pub use stereo::{Stereo, StereoOcclusion};
 pub use tool::TissueTool;
 pub use write::{TissueDepth, write_tissue};

@@ -1,6 +1,6 @@
 //! The pictures of an operation: what is trained on, and what was truly behind the tool.
 
-use super::moment::Tissue;
+use super::snapshot::Tissue;
 use super::stereo::Stereo;
 use super::tool::TissueTool;
 use crate::bit_mask::BitMask;
@@ -53,7 +53,7 @@ impl Default for TissueOptions {
     }
 }
 
-/// What is known of one moment.
+/// What is known of one snapshot.
 #[derive(Clone, Debug)]
 pub struct TissueTruth {
     /// When.
@@ -85,7 +85,7 @@ pub fn tissue_camera(options: &TissueOptions) -> Camera {
     Camera::pinhole(options.width, options.height, focal, focal, 0.5 * w, 0.5 * h, pose)
 }
 
-/// Everything about every moment, in the order of time. The same options give the same bits.
+/// Everything about every snapshot, in the order of time. The same options give the same bits.
 ///
 /// # Panics
 /// If `rays` or a side is 0.
@@ -103,14 +103,14 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
     let mut truths: Vec<(TissueTruth, Vec<Option<DVec2>>)> = moments
         .par_iter()
         .enumerate()
-        .map(|(number, (time, moment))| {
-            let (picture, without_tool, tool) = moment.render(&camera, options.rays);
+        .map(|(number, (time, snapshot))| {
+            let (picture, without_tool, tool) = snapshot.render(&camera, options.rays);
             let rays: Vec<_> = (0..h).flat_map(|row| (0..w).map(move |column| (column, row))).collect();
             // A pinhole has a ray for every pixel.
             let rays: Vec<_> = rays.iter().filter_map(|(column, row)| prepared.ray(centre(*column, *row))).collect();
             let map = |z: Vec<f32>| DepthMap { width: w, height: h, z };
-            let hits: Vec<_> = rays.iter().map(|ray| moment.trace_tissue(ray)).collect();
-            let seen: Vec<_> = rays.iter().zip(&hits).map(|(ray, hit)| moment.before(ray, *hit)).collect();
+            let hits: Vec<_> = rays.iter().map(|ray| snapshot.trace_tissue(ray)).collect();
+            let seen: Vec<_> = rays.iter().zip(&hits).map(|(ray, hit)| snapshot.before(ray, *hit)).collect();
             let mask = grown(&tool, options.margin);
             let truth = TissueTruth {
                 time: *time,
@@ -120,7 +120,7 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
                 tool,
                 seen_depth: map(seen.iter().map(|hit| hit.z as f32).collect()),
                 tissue_depth: map(hits.iter().map(|hit| hit.z as f32).collect()),
-                stereo_depth: moment.match_hits(&seen, &camera, &options.stereo, options.seed, number),
+                stereo_depth: snapshot.match_hits(&seen, &camera, &options.stereo, options.seed, number),
                 recoverable: BitMask::new(w, h),
             };
             (truth, hits.iter().map(|hit| hit.material).collect())

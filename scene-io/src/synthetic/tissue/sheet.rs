@@ -27,7 +27,7 @@ pub(super) struct Sheet {
 /// z = rest - relief(a, b) - breath(a, t) - pull(a, b, t)
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct SheetMoment {
+pub(super) struct SheetSnapshot {
     sheet: Sheet,
     shear: [f64; 2],
     breath: f64,
@@ -39,11 +39,11 @@ impl Sheet {
         Self { phase: core::array::from_fn(|i| TAU * random(seed, 70_000 + i as u64)) }
     }
 
-    pub(super) fn at(&self, time: f64) -> SheetMoment {
+    pub(super) fn at(&self, time: f64) -> SheetSnapshot {
         let p = &self.phase;
         // Two breaths over the sequence, and a pull and a half.
         let pull = (1.5 * TAU * 0.5 * time + 0.5).sin();
-        SheetMoment {
+        SheetSnapshot {
             sheet: *self,
             shear: [TAU * 1.7 * time + p[0], TAU * 1.1 * time + p[1]],
             breath: 3.0 * (TAU * 2.0 * time + p[2]).sin(),
@@ -79,7 +79,7 @@ impl Sheet {
     }
 }
 
-impl SheetMoment {
+impl SheetSnapshot {
     fn f(&self, b: f64) -> f64 {
         let s = (b - PULLED.y) / PULL_WIDTH;
         3.0 * (0.09 * b + self.shear[0]).sin() + 4.0 * self.pull * (-0.5 * s * s).exp()
@@ -141,7 +141,7 @@ impl SheetMoment {
 mod tests {
     use super::*;
 
-    fn grid() -> impl Iterator<Item = (SheetMoment, DVec2)> {
+    fn grid() -> impl Iterator<Item = (SheetSnapshot, DVec2)> {
         let moments = (0..4_u64).flat_map(|seed| (0..11).map(move |i| Sheet::new(seed).at(f64::from(i) * 0.1)));
         let places = || (-24..=24).flat_map(|i| (-18..=18).map(move |j| DVec2::new(f64::from(i), f64::from(j)) * 2.5));
         moments.flat_map(move |m| places().map(move |x| (m, x)))
@@ -149,9 +149,9 @@ mod tests {
 
     #[test]
     fn material_points_and_places_belong_to_each_other() {
-        for (moment, x) in grid() {
-            let q = moment.material(x);
-            assert!((moment.place(q).truncate() - x).length() < 1e-12);
+        for (snapshot, x) in grid() {
+            let q = snapshot.material(x);
+            assert!((snapshot.place(q).truncate() - x).length() < 1e-12);
         }
     }
 
@@ -159,8 +159,8 @@ mod tests {
     fn every_line_meets_the_sheet_once() {
         // The corner of the picture is 0.703 from its middle: steeper slopes than 1 / 0.703 = 1.42 could be met twice.
         let mut steepest = 0.0_f64;
-        for (moment, x) in grid() {
-            let height = |x: DVec2| moment.height(moment.material(x));
+        for (snapshot, x) in grid() {
+            let height = |x: DVec2| snapshot.height(snapshot.material(x));
             let h = 1e-5;
             let slope = DVec2::new(
                 height(x + DVec2::X * h) - height(x - DVec2::X * h),
@@ -174,12 +174,12 @@ mod tests {
 
     #[test]
     fn lines_meet_the_sheet_where_it_is() {
-        for (moment, x) in grid().step_by(7) {
+        for (snapshot, x) in grid().step_by(7) {
             let slope = x / 100.0;
-            let z = moment.meet(slope);
-            assert!((z - moment.height(moment.material(slope * z))).abs() < 1e-10, "{z}");
-            let q = moment.material(slope * z);
-            assert!((moment.place(q) - (slope * z).extend(z)).length() < 1e-10);
+            let z = snapshot.meet(slope);
+            assert!((z - snapshot.height(snapshot.material(slope * z))).abs() < 1e-10, "{z}");
+            let q = snapshot.material(slope * z);
+            assert!((snapshot.place(q) - (slope * z).extend(z)).length() < 1e-10);
         }
     }
 

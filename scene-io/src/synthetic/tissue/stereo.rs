@@ -1,6 +1,6 @@
 //! Depth as a stereo matcher would find it: in steps, noisy, wrong in places, missing in others.
 
-use super::moment::{TissueHit, TissueMoment, flip};
+use super::snapshot::{TissueHit, TissueSnapshot, flip};
 use crate::DepthMap;
 use crate::random::random;
 use glam::{DVec2, DVec3};
@@ -63,7 +63,7 @@ impl Stereo {
 /// Side of the blobs that outliers and holes come in, pixels.
 const BLOB: u32 = 3;
 
-impl TissueMoment {
+impl TissueSnapshot {
     /// What a matcher makes of frame `number` of a seed: z depth of what is seen (tool included), mm; 0 = missing.
     ///
     /// # Panics
@@ -78,7 +78,7 @@ impl TissueMoment {
         self.match_hits(&hits, camera, stereo, seed, number)
     }
 
-    /// [`TissueMoment::stereo`] of what is seen at the pixel centres.
+    /// [`TissueSnapshot::stereo`] of what is seen at the pixel centres.
     pub(super) fn match_hits(
         &self,
         hits: &[TissueHit],

@@ -85,14 +85,14 @@ fn recoverable_pixels_are_seen_in_another_picture() {
     let tissue = Tissue::new(0, TissueTool::Sweeping);
     let (mut hidden, mut recoverable) = (0, 0);
     for truth in &truths {
-        let moment = tissue.at(truth.time);
+        let snapshot = tissue.at(truth.time);
         for (column, row) in (0..30_u32).flat_map(|row| (0..40_u32).map(move |column| (column, row))) {
             assert!(truth.mask.get(column, row) || !truth.tool.get(column, row));
             assert!(truth.mask.get(column, row) || !truth.recoverable.get(column, row));
             hidden += u64::from(truth.mask.get(column, row));
             if truth.recoverable.get(column, row) {
                 let centre = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-                let q = moment.trace_tissue(&camera.ray(centre).unwrap()).material.unwrap();
+                let q = snapshot.trace_tissue(&camera.ray(centre).unwrap()).material.unwrap();
                 let seen = truths.iter().any(|other| {
                     let pixel = tissue.at(other.time).find(q, &camera);
                     other.time != truth.time && pixel.is_some_and(|p| !other.mask.get(p.x as u32, p.y as u32))

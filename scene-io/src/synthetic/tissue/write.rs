@@ -77,7 +77,7 @@ Here, for picture NNNNNN:
 
 | file | what |
 | --- | --- |
-| `images/NNNNNN.png` | the same moment without the tool |
+| `images/NNNNNN.png` | the same snapshot without the tool |
 | `depth/NNNNNN.npy` | exact depth of the tissue along the optical axis at the pixel centres, float32, mm |
 | `depth_with_tool/NNNNNN.npy` | exact depth of what is seen |
 | `recoverable/NNNNNN.png` | 255: under the mask, and in sight in another picture outside its mask |

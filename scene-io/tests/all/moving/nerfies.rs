@@ -69,7 +69,7 @@ fn nerfies_splits_follow_the_lists() {
     dataset.edit("dataset.json", "\"val_ids\": [", "\"val_ids\": [\"0_00000\", ");
     assert_eq!(plain(&dataset).frames[0].split, Split::Train);
     warns(&dataset, "is for training and for testing at once");
-    // Several times of one moment: a rig.
+    // Several photos of one time: a rig.
     let dataset = Dataset::nerfies();
     dataset.edit("metadata.json", "\"warp_id\": 1", "\"warp_id\": 2");
     let scene = plain(&dataset);

@@ -33,7 +33,7 @@ fn times_that_do_not_start_at_0_are_shifted() {
 }
 
 #[test]
-fn duplicate_and_unsorted_times_are_views_of_one_moment() {
+fn duplicate_and_unsorted_times_are_views_of_one_time() {
     let scene = plain(&Dataset::d_nerf(&["0.5", "0.0", "0.5", "1.0", "0.0"], &["0.5"]));
     assert_eq!(times(&scene), [0.5, 0.0, 0.5, 1.0, 0.0, 0.5]);
     let dataset = Dataset::d_nerf(&["0.5", "0.0", "0.5", "1.0", "0.0"], &["0.5"]);

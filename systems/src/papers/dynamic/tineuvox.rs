@@ -31,8 +31,8 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Fang et al., 2022",
     what: "Voxels seen at three distances, a displacement by a small network of time",
     take: "to compare; runs of more than a few minutes",
-    differs: "Networks learn at the grid's 2e-2 (released: 8e-4) and geometry has 16 numbers (64); there is no \
-              variation loss of voxels. Voxels double every 500 steps, whatever the length of the run: a run of a \
+    differs: "Networks learn at the grid's 2e-2 (released: 8e-4) and the colour network sees 16 geometry features (released: 64); there \
+              is no variation loss of voxels. Voxels double every 500 steps, whatever the length of the run: a run of a \
               minute never reaches the full grid.",
     mark: "own rates, grid not grown in minutes",
 };

@@ -37,8 +37,8 @@ pub(crate) const NERF_A: Claim = Claim {
     paper: "Martin-Brualla et al., 2021",
     what: "Appearance: a free code for each photo",
     take: "photos that differ in exposure, weather or time of day, without occluders",
-    differs: "On ngp's field with codes of 16 numbers, and errors cost Charbonnier 0.05 instead of their square, which also \
-              helps against occluders. `--field mlp` has published networks, codes and squares.",
+    differs: "On ngp's field with codes of 16 numbers and the Charbonnier loss (0.05) instead of the squared error, which also \
+              helps against occluders. `--field mlp` has published networks, codes and squared error.",
     mark: "Charbonnier, ngp field",
 };
 
@@ -48,9 +48,9 @@ pub(crate) const NERF_U: Claim = Claim {
     paper: "Martin-Brualla et al., 2021",
     what: "Occluders: a transient field with uncertainty",
     take: "to compare with `robust-nerf`",
-    differs: "On ngp's field with a sample before each camera for occluders, beta_min 0.1, and errors well above 0.05 cost \
-              their length. `--field mlp` has published networks and squares, but transient density begins at \
-              softplus(x - 3).",
+    differs: "On ngp's field with a sample before each camera for occluders, beta_min 0.1, and the loss grows \
+              linearly for errors well above 0.05. `--field mlp` has published networks and squared error, but transient \
+              density begins at softplus(x - 3).",
     mark: "robust tail, ngp field",
 };
 
@@ -60,9 +60,9 @@ pub(crate) const NERF_W: Claim = Claim {
     paper: "Martin-Brualla et al., 2021",
     what: "Appearance: a free code for each photo; occluders: a transient field with uncertainty",
     take: "few photos of a place, of different appearance and with occluders",
-    differs: "On ngp's field with codes of 16 numbers, a sample before each camera for occluders, beta_min 0.1, and errors \
-              well above 0.05 cost their length. `--field mlp` has published networks, codes and squares, but transient \
-              density begins at softplus(x - 3).",
+    differs: "On ngp's field with codes of 16 numbers, a sample before each camera for occluders, beta_min 0.1, and the \
+              loss grows linearly for errors well above 0.05. `--field mlp` has published networks, codes and squared error, but \
+              transient density begins at softplus(x - 3).",
     mark: "robust tail, ngp field",
 };
 
@@ -76,7 +76,7 @@ pub struct TransientConfig {
     pub transient_lr: f32,
     /// Least uncertainty of a pixel, colour units.
     pub beta_min: f32,
-    /// Errors well above this cost their length instead of their square, colour units; 0: always the square, as published.
+    /// Above errors of about this the loss grows linearly instead of as the square, colour units; 0: always the square, as published.
     pub tail: f32,
     /// Factor of the mean transient density.
     pub lambda_u: f32,

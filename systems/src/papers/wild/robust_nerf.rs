@@ -38,8 +38,8 @@ pub(crate) const CLAIM: Claim = Claim {
     what: "What most photos do not show is masked; a robust loss for the rest",
     take: "occluders that differ from photo to photo, one appearance",
     differs: "Masks are found on whole photos from time to time, not in each batch, by a rule of our own, and what is kept \
-              costs Charbonnier 0.05 instead of its square, on ngp's field. `--field mlp` has published networks, batches of \
-              patches and squares. Below 320 pixels patches are half as large.",
+              has the Charbonnier loss (0.05) instead of the squared error, on ngp's field. `--field mlp` has published networks, \
+              batches of patches and the squared error. Below 320 pixels patches are half as large.",
     mark: "own masks, Charbonnier",
 };
 

@@ -41,13 +41,13 @@ pub(crate) enum TimeKind {
 #[serde(deny_unknown_fields)]
 pub(crate) struct TimeSettings {
     /// How networks see the time: `time`, `network` or `codes`.
-    #[serde(rename = "moment")]
+    #[serde(rename = "time_input")]
     pub(crate) kind: TimeKind,
     /// Octaves of the time (`time`, `network`).
     #[serde(rename = "time_octaves")]
     pub(crate) octaves: usize,
     /// Numbers of a time step (`network`, `codes`).
-    #[serde(rename = "moment_dims")]
+    #[serde(rename = "time_code_dims")]
     pub(crate) dims: usize,
     /// Width of the hidden layers of the networks that move points, and of that of the time.
     #[serde(rename = "warp_width")]
@@ -56,7 +56,7 @@ pub(crate) struct TimeSettings {
     #[serde(rename = "warp_lr")]
     pub(crate) rate: f64,
     /// Learning rate of codes or of the network of the time, a factor of that.
-    #[serde(rename = "moment_lr")]
+    #[serde(rename = "time_code_lr")]
     pub(crate) code_rate: f64,
 }
 
@@ -65,10 +65,10 @@ impl TimeSettings {
     /// [`SystemError::Config`] naming the setting.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         in_range("time_octaves", self.octaves, 0..=16)?;
-        in_range("moment_dims", self.dims, 1..=1024)?;
+        in_range("time_code_dims", self.dims, 1..=1024)?;
         in_range("warp_width", self.width, 1..=1024)?;
         in_range("warp_lr", self.rate, 0.0..=100.0)?;
-        in_range("moment_lr", self.code_rate, 0.0..=100.0)
+        in_range("time_code_lr", self.code_rate, 0.0..=100.0)
     }
 }
 

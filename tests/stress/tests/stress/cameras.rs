@@ -1,4 +1,4 @@
-//! Cameras 10^6 units from the origin, fields of view to 179 degrees, points at 1e-6, matrices that are no poses.
+//! Cameras 10^6 units from the origin, fields of view to 179 degrees, points at 1e-6, matrices that are not poses.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use render_core::camera::{Camera, Lens, Pose, RayTable};

@@ -145,7 +145,7 @@ fn frequency(tally: &mut Tally, simd: Simd) {
             let encoding = Frequency::new(1, octaves, base, Identity::Omit).unwrap();
             for x in MAGNITUDES.iter().flat_map(|&m| [m, -m]) {
                 let name = format!("{octaves} octaves, base {base:?}, x = {x:e}");
-                let promise = "sine and cosine of the argument; NaN only where 2^k x is no number any more";
+                let promise = "sine and cosine of the argument; NaN only where 2^k x is not a number any more";
                 tally.case(name, promise, || {
                     let n = 17;
                     let mut out = vec![f32::INFINITY; encoding.out_rows() * n];

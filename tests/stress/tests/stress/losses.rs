@@ -82,7 +82,7 @@ fn kernels(tally: &mut Tally) {
             }
         }
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            tally.case(format!("{kernel:?}, prediction {bad}"), "NaN stays NaN, infinity is no cheap error", || {
+            tally.case(format!("{kernel:?}, prediction {bad}"), "NaN stays NaN, infinity is not a cheap error", || {
                 let (value, slope) = (kernel.value(bad, 0.5), kernel.derivative(bad, 0.5));
                 let log_floor = matches!(kernel, Kernel::LogSquared { .. }) && bad == f32::NEG_INFINITY;
                 if bad.is_nan() {

@@ -12,7 +12,7 @@ pub(crate) fn cases(tally: &mut Tally) {
     let data = [dataset(&stage), dataset(&operation)];
     for name in names(Family::Moving) {
         let (scene, data) = if name == "endo-nerf" { (&operation, &data[1]) } else { (&stage, &data[0]) };
-        for rate in ["lr=0.0", "lr=1e-38", "lr=20.0", "lr=1e4", "lr=1e30", "lr=20.0+warp_lr=100.0+moment_lr=100.0"] {
+        for rate in ["lr=0.0", "lr=1e-38", "lr=20.0", "lr=1e4", "lr=1e30", "lr=20.0+warp_lr=100.0+time_code_lr=100.0"] {
             let promise = "everything finite, or one error of the guard; 0 is refused by name";
             tally.case(format!("{name}, {rate}"), promise, || {
                 let set = rate.split('+').chain(["elastic=0.1", "elastic_at=all"]);

@@ -62,7 +62,14 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     };
     let moves = scene.frames.iter().any(|frame| frame.time.is_some());
     // Rays are chosen and depths refined where photos have times.
-    let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s) && (moves || !s.starts_with("refine")));
+    // What stands in the place of the part that these are of.
+    let replaced = |s: &str| match s.split('=').next() {
+        Some("width" | "geometry" | "colour_layers") => set.contains(&"decoder=explicit"),
+        Some("occupancy") => set.contains(&"sampler=proposal"),
+        Some("refine_every") => !moves,
+        _ => false,
+    };
+    let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s) && !replaced(s));
     let set = small.chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
     systems::registry::build(name, scene, data, &options)
@@ -76,7 +83,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "elastic" | "background" => has(&["nerfies", "hypernerf"]),
         "levels" | "log2" | "n" => !has(&["tineuvox", "k-planes"]),
         "plane" | "planes" => !has(&["ngp", "tineuvox"]),
-        "moment" => !has(&["ngp", "k-planes"]),
+        "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => !has(&["ngp", "k-planes"]),
         "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp", "k-planes"]),
         "warp" => !has(&["ngp", "k-planes", "t-nerf"]),
         _ => true,

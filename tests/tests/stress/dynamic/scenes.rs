@@ -1,4 +1,4 @@
-//! Videos that say little: of one moment, of one place, of nothing that moves, of nothing that stays, of nothing but the tool.
+//! Videos that say little: of one time, of one place, of nothing that moves, of nothing that stays, of nothing but the tool.
 
 use super::{STEPS, build, operation, stage, trains, usual_operation, usual_stage};
 use crate::common::{dataset, pictures, says};

@@ -11,10 +11,10 @@ const ACCEPTED: [(&str, &str); 8] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1"),
     (
         "t-nerf",
-        "time_octaves=0 time_octaves=1 time_octaves=16 moment=codes moment=network moment_dims=1 moment_dims=1024
+        "time_octaves=0 time_octaves=1 time_octaves=16 time_input=codes time_input=network time_code_dims=1 time_code_dims=1024
         sees=place sees=point sees=point+sees_octaves=0 sees=point+sees_octaves=16
-        moment=codes+moment_dims=1 moment=codes+moment_dims=1024 moment=network+moment_dims=1+warp_width=1
-        moment=network+moment_dims=1024 moment_lr=0.0 moment_lr=100.0 warp_lr=0.0 warp_lr=100.0",
+        time_input=codes+time_code_dims=1 time_input=codes+time_code_dims=1024 time_input=network+time_code_dims=1+warp_width=1
+        time_input=network+time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0",
     ),
     (
         "d-nerf",
@@ -31,11 +31,11 @@ const ACCEPTED: [(&str, &str); 8] = [
         "nerfies",
         "elastic=0.0 elastic=1000.0 elastic=1000.0+elastic_at=all elastic_scale=1e-6 elastic_scale=1000.0
         elastic=1000.0+elastic_scale=1e-6+elastic_at=all elastic=1e-38+elastic_at=all background=0.0 background=1000.0
-        background=1e-38 background_points=0 background_points=1 background_points=1048576 moment=time moment=network
-        moment_dims=1 moment_dims=1024 moment_lr=0.0 moment_lr=100.0 warp_lr=0.0 warp_lr=100.0
-        origin=canonical+moment=time warp=translation warp=none
-        origin=canonical+moment=time+warp=translation+planes_seen_by=both+elastic=1000.0+elastic_at=all
-        origin=canonical+moment=time+warp=translation+planes_seen_by=both+background=1000.0",
+        background=1e-38 background_points=0 background_points=1 background_points=1048576 time_input=time time_input=network
+        time_code_dims=1 time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0
+        origin=canonical+time_input=time warp=translation warp=none
+        origin=canonical+time_input=time+warp=translation+planes_seen_by=both+elastic=1000.0+elastic_at=all
+        origin=canonical+time_input=time+warp=translation+planes_seen_by=both+background=1000.0",
     ),
     (
         "hypernerf",
@@ -47,13 +47,15 @@ const ACCEPTED: [(&str, &str); 8] = [
     (
         "tineuvox",
         "voxels=8 voxels=32+voxels_every=1 voxels_every=0 voxels_every=9223372036854775807 features=1 features=8
-        moment_dims=1 moment_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place",
+        time_code_dims=1 time_code_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place",
     ),
     (
         "k-planes",
         "plane_vertices=2 plane_scales=[1] plane_scales=[1,1,1,1,1,1] plane_scales=[16] plane_features=1 plane_features=64
         plane_times=0 plane_times=1 plane_times=2 plane_times=1024 plane_variation=0.0 plane_variation=100.0
-        plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0 decoder=hybrid",
+        plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0 decoder=hybrid
+        decoder=explicit decoder=explicit+basis_width=1+basis_layers=1 decoder=explicit+basis_width=1024
+        decoder=explicit+basis_layers=16 decoder=explicit+plane_features=1 decoder=explicit+sampler=proposal",
     ),
     (
         "endo-nerf",
@@ -68,7 +70,7 @@ const ACCEPTED: [(&str, &str); 8] = [
 /// Refused, whatever the system.
 const REFUSED: &str = "
     time_octaves=17 warp_octaves=17 ambient_octaves=0 ambient_octaves=17 sees_octaves=17
-    moment_dims=0 moment_dims=1025 warp_width=0 warp_width=1025 warp_depth=0 warp_depth=17 ambient=17
+    time_code_dims=0 time_code_dims=1025 warp_width=0 warp_width=1025 warp_depth=0 warp_depth=17 ambient=17
     ambient_width=0 ambient_width=1025 ambient_depth=0 ambient_depth=17 ambient=9223372036854775807
     ambient_width=9223372036854775807 warp_depth=9223372036854775807
     plane_features=0 plane_features=33 plane_times=0 plane_times=1025 planes=[0] planes=[513]
@@ -76,12 +78,12 @@ const REFUSED: &str = "
     background_points=1048577 background_points=9223372036854775807
     elastic=-1.0 elastic=1001.0 elastic=nan elastic=inf elastic_scale=0.0 elastic_scale=-1.0 elastic_scale=9e-7
     elastic_scale=1001.0 elastic_scale=nan background=-1.0 background=1001.0 background=nan background=inf
-    warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf moment_lr=-1.0 moment_lr=101.0 moment_lr=nan
+    warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf time_code_lr=-1.0 time_code_lr=101.0 time_code_lr=nan
     depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
     cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
     cue_anywhere=-0.1 cue_anywhere=1.1 cue_anywhere=nan refine_share=-0.1 refine_share=1.1 refine_share=nan
-    refine_every=-1 refine_rounds=-1 curriculum=-1 voxels=0 voxels=7 voxels=513 moment_dims=1.5 moment_dims=-1
-    moment=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
+    refine_every=-1 refine_rounds=-1 curriculum=-1 voxels=0 voxels=7 voxels=513 time_code_dims=1.5 time_code_dims=-1
+    time_input=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
     plane_vertices=1 plane_vertices=1025 plane_scales=[] plane_scales=[0] plane_scales=[17] plane_variation=-1.0
     plane_variation=nan plane_smoothness=101.0 plane_transients=inf";
 

@@ -2,13 +2,13 @@
 
 use super::{METHODS, build, is_sound, state_is_sound};
 use crate::common::{End, dataset, guarded, says, tiny_scene};
-use scene_io::{Disturbance, perturb};
+use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 const STEPS: u64 = 40;
 
 pub(crate) fn cases(tally: &mut Tally) {
-    let scene = perturb(tiny_scene(4, 0.82), Disturbance::Both, 3);
+    let scene = perturb(tiny_scene(4, 0.82), PerturbationKind::Both, 3);
     let data = dataset(&scene);
     for name in METHODS {
         for rate in ["lr=0.0", "lr=1e-38", "lr=20.0", "lr=1e4", "lr=1e30"] {

@@ -3,7 +3,7 @@
 use super::{METHODS, STEPS, build, trains};
 use crate::common::{dataset, pictures, says, tiny_scene};
 use glam::DVec3;
-use scene_io::{Disturbance, Image, ImageSource, LayoutHint, Point, Scene, TrackPoint, perturb};
+use scene_io::{Image, ImageSource, LayoutHint, PerturbationKind, Point, Scene, TrackPoint, perturb};
 use std::sync::Arc;
 use stress::Tally;
 
@@ -37,7 +37,7 @@ fn opaque(views: usize, value: impl Fn(usize, usize) -> u8) -> Scene {
 
 /// The same cameras with pictures of `size(photo)`.
 fn sized(views: usize, size: impl Fn(usize) -> (u32, u32)) -> Scene {
-    let mut scene = perturb(tiny_scene(views, 0.82), Disturbance::Both, 3);
+    let mut scene = perturb(tiny_scene(views, 0.82), PerturbationKind::Both, 3);
     for (k, frame) in scene.frames.iter_mut().enumerate() {
         let (width, height) = size(k);
         frame.camera = frame.camera.resized(width, height);
@@ -51,7 +51,7 @@ fn sized(views: usize, size: impl Fn(usize) -> (u32, u32)) -> Scene {
 
 /// A mask over all of some photos.
 fn covered(views: usize, which: impl Fn(usize) -> bool) -> Scene {
-    pictures(perturb(tiny_scene(views, 0.82), Disturbance::Both, 3), |k, image| {
+    pictures(perturb(tiny_scene(views, 0.82), PerturbationKind::Both, 3), |k, image| {
         let mut image = image.clone();
         image.mask = which(k).then(|| vec![0; (image.width * image.height) as usize]);
         image
@@ -73,13 +73,13 @@ fn with_points(has: impl Fn(usize) -> bool, length: u32) -> Scene {
 fn all() -> Vec<Case> {
     let plain = |what, scene| Case { what, scene, set: &[], refuse: NOBODY };
     let noise = |k: usize, i: usize| ((i * (2 * k + 3) * 40_503) >> 7) as u8;
-    let mut identical = perturb(tiny_scene(3, 0.82), Disturbance::Both, 3);
+    let mut identical = perturb(tiny_scene(3, 0.82), PerturbationKind::Both, 3);
     let first = identical.frames[0].clone();
     for frame in &mut identical.frames {
         (frame.image, frame.camera, frame.perturbation) =
             (first.image.clone(), first.camera, first.perturbation.clone());
     }
-    let mut alike = perturb(tiny_scene(3, 0.82), Disturbance::Both, 3);
+    let mut alike = perturb(tiny_scene(3, 0.82), PerturbationKind::Both, 3);
     let first = alike.frames[0].clone();
     for frame in &mut alike.frames {
         (frame.image, frame.perturbation) = (first.image.clone(), first.perturbation.clone());
@@ -99,7 +99,7 @@ fn all() -> Vec<Case> {
         _ => ENCODERS(name),
     };
     vec![
-        plain("one photo", perturb(tiny_scene(1, 0.82), Disturbance::Both, 3)),
+        plain("one photo", perturb(tiny_scene(1, 0.82), PerturbationKind::Both, 3)),
         plain("two photos of different sizes", sized(2, |k| [(16, 16), (40, 24)][k % 2])),
         plain("photos in upright and in lying format", sized(4, |k| [(16, 48), (48, 16)][k % 2])),
         Case { refuse: ENCODERS, ..plain("photos of 1x1 pixel", sized(4, |_| (1, 1))) },

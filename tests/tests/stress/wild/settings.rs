@@ -2,7 +2,7 @@
 
 use super::{METHODS, STEPS, build, trains};
 use crate::common::{dataset, says, tiny_scene};
-use scene_io::{Disturbance, perturb};
+use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
@@ -128,7 +128,7 @@ fn system_with(key: &str) -> &'static str {
 }
 
 pub(crate) fn cases(tally: &mut Tally) {
-    let scene = perturb(tiny_scene(4, 0.82), Disturbance::Both, 3);
+    let scene = perturb(tiny_scene(4, 0.82), PerturbationKind::Both, 3);
     let data = dataset(&scene);
     let accepted = ACCEPTED.iter().map(|(name, list)| (name, list, None));
     let mlp = ACCEPTED_MLP.iter().map(|(name, list)| (name, list, Some("field=mlp")));

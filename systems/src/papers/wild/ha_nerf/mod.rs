@@ -47,9 +47,9 @@ pub(crate) const HA_NERF_A: Claim = Claim {
     paper: "Chen et al., 2022",
     what: "Appearance: an encoder of the photo",
     take: "to show the scene in the appearance of a photo that was not trained on",
-    differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
-              Charbonnier 0.05, weights of view consistency are doubled, ngp's field. `--field mlp` learns through the \
-              published encoder, without view consistency.",
+    differs: "The field learns with free codes, and the encoder learns to predict them; it also sees means of the photo's channels. The \
+              loss is Charbonnier (0.05), weights of view consistency are doubled, the field is ngp's. `--field mlp` learns \
+              through the published encoder, without view consistency.",
     mark: "free codes, Charbonnier",
 };
 
@@ -59,8 +59,8 @@ pub(crate) const HA_NERF_T: Claim = Claim {
     paper: "Chen et al., 2022",
     what: "Occluders: a visibility network in the photo's plane",
     take: "to compare with `robust-nerf`",
-    differs: "The scene's errors cost Charbonnier 0.05 instead of their square and the visibility network is 2 x 64, on ngp's \
-              field. `--field mlp` has published networks and squares.",
+    differs: "The scene's loss is Charbonnier (0.05) instead of the squared error and the visibility network is 2 x 64, on ngp's \
+              field. `--field mlp` has published networks and the squared error.",
     mark: "Charbonnier, small network",
 };
 
@@ -70,9 +70,9 @@ pub(crate) const HA_NERF: Claim = Claim {
     paper: "Chen et al., 2022",
     what: "Appearance: an encoder of the photo; occluders: a visibility network in the photo's plane",
     take: "as `ha-nerf-a`, where there are occluders",
-    differs: "The field learns with free codes and the encoder, whose input has tones besides, learns to predict them; errors cost \
-              Charbonnier 0.05, weights of view consistency are doubled, the visibility network is 2 x 64, ngp's field. \
-              `--field mlp`: published encoder, networks and squares, without view consistency.",
+    differs: "The field learns with free codes, and the encoder learns to predict them; it also sees means of the photo's channels. The \
+              loss is Charbonnier (0.05), weights of view consistency are doubled, the visibility network is 2 x 64, the field \
+              is ngp's. `--field mlp`: published encoder, networks and squared error, without view consistency.",
     mark: "free codes, Charbonnier",
 };
 

@@ -49,7 +49,7 @@ pub(crate) const CLAIM: Claim = Claim {
     what: "Occluders: masks of whole photos, then segments vote",
     take: "as `robust-nerf`, where another program has made segments",
     differs: "Not HuGS: training masks come from our own rule of robust-nerf on whole photos, then segments vote. The \
-              published residual heuristic and its join with point tracks are not used: what tracks or segments rescue is \
+              published residual heuristic, combined with point tracks, is not used: what tracks or segments mark as static is \
               still left out where that rule leaves it out.",
     mark: "not HuGS: own masks",
 };

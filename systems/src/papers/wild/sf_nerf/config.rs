@@ -78,7 +78,7 @@ impl FilterConfig {
 pub struct LayerConfig {
     /// Least uncertainty of a pixel, colour units.
     pub beta_min: f32,
-    /// Errors well above this cost their length instead of their square, colour units; 0: always the square, as published.
+    /// Above errors of about this the loss grows linearly instead of as the square, colour units; 0: always the square, as published.
     pub tail: f32,
     /// `kappa`, temperature of the opacities; towards 0 they are a coin toss.
     pub filter_temperature: f32,

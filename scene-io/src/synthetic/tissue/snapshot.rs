@@ -1,7 +1,7 @@
 //! Tissue and tool at a time, and what rays from the camera meet of them.
 
 use super::super::surface::to_byte;
-use super::sheet::{Sheet, SheetMoment};
+use super::sheet::{Sheet, SheetSnapshot};
 use super::tool::{self, TissueTool, Tool};
 use crate::Image;
 use crate::bit_mask::BitMask;
@@ -20,9 +20,9 @@ pub struct Tissue {
 
 /// Tissue and tool at one time.
 #[derive(Clone, Debug)]
-pub struct TissueMoment {
+pub struct TissueSnapshot {
     sheet: Sheet,
-    now: SheetMoment,
+    now: SheetSnapshot,
     pub(super) tool: Tool,
 }
 
@@ -55,7 +55,7 @@ impl Tissue {
 
     /// Tissue and tool at a time in `[0, 1]`.
     #[must_use]
-    pub fn at(&self, time: f64) -> TissueMoment {
+    pub fn at(&self, time: f64) -> TissueSnapshot {
         let now = self.sheet.at(time);
         let tool = match self.tool {
             TissueTool::Absent => Tool::absent(),
@@ -66,11 +66,11 @@ impl Tissue {
                 Tool::before(now.place(now.material(across)), time)
             }
         };
-        TissueMoment { sheet: self.sheet, now, tool }
+        TissueSnapshot { sheet: self.sheet, now, tool }
     }
 }
 
-impl TissueMoment {
+impl TissueSnapshot {
     /// What a ray from the origin meets first. Rays that do not look at the tissue meet its edge somewhere far out.
     ///
     /// # Panics
@@ -91,7 +91,7 @@ impl TissueMoment {
     /// The tissue a ray from the origin meets, whatever the tool hides.
     ///
     /// # Panics
-    /// As [`TissueMoment::trace`].
+    /// As [`TissueSnapshot::trace`].
     #[must_use]
     pub fn trace_tissue(&self, ray: &Ray) -> TissueHit {
         assert!(ray.o == DVec3::ZERO && ray.d.z < 0.0, "tissue is seen from the origin, looking along -z: {ray:?}");
