@@ -75,7 +75,7 @@ fn try_folder(root: &Path, what: Use, options: &LoadOptions) {
                 sound::scene(&scene);
                 scene.frames.iter().for_each(|frame| sound::inside(frame, root));
                 if matches!(what, Use::Write) {
-                    return written(root, &scene);
+                    return written(root, &scene, options.train_photos);
                 }
                 scene.frames.iter().for_each(|frame| sound::belongings(frame, root));
                 assert_eq!(scene.fingerprint().len(), 64);
@@ -125,8 +125,8 @@ fn pictures(scene: &scene_io::Scene, place: &str) {
     }
 }
 
-/// Cameras that are written are read again as they were.
-fn written(root: &Path, scene: &scene_io::Scene) {
+/// Cameras that are written are read again as they were; the photos are still in the folder, and so is what says which are clean.
+fn written(root: &Path, scene: &scene_io::Scene, train_photos: TrainPhotos) {
     let file = root.join("again.json");
     match write_transforms(&file, &scene.frames) {
         // A lens that the format has no name for.
@@ -134,6 +134,7 @@ fn written(root: &Path, scene: &scene_io::Scene) {
         Ok(()) => {
             let options = LoadOptions::default()
                 .with_dialect(Dialect::Nerfstudio)
+                .with_train_photos(train_photos)
                 .with_holdout(Holdout::None)
                 .with_masks(Masks::Off);
             let again = load(&file, &options).unwrap_or_else(|error| panic!("what is written is read: {error}"));
