@@ -51,8 +51,6 @@ pub struct DecoderChoice {
     pub decoder: DecoderKind,
     /// Settings of linear maps, where these are chosen.
     pub explicit: ExplicitConfig,
-    /// Learning rate at the start, where these are chosen and none is asked for.
-    pub explicit_lr: f32,
 }
 
 /// A decoder and its settings.
@@ -78,7 +76,7 @@ impl DecoderChoice {
     pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
         let DecoderName { decoder } = settings.of(&DecoderName { decoder: self.decoder })?;
         let explicit = if decoder == DecoderKind::Explicit { settings.of(&self.explicit)? } else { self.explicit };
-        Ok(Self { decoder, explicit, ..*self })
+        Ok(Self { decoder, explicit })
     }
 }
 

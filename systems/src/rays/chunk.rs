@@ -93,7 +93,7 @@ pub(super) struct TileWork<'t, 'g> {
     pub(super) tile: &'t mut Tile,
     pub(super) chunk: Marched<'t>,
     pub(super) gradients: &'t mut Gradients<'g>,
-    /// `[n]`, weights of the chunk's samples; empty where nobody asks for them.
+    /// `[n]`, weights of the chunk's samples; empty where neither proposals nor the elastic loss need them.
     pub(super) weights: &'t mut [f32],
     pub(super) seen: &'t mut Vec<Pixel>,
     /// Rays of the tile, counted from the chunk's first.

@@ -147,19 +147,18 @@ impl RayConfig {
     /// [`SystemError::Config`] for a value of the wrong kind.
     pub(crate) fn asked(&self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
         let decoder = self.decoder.as_ref().map(|planned| planned.asked(settings)).transpose()?;
-        let explicit = decoder.filter(|choice| choice.decoder == DecoderKind::Explicit);
-        let lr = explicit.map_or(self.rates.lr, |choice| choice.explicit_lr);
+        let explicit = decoder.is_some_and(|choice| choice.decoder == DecoderKind::Explicit);
         Ok(Self {
             space: settings.of(&self.space)?,
             features: self.features.asked(settings)?,
-            networks: if explicit.is_some() { self.networks } else { settings.of(&self.networks)? },
+            networks: if explicit { self.networks } else { settings.of(&self.networks)? },
             decoder,
             sampler: match &self.sampler {
                 SamplerConfig::Occupancy(config) => SamplerConfig::Occupancy(settings.of(config)?),
                 SamplerConfig::Proposals(config) => SamplerConfig::Proposals(settings.of(config)?),
             },
             batch: settings.of(&self.batch)?,
-            rates: settings.of(&RateConfig { lr, ..self.rates })?,
+            rates: settings.of(&self.rates)?,
             terms: settings.of(&self.terms)?,
             head: self.head.as_ref().map(|head| settings.of(head)).transpose()?,
         })

@@ -105,14 +105,13 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     let jitter: Vec<f32> = (0..2 * m).map(|i| Rng::new(5, 1).uniform_at(i as u64)).collect();
     let draw = Draw::Training { jitter: &jitter, rays: m, first: 0, exponent: 1.0 };
     let simd = driver.field.simd;
-    let mut proposed = Proposed::default();
-    proposed.sample(
-        driver.sampler.proposals().unwrap(),
-        &RaysInSpace { simd, space: &driver.space, rays: &rays },
-        |_| true,
-        |_| 0.0,
-        draw,
-    );
+    let propose = |driver: &RaySystem| {
+        let mut proposed = Proposed::default();
+        let at = RaysInSpace { simd, space: &driver.space, rays: &rays };
+        proposed.sample(driver.sampler.proposals().unwrap(), &at, |_| true, |_| 0.0, draw);
+        proposed
+    };
+    let mut proposed = propose(&driver);
 
     // Each ray keeps its first ten intervals, their weights have little to do with the proposal's.
     let offsets: Vec<u32> = (0..=m as u32).map(|r| 10 * r).collect();
@@ -122,14 +121,7 @@ fn the_gradient_of_the_proposals_is_that_of_the_interlevel_loss() {
     proposed.learn(driver.sampler.proposals().unwrap(), simd, &offsets, &w, 1.0);
 
     let total = |driver: &RaySystem| {
-        let mut proposed = Proposed::default();
-        proposed.sample(
-            driver.sampler.proposals().unwrap(),
-            &RaysInSpace { simd, space: &driver.space, rays: &rays },
-            |_| true,
-            |_| 0.0,
-            draw,
-        );
+        let proposed = propose(driver);
         let rounds = proposed.weighed(0);
         (0..m).map(|r| loss(&rounds[16 * r..][..16], &fine[10 * r..][..10], &w[10 * r..][..10])).sum::<f64>()
     };

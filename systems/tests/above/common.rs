@@ -231,6 +231,11 @@ pub(crate) fn sky_scene(views: usize, side: u32, masked: bool) -> Scene {
         frame.split = if i % 4 == 2 { Split::Test } else { Split::Train };
         frame
     });
+    sky_of(frames)
+}
+
+/// A scene of photos of the sky.
+pub(crate) fn sky_of(frames: impl Iterator<Item = Frame>) -> Scene {
     Scene {
         name: "sky".into(),
         root: ".".into(),

@@ -163,7 +163,7 @@ fn each_system_learns_and_shows_the_time_asked_for() {
             out
         };
         assert_eq!(density(0.2) != density(0.9), moves, "{name}");
-        // Times nobody should ask for are not a reason to show nonsense.
+        // Times outside of [0, 1] show something finite, too.
         for time in [-1.0, 2.0] {
             assert!(seen(system.as_ref(), &train, time).rgb.as_flattened().iter().all(|v| v.is_finite()), "{name}");
         }

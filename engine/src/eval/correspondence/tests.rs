@@ -19,7 +19,7 @@ fn data(longest_side: Option<u32>) -> Dataset {
     Dataset::new(&scene, store, scene.split(Split::Test).collect()).unwrap()
 }
 
-/// Scores of a system that says of each point seen at a snapshot what `canonical` says.
+/// Scores of a system that says of each point seen in a snapshot what `canonical` says.
 fn scored(data: &Dataset, canonical: impl Fn(&Snapshot, &SnapshotHit) -> [f64; 3]) -> Vec<Transfer> {
     let stage = Orbit::new(options().seed, options().motion);
     let mut points = Correspondence::of(data).unwrap();
@@ -36,7 +36,7 @@ fn scored(data: &Dataset, canonical: impl Fn(&Snapshot, &SnapshotHit) -> [f64; 3
     scores.into_iter().map(|s| s.1).collect()
 }
 
-/// Where the point is at the first snapshot.
+/// Where the point is at time 0.
 fn exact(hit: &SnapshotHit) -> [f64; 3] {
     Orbit::new(options().seed, options().motion).at(0.0).place(hit).to_array()
 }

@@ -53,7 +53,7 @@ impl Default for TissueOptions {
     }
 }
 
-/// What is known of one snapshot.
+/// What is known of one time.
 #[derive(Clone, Debug)]
 pub struct TissueTruth {
     /// When.
@@ -85,7 +85,7 @@ pub fn tissue_camera(options: &TissueOptions) -> Camera {
     Camera::pinhole(options.width, options.height, focal, focal, 0.5 * w, 0.5 * h, pose)
 }
 
-/// Everything about every snapshot, in the order of time. The same options give the same bits.
+/// Everything about every photo's time, in their order. The same options give the same bits.
 ///
 /// # Panics
 /// If `rays` or a side is 0.

@@ -369,7 +369,7 @@ fn planes(config: &mut RayConfig, planes: PlaneSource) {
     config.features = Arc::new(planes);
     (config.networks.width, config.networks.colour_layers) = (64, 2);
     let explicit = ExplicitConfig { density_bias: config.networks.density_bias, ..ExplicitConfig::PAPER };
-    config.decoder = Some(DecoderChoice { decoder: DecoderKind::Hybrid, explicit, explicit_lr: RATE });
+    config.decoder = Some(DecoderChoice { decoder: DecoderKind::Hybrid, explicit });
     config.rates.lr = RATE;
 }
 

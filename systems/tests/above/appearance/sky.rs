@@ -1,6 +1,6 @@
 //! A system that knows the sky and has one code, three offsets of colour, for each photo; and photos of it.
 
-use crate::common::Watch;
+use crate::common::{Watch, sky_of};
 use engine::RunError;
 
 use engine::data::Dataset;
@@ -19,7 +19,7 @@ use glam::{DVec2, DVec3};
 use render_core::camera::Camera;
 use render_core::pose::Pose;
 use render_core::ray::Ray;
-use scene_io::{BitMask, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, TruthMask};
+use scene_io::{BitMask, Frame, Image, ImageSource, Scene, Split, TruthMask};
 
 use std::path::Path;
 use std::sync::Arc;
@@ -200,16 +200,7 @@ pub(super) fn scene(width: u32) -> Scene {
         frame.split = if i % 3 == 2 { Split::Test } else { Split::Train };
         frame
     });
-    Scene {
-        name: "sky".into(),
-        root: ".".into(),
-        dialect: Dialect::Synthetic,
-        frames: frames.collect(),
-        points: Vec::new(),
-        layout: LayoutHint::Unbounded,
-        bounds: None,
-        notes: Vec::new(),
-    }
+    sky_of(frames)
 }
 
 /// Paint columns of a frame's photo.
