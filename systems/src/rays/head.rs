@@ -13,6 +13,7 @@ use crate::photo_model::Pixel;
 use engine::system::{MOST_UNITS, SystemError, at_most};
 use field_core::mlp::{Mlp, MlpConfig, Packed};
 use field_core::rng::Rng;
+use float_core::m32::softplus;
 use optim::Adam;
 use render_core::quadrature::Values;
 use render_core::quadrature::two::{
@@ -150,11 +151,7 @@ impl Head {
     }
 }
 
-/// `ln(1 + e^x)` and its derivative.
-fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
-}
-
+/// Derivative of softplus. Not `m32::logistic`, whose last bits are others (`docs/decisions/0036-two-softplus.md`).
 fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
