@@ -75,7 +75,7 @@ fn try_folder(root: &Path, what: Use, options: &LoadOptions) {
                 sound::scene(&scene);
                 scene.frames.iter().for_each(|frame| sound::inside(frame, root));
                 if matches!(what, Use::Write) {
-                    return written(root, &scene, options.train_photos);
+                    return written(root, &scene);
                 }
                 scene.frames.iter().for_each(|frame| sound::belongings(frame, root));
                 assert_eq!(scene.fingerprint().len(), 64);
@@ -125,24 +125,16 @@ fn pictures(scene: &scene_io::Scene, place: &str) {
     }
 }
 
-/// Cameras that are written are read again as they were; the photos are still in the folder, and so is what says which are clean.
-fn written(root: &Path, scene: &scene_io::Scene, train_photos: TrainPhotos) {
+/// Cameras that are written are read again as they were.
+fn written(root: &Path, scene: &scene_io::Scene) {
     let file = root.join("again.json");
     match write_transforms(&file, &scene.frames) {
         // A lens that the format has no name for.
         Err(error) => sound::refused(&error.to_string(), "again.json"),
-        Ok(()) => {
-            let options = LoadOptions::default()
-                .with_dialect(Dialect::Nerfstudio)
-                .with_train_photos(train_photos)
-                .with_holdout(Holdout::None)
-                .with_masks(Masks::Off);
-            let again = load(&file, &options).unwrap_or_else(|error| panic!("what is written is read: {error}"));
-            same(scene, &again, |frame| match &frame.image {
-                scene_io::ImageSource::File(path) => path.display().to_string(),
-                scene_io::ImageSource::Memory(_) => frame.name.clone(),
-            });
-        }
+        Ok(()) => same(scene, &read_again(&file), |frame| match &frame.image {
+            scene_io::ImageSource::File(path) => path.display().to_string(),
+            scene_io::ImageSource::Memory(_) => frame.name.clone(),
+        }),
     }
     let _ = std::fs::remove_file(&file);
     let folder = root.join("again");
@@ -157,6 +149,16 @@ fn written(root: &Path, scene: &scene_io::Scene, train_photos: TrainPhotos) {
         }
     }
     let _ = std::fs::remove_dir_all(&folder);
+}
+
+/// Reads a written file. The file says no splits, so the names of the photos do: those of clean photos alone are read as
+/// clean ones, all others as cluttered ones, whichever choice the folder was read with.
+fn read_again(file: &Path) -> scene_io::Scene {
+    let options =
+        LoadOptions::default().with_dialect(Dialect::Nerfstudio).with_holdout(Holdout::None).with_masks(Masks::Off);
+    load(file, &options.clone().with_train_photos(TrainPhotos::Clutter))
+        .or_else(|_| load(file, &options.with_train_photos(TrainPhotos::Clean)))
+        .unwrap_or_else(|error| panic!("what is written is read: {error}"))
 }
 
 fn same(scene: &scene_io::Scene, again: &scene_io::Scene, name: impl Fn(&scene_io::Frame) -> String) {
