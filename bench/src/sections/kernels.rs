@@ -1,9 +1,13 @@
 //! The hot kernels: samples a second, share of the ceiling, error against the `f64` twin.
 
 mod composite;
+mod convolution;
 mod found;
 mod grid;
+mod joint;
 mod network;
+mod planes;
+mod rigid;
 mod stream;
 
 use crate::bench::Bench;
@@ -40,7 +44,11 @@ pub(crate) fn run(bench: &Bench) -> Result<Section, BenchError> {
     };
     network::run(bench, &mut found)?;
     grid::run(bench, &mut found)?;
+    planes::run(bench, &mut found)?;
     composite::run(bench, &mut found)?;
+    joint::run(bench, &mut found)?;
+    rigid::run(bench, &mut found)?;
+    convolution::run(bench, &mut found)?;
     stream::run(bench, &mut found)?;
     Ok(Section {
         title: "Kernels",

@@ -7,6 +7,7 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use proptest::prelude::*;
 use testkit::gradient::{PairTolerances, Tolerance, central_difference, check_f32_pair, compare, cotangent};
+use testkit::reference::planes;
 
 pub(crate) fn uniform(seed: u64, len: usize, low: f32, high: f32) -> Vec<f32> {
     let rng = Rng::new(seed, 0);
@@ -48,81 +49,21 @@ impl Kind {
         .unwrap()
     }
 
-    fn combine(self, v: &[f64]) -> f64 {
+    /// What the twin combines the planes with.
+    fn combine(self) -> planes::Combine {
         match self {
-            Self::Sum => v.iter().sum(),
-            Self::Product | Self::K => v.iter().product(),
-            Self::Hex => v[0] * v[5] + v[1] * v[4] + v[2] * v[3],
+            Self::Sum => planes::Combine::Sum,
+            Self::Product | Self::K => planes::Combine::Product,
+            Self::Hex => planes::Combine::Hex,
         }
     }
-
-    /// Derivative of `combine` with respect to `v[p]`.
-    fn partial(self, v: &[f64], p: usize) -> f64 {
-        match self {
-            Self::Sum => 1.0,
-            Self::Product | Self::K => v.iter().enumerate().filter(|(q, _)| *q != p).map(|(_, v)| v).product(),
-            Self::Hex => v[5 - p],
-        }
-    }
-}
-
-/// One vertex around a point: where its features start in the table, weight, derivative of the weight by each axis.
-struct Corner {
-    start: usize,
-    w: f64,
-    d: [f64; 4],
-}
-
-fn corners(planes: &Planes, plane: usize, x: &[f64]) -> Vec<Corner> {
-    let pair = planes.pairs().nth(plane).unwrap();
-    let start = planes.plane_range(plane).start;
-    let side = pair.map(|a| {
-        let r = planes.resolution()[a] as usize;
-        let p = (x[a].clamp(-1.0, 1.0) + 1.0) / 2.0 * (r - 1) as f64;
-        let cell = (p.floor() as usize).min(r.saturating_sub(2));
-        let slope = if (-1.0..=1.0).contains(&x[a]) { (r - 1) as f64 / 2.0 } else { 0.0 };
-        (cell, p - cell as f64, slope, r)
-    });
-    let mut all = Vec::new();
-    for up in [[0, 0], [1, 0], [0, 1], [1, 1]] {
-        let part = |k: usize| {
-            let (_, f, slope, _) = side[k];
-            if up[k] == 1 { (f, slope) } else { (1.0 - f, -slope) }
-        };
-        let ((wa, da), (wb, db)) = (part(0), part(1));
-        let vertex = [0, 1].map(|k| side[k].0 + up[k]);
-        // The vertex past a single one has no weight.
-        if vertex[0] >= side[0].3 || vertex[1] >= side[1].3 {
-            continue;
-        }
-        let mut d = [0.0; 4];
-        (d[pair[0]], d[pair[1]]) = (da * wb, wa * db);
-        all.push(Corner { start: start + (vertex[0] + side[0].3 * vertex[1]) * planes.features(), w: wa * wb, d });
-    }
-    all
 }
 
 /// What the twin knows about one point and one feature.
-struct Point {
-    value: f64,
-    /// By the table: index and derivative.
-    by_table: Vec<(usize, f64)>,
-    by_x: [f64; 4],
-}
-
-fn point(kind: Kind, planes: &Planes, table: &[f64], x: &[f64], feature: usize) -> Point {
-    let all: Vec<_> = (0..planes.pairs().len()).map(|p| corners(planes, p, x)).collect();
-    let blend = |corners: &[Corner]| corners.iter().map(|c| c.w * table[c.start + feature]).sum::<f64>();
-    let v: Vec<f64> = all.iter().map(|c| blend(c)).collect();
-    let (mut by_table, mut by_x) = (Vec::new(), [0.0; 4]);
-    for (p, corners) in all.iter().enumerate() {
-        let partial = kind.partial(&v, p);
-        for c in corners {
-            by_table.push((c.start + feature, partial * c.w));
-            (0..4).for_each(|a| by_x[a] += partial * c.d[a] * table[c.start + feature]);
-        }
-    }
-    Point { value: kind.combine(&v), by_table, by_x }
+fn point(kind: Kind, planes: &Planes, table: &[f64], x: &[f64], feature: usize) -> planes::Point {
+    let pairs: Vec<_> = planes.pairs().collect();
+    let (resolution, features) = (planes.resolution(), planes.features());
+    planes::Planes { resolution, features, pairs: &pairs, combine: kind.combine() }.point(table, x, feature)
 }
 
 fn column(x: &[f64], axes: usize, i: usize) -> Vec<f64> {
@@ -391,7 +332,7 @@ proptest! {
         let x = uniform(seed, planes.in_rows() * 10, -1.5, 1.5);
         let mut out = vec![f32::NAN; 20];
         planes.encode(Simd::best(), &table, &x, &mut out).unwrap();
-        let want = kind.combine(&vec![f64::from(value); planes.pairs().len()]);
+        let want = kind.combine().value(&vec![f64::from(value); planes.pairs().len()]);
         for y in out {
             prop_assert!((f64::from(y) - want).abs() <= 3e-6 * want.abs() + 1e-30, "{} {}", y, want);
         }

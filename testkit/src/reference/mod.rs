@@ -3,10 +3,12 @@
 //!
 //! * [`network`]: a multilayer perceptron, forward and backward.
 //! * [`lattice`]: one level of a feature grid, blended trilinearly, forward and backward.
+//! * [`planes`]: features on planes, blended bilinearly and combined, with all derivatives.
 //! * [`splats`]: Gaussians to ellipses to pixels, and back.
 //!
 //! The quadrature has its own, `render_core::quadrature::reference`.
 
 pub mod lattice;
 pub mod network;
+pub mod planes;
 pub mod splats;
