@@ -18,7 +18,7 @@ use crate::run::Run;
 use crate::system::{Appearance, Fit};
 use glam::DVec2;
 use render_core::camera::{Camera, Lens};
-use scene_io::{Frame, ImageSource, ImageStore, StoreOptions};
+use scene_io::{Frame, ImageSource, ImageStore, Size, StoreOptions};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -199,7 +199,7 @@ impl Run<'_> {
         if let (Some(frame), None) = (named, camera) {
             return Ok(frames[frame].clone());
         }
-        let (width, height) = scene_io::photo_size(file)?;
+        let Size { width, height } = scene_io::photo_size(file)?;
         let beside = file.with_extension("json");
         let camera = match named {
             Some(frame) => frames[frame].camera,

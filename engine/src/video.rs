@@ -2,6 +2,7 @@
 
 use crate::error::RunError;
 use image::RgbImage;
+use scene_io::Size;
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -91,7 +92,7 @@ pub struct Video {
     child: Child,
     input: Option<ChildStdin>,
     complaints: Option<JoinHandle<String>>,
-    size: (u32, u32),
+    size: Size,
     encoder: &'static str,
     partial: PathBuf,
     path: PathBuf,
@@ -108,7 +109,7 @@ impl Video {
         format: VideoFormat,
         folder: &Path,
         name: &str,
-        size: (u32, u32),
+        size: Size,
         frames_per_second: f64,
     ) -> Result<Self, RunError> {
         let word = format.extension();
@@ -125,7 +126,7 @@ impl Video {
         target.push(&partial);
         let mut child = Command::new(PROGRAM)
             .args(["-y", "-hide_banner", "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24"])
-            .args(["-video_size", &format!("{}x{}", size.0, size.1)])
+            .args(["-video_size", &size.to_string()])
             .args(["-framerate", &format!("{frames_per_second:.6}"), "-i", "-", "-an", "-map_metadata", "-1"])
             // Players want even sides, and colours by the matrix of high definition.
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"])
@@ -156,12 +157,12 @@ impl Video {
     /// # Errors
     /// [`RunError::Option`] with what `ffmpeg` says, once it has given up.
     pub fn add(&mut self, picture: &RgbImage) -> Result<(), RunError> {
-        let written = match (&mut self.input, picture.dimensions() == self.size) {
+        let written = match (&mut self.input, Size::from(picture.dimensions()) == self.size) {
             (None, _) => Ok(()),
             (Some(input), true) => input.write_all(picture.as_raw()),
             (Some(input), false) => {
-                let (w, h) = self.size;
-                let scaled = image::imageops::resize(picture, w, h, image::imageops::FilterType::Triangle);
+                let Size { width, height } = self.size;
+                let scaled = image::imageops::resize(picture, width, height, image::imageops::FilterType::Triangle);
                 input.write_all(scaled.as_raw())
             }
         };
@@ -223,7 +224,8 @@ mod tests {
         assert_eq!(ffmpeg(&["mpeg4", "libvpx"]).best(), Some(VideoFormat::Webm));
         assert_eq!(ffmpeg(&["h264_nvenc"]).best(), None);
         let folder = std::env::temp_dir();
-        let error = Video::begin(&ffmpeg(&["libvpx"]), VideoFormat::Mp4, &folder, "x", (8, 8), 15.0).unwrap_err();
+        let error =
+            Video::begin(&ffmpeg(&["libvpx"]), VideoFormat::Mp4, &folder, "x", Size::new(8, 8), 15.0).unwrap_err();
         assert!(error.to_string().contains("`--video mp4`") && error.to_string().contains("libx264"), "{error}");
     }
 
@@ -238,7 +240,7 @@ mod tests {
             return;
         };
         let folder = tempfile::tempdir().unwrap();
-        let begin = || Video::begin(&ffmpeg, format, folder.path(), "-odd", (33, 21), 15.0).unwrap();
+        let begin = || Video::begin(&ffmpeg, format, folder.path(), "-odd", Size::new(33, 21), 15.0).unwrap();
         let mut left = begin();
         left.add(&RgbImage::new(33, 21)).unwrap();
         drop(left);

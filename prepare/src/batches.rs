@@ -1,6 +1,7 @@
 //! Which photos one call of COLMAP's extractor reads, and what it is told of their camera.
 
 use crate::cameras::Group;
+use scene_io::Size;
 
 /// Photos of one camera from which a second distortion coefficient is estimated: fewer cannot hold it.
 const ENOUGH_FOR_TWO: usize = 20;
@@ -21,7 +22,7 @@ impl Batch<'_> {
             _ => ("SIMPLE_RADIAL", ",0"),
         };
         let known = self.group.and_then(|group| Some((group.focal?, group.size)));
-        let parameters = known.map(|(focal, (width, height))| {
+        let parameters = known.map(|(focal, Size { width, height })| {
             format!("{focal:.3},{},{}{zeros}", f64::from(width) / 2.0, f64::from(height) / 2.0)
         });
         (model, parameters)
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
 
     fn group(names: &[&str], focal: Option<f64>) -> Group {
-        Group { names: names.iter().map(|n| n.to_string()).collect(), size: (400, 300), focal }
+        Group { names: names.iter().map(|n| n.to_string()).collect(), size: Size::new(400, 300), focal }
     }
 
     #[test]

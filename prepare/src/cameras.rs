@@ -1,6 +1,7 @@
 //! Which pictures were taken by one camera: they share its focal length and lens.
 
 use crate::photo::Picture;
+use scene_io::Size;
 use std::collections::BTreeMap;
 
 /// What to make of photos that do not say which camera took them.
@@ -21,16 +22,23 @@ pub(crate) const GUESSED_FOCAL: f64 = 1.2;
 pub(crate) struct Group {
     /// Names, in order.
     pub(crate) names: Vec<String>,
-    pub(crate) size: (u32, u32),
+    pub(crate) size: Size,
     /// Focal length, pixels, where the photos say it.
     pub(crate) focal: Option<f64>,
 }
 
 impl Group {
+    /// All of it as text for the marker of a stage. Markers lie in folders that were prepared before: another text would have
+    /// their work done again.
+    pub(crate) fn marker(&self) -> String {
+        let Self { names, size, focal } = self;
+        format!("Group {{ names: {names:?}, size: ({}, {}), focal: {focal:?} }}", size.width, size.height)
+    }
+
     /// Focal length to begin with, pixels.
     #[cfg_attr(not(feature = "sfm"), expect(dead_code, reason = "COLMAP makes the same guess by itself"))]
     pub(crate) fn first_focal(&self) -> f64 {
-        self.focal.unwrap_or(GUESSED_FOCAL * f64::from(self.size.0.max(self.size.1)))
+        self.focal.unwrap_or(GUESSED_FOCAL * f64::from(self.size.longest_side()))
     }
 }
 
@@ -45,7 +53,7 @@ pub(crate) fn groups(pictures: &[Picture], unknown: UnknownCameras) -> Vec<Group
         let focal = picture.focal.map(|f| (f.max(1.0).ln() * 100.0).round() as i64);
         let key = (picture.device.clone(), picture.size, focal, alone);
         let at = *found.entry(key).or_insert_with(|| {
-            groups.push(Group { names: Vec::new(), size: picture.size, focal: picture.focal });
+            groups.push(Group { names: Vec::new(), size: picture.size.into(), focal: picture.focal });
             groups.len() - 1
         });
         groups[at].names.push(picture.name.clone());
@@ -59,6 +67,13 @@ mod tests {
 
     fn picture(name: &str, device: &str, size: (u32, u32), focal: Option<f64>) -> Picture {
         Picture { name: name.into(), source: name.into(), size, device: device.into(), focal }
+    }
+
+    #[test]
+    fn markers_stay_as_they_were() {
+        let group = |focal| Group { names: vec!["a".into(), "b\"".into()], size: Size::new(40, 30), focal };
+        assert_eq!(group(Some(33.0)).marker(), r#"Group { names: ["a", "b\""], size: (40, 30), focal: Some(33.0) }"#);
+        assert_eq!(group(None).marker(), r#"Group { names: ["a", "b\""], size: (40, 30), focal: None }"#);
     }
 
     #[test]

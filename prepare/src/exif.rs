@@ -1,6 +1,7 @@
 //! What a photo says about the camera that took it.
 
 use exif::{Exif, In, Reader, Tag, Value};
+use scene_io::Size;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -24,7 +25,7 @@ pub(crate) struct CameraFacts {
 /// Reads the EXIF data of JPEG, PNG, WebP, TIFF and HEIF files; defaults where there is none.
 ///
 /// `size` is that of the picture's pixels.
-pub(crate) fn camera_facts(path: &Path, size: (u32, u32)) -> CameraFacts {
+pub(crate) fn camera_facts(path: &Path, size: Size) -> CameraFacts {
     let none = CameraFacts { orientation: 1, ..CameraFacts::default() };
     let Ok(file) = File::open(path) else { return none };
     match Reader::new().read_from_container(&mut BufReader::new(file)) {
@@ -33,7 +34,7 @@ pub(crate) fn camera_facts(path: &Path, size: (u32, u32)) -> CameraFacts {
     }
 }
 
-fn facts(exif: &Exif, size: (u32, u32)) -> CameraFacts {
+fn facts(exif: &Exif, size: Size) -> CameraFacts {
     let orientation = number(exif, Tag::Orientation).filter(|o| (1.0..=8.0).contains(o)).unwrap_or(1.0) as u8;
     let words: Vec<String> = [Tag::Make, Tag::Model, Tag::LensModel].iter().filter_map(|t| text(exif, *t)).collect();
     CameraFacts { orientation, device: words.join(" "), focal: focal(exif, size) }
@@ -41,8 +42,8 @@ fn facts(exif: &Exif, size: (u32, u32)) -> CameraFacts {
 
 /// The focal length in longest sides of the picture: from the size of the sensor's pixels, else from the 35 mm equivalent,
 /// which is over the diagonal.
-fn focal(exif: &Exif, size: (u32, u32)) -> Option<f64> {
-    let longest = f64::from(size.0.max(size.1));
+fn focal(exif: &Exif, size: Size) -> Option<f64> {
+    let longest = f64::from(size.longest_side());
     let plausible = |f: &f64| f.is_finite() && *f >= FOCAL_RANGE.0 && *f <= FOCAL_RANGE.1;
     let from_sensor = || {
         let millimetres = number(exif, Tag::FocalLength).filter(|f| *f > 0.0)?;
@@ -62,7 +63,7 @@ fn focal(exif: &Exif, size: (u32, u32)) -> Option<f64> {
     };
     let from_film = || {
         let millimetres = number(exif, Tag::FocalLengthIn35mmFilm).filter(|f| *f > 0.0)?;
-        let diagonal = f64::from(size.0).hypot(f64::from(size.1));
+        let diagonal = f64::from(size.width).hypot(f64::from(size.height));
         Some(millimetres * diagonal / FILM_DIAGONAL / longest)
     };
     from_sensor().filter(plausible).or_else(|| from_film().filter(plausible))
@@ -133,14 +134,14 @@ mod tests {
     use super::*;
     use ::exif::{Field, Rational};
 
-    fn read(fields: &[Field], size: (u32, u32)) -> CameraFacts {
+    fn read(fields: &[Field], size: Size) -> CameraFacts {
         let exif = Reader::new().read_raw(testing::bytes(fields)).unwrap();
         facts(&exif, size)
     }
 
     #[test]
     fn a_phone_says_how_to_turn_the_photo_and_its_focal_length() {
-        let facts = read(&testing::phone(6, 26), (4032, 3024));
+        let facts = read(&testing::phone(6, 26), Size::new(4032, 3024));
         assert_eq!((facts.orientation, facts.device.as_str()), (6, "Maker Phone 7"));
         // 26 mm on the diagonal of film, over 5040 pixels of diagonal: 3029 pixels.
         assert!((facts.focal.unwrap() * 4032.0 - 3028.7).abs() < 0.5, "{facts:?}");
@@ -154,17 +155,17 @@ mod tests {
         fields.push(field(Tag::FocalPlaneXResolution, Value::Rational(vec![Rational { num: 5000, denom: 1 }])));
         fields.push(field(Tag::FocalPlaneResolutionUnit, Value::Short(vec![3])));
         fields.push(field(Tag::PixelXDimension, Value::Long(vec![4000])));
-        let facts = read(&fields, (1000, 750));
+        let facts = read(&fields, Size::new(1000, 750));
         assert!((facts.focal.unwrap() - 2125.0 / 4000.0).abs() < 1e-9, "{facts:?}");
     }
 
     #[test]
     fn nonsense_is_not_believed() {
-        let facts = read(&testing::phone(9, 60_000), (100, 100));
+        let facts = read(&testing::phone(9, 60_000), Size::new(100, 100));
         assert_eq!((facts.orientation, facts.focal), (1, None));
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("x.jpg");
         std::fs::write(&file, b"no photo").unwrap();
-        assert_eq!(camera_facts(&file, (1, 1)), CameraFacts { orientation: 1, ..CameraFacts::default() });
+        assert_eq!(camera_facts(&file, Size::new(1, 1)), CameraFacts { orientation: 1, ..CameraFacts::default() });
     }
 }

@@ -76,7 +76,7 @@ pub fn prepare(request: &Request, watch: &mut dyn Watch) -> Result<Summary, Prep
         names.len(),
         poser.name()
     )));
-    let grouping = groups.iter().map(|g| format!("{:?}", g));
+    let grouping = groups.iter().map(cameras::Group::marker);
     let task = Task {
         tools: &request.tools,
         stages: &stages,

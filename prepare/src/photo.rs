@@ -7,7 +7,7 @@ use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{DynamicImage, ExtendedColorType, ImageEncoder};
 use scene_io::export::write_atomically;
-use scene_io::{Image, with_photo};
+use scene_io::{Image, Size, with_photo};
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub(crate) struct Picture {
     pub(crate) name: String,
     /// The file it was made from.
     pub(crate) source: String,
-    /// Columns, rows.
+    /// Columns, rows: a pair, as in the file of the stage.
     pub(crate) size: (u32, u32),
     /// Maker, model and lens; empty where they are not known.
     pub(crate) device: String,
@@ -55,10 +55,10 @@ pub(crate) fn write(
     let path = folder.join(name);
     // Turned, as 8 bits, scaled: at most two copies at one time.
     let (size, facts) = with_photo(pixels, 2, |decoded| -> Result<_, PrepareError> {
-        let stored = (decoded.width(), decoded.height());
+        let stored = Size::new(decoded.width(), decoded.height());
         let facts = camera_facts(photo, stored);
         let is_turned = facts.orientation != 1 && pixels == photo;
-        let fits = longest.is_none_or(|l| stored.0.max(stored.1) <= l);
+        let fits = longest.is_none_or(|l| stored.longest_side() <= l);
         if !is_turned && fits && pixels == photo && has_own_ending(photo, name) {
             let bytes = std::fs::read(photo).map_err(PrepareError::io(photo, "read the photo"))?;
             write_atomically(&path, |out| out.write_all(&bytes))?;
@@ -67,10 +67,11 @@ pub(crate) fn write(
         let upright = upright(decoded, if is_turned { facts.orientation } else { 1 });
         let upright = fitted(upright, longest);
         save(&path, &upright)?;
-        Ok(((upright.width(), upright.height()), facts))
+        Ok((Size::new(upright.width(), upright.height()), facts))
     })??;
     let CameraFacts { device, focal, .. } = facts;
-    let focal = focal.map(|f| f * f64::from(size.0.max(size.1)));
+    let focal = focal.map(|f| f * f64::from(size.longest_side()));
+    let size = (size.width, size.height);
     Ok(Picture { name: name.into(), source: photo.display().to_string(), size, device, focal })
 }
 

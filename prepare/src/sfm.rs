@@ -18,6 +18,7 @@ use openmvg_sfm::{
     checkpoint,
 };
 use render_core::camera::Pose;
+use scene_io::Size;
 use std::collections::HashMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -69,7 +70,7 @@ fn solve(task: &Task<'_>, inputs: &str, sink: &dyn SfmProgressSink) -> Result<Re
     }
     let of = |name: &str| group_of.get(name).copied().unwrap_or(0);
     let metas = task.names.iter().map(|name| {
-        let (width, height) = task.groups.get(of(name)).map_or((0, 0), |g| g.size);
+        let Size { width, height } = task.groups.get(of(name)).map_or(Size::new(0, 0), |g| g.size);
         ImageMeta::path(task.images.join(name), width, height)
     });
     let metas: Vec<ImageMeta> = metas.collect();
@@ -77,7 +78,7 @@ fn solve(task: &Task<'_>, inputs: &str, sink: &dyn SfmProgressSink) -> Result<Re
         // Its pixel centres lie on whole numbers.
         let centre = |side: u32| f64::from(side) / 2.0 - 0.5;
         let focal = g.first_focal();
-        radial_camera(focal, centre(g.size.0), centre(g.size.1))
+        radial_camera(focal, centre(g.size.width), centre(g.size.height))
     });
     let cameras = cameras.collect::<Result<Vec<Camera>, SfmError>>()?;
     let priors = task.groups.iter().map(|g| match g.focal {
@@ -187,7 +188,7 @@ fn colour(task: &Task<'_>, model: &mut SparseModel) -> Result<(), PrepareError> 
     Ok(())
 }
 
-fn sparse_camera(camera: &Camera, size: (u32, u32)) -> Result<SparseCamera, PrepareError> {
+fn sparse_camera(camera: &Camera, size: Size) -> Result<SparseCamera, PrepareError> {
     let Camera::BrownConrady(lens) = camera else {
         let what = format!("{NAME} gave a camera of another kind than it was given");
         return Err(PrepareError::NoCameras { what, remedy: "try `--with colmap`".into() });

@@ -4,6 +4,7 @@ use crate::error::PrepareError;
 use crate::stage::fresh_folder;
 use glam::DVec3;
 use render_core::camera::Pose;
+use scene_io::Size;
 use scene_io::export::write_atomically;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -19,7 +20,7 @@ pub(crate) struct SparseModel {
 /// Two focal lengths and two radial coefficients; pixels count from the corner of the image.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SparseCamera {
-    pub(crate) size: (u32, u32),
+    pub(crate) size: Size,
     pub(crate) focal: [f64; 2],
     pub(crate) centre: [f64; 2],
     pub(crate) k: [f64; 2],
@@ -68,7 +69,8 @@ impl SparseModel {
         for (i, SparseCamera { size, focal, centre, k }) in self.cameras.iter().enumerate() {
             let [fx, fy] = focal;
             let ([cx, cy], [k1, k2]) = (centre, k);
-            let _ = writeln!(cameras, "{} OPENCV {} {} {fx} {fy} {cx} {cy} {k1} {k2} 0 0", i + 1, size.0, size.1);
+            let _ =
+                writeln!(cameras, "{} OPENCV {} {} {fx} {fy} {cx} {cy} {k1} {k2} 0 0", i + 1, size.width, size.height);
         }
         let mut images =
             String::from("# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then X Y POINT3D_ID of all points\n");
@@ -104,7 +106,12 @@ mod tests {
         let image = |name: &str, x| SparseImage { name: name.into(), camera: 0, pose: pose(x), seen: Vec::new() };
         let point = |x| SparsePoint { xyz: DVec3::new(x, 0.5, 0.0), rgb: [1, 2, 3], error: 0.5, track: Vec::new() };
         let mut model = SparseModel {
-            cameras: vec![SparseCamera { size: (40, 30), focal: [50.0, 51.0], centre: [20.0, 15.0], k: [0.1, -0.2] }],
+            cameras: vec![SparseCamera {
+                size: Size::new(40, 30),
+                focal: [50.0, 51.0],
+                centre: [20.0, 15.0],
+                k: [0.1, -0.2],
+            }],
             images: vec![image("a.jpg", 0.0), image("b.jpg", 1.0)],
             points: vec![point(0.0), point(1.0), point(2.0)],
         };

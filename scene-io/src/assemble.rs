@@ -11,7 +11,7 @@ use crate::picture::{Plan, foreign, same_shape, wrong_size};
 use crate::pose::Mended;
 use crate::priors::{Priors, TrackPoint, TruthMask};
 use crate::reading::{Need, RawFrame, Reading};
-use crate::{AlphaMeaning, Frame, ImageSource, MaskPolarity, Problem, Split, Truth};
+use crate::{AlphaMeaning, Frame, ImageSource, MaskPolarity, Problem, Size, Split, Truth};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
                     renamed.push(raw.name.as_str());
                 }
                 if let (Some(was), ImageSource::File(_)) = (other_size, &frame.image) {
-                    resized.push((raw.name.as_str(), was, (frame.camera.width, frame.camera.height)));
+                    resized.push((raw.name.as_str(), was, frame.size()));
                 }
                 masked += usize::from(frame.mask.is_some());
                 out.frames.push(*frame);
@@ -54,12 +54,12 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
     if !renamed.is_empty() {
         out.notes.push(format!("found under another extension than listed: {}", listing(&renamed)));
     }
-    if let Some((_, (w, h), (iw, ih))) = resized.first() {
+    if let Some((_, was, is)) = resized.first() {
         let names: Vec<&str> = resized.iter().map(|r| r.0).collect();
         let whose =
             if names.len() == out.frames.len() { format!("all {} frames", names.len()) } else { listing(&names) };
         out.notes.push(format!(
-            "cameras scaled to the images ({w}x{h} listed, {iw}x{ih} found{}): {}",
+            "cameras scaled to the images ({was} listed, {is} found{}): {}",
             if resized.iter().all(|r| (r.1, r.2) == (resized[0].1, resized[0].2)) { "" } else { " in the first" },
             whose
         ));
@@ -85,7 +85,7 @@ fn polarity(reading: &Reading, options: &LoadOptions) -> MaskPolarity {
 }
 
 enum Inspected {
-    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<(u32, u32)>, has_alpha: bool },
+    Frame { frame: Box<Frame>, other_name: bool, other_size: Option<Size>, has_alpha: bool },
     Missing,
     Bad(Box<Problem>),
 }
@@ -99,7 +99,7 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
         }
         (None, ..) => return Inspected::Missing,
         (Some((path, other_name)), ..) => match Plan::of(&path) {
-            Ok(header) => (path, other_name, (header.width, header.height), header.channels()),
+            Ok(header) => (path, other_name, header.size, header.channels()),
             Err(error) => return Inspected::Bad(Box::new(error.in_frame(&raw.name).into_problem())),
         },
     };
@@ -107,12 +107,12 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
     if !same_shape(said, is) {
         return Inspected::Bad(Box::new(wrong_size(&path, is, said).frame(&raw.name)));
     }
-    let camera = raw.intrinsics.camera(said.0, said.1, raw.lens, raw.pose);
+    let camera = raw.intrinsics.camera(said.width, said.height, raw.lens, raw.pose);
     let (file, place) = &raw.listed;
     if let Err(problem) = check_camera(&camera, file, place) {
         return Inspected::Bad(Box::new(problem.frame(&raw.name)));
     }
-    let camera = camera.resized(is.0, is.1);
+    let camera = camera.resized(is.width, is.height);
     let mask = match find_mask(raw, &path, reading, options) {
         Ok(mask) => mask,
         Err(problem) => return Inspected::Bad(Box::new(problem)),
@@ -122,7 +122,7 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
         let problem = Problem::new(file, "the truth mask is not there", "add it, or remove the field");
         return Inspected::Bad(Box::new(problem.frame(&raw.name).field(field).value(truth.display())));
     }
-    let scale = [f64::from(is.0) / f64::from(said.0), f64::from(is.1) / f64::from(said.1)];
+    let scale = [f64::from(is.width) / f64::from(said.width), f64::from(is.height) / f64::from(said.height)];
     let scaled = |pixel: [f32; 2]| [0, 1].map(|k| (f64::from(pixel[k]) * scale[k]) as f32);
     let frame = Frame {
         name: raw.name.clone(),

@@ -7,7 +7,8 @@ use crate::load::load_all;
 use crate::reading::Need;
 use crate::splits::numbers;
 use crate::{
-    Dialect, ErrorKind, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Split, StoreOptions, time,
+    Dialect, ErrorKind, Frame, ImageStore, LayoutHint, LoadOptions, Problem, Scene, Severity, Size, Split,
+    StoreOptions, time,
 };
 use rayon::prelude::*;
 use render_core::camera::Lens;
@@ -32,8 +33,8 @@ pub struct Report {
     pub scene: Option<Scene>,
     /// Frames of each split.
     pub splits: Vec<(Split, usize)>,
-    /// Image sizes (width, height) with the number of frames that have them.
-    pub sizes: Vec<((u32, u32), usize)>,
+    /// Image sizes with the number of frames that have them.
+    pub sizes: Vec<(Size, usize)>,
     /// Names of lens models with the number of frames that have them.
     pub lenses: Vec<(&'static str, usize)>,
     /// Smallest and largest focal length, pixels.
@@ -173,7 +174,7 @@ impl Report {
         }
         Self {
             splits: Split::ALL.into_iter().map(|split| (split, scene.count(split))).collect(),
-            sizes: sizes.into_iter().collect(),
+            sizes: sizes.into_iter().map(|(size, n)| (Size::from(size), n)).collect(),
             lenses: lenses.into_iter().collect(),
             focal,
             notes: scene.notes.clone(),
@@ -309,7 +310,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(scene) = &self.scene {
             writeln!(f, "{} ({}): {}", scene.name, scene.dialect, numbers(&scene.frames))?;
-            let sizes: Vec<String> = self.sizes.iter().map(|((w, h), n)| format!("{n} of {w}x{h}")).collect();
+            let sizes: Vec<String> = self.sizes.iter().map(|(size, n)| format!("{n} of {size}")).collect();
             let texts: Vec<&str> = sizes.iter().map(String::as_str).collect();
             writeln!(f, "images: {}; {:.1} MB decoded", listing(&texts), self.image_bytes as f64 / 1e6)?;
             let lenses: Vec<String> = self.lenses.iter().map(|(name, n)| format!("{n} {name}")).collect();

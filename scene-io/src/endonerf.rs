@@ -143,12 +143,9 @@ fn sizes(reading: &mut Reading) {
         let mut problems = Vec::new();
         for (kind, file) in files.into_iter().filter_map(|(kind, file)| Some((kind, file?))) {
             match Plan::of(file) {
-                Ok(is) if same_shape((is.width, is.height), (image.width, image.height)) => {}
+                Ok(is) if same_shape(is.size, image.size) => {}
                 Ok(is) => {
-                    let what = format!(
-                        "the {kind} is {}x{} and its image {}x{}",
-                        is.width, is.height, image.width, image.height
-                    );
+                    let what = format!("the {kind} is {} and its image {}", is.size, image.size);
                     problems.push(Problem::new(file, what, "make it as large as the image").frame(&frame.name));
                 }
                 Err(error) => problems.push(error.in_frame(&frame.name).into_problem()),

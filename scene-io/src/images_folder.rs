@@ -64,7 +64,7 @@ fn longest_side(folder: &Path, names: &[&str]) -> Option<u32> {
     for path in named.chain(any) {
         seen = true;
         if let Ok(header) = Plan::of(&path) {
-            return Some(header.width.max(header.height));
+            return Some(header.size.longest_side());
         }
     }
     // Images in subfolders (COLMAP names may hold them) are not listed above.

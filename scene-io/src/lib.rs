@@ -5,7 +5,7 @@
 //!   with it at once; [`capture`] finds photos and cameras that cannot give a good result; [`unposed()`] finds photos without
 //!   cameras.
 //! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
-//! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`].
+//! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`]; [`Size`].
 //! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`BitMask`].
 //! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
@@ -72,6 +72,7 @@ mod priors;
 mod random;
 mod reading;
 mod scene;
+mod size;
 mod splats;
 mod splits;
 pub mod synthetic;
@@ -103,5 +104,6 @@ pub use priors::{
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,
 };
+pub use size::Size;
 pub use splats::{SplatFile, SplatFormat, SplatOptions, encode_splats, parse_splats, read_splats, write_splats};
 pub use unposed::{Unposed, is_photo, is_video, unposed};

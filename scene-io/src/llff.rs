@@ -8,7 +8,7 @@ use crate::files::images_in;
 use crate::options::LoadOptions;
 use crate::pose::{Axes, pose_from};
 use crate::reading::{DialectSplits, Intrinsics, Need, RawFrame, Reading};
-use crate::{ErrorKind, LayoutHint, Point, Problem, SceneError, Split, colmap, images_folder, npy};
+use crate::{ErrorKind, LayoutHint, Point, Problem, SceneError, Size, Split, colmap, images_folder, npy};
 use glam::{DMat3, DVec3};
 use render_core::camera::Lens;
 use std::path::{Path, PathBuf};
@@ -121,7 +121,7 @@ fn frame(&Row { file, image, ref whole, field, values: row, axes }: &Row<'_>, na
         name: name.to_owned(),
         image: image.to_path_buf(),
         listed: (file.to_path_buf(), whole.clone()),
-        size: Some((width, height)),
+        size: Some(Size::new(width, height)),
         intrinsics: Intrinsics::Pixels { fx: focal, fy: focal, cx: None, cy: None },
         lens: Lens::PINHOLE,
         pose,

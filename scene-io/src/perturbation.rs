@@ -3,6 +3,7 @@
 use crate::Image;
 use crate::bit_mask::BitMask;
 use crate::random::random;
+use crate::size::Size;
 
 /// Bars of an occluder.
 const BARS: u32 = 10;
@@ -68,7 +69,7 @@ pub struct Bars {
     /// First row.
     pub top: u32,
     /// Size of the picture they were made for.
-    pub picture: (u32, u32),
+    pub picture: Size,
     /// Colours, from left to right.
     pub colours: [[u8; 3]; BARS as usize],
 }
@@ -77,9 +78,9 @@ impl Bars {
     /// The bar a pixel of the picture lies in.
     #[must_use]
     pub fn at(&self, column: u32, row: u32) -> Option<usize> {
-        let edge = |bar: u32| (u64::from(bar) * u64::from(self.picture.0) / (4 * u64::from(BARS))) as u32;
+        let edge = |bar: u32| (u64::from(bar) * u64::from(self.picture.width) / (4 * u64::from(BARS))) as u32;
         let (x, y) = (column.checked_sub(self.left)?, row.checked_sub(self.top)?);
-        let inside = x < edge(BARS) && y < self.picture.1 / 4;
+        let inside = x < edge(BARS) && y < self.picture.height / 4;
         // Bars narrower than a pixel leave columns to their right neighbours.
         inside.then(|| (0..BARS).rev().find(|bar| edge(*bar) <= x).unwrap_or(0) as usize)
     }
@@ -87,7 +88,7 @@ impl Bars {
     /// The pixels they hide.
     #[must_use]
     pub fn mask(&self) -> BitMask {
-        BitMask::from_fn(self.picture.0, self.picture.1, |column, row| self.at(column, row).is_some())
+        BitMask::from_fn(self.picture.width, self.picture.height, |column, row| self.at(column, row).is_some())
     }
 }
 
@@ -111,7 +112,7 @@ impl Perturbation {
         for (k, value) in (16..).zip(colours.as_flattened_mut()) {
             *value = (256.0 * draw(k)) as u8;
         }
-        let bars = Bars { left: start(width, 8), top: start(height, 9), picture: (width, height), colours };
+        let bars = Bars { left: start(width, 8), top: start(height, 9), picture: Size::new(width, height), colours };
         Some(Self {
             colour: (what != PerturbationKind::Occluder).then_some(colour),
             bars: (what != PerturbationKind::Colour).then_some(bars),

@@ -4,7 +4,7 @@ use crate::depth::DepthSource;
 use crate::options::MissingImages;
 use crate::pose::Mended;
 use crate::priors::{FlowTruth, TrackPoint};
-use crate::{AlphaMeaning, Bounds, FrameIds, LayoutHint, MaskPolarity, Point, Problem, Split};
+use crate::{AlphaMeaning, Bounds, FrameIds, LayoutHint, MaskPolarity, Point, Problem, Size, Split};
 use render_core::camera::{Camera, Lens, Pose};
 use std::path::{Path, PathBuf};
 
@@ -93,7 +93,7 @@ pub(crate) struct RawFrame {
     /// The file and the way in it, for problems.
     pub(crate) listed: (PathBuf, String),
     /// Image size the intrinsics belong to; `None`: that of the image.
-    pub(crate) size: Option<(u32, u32)>,
+    pub(crate) size: Option<Size>,
     pub(crate) intrinsics: Intrinsics,
     pub(crate) lens: Lens,
     pub(crate) pose: Pose,

@@ -4,6 +4,7 @@ use crate::depth::DepthSource;
 use crate::perturbation::Perturbation;
 use crate::picture::Image;
 use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
+use crate::size::Size;
 use glam::DVec3;
 use render_core::camera::Camera;
 use std::fmt;
@@ -225,8 +226,8 @@ impl Frame {
     }
 
     /// The photo's native size.
-    pub(crate) fn size(&self) -> (u32, u32) {
-        (self.camera.width, self.camera.height)
+    pub(crate) fn size(&self) -> Size {
+        Size::from(&self.camera)
     }
 }
 

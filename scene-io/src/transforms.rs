@@ -6,7 +6,7 @@ use crate::json::Object;
 use crate::pose::{Axes, pose_from};
 use crate::priors::{FlowPlace, FlowTruth};
 use crate::reading::{Intrinsics, RawFrame};
-use crate::{Problem, Split, files};
+use crate::{Problem, Size, Split, files};
 use glam::{DMat3, DVec3};
 use render_core::camera::Lens;
 use std::path::{Path, PathBuf};
@@ -117,9 +117,9 @@ impl<'a, 'b> Fields<'a, 'b> {
         Ok(values)
     }
 
-    fn size(&self) -> Result<Option<(u32, u32)>, Problem> {
+    fn size(&self) -> Result<Option<Size>, Problem> {
         match (self.holder("w").pixels("w")?, self.holder("h").pixels("h")?) {
-            (Some(w), Some(h)) => Ok(Some((w, h))),
+            (Some(w), Some(h)) => Ok(Some(Size::new(w, h))),
             (None, None) => Ok(None),
             (Some(_), None) => Err(self.top.problem("h", "is missing beside `w`", "give both or neither")),
             (None, Some(_)) => Err(self.top.problem("w", "is missing beside `h`", "give both or neither")),

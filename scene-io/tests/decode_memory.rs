@@ -75,7 +75,7 @@ fn store(frame: &Frame, longest_side: Option<u32>) -> ImageStore {
 }
 
 fn frame(photo: &Path) -> Frame {
-    let (w, h) = scene_io::photo_size(photo).unwrap();
+    let scene_io::Size { width: w, height: h } = scene_io::photo_size(photo).unwrap();
     let pose = Pose { r: glam::DMat3::IDENTITY, c: glam::DVec3::ZERO };
     let focal = f64::from(w);
     let camera = Camera::pinhole(w, h, focal, focal, f64::from(w) / 2.0, f64::from(h) / 2.0, pose);

@@ -69,13 +69,12 @@ impl Videographer {
         let added = match (&mut self.video, &self.ffmpeg) {
             (Some(video), _) => video.add(picture),
             (None, Some((ffmpeg, format))) => {
-                Video::begin(ffmpeg, *format, folder, NAME, picture.dimensions(), self.frames_per_second).and_then(
-                    |mut video| {
+                Video::begin(ffmpeg, *format, folder, NAME, picture.dimensions().into(), self.frames_per_second)
+                    .and_then(|mut video| {
                         let added = video.add(picture);
                         self.video = Some(video);
                         added
-                    },
-                )
+                    })
             }
             (None, None) => Ok(()),
         };

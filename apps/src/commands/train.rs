@@ -8,6 +8,7 @@ use engine::eval::{Evaluation, Measured};
 use engine::options::{DataOptions, Request};
 use engine::run::{Run, planned_schedule};
 use engine::train::{Reason, Schedule, Stop};
+use scene_io::Size;
 use std::path::Path;
 use std::time::Duration;
 
@@ -142,8 +143,8 @@ fn go_on(session: &Session, run: &Run<'_>) -> String {
 
 /// What will be done, before it is done.
 fn introduce(run: &Run<'_>, schedule: &Schedule) {
-    let sizes = run.train.views().first().map(|v| (v.camera.width, v.camera.height));
-    let sizes = sizes.map_or_else(String::new, |(w, h)| format!(", {w}x{h}"));
+    let sizes = run.train.views().first().map(|v| Size::from(&v.camera));
+    let sizes = sizes.map_or_else(String::new, |size| format!(", {size}"));
     let scales = run.config.data.scales.unwrap_or(1);
     let sizes = if scales > 1 { format!("{sizes}, at {scales} scales") } else { sizes };
     let views = run.train.len() / scales as usize;

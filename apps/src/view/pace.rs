@@ -1,5 +1,7 @@
 //! How large a picture may be so that it is drawn in time: the size is found from the pictures before it.
 
+use scene_io::Size;
+
 /// Seconds that a picture may take while things move.
 const TARGET: f64 = 0.085;
 
@@ -28,13 +30,13 @@ pub(crate) struct Pace {
 
 impl Pace {
     /// Size of a picture that is drawn in time, at most `full`, of its shape.
-    pub(crate) fn size(&mut self, full: (u32, u32)) -> (u32, u32) {
-        let most = full.0.max(full.1);
+    pub(crate) fn size(&mut self, full: Size) -> Size {
+        let most = full.longest_side();
         let Some(cost) = self.seconds_per_pixel else {
             return scaled(full, FIRST_SIDE);
         };
         let pixels = (TARGET / cost.max(1e-12)).min(self.pixels * GROWTH);
-        let side = (pixels * f64::from(most) / f64::from(full.0.min(full.1).max(1))).sqrt() as u32;
+        let side = (pixels * f64::from(most) / f64::from(full.width.min(full.height).max(1))).sqrt() as u32;
         let side = side.clamp(LEAST_SIDE, most.max(LEAST_SIDE));
         let change = f64::from(side.abs_diff(self.side)) / f64::from(self.side.max(1));
         if change > SAME || side >= most {
@@ -44,8 +46,8 @@ impl Pace {
     }
 
     /// Learn from a picture.
-    pub(crate) fn measured(&mut self, size: (u32, u32), seconds: f64) {
-        let pixels = f64::from(size.0) * f64::from(size.1);
+    pub(crate) fn measured(&mut self, size: Size, seconds: f64) {
+        let pixels = size.pixels() as f64;
         if pixels < 1.0 || !seconds.is_finite() {
             return;
         }
@@ -58,19 +60,19 @@ impl Pace {
 }
 
 /// `full` with its longest side at most `side`, at least one pixel each way.
-pub(crate) fn scaled(full: (u32, u32), side: u32) -> (u32, u32) {
-    let most = full.0.max(full.1).max(1);
+pub(crate) fn scaled(full: Size, side: u32) -> Size {
+    let most = full.longest_side().max(1);
     if side >= most {
-        return (full.0.max(1), full.1.max(1));
+        return Size::new(full.width.max(1), full.height.max(1));
     }
     let of = |n: u32| ((f64::from(n) * f64::from(side) / f64::from(most)).round() as u32).max(1);
-    (of(full.0), of(full.1))
+    Size::new(of(full.width), of(full.height))
 }
 
 /// Sizes drawn one after the other when the camera rests: from that of `first` doubling to `full`.
-pub(crate) fn levels(first: (u32, u32), full: (u32, u32)) -> Vec<(u32, u32)> {
-    let most = full.0.max(full.1);
-    let mut side = first.0.max(first.1);
+pub(crate) fn levels(first: Size, full: Size) -> Vec<Size> {
+    let most = full.longest_side();
+    let mut side = first.longest_side();
     let mut sizes = Vec::new();
     while side < most {
         // A level that would be nearly the last is the last.
@@ -85,10 +87,10 @@ mod tests {
     use super::*;
 
     /// The size after many pictures on a machine with `cost` seconds a pixel and `fixed` seconds a picture.
-    fn settled(pace: &mut Pace, full: (u32, u32), cost: f64, fixed: f64) -> (u32, u32) {
+    fn settled(pace: &mut Pace, full: Size, cost: f64, fixed: f64) -> Size {
         for _ in 0..60 {
             let size = pace.size(full);
-            pace.measured(size, fixed + cost * f64::from(size.0) * f64::from(size.1));
+            pace.measured(size, fixed + cost * size.pixels() as f64);
         }
         pace.size(full)
     }
@@ -96,34 +98,35 @@ mod tests {
     #[test]
     fn sizes_settle_where_a_picture_takes_less_than_a_tenth_of_a_second() {
         for cost in [1e-7, 1e-6, 1e-5, 4e-5] {
-            for full in [(800, 600), (600, 800), (1600, 500)] {
-                let (w, h) = settled(&mut Pace::default(), full, cost, 0.002);
-                let pixels = f64::from(w) * f64::from(h);
-                let seconds = 0.002 + cost * pixels;
-                assert!(seconds <= 0.1, "{cost} {full:?}: {w}x{h} takes {seconds}");
-                assert!((w, h) == full || w.max(h) == LEAST_SIDE || seconds > 0.05, "{cost} {full:?}: {w}x{h}");
-                assert!((f64::from(w) / f64::from(h) / (f64::from(full.0) / f64::from(full.1)) - 1.0).abs() < 0.05);
+            for full in [Size::new(800, 600), Size::new(600, 800), Size::new(1600, 500)] {
+                let size = settled(&mut Pace::default(), full, cost, 0.002);
+                let seconds = 0.002 + cost * size.pixels() as f64;
+                assert!(seconds <= 0.1, "{cost} {full}: {size} takes {seconds}");
+                let is_least = size.longest_side() == LEAST_SIDE;
+                assert!(size == full || is_least || seconds > 0.05, "{cost} {full}: {size}");
+                let shape = |size: Size| f64::from(size.width) / f64::from(size.height);
+                assert!((shape(size) / shape(full) - 1.0).abs() < 0.05);
             }
         }
     }
 
     #[test]
     fn a_machine_that_slows_down_gets_smaller_pictures_and_one_that_recovers_larger_ones() {
-        let full = (800, 800);
+        let full = Size::new(800, 800);
         let mut pace = Pace::default();
         let quick = settled(&mut pace, full, 1e-6, 0.0);
         let slow = settled(&mut pace, full, 1e-5, 0.0);
         let again = settled(&mut pace, full, 1e-6, 0.0);
-        assert!(slow.0 * 2 < quick.0 && again.0 * 10 > quick.0 * 8, "{quick:?} {slow:?} {again:?}");
+        assert!(slow.width * 2 < quick.width && again.width * 10 > quick.width * 8, "{quick:?} {slow:?} {again:?}");
     }
 
     #[test]
     fn small_changes_of_speed_leave_the_size_alone() {
-        let full = (800, 600);
+        let full = Size::new(800, 600);
         let mut pace = Pace::default();
         let before = settled(&mut pace, full, 5e-6, 0.0);
         for cost in [5.3e-6, 4.8e-6, 5.2e-6] {
-            pace.measured(before, cost * f64::from(before.0 * before.1));
+            pace.measured(before, cost * before.pixels() as f64);
             assert_eq!(pace.size(full), before);
         }
     }
@@ -131,19 +134,20 @@ mod tests {
     #[test]
     fn the_slowest_machine_still_gets_a_picture_and_the_first_is_small() {
         let mut pace = Pace::default();
-        assert_eq!(pace.size((800, 400)), (64, 32));
-        pace.measured((64, 32), 60.0);
-        assert_eq!(pace.size((800, 400)), (40, 20));
-        assert_eq!(Pace::default().size((30, 20)), (30, 20));
-        pace.measured((0, 0), 1.0);
-        pace.measured((3, 3), f64::NAN);
-        assert_eq!(pace.size((800, 400)), (40, 20));
+        assert_eq!(pace.size(Size::new(800, 400)), Size::new(64, 32));
+        pace.measured(Size::new(64, 32), 60.0);
+        assert_eq!(pace.size(Size::new(800, 400)), Size::new(40, 20));
+        assert_eq!(Pace::default().size(Size::new(30, 20)), Size::new(30, 20));
+        pace.measured(Size::new(0, 0), 1.0);
+        pace.measured(Size::new(3, 3), f64::NAN);
+        assert_eq!(pace.size(Size::new(800, 400)), Size::new(40, 20));
     }
 
     #[test]
     fn levels_double_up_to_the_full_size() {
-        assert_eq!(levels((100, 75), (800, 600)), [(200, 150), (400, 300), (800, 600)]);
-        assert_eq!(levels((300, 225), (800, 600)), [(800, 600)]);
-        assert_eq!(levels((800, 600), (800, 600)), []);
+        let full = Size::new(800, 600);
+        assert_eq!(levels(Size::new(100, 75), full), [(200, 150), (400, 300), (800, 600)].map(Size::from));
+        assert_eq!(levels(Size::new(300, 225), full), [full]);
+        assert_eq!(levels(full, full), []);
     }
 }

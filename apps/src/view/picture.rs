@@ -12,6 +12,7 @@ use engine::render::{Rendered, plain_query};
 use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use scene_io::Size;
 use std::time::{Duration, Instant};
 use systems::splats::Cloud;
 
@@ -43,9 +44,8 @@ pub(crate) struct Sketch {
 
 impl Painter {
     /// Size of a picture that is drawn in time, and so waits for nobody.
-    pub(crate) fn quick_size(&mut self, draw: &Draw, drawer: Drawer) -> (u32, u32) {
-        let (width, height) = self.pace(draw, drawer).size(draw.full_size());
-        at_most_small((width, height))
+    pub(crate) fn quick_size(&mut self, draw: &Draw, drawer: Drawer) -> Size {
+        at_most_small(self.pace(draw, drawer).size(draw.full_size()))
     }
 
     fn pace(&mut self, draw: &Draw, drawer: Drawer) -> &mut Pace {
@@ -60,7 +60,7 @@ impl Painter {
         &mut self,
         scene: &dyn Scene3d,
         draw: &Draw,
-        size: (u32, u32),
+        size: Size,
         quality: Quality,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<u8>>, String> {
@@ -84,7 +84,7 @@ impl Painter {
         scene: &dyn Scene3d,
         cloud: &Cloud,
         draw: &Draw,
-        size: (u32, u32),
+        size: Size,
         quality: Quality,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Sketch>, String> {
@@ -120,9 +120,9 @@ impl Painter {
         let mut sent = Instant::now();
         let range = self.depths;
         let mut part = |layers: &Layers| {
-            let rows = (layers.rgb.len() / size.0.max(1) as usize) as u32;
-            if rows > 0 && rows < size.1 && sent.elapsed() >= PART_EVERY && out.has_room() {
-                let view = Rendered { width: size.0, height: rows, layers: layers.clone() };
+            let rows = (layers.rgb.len() / size.width.max(1) as usize) as u32;
+            if rows > 0 && rows < size.height && sent.elapsed() >= PART_EVERY && out.has_room() {
+                let view = Rendered { width: size.width, height: rows, layers: layers.clone() };
                 let mut picture = below.clone();
                 image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, range), 0, 0);
                 let seconds = clock.elapsed().as_secs_f64();
@@ -175,7 +175,7 @@ impl Painter {
 }
 
 /// Refuses a picture that the machine has no memory for.
-fn fits(size: (u32, u32), query: &Query) -> Result<(), String> {
+fn fits(size: Size, query: &Query) -> Result<(), String> {
     frame_memory::check_frame("the picture", size, query.layers).map_err(|e| e.to_string())
 }
 
@@ -190,14 +190,17 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
 }
 
 /// The size in its shape that has at most [`SMALL`] pixels.
-fn at_most_small(size: (u32, u32)) -> (u32, u32) {
-    let area = |size: (u32, u32)| u64::from(size.0) * u64::from(size.1);
-    if area(size) <= SMALL {
+fn at_most_small(size: Size) -> Size {
+    if size.pixels() <= SMALL {
         return size;
     }
-    let longest = f64::from(size.0.max(size.1)) * (SMALL as f64 / area(size) as f64).sqrt();
+    let longest = f64::from(size.longest_side()) * (SMALL as f64 / size.pixels() as f64).sqrt();
     // The shorter side is rounded, and may be too long by half a pixel.
-    (1..=longest as u32).rev().map(|side| scaled(size, side)).find(|size| area(*size) <= SMALL).unwrap_or((1, 1))
+    (1..=longest as u32)
+        .rev()
+        .map(|side| scaled(size, side))
+        .find(|size| size.pixels() <= SMALL)
+        .unwrap_or(Size::new(1, 1))
 }
 
 /// The message that holds a photo or what is made of it.
@@ -208,9 +211,10 @@ pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String>
     let clock = Instant::now();
     let photo = draw.photo.ok_or_else(|| format!("`photo` is missing: layer `{}` is of a photo", draw.layer.name()))?;
     let mut picture = scene.photo(photo, draw.layer)?;
-    let size = scaled(picture.dimensions(), LARGEST_PICTURE);
-    if size != picture.dimensions() {
-        picture = image::imageops::thumbnail(&picture, size.0, size.1);
+    let full = Size::from(picture.dimensions());
+    let size = scaled(full, LARGEST_PICTURE);
+    if size != full {
+        picture = image::imageops::thumbnail(&picture, size.width, size.height);
     }
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
@@ -271,14 +275,11 @@ mod tests {
     #[test]
     fn small_pictures_are_small_in_every_shape() {
         for side in 1..=LARGEST_PICTURE {
-            for size in [(LARGEST_PICTURE, side), (side, LARGEST_PICTURE)] {
-                let (width, height) = at_most_small(size);
-                let area = u64::from(width) * u64::from(height);
-                assert!(area <= SMALL && width > 0 && height > 0, "{size:?}: {width}x{height}");
-                assert!(
-                    area * 100 >= 98 * SMALL.min(u64::from(size.0) * u64::from(size.1)),
-                    "{size:?}: {width}x{height}"
-                );
+            for size in [Size::new(LARGEST_PICTURE, side), Size::new(side, LARGEST_PICTURE)] {
+                let small = at_most_small(size);
+                let area = small.pixels();
+                assert!(area <= SMALL && small.width > 0 && small.height > 0, "{size}: {small}");
+                assert!(area * 100 >= 98 * SMALL.min(size.pixels()), "{size}: {small}");
             }
         }
     }

@@ -9,6 +9,7 @@
 use engine::crop::Crop;
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::{Camera, Pose};
+use scene_io::Size;
 use serde::Deserialize;
 
 /// Bytes a message of the page may have: many times what any needs.
@@ -194,8 +195,8 @@ impl Draw {
     }
 
     /// Size of the best picture.
-    pub(crate) fn full_size(&self) -> (u32, u32) {
-        super::pace::scaled((self.eye.width, self.eye.height), self.limit)
+    pub(crate) fn full_size(&self) -> Size {
+        super::pace::scaled(Size::new(self.eye.width, self.eye.height), self.limit)
     }
 }
 
@@ -208,7 +209,7 @@ impl Pick {
 
     /// A camera of one pixel that looks where the pick is.
     pub(crate) fn camera(&self) -> Camera {
-        let camera = self.eye.camera((self.eye.width, self.eye.height));
+        let camera = self.eye.camera(Size::new(self.eye.width, self.eye.height));
         let [x, y] = [self.at[0] * f64::from(camera.width), self.at[1] * f64::from(camera.height)];
         Camera { width: 1, height: 1, cx: camera.cx - x + 0.5, cy: camera.cy - y + 0.5, ..camera }
     }
@@ -226,9 +227,9 @@ impl Eye {
         within("length of wxyz", length, 0.5..=2.0)
     }
 
-    /// The camera of a picture of `size` pixels: width, height.
-    pub(crate) fn camera(&self, size: (u32, u32)) -> Camera {
-        let (width, height) = size;
+    /// The camera of a picture of `size`.
+    pub(crate) fn camera(&self, size: Size) -> Camera {
+        let Size { width, height } = size;
         let [w, x, y, z] = self.wxyz;
         let r = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let pose = Pose { r, c: DVec3::from_array(self.position) };
@@ -256,11 +257,11 @@ mod tests {
         let text = r#"{"type": "draw", "id": 7, EYE, "layer": "depth", "limit": 40, "time": 0.5,
                        "appearance": {"from": 3, "blend": 0.25}, "background": [1, 0, 0]}"#;
         let Ok(Message::Draw(draw)) = parse(text) else { panic!("{:?}", parse(text)) };
-        assert_eq!((draw.id, draw.layer, draw.full_size()), (7, Layer::Depth, (40, 30)));
+        assert_eq!((draw.id, draw.layer, draw.full_size()), (7, Layer::Depth, Size::new(40, 30)));
         assert_eq!(draw.appearance, AppearanceMix { from: Some(3), to: None, blend: 0.25 });
         let short = r#"{"type": "draw", "id": 7, EYE, "layer": "mask", "limit": 2400, "photo": 2}"#;
         let Ok(Message::Draw(draw)) = parse(short) else { panic!("{:?}", parse(short)) };
-        assert_eq!((draw.full_size(), draw.photo, draw.background), ((80, 60), Some(2), None));
+        assert_eq!((draw.full_size(), draw.photo, draw.background), (Size::new(80, 60), Some(2), None));
         assert!(matches!(parse(r#"{"type": "pick", "id": 1, EYE, "at": [0, 1]}"#), Ok(Message::Pick(_))));
     }
 
@@ -339,11 +340,11 @@ mod tests {
         let Ok(Message::Draw(draw)) = parse(r#"{"type": "draw", "id": 1, EYE, "layer": "colour", "limit": 80}"#) else {
             panic!("a good message")
         };
-        let camera = draw.eye.camera((80, 60));
+        let camera = draw.eye.camera(Size::new(80, 60));
         assert!((2.0 * (30.0 / camera.fy).atan() - 1.5).abs() < 1e-12 && (camera.fx - camera.fy).abs() < 1e-9);
         assert_eq!(camera.pose.c, DVec3::new(1.0, 2.0, 3.0));
         for size in [(40, 30), (13, 10), (1, 1)] {
-            let other = draw.eye.camera(size);
+            let other = draw.eye.camera(size.into());
             let corner = other.ray(DVec2::ZERO).unwrap();
             assert!((corner.d - camera.ray(DVec2::ZERO).unwrap().d).length() < 1e-12, "{size:?}");
         }
@@ -354,7 +355,7 @@ mod tests {
         let Ok(Message::Pick(pick)) = parse(r#"{"type": "pick", "id": 1, EYE, "at": [0.25, 0.9]}"#) else {
             panic!("a good message")
         };
-        let whole = pick.eye.camera((80, 60)).ray(DVec2::new(20.0, 54.0)).unwrap();
+        let whole = pick.eye.camera(Size::new(80, 60)).ray(DVec2::new(20.0, 54.0)).unwrap();
         let one = pick.camera().ray(DVec2::splat(0.5)).unwrap();
         assert!((whole.d - one.d).length() < 1e-12 && whole.o == one.o);
     }

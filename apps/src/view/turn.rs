@@ -3,6 +3,7 @@
 //! Those by the cloud and those by the scene itself have a turn each: the latter may take a minute, the former hardly a second.
 
 use super::header::Drawer;
+use scene_io::Size;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
@@ -21,8 +22,8 @@ pub(crate) struct Turn {
 }
 
 /// Wait for the turn to draw a picture of this size; `None` when `go_on` says no before it has come. A small one has it at once.
-pub(crate) fn turn(size: (u32, u32), drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
-    if u64::from(size.0) * u64::from(size.1) <= SMALL { Some(Turn { _held: None }) } else { large_turn(drawer, go_on) }
+pub(crate) fn turn(size: Size, drawer: Drawer, go_on: &dyn Fn() -> bool) -> Option<Turn> {
+    if size.pixels() <= SMALL { Some(Turn { _held: None }) } else { large_turn(drawer, go_on) }
 }
 
 /// The same for a picture of any size.
@@ -46,7 +47,7 @@ mod tests {
 
     #[test]
     fn large_pictures_wait_for_each_other_and_small_ones_for_nobody() {
-        let (large, small) = ((1000, 1000), (724, 724));
+        let (large, small) = (Size::new(1000, 1000), Size::new(724, 724));
         let first = turn(large, Drawer::Scene, &|| true);
         assert!(first.is_some() && turn(large, Drawer::Cloud, &|| true).is_some());
         let asked = Cell::new(0);

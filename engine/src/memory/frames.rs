@@ -4,14 +4,15 @@ use crate::error::RunError;
 use crate::memory::{available_bytes, human};
 use crate::system::{Canonical, LayerRequest, Normals};
 use render_core::camera::Camera;
+use scene_io::Size;
 
 /// Beside pixels: rays of a strip, what networks make of them, encoders.
 const FIXED: u64 = 64 << 20;
 
-/// Most bytes held at one time while a picture of `size` (columns, rows) is rendered with these layers, coloured and written: an
+/// Most bytes held at one time while a picture of `size` is rendered with these layers, coloured and written: an
 /// upper bound for fields and Gaussians alike.
 #[must_use]
-pub fn frame_bytes(size: (u32, u32), layers: LayerRequest) -> u64 {
+pub fn frame_bytes(size: Size, layers: LayerRequest) -> u64 {
     // Colour, opacity, depth, median depth: `f32`.
     let mut each = 24;
     // Gaussians: planes of colour, depth and transmittance, middles, and what the tiles keep of each pixel.
@@ -28,15 +29,15 @@ pub fn frame_bytes(size: (u32, u32), layers: LayerRequest) -> u64 {
     // Of 8 bits: colour, the layer that is written, the one of the preview or video, and a PNG file that grows by doubling.
     let pictures = 3 * 3 + 9;
     each += u64::max(sorted, pictures);
-    pixels(size).saturating_mul(each).saturating_add(FIXED)
+    size.pixels().saturating_mul(each).saturating_add(FIXED)
 }
 
-/// Refuses a picture of `size` (columns, rows) that needs more than the machine has available. `what` begins the message:
+/// Refuses a picture of `size` that needs more than the machine has available. `what` begins the message:
 /// "frame 3 of the path".
 ///
 /// # Errors
 /// [`RunError::Option`] with the size, what it takes and what is available.
-pub fn check_frame(what: &str, size: (u32, u32), layers: LayerRequest) -> Result<(), RunError> {
+pub fn check_frame(what: &str, size: Size, layers: LayerRequest) -> Result<(), RunError> {
     check(what, size, frame_bytes(size, layers), available())
 }
 
@@ -49,11 +50,11 @@ pub fn check_path(cameras: &[Camera], layers: LayerRequest, preview_side: u32) -
     let available = available();
     let mut preview = 0_u64;
     for (i, camera) in cameras.iter().enumerate() {
-        let size = (camera.width, camera.height);
+        let size = Size::from(camera);
         check(&format!("frame {i} of the path"), size, frame_bytes(size, layers), available)?;
         let small = crate::picture::limited(camera, Some(preview_side));
         // The picture, and at most two bytes a pixel of the file.
-        preview = preview.saturating_add(pixels((small.width, small.height)).saturating_mul(5));
+        preview = preview.saturating_add(Size::from(&small).pixels().saturating_mul(5));
     }
     if preview > available {
         return Err(too_many(cameras.len(), preview, available));
@@ -79,20 +80,15 @@ fn too_many(frames: usize, bytes: u64, available: u64) -> RunError {
     ))
 }
 
-fn check(what: &str, size: (u32, u32), bytes: u64, available: u64) -> Result<(), RunError> {
-    let (width, height) = size;
+fn check(what: &str, size: Size, bytes: u64, available: u64) -> Result<(), RunError> {
     if bytes <= available {
         return Ok(());
     }
     let (bytes, available) = (human(bytes), human(available));
     Err(RunError::Option(format!(
-        "{what} has {width}x{height} pixels: to draw and write it takes {bytes} of memory, and {available} are available; give \
+        "{what} has {size} pixels: to draw and write it takes {bytes} of memory, and {available} are available; give \
          `--longest-side PX`, or a camera of fewer pixels"
     )))
-}
-
-fn pixels(size: (u32, u32)) -> u64 {
-    u64::from(size.0) * u64::from(size.1)
 }
 
 /// What may be asked for; where the system does not say, what can be addressed.
@@ -121,7 +117,8 @@ mod tests {
             assert!(error.contains("--longest-side PX") && !error.contains('\n'), "{error}");
         }
         check_path(&[camera(64, 48)], layers, 480).unwrap();
-        let error = check("it", (30_000, 30_000), frame_bytes((30_000, 30_000), layers), 8_000_000_000).unwrap_err();
+        let size = Size::new(30_000, 30_000);
+        let error = check("it", size, frame_bytes(size, layers), 8_000_000_000).unwrap_err();
         assert!(error.to_string().contains("takes 81.07 GB of memory, and 8.00 GB are available"), "{error}");
     }
 
@@ -137,7 +134,8 @@ mod tests {
     #[test]
     fn layers_cost_what_they_hold() {
         let all = LayerRequest { normals: Normals::Compute, canonical: Canonical::Compute, ..LayerRequest::default() };
-        let plain = frame_bytes((100, 10), LayerRequest::default());
-        assert_eq!(frame_bytes((100, 10), all) - plain, 1000 * (12 + 16 + 24));
+        let size = Size::new(100, 10);
+        let plain = frame_bytes(size, LayerRequest::default());
+        assert_eq!(frame_bytes(size, all) - plain, 1000 * (12 + 16 + 24));
     }
 }

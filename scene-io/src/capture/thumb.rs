@@ -1,7 +1,7 @@
 //! A photo reduced to what the checks of a capture compare: a small grey picture, its brightness, its sharpness.
 
-use crate::Image;
 use crate::picture::scaling_bytes;
+use crate::{Image, Size};
 
 /// Longest side of the grey picture, pixels: small enough that a few pixels of parallax do not matter.
 const SIDE: u32 = 32;
@@ -36,7 +36,7 @@ impl Thumb {
     /// If the photo has no pixels, or holds less than its size says.
     #[must_use]
     pub fn of(image: &Image) -> Self {
-        let (width, height) = fitted(image, SIDE);
+        let Size { width, height } = fitted(image, SIDE);
         let small = image.resized(width, height);
         let used = |x: u32, y: u32| small.is_used(x, y);
         let grey = (0..height)
@@ -68,10 +68,10 @@ impl Thumb {
 }
 
 /// Size of an image whose longest side is at most `side`.
-fn fitted(image: &Image, side: u32) -> (u32, u32) {
-    let longest = image.width.max(image.height).max(1);
+fn fitted(image: &Image, side: u32) -> Size {
+    let longest = image.size().longest_side().max(1);
     let fit = |n: u32| if longest <= side { n } else { (u64::from(n) * u64::from(side) / u64::from(longest)) as u32 };
-    (fit(image.width).max(1), fit(image.height).max(1))
+    Size::new(fit(image.width).max(1), fit(image.height).max(1))
 }
 
 /// Brightness over mid grey.
@@ -82,7 +82,7 @@ fn luma(pixel: &[u8]) -> f32 {
 }
 
 fn sharpness(image: &Image) -> f32 {
-    let (width, height) = fitted(image, SHARP_SIDE);
+    let Size { width, height } = fitted(image, SHARP_SIDE);
     let picture;
     let image = if (width, height) == (image.width, image.height) {
         image

@@ -99,7 +99,7 @@ pub(super) fn cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> 
         let place = Place::Byte(reader.at as u64);
         let id = reader.u32()?;
         let number = reader.u32()? as i32;
-        let size = (reader.u64()?, reader.u64()?);
+        let (width, height) = (reader.u64()?, reader.u64()?);
         let Some((name, count)) = lens::by_number(number) else {
             let problem = Problem::new(path, "unknown camera model", lens::supported()).at(place);
             let value = format!("{number} ({})", lens::newer(number));
@@ -107,7 +107,7 @@ pub(super) fn cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> 
             return Err(SceneError::new(ErrorKind::Value, problem));
         };
         let params = (0..count).map(|_| reader.f64()).collect::<Result<Vec<_>, _>>()?;
-        let camera = lens::camera(path, name, size, &params).map_err(|p| {
+        let camera = lens::camera(path, name, width, height, &params).map_err(|p| {
             let field = format!("camera {id}: {}", p.field.as_deref().unwrap_or_default());
             SceneError::new(ErrorKind::Value, p.at(place).field(field))
         })?;

@@ -36,12 +36,18 @@ pub(super) fn supported() -> String {
 }
 
 /// A camera from its parameters in the order of the file. The problem's place is for the caller to add.
-pub(super) fn camera(file: &std::path::Path, name: &str, size: (u64, u64), p: &[f64]) -> Result<ModelCamera, Problem> {
+pub(super) fn camera(
+    file: &std::path::Path,
+    name: &str,
+    width: u64,
+    height: u64,
+    p: &[f64],
+) -> Result<ModelCamera, Problem> {
     let problem = |field: &str, value: String, what: &str| {
         Problem::new(file, what, "estimate the camera again").field(field).value(value)
     };
-    let (Ok(width), Ok(height)) = (u32::try_from(size.0), u32::try_from(size.1)) else {
-        return Err(problem("width, height", format!("{} x {}", size.0, size.1), "no image is that large"));
+    let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(problem("width, height", format!("{width} x {height}"), "no image is that large"));
     };
     if width == 0 || height == 0 {
         return Err(problem("width, height", format!("{width} x {height}"), "the image has no pixels"));

@@ -6,7 +6,7 @@ use crate::options::LoadOptions;
 use crate::pose::Mended;
 use crate::priors::TrackPoint;
 use crate::reading::{DialectSplits, Intrinsics, RawFrame, Reading};
-use crate::{ErrorKind, Place, Point, Problem, SceneError, Split, images_folder};
+use crate::{ErrorKind, Place, Point, Problem, SceneError, Size, Split, images_folder};
 use glam::{DMat3, DQuat, DVec3};
 use render_core::camera::Pose;
 use std::collections::HashMap;
@@ -158,7 +158,7 @@ pub(crate) fn read(root: &Path, models: &[ModelFiles], options: &LoadOptions) ->
             name: image.name.clone(),
             image: path,
             listed,
-            size: Some((camera.width, camera.height)),
+            size: Some(Size::new(camera.width, camera.height)),
             intrinsics: Intrinsics::Pixels { fx: camera.fx, fy: camera.fy, cx: Some(camera.cx), cy: Some(camera.cy) },
             lens: camera.lens,
             pose: image.pose,

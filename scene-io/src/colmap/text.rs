@@ -67,12 +67,12 @@ pub(super) fn cameras(path: &Path, model: &mut Model) -> Result<(), SceneError> 
             let problem = Problem::new(path, "unknown camera model", lens::supported()).at(place);
             return Err(SceneError::new(ErrorKind::Value, problem.field(format!("camera {id}: MODEL")).value(name)));
         }
-        let size = (line.parse("WIDTH")?, line.parse("HEIGHT")?);
+        let (width, height) = (line.parse("WIDTH")?, line.parse("HEIGHT")?);
         let mut params = Vec::new();
         while !line.rest.trim().is_empty() {
             params.push(line.parse("PARAMS")?);
         }
-        let camera = lens::camera(path, name, size, &params).map_err(|p| {
+        let camera = lens::camera(path, name, width, height, &params).map_err(|p| {
             let field = format!("camera {id}: {}", p.field.as_deref().unwrap_or_default());
             SceneError::new(ErrorKind::Value, p.at(place).field(field))
         })?;

@@ -2,7 +2,7 @@
 
 use crate::depth::{DepthMap, DepthMeaning, DepthPlace, is_known, read_file};
 use crate::picture::same_shape;
-use crate::{ErrorKind, Frame, Problem, SceneError};
+use crate::{ErrorKind, Frame, Problem, SceneError, Size};
 
 impl Frame {
     /// The frame's depth at the map's own size, as z in world units whatever the file holds ([`DepthSource::unit`](crate::DepthSource::unit),
@@ -24,9 +24,9 @@ impl Frame {
         let Some(mut map) = DepthMap::new(width, height, map.z) else {
             return refuse(format!("does not hold {width} x {height} depths"), "make it anew");
         };
-        let photo = (self.camera.width, self.camera.height);
-        if !same_shape((width, height), photo) {
-            let what = format!("the depth map is {width}x{height} and its photo {}x{}", photo.0, photo.1);
+        let (is, photo) = (Size::new(width, height), self.size());
+        if !same_shape(is, photo) {
+            let what = format!("the depth map is {is} and its photo {photo}");
             return refuse(what, "make it as large as the photo, or remove it");
         }
         for z in &mut map.z {

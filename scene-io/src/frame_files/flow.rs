@@ -3,7 +3,7 @@
 use crate::bit_mask::BitMask;
 use crate::picture::with_mask;
 use crate::priors::{Flow, FlowPlace, FlowTruth};
-use crate::{ErrorKind, Frame, Problem, SceneError, npy};
+use crate::{ErrorKind, Frame, Problem, SceneError, Size, npy};
 use std::path::PathBuf;
 
 impl Frame {
@@ -21,7 +21,8 @@ impl Frame {
     }
 
     fn decode_flow(&self, flow: &PathBuf, valid: &PathBuf) -> Result<Flow, SceneError> {
-        let (width, height) = self.size();
+        let photo = self.size();
+        let Size { width, height } = photo;
         let refuse = |path: &PathBuf, what: String| {
             let remedy =
                 "give one flow vector (x, y) and one pixel of the mask for each pixel of the photo, or remove both";
@@ -29,14 +30,14 @@ impl Frame {
         };
         let way: Vec<[f32; 2]> = npy::with(flow, 4, |array| {
             if array.shape != [height as usize, width as usize, 2] {
-                let what = format!("has the shape {:?} and its photo {width}x{height} pixels", array.shape);
+                let what = format!("has the shape {:?} and its photo {photo} pixels", array.shape);
                 return Err(refuse(flow, what));
             }
             Ok(array.data.as_chunks::<2>().0.iter().map(|way| way.map(|x| x as f32)).collect())
         })?;
-        let (seen, (w, h)) = with_mask(valid, |grey, (w, h)| (BitMask::from_grey(w, h, &grey), (w, h)))?;
-        if (w, h) != (width, height) {
-            return Err(refuse(valid, format!("is {w}x{h} and its photo {width}x{height}")));
+        let (seen, is) = with_mask(valid, |grey, is| (BitMask::from_grey(is.width, is.height, &grey), is))?;
+        if is != photo {
+            return Err(refuse(valid, format!("is {is} and its photo {photo}")));
         }
         let bad = (0..way.len())
             .find(|&k| seen.get(k as u32 % width, k as u32 / width) && way[k].iter().any(|x| !x.is_finite()));

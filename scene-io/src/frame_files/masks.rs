@@ -40,7 +40,7 @@ impl Frame {
     /// Names the mask that cannot be decoded.
     pub fn read_mask(&self) -> Result<Option<BitMask>, SceneError> {
         let Some(path) = &self.mask else { return Ok(None) };
-        let mask = with_mask(path, |grey, (width, height)| BitMask::from_grey(width, height, &grey));
+        let mask = with_mask(path, |grey, size| BitMask::from_grey(size.width, size.height, &grey));
         mask.map(Some).map_err(|e| e.in_frame(&self.name))
     }
 
@@ -49,17 +49,17 @@ impl Frame {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
             TruthMask::Bars(Some(bars)) => Ok(bars.mask()),
             TruthMask::Bars(None) => Ok(BitMask::new(self.camera.width, self.camera.height)),
-            TruthMask::File(path) => with_mask(path, |mut grey, (width, height)| {
+            TruthMask::File(path) => with_mask(path, |mut grey, size| {
                 if grey.iter().all(|v| *v <= 1) {
                     grey.iter_mut().for_each(|v| *v *= 255);
                 }
-                if !same_shape((width, height), self.size()) {
-                    let (w, h) = self.size();
-                    let what = format!("the truth mask is {width}x{height} and its photo {w}x{h}");
+                let photo = self.size();
+                if !same_shape(size, photo) {
+                    let what = format!("the truth mask is {size} and its photo {photo}");
                     let problem = Problem::new(path, what, "make it as large as the photo, or remove it");
                     return Err(SceneError::new(ErrorKind::Image, problem.frame(&self.name)));
                 }
-                Ok(BitMask::from_grey(width, height, &grey))
+                Ok(BitMask::from_grey(size.width, size.height, &grey))
             })
             .map_err(|e| e.in_frame(&self.name))?,
         }

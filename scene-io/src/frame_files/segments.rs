@@ -3,7 +3,7 @@
 use crate::bit_mask::BitMask;
 use crate::picture::{Plan, decode_labels, same_shape, with_mask};
 use crate::priors::{LabelMap, PromptedSegment, Segments};
-use crate::{DecodeMemory, ErrorKind, Frame, Place, Problem, SceneError, files};
+use crate::{DecodeMemory, ErrorKind, Frame, Place, Problem, SceneError, Size, files};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -35,32 +35,32 @@ impl Frame {
     }
 }
 
-fn fits(path: &Path, is: (u32, u32), photo: (u32, u32)) -> Result<(), SceneError> {
+fn fits(path: &Path, is: Size, photo: Size) -> Result<(), SceneError> {
     if same_shape(is, photo) {
         return Ok(());
     }
-    let what = format!("is {}x{} and its photo {}x{}", is.0, is.1, photo.0, photo.1);
+    let what = format!("is {is} and its photo {photo}");
     let remedy = "make it from the photo that stands beside it";
     Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)))
 }
 
-fn read_labels(path: &Path, photo: (u32, u32)) -> Result<LabelMap, SceneError> {
-    let (labels, (width, height)) = decode_labels(path)?;
-    fits(path, (width, height), photo)?;
-    Ok(LabelMap { width, height, labels })
+fn read_labels(path: &Path, photo: Size) -> Result<LabelMap, SceneError> {
+    let (labels, size) = decode_labels(path)?;
+    fits(path, size, photo)?;
+    Ok(LabelMap { width: size.width, height: size.height, labels })
 }
 
 /// The black and white pictures of a folder in the order of their names.
-fn read_stack(folder: &Path, photo: (u32, u32)) -> Result<Vec<BitMask>, SceneError> {
+fn read_stack(folder: &Path, photo: Size) -> Result<Vec<BitMask>, SceneError> {
     let paths = files::images_in(folder)?;
     if paths.len() > MOST_SEGMENTS {
         let what = format!("holds {} segments, and a photo has at most {MOST_SEGMENTS}", paths.len());
         return Err(SceneError::new(ErrorKind::Value, Problem::new(folder, what, "leave the smallest ones out")));
     }
     let read = |path: &PathBuf| {
-        with_mask(path, |grey, (width, height)| {
-            fits(path, (width, height), photo)?;
-            Ok(BitMask::from_grey(width, height, &grey))
+        with_mask(path, |grey, size| {
+            fits(path, size, photo)?;
+            Ok(BitMask::from_grey(size.width, size.height, &grey))
         })?
     };
     // One bit a pixel, of all segments together.
@@ -70,7 +70,7 @@ fn read_stack(folder: &Path, photo: (u32, u32)) -> Result<Vec<BitMask>, SceneErr
     paths.par_iter().map(read).collect()
 }
 
-fn read_prompted(folder: &Path, photo: (u32, u32)) -> Result<Vec<PromptedSegment>, SceneError> {
+fn read_prompted(folder: &Path, photo: Size) -> Result<Vec<PromptedSegment>, SceneError> {
     let masks = read_stack(folder, photo)?;
     let list = folder.join("scores.txt");
     let scores = if list.is_file() { read_scores(&list, masks.len())? } else { vec![(None, None); masks.len()] };

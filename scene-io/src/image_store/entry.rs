@@ -5,7 +5,7 @@ use crate::perturbation::Perturbation;
 use crate::picture::{
     Image, Plan, decode, decode_grey, fitted, resize, resize_mask, same_shape, scaling_bytes, wrong_size,
 };
-use crate::{AlphaMeaning, ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError};
+use crate::{AlphaMeaning, ErrorKind, Frame, ImageSource, MaskPolarity, Problem, SceneError, Size};
 use render_core::camera::Camera;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub(super) struct Entry {
     alpha_is_mask: bool,
     /// Camera at the size images are handed out.
     pub(super) camera: Camera,
-    pub(super) native: (u32, u32),
+    pub(super) native: Size,
     pub(super) channels: u8,
 }
 
@@ -30,11 +30,11 @@ impl Entry {
         let (native, channels) = match &frame.image {
             ImageSource::File(path) => {
                 let plan = Plan::of(path).map_err(|e| e.in_frame(&frame.name))?;
-                (plan.size(), plan.channels())
+                (plan.size, plan.channels())
             }
-            ImageSource::Memory(image) => ((image.width, image.height), image.channels),
+            ImageSource::Memory(image) => (image.size(), image.channels),
         };
-        let said = (frame.camera.width, frame.camera.height);
+        let said = frame.size();
         if said != native {
             let file = match &frame.image {
                 ImageSource::File(path) => path.clone(),
@@ -42,7 +42,7 @@ impl Entry {
             };
             return Err(SceneError::new(ErrorKind::Image, wrong_size(&file, native, said)).in_frame(&frame.name));
         }
-        let (width, height) = fitted(native.0, native.1, longest_side);
+        let Size { width, height } = fitted(native, longest_side);
         Ok(Self {
             name: frame.name.clone(),
             image: frame.image.clone(),
@@ -56,7 +56,7 @@ impl Entry {
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        let pixels = u64::from(self.camera.width) * u64::from(self.camera.height);
+        let pixels = Size::from(&self.camera).pixels();
         let has_mask = match &self.image {
             ImageSource::Memory(image) => image.mask.is_some() || self.mask.is_some(),
             ImageSource::File(_) => self.mask.is_some(),
@@ -76,17 +76,17 @@ impl Entry {
 
     /// Bytes held at one time while the image is read, the image included; and then `beside` more.
     fn reading_bytes(&self, image: Option<&Plan>, mask: Option<&Plan>, beside: u64) -> u64 {
-        let pixels = u64::from(self.native.0) * u64::from(self.native.1);
+        let pixels = self.native.pixels();
         let native = match &self.image {
             ImageSource::File(_) => pixels.saturating_mul(self.channels.into()),
             ImageSource::Memory(image) => image.bytes(),
         };
         let mask_bytes = mask.map_or(0, Plan::pixels);
         let changed = if self.alpha_is_mask || self.mask_is_alpha() { pixels.saturating_mul(4) } else { 0 };
-        let scaled = if (self.camera.width, self.camera.height) == self.native {
+        let scaled = if Size::from(&self.camera) == self.native {
             mask_bytes
         } else {
-            self.bytes().saturating_add(scaling_bytes(self.native.0, self.camera.width))
+            self.bytes().saturating_add(scaling_bytes(self.native.width, self.camera.width))
         };
         let decoding = image.map_or(native, Plan::bytes_in_8_bit);
         // Names and other small things.
@@ -99,8 +99,8 @@ impl Entry {
         let plan = match &self.image {
             ImageSource::File(path) => {
                 let plan = Plan::of(path)?;
-                if plan.size() != self.native || plan.channels() != self.channels {
-                    return Err(SceneError::new(ErrorKind::Image, wrong_size(path, plan.size(), self.native)));
+                if plan.size != self.native || plan.channels() != self.channels {
+                    return Err(SceneError::new(ErrorKind::Image, wrong_size(path, plan.size, self.native)));
                 }
                 Some(plan)
             }
@@ -121,9 +121,9 @@ impl Entry {
     /// The headers of the mask, which must have the image's shape.
     fn mask_plan(&self, path: &Path) -> Result<Plan, SceneError> {
         let plan = Plan::of(path)?;
-        let (size, image) = (plan.size(), self.native);
+        let (size, image) = (plan.size, self.native);
         if !same_shape(size, image) {
-            let what = format!("the mask is {}x{} and its image {}x{}", size.0, size.1, image.0, image.1);
+            let what = format!("the mask is {size} and its image {image}");
             let remedy = "make the mask as large as the image, or give `--masks off`";
             return Err(SceneError::new(ErrorKind::Image, Problem::new(path, what, remedy)));
         }
@@ -154,8 +154,8 @@ impl Entry {
         {
             native = cut_out(native, &mask, from);
         }
-        let size = (self.camera.width, self.camera.height);
-        let mut image = resize(native, size.0, size.1);
+        let size = Size::from(&self.camera);
+        let mut image = resize(native, size.width, size.height);
         if let Some((mask, from)) = mask {
             let mask = resize_mask(&mask, from, size);
             image.mask = Some(match image.mask.take() {
@@ -181,13 +181,14 @@ fn alpha_to_mask(image: Image) -> Image {
 }
 
 /// The image, transparent where `mask` (of size `from`) is below one half.
-fn cut_out(image: Image, mask: &[u8], from: (u32, u32)) -> Image {
+fn cut_out(image: Image, mask: &[u8], from: Size) -> Image {
     let (w, h) = (u64::from(image.width), u64::from(image.height));
+    let (columns, rows) = (u64::from(from.width), u64::from(from.height));
     let channels = usize::from(image.channels);
     let data = image.data.chunks_exact(channels).zip(0_u64..).flat_map(|(pixel, i)| {
         // The nearest pixel of the mask.
-        let (x, y) = ((2 * (i % w) + 1) * u64::from(from.0) / (2 * w), (2 * (i / w) + 1) * u64::from(from.1) / (2 * h));
-        let shown = if mask[(y * u64::from(from.0) + x) as usize] >= 128 { 255 } else { 0 };
+        let (x, y) = ((2 * (i % w) + 1) * columns / (2 * w), (2 * (i / w) + 1) * rows / (2 * h));
+        let shown = if mask[(y * columns + x) as usize] >= 128 { 255 } else { 0 };
         let alpha = pixel.get(3).map_or(shown, |own| shown.min(*own));
         [pixel[0], pixel[1], pixel[2], alpha]
     });
@@ -195,7 +196,7 @@ fn cut_out(image: Image, mask: &[u8], from: (u32, u32)) -> Image {
 }
 
 /// A mask with white for what is used, at its own size.
-fn read_mask(plan: &Plan, polarity: MaskPolarity) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+fn read_mask(plan: &Plan, polarity: MaskPolarity) -> Result<(Vec<u8>, Size), SceneError> {
     let (mut mask, size) = decode_grey(plan)?;
     if polarity == MaskPolarity::WhiteIsIgnored {
         for v in &mut mask {

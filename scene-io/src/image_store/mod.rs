@@ -78,9 +78,8 @@ impl ImageStore {
     pub fn check_sizes(&self) -> Result<(), SceneError> {
         self.entries.iter().try_for_each(|entry| {
             let ImageSource::File(path) = &entry.image else { return Ok(()) };
-            let (width, height) = entry.native;
-            let bytes = u64::from(width).saturating_mul(height.into()).saturating_mul(entry.channels.into());
-            let checked = DecodeMemory::of_process().check(path, &format!("its {width}x{height} pixels"), bytes);
+            let bytes = entry.native.pixels().saturating_mul(entry.channels.into());
+            let checked = DecodeMemory::of_process().check(path, &format!("its {} pixels", entry.native), bytes);
             checked.map_err(|e| e.in_frame(&entry.name))
         })
     }

@@ -1,15 +1,15 @@
 //! `camera/<id>.json`.
 
-use crate::Problem;
 use crate::json::Object;
 use crate::pose::{Axes, Mended, pose_from};
 use crate::reading::Intrinsics;
+use crate::{Problem, Size};
 use glam::{DMat3, DVec3};
 use render_core::camera::{Lens, Pose};
 
 /// A camera as its file gives it.
 pub(super) struct FileCamera {
-    pub(super) size: (u32, u32),
+    pub(super) size: Size,
     pub(super) intrinsics: Intrinsics,
     pub(super) lens: Lens,
     pub(super) pose: Pose,
@@ -68,7 +68,7 @@ pub(super) fn camera(top: &Object<'_>) -> Result<FileCamera, Problem> {
     let k = coefficients(&["radial_distortion", "radial"], 3)?;
     let p = coefficients(&["tangential_distortion", "tangential"], 2)?;
     Ok(FileCamera {
-        size: (width, height),
+        size: Size::new(width, height),
         intrinsics: Intrinsics::Pixels { fx: focal, fy: focal * aspect, cx: Some(cx), cy: Some(cy) },
         lens: Lens::Perspective { k: [k[0], k[1], k[2], 0.0, 0.0, 0.0], p: [p[0], p[1]] },
         pose,

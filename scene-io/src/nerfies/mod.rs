@@ -28,7 +28,7 @@ use crate::json::Document;
 use crate::limits::is_point;
 use crate::options::LoadOptions;
 use crate::reading::{DialectSplits, MaskFolder, Need, RawFrame, Reading};
-use crate::{AlphaMeaning, Bounds, ErrorKind, FrameIds, Point, Problem, SceneError, Split, files, npy};
+use crate::{AlphaMeaning, Bounds, ErrorKind, FrameIds, Point, Problem, SceneError, Size, Split, files, npy};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::Camera;
@@ -54,7 +54,7 @@ pub(crate) fn read(file: &Path, options: &LoadOptions, need: Need) -> Result<Rea
             Err(problem) => reading.problems.push(problem),
         }
     }
-    let sizes = || reading.frames.iter().filter_map(|f| f.size).map(|(w, h)| w.max(h));
+    let sizes = || reading.frames.iter().filter_map(|f| f.size).map(Size::longest_side);
     let folder = match folder(root, options, sizes().max().unwrap_or(0)) {
         Some(folder) => folder,
         None if need == Need::Cameras => root.join("rgb").join("1x"),
@@ -280,7 +280,7 @@ fn extents(root: &Path, authors: &AuthorsFrame, reading: &mut Reading) {
 
 /// Smallest cosine between the optical axis and the rays through the corners of the picture; 0 where a lens has none there.
 fn corner_cosine(frame: &RawFrame) -> f64 {
-    let Some((width, height)) = frame.size else { return 0.0 };
+    let Some(Size { width, height }) = frame.size else { return 0.0 };
     let camera: Camera = frame.intrinsics.camera(width, height, frame.lens, frame.pose);
     let camera = camera.prepare();
     let (w, h) = (f64::from(width), f64::from(height));

@@ -6,20 +6,16 @@
 
 use super::image::Image;
 use super::plan::Plan;
-use crate::{ErrorKind, Problem, SceneError};
+use crate::{ErrorKind, Problem, SceneError, Size};
 use image::{ColorType, DynamicImage};
 use std::path::Path;
 
 /// Decodes an image file for which memory was reserved: [`Plan::bytes_in_8_bit`]. `mask` (values >= 128 are used) tells which
 /// pixels may be NaN or infinite.
-pub(crate) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], (u32, u32))>) -> Result<Image, SceneError> {
+pub(crate) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], Size)>) -> Result<Image, SceneError> {
     match plan.decode()? {
-        DynamicImage::ImageRgb32F(pixels) => {
-            from_linear(path, pixels.width(), pixels.height(), 3, pixels.as_raw(), mask)
-        }
-        DynamicImage::ImageRgba32F(pixels) => {
-            from_linear(path, pixels.width(), pixels.height(), 4, pixels.as_raw(), mask)
-        }
+        DynamicImage::ImageRgb32F(pixels) => from_linear(path, pixels.dimensions().into(), 3, pixels.as_raw(), mask),
+        DynamicImage::ImageRgba32F(pixels) => from_linear(path, pixels.dimensions().into(), 4, pixels.as_raw(), mask),
         other => {
             let (width, height) = (other.width(), other.height());
             let (channels, data) = match other.color() {
@@ -34,7 +30,7 @@ pub(crate) fn decode(path: &Path, plan: &Plan, mask: Option<(&[u8], (u32, u32))>
 }
 
 /// Decodes a mask file to one value a pixel, its brightness, and does something with that within [`crate::DecodeMemory`].
-pub(crate) fn with_mask<T>(path: &Path, work: impl FnOnce(Vec<u8>, (u32, u32)) -> T) -> Result<T, SceneError> {
+pub(crate) fn with_mask<T>(path: &Path, work: impl FnOnce(Vec<u8>, Size) -> T) -> Result<T, SceneError> {
     let plan = Plan::of(path)?;
     let _held = plan.reserve(plan.bytes_in_grey())?;
     let (grey, size) = decode_grey(&plan)?;
@@ -42,18 +38,18 @@ pub(crate) fn with_mask<T>(path: &Path, work: impl FnOnce(Vec<u8>, (u32, u32)) -
 }
 
 /// Decodes a mask to its brightness, where [`Plan::bytes_in_grey`] was reserved.
-pub(crate) fn decode_grey(plan: &Plan) -> Result<(Vec<u8>, (u32, u32)), SceneError> {
+pub(crate) fn decode_grey(plan: &Plan) -> Result<(Vec<u8>, Size), SceneError> {
     let grey = plan.decode()?.into_luma8();
-    let size = (grey.width(), grey.height());
+    let size = grey.dimensions().into();
     Ok((grey.into_raw(), size))
 }
 
 /// Decodes a map of whole numbers: a grey picture of 8 or 16 bits.
-pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, (u32, u32)), SceneError> {
+pub(crate) fn decode_labels(path: &Path) -> Result<(Vec<u16>, Size), SceneError> {
     let plan = Plan::of(path)?;
     let _held = plan.reserve(plan.bytes(2))?;
     let picture = plan.decode()?;
-    let size = (picture.width(), picture.height());
+    let size = Size::new(picture.width(), picture.height());
     let labels = match picture {
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
         DynamicImage::ImageLuma16(grey) => grey.into_raw(),
@@ -92,8 +88,8 @@ pub fn with_photo<T>(path: &Path, copies: u32, work: impl FnOnce(DynamicImage) -
 ///
 /// # Errors
 /// As [`decode_photo`], for what is wrong with the headers.
-pub fn photo_size(path: &Path) -> Result<(u32, u32), SceneError> {
-    Ok(Plan::of(path)?.size())
+pub fn photo_size(path: &Path) -> Result<Size, SceneError> {
+    Ok(Plan::of(path)?.size)
 }
 
 /// The sRGB curve (IEC 61966-2-1), linear light in `[0, 1]` to `[0, 1]`.
@@ -107,18 +103,18 @@ fn to_u8(x: f32) -> u8 {
 
 fn from_linear(
     path: &Path,
-    width: u32,
-    height: u32,
+    size: Size,
     channels: u8,
     values: &[f32],
-    mask: Option<(&[u8], (u32, u32))>,
+    mask: Option<(&[u8], Size)>,
 ) -> Result<Image, SceneError> {
+    let Size { width, height } = size;
     let step = usize::from(channels);
     let mut data = Vec::with_capacity(values.len());
     for (index, pixel) in values.chunks_exact(step).enumerate() {
         let (column, row) = (index as u64 % u64::from(width), index as u64 / u64::from(width));
         if let Some((channel, value)) = pixel.iter().enumerate().find(|(_, v)| !v.is_finite()) {
-            if mask.is_some_and(|(mask, size)| !used(mask, size, (width, height), column, row)) {
+            if mask.is_some_and(|(mask, of_mask)| !used(mask, of_mask, size, column, row)) {
                 data.extend(std::iter::repeat_n(0, step));
                 continue;
             }
@@ -140,11 +136,11 @@ fn from_linear(
     Ok(Image { width, height, channels, data, mask: None })
 }
 
-/// Whether a mask of `size` columns and rows leaves a pixel of the image in the loss.
-fn used(mask: &[u8], size: (u32, u32), image: (u32, u32), column: u64, row: u64) -> bool {
-    let x = column * u64::from(size.0) / u64::from(image.0);
-    let y = row * u64::from(size.1) / u64::from(image.1);
-    mask.get((y * u64::from(size.0) + x) as usize).is_none_or(|v| *v >= 128)
+/// Whether a mask of `size` leaves a pixel of an image of size `image` in the loss.
+fn used(mask: &[u8], size: Size, image: Size, column: u64, row: u64) -> bool {
+    let x = column * u64::from(size.width) / u64::from(image.width);
+    let y = row * u64::from(size.height) / u64::from(image.height);
+    mask.get((y * u64::from(size.width) + x) as usize).is_none_or(|v| *v >= 128)
 }
 
 #[cfg(test)]

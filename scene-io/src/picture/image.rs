@@ -1,5 +1,7 @@
 //! Images and photos as numbers.
 
+use crate::Size;
+
 /// An 8-bit image: display-referred sRGB as in the file, rows top to bottom, channels interleaved.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
@@ -54,6 +56,12 @@ impl Picture {
 }
 
 impl Image {
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> Size {
+        Size::new(self.width, self.height)
+    }
+
     /// An RGB image; `None` if `data` does not hold `width * height * 3` values.
     #[must_use]
     pub fn rgb(width: u32, height: u32, data: Vec<u8>) -> Option<Self> {
@@ -67,7 +75,7 @@ impl Image {
     }
 
     fn checked(width: u32, height: u32, channels: u8, data: Vec<u8>) -> Option<Self> {
-        let want = u64::from(width) * u64::from(height) * u64::from(channels);
+        let want = Size::new(width, height).pixels() * u64::from(channels);
         (data.len() as u64 == want).then_some(Self { width, height, channels, data, mask: None })
     }
 

@@ -5,7 +5,7 @@ use super::refusal::{REMEDY, decoding_failed, limits, zero_bytes};
 use super::shape::same_shape;
 use super::{png, webp};
 use crate::decode_memory::{DecodeMemory, Reserved};
-use crate::{ErrorKind, Problem, SceneError, files};
+use crate::{ErrorKind, Problem, SceneError, Size, files};
 use exr::prelude::MetaData;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::fs::File;
@@ -20,8 +20,7 @@ const TABLES: u64 = 1 << 18;
 pub(crate) struct Plan {
     path: PathBuf,
     format: Option<ImageFormat>,
-    pub(crate) width: u32,
-    pub(crate) height: u32,
+    pub(crate) size: Size,
     /// Once decoded.
     colour: ColorType,
     /// Bytes of memory while it is decoded, beside the pixels.
@@ -58,7 +57,7 @@ impl Plan {
                 // The file, the decoder's copy of it, and profiles and EXIF taken out of that.
                 let frame = jpeg.insert(frame);
                 let work = frame.work_bytes().saturating_add(length.saturating_mul(3));
-                ((frame.width, frame.height), colour, work)
+                (Size::new(frame.width, frame.height), colour, work)
             }
             Some(ImageFormat::Png) => {
                 let most = length.min(png::CHUNKS);
@@ -70,29 +69,27 @@ impl Plan {
                 let frames = webp::Frames::read(&mut reader);
                 reader.rewind().map_err(reading)?;
                 let decoder = image::codecs::webp::WebPDecoder::new(reader).map_err(failed)?;
-                let (width, height) = decoder.dimensions();
-                let (pixels, colour) = (area(width, height), decoder.color_type());
-                let work = frames.work_bytes(length, pixels, colour.has_alpha(), decoder.has_animation());
-                ((width, height), colour, work)
+                let (size, colour) = (Size::from(decoder.dimensions()), decoder.color_type());
+                let work = frames.work_bytes(length, size.pixels(), colour.has_alpha(), decoder.has_animation());
+                (size, colour, work)
             }
             Some(ImageFormat::OpenExr) => {
                 let blocks = exr_blocks(&mut reader);
                 reader.rewind().map_err(reading)?;
                 let decoder = decoder(reader, format, 0).map_err(failed)?;
-                let ((width, height), colour) = (decoder.dimensions(), decoder.color_type());
+                let (size, colour) = (Size::from(decoder.dimensions()), decoder.color_type());
                 // All pixels are copied once more.
-                let copy = area(width, height).saturating_mul(colour.bytes_per_pixel().into());
-                ((width, height), colour, copy.saturating_add(blocks))
+                let copy = size.pixels().saturating_mul(colour.bytes_per_pixel().into());
+                (size, colour, copy.saturating_add(blocks))
             }
             _ => {
                 let decoder = decoder(reader, format, 0).map_err(failed)?;
-                let ((width, height), colour) = (decoder.dimensions(), decoder.color_type());
+                let (size, colour) = (Size::from(decoder.dimensions()), decoder.color_type());
                 // GIF: a frame that is placed in the picture.
-                ((width, height), colour, area(width, height).saturating_mul(4))
+                (size, colour, size.pixels().saturating_mul(4))
             }
         };
-        let (width, height) = size;
-        Ok(Self { path: path.into(), format, width, height, colour, work: work.saturating_add(TABLES), frame: jpeg })
+        Ok(Self { path: path.into(), format, size, colour, work: work.saturating_add(TABLES), frame: jpeg })
     }
 
     /// 3 or 4: of the image as [`super::decode::decode`] gives it.
@@ -100,13 +97,9 @@ impl Plan {
         if self.colour.has_alpha() { 4 } else { 3 }
     }
 
-    pub(crate) fn size(&self) -> (u32, u32) {
-        (self.width, self.height)
-    }
-
     /// Columns times rows.
     pub(crate) fn pixels(&self) -> u64 {
-        area(self.width, self.height)
+        self.size.pixels()
     }
 
     /// Bytes of the pixels as [`Plan::decode`] gives them.
@@ -134,7 +127,7 @@ impl Plan {
 
     /// Reserves `bytes` for work on this image.
     pub(crate) fn reserve(&self, bytes: u64) -> Result<Reserved<'static>, SceneError> {
-        let what = format!("its {}x{} pixels", self.width, self.height);
+        let what = format!("its {} pixels", self.size);
         DecodeMemory::of_process().reserve(&self.path, &what, bytes)
     }
 
@@ -142,9 +135,9 @@ impl Plan {
     pub(crate) fn decode(&self) -> Result<DynamicImage, SceneError> {
         let path = &self.path;
         let failed = |e| decoding_failed(path, e);
-        let same = |size: (u32, u32), colour: ColorType| {
-            if size != self.size() {
-                return Err(SceneError::new(ErrorKind::Image, wrong_size(path, size, self.size())));
+        let same = |size: Size, colour: ColorType| {
+            if size != self.size {
+                return Err(SceneError::new(ErrorKind::Image, wrong_size(path, size, self.size)));
             }
             if colour.bytes_per_pixel() > self.colour.bytes_per_pixel() {
                 let what = format!("holds {colour:?} where its headers said {:?}", self.colour);
@@ -172,12 +165,12 @@ impl Plan {
                     ));
                 }
                 let decoder = decoder(Cursor::new(bytes.as_slice()), self.format, self.work).map_err(failed)?;
-                same(decoder.dimensions(), decoder.color_type())?;
+                same(decoder.dimensions().into(), decoder.color_type())?;
                 DynamicImage::from_decoder(decoder).map_err(failed)
             }
             format => {
                 let decoder = decoder(open(path)?.0, format, self.work).map_err(failed)?;
-                same(decoder.dimensions(), decoder.color_type())?;
+                same(decoder.dimensions().into(), decoder.color_type())?;
                 DynamicImage::from_decoder(decoder).map_err(failed)
             }
         }
@@ -185,9 +178,9 @@ impl Plan {
 }
 
 /// An image that has not the size its camera says, with the cause where the file tells it.
-pub(crate) fn wrong_size(path: &Path, is: (u32, u32), said: (u32, u32)) -> Problem {
-    let what = format!("the image is {}x{} and its camera says {}x{}", is.0, is.1, said.0, said.1);
-    let turned = same_shape((is.1, is.0), said);
+pub(crate) fn wrong_size(path: &Path, is: Size, said: Size) -> Problem {
+    let what = format!("the image is {is} and its camera says {said}");
+    let turned = same_shape(Size::new(is.height, is.width), said);
     let text =
         path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).display().to_string();
     let folder = shlex::try_quote(&text).map_or_else(|_| text.clone(), std::borrow::Cow::into_owned);
@@ -251,10 +244,6 @@ fn decoder<'a, R: std::io::BufRead + Seek + 'a>(
     };
     reader.limits(limits(beside));
     reader.into_decoder()
-}
-
-fn area(width: u32, height: u32) -> u64 {
-    u64::from(width) * u64::from(height)
 }
 
 /// Bytes for the blocks of an EXR file, packed, unpacked and sorted, and for the table of them.

@@ -3,6 +3,7 @@
 //! By the `png` crate itself: colour profiles and texts, which may unpack to a thousand times their size, are skipped and never
 //! inflated. Nothing here applies them.
 
+use crate::Size;
 use image::error::{DecodingError, LimitError, LimitErrorKind, ParameterError, ParameterErrorKind};
 use image::metadata::Orientation;
 use image::{ColorType, DynamicImage, ImageBuffer, ImageError, ImageFormat, ImageResult};
@@ -15,7 +16,7 @@ pub(super) const CHUNKS: u64 = 16 << 20;
 /// What the headers of a file say.
 pub(super) struct Headers<R: BufRead + Seek> {
     reader: Reader<R>,
-    pub(super) size: (u32, u32),
+    pub(super) size: Size,
     /// Once decoded: palettes are expanded, bits are whole bytes.
     pub(super) colour: ColorType,
 }
@@ -44,12 +45,12 @@ impl<R: BufRead + Seek> Headers<R> {
                 return Err(ImageError::Decoding(DecodingError::new(ImageFormat::Png.into(), what)));
             }
         };
-        Ok(Self { size: reader.info().size(), colour, reader })
+        Ok(Self { size: reader.info().size().into(), colour, reader })
     }
 
     /// Bytes that decoding takes beside the pixels: rows before and after their filter, and the EXIF chunk.
     pub(super) fn work_bytes(&self) -> u64 {
-        let row = u64::from(self.size.0).saturating_mul(8);
+        let row = u64::from(self.size.width).saturating_mul(8);
         let exif = self.reader.info().exif_metadata.as_ref().map_or(0, |exif| exif.len() as u64);
         (1 << 19) + row.saturating_mul(16) + 3 * exif
     }
@@ -62,7 +63,7 @@ impl<R: BufRead + Seek> Headers<R> {
     pub(super) fn decode(mut self) -> ImageResult<DynamicImage> {
         let too_large = || ImageError::Limits(LimitError::from_kind(LimitErrorKind::InsufficientMemory));
         let length = self.reader.output_buffer_size().ok_or_else(too_large)?;
-        let (width, height) = self.size;
+        let Size { width, height } = self.size;
         let picture = if matches!(self.colour, ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8) {
             let mut values = vec![0_u8; length];
             self.reader.next_frame(&mut values).map_err(failed)?;

@@ -5,6 +5,7 @@
 //! so that invisible colours do not bleed.
 
 use super::image::Image;
+use crate::Size;
 
 impl Image {
     /// The image at another size: each pixel is the mean of the area it covers, colours weighted with their opacity. A pixel
@@ -19,8 +20,8 @@ impl Image {
 }
 
 /// Size after fitting the longest side into `longest`; never larger than the original, never 0.
-pub(crate) fn fitted(width: u32, height: u32, longest: Option<u32>) -> (u32, u32) {
-    let side = width.max(height);
+pub(crate) fn fitted(size: Size, longest: Option<u32>) -> Size {
+    let side = size.longest_side();
     match longest {
         Some(longest) if longest < side => {
             // Rounded half up, in integers: w * longest / side.
@@ -28,9 +29,9 @@ pub(crate) fn fitted(width: u32, height: u32, longest: Option<u32>) -> (u32, u32
                 let (x, l, s) = (u64::from(x), u64::from(longest), u64::from(side));
                 u32::try_from((2 * x * l + s) / (2 * s)).unwrap_or(u32::MAX).max(1)
             };
-            (scale(width), scale(height))
+            Size::new(scale(size.width), scale(size.height))
         }
-        _ => (width, height),
+        _ => size,
     }
 }
 
@@ -47,17 +48,18 @@ fn overlaps(i: u64, source: u64, target: u64) -> impl Iterator<Item = (usize, u6
     })
 }
 
-/// Area-weighted sums of `channels` interleaved values of a picture of `from` columns and rows, for one of `to`;
-/// `sum * 1 / (width * height)` of `from` is the mean.
+/// Area-weighted sums of `channels` interleaved values of a picture of size `from`, for one of size `to`;
+/// `sum / from.pixels()` is the mean.
 ///
 /// `value(pixel, channel)` must be at most `2^17`: with images below `2^46` pixels nothing overflows.
 fn area_sums<const C: usize>(
-    from: (u32, u32),
-    to: (u32, u32),
+    from: Size,
+    to: Size,
     value: impl Fn(usize) -> [u64; C],
     mut row_done: impl FnMut(usize, &[[u64; C]]),
 ) {
-    let (w, h, tw, th) = (u64::from(from.0), u64::from(from.1), u64::from(to.0), u64::from(to.1));
+    let (w, h) = (u64::from(from.width), u64::from(from.height));
+    let (tw, th) = (u64::from(to.width), u64::from(to.height));
     if w == 0 || h == 0 || tw == 0 || th == 0 {
         return;
     }
@@ -109,9 +111,8 @@ pub(crate) fn resize(image: Image, width: u32, height: u32) -> Image {
 
 /// A new image of another size.
 fn scaled(image: &Image, width: u32, height: u32) -> Image {
-    let from = (image.width, image.height);
-    let to = (width, height);
-    let area = u64::from(image.width) * u64::from(image.height);
+    let (from, to) = (image.size(), Size::new(width, height));
+    let area = from.pixels();
     let pixels = width as usize * height as usize;
     let mut data = Vec::with_capacity(pixels * usize::from(image.channels));
     if image.channels == 4 {
@@ -143,13 +144,13 @@ fn scaled(image: &Image, width: u32, height: u32) -> Image {
 }
 
 /// A mask at another size: 255 where at least half of the covered area is used (`>= 128`), else 0.
-pub(crate) fn resize_mask(mask: &[u8], from: (u32, u32), to: (u32, u32)) -> Vec<u8> {
+pub(crate) fn resize_mask(mask: &[u8], from: Size, to: Size) -> Vec<u8> {
     let binary = |v: u8| if v >= 128 { 255 } else { 0 };
     if from == to {
         return mask.iter().map(|&v| binary(v)).collect();
     }
-    let area = u64::from(from.0) * u64::from(from.1);
-    let mut out = Vec::with_capacity(to.0 as usize * to.1 as usize);
+    let area = from.pixels();
+    let mut out = Vec::with_capacity(to.width as usize * to.height as usize);
     area_sums(
         from,
         to,
@@ -237,7 +238,7 @@ mod tests {
 
         #[test]
         fn fitted_keeps_the_longest_side(w in 1_u32..5000, h in 1_u32..5000, longest in 1_u32..5000) {
-            let (tw, th) = fitted(w, h, Some(longest));
+            let Size { width: tw, height: th } = fitted(Size::new(w, h), Some(longest));
             prop_assert_eq!(tw.max(th), longest.min(w.max(h)));
             prop_assert!(tw >= 1 && th >= 1 && tw <= w && th <= h);
         }
@@ -259,8 +260,8 @@ mod tests {
     #[test]
     fn masks_are_cut_at_one_half() {
         let mask = [255, 0, 0, 0, 255, 255, 127, 128];
-        assert_eq!(resize_mask(&mask, (4, 2), (2, 1)), [255, 0]);
-        assert_eq!(resize_mask(&mask, (4, 2), (4, 2)), [255, 0, 0, 0, 255, 255, 0, 255]);
-        assert_eq!(resize_mask(&[255, 0], (2, 1), (4, 1)), [255, 255, 0, 0]);
+        assert_eq!(resize_mask(&mask, Size::new(4, 2), Size::new(2, 1)), [255, 0]);
+        assert_eq!(resize_mask(&mask, Size::new(4, 2), Size::new(4, 2)), [255, 0, 0, 0, 255, 255, 0, 255]);
+        assert_eq!(resize_mask(&[255, 0], Size::new(2, 1), Size::new(4, 1)), [255, 255, 0, 0]);
     }
 }

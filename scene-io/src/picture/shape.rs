@@ -1,8 +1,11 @@
 //! Shapes of images.
 
+use crate::Size;
+
 /// Whether two image sizes differ by one scale only, up to the rounding of each side to whole pixels.
-pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
-    let ((aw, ah), (bw, bh)) = ((f64::from(a.0), f64::from(a.1)), (f64::from(b.0), f64::from(b.1)));
+pub(crate) fn same_shape(a: Size, b: Size) -> bool {
+    let sides = |size: Size| (f64::from(size.width), f64::from(size.height));
+    let ((aw, ah), (bw, bh)) = (sides(a), sides(b));
     if [aw, ah, bw, bh].iter().any(|x| *x < 1.0) {
         return false;
     }

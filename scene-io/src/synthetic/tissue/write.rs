@@ -2,9 +2,9 @@
 
 use super::scene::z_range;
 use super::{TissueOptions, tissue_camera, tissue_truth};
-use crate::SceneError;
 use crate::export::write_atomically;
 use crate::synthetic::files::{write_mask, write_npy, write_picture, write_png16};
+use crate::{SceneError, Size};
 use render_core::pose::Axes;
 use serde_json::json;
 use std::path::Path;
@@ -45,7 +45,7 @@ pub fn write_tissue(options: &TissueOptions, depth: TissueDepth, folder: &Path) 
             TissueDepth::Npy => write_npy(&file("depth", "npy"), &[h, w], &truth.stereo_depth.z)?,
             TissueDepth::Png => {
                 let whole: Vec<u16> = truth.stereo_depth.z.iter().map(|z| z.round() as u16).collect();
-                write_png16(&file("depth", "png"), &whole, (w, h))?;
+                write_png16(&file("depth", "png"), &whole, Size::new(w, h))?;
             }
         }
         write_picture(&file("truth/images", "png"), &truth.without_tool)?;
