@@ -1,5 +1,5 @@
 //! How the house is built: no circles, arrows that point one way, drivers that know no paper, functions and settings of a size that
-//! a reader can hold. What is known to break a rule is in a list that may only shrink.
+//! a reader can hold, parameters whose parts have names. What is known to break a rule is in a list that may only shrink.
 
 use std::collections::{BTreeMap, BTreeSet};
 use tests::sources::{Crate, circles, crates, sources, tokens, without_tests};
@@ -18,6 +18,14 @@ const LARGE_SETTINGS: [(&str, &str, usize); 0] = [];
 
 /// Words of a paper that the code of a driver still says: file, word, how often.
 const PAPERS_IN_DRIVERS: [(&str, &str, usize); 0] = [];
+
+/// Parameters that are tuples and still there: file, function, parameter. What the crate `image` gives; and of the tests' own kit
+/// a function and its `_backward`.
+const TUPLES: [(&str, &str, &str); 3] = [
+    ("scene-io/src/size.rs", "from", "columns_and_rows"),
+    ("testkit/src/gradient/f32_pair.rs", "check_f32_pair", "single"),
+    ("testkit/src/gradient/f32_pair.rs", "check_f32_pair", "twin"),
+];
 
 const MOST_LINES: usize = 100;
 const MOST_FIELDS: usize = 20;
@@ -223,6 +231,97 @@ fn fields_of_settings_are_counted() {
     let source = "#[derive(Clone, Deserialize)]\n#[serde(default)]\npub struct A { pub a: Vec<Option<u8>>, #[serde(x = \"y\")] pub(crate) b: [u8; 3] }\n\
                   #[derive(Deserialize)] enum E { X { a: u8 } } #[derive(Clone)] struct B { a: u8 } #[derive(Deserialize)] struct C(u8);";
     assert_eq!(settings(&tokens(source)), [("A".to_string(), 2)]);
+}
+
+#[test]
+fn no_parameter_is_a_tuple() {
+    let (mut found, mut all) = (BTreeSet::new(), 0);
+    for (krate, sources) in crates(&sources()) {
+        let compiled = Crate::new(&sources).files();
+        for (path, source) in sources.iter().filter(|(path, _)| compiled.contains_key(path)) {
+            for (function, parameter, is_tuple) in parameters(&without_tests(&tokens(source)).0) {
+                all += 1;
+                if is_tuple {
+                    found.insert((format!("{krate}/src/{path}"), function, parameter));
+                }
+            }
+        }
+    }
+    assert!(all > 8000, "{all} parameters found: the search is wrong");
+    let known: BTreeSet<_> = TUPLES.map(|(path, name, of)| (path.to_string(), name.to_string(), of.to_string())).into();
+    assert_eq!(found, known, "a parameter is a tuple: give its parts names (or there is one fewer than the list says)");
+}
+
+/// Parameters of functions: the function, the name or pattern, and whether the type is a tuple or a reference to one.
+fn parameters(tokens: &[String]) -> Vec<(String, String, bool)> {
+    let mut out = Vec::new();
+    for i in (0..tokens.len()).filter(|i| tokens[*i] == "fn") {
+        // A type `fn(A)` has no name.
+        let Some(name) = tokens.get(i + 1).filter(|name| *name != "(") else { continue };
+        let mut rest = &tokens[i + 2..];
+        if rest.first().is_some_and(|t| t == "<") {
+            rest = &rest[inside(rest).len() + 2..];
+        }
+        for parameter in split(inside(rest), ",") {
+            let parts = split(parameter, ":");
+            let Some((pattern, kind)) = parts.first().zip(parts.get(1)) else { continue };
+            // Only `&`, a lifetime's name and `mut` stand before a tuple.
+            let begin = kind.iter().position(|t| t == "(").unwrap_or(kind.len());
+            let (before, kind) = kind.split_at(begin);
+            let is_plain = before.first().is_none_or(|t| t == "&")
+                && before.iter().all(|t| !["[", "<", "Fn", "FnMut", "FnOnce"].contains(&t.as_str()));
+            let is_tuple = is_plain && split(inside(kind), ",").len() > 1;
+            out.push((name.clone(), pattern.concat(), is_tuple));
+        }
+    }
+    out
+}
+
+/// What stands between the bracket at the beginning and its partner.
+fn inside(tokens: &[String]) -> &[String] {
+    let end = depths(tokens).skip(1).position(|depth| depth == 0).unwrap_or(tokens.len());
+    tokens.get(1..end).unwrap_or_default()
+}
+
+/// How many brackets are open before each token, and after the last one.
+fn depths(tokens: &[String]) -> impl Iterator<Item = usize> {
+    let change = |(i, token): (usize, &String)| match token.as_str() {
+        "(" | "[" | "{" | "<" => 1,
+        ")" | "]" | "}" => -1,
+        // Not that of `->`.
+        ">" if i == 0 || tokens[i - 1] != "-" => -1,
+        _ => 0,
+    };
+    let mut depth = 0_isize;
+    std::iter::once(0).chain(tokens.iter().enumerate().map(change)).map(move |change| {
+        depth += change;
+        depth.max(0).unsigned_abs()
+    })
+}
+
+/// Parts between a sign that is in no bracket; nothing follows a last one.
+fn split<'a>(tokens: &'a [String], sign: &str) -> Vec<&'a [String]> {
+    let signs = depths(tokens).zip(tokens).enumerate().filter(|(_, (depth, token))| *depth == 0 && *token == sign);
+    let (mut out, mut begin) = (Vec::new(), 0);
+    for (at, _) in signs {
+        out.push(&tokens[begin..at]);
+        begin = at + 1;
+    }
+    if begin < tokens.len() || !out.is_empty() {
+        out.push(&tokens[begin..]);
+    }
+    out
+}
+
+#[test]
+fn tuples_are_found_among_parameters() {
+    let source = "impl X { fn a<T: Into<(u8, u8)>, F: Fn(T) -> u8>(&self, x: (u32,\n u32), (y, z): (T, T), f: &mut impl Fn(u8, u8)) {} }
+                  fn b<'a>(x: &'a (u8, [u8; 2]), y: &mut (A, B<C, D>), s: &[(u8, u8)], o: Option<(u8, u8)>, f: fn(u8, u8)) {}
+                  fn c(e: &(dyn Error + 'a), u: (), f: &(impl Fn(u8, u8) -> (u8, u8) + Sync), g: [u8; 2],) -> (u8, u8) {}
+                  #[cfg(test)] mod tests { use super::*; fn d(x: (u8, u8)) {} } fn e(last: (u8,)) {}";
+    let all = parameters(&without_tests(&tokens(source)).0);
+    let found: Vec<&str> = all.iter().filter(|(.., is_tuple)| *is_tuple).map(|(_, name, _)| name.as_str()).collect();
+    assert_eq!((all.len(), found), (13, vec!["x", "(y,z)", "x", "y", "last"]));
 }
 
 /// What breaks a rule is what the list says: nothing new, and what was mended or became smaller is taken out or corrected.

@@ -85,7 +85,8 @@ pub(super) fn closed(tokens: &[String], i: usize) -> usize {
 
 /// What follows the item at `i`: behind its `;`, or behind its braces.
 fn end_of_item(tokens: &[String], mut i: usize) -> usize {
-    let is_use = tokens[i..].iter().take(5).any(|t| t == "use");
+    // What a module uses stands behind its brace.
+    let is_use = tokens[i..].iter().take_while(|t| *t != "{").take(5).any(|t| t == "use");
     while i < tokens.len() {
         match tokens[i].as_str() {
             ";" => return i + 1,
