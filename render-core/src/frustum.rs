@@ -3,8 +3,8 @@
 //! A pixel is not a ray but a cone, of radius `r` at distance 1 (see
 //! [`Prepared::cone_radius`](crate::camera::Prepared::cone_radius)). The part of it between two distances is approximated by
 //! the Gaussian with the mean and the covariance of the uniform density on it: along the ray first ([`Moments`]), then in
-//! space, with the diagonal of the covariance ([`Moments::diagonal`]) or all of it ([`Moments::covariance`]). Positions
-//! carry no gradient, so there is no backward.
+//! space, with the diagonal of the covariance ([`Moments::diagonal`]) or all of it ([`Moments::covariance`]).
+//! [`Moments::covariance_backward`] goes back to the ray, for distances and radii that stay; these have no gradient.
 //!
 //! ```
 //! use render_core::frustum::Moments;
@@ -130,6 +130,32 @@ impl<T: Real> Moments<T> {
         (mean, [on(0), off(0, 1), off(0, 2), on(1), off(1, 2), on(2)])
     }
 
+    /// Gradient of [`Moments::covariance`] for moments that stay: adds to `o_bar` and `d_bar`. `cov_bar` is that of the entries of the
+    /// triangle, 0 off the diagonal for [`Moments::diagonal`].
+    ///
+    /// With `k = var_t - var_r / |d|^2` the covariance is `k d d^T + var_r I`. The cut at 0 is of rounding alone and takes no part; a
+    /// zero direction, where the covariance jumps, has the gradient of the mean.
+    #[inline(always)]
+    pub fn covariance_backward(
+        &self,
+        d: [T; 3],
+        mean_bar: [T; 3],
+        cov_bar: [T; 6],
+        o_bar: &mut [T; 3],
+        d_bar: &mut [T; 3],
+    ) {
+        let [xx, xy, xz, yy, yz, zz] = cov_bar;
+        let along = self.along(d);
+        // Of `d d^T` alone.
+        let outer = crate::real::mat_vec(&symmetric([xx + xx, xy, xz, yy + yy, yz, zz + zz]), d);
+        // `k_bar` times `dk / d(|d|^2)` times 2.
+        let length = crate::real::dot(d, outer) * self.var_r * along * along;
+        for a in 0..3 {
+            o_bar[a] += mean_bar[a];
+            d_bar[a] += self.mean_t * mean_bar[a] + (self.var_t - self.var_r * along) * outer[a] + length * d[a];
+        }
+    }
+
     /// `1 / |d|^2`, 0 for a zero direction.
     #[inline(always)]
     fn along(&self, d: [T; 3]) -> T {
@@ -148,4 +174,14 @@ impl<T: Real> Moments<T> {
 #[must_use]
 pub fn symmetric<T: Copy>([xx, xy, xz, yy, yz, zz]: [T; 6]) -> [[T; 3]; 3] {
     [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+}
+
+/// Gradient of [`symmetric`]: adds to that of the triangle's entries.
+#[inline(always)]
+pub fn symmetric_backward<T: Real>(m_bar: &[[T; 3]; 3], upper_bar: &mut [T; 6]) {
+    let [x, y, z] = m_bar;
+    let sums = [x[0], x[1] + y[0], x[2] + z[0], y[1], y[2] + z[1], z[2]];
+    for (bar, sum) in upper_bar.iter_mut().zip(sums) {
+        *bar += sum;
+    }
 }

@@ -64,7 +64,7 @@ pub trait ByRay {
     /// their steps.
     ///
     /// # Errors
-    /// [`SystemError::Config`] for lists of different lengths, views that there are not, and systems whose rays have no gradient.
+    /// [`SystemError::Config`] for lists of different lengths and views that there are not.
     fn ray_gradients(&mut self, targets: &RayTargets<'_>) -> Result<RayGradients, SystemError>;
 }
 

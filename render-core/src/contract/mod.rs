@@ -127,6 +127,41 @@ fn largest<T: Real>(u: [T; 3]) -> usize {
     }
 }
 
+/// Gradient of [`contract_jacobian`]: adds to `x_bar` what `j_bar`, `[i][j]` that of entry `[i][j]`, says of the point.
+///
+/// These are the second derivatives of [`contract`]. They are 0 in the unit ball, and jump on its surface, which counts as inside.
+/// With `q = 1/m`, `a = 2q - q^2` and `b = 2q^2 - 2q`, the Jacobian is `a I + b u u^T` (`L2`) or `a I + b u e_k^T sign(x_k)`
+/// (`Max`), and `dq/dx` is `-q^2` times `u` or `sign(x_k) e_k`.
+#[inline]
+pub fn contract_jacobian_backward<T: Real>(norm: Norm, x: [T; 3], j_bar: &[[T; 3]; 3], x_bar: &mut [T; 3]) {
+    let Some(Outside { u, inv_m: q, .. }) = outside(norm, x) else { return };
+    let trace = j_bar[0][0] + j_bar[1][1] + j_bar[2][2];
+    let b = T::TWO * q * (q - T::ONE);
+    // With `form` what `b` is multiplied by in the Jacobian.
+    let q_bar_of = |form: T| T::TWO * (T::ONE - q) * trace + T::TWO * (q + q - T::ONE) * form;
+    match norm {
+        Norm::L2 => {
+            let (rows, columns) = (mat_vec(j_bar, u), mat_t_vec(j_bar, u));
+            let form = dot(u, rows);
+            let q_bar = q_bar_of(form);
+            for i in 0..3 {
+                let across = rows[i] + columns[i] - T::TWO * form * u[i];
+                x_bar[i] += q * (b * across - q * q_bar * u[i]);
+            }
+        }
+        Norm::Max => {
+            let k = largest(u);
+            let column = [j_bar[0][k], j_bar[1][k], j_bar[2][k]].map(|bar| bar * u[k]);
+            let form = dot(u, column);
+            let q_bar = q_bar_of(form);
+            for (x_bar, column) in x_bar.iter_mut().zip(column) {
+                *x_bar += q * b * column;
+            }
+            x_bar[k] += -(q * u[k] * (b * form + q * q_bar));
+        }
+    }
+}
+
 /// Gradient of [`contract`]: adds `J^T y_bar` to `x_bar`.
 #[inline]
 pub fn contract_backward<T: Real>(norm: Norm, x: [T; 3], y_bar: [T; 3], x_bar: &mut [T; 3]) {
@@ -145,4 +180,36 @@ pub fn contract_covariance<T: Real>(norm: Norm, x: [T; 3], cov: &[[T; 3]; 3]) ->
     let j = contract_jacobian(norm, x);
     // Row i of J cov is cov^T J_i, of (J cov) J^T is J (row).
     core::array::from_fn(|i| mat_vec(&j, mat_t_vec(cov, j[i])))
+}
+
+/// Gradient of [`contract_covariance`]: adds to `x_bar` and `cov_bar` what `out_bar`, `[i][j]` that of entry `[i][j]`, says of the
+/// mean and of the covariance.
+///
+/// All nine entries count by themselves: where only the upper triangle of the result is used, `out_bar` is 0 below the diagonal.
+/// `cov_bar = J^T out_bar J`; the mean is that of [`contract_jacobian_backward`] for `out_bar J cov^T + out_bar^T J cov`.
+pub fn contract_covariance_backward<T: Real>(
+    norm: Norm,
+    x: [T; 3],
+    cov: &[[T; 3]; 3],
+    out_bar: &[[T; 3]; 3],
+    x_bar: &mut [T; 3],
+    cov_bar: &mut [[T; 3]; 3],
+) {
+    let j = contract_jacobian(norm, x);
+    let mut j_bar = [[T::ZERO; 3]; 3];
+    for i in 0..3 {
+        // Rows i of `out_bar J` and of `out_bar^T J`.
+        let row = mat_t_vec(&j, out_bar[i]);
+        let transposed = mat_t_vec(&j, [out_bar[0][i], out_bar[1][i], out_bar[2][i]]);
+        let (back, forth) = (mat_vec(cov, row), mat_t_vec(cov, transposed));
+        for (k, bar) in j_bar[i].iter_mut().enumerate() {
+            *bar = back[k] + forth[k];
+        }
+        for (cov_bar, j) in cov_bar.iter_mut().zip(&j[i]) {
+            for (bar, row) in cov_bar.iter_mut().zip(row) {
+                *bar += *j * row;
+            }
+        }
+    }
+    contract_jacobian_backward(norm, x, &j_bar, x_bar);
 }

@@ -1,7 +1,9 @@
 //! Frustum Gaussians: against the textbook form in `f64`, Monte-Carlo moments, golden properties.
 
 use proptest::prelude::*;
-use render_core::frustum::{Frustum, Moments, symmetric};
+use render_core::frustum::{Frustum, Moments, symmetric, symmetric_backward};
+use render_core::real::Real;
+use testkit::gradient::{PairTolerances, check_f32_pair, cotangent};
 
 /// Mean and variances from the moments of `t^2` between two distances. The differences of powers are written as products
 /// with `t1 - t0`, which cancels between them: in `f64` they would lose `(t / (t1 - t0))^2` of their digits.
@@ -119,8 +121,67 @@ fn extreme_frusta_are_finite() {
     assert!(mean == [1.0, 2.0, 3.0] && var[0] == var[2] && var[0] > 0.0);
 }
 
+/// Mean and covariance, nine numbers, of a ray, six.
+fn gaussian<T: Real>(m: &Moments<T>, ray: &[T], out: &mut [T]) {
+    let (mean, cov) = m.covariance(ray[..3].try_into().unwrap(), ray[3..].try_into().unwrap());
+    out[..3].copy_from_slice(&mean);
+    out[3..].copy_from_slice(&cov);
+}
+
+fn gaussian_backward<T: Real>(m: &Moments<T>, ray: &[T], out_bar: &[T], ray_bar: &mut [T]) {
+    let (o_bar, d_bar) = ray_bar.split_at_mut(3);
+    let (mean_bar, cov_bar) = (out_bar[..3].try_into().unwrap(), out_bar[3..].try_into().unwrap());
+    let d = ray[3..].try_into().unwrap();
+    m.covariance_backward(d, mean_bar, cov_bar, o_bar.try_into().unwrap(), d_bar.try_into().unwrap());
+}
+
+#[test]
+fn without_a_direction_only_the_mean_has_a_gradient() {
+    let (m, mut ray_bar) = (Moments::conical(1.0_f64, 2.0, 0.1), [0.0; 6]);
+    gaussian_backward(&m, &[0.0; 6], &[1.0; 9], &mut ray_bar);
+    assert_eq!(ray_bar, [1.0, 1.0, 1.0, m.mean_t, m.mean_t, m.mean_t]);
+}
+
+#[test]
+fn gradients_of_triangles_are_those_of_their_matrices() {
+    let (m_bar, mut got) = ([[1.0, 2.0, 4.0], [8.0, 16.0, 32.0], [64.0, 128.0, 256.0]], [0.5; 6]);
+    symmetric_backward(&m_bar, &mut got);
+    assert_eq!(got, [1.5, 10.5, 68.5, 16.5, 160.5, 256.5]);
+}
+
 proptest! {
     #![proptest_config(testkit::property::cases(256))]
+
+    #[test]
+    fn covariance_backward_matches_central_differences(
+        (t0, length, r) in (
+            0.0_f64..10.0,
+            prop_oneof![2 => 0.0_f64..5.0, 1 => Just(0.0)],
+            prop_oneof![2 => 0.0_f64..0.5, 1 => Just(0.0)],
+        ),
+        o in prop::array::uniform3(-2.0_f64..2.0),
+        d in prop_oneof![3 => prop::array::uniform3(-2.0_f64..2.0), 1 => Just([0.0, 0.0, -1.0])], seed in 0..1000_u64,
+    ) {
+        if d.iter().map(|d| d * d).sum::<f64>() < 0.05 {
+            return Ok(());
+        }
+        for shape in [Frustum::Cone, Frustum::Cylinder] {
+            let m = Moments::new(shape, t0 as f32, (t0 + length) as f32, r as f32);
+            let wide = Moments { mean_t: m.mean_t.into(), var_t: m.var_t.into(), var_r: m.var_r.into() };
+            let ray: Vec<f32> = o.iter().chain(&d).map(|&v| v as f32).collect();
+            let out_bar: Vec<f32> = cotangent(9, seed).into_iter().map(|v| v as f32).collect();
+            let single = (
+                |ray: &[f32], out: &mut [f32]| gaussian(&m, ray, out),
+                |ray: &[f32], out_bar: &[f32], bar: &mut [f32]| gaussian_backward(&m, ray, out_bar, bar),
+            );
+            let twin = (
+                |ray: &[f64], out: &mut [f64]| gaussian(&wide, ray, out),
+                |ray: &[f64], out_bar: &[f64], bar: &mut [f64]| gaussian_backward(&wide, ray, out_bar, bar),
+            );
+            let out = check_f32_pair(&ray, &out_bar, single, twin, PairTolerances::default());
+            prop_assert!(out.is_ok(), "{shape:?} {ray:?}: {}", out.unwrap_err());
+        }
+    }
 
     #[test]
     fn covariances_are_symmetric_and_positive(

@@ -1,6 +1,7 @@
 //! Samples along rays, and the gradients of what networks see of them.
 
 use crate::space::InternalRay;
+use field_core::tape::{Node, Tape, TapeError};
 use glam::DVec3;
 use render_core::ray::Ray;
 
@@ -26,6 +27,17 @@ impl Along<'_> {
     pub(crate) fn lines(&self) -> Vec<Ray> {
         self.rays.iter().map(|ray| Ray { o: wide(ray.o), d: wide(ray.d) }).collect()
     }
+}
+
+/// What is seen of places: an input where rays have a gradient.
+pub(crate) fn placed(
+    tape: &mut Tape<'_>,
+    by_ray: bool,
+    rows: usize,
+    n: usize,
+    data: &[f32],
+) -> Result<Node, TapeError> {
+    if by_ray { tape.input(rows, n, data) } else { tape.constant(rows, n, data) }
 }
 
 /// Gradients of what networks see of samples.

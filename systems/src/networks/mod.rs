@@ -8,7 +8,8 @@
 //! * `step`: a training step, whose `chunk`s go through both levels in `pass`. `render`, `fit`, `survey`: pictures, codes of
 //!   photos that were not trained on, training views for the photo model. `system` is what the engine asks for.
 //!
-//! Gradients stop at the samples' positions.
+//! The gradients of a step stop at the samples' positions. `ray_gradient` goes on to the rays, where they are asked for:
+//! `along`, `gaussian_bar`, `ray_bars`.
 
 mod along;
 mod chunk;
@@ -16,6 +17,7 @@ mod composite;
 mod composite_two;
 pub(crate) mod cones;
 mod fit;
+mod gaussian_bar;
 mod head;
 mod network;
 pub(crate) mod parts;
@@ -35,7 +37,9 @@ mod trained;
 mod two_level;
 
 pub use along::Along;
+pub(crate) use along::placed;
 pub use cones::Footprint;
+pub(crate) use gaussian_bar::GaussianBar;
 pub use network::NetworkShape;
 pub(crate) use network::refuse;
 pub use recipe::Recipe;

@@ -1,6 +1,6 @@
 //! Pixels through both levels: their samples, networks, quadrature and loss, and all of it backwards.
 
-use super::along::{Along, PlaceBars};
+use super::along::{Along, PlaceBars, placed};
 use super::chunk::{Chunk, Context, Inputs, Pass, Sums};
 use super::composite::CompositeOp;
 use super::composite_two::{CompositeTwoOp, PIXEL};
@@ -14,7 +14,7 @@ use crate::photo_model::{Codes, Pixel};
 use crate::space::InternalRay;
 use engine::data::Dataset;
 use field_core::rng::Rng;
-use field_core::tape::{Node, Tape, TapeError};
+use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
 use losses::sparsity;
 use std::ops::Range;
@@ -96,11 +96,6 @@ fn judge<P>(
             bar[3 * r + c] = scale * rgb_bar;
         }
     }
-}
-
-/// What is seen of places: an input where rays have a gradient.
-fn placed(tape: &mut Tape<'_>, by_ray: bool, rows: usize, n: usize, data: &[f32]) -> Result<Node, TapeError> {
-    if by_ray { tape.input(rows, n, data) } else { tape.constant(rows, n, data) }
 }
 
 impl Level {

@@ -58,10 +58,6 @@ impl<R: Recipe> TwoLevel<R> {
 impl<R: Recipe> ByRay for TwoLevel<R> {
     fn ray_gradients(&mut self, targets: &RayTargets<'_>) -> Result<RayGradients, SystemError> {
         check(targets, self.known_views())?;
-        if !self.config.has_ray_gradient(&self.space) {
-            let problem = format!("rays of {} have no gradient in such a space", R::NAME);
-            return Err(SystemError::Config { field: "space", value: self.space.kind().name().into(), problem });
-        }
         let mut inputs = Inputs { batch: Batch::of_rays(targets.rays, targets.rgb), ..Inputs::default() };
         inputs.batch.view.copy_from_slice(targets.view);
         inputs.put_on(|_| targets.background);

@@ -13,7 +13,8 @@ use field_core::tape::{Node, Tape, TapeError};
 use glam::{DMat3, DVec2, DVec3};
 use optim::AdamConfig;
 use render_core::camera::{Camera, Pose};
-use render_core::frustum::{Frustum, Moments};
+use render_core::contract::{Norm, contract, contract_covariance};
+use render_core::frustum::{Frustum, Moments, symmetric};
 use render_core::ray::{Ray, RayBar};
 
 /// A recipe whose samples lie at distances that do not depend on the ray.
@@ -33,12 +34,19 @@ impl<R: Recipe> Held<R> {
         for (r, ray) in rays.iter().enumerate() {
             for i in r * count..(r + 1) * count {
                 let moments = Moments::new(shape, level.t[i], level.t[i] + level.dt[i], ray.radius);
-                let (mean, var) = moments.diagonal(ray.o, ray.d);
+                let (mean, cov) = moments.covariance(ray.o, ray.d);
                 let at = if cone { mean } else { ray.at(level.t[i]) };
+                let (seen, var) = match space.kind() {
+                    SpaceKind::Box | SpaceKind::Ndc => (mean, [cov[0], cov[3], cov[5]]),
+                    SpaceKind::Contracted => {
+                        let cov = contract_covariance(Norm::Max, mean, &symmetric(cov));
+                        (contract(Norm::Max, mean).map(|x| 0.5 * x), [0, 1, 2].map(|a| 0.25 * cov[a][a]))
+                    }
+                };
                 for a in 0..3 {
                     level.p[a * n + i] = at[a];
                     if cone {
-                        (level.x[a * n + i], level.x[(3 + a) * n + i]) = (mean[a], var[a]);
+                        (level.x[a * n + i], level.x[(3 + a) * n + i]) = (seen[a], var[a]);
                     }
                 }
             }
@@ -104,10 +112,6 @@ impl<R: Recipe> Recipe for Held<R> {
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], _: Option<&Rng>, tile: &mut Tile) {
         self.fill(space, rays, 9, &mut tile.fine);
-    }
-
-    fn has_ray_gradient(&self, space: &Space) -> bool {
-        self.0.has_ray_gradient(space)
     }
 
     fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
@@ -218,12 +222,8 @@ fn of_networks_of_points() {
 }
 
 #[test]
-fn of_networks_of_cones_where_space_is_not_contracted() {
-    check(mip_nerf(SpaceKind::Box), SpaceKind::Box, false);
-    check(mip_nerf(SpaceKind::Ndc), SpaceKind::Ndc, false);
-    let space = Space::contracted(DVec3::ZERO, 1.0, 8.0, 0.01);
-    let mut system = TwoLevel::new(mip_nerf(SpaceKind::Contracted), space, Background::White, 3).unwrap();
-    let none = RayTargets { rays: &[], rgb: &[], view: &[], radii: &[], background: [0.0; 3] };
-    let problem = system.ray_gradients(&none).unwrap_err().to_string();
-    assert!(problem.contains("contracted"), "{problem}");
+fn of_networks_of_cones() {
+    for kind in [SpaceKind::Box, SpaceKind::Contracted, SpaceKind::Ndc] {
+        check(mip_nerf(kind), kind, false);
+    }
 }

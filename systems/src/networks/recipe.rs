@@ -74,14 +74,9 @@ pub trait Recipe: Clone + Send + Sync {
     /// Samples of the fine level, from the weights `tile.w` of the coarse one.
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile);
 
-    /// Whether rays of this space have a gradient: [`Recipe::pull_rays`].
-    fn has_ray_gradient(&self, _space: &Space) -> bool {
-        false
-    }
-
     /// Add to `bars`, the gradients of the rays in internal coordinates, what `x_bar` `[rows][n]` says of them: the gradient of
     /// `level.x`, for samples that stay at their distances.
-    fn pull_rays(&self, _space: &Space, _along: &Along<'_>, _x_bar: &[f32], _bars: &mut [RayBar]) {}
+    fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]);
 
     /// Fill in `level.x` for the `n` points `level.p`.
     fn place_points(&self, space: &Space, n: usize, level: &mut Level);

@@ -8,7 +8,7 @@ use render_core::contract::{
 use render_core::error::RenderError;
 use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair, check_pair, cotangent};
 
-const NORMS: [Norm; 2] = [Norm::L2, Norm::Max];
+pub(super) const NORMS: [Norm; 2] = [Norm::L2, Norm::Max];
 
 /// The definition.
 fn naive(norm: Norm, x: [f64; 3]) -> [f64; 3] {
@@ -16,7 +16,7 @@ fn naive(norm: Norm, x: [f64; 3]) -> [f64; 3] {
     if m <= 1.0 { x } else { x.map(|v| (2.0 - 1.0 / m) * v / m) }
 }
 
-fn norm_of(norm: Norm, x: [f64; 3]) -> f64 {
+pub(super) fn norm_of(norm: Norm, x: [f64; 3]) -> f64 {
     match norm {
         Norm::L2 => x.iter().map(|v| v * v).sum::<f64>().sqrt(),
         Norm::Max => x.iter().fold(0.0, |m, v| m.max(v.abs())),
@@ -35,12 +35,12 @@ fn any_x() -> impl Strategy<Value = [f64; 3]> {
     [any_coordinate(), any_coordinate(), any_coordinate()]
 }
 
-fn any_norm() -> impl Strategy<Value = Norm> {
+pub(super) fn any_norm() -> impl Strategy<Value = Norm> {
     prop_oneof![Just(Norm::L2), Just(Norm::Max)]
 }
 
 /// The two largest coordinates differ and the norm is not 1: there is a gradient to difference.
-fn smooth(norm: Norm, x: [f64; 3]) -> bool {
+pub(super) fn smooth(norm: Norm, x: [f64; 3]) -> bool {
     let mut sorted = x.map(f64::abs);
     sorted.sort_by(f64::total_cmp);
     (norm_of(norm, x) - 1.0).abs() > 1e-4 && (norm == Norm::L2 || sorted[2] - sorted[1] > 1e-4 * sorted[2])

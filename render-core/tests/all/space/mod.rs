@@ -3,6 +3,7 @@
 mod arcs;
 mod bounds;
 mod contract;
+mod contract_gaussians;
 mod coverage;
 mod ndc;
 mod paths;

@@ -5,7 +5,7 @@
 //!
 //! Each pixel's cone is cut into frusta, each frustum is a Gaussian, and the network sees the mean of the encoding over it:
 //! detail finer than the frustum fades out. The weights of the coarse intervals, blurred and padded, say where the fine ones
-//! are; these replace the coarse ones. Gradients stop at the positions. In normalised device coordinates cones are cylinders;
+//! are; these replace the coarse ones. The gradients of a step stop at the positions. In normalised device coordinates cones are cylinders;
 //! where space has no end, Gaussians are contracted. Differences to the paper are those of `nerf`
 //! (`docs/decisions/0008-mip-nerf.md`).
 
@@ -18,7 +18,7 @@ use super::place::{placed, space_of};
 use crate::claims::Claim;
 use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel, refuse};
 use crate::plan::{Ask, Built, planned};
-use crate::space::{InternalRay, Space, SpaceKind};
+use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
 use field_core::encoding::integrated::Integrated;
 use field_core::mlp::Activation;
@@ -85,11 +85,6 @@ impl Recipe for MipNerfConfig {
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
         samples::fine(self, space, rays, random, tile);
-    }
-
-    /// Where space is contracted a Gaussian goes through second derivatives of the contraction, which nothing gives.
-    fn has_ray_gradient(&self, space: &Space) -> bool {
-        space.kind() != SpaceKind::Contracted
     }
 
     fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {

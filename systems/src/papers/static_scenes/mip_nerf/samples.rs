@@ -1,7 +1,7 @@
 //! Where a tile's cones are cut, and the Gaussians of the pieces.
 
 use super::MipNerfConfig;
-use crate::networks::{Along, Level, Tile, ray_random};
+use crate::networks::{Along, GaussianBar, Level, Tile, ray_random};
 use crate::space::{InternalRay, Space, SpaceKind};
 use field_core::rng::Rng;
 use render_core::contract::{Norm, contract, contract_covariance};
@@ -114,27 +114,22 @@ fn put(level: &mut Level, kind: SpaceKind, i: usize, n: usize, gaussian: Gaussia
     }
 }
 
-/// Gradients of rays from those of means and variances, in a space that is not contracted; see
-/// [`Recipe::pull_rays`](crate::networks::Recipe::pull_rays).
-///
-/// `mean = o + mean_t d`, `var_a = var_t d_a^2 + var_r (1 - d_a^2 / |d|^2)`.
+/// Gradients of rays from those of means and variances: see [`Recipe::pull_rays`](crate::networks::Recipe::pull_rays).
 pub(super) fn pull_rays(space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
     let n = along.t.len();
     let shape = if space.kind() == SpaceKind::Ndc { Frustum::Cylinder } else { Frustum::Cone };
-    for ((r, ray), bar) in along.rays.iter().enumerate().zip(bars) {
-        let d = ray.d.map(f64::from);
-        let s = 1.0 / d.iter().map(|d| d * d).sum::<f64>();
+    // As in `put`.
+    let (contraction, half) = match space.kind() {
+        SpaceKind::Box | SpaceKind::Ndc => (None, 1.0),
+        SpaceKind::Contracted => (Some(Norm::Max), 0.5),
+    };
+    for ((r, line), bar) in along.lines().iter().enumerate().zip(bars) {
         for i in along.offsets[r] as usize..along.offsets[r + 1] as usize {
             let (t0, dt) = (f64::from(along.t[i]), f64::from(along.dt[i]));
-            let m = Moments::new(shape, t0, t0 + dt, f64::from(ray.radius));
-            let of = |first: usize| [0, 1, 2].map(|a| f64::from(x_bar[(first + a) * n + i]));
-            let (mean_bar, var_bar) = (of(0), of(3));
-            let turned: f64 = (0..3).map(|a| var_bar[a] * d[a] * d[a]).sum();
-            for b in 0..3 {
-                bar.o[b] += mean_bar[b];
-                bar.d[b] += m.mean_t * mean_bar[b]
-                    + 2.0 * d[b] * ((m.var_t - m.var_r * s) * var_bar[b] + m.var_r * s * s * turned);
-            }
+            let moments = Moments::new(shape, t0, t0 + dt, f64::from(along.rays[r].radius));
+            let mean = [0, 1, 2].map(|a| half * f64::from(x_bar[a * n + i]));
+            let [xx, yy, zz] = [3, 4, 5].map(|a| half * half * f64::from(x_bar[a * n + i]));
+            GaussianBar { mean, cov: [xx, 0.0, 0.0, yy, 0.0, zz] }.pull(contraction, &moments, line, bar);
         }
     }
 }

@@ -24,6 +24,9 @@ pub(super) struct Level {
     pub(super) bar: Vec<f32>,
     pub(super) mean: Vec<f32>,
     pub(super) cov: Vec<f32>,
+    /// As `x` and `d`, their gradients; only where those of rays are asked for.
+    pub(super) x_bar: Vec<f32>,
+    pub(super) d_bar: Vec<f32>,
 }
 
 /// What stands for an interval.

@@ -8,7 +8,7 @@
 //!    intervals gather there; the final round asks the final network (`rounds`);
 //! 2. an interval of a pixel's cone is a Gaussian; it is contracted into a ball, and encoded along 21 directions;
 //! 3. the final weights teach the proposals (interlevel loss) and are kept together (distortion loss); the pixel's error
-//!    teaches the final network; gradients stop at the intervals' ends;
+//!    teaches the final network; the gradients of a step stop at the Gaussians, `ray_gradient` goes on to the rays;
 //! 4. the gradient of each network is clipped by its own norm; Adam.
 //!
 //! What differs from the paper, and why: `docs/decisions/0009-mip-nerf-360-parts.md`.
@@ -18,6 +18,9 @@ mod driver;
 mod level;
 mod network;
 mod quadrature;
+mod ray_gradient;
+#[cfg(test)]
+mod ray_gradient_tests;
 mod render;
 mod rounds;
 mod system;

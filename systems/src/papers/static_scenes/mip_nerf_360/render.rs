@@ -27,7 +27,7 @@ struct Values {
 
 impl MipNerf360 {
     /// All rounds of a tile's rays; the last of the tile's levels holds the final intervals.
-    fn render_rounds(&self, ops: &Ops<'_>, rays: &[InternalRay], tile: &mut Tile) -> Result<(), TapeError> {
+    pub(super) fn render_rounds(&self, ops: &Ops<'_>, rays: &[InternalRay], tile: &mut Tile) -> Result<(), TapeError> {
         let rounds = Rounds { rays, random: None, fraction: 1.0 };
         let Tile { levels, resampler, .. } = tile;
         levels.resize_with(self.config.rounds.proposals + 1, Level::default);

@@ -23,7 +23,7 @@ pub(super) struct Rounds<'a> {
 
 impl MipNerf360 {
     /// Normalised distance of a ray. Space that ends is cut evenly, space that does not evenly in parallax.
-    fn distance(&self, ray: &InternalRay) -> RayDistance {
+    pub(super) fn distance(&self, ray: &InternalRay) -> RayDistance {
         let warp = if self.space.kind() == SpaceKind::Contracted { RaySpacing::Reciprocal } else { RaySpacing::Linear };
         let (near, far) = (f64::from(ray.start), f64::from(ray.end));
         RayDistance::new(warp, near, far).expect("rays that end where they start are left out")
@@ -69,7 +69,7 @@ impl MipNerf360 {
     }
 
     /// Distances, Gaussians and directions of the intervals.
-    fn place(&self, rays: &[InternalRay], m: usize, level: &mut Level) {
+    pub(super) fn place(&self, rays: &[InternalRay], m: usize, level: &mut Level) {
         let n = rays.len() * m;
         level.make_room(n);
         for (r, ray) in rays.iter().enumerate() {

@@ -5,7 +5,9 @@ use super::level::Level;
 use super::network::Ops;
 use super::quadrature::QuadratureOp;
 use super::rounds::Rounds;
+use crate::networks::placed;
 use crate::space::InternalRay;
+use engine::data::Batch;
 use field_core::rng::Rng;
 use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
@@ -16,14 +18,22 @@ use render_core::proposal::Resampler;
 
 /// What a tile of training rays needs to know.
 struct TrainTile<'a> {
-    ops: &'a Ops<'a>,
+    pixels: Pixels<'a>,
     rounds: Rounds<'a>,
+}
+
+/// The pixels of a tile's rays, and how they are judged.
+pub(super) struct Pixels<'a> {
+    pub(super) ops: &'a Ops<'a>,
+    pub(super) batch: &'a Batch,
     /// Places of the rays in the batch.
-    ids: &'a [usize],
+    pub(super) ids: &'a [usize],
     /// `[rays][3]`
-    background: &'a [f32],
+    pub(super) background: &'a [f32],
     /// One over the rays of the batch that count.
-    per_ray: f64,
+    pub(super) per_ray: f64,
+    /// Whether the gradient goes on to what the network sees of the rays.
+    pub(super) by_ray: bool,
 }
 
 /// What all tiles of a step share.
@@ -62,7 +72,8 @@ impl MipNerf360 {
         let rounds = Rounds { rays, random: Some((random, ids)), fraction: self.config.step.fraction(step) };
         levels.resize_with(self.config.rounds.proposals + 1, Level::default);
         self.fill(&rounds, 0, None, resampler, &mut levels[0]);
-        let tile = TrainTile { ops, rounds, ids, background, per_ray };
+        let pixels = Pixels { ops, batch: &self.batch, ids, background, per_ray, by_ray: false };
+        let tile = TrainTile { pixels, rounds };
         self.round(&tile, levels, Scratch { resampler, interlevel }, sums, grad)
     }
 
@@ -77,7 +88,7 @@ impl MipNerf360 {
     ) -> Result<(), TapeError> {
         let (level, behind) = levels.split_first_mut().expect("a level for each round");
         if behind.is_empty() {
-            return self.final_round(tile, level, sums, grad);
+            return self.final_round(&tile.pixels, level, sums, grad);
         }
         let n = level.dt.len();
         sums.samples += n as u64;
@@ -88,7 +99,7 @@ impl MipNerf360 {
             let op = QuadratureOp { simd: Simd::best(), offsets: &level.offsets, dt: &level.dt, last, background: &[] };
             let mut tape = Tape::new(&mut arena, &self.trained.params);
             let x = tape.constant(level.x.len() / n, n, &level.x)?;
-            let sigma = tile.ops.proposal(&mut tape, x)?;
+            let sigma = tile.pixels.ops.proposal(&mut tape, x)?;
             let out = tape.custom(&op, &[sigma])?;
             level.w.copy_from_slice(tape.value(out)?.data);
             let round = self.config.rounds.proposals - behind.len();
@@ -104,7 +115,8 @@ impl MipNerf360 {
                 w_proposal: &level.w,
             };
             // Over rays and final intervals.
-            let factor = f64::from(self.config.loss.interlevel) * tile.per_ray / self.config.rounds.samples as f64;
+            let factor =
+                f64::from(self.config.loss.interlevel) * tile.pixels.per_ray / self.config.rounds.samples as f64;
             level.bar.clear();
             level.bar.resize(n, 0.0);
             let loss = interlevel::interlevel(levels, Reduction::Sum, scratch.interlevel);
@@ -117,48 +129,55 @@ impl MipNerf360 {
     }
 
     /// The final network: colours, the loss on them and on the weights.
-    fn final_round(
+    pub(super) fn final_round(
         &self,
-        tile: &TrainTile<'_>,
+        pixels: &Pixels<'_>,
         level: &mut Level,
         sums: &mut Sums,
         grad: &mut [f32],
     ) -> Result<(), TapeError> {
-        let Level { arena, offsets, s, dt, w, x, d, bar, .. } = level;
-        let (n, rays) = (dt.len(), tile.ids.len());
+        let Level { arena, offsets, s, dt, w, x, d, bar, x_bar, d_bar, .. } = level;
+        let Pixels { ops, batch, ids, background, per_ray, by_ray } = *pixels;
+        let (n, rays) = (dt.len(), ids.len());
         sums.samples += n as u64;
         let last = self.config.rounds.last();
-        let op = QuadratureOp { simd: Simd::best(), offsets, dt, last, background: tile.background };
+        let op = QuadratureOp { simd: Simd::best(), offsets, dt, last, background };
         let mut tape = Tape::new(arena, &self.trained.params);
-        let (x, d) = (tape.constant(x.len() / n, n, x)?, tape.constant(3, n, d)?);
-        let (sigma, rgb) = tile.ops.record(&mut tape, x, d)?;
+        let (x, d) = (placed(&mut tape, by_ray, x.len() / n, n, x)?, placed(&mut tape, by_ray, 3, n, d)?);
+        let (sigma, rgb) = ops.record(&mut tape, x, d)?;
         let out = tape.custom(&op, &[sigma, rgb])?;
         let values = tape.value(out)?.data;
-        let pixels = &values[..3 * rays];
+        let colours = &values[..3 * rays];
         w.copy_from_slice(&values[3 * rays..]);
 
         bar.clear();
         bar.resize(3 * rays + n, 0.0);
         let (pixel_bar, w_bar) = bar.split_at_mut(3 * rays);
         let kernel = Kernel::Charbonnier { c: self.config.loss.charbonnier };
-        for (r, &i) in tile.ids.iter().enumerate() {
-            let (alpha, weight) = (self.batch.alpha[i], f64::from(self.batch.weight[i]));
+        for (r, &i) in ids.iter().enumerate() {
+            let (alpha, weight) = (batch.alpha[i], f64::from(batch.weight[i]));
             for c in 0..3 {
-                let truth = self.batch.rgb[i][c] * alpha + tile.background[3 * r + c] * (1.0 - alpha);
-                let value = pixels[3 * r + c];
+                let truth = batch.rgb[i][c] * alpha + background[3 * r + c] * (1.0 - alpha);
+                let value = colours[3 * r + c];
                 let e = f64::from(value - truth);
-                sums.loss += weight * f64::from(kernel.value(value, truth)) * tile.per_ray / 3.0;
-                sums.squared_error += weight * e * e * tile.per_ray / 3.0;
-                pixel_bar[3 * r + c] =
-                    (weight * f64::from(kernel.derivative(value, truth)) * tile.per_ray / 3.0) as f32;
+                sums.loss += weight * f64::from(kernel.value(value, truth)) * per_ray / 3.0;
+                sums.squared_error += weight * e * e * per_ray / 3.0;
+                pixel_bar[3 * r + c] = (weight * f64::from(kernel.derivative(value, truth)) * per_ray / 3.0) as f32;
             }
         }
         if self.config.loss.distortion > 0.0 {
             let intervals = RayIntervals { offsets, edges: Edges::Joined(s) };
-            let factor = f64::from(self.config.loss.distortion) * tile.per_ray;
+            let factor = f64::from(self.config.loss.distortion) * per_ray;
             sums.loss += factor * fits(distortion::distortion(intervals, w, Reduction::Sum));
             fits(distortion::distortion_backward(intervals, w, Reduction::Sum, factor, w_bar));
         }
-        tape.backward(&[(out, bar)], grad)
+        tape.backward(&[(out, bar)], grad)?;
+        if by_ray {
+            for (bar, seen) in [(x_bar, x), (d_bar, d)] {
+                bar.clear();
+                bar.extend_from_slice(tape.gradient(seen)?);
+            }
+        }
+        Ok(())
     }
 }

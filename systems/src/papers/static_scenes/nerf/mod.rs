@@ -4,7 +4,7 @@
 //! Synthesis", 2020, sections 4 and 5.
 //!
 //! Each ray: stratified samples, the coarse network, its weights as a density from which the fine samples are drawn, the
-//! fine network on all of them; the squared error of both pixels. Gradients stop at the samples' positions. Differences:
+//! fine network on all of them; the squared error of both pixels. The gradients of a step stop at the samples' positions. Differences:
 //! rays end at the scene's box instead of at two constants, the last interval is finite, and batches are smaller
 //! (`docs/decisions/0004-nerf-as-published.md`).
 
@@ -91,10 +91,6 @@ impl Recipe for NerfConfig {
 
     fn fill_fine(&self, space: &Space, rays: &[InternalRay], random: Option<&Rng>, tile: &mut Tile) {
         samples::fine(&self.levels.rays, space, rays, random, tile);
-    }
-
-    fn has_ray_gradient(&self, _space: &Space) -> bool {
-        true
     }
 
     fn pull_rays(&self, space: &Space, along: &Along<'_>, x_bar: &[f32], bars: &mut [RayBar]) {
