@@ -175,7 +175,9 @@ fn check<R: Recipe>(config: R, kind: SpaceKind, coded: bool) {
     let pixel = |i: usize| DVec2::new(0.5 + (5 * i % 16) as f64, 0.5 + (7 * i % 12) as f64);
     let mut rays: Vec<Ray> = (0..RAYS).map(|i| cameras[i % 2].ray(pixel(i)).unwrap()).collect();
     let rgb: Vec<[f32; 3]> = (0..RAYS).map(|i| [0, 1, 2].map(|c| ((5 * i + 3 * c) % 7) as f32 / 7.0)).collect();
-    let (view, radii) = ((0..RAYS).map(|i| i as u32 % 2).collect::<Vec<_>>(), [0.03; RAYS]);
+    // Wide where space is contracted: second derivatives of the contraction count.
+    let radius = if kind == SpaceKind::Contracted { 0.3 } else { 0.03 };
+    let (view, radii) = ((0..RAYS).map(|i| i as u32 % 2).collect::<Vec<_>>(), [radius; RAYS]);
     let background = [1.0; 3];
     let got =
         system.ray_gradients(&RayTargets { rays: &rays, rgb: &rgb, view: &view, radii: &radii, background }).unwrap();

@@ -15,6 +15,8 @@ use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
 
 const RAYS: usize = 70;
+/// Small beside the distance to the next corner of a rectified unit, large beside the rounding of the loss.
+const STEP: f64 = 2e-4;
 const BACKGROUND: [f32; 3] = [1.0; 3];
 
 fn system(kind: SpaceKind, far: f64, last: LastSample) -> MipNerf360 {
@@ -105,18 +107,19 @@ fn check(kind: SpaceKind, far: f64, last: LastSample, radius: f32) {
             }
             held[r].loss(&system, &batch)
         };
+        let here = along(0, 0.0);
         for k in 0..6 {
-            let difference = |h: f64| (along(k, h) - along(k, -h)) / (2.0 * h);
-            let (wide, narrow) = (difference(1e-3), difference(5e-4));
+            let [above, below] = [STEP, -STEP].map(|h| (along(k, h) - here) / h);
             let got = if k < 3 { got.bars[r].o[k] } else { got.bars[r].d[k - 3] };
             checked += 1;
             // Rectified units have no derivative to compare with.
-            if (wide - narrow).abs() > 1e-2 * largest {
+            if (above - below).abs() > 1e-2 * largest {
                 kinks += 1;
                 continue;
             }
-            let off = (narrow - got).abs();
-            assert!(off < 1e-2 * largest, "{kind:?}, ray {r}, {k}: {got} for {narrow} of {largest}");
+            let want = 0.5 * (above + below);
+            let off = (want - got).abs();
+            assert!(off < 5e-3 * largest, "{kind:?}, ray {r}, {k}: {got} for {want} of {largest}");
         }
     }
     assert!(4 * kinks < checked, "{kinks} of {checked} at kinks");
@@ -124,7 +127,7 @@ fn check(kind: SpaceKind, far: f64, last: LastSample, radius: f32) {
 
 #[test]
 fn of_contracted_cones() {
-    check(SpaceKind::Contracted, 8.0, LastSample::Finite, 0.05);
+    check(SpaceKind::Contracted, 8.0, LastSample::Finite, 0.3);
     check(SpaceKind::Contracted, 8.0, LastSample::Opaque, 0.0);
     check(SpaceKind::Contracted, 1e6, LastSample::Opaque, 0.01);
 }
