@@ -95,14 +95,18 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
     for threads in bench.pools.one_and_most() {
         let pools = &bench.pools;
         let (small, small_reads) = gather(pools, threads, &big, SMALL_TABLE, Width::Line);
-        let mut batches = [Batch::new(resolution, samples)?, Batch::new(resolution, samples)?];
-        let [one, two] = &mut batches;
+        // A tile a thread, as the driver does. The shape was legal before.
+        let state = || Batch::new(resolution, samples / threads).ok();
         let mut cases = [
             small,
-            Case::pooled(pools, threads, move || one.forward(bench.simd)),
-            Case::pooled(pools, threads, move || {
-                two.forward(bench.simd);
-                two.backward(bench.simd);
+            Case::parallel(pools, threads, state, |b: &mut Option<Batch>| {
+                b.iter_mut().for_each(|b| b.forward(bench.simd));
+            }),
+            Case::parallel(pools, threads, state, |b: &mut Option<Batch>| {
+                b.iter_mut().for_each(|b| {
+                    b.forward(bench.simd);
+                    b.backward(bench.simd);
+                });
             }),
         ];
         let seconds = interleaved(bench.effort, &mut cases);
@@ -112,7 +116,7 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
                 kernel: &format!("K-Planes 128x128x128x50 of {FEATURES} {job}"),
                 level: level_name(bench.simd.level()),
                 threads,
-                rate: samples as f64 / seconds,
+                rate: (samples / threads * threads) as f64 / seconds,
                 unit: "samples",
                 ceiling: Some((rate / (reads * passes), "random 64-byte reads, 4 MiB hot")),
                 error: (Some(values), (passes > 1.0).then_some(gradients)),
