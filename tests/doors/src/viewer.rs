@@ -3,6 +3,7 @@
 use crate::{Try, sound};
 use engine::crop::Crop;
 use protocol::Message;
+use scene_io::Size;
 
 // The files of `apps` themselves: the crate has a server with it, which would be built with every fuzzer.
 #[allow(dead_code, unreachable_pub, reason = "the server's side of the protocol is not used here")]
@@ -23,9 +24,9 @@ pub(crate) fn open() -> Try {
             // It goes to the page as JSON, which has no control characters.
             Err(line) => assert!(!line.is_empty() && line.chars().count() <= 300, "{} bytes", line.len()),
             Ok(Message::Draw(draw)) => {
-                let (width, height) = draw.full_size();
-                assert!((1..=4096).contains(&width) && (1..=4096).contains(&height), "{width}x{height}");
-                for size in [(width, height), (1, 1), (64, 3)] {
+                let full = draw.full_size();
+                assert!((1..=4096).contains(&full.width) && (1..=4096).contains(&full.height), "{full}");
+                for size in [full, Size::new(1, 1), Size::new(64, 3)] {
                     sound::camera(&draw.eye.camera(size));
                 }
                 kept(&draw.crop);
