@@ -20,7 +20,7 @@ pub struct Size {
 }
 
 impl Size {
-    /// Of so many columns and rows.
+    /// A picture of `width` columns and `height` rows.
     #[must_use]
     pub const fn new(width: u32, height: u32) -> Self {
         Self { width, height }
@@ -46,7 +46,7 @@ impl From<(u32, u32)> for Size {
     }
 }
 
-/// Of the pictures that a camera takes.
+/// The size of the pictures that a camera takes.
 impl From<&Camera> for Size {
     fn from(camera: &Camera) -> Self {
         Self { width: camera.width, height: camera.height }

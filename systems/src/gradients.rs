@@ -6,10 +6,19 @@
 
 use engine::data::Dataset;
 use engine::system::SystemError;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 use render_core::camera::{CameraBar, PoseBar, Prepared};
 use render_core::ray::{Ray, RayBar};
+use render_core::space_map::SpaceMap;
 use splat_core::CameraGradient;
+use std::ops::Range;
+
+#[cfg(test)]
+pub(crate) mod differences;
+
+/// Rays of one task.
+const TASK: usize = 64;
 
 /// Rays and the colours that they should show.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +98,25 @@ pub trait CameraGradients {
     /// # Errors
     /// [`SystemError::Scene`] when the photo cannot be read, [`SystemError::Config`] for a view that there is not.
     fn camera_gradient(&mut self, data: &Dataset, view: usize, step: u64) -> Result<PhotoGradient, SystemError>;
+}
+
+/// Go through `rays` rays in tasks, each with a state of its own: the loss of its rays, and their gradients. The loss is the sum.
+pub(crate) fn by_tasks<S: Default>(
+    rays: usize,
+    task: impl Fn(Range<usize>, &mut S) -> (f64, Vec<RayBar>) + Sync,
+) -> RayGradients {
+    let of = |state: &mut S, k: usize| task(k * TASK..((k + 1) * TASK).min(rays), state);
+    let tasks: Vec<_> = (0..rays.div_ceil(TASK)).into_par_iter().map_init(S::default, of).collect();
+    let loss = tasks.iter().map(|(loss, _)| loss).sum();
+    RayGradients { loss, bars: tasks.into_iter().flat_map(|(_, bars)| bars).collect() }
+}
+
+/// The gradient of a ray from that of the ray in internal coordinates and that of the direction it is seen in, of which the part tangent
+/// to the sphere counts: directions have unit length.
+pub(crate) fn to_world(map: &SpaceMap, ray: &Ray, internal: &RayBar, view: DVec3) -> RayBar {
+    let mut bar = RayBar { o: DVec3::ZERO, d: view - ray.d * ray.d.dot(view) };
+    map.internal_ray_backward(ray, internal, &mut bar);
+    bar
 }
 
 /// Refuse lists that do not belong together.

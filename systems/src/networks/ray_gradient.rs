@@ -5,16 +5,12 @@ use super::cones::Footprint;
 use super::ray_bars::RayGeometryBars;
 use super::recipe::Recipe;
 use super::two_level::TwoLevel;
-use crate::gradients::{ByRay, RayGradients, RayTargets, check};
+use crate::gradients::{ByRay, RayGradients, RayTargets, by_tasks, check, to_world};
 use crate::photo_model::Codes;
 use engine::data::Batch;
 use engine::system::SystemError;
-use glam::DVec3;
-use rayon::prelude::*;
 use render_core::ray::RayBar;
-
-/// Rays of one task.
-const TASK: usize = 64;
+use std::ops::Range;
 
 impl<R: Recipe> TwoLevel<R> {
     /// Training views that codes are known of.
@@ -28,29 +24,24 @@ impl<R: Recipe> TwoLevel<R> {
         &self,
         ctx: &Context<'_, R::Position>,
         radii: &[f32],
-        first: usize,
-        count: usize,
+        which: Range<usize>,
         chunk: &mut Chunk,
     ) -> (f64, Vec<RayBar>) {
-        let world = &ctx.inputs.batch.rays[first..first + count];
+        let world = &ctx.inputs.batch.rays[which.clone()];
         let (mut rays, mut hit) = (Vec::new(), Vec::new());
-        for (i, ray) in world.iter().enumerate() {
-            let radius = if R::FOOTPRINT == Footprint::Cone { radii.get(first + i).copied() } else { None };
+        for (i, ray) in which.clone().zip(world) {
+            let radius = if R::FOOTPRINT == Footprint::Cone { radii.get(i).copied() } else { None };
             let ray = self.space.internal_cone(ray, f64::from(radius.unwrap_or(0.0)));
             if ray.end > ray.start {
                 rays.push(ray);
-                hit.push(first + i);
+                hit.push(i);
             }
         }
-        self.run_rays(ctx, first..first + count, &rays, &hit, chunk);
+        self.run_rays(ctx, which, &rays, &hit, chunk);
         let RayGeometryBars { internal, view } = &chunk.ray_bars;
         let map = self.space.map();
-        let bars = world.iter().zip(internal).zip(view).map(|((ray, internal), view)| {
-            // Tangent to the sphere: directions have unit length.
-            let mut bar = RayBar { o: DVec3::ZERO, d: *view - ray.d * ray.d.dot(*view) };
-            map.internal_ray_backward(ray, internal, &mut bar);
-            bar
-        });
+        let bars = world.iter().zip(internal).zip(view);
+        let bars = bars.map(|((ray, internal), view)| to_world(&map, ray, internal, *view));
         (chunk.sums.loss, bars.collect())
     }
 }
@@ -66,14 +57,7 @@ impl<R: Recipe> ByRay for TwoLevel<R> {
         let appearance = self.photo_model.as_ref().and_then(|photo_model| photo_model.appearance());
         let plain = self.context(&ops, &inputs);
         let ctx = Context { share, photo_model: None, appearance, pass: Pass::Learn, by_ray: true, ..plain };
-        let tasks: Vec<(f64, Vec<RayBar>)> = (0..n.div_ceil(TASK))
-            .into_par_iter()
-            .map_init(Chunk::default, |chunk, task| {
-                let first = task * TASK;
-                self.task(&ctx, targets.radii, first, TASK.min(n - first), chunk)
-            })
-            .collect();
-        let loss = tasks.iter().map(|(loss, _)| loss).sum::<f64>() * f64::from(share);
-        Ok(RayGradients { loss, bars: tasks.into_iter().flat_map(|(_, bars)| bars).collect() })
+        let sums = by_tasks(n, |which, chunk| self.task(&ctx, targets.radii, which, chunk));
+        Ok(RayGradients { loss: sums.loss * f64::from(share), ..sums })
     }
 }

@@ -1,10 +1,10 @@
 //! Convolutions against the peak of multiply-adds.
 
-use super::found::{Found, Row};
+use super::found::{Found, Kernel, Row, passes};
 use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
-use crate::measure::{Case, interleaved, worst};
+use crate::measure::{interleaved, worst};
 use crate::sections::ceilings::fma;
 use field_core::conv::{Conv2d, Padding, Size, Workspace};
 use field_core::rng::Rng;
@@ -33,21 +33,7 @@ struct Batch {
     work: Workspace,
 }
 
-impl Batch {
-    fn new(shape: Shape, side: usize) -> Result<Self, BenchError> {
-        let Shape { inputs, outputs, kernel, stride } = shape;
-        let conv = Conv2d::new(inputs, outputs, kernel, stride, Padding::Zero(0)).map_err(BenchError::part)?;
-        let size = Size::one(side, side);
-        let to = conv.output_size(size).map_err(BenchError::part)?;
-        let noise = |stream: u64, n: usize| {
-            let rng = Rng::new(5, stream);
-            (0..n as u64).map(|i| rng.uniform_at(i) * 2.0 - 1.0).collect::<Vec<f32>>()
-        };
-        let (params, x) = (noise(1, conv.param_count()), noise(2, size.len(inputs)));
-        let (params_bar, x_bar, y) = (vec![0.0; params.len()], vec![0.0; x.len()], vec![0.0; to.len(outputs)]);
-        Ok(Self { conv, shape, size, params, x, y, params_bar, x_bar, work: Workspace::default() })
-    }
-
+impl Kernel for Batch {
     /// The shapes are the layer's own: nothing is refused.
     fn forward(&mut self, simd: Simd) {
         let x = black_box(&self.x);
@@ -61,6 +47,22 @@ impl Batch {
         let (params, y) = (&self.params, &self.y);
         let done = self.conv.backward(simd, params, x, self.size, y, &mut self.params_bar, x_bar, &mut self.work);
         debug_assert!(done.is_ok());
+    }
+}
+
+impl Batch {
+    fn new(shape: Shape, side: usize) -> Result<Self, BenchError> {
+        let Shape { inputs, outputs, kernel, stride } = shape;
+        let conv = Conv2d::new(inputs, outputs, kernel, stride, Padding::Zero(0)).map_err(BenchError::part)?;
+        let size = Size::one(side, side);
+        let to = conv.output_size(size).map_err(BenchError::part)?;
+        let noise = |stream: u64, n: usize| {
+            let rng = Rng::new(5, stream);
+            (0..n as u64).map(|i| rng.uniform_at(i) * 2.0 - 1.0).collect::<Vec<f32>>()
+        };
+        let (params, x) = (noise(1, conv.param_count()), noise(2, size.len(inputs)));
+        let (params_bar, x_bar, y) = (vec![0.0; params.len()], vec![0.0; x.len()], vec![0.0; to.len(outputs)]);
+        Ok(Self { conv, shape, size, params, x, y, params_bar, x_bar, work: Workspace::default() })
     }
 
     /// Errors of outputs and of the gradients of weights against the definition.
@@ -103,18 +105,8 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
             let (peak, operations) = fma(&bench.pools, bench.simd, threads);
             // The shape was legal before.
             let state = move || Batch::new(shape, side).ok();
-            let mut cases = [
-                peak,
-                Case::parallel(&bench.pools, threads, state, |b: &mut Option<Batch>| {
-                    b.iter_mut().for_each(|b| b.forward(bench.simd));
-                }),
-                Case::parallel(&bench.pools, threads, state, |b: &mut Option<Batch>| {
-                    b.iter_mut().for_each(|b| {
-                        b.forward(bench.simd);
-                        b.backward(bench.simd);
-                    });
-                }),
-            ];
+            let [forward, both] = passes(&bench.pools, bench.simd, threads, state);
+            let mut cases = [peak, forward, both];
             let seconds = interleaved(bench.effort, &mut cases);
             let peak = operations / seconds[0];
             // Backward: the products for inputs and for weights, each as large as that of the forward pass.

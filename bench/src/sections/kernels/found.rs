@@ -2,7 +2,35 @@
 
 use crate::error::BenchError;
 use crate::goals::Goal;
+use crate::measure::{Case, Pools};
 use crate::table::{Cell, Table};
+use float_core::Simd;
+
+/// A kernel on inputs of its own.
+pub(super) trait Kernel: Send {
+    fn forward(&mut self, simd: Simd);
+
+    /// Adds to its gradients.
+    fn backward(&mut self, simd: Simd);
+}
+
+/// The forward pass alone and both passes, on a kernel of its own for each thread. A kernel that could not be made does nothing.
+pub(super) fn passes<'a, K: Kernel + 'a>(
+    pools: &'a Pools,
+    simd: Simd,
+    threads: usize,
+    kernel: impl Fn() -> Option<K> + Copy,
+) -> [Case<'a>; 2] {
+    [false, true].map(|both| {
+        Case::parallel(pools, threads, kernel, move |kernel: &mut Option<K>| {
+            let Some(kernel) = kernel else { return };
+            kernel.forward(simd);
+            if both {
+                kernel.backward(simd);
+            }
+        })
+    })
+}
 
 /// What the parts of the section add to.
 pub(super) struct Found {

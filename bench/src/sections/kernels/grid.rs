@@ -15,6 +15,23 @@ use testkit::reference::lattice;
 
 const SAMPLES_PER_RAY: usize = 32;
 
+/// `[4][samples]` places in the unit cube, in order along rays, crowded on a tenth of each as around a surface; the last row is a time for
+/// each ray.
+pub(super) fn along_rays(samples: usize) -> Vec<f32> {
+    let rng = Rng::new(1, 0);
+    let mut x = vec![0.0; 4 * samples];
+    for i in 0..samples {
+        let (ray, k) = ((i / SAMPLES_PER_RAY) as u64, i % SAMPLES_PER_RAY);
+        let (from, to) = (rng.uniform4_at(2 * ray), rng.uniform4_at(2 * ray + 1));
+        let t = from[3] * 0.9 + 0.1 * k as f32 / SAMPLES_PER_RAY as f32;
+        for a in 0..3 {
+            x[a * samples + i] = from[a] + t * (to[a] - from[a]);
+        }
+        x[3 * samples + i] = to[3];
+    }
+    x
+}
+
 /// A grid with values, and samples in order along rays, crowded on a tenth of each as around a surface.
 pub(crate) struct GridBatch {
     pub(crate) grid: HashGrid,
@@ -27,16 +44,8 @@ pub(crate) struct GridBatch {
 impl GridBatch {
     pub(crate) fn new(config: HashGridConfig, samples: usize) -> Result<Self, BenchError> {
         let grid = HashGrid::new(config).map_err(BenchError::part)?;
-        let rng = Rng::new(1, 0);
-        let mut x = vec![0.0; 3 * samples];
-        for i in 0..samples {
-            let (ray, k) = ((i / SAMPLES_PER_RAY) as u64, i % SAMPLES_PER_RAY);
-            let (from, to) = (rng.uniform4_at(2 * ray), rng.uniform4_at(2 * ray + 1));
-            let t = from[3] * 0.9 + 0.1 * k as f32 / SAMPLES_PER_RAY as f32;
-            for a in 0..3 {
-                x[a * samples + i] = from[a] + t * (to[a] - from[a]);
-            }
-        }
+        let mut x = along_rays(samples);
+        x.truncate(3 * samples);
         let mut params = vec![0.0; grid.params_len()];
         Rng::new(2, 0).fill_uniform(0, &mut params);
         let (out, grad) = (vec![0.0; grid.out_rows() * samples], vec![0.0; grid.params_len()]);

@@ -1,10 +1,10 @@
 //! Compositing of a static and a transient part against the stream of memory.
 
-use super::found::{Found, Row};
+use super::found::{Found, Kernel, Row, passes};
 use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
-use crate::measure::{Case, interleaved, worst};
+use crate::measure::{interleaved, worst};
 use crate::sections::ceilings::{Big, LARGE_TABLE, read};
 use float_core::Simd;
 use render_core::quadrature::Values;
@@ -27,6 +27,28 @@ struct Batch {
     tau_bar: [Vec<f32>; 2],
     rgb_bar: [Vec<f32>; 2],
     beta_bar: Vec<f32>,
+}
+
+impl Kernel for Batch {
+    fn forward(&mut self, simd: Simd) {
+        let samples = TwoSamples { offsets: &self.offsets, tau_s: &self.tau[0], tau_t: &self.tau[1] };
+        let ([beta, transient, trans_end], [w_s, w_t]) = (&mut self.of_ray, &mut self.w);
+        let out = CompositeTwo { colour: &mut self.colour, beta, transient, trans_end, w_s, w_t };
+        composite_two(simd, samples, Mixture::Paper, values(&self.rgb, &self.beta, &self.background), out);
+    }
+
+    /// Gradients; colour and uncertainty stand in for their own.
+    fn backward(&mut self, simd: Simd) {
+        let samples = TwoSamples { offsets: &self.offsets, tau_s: &self.tau[0], tau_t: &self.tau[1] };
+        let [beta, _, trans_end] = &self.of_ray;
+        let forward = WeightsTwo { w_s: &self.w[0], w_t: &self.w[1], trans_end };
+        let (colour, beta) = (&self.colour[..], Some(&beta[..]));
+        let bar = CompositeTwoBar { colour, beta, transient: None, trans_end: None, w_s: None, w_t: None };
+        let ([tau_s, tau_t], [values_s, values_t]) = (&mut self.tau_bar, &mut self.rgb_bar);
+        let grads = CompositeTwoGrads { tau_s, tau_t, values_s, values_t, beta: &mut self.beta_bar, background: None };
+        let values = values(&self.rgb, &self.beta, &self.background);
+        composite_two_backward(simd, samples, Mixture::Paper, values, forward, bar, grads);
+    }
 }
 
 impl Batch {
@@ -52,37 +74,13 @@ impl Batch {
         }
     }
 
-    fn samples(&self) -> TwoSamples<'_> {
-        TwoSamples { offsets: &self.offsets, tau_s: &self.tau[0], tau_t: &self.tau[1] }
-    }
-
-    fn forward(&mut self, simd: Simd) {
-        let samples = TwoSamples { offsets: &self.offsets, tau_s: &self.tau[0], tau_t: &self.tau[1] };
-        let ([beta, transient, trans_end], [w_s, w_t]) = (&mut self.of_ray, &mut self.w);
-        let out = CompositeTwo { colour: &mut self.colour, beta, transient, trans_end, w_s, w_t };
-        composite_two(simd, samples, Mixture::Paper, values(&self.rgb, &self.beta, &self.background), out);
-    }
-
-    /// Gradients; colour and uncertainty stand in for their own.
-    fn backward(&mut self, simd: Simd) {
-        let samples = TwoSamples { offsets: &self.offsets, tau_s: &self.tau[0], tau_t: &self.tau[1] };
-        let [beta, _, trans_end] = &self.of_ray;
-        let forward = WeightsTwo { w_s: &self.w[0], w_t: &self.w[1], trans_end };
-        let (colour, beta) = (&self.colour[..], Some(&beta[..]));
-        let bar = CompositeTwoBar { colour, beta, transient: None, trans_end: None, w_s: None, w_t: None };
-        let ([tau_s, tau_t], [values_s, values_t]) = (&mut self.tau_bar, &mut self.rgb_bar);
-        let grads = CompositeTwoGrads { tau_s, tau_t, values_s, values_t, beta: &mut self.beta_bar, background: None };
-        let values = values(&self.rgb, &self.beta, &self.background);
-        composite_two_backward(simd, samples, Mixture::Paper, values, forward, bar, grads);
-    }
-
     /// Errors of colours and of the gradients of the transient part's optical depths against the reference.
     fn errors(&mut self, simd: Simd) -> (f64, f64) {
         self.forward(simd);
         self.backward(simd);
         let stride = self.tau[0].len();
         let (mut colours, mut tau_bars) = (Vec::new(), Vec::new());
-        for r in 0..self.samples().rays() {
+        for r in 0..self.offsets.len() - 1 {
             let range = self.offsets[r] as usize..self.offsets[r + 1] as usize;
             let wide = |x: &[f32]| x[range.clone()].iter().map(|&x| f64::from(x)).collect::<Vec<f64>>();
             let [tau_s, tau_t] = [0, 1].map(|part| wide(&self.tau[part]));
@@ -120,15 +118,9 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
     let (values, gradients) = Batch::new(16, SAMPLES).errors(simd);
     for threads in bench.pools.one_and_most() {
         let (stream, bytes) = read(&bench.pools, simd, threads, &big);
-        let state = move || Batch::new(RAYS / threads, SAMPLES);
-        let mut cases = [
-            stream,
-            Case::parallel(&bench.pools, threads, state, |b: &mut Batch| b.forward(simd)),
-            Case::parallel(&bench.pools, threads, state, |b: &mut Batch| {
-                b.forward(simd);
-                b.backward(simd);
-            }),
-        ];
+        let state = || Some(Batch::new(RAYS / threads, SAMPLES));
+        let [forward, both] = passes(&bench.pools, simd, threads, state);
+        let mut cases = [stream, forward, both];
         let seconds = interleaved(bench.effort, &mut cases);
         // Forward: two depths, two colours and an uncertainty in, two weights out. Backward: all of these in, and the gradients of
         // the nine inputs out.

@@ -1,10 +1,11 @@
 //! Planes of features against random reads of whole cache lines.
 
-use super::found::{Found, Row};
+use super::found::{Found, Kernel, Row, passes};
+use super::grid::along_rays;
 use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
-use crate::measure::{Case, interleaved, worst};
+use crate::measure::{interleaved, worst};
 use crate::sections::ceilings::{Big, SMALL_TABLE, Width, gather};
 use field_core::encoding::EncodingBars;
 use field_core::encoding::planes::Planes;
@@ -13,7 +14,6 @@ use float_core::Simd;
 use std::hint::black_box;
 use testkit::reference::planes as twin;
 
-const SAMPLES_PER_RAY: usize = 32;
 /// A vertex is one cache line.
 const FEATURES: usize = 16;
 
@@ -27,27 +27,7 @@ struct Batch {
     x_bar: Vec<f32>,
 }
 
-impl Batch {
-    fn new(resolution: [u32; 4], samples: usize) -> Result<Self, BenchError> {
-        let planes = Planes::k_planes(resolution, FEATURES).map_err(BenchError::part)?;
-        let rng = Rng::new(1, 0);
-        let mut x = vec![0.0; 4 * samples];
-        for i in 0..samples {
-            let (ray, k) = ((i / SAMPLES_PER_RAY) as u64, i % SAMPLES_PER_RAY);
-            let (from, to) = (rng.uniform4_at(2 * ray), rng.uniform4_at(2 * ray + 1));
-            let t = from[3] * 0.9 + 0.1 * k as f32 / SAMPLES_PER_RAY as f32;
-            for a in 0..3 {
-                x[a * samples + i] = 2.0 * (from[a] + t * (to[a] - from[a])) - 1.0;
-            }
-            x[3 * samples + i] = 2.0 * to[3] - 1.0;
-        }
-        let mut table = vec![0.0; planes.params_len()];
-        Rng::new(2, 0).fill_uniform(0, &mut table);
-        let (out, table_bar) = (vec![0.0; planes.out_rows() * samples], vec![0.0; table.len()]);
-        let x_bar = vec![0.0; x.len()];
-        Ok(Self { planes, table, x, out, table_bar, x_bar })
-    }
-
+impl Kernel for Batch {
     /// The shapes are the planes' own: they refuse nothing.
     fn forward(&mut self, simd: Simd) {
         let done = self.planes.encode(simd, &self.table, black_box(&self.x), &mut self.out);
@@ -59,6 +39,18 @@ impl Batch {
         let bars = EncodingBars::both(&mut self.table_bar, &mut self.x_bar);
         let done = self.planes.encode_backward(simd, &self.table, black_box(&self.x), &self.out, bars);
         debug_assert!(done.is_ok());
+    }
+}
+
+impl Batch {
+    fn new(resolution: [u32; 4], samples: usize) -> Result<Self, BenchError> {
+        let planes = Planes::k_planes(resolution, FEATURES).map_err(BenchError::part)?;
+        let x: Vec<f32> = along_rays(samples).into_iter().map(|x| 2.0 * x - 1.0).collect();
+        let mut table = vec![0.0; planes.params_len()];
+        Rng::new(2, 0).fill_uniform(0, &mut table);
+        let (out, table_bar) = (vec![0.0; planes.out_rows() * samples], vec![0.0; table.len()]);
+        let x_bar = vec![0.0; x.len()];
+        Ok(Self { planes, table, x, out, table_bar, x_bar })
     }
 
     /// Errors of values and of the table's gradients against the twin on all samples: for small batches.
@@ -97,18 +89,8 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
         let (small, small_reads) = gather(pools, threads, &big, SMALL_TABLE, Width::Line);
         // A tile a thread, as the driver does. The shape was legal before.
         let state = || Batch::new(resolution, samples / threads).ok();
-        let mut cases = [
-            small,
-            Case::parallel(pools, threads, state, |b: &mut Option<Batch>| {
-                b.iter_mut().for_each(|b| b.forward(bench.simd));
-            }),
-            Case::parallel(pools, threads, state, |b: &mut Option<Batch>| {
-                b.iter_mut().for_each(|b| {
-                    b.forward(bench.simd);
-                    b.backward(bench.simd);
-                });
-            }),
-        ];
+        let [forward, both] = passes(pools, bench.simd, threads, state);
+        let mut cases = [small, forward, both];
         let seconds = interleaved(bench.effort, &mut cases);
         let rate = small_reads / seconds[0];
         for (job, passes, seconds) in [("forward", 1.0, seconds[1]), ("forward+backward", 3.0, seconds[2])] {

@@ -1,10 +1,10 @@
 //! Rigid motions of points, the warp of a deformed field: no ceiling is known of, they are bound by sines and divisions.
 
-use super::found::{Found, Row};
+use super::found::{Found, Kernel, Row, passes};
 use crate::bench::Bench;
 use crate::error::BenchError;
 use crate::machine::level_name;
-use crate::measure::{Case, interleaved, worst};
+use crate::measure::{interleaved, worst};
 use field_core::deform::{RigidBars, rigid_points, rigid_points_backward};
 use field_core::lie::{se3_exp, se3_exp_derivative};
 use field_core::rng::Rng;
@@ -21,18 +21,7 @@ struct Batch {
     bars: [Vec<f32>; 3],
 }
 
-impl Batch {
-    fn new(points: usize) -> Self {
-        let rows = |stream: u64, scale: f32| {
-            let mut x = vec![0.0; 3 * points];
-            Rng::new(1, stream).fill_normal(0, &mut x);
-            x.iter_mut().for_each(|x| *x *= scale);
-            x
-        };
-        let zero = || vec![0.0; 3 * points];
-        Self { at: [rows(1, 1.0), rows(2, 0.1), rows(3, 0.1)], out: zero(), bars: [zero(), zero(), zero()] }
-    }
-
+impl Kernel for Batch {
     /// The shapes are the batch's own: nothing is refused.
     fn forward(&mut self, simd: Simd) {
         let [x, omega, v] = &self.at;
@@ -46,6 +35,19 @@ impl Batch {
         let bars = RigidBars { x: x_bar, omega: omega_bar, v: v_bar };
         let done = rigid_points_backward(simd, black_box(x), omega, v, &self.out, bars);
         debug_assert!(done.is_ok());
+    }
+}
+
+impl Batch {
+    fn new(points: usize) -> Self {
+        let rows = |stream: u64, scale: f32| {
+            let mut x = vec![0.0; 3 * points];
+            Rng::new(1, stream).fill_normal(0, &mut x);
+            x.iter_mut().for_each(|x| *x *= scale);
+            x
+        };
+        let zero = || vec![0.0; 3 * points];
+        Self { at: [rows(1, 1.0), rows(2, 0.1), rows(3, 0.1)], out: zero(), bars: [zero(), zero(), zero()] }
     }
 
     /// Errors of places and of the gradients of the rotation vectors against matrices in `f64`.
@@ -75,14 +77,8 @@ pub(super) fn run(bench: &Bench, found: &mut Found) -> Result<(), BenchError> {
     let simd = bench.simd;
     let (values, gradients) = Batch::new(256).errors(simd);
     for threads in bench.pools.one_and_most() {
-        let state = || Batch::new(POINTS);
-        let mut cases = [
-            Case::parallel(&bench.pools, threads, state, |b: &mut Batch| b.forward(simd)),
-            Case::parallel(&bench.pools, threads, state, |b: &mut Batch| {
-                b.forward(simd);
-                b.backward(simd);
-            }),
-        ];
+        let state = || Some(Batch::new(POINTS));
+        let mut cases = passes(&bench.pools, simd, threads, state);
         let seconds = interleaved(bench.effort, &mut cases);
         for (j, job) in ["forward", "forward+backward"].into_iter().enumerate() {
             found.row(&Row {

@@ -4,7 +4,7 @@ use super::driver::{Chunk, MipNerf360, Sums, Tile, fits};
 use super::level::Level;
 use super::network::Ops;
 use super::tile::Pixels;
-use crate::gradients::{ByRay, RayGradients, RayTargets, check};
+use crate::gradients::{ByRay, RayGradients, RayTargets, by_tasks, check, to_world};
 use crate::networks::GaussianBar;
 use crate::networks::cones::TILE;
 use crate::space::{InternalRay, SpaceKind};
@@ -12,13 +12,10 @@ use engine::data::Batch;
 use engine::system::SystemError;
 use field_core::tape::TapeError;
 use glam::DVec3;
-use rayon::prelude::*;
 use render_core::contract::Norm;
 use render_core::frustum::Moments;
 use render_core::ray::{Ray, RayBar};
-
-/// Rays of one task.
-const TASK: usize = 64;
+use std::ops::Range;
 
 /// What all rays have in common.
 pub(super) struct Aim<'a> {
@@ -69,28 +66,25 @@ impl MipNerf360 {
     }
 
     /// The loss of some of the rays, and their gradients.
-    fn task(&self, aim: &Aim<'_>, radii: &[f32], first: usize, count: usize, chunk: &mut Chunk) -> (f64, Vec<RayBar>) {
+    fn task(&self, aim: &Aim<'_>, radii: &[f32], which: Range<usize>, chunk: &mut Chunk) -> (f64, Vec<RayBar>) {
         chunk.sums = Sums::default();
         chunk.grad.clear();
         chunk.grad.resize(self.trained.params.len(), 0.0);
         let (mut rays, mut hit) = (Vec::new(), Vec::new());
-        for i in first..first + count {
+        for i in which.clone() {
             let ray = self.space.internal_cone(&aim.batch.rays[i], f64::from(radii.get(i).copied().unwrap_or(0.0)));
             if ray.end > ray.start {
                 rays.push(ray);
                 hit.push(i);
             }
         }
-        let (map, mut bars) = (self.space.map(), vec![RayBar::default(); count]);
+        let (map, mut bars) = (self.space.map(), vec![RayBar::default(); which.len()]);
         for (rays, ids) in rays.chunks(TILE).zip(hit.chunks(TILE)) {
             fits(self.render_rounds(aim.ops, rays, &mut chunk.tile));
             fits(self.judge_placed(aim, ids, chunk));
             let level = chunk.tile.levels.last().expect("the final round");
             for (&i, (internal, view)) in ids.iter().zip(self.pull_rays(rays, level)) {
-                let (ray, bar) = (&aim.batch.rays[i], &mut bars[i - first]);
-                // Tangent to the sphere: directions have unit length.
-                bar.d = view - ray.d * ray.d.dot(view);
-                map.internal_ray_backward(ray, &internal, bar);
+                bars[i - which.start] = to_world(&map, &aim.batch.rays[i], &internal, view);
             }
         }
         (chunk.sums.loss, bars)
@@ -104,14 +98,6 @@ impl ByRay for MipNerf360 {
         let (ops, batch) = (self.ops(), Batch::of_rays(targets.rays, targets.rgb));
         let n = batch.len();
         let aim = Aim { ops: &ops, batch: &batch, background: targets.background, per_ray: 1.0 / n.max(1) as f64 };
-        let tasks: Vec<(f64, Vec<RayBar>)> = (0..n.div_ceil(TASK))
-            .into_par_iter()
-            .map_init(Chunk::default, |chunk, task| {
-                let first = task * TASK;
-                self.task(&aim, targets.radii, first, TASK.min(n - first), chunk)
-            })
-            .collect();
-        let loss = tasks.iter().map(|(loss, _)| loss).sum();
-        Ok(RayGradients { loss, bars: tasks.into_iter().flat_map(|(_, bars)| bars).collect() })
+        Ok(by_tasks(n, |which, chunk| self.task(&aim, targets.radii, which, chunk)))
     }
 }
