@@ -172,7 +172,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
     }
     all.extend(set);
     let set = all.iter().map(|s| parse_set(s).expect("a setting")).collect();
-    let run = RunOptions { seed: 3, background: None, error_budget: None, set };
+    let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
     let (mut system, _) = build(name, &scene, &data, &run)?;
     let mut loss = 0.0;
     let steps = if name == "splat" { CLOUD_STEPS } else { STEPS };

@@ -17,7 +17,7 @@ use std::sync::Arc;
 #[test]
 fn fog_of_a_cloud_is_what_is_drawn_of_nearer_gaussians() {
     let (scene, data) = made::capture(made::Points::WithTracks);
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: Default::default() };
     let (system, _) = build("splat", &scene, &data, &run).unwrap();
     let camera = &data.view(0).camera;
     let before = |depth| opacity_before(system.as_ref(), camera, depth, 0.0).unwrap();
@@ -34,7 +34,7 @@ fn points_lie_on_the_rays_of_their_camera_within_the_range_of_depths() {
     let scene = tissue(&TissueOptions { width: 24, height: 18, frames: 6, ..TissueOptions::default() });
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     let data = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: toml::Table::default() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: toml::Table::default() };
     let (mut system, _) = crate::registry::build("endo-nerf", &scene, &data, &run).unwrap();
     for step in 0..30 {
         system.step(&data, step).unwrap();

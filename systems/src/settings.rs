@@ -125,7 +125,7 @@ mod tests {
     }
 
     fn run(set: &str) -> RunOptions {
-        RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() }
+        RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() }
     }
 
     #[test]

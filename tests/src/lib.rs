@@ -51,7 +51,7 @@ pub fn try_system(
     set: &[&str],
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
     let set = set.iter().map(|s| parse_set(s).expect("tests write `--set` well")).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     build(name, scene, train, &run)
 }
 

@@ -93,7 +93,7 @@ fn a_step_of_ngp_allocates_nothing() {
     let data = Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap();
     let set = ["log2_table=12", "batch_samples=4096", "batch_rays=256", "occupancy=32"];
     let set = set.iter().map(|s| engine::options::parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 3, background: None, error_budget: None, set };
+    let options = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

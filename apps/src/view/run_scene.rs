@@ -85,6 +85,7 @@ impl RunScene {
             seed: config.seed,
             background: Some(config.background),
             error_budget: Some(config.error_budget),
+            stop: None,
             set: config.settings.clone(),
         };
         // A fresh one: the one that is being looked at goes on drawing meanwhile.

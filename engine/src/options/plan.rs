@@ -1,6 +1,7 @@
 //! What is decided about a run: the system, its settings, and the reasons.
 
 use super::background::Background;
+use super::schedule::Stop;
 use std::fmt::Display;
 use std::str::FromStr;
 
@@ -52,6 +53,8 @@ pub struct RunOptions {
     pub background: Option<Background>,
     /// Error a training or evaluation pixel may have from skipped work, in colour units; `None` lets the plan decide.
     pub error_budget: Option<f32>,
+    /// When the training is to stop, where that is known: schedules follow it. A run that is resumed has them in its settings.
+    pub stop: Option<Stop>,
     /// `--set key=value`, over whatever the plan decides.
     pub set: toml::Table,
 }

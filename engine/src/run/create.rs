@@ -39,6 +39,7 @@ impl<'a> Run<'a> {
             seed: request.seed.unwrap_or(0),
             background: request.background,
             error_budget: request.error_budget,
+            stop: request.stop,
             set: request.set.clone(),
         };
         let mut data = DataOptions {
@@ -161,7 +162,7 @@ fn system_of<'a>(
     match (request.system.as_deref(), parts.default_system) {
         (Some(name), _) | (None, DefaultSystem::Named(name)) => Ok(Named { name, line: None }),
         (None, DefaultSystem::Chosen(choose)) => {
-            let choice = choose(scene, train, options, request.purpose, request.stop)?;
+            let choice = choose(scene, train, options, request.purpose)?;
             Ok(Named { name: choice.system, line: Some(choice.line) })
         }
     }

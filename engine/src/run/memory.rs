@@ -140,6 +140,7 @@ impl Run<'_> {
             seed: self.config.seed,
             background: Some(self.config.background),
             error_budget: Some(self.config.error_budget),
+            stop: None,
             set,
         };
         Ok((self.parts.build)(&self.config.system, &self.scene, &self.train, &options)?)

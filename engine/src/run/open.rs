@@ -66,6 +66,7 @@ impl<'a> Run<'a> {
             seed: config.seed,
             background: Some(config.background),
             error_budget: Some(config.error_budget),
+            stop: None,
             set: config.settings.clone(),
         };
         if provide::take(&mut options.set)? == Some(true) && provide::may_help(&scene, &train) {

@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 use crate::error::{RunError, SystemError};
-use crate::options::{Choice, DataOptions, Plan, Purpose, RunOptions, Stop};
+use crate::options::{Choice, DataOptions, Plan, Purpose, RunOptions};
 use crate::output::{Disk, Storage};
 use crate::system::System;
 use scene_io::Scene;
@@ -13,9 +13,8 @@ pub type Load<'a> = dyn Fn(&str, &DataOptions) -> Result<Scene, RunError> + 'a;
 /// Makes a system for a scene and says what it decided.
 pub type Build<'a> = dyn Fn(&str, &Scene, &Dataset, &RunOptions) -> Result<(Box<dyn System>, Plan), SystemError> + 'a;
 
-/// Takes a system for a scene: from the scene, the training data, the options, what the reconstruction is for and when training
-/// stops, where that is known.
-pub type Choose = fn(&Scene, &Dataset, &RunOptions, Purpose, Option<Stop>) -> Result<Choice, SystemError>;
+/// Takes a system for a scene: from the scene, the training data, the options and what the reconstruction is for.
+pub type Choose = fn(&Scene, &Dataset, &RunOptions, Purpose) -> Result<Choice, SystemError>;
 
 /// The system of a run where none is named.
 #[derive(Clone, Copy, Debug)]

@@ -40,6 +40,7 @@ impl Task for Band<'_> {
             if i < height {
                 let halves = &mut scratch.halves[slot * 2 * row_len..][..2 * row_len];
                 load(pair, channel, i, halves);
+                leave_out(pair, i, halves);
                 moments_along_x::<V>(taps, halves, &mut scratch.moments, slot);
             } else {
                 clear_slot::<MOMENTS>(&mut scratch.moments, slot);
@@ -62,9 +63,7 @@ impl Task for Band<'_> {
             if let Some((derivatives, x_bar)) = &mut gradient {
                 weights_of(pair, r, &mut scratch.weights);
                 gradient_row::<V>(&turned(taps, r), *derivatives, scratch, r % TAPS);
-                for (bar, new) in x_bar[(r - rows.start) * width..][..width].iter_mut().zip(&scratch.out) {
-                    *bar += new;
-                }
+                add_where_used(pair, r, &scratch.out, &mut x_bar[(r - rows.start) * width..][..width]);
             }
         }
         sums
@@ -101,6 +100,33 @@ fn load(pair: &Pair<'_>, channel: usize, row: usize, halves: &mut [f32]) {
             for (((p, q), &x), y) in halves.zip(y) {
                 let y = f32::from(y[channel]) / 255.0;
                 (*p, *q) = (0.5 * (x + y), 0.5 * (x - y));
+            }
+        }
+    }
+}
+
+/// Black in both pictures where a row's pixels are left out.
+#[inline(always)]
+fn leave_out(pair: &Pair<'_>, row: usize, halves: &mut [f32]) {
+    let Some(weights) = pair.weights else { return };
+    let (p, q) = halves.split_at_mut(halves.len() / 2);
+    let weights = &weights[row * pair.width..][..pair.width];
+    for ((p, q), weight) in p[REACH..].iter_mut().zip(&mut q[REACH..]).zip(weights) {
+        if *weight == 0.0 {
+            (*p, *q) = (0.0, 0.0);
+        }
+    }
+}
+
+/// Add the gradient of a row, but for pixels that are left out.
+#[inline(always)]
+fn add_where_used(pair: &Pair<'_>, row: usize, new: &[f32], x_bar: &mut [f32]) {
+    match pair.weights {
+        None => x_bar.iter_mut().zip(new).for_each(|(bar, new)| *bar += new),
+        Some(weights) => {
+            let weights = &weights[row * pair.width..][..pair.width];
+            for ((bar, new), weight) in x_bar.iter_mut().zip(new).zip(weights) {
+                *bar += if *weight == 0.0 { 0.0 } else { *new };
             }
         }
     }

@@ -24,7 +24,7 @@ pub struct Pair<'a> {
     pub target: Target<'a>,
     /// `[row][column]`, `>= 0`, of the maps of both losses: 0 leaves a pixel out. One each where absent.
     ///
-    /// A pixel that is left out is still seen by the windows of its neighbours, and has a gradient from them.
+    /// A pixel that is left out is like one beyond the edge: windows see black there in both pictures, and it has no gradient.
     pub weights: Option<&'a [f32]>,
 }
 

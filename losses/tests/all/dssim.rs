@@ -45,9 +45,15 @@ fn moments(size: Size, x: &[f64], y: &[f64], pixel: usize) -> [f64; 5] {
     })
 }
 
+/// A picture that is black where a pixel is left out, as beyond its edge.
+fn black_where_left_out(x: &[f64], g: &[f64]) -> Vec<f64> {
+    x.iter().enumerate().map(|(i, x)| if g[i % g.len()] == 0.0 { 0.0 } else { *x }).collect()
+}
+
 /// The loss `(1 - lambda) mean g |x - y| + lambda mean g (1 - s)` by the usual formula.
 fn twin(size: Size, x: &[f64], y: &[f64], g: &[f64], lambda: f64) -> f64 {
     let plane = size[1] * size[2];
+    let (x, y) = (&black_where_left_out(x, g)[..], &black_where_left_out(y, g)[..]);
     let mut loss = 0.0;
     for i in 0..x.len() {
         let (start, pixel) = (i / plane * plane, i % plane);
@@ -63,6 +69,7 @@ fn twin(size: Size, x: &[f64], y: &[f64], g: &[f64], lambda: f64) -> f64 {
 fn twin_backward(size: Size, x: &[f64], y: &[f64], g: &[f64], lambda: f64, bar: f64, x_bar: &mut [f64]) {
     let plane = size[1] * size[2];
     let bar = bar / x.len() as f64;
+    let (x, y) = (&black_where_left_out(x, g)[..], &black_where_left_out(y, g)[..]);
     for i in 0..x.len() {
         let (start, pixel) = (i / plane * plane, i % plane);
         let [mx, my, xx, yy, xy] = moments(size, &x[start..], &y[start..], pixel);
@@ -72,7 +79,10 @@ fn twin_backward(size: Size, x: &[f64], y: &[f64], g: &[f64], lambda: f64, bar: 
         let of_mu = 2.0 * my * (a2 - a1) / (b1 * b2) - 2.0 * mx * s * (1.0 / b1 - 1.0 / b2);
         let (of_xx, of_xy) = (-s / b2, 2.0 * a1 / (b1 * b2));
         for (j, w) in around(size, pixel) {
-            let j = start + j;
+            let (pixel_of_window, j) = (j, start + j);
+            if g[pixel_of_window] == 0.0 {
+                continue;
+            }
             x_bar[j] -= lambda * bar * g[pixel] * w * (of_mu + 2.0 * x[j] * of_xx + y[j] * of_xy);
         }
         let sign = if x[i] == y[i] { 0.0 } else { (x[i] - y[i]).signum() };
@@ -206,14 +216,18 @@ fn weights_of_zero_everywhere_leave_no_loss_and_no_gradient() {
 }
 
 #[test]
-fn pixels_further_than_a_window_from_every_used_one_have_no_gradient() {
+fn what_is_left_out_is_neither_seen_nor_pulled() {
     let size = [1, 20, 40];
     let [x, y] = pictures(size, 0.3, 0.5);
-    let weights: Vec<f32> = (0..800).map(|i| f32::from(u8::from(i % 40 < 10))).collect();
-    let (_, x_bar) = full(Simd::best(), &pair(size, &x, &y, Some(&weights)), 0.2);
+    let is_used = |i: usize| i % 40 < 10;
+    let weights: Vec<f32> = (0..800).map(|i| f32::from(u8::from(is_used(i)))).collect();
+    let (loss, x_bar) = full(Simd::best(), &pair(size, &x, &y, Some(&weights)), 0.2);
     for (i, bar) in x_bar.iter().enumerate() {
-        assert_eq!(*bar == 0.0, i % 40 >= 15, "{i}: {bar}");
+        assert_eq!(*bar == 0.0, !is_used(i), "{i}: {bar}");
     }
+    let other = |x: &[f32]| -> Vec<f32> { (0..800).map(|i| if is_used(i) { x[i] } else { 7.0 - x[i] }).collect() };
+    let (same_loss, same_bar) = full(Simd::best(), &pair(size, &other(&x), &other(&y), Some(&weights)), 0.2);
+    assert_eq!((loss, x_bar), (same_loss, same_bar), "whatever is there");
 }
 
 #[test]

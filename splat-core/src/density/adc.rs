@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use float_core::m64;
 use float_core::rng::Rng;
 
-use super::rows::countable;
+use super::rows::{countable, hottest};
 use super::{Change, Rows, largest_scale, opacity, rotation, scales};
 use crate::{Gaussians, SplatError};
 
@@ -136,16 +136,7 @@ impl Adc {
             return Err(SplatError::Shape { what: "view_space_gradient", want: n, got: view_space_gradient.len() });
         }
         countable(n)?;
-        let mut growing: Vec<u32> =
-            (0..n as u32).filter(|&i| view_space_gradient[i as usize] >= self.gradient_threshold).collect();
-        let room = max.saturating_sub(n);
-        if growing.len() > room {
-            growing.sort_by(|&a, &b| {
-                view_space_gradient[b as usize].total_cmp(&view_space_gradient[a as usize]).then(a.cmp(&b))
-            });
-            growing.truncate(room);
-            growing.sort_unstable();
-        }
+        let growing = hottest(view_space_gradient, self.gradient_threshold, max.saturating_sub(n));
         countable(n + growing.len())?;
         let (split, cloned): (Vec<u32>, Vec<u32>) =
             growing.into_iter().partition(|&i| largest_scale(cloud, i as usize) > self.split_above * extent);

@@ -7,6 +7,7 @@
 //!
 //! * [`Adc`], adaptive density control of 3DGS: clone and split where the view-space gradient ([`ViewSpaceGradients`]) is large, prune
 //!   transparent and large Gaussians, reset opacities.
+//! * [`AxisSplit`]: splits along the longest axis that keep mass, centre and covariance.
 //! * [`Mcmc`], 3DGS-MCMC: a fixed budget; dead Gaussians are relocated, and noise is added to positions.
 //! * [`morton_order`]: neighbours in space become neighbours in memory.
 //! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: limits for any of them.
@@ -27,6 +28,7 @@
 //! ```
 
 mod adc;
+mod axis_split;
 mod guard;
 mod mcmc;
 mod morton;
@@ -35,6 +37,7 @@ mod rows;
 mod view_space;
 
 pub use adc::Adc;
+pub use axis_split::AxisSplit;
 pub use guard::{LOG_SCALE_MIN, LOGIT_MAX, keep_in_range, keep_strongest, without_non_finite};
 pub use mcmc::{Mcmc, relocation};
 pub use morton::morton_order;

@@ -166,3 +166,14 @@ pub(super) fn countable(n: usize) -> Result<(), SplatError> {
         Err(_) => Err(SplatError::TooMany { what: "Gaussians", got: n }),
     }
 }
+
+/// The rows with a score of at least `threshold`, in order. Of more than `room` those with the largest scores, ties by index.
+pub(super) fn hottest(scores: &[f32], threshold: f32, room: usize) -> Vec<u32> {
+    let mut hot: Vec<u32> = (0..scores.len() as u32).filter(|&i| scores[i as usize] >= threshold).collect();
+    if hot.len() > room {
+        hot.sort_by(|&a, &b| scores[b as usize].total_cmp(&scores[a as usize]).then(a.cmp(&b)));
+        hot.truncate(room);
+        hot.sort_unstable();
+    }
+    hot
+}

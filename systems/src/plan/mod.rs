@@ -3,6 +3,7 @@
 //! * `ground`: the layout, the background and the alpha of a scene;
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
 //! * `moving`: the plan of a field where each photo shows a time of its own;
+//! * `pace`: how many steps of a cloud there will be;
 //! * `backdrop`: whether the photos stand before one plain colour.
 
 mod ask;
@@ -14,6 +15,7 @@ pub(crate) mod made;
 mod moving;
 mod near;
 mod ngp_settings;
+mod pace;
 mod parallax;
 mod ray_choice;
 
@@ -25,4 +27,5 @@ pub(crate) use moving::{Moving, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
+pub(crate) use pace::cloud_steps;
 pub(crate) use ray_choice::RaySettings;

@@ -181,7 +181,7 @@ pub(crate) fn names() -> toml::Table {
         reference: None,
         why: String::new(),
     };
-    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, set };
+    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
     let mut names = toml::Table::new();
     for set in [toml::Table::new(), toml::toml! { sampler = "proposal" }] {
         let run = run(set);

@@ -44,7 +44,7 @@ const SMALL: HashGridSettings = HashGridSettings { levels: 4, log2_table: 10, n_
 /// Settings of a field so small that the full sum is quick.
 pub(super) fn small(kind: SpaceKind) -> RayConfig {
     let (scene, data) = table();
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: Default::default() };
     let mut config = field_settings(&mut Ground::of(&scene, &data, &run).unwrap(), &data);
     let contracted = kind == SpaceKind::Contracted;
     let cascades = if contracted { 3 } else { 1 };

@@ -280,7 +280,7 @@ pub(super) fn planes(data: &Dataset, decoder: &str) -> RayConfig {
         set.insert("basis_width".into(), 8.into());
         set.insert("basis_layers".into(), 1.into());
     }
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
     let mut settings = Settings::new(&run);
     let config = config.asked(&mut settings).unwrap();
     settings.all().unwrap();

@@ -3,7 +3,7 @@
 //! The rule and the figures that it was chosen by: `docs/decisions/0028-field-or-cloud.md`.
 
 use crate::papers::gaussians::splat;
-use crate::plan::{backdrop, field_names, has_alpha, percent};
+use crate::plan::{backdrop, cloud_steps, field_names, has_alpha, percent};
 use engine::data::{Dataset, View};
 use engine::options::{Choice, Purpose, RunOptions};
 use engine::system::SystemError;
@@ -23,9 +23,6 @@ const OBJECT_SIDE: u32 = 200;
 /// So many steps a cloud takes to be the better one: of an object, and of a scene that begins at points.
 const OBJECT_STEPS: f64 = 1500.0;
 const STEPS: f64 = 300.0;
-/// Seconds of a step of a cloud on two cores, roughly: in any case, and for each pixel of the photo.
-const STEP: f64 = 0.028;
-const STEP_PER_PIXEL: f64 = 1.2e-8;
 
 /// What is known of a capture before training.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +45,7 @@ impl Facts {
             covered: coverage(data.views()),
             cut_out: has_alpha(data)? || backdrop(data)?.is_some(),
             longest_side: data.longest_side().unwrap_or(0),
-            steps: steps(data, stop),
+            steps: cloud_steps(data, stop).unwrap_or(f64::INFINITY),
         })
     }
 
@@ -86,16 +83,6 @@ impl Facts {
     }
 }
 
-/// Steps of a cloud until a stop; no end of them where none is known.
-fn steps(data: &Dataset, stop: Option<Stop>) -> f64 {
-    let step = STEP + STEP_PER_PIXEL * data.pixel_count() as f64 / data.len().max(1) as f64;
-    match stop {
-        None => f64::INFINITY,
-        Some(Stop::Steps(n)) => n as f64,
-        Some(Stop::Seconds(s)) => s / step,
-    }
-}
-
 /// Share of the parts of all pictures in which a point is seen, each picture divided into squares.
 fn coverage(views: &[View]) -> f64 {
     let (mut held, mut all) = (0, 0);
@@ -122,20 +109,14 @@ fn coverage(views: &[View]) -> f64 {
 /// # Errors
 /// [`SystemError::Config`] for settings of which one is the field's alone and one the cloud's; [`SystemError::Scene`] when an image
 /// cannot be read.
-pub fn choose(
-    scene: &Scene,
-    data: &Dataset,
-    run: &RunOptions,
-    purpose: Purpose,
-    stop: Option<Stop>,
-) -> Result<Choice, SystemError> {
+pub fn choose(scene: &Scene, data: &Dataset, run: &RunOptions, purpose: Purpose) -> Result<Choice, SystemError> {
     if let Some((system, key)) = implied(&run.set)? {
         return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
     }
     if data.views().iter().any(|view| view.level > 0) {
         return Ok(Choice::new(FIELD, "photos at several scales"));
     }
-    Ok(Facts::of(scene, data, stop)?.choose(purpose))
+    Ok(Facts::of(scene, data, run.stop)?.choose(purpose))
 }
 
 /// The system that a setting asks for, and the setting.
@@ -193,14 +174,5 @@ mod tests {
         ] {
             assert!(line.starts_with("system: ") && line.contains(figure), "{line}");
         }
-    }
-
-    #[test]
-    fn a_stop_is_steps_or_seconds() {
-        let (_, data) = crate::plan::made::capture(crate::plan::made::Points::None);
-        assert_eq!(steps(&data, Some(Stop::Steps(240))), 240.0);
-        assert_eq!(steps(&data, None), f64::INFINITY);
-        let seconds = steps(&data, Some(Stop::Seconds(60.0)));
-        assert!((2000.0..2200.0).contains(&seconds), "{seconds}");
     }
 }

@@ -38,7 +38,8 @@ fn every_system_with_a_paper_s_name_says_what_differs_in_a_sentence_or_two() {
 #[test]
 fn plans_say_it_where_the_system_starts() {
     let (scene, data) = capture(Points::WithTracks);
-    let run = |set: &str| RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
+    let run =
+        |set: &str| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() };
     let mut seen = 0;
     let mut check = |claim: Claim, lines: &[String]| {
         seen += 1;

@@ -11,7 +11,7 @@ use glam::DVec3;
 use scene_io::{Scene, TrackPoint};
 
 fn run(set: toml::Table) -> RunOptions {
-    RunOptions { seed: 0, background: None, error_budget: None, set }
+    RunOptions { seed: 0, background: None, error_budget: None, stop: None, set }
 }
 
 fn grid(config: &RayConfig) -> OccupancyConfig {
@@ -180,7 +180,10 @@ fn a_plain_backdrop_is_seen_and_anything_else_is_not() {
 #[test]
 fn a_setting_of_one_system_alone_implies_it() {
     let (scene, data) = capture(Points::None);
-    let chosen = |set| choose(&scene, &data, &run(set), Purpose::Geometry, Some(Stop::Steps(9))).map(|c| c.system);
+    let chosen = |set| {
+        choose(&scene, &data, &RunOptions { stop: Some(Stop::Steps(9)), ..run(set) }, Purpose::Geometry)
+            .map(|c| c.system)
+    };
     assert_eq!(chosen(toml::Table::new()).unwrap(), "ngp");
     assert_eq!(chosen(toml::toml! { max_splats = 100 }).unwrap(), "splat");
     assert_eq!(chosen(toml::toml! { log2_table = 12 }).unwrap(), "ngp");
@@ -197,7 +200,7 @@ fn points_all_over_the_pictures_make_a_cloud() {
     let set = || run(toml::Table::new());
     let chosen = |points, purpose| {
         let (scene, data) = capture(points);
-        choose(&scene, &data, &set(), purpose, None).unwrap()
+        choose(&scene, &data, &set(), purpose).unwrap()
     };
     assert_eq!(chosen(Points::None, Purpose::Viewing).system, "ngp");
     assert_eq!(chosen(Points::WithTracks, Purpose::Geometry).system, "ngp");

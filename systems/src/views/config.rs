@@ -83,8 +83,12 @@ impl CloudConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CloudRates {
-    /// Steps in which the learning rate of the centres falls to its end.
+    /// Steps that the schedule is for: in them the learning rate of the centres falls to its end.
     pub(crate) horizon: u64,
+    /// From this share of them on, all learning rates fall
+    pub(crate) fade_from: f64,
+    /// to this factor of what they were.
+    pub(crate) fade_to: f64,
     /// Learning rate of centres at the start,
     pub(crate) lr_mean: f64,
     /// and at the end.
@@ -120,17 +124,20 @@ impl StepRates {
 }
 
 impl CloudRates {
-    /// Rates of a step, counted from 0; `extra` is that of extra rows. That of the centres falls log-linearly.
+    /// Rates of a step, counted from 0; `extra` is that of extra rows. That of the centres falls log-linearly, all of them fade in
+    /// half a period of a cosine.
     pub(crate) fn at(&self, step: u64, extra: f64) -> StepRates {
         let part = (step as f64 / self.horizon.max(1) as f64).min(1.0);
         let mean = (self.lr_mean.ln() * (1.0 - part) + self.lr_mean_end.ln() * part).exp();
+        let faded = ((part - self.fade_from) / (1.0 - self.fade_from).max(f64::EPSILON)).clamp(0.0, 1.0);
+        let factor = self.fade_to + (1.0 - self.fade_to) * 0.5 * (1.0 + (std::f64::consts::PI * faded).cos());
         StepRates {
-            mean,
-            dc: self.lr_dc,
-            logit: self.lr_logit,
-            scale: self.lr_scale,
-            rotation: self.lr_rotation,
-            extra,
+            mean: factor * mean,
+            dc: factor * self.lr_dc,
+            logit: factor * self.lr_logit,
+            scale: factor * self.lr_scale,
+            rotation: factor * self.lr_rotation,
+            extra: factor * extra,
         }
     }
 
@@ -138,6 +145,8 @@ impl CloudRates {
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         first_of([
+            unless((0.0..=1.0).contains(&self.fade_from), "fade_from", self.fade_from, "must be a share, 0 to 1"),
+            unless((0.0..=1.0).contains(&self.fade_to), "fade_to", self.fade_to, "must be a factor, 0 to 1"),
             positive("lr_mean", self.lr_mean),
             positive("lr_mean_end", self.lr_mean_end),
             not_negative("lr_dc", self.lr_dc),

@@ -4,7 +4,7 @@ use super::config::{first_of, not_negative, positive, unless};
 use crate::settings::Settings;
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
-use splat_core::density::{Adc, Mcmc};
+use splat_core::density::{Adc, AxisSplit, Mcmc};
 
 /// How the number and the places of Gaussians change while they learn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -12,6 +12,8 @@ use splat_core::density::{Adc, Mcmc};
 pub(crate) enum DensityKind {
     /// Adaptive density control: clone, split, prune, opacity reset (Kerbl et al., 2023, section 5.2).
     Adc,
+    /// Splits along the longest axis, up to a number that grows with the steps ([`AxisSplit`]).
+    Split,
     /// Relocation as a Markov chain, with noise (Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024).
     Mcmc,
 }
@@ -20,7 +22,7 @@ pub(crate) enum DensityKind {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DensityConfig {
-    /// How their number and places change: `adc` or `mcmc`.
+    /// How their number and places change: `split`, `adc` or `mcmc`.
     pub(crate) density: DensityKind,
     /// It changes after this step,
     pub(crate) densify_from: u64,
@@ -45,6 +47,17 @@ pub(crate) struct AdcConfig {
     pub(crate) prune_size: f32,
 }
 
+/// Settings of splits along the longest axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SplitConfig {
+    /// Densification threshold: split where the mean view-space gradient is at least this, in normalised device coordinates. Those with
+    /// the largest are split first: their number grows evenly, to the most there may be at the last change.
+    pub(crate) densify_gradient: f32,
+    /// Factor on all opacities at each change, down to 1/128: what no photo needs fades, and is removed in the end.
+    pub(crate) opacity_decay: f32,
+}
+
 /// Settings of the Markov chain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,7 +72,17 @@ pub(crate) struct McmcConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ControlConfig {
     Adc(AdcConfig),
+    Split(SplitConfig),
     Mcmc(McmcConfig),
+}
+
+/// What is planned of the density control, whichever is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PlannedDensity {
+    pub(crate) schedule: DensityConfig,
+    pub(crate) adc: AdcConfig,
+    pub(crate) split: SplitConfig,
+    pub(crate) mcmc: McmcConfig,
 }
 
 /// When and how the density of a cloud is controlled.
@@ -70,20 +93,16 @@ pub(crate) struct DensityRules {
 }
 
 impl DensityRules {
-    /// The settings after `--set`, which may choose `density=mcmc`: those of the other control are not there.
+    /// The settings after `--set`, which may choose the control: those of the others are not there.
     ///
     /// # Errors
     /// [`SystemError::Config`] for a value of the wrong kind.
-    pub(crate) fn asked(
-        planned: &DensityConfig,
-        adc: &AdcConfig,
-        mcmc: &McmcConfig,
-        settings: &mut Settings<'_>,
-    ) -> Result<Self, SystemError> {
-        let schedule = settings.of(planned)?;
+    pub(crate) fn asked(planned: &PlannedDensity, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        let schedule = settings.of(&planned.schedule)?;
         let control = match schedule.density {
-            DensityKind::Adc => ControlConfig::Adc(settings.of(adc)?),
-            DensityKind::Mcmc => ControlConfig::Mcmc(settings.of(mcmc)?),
+            DensityKind::Adc => ControlConfig::Adc(settings.of(&planned.adc)?),
+            DensityKind::Split => ControlConfig::Split(settings.of(&planned.split)?),
+            DensityKind::Mcmc => ControlConfig::Mcmc(settings.of(&planned.mcmc)?),
         };
         Ok(Self { schedule, control })
     }
@@ -97,6 +116,15 @@ impl DensityRules {
             ControlConfig::Adc(adc) => first_of([
                 positive("densify_gradient", adc.densify_gradient.into()),
                 not_negative("prune_size", adc.prune_size.into()),
+            ]),
+            ControlConfig::Split(split) => first_of([
+                positive("densify_gradient", split.densify_gradient.into()),
+                unless(
+                    split.opacity_decay > 0.0 && split.opacity_decay <= 1.0,
+                    "opacity_decay",
+                    split.opacity_decay,
+                    "must be a factor above 0, at most 1",
+                ),
             ]),
             ControlConfig::Mcmc(mcmc) => first_of([
                 not_negative("mcmc_cost", mcmc.mcmc_cost.into()),
@@ -122,6 +150,18 @@ impl AdcConfig {
             .with_size_after(self.reset_every)
             .with_size_max(if self.prune_size > 0.0 { self.prune_size.into() } else { f64::INFINITY })
             .with_gradient_threshold(self.densify_gradient)
+    }
+}
+
+impl SplitConfig {
+    /// The rules of `splat_core`.
+    pub(crate) fn rules(&self, schedule: &DensityConfig) -> AxisSplit {
+        AxisSplit::DEFAULT
+            .with_after(schedule.densify_from)
+            .with_until(schedule.densify_until)
+            .with_every(schedule.densify_every)
+            .with_gradient_threshold(self.densify_gradient)
+            .with_decay(self.opacity_decay.into())
     }
 }
 

@@ -4,7 +4,9 @@ use super::density_config::ControlConfig;
 use super::drawing::SeenGaussians;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
-use splat_core::density::{Adc, Mcmc, Rows, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite};
+use splat_core::density::{
+    Adc, AxisSplit, Mcmc, Rows, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite,
+};
 use splat_core::{Gaussians, SplatError};
 
 pub(crate) use super::density_config::DensityRules;
@@ -32,6 +34,12 @@ enum Control {
     /// Clone, split, prune, reset opacities.
     Adc {
         rules: Adc,
+        /// View-space gradients since the last change.
+        gradients: ViewSpaceGradients,
+    },
+    /// Fade, prune, split along the longest axis.
+    Split {
+        rules: AxisSplit,
         /// View-space gradients since the last change.
         gradients: ViewSpaceGradients,
     },
@@ -70,6 +78,9 @@ impl DensityControl {
             ControlConfig::Adc(adc) => {
                 Control::Adc { rules: adc.rules(&rules.schedule), gradients: ViewSpaceGradients::new(n) }
             }
+            ControlConfig::Split(split) => {
+                Control::Split { rules: split.rules(&rules.schedule), gradients: ViewSpaceGradients::new(n) }
+            }
             ControlConfig::Mcmc(mcmc) => Control::Mcmc { rules: mcmc.rules(&rules.schedule) },
         };
         Self { stream: STREAM + index as u64, control }
@@ -77,18 +88,18 @@ impl DensityControl {
 
     /// A photo of `size` (columns, rows) was seen in step `step`, counted from 0.
     pub(super) fn see(&mut self, step: u64, size: [usize; 2], seen: SeenGaussians<'_>) -> Result<(), SplatError> {
-        match &mut self.control {
-            Control::Adc { rules, gradients } if step + 1 < rules.until => {
-                gradients.add(seen.gaussians, size, |k| seen.uv[k])
-            }
-            _ => Ok(()),
-        }
+        let (until, gradients) = match &mut self.control {
+            Control::Adc { rules, gradients } => (rules.until, gradients),
+            Control::Split { rules, gradients } => (rules.until, gradients),
+            Control::Mcmc { .. } => return Ok(()),
+        };
+        if step + 1 < until { gradients.add(seen.gaussians, size, |k| seen.uv[k]) } else { Ok(()) }
     }
 
     /// What opacity and size cost: its gradient is added. Returns the cost.
     pub(super) fn regularise(&self, cloud: &Gaussians, gradient: &mut Gaussians) -> Result<f64, SplatError> {
         match &self.control {
-            Control::Adc { .. } => Ok(0.0),
+            Control::Adc { .. } | Control::Split { .. } => Ok(0.0),
             Control::Mcmc { rules } => rules.regularise(cloud, gradient),
         }
     }
@@ -132,6 +143,24 @@ impl DensityControl {
                     changed.opacity_reset = true;
                 }
             }
+            Control::Split { rules, gradients } => {
+                if let Some(rows) = &changed.rows {
+                    *gradients = gradients.follow(rows)?;
+                }
+                if rules.grows_at(count) {
+                    keep_in_range(cloud, EXTENT)?;
+                    rules.fade(cloud)?;
+                    let kept = rules.prune(cloud, |_| false)?;
+                    *gradients = gradients.follow(&kept)?;
+                    changed.keep(kept, cloud)?;
+                    let room = rules.room(count, cloud.len(), change.max);
+                    let grown = rules.grow(cloud, &gradients.mean(), room)?;
+                    *cloud = grown.cloud;
+                    changed.then(grown.rows)?;
+                    changed.order(cloud)?;
+                    *gradients = ViewSpaceGradients::new(cloud.len());
+                }
+            }
             Control::Mcmc { rules } => {
                 // The noise is as large as what it moves.
                 keep_in_range(cloud, EXTENT)?;
@@ -155,7 +184,7 @@ impl DensityControl {
 
     /// What the next change depends on; `prefix` stands before the names.
     pub(super) fn push<'a>(&'a self, prefix: &str, out: &mut Vec<Tensor<'a>>) {
-        if let Control::Adc { gradients, .. } = &self.control {
+        if let Control::Adc { gradients, .. } | Control::Split { gradients, .. } = &self.control {
             for (name, values) in NAMES.into_iter().zip(gradients.parts()) {
                 out.push(f32_tensor(format!("{prefix}{name}"), values));
             }
@@ -164,7 +193,7 @@ impl DensityControl {
 
     /// Take what [`push`](Self::push) wrote, for a cloud of `n`.
     pub(super) fn take(&mut self, prefix: &str, state: &TensorMap, n: usize) -> Result<(), SystemError> {
-        if let Control::Adc { gradients, .. } = &mut self.control {
+        if let Control::Adc { gradients, .. } | Control::Split { gradients, .. } = &mut self.control {
             let [sum, views, radius] = NAMES.map(|name| take_f32(state, &format!("{prefix}{name}"), n));
             *gradients = ViewSpaceGradients::restore([sum?, views?, radius?])
                 .map_err(|e| SystemError::State { name: NAMES[0].into(), problem: e.to_string() })?;

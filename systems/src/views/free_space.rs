@@ -116,7 +116,7 @@ mod tests {
         scene.points.push(Point { xyz: seen_through(&data), ..scene.points[0] });
         for (set_to, floats) in [(None, false), (Some(false), true)] {
             let set = set_to.map(|free_space: bool| ("free_space".to_owned(), free_space.into())).into_iter().collect();
-            let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+            let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
             let (mut system, plan) = build("splat", &scene, &data, &run).unwrap();
             assert_eq!(plan.config["free_space"].as_bool(), Some(!floats));
             let every = plan.config["densify_every"].as_integer().unwrap() as u64;
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn without_points_no_place_is_free() {
         let (scene, data) = made::capture(made::Points::None);
-        let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
+        let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: Default::default() };
         let (_, plan) = build("splat", &scene, &data, &run).unwrap();
         assert_eq!(plan.config["free_space"].as_bool(), Some(false));
         let free = FreeSpace::new(&data, &CloudFrame::WORLD).unwrap();

@@ -178,6 +178,8 @@ fn training(extra: ExtraRows) -> CloudTraining {
         cloud: CloudConfig { centre: FRAME.centre, radius: FRAME.scale, max_splats: 10, sh_degree: 1, sh_every: 0 },
         rates: CloudRates {
             horizon: 1,
+            fade_from: 1.0,
+            fade_to: 1.0,
             lr_mean: 1e-30,
             lr_mean_end: 1e-30,
             lr_dc: 0.0,
@@ -352,6 +354,11 @@ impl Twin {
 
 /// `(1 - lambda) mean w |x - y| + lambda mean w (1 - s)`, 121 taps at every pixel.
 fn l1_dssim(x: &[f64], y: &[f64], weights: &[f64]) -> f64 {
+    // What is left out is black in both.
+    let used = |x: &[f64]| -> Vec<f64> {
+        x.iter().enumerate().map(|(i, x)| if weights[i % PIXELS] == 0.0 { 0.0 } else { *x }).collect()
+    };
+    let (x, y) = (&used(x)[..], &used(y)[..]);
     let raw = |d: i64| (-(d * d) as f64 / 4.5).exp();
     let total: f64 = (-5..=5).map(raw).sum();
     let (side, lambda) = (SIDE as i64, f64::from(DSSIM));

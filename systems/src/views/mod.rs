@@ -56,7 +56,9 @@ mod weights;
 
 pub(crate) use cloud::{CloudTraining, TrainedCloud};
 pub(crate) use config::{CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, unless};
-pub(crate) use density_config::{AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig};
+pub(crate) use density_config::{
+    AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
+};
 pub(crate) use drawing::DrawnCloud;
 pub(crate) use driver::{ViewParts, Views, refused};
 pub(crate) use pass::ViewSpaceGradient;

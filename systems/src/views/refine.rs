@@ -59,6 +59,8 @@ fn rates(options: &RefineOptions) -> CloudRates {
     match options.fitted {
         Fitted::All => CloudRates {
             horizon: options.steps,
+            fade_from: 1.0,
+            fade_to: 1.0,
             lr_mean: LR_MEAN,
             lr_mean_end: LR_MEAN / 20.0,
             lr_dc: 1e-2,
@@ -68,6 +70,8 @@ fn rates(options: &RefineOptions) -> CloudRates {
         },
         Fitted::Colours => CloudRates {
             horizon: options.steps,
+            fade_from: 1.0,
+            fade_to: 1.0,
             lr_mean: NONE,
             lr_mean_end: NONE,
             lr_dc: 2e-2,

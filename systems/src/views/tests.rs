@@ -4,7 +4,9 @@ use super::cloud::{CloudTraining, TrainedCloud};
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::CloudParameters;
 use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningKind};
-use super::density_config::{AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig};
+use super::density_config::{
+    AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, SplitConfig,
+};
 use super::driver::{ViewParts, Views};
 use super::pass::ViewSpaceGradient;
 use super::planes::{PlaneBars, RenderedPicture};
@@ -52,12 +54,15 @@ fn cloud(n: usize, stream: u64) -> Gaussians {
 fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
     let control = match kind {
         DensityKind::Adc => ControlConfig::Adc(AdcConfig { densify_gradient: 1e-6, reset_every: 7, prune_size: 0.0 }),
+        DensityKind::Split => ControlConfig::Split(SplitConfig { densify_gradient: 1e-6, opacity_decay: 0.9 }),
         DensityKind::Mcmc => ControlConfig::Mcmc(McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e3 }),
     };
     CloudTraining {
         cloud: CloudConfig { centre: [0.0; 3], radius: 3.3, max_splats: 60, sh_degree: 1, sh_every: 3 },
         rates: CloudRates {
             horizon: 100,
+            fade_from: 1.0,
+            fade_to: 1.0,
             lr_mean: 1e-3,
             lr_mean_end: 1e-4,
             lr_dc: 1e-2,
@@ -108,7 +113,7 @@ fn map(tensors: Vec<Tensor<'_>>) -> TensorMap {
 #[test]
 fn extra_rows_and_a_second_cloud_go_through_density_changes_and_checkpoints() {
     let (_, data) = made::capture(made::Points::None);
-    for kind in [DensityKind::Adc, DensityKind::Mcmc] {
+    for kind in [DensityKind::Adc, DensityKind::Split, DensityKind::Mcmc] {
         let mut whole = system(&data, kind, ViewSpaceGradient::Plain);
         for step in 0..8 {
             assert!(whole.step(&data, step).unwrap().loss.is_finite());

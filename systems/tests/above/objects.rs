@@ -100,7 +100,7 @@ fn what_is_around_the_object_is_empty_and_scores_are_inside_too() {
     let folder = tempfile::tempdir().unwrap();
     let scene = ball(folder.path(), true);
     let data = split(&scene, Split::Train);
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: Default::default() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: Default::default() };
     let (mut system, plan) = build("ngp", &scene, &data, &run).unwrap();
     for step in 0..120 {
         system.step(&data, step).unwrap();
@@ -165,7 +165,8 @@ fn what_lies_before_the_points_of_photos_is_empty() {
     assert!(data.views().iter().all(|view| view.points.len() > 20));
     let trained = |free: bool| {
         let set = [("free_space".to_string(), toml::Value::Boolean(free)), ("sky".into(), toml::Value::Boolean(free))];
-        let run = RunOptions { seed: 0, background: None, error_budget: None, set: set.into_iter().collect() };
+        let run =
+            RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.into_iter().collect() };
         let (mut system, plan) = build("ngp", &scene, &data, &run).unwrap();
         for step in 0..60 {
             system.step(&data, step).unwrap();

@@ -46,7 +46,7 @@ pub(crate) fn build_before(
 ) -> Result<Box<dyn System>, SystemError> {
     let tiny: &[&str] = if name == "ngp" { &TINY_NGP } else { &TINY_NERF };
     let set = tiny.iter().chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 1, background, error_budget: None, set };
+    let options = RunOptions { seed: 1, background, error_budget: None, stop: None, set };
     Ok(systems::registry::build(name, scene, data, &options)?.0)
 }
 

@@ -25,7 +25,7 @@ fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>
     let random: &[&str] = if usable && !set.contains(&"start=\"random\"") { &[] } else { &OF_RANDOM_PLACES };
     let set =
         TINY.iter().chain(control).chain(random).chain(set).map(|s| engine::options::parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, stop: None, set };
     systems::registry::build("splat", scene, data, &options)
 }
 

@@ -76,7 +76,7 @@ fn try_planned(
     set: &[&str],
 ) -> Result<(Box<dyn System>, Plan), SystemError> {
     let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     build(name, scene, train, &run)
 }
 
@@ -232,7 +232,7 @@ fn planes_of_a_scene_at_rest_keep_their_bits_behind_linear_maps() {
     let scene = stopped();
     let build = |train: &Dataset| {
         let set = EXPLICIT.iter().map(|s| parse_set(s).unwrap()).collect();
-        let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+        let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
         systems::registry::build("k-planes", &scene, train, &run).unwrap().0
     };
     assert_same_bits(|steps, state| {

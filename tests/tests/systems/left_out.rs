@@ -35,7 +35,7 @@ fn system(name: &str, (scene, train): &(Scene, Dataset), set: &[&str]) -> Box<dy
         _ => &[],
     };
     let set = small.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: SEED, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: SEED, background: Some(Background::White), error_budget: None, stop: None, set };
     systems::registry::build(name, scene, train, &run).unwrap().0
 }
 

@@ -21,7 +21,7 @@ fn build(scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>
 fn planned(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let narrow = (name == "sf-nerf").then_some("filter_width=16");
     let set = SMALL.iter().copied().chain(narrow).chain(set.iter().copied()).map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     systems::registry::build(name, scene, train, &run)
 }
 
@@ -215,7 +215,7 @@ fn density_that_costs_is_less() {
     for (field, steps) in [(&grid[..], 30), (&small, 20)] {
         let build = |sparsity: &str| {
             let set = field.iter().chain([&sparsity]).map(|s| parse_set(s).unwrap()).collect();
-            let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+            let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
             systems::registry::build("sf-nerf", &scene, &train, &run).unwrap().0
         };
         // What one step more costs with the prior and without, of the same state: the prior.

@@ -24,7 +24,7 @@ fn decided(scene: &Scene, background: Option<Background>) -> ([String; 2], Strin
 }
 
 fn built(scene: &Scene, train: &Dataset, background: Option<Background>) -> (Box<dyn System>, engine::options::Plan) {
-    let run = RunOptions { seed: 0, background, error_budget: None, set: Default::default() };
+    let run = RunOptions { seed: 0, background, error_budget: None, stop: None, set: Default::default() };
     build("auto", scene, train, &run).unwrap()
 }
 

@@ -28,7 +28,7 @@ fn data(size: u32, views: usize, what: PerturbationKind) -> (Scene, Dataset) {
 fn try_system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let set = [&["batch_rays=1024", "batch_samples=16384"], set].concat();
     let set = set.iter().map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     Ok(build(name, scene, train, &run)?.0)
 }
 

@@ -36,7 +36,7 @@ fn train_of(scene: &Scene) -> Dataset {
 
 fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let set = SMALL.iter().chain(soon(name)).chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     Ok(build(name, scene, train, &run)?.0)
 }
 
@@ -89,7 +89,7 @@ fn a_fit_finds_the_code_that_was_planted() {
     let field = ["field=mlp", "width=32", "depth=2", "coarse=8", "fine=8", "batch_rays=512", "lr=5e-3"];
     for (set, what) in [(&SMALL[..], "ngp"), (&field, "mlp")] {
         let set = set.iter().chain(&["appearance_dims=2", "code_lr=1.0"]).map(|s| parse_set(s).unwrap()).collect();
-        let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+        let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
         let mut system = build("nerf-a", &scene, &train, &run).unwrap().0;
         for step in 0..80 {
             system.step(&train, step).unwrap();

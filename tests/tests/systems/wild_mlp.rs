@@ -44,7 +44,7 @@ fn with_occluders(mut scene: Scene) -> Scene {
 
 fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Box<dyn System> {
     let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, set };
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     build(name, scene, train, &run).unwrap().0
 }
 

@@ -1,6 +1,7 @@
 //! Density control: ten Gaussians whose fate is known, and what holds for any number.
 
 mod adc;
+mod axis_split;
 mod guard;
 mod mcmc;
 mod rows;

@@ -213,7 +213,7 @@ fn tineuvox(numbers: &Numbers<'_>, at: Sample) -> Moved {
 /// A deformation of small parts, as its system wires it.
 fn small(new: NewDeform) -> Deform {
     let of = |set: toml::Table| {
-        let run = RunOptions { seed: 3, background: None, error_budget: None, set };
+        let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
         let mut settings = Settings::new(&run);
         let deform = new(&mut settings, Times::of_list(&TIMES), 3).unwrap();
         (deform, settings.all().unwrap())

@@ -9,27 +9,28 @@
 //! L = (1 - lambda) L1 + lambda (1 - SSIM),  lambda = 0.2                  the loss (equation 7)
 //! ```
 //!
-//! `alpha_i` is the opacity times `G`, `c_i` spherical harmonics of the direction. A Gaussian with a mean view-space gradient of at least
-//! `tau = 2e-4` is cloned where it is small and split where it is large; transparent ones are pruned (section 5.2, algorithm 1).
-//! `--set density=mcmc` takes the Markov chain of Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024, instead.
+//! `alpha_i` is the opacity times `G`, `c_i` spherical harmonics of the direction. In the paper a Gaussian with a mean view-space gradient
+//! of at least `tau = 2e-4` is cloned where it is small and split where it is large (section 5.2, algorithm 1): `--set density=adc`.
+//! Here it is split along its longest axis ([`splat_core::density::AxisSplit`]); transparent ones are pruned. `--set density=mcmc` takes
+//! the Markov chain of Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024.
 //!
 //! Where `C` is composited: `splat_core`; the step: [`crate::views`]. What differs from the paper, and why:
 //! `docs/decisions/0022-gaussians-on-the-cpu.md`.
 
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
-use crate::plan::{Ask, Built, Ground};
+use crate::plan::{Ask, Built, Ground, cloud_steps};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::{Start, StartOptions, scene_box};
 use crate::views::{
     AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MOST, MaskWeight, McmcConfig, PictureConfig, TrainedCloud, ViewParts, ViewSpaceGradient, Views,
-    VisualHull, WideningKind, first_of, refused, unless,
+    L1DssimConfig, MOST, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
+    ViewSpaceGradient, Views, VisualHull, WideningKind, first_of, refused, unless,
 };
 use engine::data::Dataset;
 use engine::memory::room_for;
-use engine::options::{Plan, RunOptions};
+use engine::options::{Plan, RunOptions, Stop};
 use engine::system::SystemError;
 use float_core::Simd;
 use glam::DVec3;
@@ -39,9 +40,9 @@ use splat_core::Gaussians;
 
 /// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
 const COARSE_PIXELS: u64 = 65_536;
-/// Steps that the schedules are for; the published ones are for 30 000.
+/// Steps that the schedules are for where no stop is known, and the fewest that they are for.
 const HORIZON: u64 = 10_000;
-const PUBLISHED_HORIZON: u64 = 30_000;
+const SHORTEST: u64 = 1_000;
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -49,10 +50,11 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Kerbl et al., 2023",
     what: "A cloud of Gaussians, drawn tile by tile",
     take: "to look around smoothly, and files for other programs; a minute or more of training",
-    differs: "Opacities are never reset, large Gaussians are not pruned, there are at most 100 000, the schedules take a \
-              third of the steps, and large photos are drawn at half their size first. Random starts keep to places that \
-              no photo shows to be empty.",
-    mark: "no opacity reset, no size prune",
+    differs: "Gaussians are split along their longest axis, up to 100 000 at an even pace; their opacities fade instead of \
+              being reset, large ones are not pruned. The schedules take as many steps as the run is likely to have, sizes \
+              and colours learn twice as fast, all rates fade in the end. Large photos are drawn at half their size first, \
+              and random starts keep to places that no photo shows to be empty.",
+    mark: "axis splits, no opacity reset",
 };
 
 /// Where Gaussians begin.
@@ -84,25 +86,30 @@ struct RandomStartConfig {
 const START: StartConfig = StartConfig { start: StartKind::Points };
 const RANDOM_START: RandomStartConfig = RandomStartConfig { start_count: 20_000 };
 const CLOUD: CloudConfig =
-    CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: scaled(1000, 500) };
-/// The released code's `OptimizationParams`; the rates of opacity and centres are those of its first release.
+    CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: HORIZON / 20 };
+/// Rates of sizes and colours are twice those of the released code's `OptimizationParams`, the last one of centres ten times: there
+/// are fewer steps. All fade at the end, which the paper's do not.
 const RATES: CloudRates = CloudRates {
     horizon: HORIZON,
+    fade_from: 0.7,
+    fade_to: 0.1,
     lr_mean: 1.6e-4,
-    lr_mean_end: 1.6e-6,
-    lr_dc: 2.5e-3,
+    lr_mean_end: 1.6e-5,
+    lr_dc: 5e-3,
     lr_logit: 0.05,
-    lr_scale: 5e-3,
+    lr_scale: 1e-2,
     lr_rotation: 1e-3,
 };
 const DENSITY: DensityConfig = DensityConfig {
-    density: DensityKind::Adc,
-    densify_from: scaled(500, 300),
-    densify_until: scaled(15_000, 1),
+    density: DensityKind::Split,
+    densify_from: 300,
+    densify_until: HORIZON / 5 * 4,
     densify_every: 100,
     free_space: false,
 };
-/// The published threshold; `reset_every` is 3000 there and `prune_size` 0.1.
+/// Half the published threshold: how many there may be at a step is what holds them back.
+const SPLIT: SplitConfig = SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9 };
+/// Of `density=adc`: the published threshold; `reset_every` is 3000 there and `prune_size` 0.1.
 const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 };
 /// Kheradmand et al., 2024: `lambda_o = lambda_s = 0.01` (equation 10), `lambda_noise = 5e5` (section 5).
 const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
@@ -112,17 +119,14 @@ const PICTURES: PictureConfig =
 /// Equation 7.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 
-/// A published number of steps for this horizon, at least `least`.
-const fn scaled(steps: u64, least: u64) -> u64 {
-    let scaled = steps * HORIZON / PUBLISHED_HORIZON;
-    if scaled > least { scaled } else { least }
-}
+/// What is planned of the density control.
+const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, split: SPLIT, mcmc: MCMC };
 
 /// A cloud at its start, and why it is as it is.
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let (scene, data, run) = (ask.scene, ask.data, ask.run);
     let mut ground = Ground::of_clouds(scene, data, run)?;
-    let planned = Planned::of(scene, data, &mut ground.lines);
+    let planned = Planned::of(scene, data, run.stop, &mut ground.lines);
     let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
     let all = ask.settings.all()?;
     let Ground { layout, mut lines, background, error_budget, .. } = ground;
@@ -168,6 +172,7 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
 struct Planned {
     cloud: CloudConfig,
     start: StartConfig,
+    rates: CloudRates,
     density: DensityConfig,
     pictures: PictureConfig,
     /// Why places are known to be empty, where they are.
@@ -176,10 +181,11 @@ struct Planned {
 
 impl Planned {
     /// Of no scene.
-    const PUBLISHED: Self = Self { cloud: CLOUD, start: START, density: DENSITY, pictures: PICTURES, free_space: None };
+    const OF_NOTHING: Self =
+        Self { cloud: CLOUD, start: START, rates: RATES, density: DENSITY, pictures: PICTURES, free_space: None };
 
     /// Of a scene; what was decided, and why, is added to `lines`.
-    fn of(scene: &Scene, data: &Dataset, lines: &mut Vec<String>) -> Self {
+    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>, lines: &mut Vec<String>) -> Self {
         let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
         let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
         let (frame, note) = CloudFrame::around(&cameras, &points);
@@ -190,12 +196,16 @@ impl Planned {
         if coarse > 0 {
             lines.push(format!("pictures begin {} times smaller ({pixels} pixels each)", 1 << coarse));
         }
+        let steps = cloud_steps(data, stop);
+        let horizon = steps.map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
+        lines.push(format!("schedule: of {horizon} steps"));
         let free_space = free_space_line(data);
         let start = if scene.points.is_empty() { StartKind::Random } else { StartKind::Points };
         Self {
-            cloud: CloudConfig { centre: frame.centre, radius: frame.scale, ..CLOUD },
+            cloud: CloudConfig { centre: frame.centre, radius: frame.scale, sh_every: horizon / 20, ..CLOUD },
             start: StartConfig { start },
-            density: DensityConfig { free_space: free_space.is_some(), ..DENSITY },
+            rates: CloudRates { horizon, ..RATES },
+            density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
             pictures: PictureConfig { coarse, ..PICTURES },
             free_space,
         }
@@ -209,8 +219,8 @@ impl Planned {
         let start = self.asked_start(points, &cloud, &frame, settings, seed)?;
         let training = CloudTraining {
             cloud,
-            rates: settings.of(&RATES)?,
-            density: DensityRules::asked(&self.density, &ADC, &MCMC, settings)?,
+            rates: settings.of(&self.rates)?,
+            density: DensityRules::asked(&PlannedDensity { schedule: self.density, ..CONTROL }, settings)?,
             extra: ExtraRows::default(),
         };
         let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&LOSS)?);
@@ -277,16 +287,18 @@ fn start_options(cloud: &CloudConfig, seed: u64) -> StartOptions {
 
 /// All settings by name, whatever is chosen; values are of no scene.
 pub(crate) fn names() -> toml::Table {
-    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, set };
+    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
     let mut names = toml::Table::new();
     for set in [
         toml::toml! { start = "random" },
+        toml::toml! { start = "random"
+        density = "adc" },
         toml::toml! { start = "random"
         density = "mcmc" },
     ] {
         let run = run(set);
         let mut settings = Settings::new(&run);
-        Planned::PUBLISHED.asked(&[], &mut settings, 0).expect("settings as published");
+        Planned::OF_NOTHING.asked(&[], &mut settings, 0).expect("settings as published");
         names.extend(settings.all().expect("words of its own"));
     }
     names
@@ -299,14 +311,16 @@ mod tests {
     #[test]
     fn settings_are_those_of_the_parts_that_are_there() {
         let asked = |set: toml::Table| {
-            let run = RunOptions { seed: 0, background: None, error_budget: None, set };
+            let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
             let mut settings = Settings::new(&run);
-            Planned::PUBLISHED.asked(&[], &mut settings, 0).and_then(|_| settings.all())
+            Planned::OF_NOTHING.asked(&[], &mut settings, 0).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 29, "{all:?}");
-        let adc = asked(toml::Table::new()).unwrap();
-        assert!(adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost"));
+        assert_eq!(all.len(), 32, "{all:?}");
+        let adc = asked(toml::toml! { density = "adc" }).unwrap();
+        assert!(adc.contains_key("reset_every") && !adc.contains_key("opacity_decay"));
+        let split = asked(toml::Table::new()).unwrap();
+        assert!(split.contains_key("opacity_decay") && !split.contains_key("mcmc_cost"));
         let mcmc = asked(toml::toml! { density = "mcmc" }).unwrap();
         assert!(mcmc.contains_key("mcmc_cost") && !mcmc.contains_key("reset_every"));
         let error = asked(toml::toml! { density = "mcmc"
@@ -316,10 +330,10 @@ mod tests {
 
     #[test]
     fn points_leave_no_settings_of_random_places() {
-        let run = RunOptions { seed: 0, background: None, error_budget: None, set: toml::Table::new() };
+        let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: toml::Table::new() };
         let mut settings = Settings::new(&run);
         let points = [Point { xyz: DVec3::ZERO, rgb: [0; 3] }];
-        let asked = Planned::PUBLISHED.asked(&points, &mut settings, 0).unwrap();
+        let asked = Planned::OF_NOTHING.asked(&points, &mut settings, 0).unwrap();
         assert!(matches!(asked.start, AskedStart::Points(_)));
         assert!(!settings.all().unwrap().contains_key("start_count"));
     }
@@ -339,8 +353,8 @@ mod tests {
             ("dssim", 1.5.into()),
         ] {
             let set = toml::Table::from_iter([(name.to_owned(), value)]);
-            let run = RunOptions { seed: 0, background: None, error_budget: None, set };
-            let error = Planned::PUBLISHED.asked(&[], &mut Settings::new(&run), 0).err().map(|e| e.to_string());
+            let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
+            let error = Planned::OF_NOTHING.asked(&[], &mut Settings::new(&run), 0).err().map(|e| e.to_string());
             assert!(error.as_ref().is_some_and(|e| e.contains(name)), "{name}: {error:?}");
         }
     }

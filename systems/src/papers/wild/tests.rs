@@ -10,7 +10,7 @@ fn planned(name: &str, set: &str) -> Result<Plan, SystemError> {
     // Of the hash grid: it is coarse.
     let coarse = if set.contains("mlp") { "" } else { "occupancy = 16\n" };
     let set = format!("{coarse}{set}");
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() };
     build(name, &scene, &data, &run).map(|(_, plan)| plan)
 }
 
@@ -170,7 +170,7 @@ fn planned_values_of_both_fields() {
 
 fn value_of(name: &str, set: &str, key: &str) -> String {
     let (scene, data) = capture(Points::None);
-    let run = RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() };
     build(name, &scene, &data, &run).unwrap().1.config[key].to_string()
 }
 
@@ -182,7 +182,7 @@ fn names_are_those_of_the_pairs() {
             "ha-nerf-a" | "ha-nerf" => "occupancy = 16\nencoder_channels = [4]",
             _ => "occupancy = 16",
         };
-        let run = RunOptions { seed: 0, background: None, error_budget: None, set: set.parse().unwrap() };
+        let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() };
         assert_eq!(build(name, &scene, &data, &run).unwrap().0.name(), name);
     }
 }

@@ -71,7 +71,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     };
     let small = TINY_NGP.iter().chain(&SMALL).filter(|s| has_part(name, s) && !replaced(s));
     let set = small.chain(own).chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, stop: None, set };
     systems::registry::build(name, scene, data, &options)
 }
 

@@ -59,7 +59,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<
     let field: &[&str] = if set.contains(&"field=mlp") { &TINY_NERF } else { &TINY_NGP };
     let small = small(name, set);
     let set = small.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, set };
+    let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, stop: None, set };
     Ok(systems::registry::build(name, scene, data, &options)?.0)
 }
 
