@@ -51,11 +51,7 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("still", "ngp", &["levels=6", "features=2", "geometry=8"]),
     ("still", "ngp", &["space=contracted", "cascades=3", "sky=true", "free_space=true", "distortion=0.02"]),
     ("still", "splat", &["densify_gradient=1e-6"]),
-    (
-        "still",
-        "splat",
-        &["start=random", "start_count=500", "densify_gradient=1e-6", "reset_every=30", "prune_size=0.5"],
-    ),
+    ("still", "splat", &["start=random", "start_count=500", "density=adc", "reset_every=30", "prune_size=0.5"]),
     ("still", "splat", &["density=mcmc", "mcmc_cost=0.02", "widening=dims"]),
     ("still", "splat", &["sh_degree=0", "dssim=0.5", "near=0.02", "lr_dc=0.01"]),
     ("still", "splat", &["start=random", "start_count=300", "density=mcmc", "free_space=true"]),

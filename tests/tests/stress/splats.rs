@@ -15,12 +15,17 @@ const STEPS: u64 = 45;
 const TINY: [&str; 4] = ["max_splats=120", "sh_every=10", "densify_from=4", "densify_every=5"];
 /// Settings of the parts that are there only where they are chosen.
 const OF_ADC: [&str; 2] = ["densify_gradient=1e-6", "reset_every=20"];
+const OF_SPLIT: [&str; 2] = ["densify_gradient=1e-6", "opacity_decay=0.8"];
 const OF_MCMC: [&str; 1] = ["mcmc_cost=0.02"];
 const OF_RANDOM_PLACES: [&str; 1] = ["start_count=60"];
-const DENSITIES: [&str; 2] = ["density=adc", "density=mcmc"];
+const DENSITIES: [&str; 3] = ["density=split", "density=adc", "density=mcmc"];
 
 fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let control: &[&str] = if set.contains(&"density=mcmc") { &OF_MCMC } else { &OF_ADC };
+    let control: &[&str] = match set {
+        _ if set.contains(&"density=mcmc") => &OF_MCMC,
+        _ if set.contains(&"density=adc") => &OF_ADC,
+        _ => &OF_SPLIT,
+    };
     let usable = scene.points.iter().any(|p| p.xyz.as_vec3().is_finite());
     let random: &[&str] = if usable && !set.contains(&"start=\"random\"") { &[] } else { &OF_RANDOM_PLACES };
     let set =
@@ -38,7 +43,7 @@ fn exports(system: &dyn System, max: usize) -> Verdict {
     ensure(splats.len() <= max, || format!("{} Gaussians of at most {max}", splats.len()))
 }
 
-/// Trains with both kinds of density control, everything finite all the time; the plan has a line with `told`.
+/// Trains with all kinds of density control, everything finite all the time; the plan has a line with `told`.
 fn trains(scene: &Scene, set: &[&str], told: &str) -> Verdict {
     for density in DENSITIES {
         let data = dataset(scene);
@@ -226,7 +231,7 @@ pub(crate) fn scenes(tally: &mut Tally) {
         let at = |by: DVec3| {
             let scene = far_away(tiny_scene(4, 0.82), by);
             let data = dataset(&scene);
-            let (mut system, _) = build(&scene, &data, &["reset_every=0"]).map_err(|e| e.to_string())?;
+            let (mut system, _) = build(&scene, &data, &[]).map_err(|e| e.to_string())?;
             guarded(system.as_mut(), &data, 150, state_is_finite)?;
             train_psnr(system.as_ref(), &data)
         };
@@ -243,6 +248,8 @@ const SETTINGS: &str = "
     lr_rotation=nan lr_rotation=1e30 lr_rotation=0.0
     densify_every=0 densify_every=1 densify_until=0 densify_from=1000 densify_gradient=0.0 densify_gradient=-1.0
     densify_gradient=nan densify_gradient=1e-38 densify_gradient=1e30 reset_every=0 reset_every=1
+    opacity_decay=0.0 opacity_decay=1.0 opacity_decay=1.5 opacity_decay=nan opacity_decay=1e-30
+    fade_from=-0.1 fade_from=0.0 fade_from=1.0 fade_from=nan fade_to=0.0 fade_to=1.0 fade_to=2.0 fade_to=nan
     mcmc_cost=-1.0 mcmc_cost=nan mcmc_cost=1e30 mcmc_noise=nan mcmc_noise=-1.0 mcmc_noise=0.0 mcmc_noise=1e30
     dssim=-0.1 dssim=1.1 dssim=nan dssim=0.0 dssim=1.0 coarse=1 coarse=40 coarse_steps=0
     start=\"random\" start=\"anywhere\" density=\"none\" widening=\"dims\" widening=\"keeps\" nonsense=1";

@@ -13,7 +13,11 @@ use tests::{psnr, state_after, system, table_data, views};
 const BUSY: [&str; 6] =
     ["start_count=300", "max_splats=4000", "sh_every=12", "densify_from=15", "densify_every=10", "coarse=1"];
 /// The density controls, with settings of theirs alone: opacity resets at every 25th step.
-const DENSITIES: [&[&str]; 2] = [&["density=adc", "densify_gradient=2e-5", "reset_every=25"], &["density=mcmc"]];
+const DENSITIES: [&[&str]; 3] = [
+    &["density=split", "densify_gradient=2e-5", "opacity_decay=0.8"],
+    &["density=adc", "densify_gradient=2e-5", "reset_every=25"],
+    &["density=mcmc"],
+];
 const STEPS: u64 = 60;
 /// Between two changes, right after one, right before one, and after fading.
 const CUTS: [u64; 4] = [33, 40, 39, 50];
