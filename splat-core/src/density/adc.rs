@@ -5,8 +5,8 @@ use alloc::vec::Vec;
 use float_core::m64;
 use float_core::rng::Rng;
 
-use super::rows::{countable, hottest};
-use super::{Change, Rows, largest_scale, opacity, rotation, scales};
+use super::rows::{countable, hottest, split_and_cloned};
+use super::{Change, Rows, largest_scale, logit, opacity, rotation, scales};
 use crate::{Gaussians, SplatError};
 
 /// Settings of adaptive density control. Steps count from 1.
@@ -137,14 +137,9 @@ impl Adc {
         }
         countable(n)?;
         let growing = hottest(view_space_gradient, self.gradient_threshold, max.saturating_sub(n));
-        countable(n + growing.len())?;
         let (split, cloned): (Vec<u32>, Vec<u32>) =
             growing.into_iter().partition(|&i| largest_scale(cloud, i as usize) > self.split_above * extent);
-        let mut parents = split.iter().copied().peekable();
-        let stay = (0..n as u32).filter(|&i| parents.next_if_eq(&i).is_none());
-        let children = split.iter().flat_map(|&i| [i, i]);
-        let fresh = cloned.iter().copied().chain(children).map(|i| (i, true));
-        let rows = Rows::of(n, stay.map(|i| (i, false)).chain(fresh));
+        let rows = split_and_cloned(n, &split, &cloned)?;
         let mut out = rows.follow(cloud)?;
         let (len, first) = (out.len(), rows.len() - 2 * split.len());
         let smaller = m64::ln(self.shrink);
@@ -190,7 +185,7 @@ impl Adc {
     pub fn reset_opacity(&self, cloud: &mut Gaussians, resets: impl Fn(usize) -> bool) -> Result<(), SplatError> {
         self.check()?;
         cloud.check()?;
-        let most = (m64::ln(self.reset_to) - m64::ln_1p(-self.reset_to)) as f32;
+        let most = logit(self.reset_to);
         for (_, x) in cloud.logit.iter_mut().enumerate().filter(|&(i, _)| resets(i)) {
             // Not `min`, which would replace NaN.
             if *x > most {

@@ -2,8 +2,8 @@
 
 use float_core::m64;
 
-use super::rows::{countable, hottest};
-use super::{Change, Rows, opacity, rotation, scales};
+use super::rows::{countable, hottest, split_and_cloned};
+use super::{Change, Rows, logit, opacity, rotation, scales};
 use crate::{Gaussians, SplatError};
 
 /// Settings of splits along the longest axis. Steps count from 1.
@@ -117,11 +117,7 @@ impl AxisSplit {
         }
         countable(n)?;
         let split = hottest(view_space_gradient, self.gradient_threshold, max.saturating_sub(n));
-        countable(n + split.len())?;
-        let mut parents = split.iter().copied().peekable();
-        let stay = (0..n as u32).filter(|&i| parents.next_if_eq(&i).is_none());
-        let children = split.iter().flat_map(|&i| [i, i]);
-        let rows = Rows::of(n, stay.map(|i| (i, false)).chain(children.map(|i| (i, true))));
+        let rows = split_and_cloned(n, &split, &[])?;
         let mut out = rows.follow(cloud)?;
         let first = rows.len() - 2 * split.len();
         for (k, &parent) in split.iter().enumerate() {
@@ -136,8 +132,7 @@ impl AxisSplit {
         let (s, r) = (scales(cloud, parent), rotation(cloud, parent));
         let longest = (1..3).fold(0, |axis, k| if s[k] > s[axis] { k } else { axis });
         let offset = m64::sqrt(1.0 - self.shorter * self.shorter) * s[longest];
-        let o = opacity(cloud, parent) / (2.0 * self.shorter);
-        let logit = (m64::ln(o) - m64::ln_1p(-o)) as f32;
+        let logit = logit(opacity(cloud, parent) / (2.0 * self.shorter));
         for (child, sign) in [(at, 1.0), (at + 1, -1.0)] {
             for (k, row) in r.iter().enumerate() {
                 out.mean[k * len + child] =
@@ -164,7 +159,7 @@ impl AxisSplit {
                 let faded = (self.decay * o).max(self.decay_to);
                 // Not `min`, which would replace NaN.
                 if faded < o {
-                    *x = (m64::ln(faded) - m64::ln_1p(-faded)) as f32;
+                    *x = logit(faded);
                 }
             }
         }

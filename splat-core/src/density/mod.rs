@@ -57,6 +57,11 @@ pub fn opacity(cloud: &Gaussians, i: usize) -> f64 {
     m64::logistic(f64::from(cloud.logit[i]))
 }
 
+/// The parameter of an opacity, the inverse of the logistic function.
+fn logit(opacity: f64) -> f32 {
+    (m64::ln(opacity) - m64::ln_1p(-opacity)) as f32
+}
+
 /// Standard deviations of Gaussian `i`, world units.
 fn scales(cloud: &Gaussians, i: usize) -> [f64; 3] {
     [0, 1, 2].map(|k| m64::exp(f64::from(cloud.log_scale[k * cloud.len() + i])))

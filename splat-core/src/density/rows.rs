@@ -167,6 +167,16 @@ pub(super) fn countable(n: usize) -> Result<(), SplatError> {
     }
 }
 
+/// Rows of `n` where those of `split` are replaced by two children each: those that stay, copies of `cloned`, then the pairs of children,
+/// each in the order of their sources. Both lists are ascending.
+pub(super) fn split_and_cloned(n: usize, split: &[u32], cloned: &[u32]) -> Result<Rows, SplatError> {
+    countable(n + split.len() + cloned.len())?;
+    let mut parents = split.iter().copied().peekable();
+    let stay = (0..n as u32).filter(|&i| parents.next_if_eq(&i).is_none());
+    let fresh = cloned.iter().copied().chain(split.iter().flat_map(|&i| [i, i]));
+    Ok(Rows::of(n, stay.map(|i| (i, false)).chain(fresh.map(|i| (i, true)))))
+}
+
 /// The rows with a score of at least `threshold`, in order. Of more than `room` those with the largest scores, ties by index.
 pub(super) fn hottest(scores: &[f32], threshold: f32, room: usize) -> Vec<u32> {
     let mut hot: Vec<u32> = (0..scores.len() as u32).filter(|&i| scores[i as usize] >= threshold).collect();

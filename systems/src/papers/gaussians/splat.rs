@@ -318,7 +318,9 @@ mod tests {
         let all = names();
         assert_eq!(all.len(), 32, "{all:?}");
         let adc = asked(toml::toml! { density = "adc" }).unwrap();
-        assert!(adc.contains_key("reset_every") && !adc.contains_key("opacity_decay"));
+        assert!(
+            adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost") && !adc.contains_key("opacity_decay")
+        );
         let split = asked(toml::Table::new()).unwrap();
         assert!(split.contains_key("opacity_decay") && !split.contains_key("mcmc_cost"));
         let mcmc = asked(toml::toml! { density = "mcmc" }).unwrap();
