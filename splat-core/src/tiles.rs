@@ -42,18 +42,27 @@ pub(crate) fn touched(f: &ProjectedGaussian, grid: Grid, mut visit: impl FnMut(u
         let (first, last) = ((low / tile) as usize, (high / tile) as usize);
         first..if high < 0.0 { 0 } else { last.saturating_add(1).min(n) }
     };
+    let rows = span(f.uv[1] - hy - SLACK, f.uv[1] + hy + SLACK, grid.rows);
+    let columns = span(f.uv[0] - hx - SLACK, f.uv[0] + hx + SLACK, grid.columns);
+    if rows.len() < 2 || columns.len() < 2 {
+        // It reaches all sides of its box.
+        for row in rows {
+            columns.clone().for_each(|column| visit((row * grid.columns + column) as u32));
+        }
+        return;
+    }
     // The ellipse is widest at dy = -b hx / c (dx = hx) and at the mirror image.
     let widest = -b * hx / c;
     // 1 / det of the covariance.
     let det = a * c - b * b;
-    for row in span(f.uv[1] - hy - SLACK, f.uv[1] + hy + SLACK, grid.rows) {
+    // Both ends of the chord at height dy.
+    let chord = |dy: f32| {
+        let half = m32::sqrt((a * f.q_max - det * dy * dy).max(0.0));
+        [(-b * dy - half) / a, (-b * dy + half) / a]
+    };
+    for row in rows {
         let low = (row as f32 * tile + 0.5 - f.uv[1]).max(-hy);
         let high = ((row as f32 + 1.0) * tile - 0.5 - f.uv[1]).min(hy);
-        // Both ends of the chord at height dy.
-        let chord = |dy: f32| {
-            let half = m32::sqrt((a * f.q_max - det * dy * dy).max(0.0));
-            [(-b * dy - half) / a, (-b * dy + half) / a]
-        };
         let ([l0, r0], [l1, r1]) = (chord(low), chord(high));
         let within = |dy: f32| low <= dy && dy <= high;
         let right = if within(widest) { hx } else { r0.max(r1) };

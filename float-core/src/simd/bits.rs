@@ -22,6 +22,8 @@ pub trait Bits: Sized {
     fn turn(quadrant: Self, sin: Self, cos: Self) -> (Self, Self);
     /// Whether every lane is below `limit`; NaN is not.
     fn all_below(self, limit: Self) -> bool;
+    /// One bit for each lane, the first the lowest: set where it is above 0.
+    fn positive(self) -> u32;
 }
 
 impl Bits for Scalar {
@@ -66,6 +68,10 @@ impl Bits for Scalar {
     #[inline(always)]
     fn all_below(self, limit: Self) -> bool {
         (0..8).fold(true, |all, i| all & (self.0[i] < limit.0[i]))
+    }
+    #[inline(always)]
+    fn positive(self) -> u32 {
+        (0..8).fold(0, |bits, i| bits | u32::from(self.0[i] > 0.0) << i)
     }
 }
 
@@ -169,6 +175,11 @@ mod x86 {
             // SAFETY: see the head of this module.
             unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, limit.0)) == 0xff }
         }
+        #[inline(always)]
+        fn positive(self) -> u32 {
+            // SAFETY: see the head of this module.
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, _mm256_setzero_ps())) as u32 }
+        }
     }
 
     // SAFETY: as for AVX2.
@@ -217,6 +228,11 @@ mod x86 {
         fn all_below(self, limit: Self) -> bool {
             // SAFETY: see the head of this module.
             unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, limit.0) == 0xffff }
+        }
+        #[inline(always)]
+        fn positive(self) -> u32 {
+            // SAFETY: see the head of this module.
+            unsafe { u32::from(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, _mm512_setzero_ps())) }
         }
     }
 }

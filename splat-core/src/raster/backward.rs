@@ -10,9 +10,9 @@
 
 use float_core::{Task, Vector};
 
+use super::blocks::{BLOCK, EachOf};
 use super::transmittance::{TileGaussian, Transmittance};
 use super::{PIXELS, ProjectedGradient, Tile};
-use crate::tiles::TILE;
 
 /// Walks a tile's list again. With `ABSOLUTE`, sums of absolute view-space gradients are computed, too.
 pub(super) struct Backward<'a, const K: usize, const ABSOLUTE: bool> {
@@ -21,8 +21,8 @@ pub(super) struct Backward<'a, const K: usize, const ABSOLUTE: bool> {
     pub(super) out: &'a [f32],
     /// `[K + 1][PIXELS]` gradient with respect to features and transmittance.
     pub(super) value_bar: &'a [f32],
-    /// Gaussians of the list that the forward pass visited.
-    pub(super) visited: u32,
+    /// For each Gaussian that the forward pass visited one bit for each block that it contributed to.
+    pub(super) blocks: &'a [u16],
     /// Written: one for each Gaussian of the list, summed over the tile's pixels.
     pub(super) gradients: &'a mut [ProjectedGradient<K>],
     /// Written with `ABSOLUTE`, else empty: the sum over the tile's pixels of the absolute gradient with respect to the centre.
@@ -34,7 +34,7 @@ impl<const K: usize, const ABSOLUTE: bool> Task for Backward<'_, K, ABSOLUTE> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { tile, out, value_bar, visited, gradients, uv_absolute } = self;
+        let Self { tile, out, value_bar, blocks, gradients, uv_absolute } = self;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let mut transmittance = Transmittance::<V>::new(&tile);
         let mut rest = [0.0_f32; PIXELS];
@@ -47,21 +47,20 @@ impl<const K: usize, const ABSOLUTE: bool> Task for Backward<'_, K, ABSOLUTE> {
         if ABSOLUTE {
             uv_absolute.fill([0.0; 2]);
         }
-        for (i, (&entry, gradient)) in tile.entries[..visited as usize].iter().zip(gradients).enumerate() {
+        for (i, (&entry, gradient)) in tile.entries.iter().zip(gradients).enumerate().take(blocks.len()) {
+            if blocks[i] == 0 {
+                continue;
+            }
             let gaussian = TileGaussian::<V, K>::new(&tile, entry);
             let [a, b, c] = gaussian.conic;
             // Sums of h = q_bar times 1, dx, dy and their products.
             let mut sums = [zero; 6];
             let mut features_bar = [zero; K];
             let mut absolute = [zero; 2];
-            for y in gaussian.rows.clone() {
-                if !transmittance.is_live(y) {
-                    continue;
-                }
-                let mut row = [zero; 3];
-                for x in (0..TILE).step_by(V::LANES) {
-                    let Some(contribution) = transmittance.composite(&gaussian, y, x) else { continue };
-                    let at = y * TILE + x;
+            for block in EachOf(blocks[i].into()) {
+                for from in (0..BLOCK).step_by(V::LANES) {
+                    let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
+                    let at = block * BLOCK + from;
                     let mut worth = zero;
                     for k in 0..K {
                         let bar = V::load(&value_bar[k * PIXELS + at..]);
@@ -72,23 +71,20 @@ impl<const K: usize, const ABSOLUTE: bool> Task for Backward<'_, K, ABSOLUTE> {
                     behind.store(&mut rest[at..]);
                     let alpha_bar = contribution.t * worth - behind / (one - contribution.alpha);
                     let h = transmittance.passes(&contribution, V::splat(-0.5) * contribution.unclamped * alpha_bar);
-                    let hx = h * contribution.dx;
-                    row = [row[0] + h, row[1] + hx, hx.mul_add(contribution.dx, row[2])];
+                    let (dx, dy) = (contribution.dx, contribution.dy);
+                    let (hx, hy) = (h * dx, h * dy);
+                    sums[0] = sums[0] + h;
+                    sums[1] = sums[1] + hx;
+                    sums[2] = sums[2] + hy;
+                    sums[3] = hx.mul_add(dx, sums[3]);
+                    sums[4] = hx.mul_add(dy, sums[4]);
+                    sums[5] = hy.mul_add(dy, sums[5]);
                     if ABSOLUTE {
-                        let hy = h * V::splat(gaussian.dy(y));
                         let u = V::splat(a).mul_add(hx, V::splat(b) * hy);
                         let v = V::splat(b).mul_add(hx, V::splat(c) * hy);
                         absolute = [absolute[0] + u.max(-u), absolute[1] + v.max(-v)];
                     }
                 }
-                transmittance.end_row(y);
-                let dy = V::splat(gaussian.dy(y));
-                sums[0] = sums[0] + row[0];
-                sums[1] = sums[1] + row[1];
-                sums[2] = dy.mul_add(row[0], sums[2]);
-                sums[3] = sums[3] + row[2];
-                sums[4] = dy.mul_add(row[1], sums[4]);
-                sums[5] = (dy * dy).mul_add(row[0], sums[5]);
             }
             let [h, hx, hy, hxx, hxy, hyy] = sums.map(V::sum);
             *gradient = ProjectedGradient {

@@ -3,13 +3,15 @@
 use float_core::{Task, Vector};
 
 use super::transmittance::{TileGaussian, Transmittance};
+use super::blocks::{BLOCK, EachOf};
 use super::{PIXELS, Tile};
-use crate::tiles::TILE;
 
 /// Composites a tile. `out` `[K + 1][PIXELS]`: features, then transmittance.
 pub(super) struct Forward<'a, const K: usize> {
     pub(super) tile: Tile<'a, K>,
     pub(super) out: &'a mut [f32],
+    /// Written: for each Gaussian of the list one bit for each block that it contributed to.
+    pub(super) blocks: &'a mut [u16],
 }
 
 impl<const K: usize> Task for Forward<'_, K> {
@@ -18,32 +20,30 @@ impl<const K: usize> Task for Forward<'_, K> {
 
     #[inline(always)]
     fn run<V: Vector>(self) -> u32 {
-        let Self { tile, out } = self;
+        let Self { tile, out, blocks } = self;
         let (value, trans) = out.split_at_mut(K * PIXELS);
         value.fill(0.0);
         let mut transmittance = Transmittance::<V>::new(&tile);
         let mut visited = 0;
-        for &entry in tile.entries {
+        for (&entry, blocks) in tile.entries.iter().zip(blocks) {
             let gaussian = TileGaussian::<V, K>::new(&tile, entry);
-            for y in gaussian.rows.clone() {
-                if !transmittance.is_live(y) {
-                    continue;
-                }
-                for x in (0..TILE).step_by(V::LANES) {
-                    let Some(contribution) = transmittance.composite(&gaussian, y, x) else { continue };
+            *blocks = 0;
+            for block in EachOf(transmittance.live(gaussian.blocks())) {
+                for from in (0..BLOCK).step_by(V::LANES) {
+                    let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
+                    *blocks |= 1 << block;
                     for (k, &feature) in gaussian.feature.iter().enumerate() {
-                        let sum = &mut value[k * PIXELS + y * TILE + x..];
+                        let sum = &mut value[k * PIXELS + block * BLOCK + from..];
                         contribution.w.mul_add(feature, V::load(sum)).store(sum);
                     }
                 }
-                transmittance.end_row(y);
             }
             visited += 1;
             if transmittance.is_over() {
                 break;
             }
         }
-        trans.copy_from_slice(&transmittance.trans);
+        trans.copy_from_slice(transmittance.trans.as_flattened());
         visited
     }
 }

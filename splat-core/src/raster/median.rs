@@ -3,13 +3,13 @@
 use float_core::{Task, Vector};
 
 use super::Tile;
+use super::blocks::{BLOCK, EachOf};
 use super::transmittance::{TileGaussian, Transmittance};
-use crate::tiles::TILE;
 
 /// Transmittance at the median.
 pub(super) const HALF: f32 = 0.5;
 
-/// Walks a tile whose settings end a pixel at transmittance [`HALF`]. `out` `[TILE][TILE]`: depth of the last Gaussian that contributed to
+/// Walks a tile whose settings end a pixel at transmittance [`HALF`]. `out` `[blocks][BLOCK]`: depth of the last Gaussian that contributed to
 /// a pixel; infinite where the transmittance stays above [`HALF`].
 pub(super) struct MedianDepth<'a, const K: usize> {
     pub(super) tile: Tile<'a, K>,
@@ -26,22 +26,18 @@ impl<const K: usize> Task for MedianDepth<'_, K> {
         for &entry in tile.entries {
             let gaussian = TileGaussian::<V, K>::new(&tile, entry);
             let z = V::splat(tile.gaussians[entry as usize].z);
-            for y in gaussian.rows.clone() {
-                if !transmittance.is_live(y) {
-                    continue;
-                }
-                for x in (0..TILE).step_by(V::LANES) {
-                    let Some(contribution) = transmittance.composite(&gaussian, y, x) else { continue };
-                    let at = &mut out[y * TILE + x..];
+            for block in EachOf(transmittance.live(gaussian.blocks())) {
+                for from in (0..BLOCK).step_by(V::LANES) {
+                    let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
+                    let at = &mut out[block * BLOCK + from..];
                     contribution.w.select_positive(z, V::load(at)).store(at);
                 }
-                transmittance.end_row(y);
             }
             if transmittance.is_over() {
                 break;
             }
         }
-        for (out, left) in out.iter_mut().zip(&transmittance.trans) {
+        for (out, left) in out.iter_mut().zip(transmittance.trans.as_flattened()) {
             if *left > HALF {
                 *out = f32::INFINITY;
             }

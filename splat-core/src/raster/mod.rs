@@ -1,6 +1,7 @@
 //! Rasteriser: projected Gaussians to pixels, tile by tile, and its backward pass.
 
 mod backward;
+mod blocks;
 mod forward;
 mod median;
 mod picture;
@@ -26,6 +27,6 @@ struct Tile<'a, const K: usize> {
     settings: &'a RasterSettings,
     /// Upper left corner, pixels.
     corner: [f32; 2],
-    /// Rows of the tile that are in the picture.
-    rows: usize,
+    /// Columns and rows of the tile that are in the picture.
+    size: [usize; 2],
 }

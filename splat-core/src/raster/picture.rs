@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 use float_core::Simd;
 
 use super::backward::Backward;
+use super::blocks::{cut, paste};
 use super::forward::Forward;
 use super::median::{HALF, MedianDepth};
 use super::{PIXELS, ProjectedGradient, Tile};
@@ -19,7 +20,7 @@ const GATHER: usize = 1024;
 
 /// Composites projected Gaussians with `K` features each (colour, depth, masks, ...) front to back, for any `K`.
 ///
-/// Holds what the backward pass needs of the last picture: `4 (K + 1)` bytes per pixel and `8 + 4 (6 + K)` per pair of a Gaussian and
+/// Holds what the backward pass needs of the last picture: `4 (K + 1)` bytes per pixel and `10 + 4 (6 + K)` per pair of a Gaussian and
 /// a tile (8 more for absolute gradients).
 ///
 /// # Source
@@ -32,6 +33,8 @@ pub struct Raster<const K: usize> {
     /// `[tiles][K + 1][PIXELS]`
     tiles: Vec<f32>,
     visited: Vec<u32>,
+    /// `[pairs]` one bit for each block of the tile to which the Gaussian contributed.
+    blocks: Vec<u16>,
     /// `[pairs]` gradients summed over one tile, in the order of the tiles' lists.
     pair_gradients: Vec<ProjectedGradient<K>>,
     /// `[pairs]` absolute view-space gradients, likewise; only written where they are asked for.
@@ -62,6 +65,7 @@ struct Inputs<'a, const K: usize> {
 struct Job<'a, const K: usize> {
     out: &'a mut [f32],
     visited: &'a mut u32,
+    blocks: &'a mut [u16],
     gradients: &'a mut [ProjectedGradient<K>],
     uv_absolute: &'a mut [[f32; 2]],
 }
@@ -97,15 +101,19 @@ impl<const K: usize> Raster<K> {
         self.tiles.resize(grid.len() * (K + 1) * PIXELS, 0.0);
         self.visited.resize(grid.len(), 0);
         let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
-        let mut jobs: Vec<Job<'_, K>> = self
-            .tiles
-            .chunks_exact_mut((K + 1) * PIXELS)
-            .zip(&mut self.visited)
-            .map(|(out, visited)| Job { out, visited, gradients: &mut [], uv_absolute: &mut [] })
-            .collect();
+        self.blocks.resize(lists.entries.len(), 0);
+        let mut left = &mut self.blocks[..];
+        let mut jobs: Vec<Job<'_, K>> = Vec::with_capacity(grid.len());
+        for ((out, visited), range) in
+            self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.visited).zip(lists.starts.windows(2))
+        {
+            let (blocks, more) = left.split_at_mut((range[1] - range[0]) as usize);
+            left = more;
+            jobs.push(Job { out, visited, blocks, gradients: &mut [], uv_absolute: &mut [] });
+        }
         for_each(&mut jobs, |k, job| {
             let tile = inputs.tile(lists, size, k);
-            *job.visited = simd.run(Forward { tile, out: job.out });
+            *job.visited = simd.run(Forward { tile, out: job.out, blocks: job.blocks });
         });
         let pairs = self.lists.entries.len() as u64;
         let visited: u64 = self.visited.iter().map(|&n| u64::from(n)).sum();
@@ -128,7 +136,7 @@ impl<const K: usize> Raster<K> {
         for_each(&mut jobs, |_, (plane, tile_row, out)| {
             let tiles = self.tiles.chunks_exact((K + 1) * PIXELS).skip(*tile_row * grid.columns).take(grid.columns);
             for (column, tile) in tiles.enumerate() {
-                paste(&tile[*plane * PIXELS..][..PIXELS], column, width, out);
+                paste(&tile[*plane * PIXELS..][..PIXELS], column * TILE, width, out);
             }
         });
         Ok(())
@@ -162,7 +170,7 @@ impl<const K: usize> Raster<K> {
             for column in 0..grid.columns {
                 let k = *tile_row * grid.columns + column;
                 simd.run(MedianDepth { tile: inputs.tile(lists, self.size, k), out: &mut median_depth });
-                paste(&median_depth, column, width, out);
+                paste(&median_depth, column * TILE, width, out);
             }
         });
         Ok(())
@@ -228,7 +236,7 @@ impl<const K: usize> Raster<K> {
         let (size, grid) = (self.size, Grid::new(self.size));
         let lists = &self.lists;
         self.pair_gradients.resize(lists.entries.len(), ProjectedGradient::default());
-        let mut left = &mut self.pair_gradients[..];
+        let (mut left, mut blocks_left) = (&mut self.pair_gradients[..], &mut self.blocks[..]);
         if ABSOLUTE {
             self.pair_absolute.resize(lists.entries.len(), [0.0; 2]);
         }
@@ -239,10 +247,12 @@ impl<const K: usize> Raster<K> {
         {
             let (pair_gradients, more) = left.split_at_mut((range[1] - range[0]) as usize);
             left = more;
+            let (blocks, more) = blocks_left.split_at_mut(pair_gradients.len());
+            blocks_left = more;
             let of_tile = if ABSOLUTE { pair_gradients.len() } else { 0 };
             let (pair_absolute, more) = absolute_left.split_at_mut(of_tile);
             absolute_left = more;
-            jobs.push(Job { out, visited, gradients: pair_gradients, uv_absolute: pair_absolute });
+            jobs.push(Job { out, visited, blocks, gradients: pair_gradients, uv_absolute: pair_absolute });
         }
         for_each(&mut jobs, |k, job| {
             if job.gradients.is_empty() {
@@ -255,13 +265,16 @@ impl<const K: usize> Raster<K> {
                 many.resize((K + 1) * PIXELS, 0.0);
                 &mut many[..]
             };
-            cut(planes_bar, size, grid, k, bar);
+            let corner = [k % grid.columns * TILE, k / grid.columns * TILE];
+            for (plane, bar) in planes_bar.chunks_exact(size[0] * size[1]).zip(bar.chunks_exact_mut(PIXELS)) {
+                cut(plane, corner, size[0], bar);
+            }
             let tile = inputs.tile(lists, size, k);
             simd.run(Backward::<K, ABSOLUTE> {
                 tile,
                 out: job.out,
                 value_bar: bar,
-                visited: *job.visited,
+                blocks: &job.blocks[..*job.visited as usize],
                 gradients: job.gradients,
                 uv_absolute: job.uv_absolute,
             });
@@ -325,28 +338,7 @@ impl<'a, const K: usize> Inputs<'a, K> {
             features: self.features,
             settings: self.settings,
             corner: [x as f32, y as f32],
-            rows: TILE.min(size[1] - y),
-        }
-    }
-}
-
-/// Copy one plane of the tile in column `column` of tiles to the rows of the picture that it covers.
-fn paste(tile: &[f32], column: usize, width: usize, out: &mut [f32]) {
-    let x = column * TILE;
-    let n = TILE.min(width - x);
-    for (tile, out) in tile.chunks_exact(TILE).zip(out.chunks_exact_mut(width)) {
-        out[x..][..n].copy_from_slice(&tile[..n]);
-    }
-}
-
-/// Copy tile `k` of a picture's planes to `out`. Pixels outside of the picture are left as they are.
-fn cut(planes: &[f32], [width, height]: [usize; 2], grid: Grid, k: usize, out: &mut [f32]) {
-    let (x, y) = (k % grid.columns * TILE, k / grid.columns * TILE);
-    let n = TILE.min(width - x);
-    for (plane, out) in out.chunks_exact_mut(PIXELS).enumerate() {
-        for row in 0..TILE.min(height - y) {
-            let from = &planes[(plane * height + y + row) * width + x..][..n];
-            out[row * TILE..][..n].copy_from_slice(from);
+            size: [TILE.min(size[0] - x), TILE.min(size[1] - y)],
         }
     }
 }

@@ -11,19 +11,9 @@
 
 use float_core::{Vector, vecmath};
 
-use super::{PIXELS, Tile};
+use super::Tile;
+use super::blocks::{BLOCK, CENTRES, Pixels, in_picture, touched};
 use crate::tiles::TILE;
-
-/// Centres of a row's pixels, relative to the tile's corner.
-const CENTRES: [f32; TILE] = {
-    let mut x = [0.5; TILE];
-    let mut i = 0;
-    while i < TILE {
-        x[i] = i as f32 + 0.5;
-        i += 1;
-    }
-    x
-};
 
 /// A projected Gaussian in the coordinates of a tile.
 pub(super) struct TileGaussian<V, const K: usize> {
@@ -32,8 +22,6 @@ pub(super) struct TileGaussian<V, const K: usize> {
     pub(super) opacity: f32,
     q_max: f32,
     pub(super) feature: [V; K],
-    /// Rows of the tile that it can touch.
-    pub(super) rows: core::ops::Range<usize>,
 }
 
 impl<V: Vector, const K: usize> TileGaussian<V, K> {
@@ -45,24 +33,21 @@ impl<V: Vector, const K: usize> TileGaussian<V, K> {
             *lanes = V::splat(x);
         }
         let uv = [f.uv[0] - tile.corner[0], f.uv[1] - tile.corner[1]];
-        // Saturating casts. One row too many does no harm: each pixel is tested.
-        let first = (uv[1] - f.half[1] - 0.5).max(0.0) as usize;
-        let last = (uv[1] + f.half[1] + 0.5).max(0.0) as usize;
-        let rows = first.min(tile.rows)..last.min(tile.rows);
-        Self { uv, conic: f.conic, opacity: f.opacity, q_max: f.q_max, feature, rows }
+        Self { uv, conic: f.conic, opacity: f.opacity, q_max: f.q_max, feature }
     }
 
-    /// Vertical distance of the centre from the pixel centres of row `y`.
+    /// Bits of the blocks that it may touch.
     #[inline(always)]
-    pub(super) fn dy(&self, y: usize) -> f32 {
-        self.uv[1] - CENTRES[y]
+    pub(super) fn blocks(&self) -> u32 {
+        touched::<V>(self.uv, self.conic, self.q_max)
     }
 }
 
 /// Contribution of a Gaussian to one vector of pixels.
 pub(super) struct Contribution<V> {
-    /// Horizontal distance of the centre from the pixels.
+    /// Distance of the centre from the pixels along each axis.
     pub(super) dx: V,
+    pub(super) dy: V,
     /// `opacity exp(-q / 2)`.
     pub(super) unclamped: V,
     /// The same clamped to `alpha_max`; 0 outside.
@@ -82,34 +67,42 @@ pub(super) struct Transmittance<V> {
     alpha_max: V,
     transmittance_min: V,
     transmittance_stop: V,
-    pub(super) trans: [f32; PIXELS],
+    pub(super) trans: Pixels,
     /// Upper bound on `q` of contributions: infinite, and negative once the pixel has ended.
-    limit: [f32; PIXELS],
-    /// One bit per row: set while the row has pixels that have not ended.
+    limit: Pixels,
+    /// One bit per block: set while it has pixels that have not ended.
     live: u32,
-    /// Whether a pixel of the current row has ended.
-    ended: bool,
 }
 
 impl<V: Vector> Transmittance<V> {
     #[inline(always)]
     pub(super) fn new<const K: usize>(tile: &Tile<'_, K>) -> Self {
         let settings = tile.settings;
+        let mut limit = [[f32::INFINITY; BLOCK]; BLOCK];
+        // Pixels beyond the picture have ended: nothing waits for them.
+        if tile.size.iter().any(|&n| n < TILE) {
+            for (axis, centres) in CENTRES.iter().enumerate() {
+                for (limit, centre) in limit.iter_mut().flatten().zip(centres.iter().flatten()) {
+                    if *centre > tile.size[axis] as f32 {
+                        *limit = -1.0;
+                    }
+                }
+            }
+        }
         Self {
             alpha_max: V::splat(settings.alpha_max),
             transmittance_min: V::splat(settings.transmittance_min),
             transmittance_stop: V::splat(settings.transmittance_stop),
-            trans: [1.0; PIXELS],
-            limit: [f32::INFINITY; PIXELS],
-            live: (1 << tile.rows) - 1,
-            ended: false,
+            trans: [[1.0; BLOCK]; BLOCK],
+            limit,
+            live: in_picture(tile),
         }
     }
 
-    /// Whether row `y` has pixels that have not ended.
+    /// Those of `blocks` that have pixels that have not ended.
     #[inline(always)]
-    pub(super) fn is_live(&self, y: usize) -> bool {
-        self.live >> y & 1 != 0
+    pub(super) fn live(&self, blocks: u32) -> u32 {
+        self.live & blocks
     }
 
     /// Whether all pixels have ended.
@@ -118,49 +111,42 @@ impl<V: Vector> Transmittance<V> {
         self.live == 0
     }
 
-    /// Composite a Gaussian over the pixels of row `y` from column `x` on. `None` if it contributes to none of them.
+    /// Composite a Gaussian over the pixels of block `block` from `from` on. `None` if it contributes to none of them.
     #[inline(always)]
     pub(super) fn composite<const K: usize>(
         &mut self,
         gaussian: &TileGaussian<V, K>,
-        y: usize,
-        x: usize,
+        block: usize,
+        from: usize,
     ) -> Option<Contribution<V>> {
-        let (zero, at) = (V::splat(0.0), y * TILE + x);
-        let ([a, b, c], dy) = (gaussian.conic, gaussian.dy(y));
-        let (linear, constant) = (V::splat(2.0 * b * dy), V::splat(c * dy * dy));
-        let dx = V::splat(gaussian.uv[0]) - V::load(&CENTRES[x..]);
-        let q = dx.mul_add(V::splat(a).mul_add(dx, linear), constant).max(zero);
-        let inside = V::splat(gaussian.q_max).min(V::load(&self.limit[at..])) - q;
-        if none_positive(inside) {
+        let zero = V::splat(0.0);
+        let [a, b, c] = gaussian.conic;
+        let dx = V::splat(gaussian.uv[0]) - V::load(&CENTRES[0][block][from..]);
+        let dy = V::splat(gaussian.uv[1]) - V::load(&CENTRES[1][block][from..]);
+        let linear = V::splat(2.0 * b) * dy;
+        let q = dx.mul_add(V::splat(a).mul_add(dx, linear), V::splat(c) * dy * dy).max(zero);
+        let (trans, limit) = (&mut self.trans[block][from..], &mut self.limit[block][from..]);
+        let inside = V::splat(gaussian.q_max).min(V::load(limit)) - q;
+        if inside.positive() == 0 {
             return None;
         }
         let unclamped = V::splat(gaussian.opacity) * vecmath::exp(V::splat(-0.5) * q);
         let alpha = inside.select_positive(unclamped.min(self.alpha_max), zero);
-        let t = V::load(&self.trans[at..]);
+        let t = V::load(trans);
         let w = alpha * t;
         let next = t - w;
         let keep = next - self.transmittance_min;
         let w = keep.select_positive(w, zero);
-        keep.select_positive(next, t).store(&mut self.trans[at..]);
+        keep.select_positive(next, t).store(trans);
         // Pixels that had ended before are outside: they do not end again.
         let open = inside.select_positive(keep.min(next - self.transmittance_stop), V::splat(1.0));
-        if !all_positive(open) {
-            open.select_positive(V::load(&self.limit[at..]), V::splat(-1.0)).store(&mut self.limit[at..]);
-            self.ended = true;
-        }
-        Some(Contribution { dx, unclamped, alpha, t, w, inside, keep })
-    }
-
-    /// Call at the end of row `y`.
-    #[inline(always)]
-    pub(super) fn end_row(&mut self, y: usize) {
-        if self.ended {
-            self.ended = false;
-            if self.limit[y * TILE..][..TILE].iter().all(|&l| l < 0.0) {
-                self.live &= !(1 << y);
+        if open.positive() != (1 << V::LANES) - 1 {
+            open.select_positive(V::load(limit), V::splat(-1.0)).store(limit);
+            if self.limit[block].iter().all(|&l| l < 0.0) {
+                self.live &= !(1 << block);
             }
         }
+        Some(Contribution { dx, dy, unclamped, alpha, t, w, inside, keep })
     }
 
     /// The gradient `h` with respect to `q` where it is not 0: where the Gaussian contributed with an alpha that was not clamped.
@@ -170,17 +156,4 @@ impl<V: Vector> Transmittance<V> {
         let h = contribution.inside.select_positive(contribution.keep.select_positive(h, zero), zero);
         (self.alpha_max - contribution.unclamped).select_positive(h, zero)
     }
-}
-
-/// Whether no lane is above 0.
-#[inline(always)]
-fn none_positive<V: Vector>(x: V) -> bool {
-    // The smallest number above 0.
-    x.all_below(V::splat(f32::from_bits(1)))
-}
-
-/// Whether every lane is above 0.
-#[inline(always)]
-fn all_positive<V: Vector>(x: V) -> bool {
-    (-x).all_below(V::splat(0.0))
 }
