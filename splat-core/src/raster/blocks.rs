@@ -57,12 +57,14 @@ pub(super) fn in_picture<const K: usize>(tile: &Tile<'_, K>) -> u32 {
     (0..BLOCK).filter(|block| block % SIDE < columns && block / SIDE < rows).map(|block| 1 << block).sum()
 }
 
-/// Bits of the blocks with a pixel where `q < q_max`, give or take the slack.
+/// Bits of the blocks of `tile` with a pixel where `q < q_max`, give or take the slack.
 ///
 /// `q` is convex: over a box it is smallest at the centre, or on one of the two sides that face the centre.
 #[inline(always)]
-pub(super) fn touched<V: Vector>([u, v]: [f32; 2], conic: [f32; 3], q_max: f32) -> u32 {
-    let [a, b, c] = conic;
+pub(super) fn touched<V: Vector, const K: usize>(tile: &Tile<'_, K>, entry: u32) -> u32 {
+    let f = &tile.gaussians[entry as usize];
+    let [u, v] = [f.uv[0] - tile.corner[0], f.uv[1] - tile.corner[1]];
+    let (conic @ [a, b, c], q_max) = (f.conic, f.q_max);
     let (zero, width) = (V::splat(0.0), V::splat(WIDTH));
     let mut blocks = 0;
     for at in (0..BLOCK).step_by(V::LANES) {

@@ -2,9 +2,12 @@
 
 use float_core::{Task, Vector};
 
+use super::blocks::{BLOCK, EachOf, touched};
 use super::transmittance::{TileGaussian, Transmittance};
-use super::blocks::{BLOCK, EachOf};
 use super::{PIXELS, Tile};
+
+/// So many Gaussians are tested before the first of them is composited: their tests do not wait for each other.
+const AHEAD: usize = 32;
 
 /// Composites a tile. `out` `[K + 1][PIXELS]`: features, then transmittance.
 pub(super) struct Forward<'a, const K: usize> {
@@ -25,20 +28,32 @@ impl<const K: usize> Task for Forward<'_, K> {
         value.fill(0.0);
         let mut transmittance = Transmittance::<V>::new(&tile);
         let mut visited = 0;
-        for (&entry, blocks) in tile.entries.iter().zip(blocks) {
-            let gaussian = TileGaussian::<V, K>::new(&tile, entry);
-            *blocks = 0;
-            for block in EachOf(transmittance.live(gaussian.blocks())) {
-                for from in (0..BLOCK).step_by(V::LANES) {
-                    let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
-                    *blocks |= 1 << block;
-                    for (k, &feature) in gaussian.feature.iter().enumerate() {
-                        let sum = &mut value[k * PIXELS + block * BLOCK + from..];
-                        contribution.w.mul_add(feature, V::load(sum)).store(sum);
+        for (entries, blocks) in tile.entries.chunks(AHEAD).zip(blocks.chunks_mut(AHEAD)) {
+            for (&entry, blocks) in entries.iter().zip(&mut *blocks) {
+                *blocks = touched::<V, K>(&tile, entry) as u16;
+            }
+            for (&entry, blocks) in entries.iter().zip(blocks) {
+                visited += 1;
+                let reached = transmittance.live(u32::from(*blocks));
+                *blocks = 0;
+                if reached == 0 {
+                    continue;
+                }
+                let gaussian = TileGaussian::<V, K>::new(&tile, entry);
+                for block in EachOf(reached) {
+                    for from in (0..BLOCK).step_by(V::LANES) {
+                        let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
+                        *blocks |= 1 << block;
+                        for (k, &feature) in gaussian.feature.iter().enumerate() {
+                            let sum = &mut value[k * PIXELS + block * BLOCK + from..];
+                            contribution.w.mul_add(feature, V::load(sum)).store(sum);
+                        }
                     }
                 }
+                if transmittance.is_over() {
+                    break;
+                }
             }
-            visited += 1;
             if transmittance.is_over() {
                 break;
             }

@@ -3,7 +3,7 @@
 use float_core::{Task, Vector};
 
 use super::Tile;
-use super::blocks::{BLOCK, EachOf};
+use super::blocks::{BLOCK, EachOf, touched};
 use super::transmittance::{TileGaussian, Transmittance};
 
 /// Transmittance at the median.
@@ -26,7 +26,7 @@ impl<const K: usize> Task for MedianDepth<'_, K> {
         for &entry in tile.entries {
             let gaussian = TileGaussian::<V, K>::new(&tile, entry);
             let z = V::splat(tile.gaussians[entry as usize].z);
-            for block in EachOf(transmittance.live(gaussian.blocks())) {
+            for block in EachOf(transmittance.live(touched::<V, K>(&tile, entry))) {
                 for from in (0..BLOCK).step_by(V::LANES) {
                     let Some(contribution) = transmittance.composite(&gaussian, block, from) else { continue };
                     let at = &mut out[block * BLOCK + from..];

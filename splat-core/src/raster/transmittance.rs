@@ -12,7 +12,7 @@
 use float_core::{Vector, vecmath};
 
 use super::Tile;
-use super::blocks::{BLOCK, CENTRES, Pixels, in_picture, touched};
+use super::blocks::{BLOCK, CENTRES, Pixels, in_picture};
 use crate::tiles::TILE;
 
 /// A projected Gaussian in the coordinates of a tile.
@@ -34,12 +34,6 @@ impl<V: Vector, const K: usize> TileGaussian<V, K> {
         }
         let uv = [f.uv[0] - tile.corner[0], f.uv[1] - tile.corner[1]];
         Self { uv, conic: f.conic, opacity: f.opacity, q_max: f.q_max, feature }
-    }
-
-    /// Bits of the blocks that it may touch.
-    #[inline(always)]
-    pub(super) fn blocks(&self) -> u32 {
-        touched::<V>(self.uv, self.conic, self.q_max)
     }
 }
 
@@ -137,7 +131,8 @@ impl<V: Vector> Transmittance<V> {
         let next = t - w;
         let keep = next - self.transmittance_min;
         let w = keep.select_positive(w, zero);
-        keep.select_positive(next, t).store(trans);
+        // The same as `next` or `t`, in one store of all lanes.
+        (t - w).store(trans);
         // Pixels that had ended before are outside: they do not end again.
         let open = inside.select_positive(keep.min(next - self.transmittance_stop), V::splat(1.0));
         if open.positive() != (1 << V::LANES) - 1 {
