@@ -28,6 +28,17 @@ pub fn exp<V: Vector>(x: V) -> V {
     (p + V::splat(1.0)).scale_by_pow2(n)
 }
 
+/// `2^x`. Arguments are clamped to `[-126, 127]`: never infinite, no subnormal numbers. Error at most 2.2 ulp (scalar level 2.4). Two thirds of the time of
+/// [`exp`]: nothing has to be reduced in two parts.
+#[inline(always)]
+pub fn exp2<V: Vector>(x: V) -> V {
+    let x = V::splat(-126.0).max(V::splat(127.0).min(x));
+    let n = x.round();
+    // Least relative error on [-1/2, 1/2] among those that are 1 at 0: 9.2e-8 before rounding.
+    let coefficients = [1.326_473_8e-3, 9.671_517e-3, 5.550_734e-2, 2.402_224_2e-1, 6.931_47e-1, 1.0];
+    polynomial(x - n, coefficients).scale_by_pow2(n)
+}
+
 /// `e^x` for `x <= 0`, through the subnormal numbers down to 0.
 #[inline(always)]
 pub(super) fn exp_tail<V: Vector>(x: V) -> V {

@@ -1,7 +1,7 @@
 //! The functions of [`vecmath`](super) as a list: each with its exact value, the plain `f32` version and its stated error, so
 //! that tables, tests and benches measure the same thing.
 
-use super::{cos, exp, exp_m1, exp_neg, ln, logistic, sin, sin_cos_pi, softplus, tanh};
+use super::{cos, exp, exp_m1, exp_neg, exp2, ln, logistic, sin, sin_cos_pi, softplus, tanh};
 use crate::{Simd, SimdLevel, Task, Vector, m32, m64};
 
 /// A function of [`vecmath`](super).
@@ -9,6 +9,8 @@ use crate::{Simd, SimdLevel, Task, Vector, m32, m64};
 pub enum Function {
     /// [`exp`].
     Exp,
+    /// [`exp2`].
+    Exp2,
     /// [`exp_m1`].
     ExpM1,
     /// [`exp_neg`].
@@ -54,8 +56,9 @@ impl Worst {
 
 impl Function {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Exp,
+        Self::Exp2,
         Self::ExpM1,
         Self::ExpNeg,
         Self::Ln,
@@ -73,6 +76,7 @@ impl Function {
     pub fn name(self) -> &'static str {
         match self {
             Self::Exp => "exp",
+            Self::Exp2 => "exp2",
             Self::ExpM1 => "exp_m1",
             Self::ExpNeg => "exp_neg",
             Self::Ln => "ln",
@@ -92,6 +96,7 @@ impl Function {
         // `f64::clamp` keeps NaN.
         match self {
             Self::Exp => m64::exp(x.clamp(-87.0, 88.0)),
+            Self::Exp2 => m64::exp(core::f64::consts::LN_2 * x.clamp(-126.0, 127.0)),
             Self::ExpM1 => m64::exp_m1(if x.is_nan() { 88.0 } else { x.clamp(-87.0, 88.0) }),
             Self::ExpNeg => {
                 if x < 87.0 {
@@ -122,6 +127,7 @@ impl Function {
     pub fn plain(self, x: f32) -> f32 {
         match self {
             Self::Exp => m32::exp(x.clamp(-87.0, 88.0)),
+            Self::Exp2 => m32::exp(core::f32::consts::LN_2 * x.clamp(-126.0, 127.0)),
             Self::ExpM1 => m32::exp_m1(x.clamp(-87.0, 88.0)),
             Self::ExpNeg => {
                 if x < 87.0 {
@@ -146,6 +152,7 @@ impl Function {
     pub fn bound(self, level: SimdLevel) -> f64 {
         let (fused, twice) = match self {
             Self::Exp | Self::ExpNeg => (1.1, 1.1),
+            Self::Exp2 => (2.2, 2.4),
             Self::ExpM1 => (1.6, 1.7),
             Self::Ln => (0.9, 0.9),
             Self::Logistic => (2.5, 2.5),
@@ -164,6 +171,7 @@ impl Function {
         assert_eq!(x.len(), y.len(), "vecmath: x and y differ in length");
         match self {
             Self::Exp => simd.run(Map(x, y, Exp)),
+            Self::Exp2 => simd.run(Map(x, y, Exp2)),
             Self::ExpM1 => simd.run(Map(x, y, ExpM1)),
             Self::ExpNeg => simd.run(Map(x, y, ExpNeg)),
             Self::Ln => simd.run(Map(x, y, Ln)),
@@ -243,6 +251,7 @@ macro_rules! curves {
 
 curves! {
     Exp |x| exp(x);
+    Exp2 |x| exp2(x);
     ExpM1 |x| exp_m1(x);
     ExpNeg |x| exp_neg(x);
     Ln |x| ln(x);

@@ -7,6 +7,7 @@
 //! | function | scalar | AVX2, AVX-512 | bound | range | measured over |
 //! | --- | --- | --- | --- | --- | --- |
 //! | [`exp`] | 0.992 | 1.024 | 1.1 | arguments count as clamped to `[-87, 88]` | every argument |
+//! | [`exp2`] | 2.294 | 2.042 | 2.4 / 2.2 | arguments count as clamped to `[-126, 127]` | every argument |
 //! | [`exp_m1`], [`one_minus_exp_neg`] | 1.643 | 1.486 | 1.7 / 1.6 | as `exp` | every argument |
 //! | [`exp_neg`] | 0.970 | 0.979 | 1.1 | 0 from 87 on | every 1009th |
 //! | [`ln`] | 0.787 | 0.787 | 0.9 | all, subnormal numbers too | every 1009th |
@@ -32,7 +33,7 @@ mod polynomial;
 mod sin_cos;
 mod softplus;
 
-pub use exp::{exp, exp_m1, exp_neg, one_minus_exp_neg};
+pub use exp::{exp, exp_m1, exp_neg, exp2, one_minus_exp_neg};
 pub use function::{Function, Worst};
 pub use ln::ln;
 pub use logistic::{logistic, tanh};

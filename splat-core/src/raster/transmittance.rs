@@ -15,6 +15,9 @@ use super::Tile;
 use super::blocks::{BLOCK, CENTRES, Pixels, in_picture};
 use crate::tiles::TILE;
 
+/// `exp(-q / 2) = 2^(HALF_LOG2_E q)`.
+const HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
+
 /// A projected Gaussian in the coordinates of a tile.
 pub(super) struct TileGaussian<V, const K: usize> {
     uv: [f32; 2],
@@ -50,10 +53,6 @@ pub(super) struct Contribution<V> {
     pub(super) t: V,
     /// Weight `alpha t`; 0 where it does not contribute.
     pub(super) w: V,
-    /// Above 0 where `q < q_max` and the pixel has not ended.
-    pub(super) inside: V,
-    /// Above 0 where the transmittance behind it stays above `transmittance_min`.
-    pub(super) keep: V,
 }
 
 /// Transmittance of all pixels of a tile.
@@ -124,7 +123,7 @@ impl<V: Vector> Transmittance<V> {
         if inside.positive() == 0 {
             return None;
         }
-        let unclamped = V::splat(gaussian.opacity) * vecmath::exp(V::splat(-0.5) * q);
+        let unclamped = V::splat(gaussian.opacity) * vecmath::exp2(V::splat(HALF_LOG2_E) * q);
         let alpha = inside.select_positive(unclamped.min(self.alpha_max), zero);
         let t = V::load(trans);
         let w = alpha * t;
@@ -141,14 +140,14 @@ impl<V: Vector> Transmittance<V> {
                 self.live &= !(1 << block);
             }
         }
-        Some(Contribution { dx, dy, unclamped, alpha, t, w, inside, keep })
+        Some(Contribution { dx, dy, unclamped, alpha, t, w })
     }
 
     /// The gradient `h` with respect to `q` where it is not 0: where the Gaussian contributed with an alpha that was not clamped.
     #[inline(always)]
     pub(super) fn passes(&self, contribution: &Contribution<V>, h: V) -> V {
         let zero = V::splat(0.0);
-        let h = contribution.inside.select_positive(contribution.keep.select_positive(h, zero), zero);
+        let h = contribution.w.select_positive(h, zero);
         (self.alpha_max - contribution.unclamped).select_positive(h, zero)
     }
 }

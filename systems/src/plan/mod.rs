@@ -27,5 +27,5 @@ pub(crate) use moving::{Moving, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
-pub(crate) use pace::cloud_steps;
+pub(crate) use pace::CloudPace;
 pub(crate) use ray_choice::RaySettings;

@@ -1,19 +1,101 @@
-//! How many steps of a cloud there will be until a stop: the same on every machine, for two cores, before the first is made.
+//! How many steps of a cloud there will be until a stop, and how many of them with smaller pictures: the same on every machine, for
+//! two cores, before the first is made.
 
 use engine::data::Dataset;
 use engine::options::Stop;
+use engine::system::SystemError;
 
-/// Seconds of a step of a cloud on two cores, roughly: in any case, and for each pixel of the photo.
-const STEP: f64 = 0.028;
-const STEP_PER_PIXEL: f64 = 1.2e-8;
+/// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
+const COARSE_PIXELS: u64 = 65_536;
+/// Most halvings.
+const HALVINGS: u32 = 4;
+/// Share of the schedule that each smaller size has, and all of them together at most.
+const COARSE_SHARE: f64 = 0.3;
+const COARSE_SHARES: f64 = 0.6;
+/// Seconds of a step of a cloud on two cores, roughly: in any case, for each pixel that shows something, and for each Gaussian that there may be in the end.
+const STEP: f64 = 3e-3;
+const STEP_PER_PIXEL: f64 = 6.5e-8;
+const STEP_PER_GAUSSIAN: f64 = 1.2e-7;
+/// As many Gaussians as find their places in a step, no more than one for so many pixels of all photos (fewer pixels do not say what
+/// it is: the cloud learns the photos by heart), and no fewer or more than these.
+const GAUSSIANS_PER_STEP: f64 = 80.0;
+const PIXELS_PER_GAUSSIAN: f64 = 50.0;
+const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
+/// Intervals that are halved: to a millionth of the first.
+const HALVED: u32 = 20;
+/// Photos that are looked at, at most, spread evenly; pixels more transparent than this show nothing.
+const LOOKED_AT: usize = 16;
+const TRANSPARENT: u8 = 32;
 
-/// Steps of a cloud until a stop, roughly where it is given in seconds; `None` where no stop is known.
-pub(crate) fn cloud_steps(data: &Dataset, stop: Option<Stop>) -> Option<f64> {
-    let step = STEP + STEP_PER_PIXEL * data.pixel_count() as f64 / data.len().max(1) as f64;
-    stop.map(|stop| match stop {
-        Stop::Steps(n) => n as f64,
-        Stop::Seconds(s) => s / step,
-    })
+/// What the steps of a cloud are planned by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CloudPace {
+    photos: f64,
+    /// Pixels of a photo, on average; and those that show something.
+    pub(crate) pixels: u64,
+    shown: f64,
+}
+
+impl CloudPace {
+    /// # Errors
+    /// [`SystemError::Scene`] when an image cannot be read.
+    pub(crate) fn of(data: &Dataset) -> Result<Self, SystemError> {
+        let pixels = data.pixel_count() / data.len().max(1) as u64;
+        let count = data.len().min(LOOKED_AT);
+        let mut share = 0.0;
+        for k in 0..count {
+            let image = data.image(k * data.len() / count)?;
+            let shows = |pixel: &[u8]| pixel.get(3).is_none_or(|alpha| *alpha >= TRANSPARENT);
+            let shown = image.data.chunks_exact(image.channels.into()).filter(|pixel| shows(pixel)).count();
+            share += shown as f64 / (f64::from(image.width) * f64::from(image.height)).max(1.0);
+        }
+        Ok(Self { photos: data.len() as f64, pixels, shown: share / count.max(1) as f64 * pixels as f64 })
+    }
+
+    /// By how many halvings pictures begin smaller.
+    pub(crate) fn halvings(&self) -> u32 {
+        (self.pixels.max(1) / COARSE_PIXELS).checked_ilog2().map_or(0, |octaves| octaves / 2 + 1).min(HALVINGS)
+    }
+
+    /// Share of the schedule that each smaller size has.
+    fn coarse_share(&self) -> f64 {
+        COARSE_SHARE.min(COARSE_SHARES / f64::from(self.halvings().max(1)))
+    }
+
+    /// Steps of each smaller size in a schedule of `horizon` steps.
+    pub(crate) fn coarse_steps(&self, horizon: u64) -> u64 {
+        (self.coarse_share() * horizon as f64) as u64
+    }
+
+    /// Most Gaussians of a training of so many steps.
+    pub(crate) fn gaussians(&self, steps: f64) -> usize {
+        let [least, most] = GAUSSIANS;
+        (GAUSSIANS_PER_STEP * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
+    }
+
+    /// Seconds of a step, the mean of all sizes, where there may be so many Gaussians.
+    fn seconds(&self, gaussians: usize) -> f64 {
+        let (share, halvings) = (self.coarse_share(), self.halvings());
+        let smaller: f64 = (1..=halvings).map(|h| share / f64::from(4_u32.pow(h))).sum();
+        let size = smaller + 1.0 - share * f64::from(halvings);
+        STEP + STEP_PER_PIXEL * size * self.shown + STEP_PER_GAUSSIAN * gaussians as f64
+    }
+
+    /// Steps until a stop, roughly where it is given in seconds; `None` where no stop is known.
+    pub(crate) fn steps(&self, stop: Option<Stop>) -> Option<f64> {
+        stop.map(|stop| match stop {
+            Stop::Steps(n) => n as f64,
+            Stop::Seconds(s) => {
+                // The more steps the more Gaussians, and the longer each step: where both fit is between these.
+                let [mut low, mut high] = [f64::INFINITY, 0.0].map(|steps| s / self.seconds(self.gaussians(steps)));
+                for _ in 0..HALVED {
+                    let middle = 0.5 * (low + high);
+                    if middle * self.seconds(self.gaussians(middle)) < s { low = middle } else { high = middle }
+                }
+                low
+            }
+        })
+    }
 }
 
 #[cfg(test)]
@@ -24,9 +106,43 @@ mod tests {
     #[test]
     fn a_stop_is_steps_or_seconds() {
         let (_, data) = made::capture(made::Points::None);
-        assert_eq!(cloud_steps(&data, Some(Stop::Steps(240))), Some(240.0));
-        assert_eq!(cloud_steps(&data, None), None);
-        let seconds = cloud_steps(&data, Some(Stop::Seconds(60.0))).unwrap();
-        assert!((2000.0..2200.0).contains(&seconds), "{seconds}");
+        let pace = CloudPace::of(&data).unwrap();
+        assert_eq!(pace.steps(Some(Stop::Steps(240))), Some(240.0));
+        assert_eq!(pace.steps(None), None);
+        let [one, two] = [60.0, 120.0].map(|s| pace.steps(Some(Stop::Seconds(s))).unwrap());
+        assert!((2000.0..20_000.0).contains(&one) && (two - 2.0 * one).abs() < 1e-3 * two, "{one} {two}");
+    }
+
+    #[test]
+    fn pixels_that_show_nothing_take_no_time() {
+        let of = |left_out: u32| {
+            let colour = |_, x, _| [9, 9, 9, if x < left_out { 0 } else { 255 }];
+            CloudPace::of(&made::scene(made::frames(4, colour), Vec::new()).1).unwrap()
+        };
+        let all = f64::from(made::SIDE * made::SIDE);
+        assert_eq!([of(0).shown, of(made::SIDE / 2).shown], [all, all / 2.0]);
+    }
+
+    /// A hundred photos of so many pixels, all of which show something.
+    fn of(pixels: u64) -> CloudPace {
+        CloudPace { photos: 100.0, pixels, shown: pixels as f64 }
+    }
+
+    #[test]
+    fn large_pictures_begin_smaller_and_steps_of_theirs_are_more() {
+        assert_eq!([60_000, 70_000, 400_000, 12_000_000].map(|n| of(n).halvings()), [0, 1, 2, 4]);
+        let pace = of(400_000);
+        let steps = pace.steps(Some(Stop::Seconds(600.0))).unwrap();
+        let whole = STEP + STEP_PER_PIXEL * 400_000.0 + STEP_PER_GAUSSIAN * pace.gaussians(f64::INFINITY) as f64;
+        assert!(steps * whole > 1.05 * 600.0, "{steps} {whole}");
+        assert!(pace.coarse_steps(1000) == 300 && of(12_000_000).coarse_steps(1000) == 150);
+    }
+
+    #[test]
+    fn gaussians_are_as_many_as_steps_and_pixels_allow() {
+        assert_eq!(of(30_000).gaussians(10_000.0), 100_000);
+        assert_eq!(of(400_000).gaussians(4_000.0), 320_000);
+        assert_eq!(of(100_000).gaussians(f64::INFINITY), 200_000);
+        assert_eq!(of(12_000_000).gaussians(f64::INFINITY), 600_000);
     }
 }

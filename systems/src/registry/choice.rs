@@ -3,7 +3,7 @@
 //! The rule and the figures that it was chosen by: `docs/decisions/0028-field-or-cloud.md`.
 
 use crate::papers::gaussians::splat;
-use crate::plan::{backdrop, cloud_steps, field_names, has_alpha, percent};
+use crate::plan::{CloudPace, backdrop, field_names, has_alpha, percent};
 use engine::data::{Dataset, View};
 use engine::options::{Choice, Purpose, RunOptions};
 use engine::system::SystemError;
@@ -45,7 +45,7 @@ impl Facts {
             covered: coverage(data.views()),
             cut_out: has_alpha(data)? || backdrop(data)?.is_some(),
             longest_side: data.longest_side().unwrap_or(0),
-            steps: cloud_steps(data, stop).unwrap_or(f64::INFINITY),
+            steps: CloudPace::of(data)?.steps(stop).unwrap_or(f64::INFINITY),
         })
     }
 

@@ -19,7 +19,7 @@
 
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
-use crate::plan::{Ask, Built, Ground, cloud_steps};
+use crate::plan::{Ask, Built, CloudPace, Ground};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::{Start, StartOptions, scene_box};
@@ -38,8 +38,6 @@ use scene_io::{Point, Scene};
 use serde::{Deserialize, Serialize};
 use splat_core::Gaussians;
 
-/// Pictures of more pixels than this begin smaller: a step of half the size costs a third, and what is coarse is learnt as well.
-const COARSE_PIXELS: u64 = 65_536;
 /// Steps that the schedules are for where no stop is known, and the fewest that they are for.
 const HORIZON: u64 = 10_000;
 const SHORTEST: u64 = 1_000;
@@ -50,10 +48,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Kerbl et al., 2023",
     what: "A cloud of Gaussians, drawn tile by tile",
     take: "to look around smoothly, and files for other programs; a minute or more of training",
-    differs: "Gaussians are split along their longest axis, up to 100 000 at an even pace; their opacities fade instead of \
-              being reset, large ones are not pruned. The schedules take as many steps as the run is likely to have, sizes \
-              and colours learn twice as fast, all rates fade in the end. Large photos are drawn at half their size first, \
-              and random starts keep to places that no photo shows to be empty.",
+    differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; their \
+              opacities fade instead of being reset, large ones are not pruned. The schedules take as many steps as the run \
+              is likely to have, sizes and colours learn twice as fast, all rates fade in the end. Large photos are drawn \
+              smaller at first, and random starts keep to places that no photo shows to be empty.",
     mark: "axis splits, no opacity reset",
 };
 
@@ -113,9 +111,9 @@ const SPLIT: SplitConfig = SplitConfig { densify_gradient: 1e-4, opacity_decay: 
 const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 };
 /// Kheradmand et al., 2024: `lambda_o = lambda_s = 0.01` (equation 10), `lambda_noise = 5e5` (section 5).
 const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
-/// Pictures that have a coarse level keep it for 700 steps each: not of the paper.
+/// Smaller pictures at first are not of the paper; how small, and for how long, is planned.
 const PICTURES: PictureConfig =
-    PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: 700 };
+    PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: HORIZON / 4 };
 /// Equation 7.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 
@@ -126,7 +124,7 @@ const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, sp
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let (scene, data, run) = (ask.scene, ask.data, ask.run);
     let mut ground = Ground::of_clouds(scene, data, run)?;
-    let planned = Planned::of(scene, data, run.stop, &mut ground.lines);
+    let planned = Planned::of(scene, data, run.stop, &mut ground.lines)?;
     let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
     let all = ask.settings.all()?;
     let Ground { layout, mut lines, background, error_budget, .. } = ground;
@@ -185,30 +183,39 @@ impl Planned {
         Self { cloud: CLOUD, start: START, rates: RATES, density: DENSITY, pictures: PICTURES, free_space: None };
 
     /// Of a scene; what was decided, and why, is added to `lines`.
-    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>, lines: &mut Vec<String>) -> Self {
+    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>, lines: &mut Vec<String>) -> Result<Self, SystemError> {
         let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
         let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
         let (frame, note) = CloudFrame::around(&cameras, &points);
         lines.extend(note);
         lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
-        let pixels = data.pixel_count() / data.len().max(1) as u64;
-        let coarse = (pixels.max(1) / COARSE_PIXELS).checked_ilog2().map_or(0, |octaves| octaves / 2 + 1).min(4);
+        let pace = CloudPace::of(data)?;
+        let horizon = pace.steps(stop).map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
+        let (coarse, coarse_steps) = (pace.halvings(), pace.coarse_steps(horizon));
         if coarse > 0 {
-            lines.push(format!("pictures begin {} times smaller ({pixels} pixels each)", 1 << coarse));
+            lines.push(format!(
+                "pictures begin {} times smaller ({} pixels each), and double after {coarse_steps} steps",
+                1 << coarse,
+                pace.pixels
+            ));
         }
-        let steps = cloud_steps(data, stop);
-        let horizon = steps.map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
         lines.push(format!("schedule: of {horizon} steps"));
         let free_space = free_space_line(data);
         let start = if scene.points.is_empty() { StartKind::Random } else { StartKind::Points };
-        Self {
-            cloud: CloudConfig { centre: frame.centre, radius: frame.scale, sh_every: horizon / 20, ..CLOUD },
+        Ok(Self {
+            cloud: CloudConfig {
+                centre: frame.centre,
+                radius: frame.scale,
+                max_splats: pace.gaussians(horizon as f64),
+                sh_every: horizon / 20,
+                ..CLOUD
+            },
             start: StartConfig { start },
             rates: CloudRates { horizon, ..RATES },
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
-            pictures: PictureConfig { coarse, ..PICTURES },
+            pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
             free_space,
-        }
+        })
     }
 
     /// The settings of the parts that are there, after `--set`.
