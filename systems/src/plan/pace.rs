@@ -12,7 +12,8 @@ const HALVINGS: u32 = 4;
 /// Share of the schedule that each smaller size has, and all of them together at most.
 const COARSE_SHARE: f64 = 0.3;
 const COARSE_SHARES: f64 = 0.6;
-/// Seconds of a step of a cloud on two cores, roughly: in any case, for each pixel that shows something, and for each Gaussian that there may be in the end.
+/// Seconds of a step of a cloud on two cores, roughly: in any case, for each pixel that shows something, and for each Gaussian that
+/// there may be in the end.
 const STEP: f64 = 3e-3;
 const STEP_PER_PIXEL: f64 = 6.5e-8;
 const STEP_PER_GAUSSIAN: f64 = 1.2e-7;

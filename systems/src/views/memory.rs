@@ -10,9 +10,9 @@ const DRAWN: usize = 2 * (44 + 12) + 2 * 8 + 4;
 /// Bytes of a visible Gaussian: drawn for training and for measuring, where it has colour and depth; colour and features of training;
 /// its projected gradient, its view-space gradient and their sums.
 const SEEN: usize = 2 * DRAWN + 16 + 12 + 12 + 36 + 8 + 12;
-/// Bytes of a pair of Gaussian and tile: for training entry, place (a list that grows by doubling), gradient; for measuring the
-/// first two. Pairs of a Gaussian, of which there are more the larger the picture, and rarely this many.
-const PAIR: usize = 2 * (4 + 8) + 36;
+/// Bytes of a pair of Gaussian and tile: for training entry, place (a list that grows by doubling), blocks, gradient; for measuring
+/// the first three. Pairs of a Gaussian, of which there are more the larger the picture, and rarely this many.
+const PAIR: usize = 2 * (4 + 8 + 2) + 36;
 const PAIRS: usize = 12;
 /// Bytes of a pixel: planes and tiles, forwards and backwards, photo, loss.
 const PIXEL: usize = 4 * (4 + 4 + 4 + 4) + 160;

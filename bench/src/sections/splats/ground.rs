@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Cameras that times are means over.
 const CAMERAS: usize = 10;
 /// Gaussians of the larger cloud at each of the smaller one.
-const COPIES: usize = 6;
+const COPIES: usize = 9;
 /// Stream of random numbers.
 const JITTER: u64 = 0x6a69_7474;
 
@@ -55,7 +55,7 @@ impl Ground {
         self.cameras.iter().zip(&self.photos).map(shot).collect()
     }
 
-    /// Each Gaussian six times, moved by its own size, with a sixth of its volume.
+    /// Each Gaussian nine times, moved by its own size, with a ninth of its volume.
     pub(super) fn larger_cloud(&self) -> Result<Gaussians, BenchError> {
         let (small, n) = (&self.cloud, self.cloud.len());
         let mut large = Gaussians::new(COPIES * n, small.degree()).map_err(BenchError::part)?;
@@ -110,16 +110,16 @@ mod tests {
     }
 
     #[test]
-    fn the_larger_cloud_has_six_smaller_gaussians_at_each() {
+    fn the_larger_cloud_has_nine_smaller_gaussians_at_each() {
         let mut cloud = Gaussians::new(3, 1).unwrap();
         cloud.log_scale.fill(-3.0);
         cloud.dc[1] = 0.7;
         let ground = Ground { cloud, rules: RasterSettings::DEFAULT, cameras: Vec::new(), photos: Vec::new() };
         let large = ground.larger_cloud().unwrap();
-        assert!(large.check().is_ok() && large.len() == 18);
-        // Six sixths of the volume.
-        assert!(large.log_scale.iter().all(|s| ((3.0 * (s + 3.0)).exp() - 1.0 / 6.0).abs() < 1e-5));
+        assert!(large.check().is_ok() && large.len() == 27);
+        // Nine ninths of the volume.
+        assert!(large.log_scale.iter().all(|s| ((3.0 * (s + 3.0)).exp() - 1.0 / 9.0).abs() < 1e-5));
         assert!(large.mean.iter().all(|x| x.abs() < 6.0 * (-3.0_f32).exp()));
-        assert_eq!(large.dc.iter().filter(|&&x| x == 0.7).count(), 6);
+        assert_eq!(large.dc.iter().filter(|&&x| x == 0.7).count(), 9);
     }
 }

@@ -134,7 +134,7 @@ pub(super) fn run(
     let larger_cloud = ground.larger_cloud()?;
     let mut cases = Vec::new();
     for (&scale, shots) in SCALES.iter().zip(&shots) {
-        for (work, larger) in [(Work::Step, false), (Work::Render, false), (Work::Render, true)] {
+        for (work, larger) in [(Work::Step, false), (Work::Step, true), (Work::Render, false), (Work::Render, true)] {
             let cloud = if larger { &larger_cloud } else { &ground.cloud };
             for threads in bench.pools.one_and_most() {
                 cases.push(Case {
