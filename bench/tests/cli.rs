@@ -136,9 +136,9 @@ fn the_page_of_splats_has_times_with_errors_and_both_systems() {
         let text = fs::read_to_string(out.join(format!("splats-{name}.csv"))).unwrap();
         text.lines().skip(1).map(|l| l.split(',').map(String::from).collect()).collect::<Vec<Vec<String>>>()
     };
-    // Six parts and a step, and a render of two clouds, at two sizes.
+    // Six parts of a step, a step and a render of two clouds, at two sizes.
     let kernels = rows("kernels");
-    assert_eq!(kernels.len(), 2 * (6 + 3));
+    assert_eq!(kernels.len(), 2 * (6 + 4));
     for row in fs::read_to_string(out.join("splats-kernels.csv")).unwrap().lines().skip(1) {
         let cells: Vec<&str> = row.rsplit(',').take(5).collect();
         let [_, error, _, all, one] = cells[..] else { panic!("{row}") };
