@@ -178,3 +178,29 @@ fn a_cap_lowers_the_best_level_and_nothing_else() {
         assert!(Simd::available().eq(all.iter().copied()) && fastest.level() >= simd.level());
     }
 }
+
+struct Positive<'a>(&'a [f32]);
+
+impl Task for Positive<'_> {
+    type Output = Vec<bool>;
+    #[inline(always)]
+    fn run<V: Vector>(self) -> Vec<bool> {
+        let lanes = |x: &[f32]| {
+            let bits = V::load(x).positive();
+            (0..V::LANES).map(move |lane| bits >> lane & 1 == 1).collect::<Vec<bool>>()
+        };
+        self.0.chunks_exact(V::LANES).flat_map(lanes).collect()
+    }
+}
+
+#[test]
+fn lanes_above_zero_are_bits() {
+    let mut x = sweep();
+    x.extend([0.0, -0.0, f32::NAN, -f32::NAN, 1e-45, -1e-45, f32::INFINITY, f32::NEG_INFINITY]);
+    x.rotate_right(5);
+    x.truncate(x.len() / 16 * 16);
+    let want: Vec<bool> = x.iter().map(|&x| x > 0.0).collect();
+    for simd in Simd::available() {
+        assert_eq!(simd.run(Positive(&x)), want, "{:?}", simd.level());
+    }
+}
