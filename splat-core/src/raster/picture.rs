@@ -102,15 +102,7 @@ impl<const K: usize> Raster<K> {
         self.visited.resize(grid.len(), 0);
         let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
         self.blocks.resize(lists.entries.len(), 0);
-        let mut left = &mut self.blocks[..];
-        let mut jobs: Vec<Job<'_, K>> = Vec::with_capacity(grid.len());
-        for ((out, visited), range) in
-            self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.visited).zip(lists.starts.windows(2))
-        {
-            let (blocks, more) = left.split_at_mut((range[1] - range[0]) as usize);
-            left = more;
-            jobs.push(Job { out, visited, blocks, gradients: &mut [], uv_absolute: &mut [] });
-        }
+        let mut jobs = jobs::<K>(&mut self.tiles, &mut self.visited, &mut self.blocks, lists);
         for_each(&mut jobs, |k, job| {
             let tile = inputs.tile(lists, size, k);
             *job.visited = simd.run(Forward { tile, out: job.out, blocks: job.blocks });
@@ -236,23 +228,16 @@ impl<const K: usize> Raster<K> {
         let (size, grid) = (self.size, Grid::new(self.size));
         let lists = &self.lists;
         self.pair_gradients.resize(lists.entries.len(), ProjectedGradient::default());
-        let (mut left, mut blocks_left) = (&mut self.pair_gradients[..], &mut self.blocks[..]);
+        let mut left = &mut self.pair_gradients[..];
         if ABSOLUTE {
             self.pair_absolute.resize(lists.entries.len(), [0.0; 2]);
         }
         let mut absolute_left = &mut self.pair_absolute[..];
-        let mut jobs: Vec<Job<'_, K>> = Vec::with_capacity(grid.len());
-        for ((out, visited), range) in
-            self.tiles.chunks_exact_mut((K + 1) * PIXELS).zip(&mut self.visited).zip(lists.starts.windows(2))
-        {
-            let (pair_gradients, more) = left.split_at_mut((range[1] - range[0]) as usize);
-            left = more;
-            let (blocks, more) = blocks_left.split_at_mut(pair_gradients.len());
-            blocks_left = more;
-            let of_tile = if ABSOLUTE { pair_gradients.len() } else { 0 };
-            let (pair_absolute, more) = absolute_left.split_at_mut(of_tile);
-            absolute_left = more;
-            jobs.push(Job { out, visited, blocks, gradients: pair_gradients, uv_absolute: pair_absolute });
+        let mut jobs = jobs::<K>(&mut self.tiles, &mut self.visited, &mut self.blocks, lists);
+        for job in &mut jobs {
+            let pairs = job.blocks.len();
+            (job.gradients, left) = left.split_at_mut(pairs);
+            (job.uv_absolute, absolute_left) = absolute_left.split_at_mut(if ABSOLUTE { pairs } else { 0 });
         }
         for_each(&mut jobs, |k, job| {
             if job.gradients.is_empty() {
@@ -322,6 +307,22 @@ impl<const K: usize> Raster<K> {
         let want = (K + 1) * self.size[0] * self.size[1];
         if got == want { Ok(()) } else { Err(SplatError::Shape { what, want, got }) }
     }
+}
+
+/// A job for each tile, without gradients.
+fn jobs<'a, const K: usize>(
+    tiles: &'a mut [f32],
+    visited: &'a mut [u32],
+    blocks: &'a mut [u16],
+    lists: &Lists,
+) -> Vec<Job<'a, K>> {
+    let mut left = blocks;
+    let tiles = tiles.chunks_exact_mut((K + 1) * PIXELS).zip(visited).zip(lists.starts.windows(2));
+    let job = |((out, visited), range): ((&'a mut [f32], &'a mut u32), &[u32])| {
+        let blocks = left.split_off_mut(..(range[1] - range[0]) as usize).unwrap_or_default();
+        Job { out, visited, blocks, gradients: &mut [], uv_absolute: &mut [] }
+    };
+    tiles.map(job).collect()
 }
 
 /// Up to this many planes (features and transmittance), the gradient of a tile's pixels lies on the stack; for more it is allocated.

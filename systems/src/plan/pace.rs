@@ -17,8 +17,8 @@ const COARSE_SHARES: f64 = 0.6;
 const STEP: f64 = 3e-3;
 const STEP_PER_PIXEL: f64 = 6.5e-8;
 const STEP_PER_GAUSSIAN: f64 = 1.2e-7;
-/// As many Gaussians as find their places in a step, no more than one for so many pixels of all photos (fewer pixels do not say what
-/// it is: the cloud learns the photos by heart), and no fewer or more than these.
+/// The limit on Gaussians grows by this many with each step. It is at most the pixels of all photos over the second number (with fewer
+/// pixels for each Gaussian a cloud over-fits), and always within the last two.
 const GAUSSIANS_PER_STEP: f64 = 80.0;
 const PIXELS_PER_GAUSSIAN: f64 = 50.0;
 const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
@@ -68,13 +68,13 @@ impl CloudPace {
         (self.coarse_share() * horizon as f64) as u64
     }
 
-    /// Most Gaussians of a training of so many steps.
+    /// The limit on Gaussians for a training of `steps` steps.
     pub(crate) fn gaussians(&self, steps: f64) -> usize {
         let [least, most] = GAUSSIANS;
         (GAUSSIANS_PER_STEP * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
     }
 
-    /// Seconds of a step, the mean of all sizes, where there may be so many Gaussians.
+    /// Seconds of a step, averaged over the sizes of pictures, with a limit of `gaussians`.
     fn seconds(&self, gaussians: usize) -> f64 {
         let (share, halvings) = (self.coarse_share(), self.halvings());
         let smaller: f64 = (1..=halvings).map(|h| share / f64::from(4_u32.pow(h))).sum();
@@ -124,7 +124,7 @@ mod tests {
         assert_eq!([of(0).shown, of(made::SIDE / 2).shown], [all, all / 2.0]);
     }
 
-    /// A hundred photos of so many pixels, all of which show something.
+    /// A hundred photos of `pixels` pixels each, without transparent ones.
     fn of(pixels: u64) -> CloudPace {
         CloudPace { photos: 100.0, pixels, shown: pixels as f64 }
     }
