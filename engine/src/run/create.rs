@@ -122,7 +122,7 @@ fn claim(folder: &Path, storage: &dyn Storage, observer: &mut dyn Observer) -> R
 }
 
 /// The scene, and in `data` what the white of its masks was taken for, where nothing was said.
-fn read_scene(
+pub(super) fn read_scene(
     spec: &str,
     data: &mut DataOptions,
     parts: Parts<'_>,
@@ -169,6 +169,6 @@ fn system_of<'a>(
 }
 
 /// Memory for decoded images where nothing is said, MiB: a third of what the process may hold where that is limited.
-fn default_image_memory() -> u64 {
+pub(super) fn default_image_memory() -> u64 {
     limit().map_or(IMAGE_MEMORY_MIB, |bytes| IMAGE_MEMORY_MIB.min((bytes >> 20) / 3).max(1))
 }

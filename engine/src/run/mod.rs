@@ -31,6 +31,7 @@ mod measure;
 mod measured;
 mod memory;
 mod open;
+mod outside;
 mod parts;
 mod patience;
 mod planned;
@@ -40,6 +41,7 @@ mod whole;
 mod writer;
 
 pub use mask_meaning::{MaskMeaning, mask_meaning};
+pub use outside::HeldOutViews;
 pub use parts::{Build, Choose, DefaultSystem, Load, Parts, disk_parts};
 pub use planned::{planned_schedule, planned_stop};
 

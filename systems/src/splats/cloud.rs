@@ -111,6 +111,15 @@ impl Cloud {
         Self { settings, ..Self::new(splats.gaussians, settings) }
     }
 
+    /// Drawn as a training with these cameras draws its own: what is left out before a camera's nose depends on how far apart the
+    /// cameras stand, and not on how far the Gaussians reach.
+    #[must_use]
+    pub fn photographed_by(self, cameras: &[DVec3]) -> Self {
+        let (frame, _) = CloudFrame::around(cameras, &[]);
+        let near = f64::from(RasterSettings::DEFAULT.near) * frame.scale;
+        Self { settings: self.settings.with_near(near as f32), ..self }
+    }
+
     /// All Gaussians in the scene's frame, in the order that [`part`](Self::part) asks for them.
     #[must_use]
     pub fn gaussians(&self) -> Gaussians {
@@ -145,6 +154,17 @@ impl Cloud {
     #[must_use]
     pub fn len(&self) -> usize {
         self.cloud.len()
+    }
+
+    /// Centre of Gaussian `i`, in the scene's frame.
+    pub(super) fn place(&self, i: usize) -> DVec3 {
+        let n = self.cloud.len();
+        self.frame.to_world([0, 1, 2].map(|k| f64::from(self.cloud.mean[k * n + i])).into())
+    }
+
+    /// Degree of the spherical harmonics.
+    pub(super) fn degree(&self) -> usize {
+        self.cloud.degree()
     }
 
     /// None at all?

@@ -62,7 +62,7 @@ pub(crate) use density_config::{
 pub(crate) use drawing::DrawnCloud;
 pub(crate) use driver::{ViewParts, Views, refused};
 pub(crate) use pass::ViewSpaceGradient;
-pub(crate) use render::{CloudRenderer, RenderBuffers};
+pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use terms::{L1Dssim, L1DssimConfig};
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::MaskWeight;

@@ -9,15 +9,29 @@ use super::skipped::Skipped;
 use super::undistortion::DistortedPicture;
 use engine::system::{Canonical, Layers, Median, Normals, Query};
 use float_core::Simd;
-use glam::DVec2;
+use glam::{DMat3, DVec2};
 use rayon::prelude::*;
-use render_core::camera::Camera;
+use render_core::camera::{Camera, Pose};
+use render_core::ray::Ray;
 use splat_core::{Gaussians, Raster, RasterSettings, SplatError, View};
 use std::sync::Mutex;
 
 /// Colour and depth.
 const FEATURES: usize = 4;
 const LAYOUT: PlaneLayout = PlaneLayout { depth: true, extras: 0 };
+
+/// Radius of the cone of a single ray at distance 1, where nothing is known of its pixel.
+pub(crate) const RAY_RADIUS: f32 = 5e-4;
+
+/// The camera whose only pixel is a cone around a ray; `radius` is that of the cone at distance 1.
+pub(crate) fn one_pixel(ray: &Ray, radius: f32) -> Camera {
+    let z = ray.d.normalize();
+    let x = z.any_orthonormal_vector();
+    let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: ray.o };
+    // The radius of a pixel's cone is its half width times 2 / sqrt(12).
+    let f = 1.0 / (f64::from(radius.max(1e-7)) * 3.0_f64.sqrt());
+    Camera::pinhole(1, 1, f, f, 0.5, 0.5, pose)
+}
 
 /// What is drawn, and how.
 #[derive(Clone, Copy)]

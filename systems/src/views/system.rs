@@ -5,11 +5,12 @@ use super::cloud_parameters::CloudParameters;
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
 use super::pass::PARTS;
+use super::render::{RAY_RADIUS, one_pixel};
 use engine::data::Dataset;
 use engine::system::{
     Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use optim::NonFiniteGuard;
 use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
@@ -17,8 +18,6 @@ use render_core::ray::Ray;
 use splat_core::Gaussians;
 use std::borrow::Cow;
 
-/// Radius of the cone of a single ray at distance 1, where nothing is known of its pixel.
-const RAY_RADIUS: f32 = 5e-4;
 /// Logit of an opacity that no picture shows.
 const TRANSPARENT: f32 = -30.0;
 /// Name of the counters in checkpoints.
@@ -39,12 +38,7 @@ impl Views {
 
     /// A picture of one ray: a camera of one pixel along it.
     fn ray(&self, clouds: &Clouds<'_>, ray: &Ray, radius: f32, query: &Query) -> Layers {
-        let z = ray.d.normalize();
-        let x = z.any_orthonormal_vector();
-        let pose = Pose { r: DMat3::from_cols(x, z.cross(x), z), c: ray.o };
-        // The radius of a pixel's cone is its half width times 2 / sqrt(12).
-        let f = 1.0 / (f64::from(radius.max(1e-7)) * 3.0_f64.sqrt());
-        let camera = Camera::pinhole(1, 1, f, f, 0.5, 0.5, pose);
+        let camera = one_pixel(ray, radius);
         let drawn = self.drawn(clouds);
         // Not counted: rays are what a picture is made of where there is nothing better.
         self.renderer(&drawn, query)
