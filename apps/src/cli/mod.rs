@@ -8,7 +8,7 @@ mod words;
 
 pub(crate) use results::{Eval, Export, Masks, Render, View};
 pub(crate) use training::{Check, Data, Demo, Prepare, Train};
-pub(crate) use words::{Layer, MeshMethod, ProgressKind, VideoWord};
+pub(crate) use words::{BackgroundWord, Layer, MeshMethod, ProgressKind, VideoWord};
 
 use crate::app::App;
 use clap::error::ErrorKind;
@@ -53,8 +53,8 @@ pub(crate) enum Command {
     Check(Check),
     /// Reconstruct a scene into a run folder
     Train(Box<Train>),
-    /// Measure the held-out views of the newest checkpoint
-    Eval(Eval),
+    /// Measure the held-out views of the newest checkpoint, or those of a dataset with a file of Gaussians
+    Eval(Box<Eval>),
     /// Render pictures along a camera path
     Render(Render),
     /// Look around in a run or a file of Gaussians on a web page; a run also while it trains

@@ -1,6 +1,9 @@
 //! Words of what is made of a run: `eval`, `render`, `view`, `export`, `masks`.
 
-use super::words::{EmptyWord, Layer, MeshMethod, VideoWord, budget, frame_count, seconds, time_step, triangle_count};
+use super::training::Data;
+use super::words::{
+    BackgroundWord, EmptyWord, Layer, MeshMethod, VideoWord, budget, frame_count, seconds, time_step, triangle_count,
+};
 use clap::Args;
 use engine::appearance::AppearancePath;
 use engine::camera_path::PathKind;
@@ -10,8 +13,19 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub(crate) struct Eval {
-    /// Run folder
+    /// Run folder, or a file of Gaussians (.ply, .splat, .spz) with `--scene`
+    #[arg(value_name = "RUN|FILE")]
     pub(crate) run: PathBuf,
+    /// Of a file of Gaussians: the dataset whose held-out views are measured, a folder or file, or a `synthetic:` scene; the file is in
+    /// its frame and unit
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) scene: Option<String>,
+    /// Of a file of Gaussians: folder of `eval.json`, `eval.csv` and `renders/` (default: scores are printed alone)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Of a file of Gaussians: what is behind it, and behind photos with alpha (default: `white`)
+    #[arg(long, value_enum, value_name = "COLOUR")]
+    pub(crate) background: Option<BackgroundWord>,
     /// Measure at N scales instead (full size, half, quarter, …), against the means of the held-out pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
@@ -23,6 +37,8 @@ pub(crate) struct Eval {
     /// Error that a pixel may have from skipped work, in units of colour (default: the run's); 0 skips nothing
     #[arg(long, value_name = "X", value_parser = budget)]
     pub(crate) error_budget: Option<f32>,
+    #[command(flatten)]
+    pub(crate) data: Data,
 }
 
 #[derive(Debug, Args)]

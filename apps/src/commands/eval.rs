@@ -1,5 +1,6 @@
-//! `eval`: the held-out views of the newest checkpoint.
+//! `eval`: the held-out views of the newest checkpoint, or those of a dataset with the Gaussians of a file.
 
+use super::eval_file;
 use super::train::conclude;
 use crate::cli::Eval;
 use crate::session::{Done, Failure, Session};
@@ -8,6 +9,9 @@ use engine::RunError;
 use engine::progress::{Event, Observer};
 
 pub(crate) fn run(session: &Session, args: &Eval) -> Result<Done, Failure> {
+    if eval_file::is_meant(args)? {
+        return eval_file::run(session, args);
+    }
     let lpips = session.lpips()?;
     let mut show = session.show();
     let mut run = match session.open_to_write(&args.run, &mut show) {

@@ -2,8 +2,10 @@
 
 mod baked;
 mod check;
+mod cloud_file;
 mod demo;
 mod eval;
+mod eval_file;
 mod export;
 mod film;
 mod masks;

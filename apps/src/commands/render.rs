@@ -39,11 +39,7 @@ enum Subject<'a, 'b> {
 pub(crate) fn run(session: &Session, args: &Render) -> Result<Done, Failure> {
     let mut show = session.show();
     if args.run.is_file() {
-        let cloud = Cloud::open(&args.run)?;
-        line(format_args!("{}: {} Gaussians", args.run.display(), cloud.len()));
-        for note in cloud.notes() {
-            line(format_args!("  {note}"));
-        }
+        let cloud = super::cloud_file::open(&args.run)?;
         return along(&Subject::Cloud(Box::new(cloud)), args, &mut show);
     }
     let run = session.open(&args.run, &mut show)?;

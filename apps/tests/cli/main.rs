@@ -8,6 +8,7 @@ mod chromium;
 mod claims;
 mod commands;
 mod dynamic;
+mod eval_file;
 mod hostile;
 mod huge;
 mod memory;

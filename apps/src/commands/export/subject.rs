@@ -2,7 +2,7 @@
 
 use crate::cli::Export;
 use crate::session::{Failure, Session};
-use crate::show::{Show, line};
+use crate::show::Show;
 use engine::RunError;
 use engine::camera_path::{PathKind, cameras};
 use engine::crop::{Crop, Traits};
@@ -33,11 +33,7 @@ impl Subject {
         if !args.run.is_file() {
             return Ok(Self::Run(Box::new(session.open(&args.run, show)?)));
         }
-        let (cloud, read) = (Cloud::open(&args.run)?, scene_io::read_splats(&args.run)?);
-        line(format_args!("{}: {} Gaussians", args.run.display(), cloud.len()));
-        for note in cloud.notes() {
-            line(format_args!("  {note}"));
-        }
+        let (cloud, read) = (super::super::cloud_file::open(&args.run)?, scene_io::read_splats(&args.run)?);
         Ok(Self::File { cloud: Box::new(cloud), read: Box::new(read) })
     }
 
