@@ -16,6 +16,10 @@ pub(crate) struct Cli {
     #[arg(long, value_enum, value_delimiter = ',', value_name = "SECTION,…")]
     pub(crate) only: Vec<Name>,
 
+    /// Tables of the scripts in `bench/peers`: their curves are drawn, a page a scene, and nothing is measured
+    #[arg(long, value_delimiter = ',', value_name = "CSV,…", conflicts_with_all = ["quick", "only"])]
+    pub(crate) peers: Vec<PathBuf>,
+
     /// Folder the pages go to
     #[arg(long, default_value = "docs/bench", value_name = "DIR")]
     pub(crate) out: PathBuf,

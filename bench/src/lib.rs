@@ -13,6 +13,7 @@ mod machine;
 mod measure;
 mod name;
 mod page;
+mod peers;
 mod plot;
 mod sections;
 mod table;

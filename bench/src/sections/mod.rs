@@ -20,8 +20,10 @@ use crate::error::BenchError;
 use crate::machine::Machine;
 use crate::name::Name;
 use crate::page::{self, Item, Section};
+use crate::peers;
 use clap::ValueEnum;
 use std::io::Write;
+use std::path::Path;
 use std::time::Instant;
 
 /// Measure a section.
@@ -55,6 +57,12 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
     check_protocols(&cli.protocol)?;
     let bench = Bench::new(cli)?;
     let machine = Machine::here(bench.pools.most());
+    if !cli.peers.is_empty() {
+        for page in peers::run(&cli.peers, &cli.out, &machine)? {
+            let _ = writeln!(std::io::stdout().lock(), "{}", page.display());
+        }
+        return index(&cli.out);
+    }
     let clock = Instant::now();
     for &name in Name::value_variants().iter().filter(|n| cli.only.is_empty() || cli.only.contains(n)) {
         say(&format!("{:4.0} s  {}", clock.elapsed().as_secs_f64(), name.file()));
@@ -66,12 +74,17 @@ pub(crate) fn run(cli: &Cli) -> Result<(), BenchError> {
         let whole = measured_on(&bench, section(name, &bench, &keep)?);
         page::write(&cli.out, &name.file(), &machine, &whole)?;
     }
-    let names: Vec<String> = Name::value_variants().iter().map(|n| n.file()).collect();
-    page::write_index(&cli.out, &names)?;
+    index(&cli.out)?;
     say(&format!("{:4.0} s  done", clock.elapsed().as_secs_f64()));
     // A closed pipe is not a failure of ours.
     let _ = writeln!(std::io::stdout().lock(), "{}", cli.out.join("README.md").display());
     Ok(())
+}
+
+/// The page that lists all others of a folder.
+fn index(out: &Path) -> Result<(), BenchError> {
+    let names: Vec<String> = Name::value_variants().iter().map(|n| n.file()).chain(peers::pages(out)).collect();
+    page::write_index(out, &names)
 }
 
 /// A section that says where validation views were measured.
