@@ -7,7 +7,7 @@
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`photo_model`] is the interface to the last two. [`networks`]: the driver for networks of the published sizes.
 //! * [`gradients`]: gradients with respect to rays and cameras.
-//! * [`views`]: the driver of systems of Gaussians. [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud
+//! * [`views`]: the driver of systems of Gaussians; `proxy`: a field that is trained before one. [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud
 //!   of Gaussians, to look at and to export.
 
 pub mod appearance;
@@ -28,6 +28,7 @@ pub mod occluders;
 pub mod papers;
 pub mod photo_model;
 pub mod plan;
+mod proxy;
 pub mod rays;
 pub mod registry;
 pub mod samplers;

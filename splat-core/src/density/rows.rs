@@ -44,6 +44,16 @@ impl Rows {
         Ok(Self { before: n, from, fresh })
     }
 
+    /// All `n` rows, then `more` fresh ones: copies of the last, to be overwritten. There are none of no rows.
+    ///
+    /// # Errors
+    /// [`SplatError::TooMany`] if their number does not fit `u32`.
+    pub fn and_fresh(n: usize, more: usize) -> Result<Self, SplatError> {
+        countable(n.saturating_add(more))?;
+        let Some(last) = n.checked_sub(1) else { return Self::unchanged(0) };
+        Ok(Self::of(n, (0..n as u32).map(|i| (i, false)).chain((0..more).map(|_| (last as u32, true)))))
+    }
+
     /// From pairs of source and fresh mark, which are not checked.
     pub(super) fn of(before: usize, rows: impl Iterator<Item = (u32, bool)>) -> Self {
         let (from, fresh) = rows.unzip();

@@ -22,6 +22,9 @@ const STEP_PER_GAUSSIAN: f64 = 1.2e-7;
 const GAUSSIANS_PER_STEP: f64 = 80.0;
 const PIXELS_PER_GAUSSIAN: f64 = 50.0;
 const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
+/// A field before a cloud has this share of the seconds, or of the steps, of a run; seconds of a step of it on two cores, roughly.
+const FIELD_SHARE: [f64; 2] = [0.05, 0.1];
+const FIELD_STEP: f64 = 0.03;
 /// Intervals that are halved: to a millionth of the first.
 const HALVED: u32 = 20;
 /// Photos that are looked at, at most, spread evenly; pixels more transparent than this show nothing.
@@ -82,6 +85,23 @@ impl CloudPace {
         STEP + STEP_PER_PIXEL * size * self.shown + STEP_PER_GAUSSIAN * gaussians as f64
     }
 
+    /// Steps that a field before the cloud has in a run until a stop; none where no stop is known.
+    pub(crate) fn field_steps(stop: Option<Stop>) -> f64 {
+        let [of_seconds, of_steps] = FIELD_SHARE;
+        stop.map_or(0.0, |stop| match stop {
+            Stop::Steps(n) => of_steps * n as f64,
+            Stop::Seconds(s) => of_seconds * s / FIELD_STEP,
+        })
+    }
+
+    /// What a stop leaves the cloud after `steps` steps of a field.
+    pub(crate) fn after_field(stop: Option<Stop>, steps: u64) -> Option<Stop> {
+        stop.map(|stop| match stop {
+            Stop::Steps(n) => Stop::Steps(n.saturating_sub(steps)),
+            Stop::Seconds(s) => Stop::Seconds((s - FIELD_STEP * steps as f64).max(0.0)),
+        })
+    }
+
     /// Steps until a stop, roughly where it is given in seconds; `None` where no stop is known.
     pub(crate) fn steps(&self, stop: Option<Stop>) -> Option<f64> {
         stop.map(|stop| match stop {
@@ -112,6 +132,20 @@ mod tests {
         assert_eq!(pace.steps(None), None);
         let [one, two] = [60.0, 120.0].map(|s| pace.steps(Some(Stop::Seconds(s))).unwrap());
         assert!((2000.0..20_000.0).contains(&one) && (two - 2.0 * one).abs() < 1e-3 * two, "{one} {two}");
+    }
+
+    #[test]
+    fn a_field_before_the_cloud_takes_a_small_share_of_the_run() {
+        let seconds = Some(Stop::Seconds(300.0));
+        let steps = CloudPace::field_steps(seconds) as u64;
+        assert_eq!((steps, CloudPace::after_field(seconds, steps)), (500, Some(Stop::Seconds(285.0))));
+        let steps = Some(Stop::Steps(5000));
+        assert_eq!(
+            (CloudPace::field_steps(steps), CloudPace::after_field(steps, 500)),
+            (500.0, Some(Stop::Steps(4500)))
+        );
+        assert_eq!((CloudPace::field_steps(None), CloudPace::after_field(None, 500)), (0.0, None));
+        assert_eq!(CloudPace::after_field(Some(Stop::Seconds(1.0)), 500), Some(Stop::Seconds(0.0)));
     }
 
     #[test]

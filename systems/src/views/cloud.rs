@@ -6,6 +6,7 @@ use super::density_control::{Change, DensityControl, DensityRules};
 use super::drawing::{DrawnCloud, SeenGaussians};
 use super::memory;
 use super::optimiser::Optimiser;
+use super::system::joined;
 use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_numbers};
 use float_core::Simd;
 use splat_core::density::{Rows, morton_order};
@@ -31,6 +32,8 @@ pub(crate) struct TrainedCloud {
     pub(crate) gradient: CloudParameters,
     optimiser: Optimiser,
     density: DensityControl,
+    /// This share of the Gaussians that come begins from outside.
+    pub(super) refill: f64,
 }
 
 impl TrainedCloud {
@@ -44,6 +47,40 @@ impl TrainedCloud {
         Ok(Self::restored(training, index, parameters))
     }
 
+    /// Begin anew, with another cloud of the frame of training.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(super) fn begin(&mut self, start: &Gaussians) -> Result<(), SplatError> {
+        *self = Self { refill: self.refill, ..Self::new(self.training, self.index, start)? };
+        Ok(())
+    }
+
+    /// How many Gaussians may begin from outside after step `step`: their share of what room there is then.
+    pub(super) fn refill(&self, step: u64) -> usize {
+        self.density.refill(step, self.parameters.len(), self.training.cloud.max_splats)
+    }
+
+    /// Put in Gaussians of the frame of training, behind those that are there. Extra rows of theirs are 0.
+    ///
+    /// # Errors
+    /// [`SplatError`] for fields of the wrong length, or more than can be counted.
+    pub(super) fn insert(&mut self, more: &Gaussians) -> Result<(), SplatError> {
+        let n = self.parameters.len();
+        if n == 0 {
+            return self.begin(more);
+        }
+        let rows = Rows::and_fresh(n, more.len())?;
+        self.parameters.gaussians = joined(&[&self.parameters.gaussians, more]);
+        self.parameters.follow_extra(&rows)?;
+        let all = rows.len().max(1);
+        self.parameters.extra.chunks_exact_mut(all).for_each(|row| row[n..].fill(0.0));
+        self.optimiser.follow(&rows, self.parameters.gaussians.degree())?;
+        self.density.follow(&rows)?;
+        self.gradient = self.parameters.clone();
+        Ok(())
+    }
+
     fn restored(training: CloudTraining, index: usize, parameters: CloudParameters) -> Self {
         Self {
             optimiser: Optimiser::new(&parameters),
@@ -52,6 +89,7 @@ impl TrainedCloud {
             training,
             index,
             parameters,
+            refill: 0.0,
         }
     }
 
@@ -97,6 +135,7 @@ impl TrainedCloud {
             seed,
             step,
             max: cloud.max_splats,
+            refill: self.refill,
             rate: rates.at(step, extra.rate).mean,
             has_non_finite: non_finite > 0,
         };
@@ -152,7 +191,7 @@ impl TrainedCloud {
         if parameters.rows > 0 {
             parameters.extra = take_numbers(state, &name(&prefix, EXTRA), parameters.extra.len())?;
         }
-        let mut new = Self::restored(self.training, self.index, parameters);
+        let mut new = Self { refill: self.refill, ..Self::restored(self.training, self.index, parameters) };
         new.optimiser.take(&prefix, state)?;
         new.density.take(&prefix, state, n)?;
         Ok(new)

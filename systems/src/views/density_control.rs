@@ -56,6 +56,8 @@ pub(super) struct Change {
     pub(super) step: u64,
     /// Never more Gaussians than this.
     pub(super) max: usize,
+    /// This share of the Gaussians that come begins from outside.
+    pub(super) refill: f64,
     /// The step's learning rate of the centres.
     pub(super) rate: f64,
     /// The step's gradient had entries that were not finite: parameters may have some.
@@ -94,6 +96,22 @@ impl DensityControl {
             Control::Mcmc { .. } => return Ok(()),
         };
         if step + 1 < until { gradients.add(seen.gaussians, size, |k| seen.uv[k]) } else { Ok(()) }
+    }
+
+    /// How many Gaussians may begin from outside after step `step`, counted from 0, where there are `n`, and `max` at most.
+    pub(super) fn refill(&self, step: u64, n: usize, max: usize) -> usize {
+        match &self.control {
+            Control::Split { rules, .. } if rules.grows_at(step + 1) => rules.room(step + 1, n, max).saturating_sub(n),
+            _ => 0,
+        }
+    }
+
+    /// Rows were added.
+    pub(super) fn follow(&mut self, rows: &Rows) -> Result<(), SplatError> {
+        if let Control::Adc { gradients, .. } | Control::Split { gradients, .. } = &mut self.control {
+            *gradients = gradients.follow(rows)?;
+        }
+        Ok(())
     }
 
     /// What opacity and size cost: its gradient is added. Returns the cost.
@@ -153,7 +171,9 @@ impl DensityControl {
                     let kept = rules.prune(cloud, |_| false)?;
                     *gradients = gradients.follow(&kept)?;
                     changed.keep(kept, cloud)?;
-                    let room = rules.room(count, cloud.len(), change.max);
+                    let n = cloud.len();
+                    let room = rules.room(count, n, change.max) - n;
+                    let room = n + ((1.0 - change.refill) * room as f64) as usize;
                     let grown = rules.grow(cloud, &gradients.mean(), room)?;
                     *cloud = grown.cloud;
                     changed.then(grown.rows)?;

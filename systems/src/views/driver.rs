@@ -22,7 +22,7 @@ use engine::system::{Query, StepStats, SystemError};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::NonFiniteGuard;
-use render_core::camera::Camera;
+use render_core::camera::{Camera, Pose};
 use splat_core::{CameraGradient, View};
 use std::borrow::Cow;
 use std::sync::Mutex;
@@ -69,8 +69,10 @@ pub(crate) struct Views {
     /// Where photos show that nothing is, as soon as it is asked for.
     free_space: Option<FreeSpace>,
     pub(super) sizes: Pictures,
-    target: StepTarget,
-    pass: Box<dyn PicturePass>,
+    pub(super) target: StepTarget,
+    /// Of the last photo that was shown.
+    pub(super) last_camera: Camera,
+    pub(super) pass: Box<dyn PicturePass>,
     pub(super) buffers: RenderBuffers,
     pub(super) skipped: Mutex<Skipped>,
     pub(super) seconds: [f64; PARTS.len() + OWN.len()],
@@ -114,6 +116,7 @@ impl Views {
             free_space: None,
             sizes: Pictures::of(data),
             target: StepTarget::default(),
+            last_camera: Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY),
             pass,
             buffers: RenderBuffers::default(),
             skipped: Mutex::default(),
@@ -145,6 +148,7 @@ impl Views {
         let shown = photos.get(data, view);
         self.photos = Some((level, photos));
         let (image, camera) = shown?;
+        self.last_camera = camera;
         let rng = Rng::new(self.parts.seed, BACKGROUNDS).substream(step);
         let background = self.parts.background.of_ray(&rng, 0);
         self.target.fill(&image, background);

@@ -36,6 +36,7 @@ mod gradient_tests;
 mod hooks;
 mod memory;
 mod optimiser;
+pub(crate) mod outside;
 mod pass;
 mod photo;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
@@ -55,7 +56,9 @@ mod visual_hull;
 mod weights;
 
 pub(crate) use cloud::{CloudTraining, TrainedCloud};
-pub(crate) use config::{CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, unless};
+pub(crate) use config::{
+    CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, positive, unless,
+};
 pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };

@@ -67,6 +67,9 @@ pub(crate) trait PicturePass: Send + Sync {
 
     /// The Gaussians of cloud `index` that the last photo shows, and what it says of them.
     fn seen(&self, index: usize) -> SeenGaussians<'_>;
+
+    /// `[3][pixels]`, the colours of the last picture.
+    fn colour(&self) -> &[f32];
 }
 
 /// What a picture's loss is made of, and where time is written.
@@ -265,6 +268,10 @@ impl<const K: usize> PicturePass for Pass<K> {
     fn seen(&self, index: usize) -> SeenGaussians<'_> {
         let range = self.projections.of_cloud(index);
         SeenGaussians { gaussians: &self.projections.gaussians()[range.clone()], uv: &self.uv[range] }
+    }
+
+    fn colour(&self) -> &[f32] {
+        &self.planes[..self.planes.len() / (K + 1) * COLOUR]
     }
 }
 

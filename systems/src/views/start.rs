@@ -139,6 +139,19 @@ impl Start {
         Self::at(&inside, |k| colours[k], options.degree, notes)
     }
 
+    /// At places of the scene's frame with their colours, those first that there is room for.
+    ///
+    /// # Errors
+    /// [`SplatError::Degree`].
+    pub(crate) fn at_places(
+        places: &[(DVec3, [f32; 3])],
+        frame: &CloudFrame,
+        degree: usize,
+    ) -> Result<Self, SplatError> {
+        let inside: Vec<[f64; 3]> = places.iter().map(|(x, _)| frame.to_internal(*x).to_array()).collect();
+        Self::at(&inside, |k| places[k].1, degree, Vec::new())
+    }
+
     /// At internal positions.
     fn at(
         inside: &[[f64; 3]],

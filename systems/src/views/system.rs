@@ -186,7 +186,7 @@ fn nearer(cloud: &CloudParameters, pose: &Pose, depth: f64, frame: &CloudFrame) 
 }
 
 /// All Gaussians of some clouds in one, of the highest of their degrees.
-fn joined(clouds: &[&Gaussians]) -> Gaussians {
+pub(super) fn joined(clouds: &[&Gaussians]) -> Gaussians {
     if let [one] = clouds {
         return (*one).clone();
     }

@@ -8,6 +8,7 @@ use super::density_config::{
     AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, SplitConfig,
 };
 use super::driver::{ViewParts, Views};
+use super::outside::{NewGaussian, PhotoPixels};
 use super::pass::ViewSpaceGradient;
 use super::planes::{PlaneBars, RenderedPicture};
 use super::terms::{L1Dssim, L1DssimConfig, PictureTerm, TargetPicture};
@@ -15,9 +16,10 @@ use crate::plan::made;
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::render::plain_query;
-use engine::system::{System, Tensor, TensorMap};
+use engine::system::{System, Tensor, TensorData, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
+use glam::DVec3;
 use losses::LossError;
 use splat_core::Gaussians;
 
@@ -196,4 +198,61 @@ fn both_clouds_are_in_pictures_and_in_what_is_exported() {
     assert!(opacity(&both) > 1.05 * opacity(&one));
     assert_eq!(both.splats().unwrap().gaussians.len(), 30);
     assert_eq!(both.parameter_count(), 20 * (23 + 2) + 10 * 23);
+}
+
+#[test]
+fn gaussians_from_outside_join_a_cloud_and_leave_the_others_as_they_were() {
+    let (_, data) = made::capture(made::Points::None);
+    let mut system = system(&data, DensityKind::Split, ViewSpaceGradient::Plain);
+    for step in 0..3 {
+        system.step(&data, step).unwrap();
+    }
+    let before = map(system.state());
+    let new = [1.0, 2.0].map(|x| NewGaussian { x: DVec3::new(x, 0.0, 3.3), size: 0.33, rgb: [0.5, 0.25, 1.0] });
+    system.insert(&new).unwrap();
+    let after = map(system.state());
+    let rows = |state: &TensorMap, name: &str| match state.get(name).map(|t| &t.data) {
+        Some(TensorData::F32(x)) => x.to_vec(),
+        _ => panic!("{name}: {:?}", state.keys().collect::<Vec<_>>()),
+    };
+    for (name, fresh) in
+        [("splats.mean", None), ("splats.extra", Some(0.0)), ("adam.mean.m", Some(0.0)), ("pull.sum", Some(0.0))]
+    {
+        let (old, all) = (rows(&before, name), rows(&after, name));
+        let components = old.len() / 20;
+        for k in 0..components {
+            assert_eq!(all[k * 22..][..20], old[k * 20..][..20], "{name}");
+            assert!(fresh.is_none_or(|x| all[k * 22 + 20..][..2] == [x; 2]), "{name}");
+        }
+    }
+    let mean = rows(&after, "splats.mean");
+    assert_eq!(
+        [mean[20], mean[21], mean[22 + 20], mean[44 + 20]],
+        [1.0 / 3.3, 2.0 / 3.3, 0.0, 1.0].map(|x: f64| x as f32)
+    );
+    assert!((rows(&after, "splats.log_scale")[20] - 0.1_f32.ln()).abs() < 1e-6);
+    assert!((rows(&after, "splats.logit")[21] - (0.1_f32 / 0.9).ln()).abs() < 1e-6);
+    for step in 3..8 {
+        assert!(system.step(&data, step).unwrap().loss.is_finite());
+    }
+}
+
+#[test]
+fn pixels_are_drawn_by_their_error_and_spread_over_all_photos() {
+    // All photos are black but for one pixel, and the clouds are far away from what is seen.
+    let frames = made::frames(3, |_, x, y| if (x, y) == (5, 9) { [255; 4] } else { [0; 4] });
+    let (_, data) = made::scene(frames, Vec::new());
+    let mut system = system(&data, DensityKind::Split, ViewSpaceGradient::Plain);
+    system.parts.background = Background::Black;
+    for cloud in &mut system.parts.clouds {
+        cloud.parameters.gaussians.logit.fill(-20.0);
+    }
+    system.step(&data, 0).unwrap();
+    let worst = system.erring_pixels(0, 7);
+    assert_eq!(worst.pixels, [(9 * made::SIDE as usize + 5, [1.0; 3])]);
+    let spread = system.spread_pixels(&data, 50).unwrap();
+    assert_eq!((spread.len(), spread.iter().map(|photo| photo.pixels.len()).sum::<usize>()), (data.len(), 50));
+    let rows = |photo: &PhotoPixels| photo.pixels.iter().map(|(i, _)| i / made::SIDE as usize).collect::<Vec<_>>();
+    assert!(spread.iter().all(|photo| rows(photo).windows(2).all(|w| w[0] <= w[1])));
+    assert!(rows(&spread[0]).first().is_some_and(|&y| y < 8) && rows(&spread[0]).last().is_some_and(|&y| y > 15));
 }

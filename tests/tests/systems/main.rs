@@ -9,6 +9,7 @@ mod mip_nerf_360;
 mod nerf_method;
 mod nerf_published;
 mod sf_nerf;
+mod splat_field;
 mod splat_pictures;
 mod splat_start;
 mod splat_threads;

@@ -36,6 +36,18 @@ fn arrays_of_the_wrong_length_are_refused_by_name() {
 }
 
 #[test]
+fn fresh_rows_come_last_and_have_no_history() {
+    let rows = Rows::and_fresh(2, 3).unwrap();
+    assert_eq!(
+        (rows.before(), rows.from(), rows.fresh()),
+        (2, &[0, 1, 1, 1, 1][..], &[false, false, true, true, true][..])
+    );
+    assert_eq!(rows.apply("x", &[5.0, 6.0], 1, Fresh::Is(0.0)).unwrap(), [5.0, 6.0, 0.0, 0.0, 0.0]);
+    assert!(Rows::and_fresh(4, 0).unwrap().is_unchanged() && Rows::and_fresh(0, 3).unwrap().is_empty());
+    assert!(Rows::and_fresh(usize::MAX, 1).is_err());
+}
+
+#[test]
 fn no_rows_are_legal() {
     let rows = Rows::unchanged(0).unwrap();
     assert!(rows.is_empty() && rows.is_unchanged());

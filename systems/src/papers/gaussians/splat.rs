@@ -17,26 +17,25 @@
 //! Where `C` is composited: `splat_core`; the step: [`crate::views`]. What differs from the paper, and why:
 //! `docs/decisions/0022-gaussians-on-the-cpu.md`.
 
+mod start;
+
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
 use crate::plan::{Ask, Built, CloudPace, Ground};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
-use crate::views::start::{Start, StartOptions, scene_box};
 use crate::views::{
     AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MOST, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
-    ViewSpaceGradient, Views, VisualHull, WideningKind, first_of, refused, unless,
+    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
+    ViewSpaceGradient, Views, WideningKind, refused,
 };
 use engine::data::Dataset;
-use engine::memory::room_for;
 use engine::options::{Plan, RunOptions, Stop};
 use engine::system::SystemError;
 use float_core::Simd;
 use glam::DVec3;
 use scene_io::{Point, Scene};
-use serde::{Deserialize, Serialize};
-use splat_core::Gaussians;
+use start::{AskedStart, StartConfig, StartKind};
 
 /// Steps that the schedules are for where no stop is known, and the fewest that they are for.
 const HORIZON: u64 = 10_000;
@@ -51,38 +50,11 @@ pub(crate) const CLAIM: Claim = Claim {
     differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; their \
               opacities fade instead of being reset, large ones are not pruned. The schedules take as many steps as the run \
               is likely to have, sizes and colours learn twice as fast, all rates fade in the end. Large photos are drawn \
-              smaller at first, and random starts keep to places that no photo shows to be empty.",
+              smaller at first; without points Gaussians begin where a field sees surfaces.",
     mark: "axis splits, no opacity reset",
 };
 
-/// Where Gaussians begin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum StartKind {
-    /// At the points that the scene comes with.
-    Points,
-    /// Anywhere in the box that the cameras look at.
-    Random,
-}
-
-/// Where Gaussians begin.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct StartConfig {
-    /// Where Gaussians begin: `points` or `random`.
-    start: StartKind,
-}
-
-/// A start at random places: chosen, or because the scene has no points.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RandomStartConfig {
-    /// How many begin at random places.
-    start_count: usize,
-}
-
-const START: StartConfig = StartConfig { start: StartKind::Points };
-const RANDOM_START: RandomStartConfig = RandomStartConfig { start_count: 20_000 };
+const START: StartConfig = StartConfig { start: StartKind::Points, refill: 0.0 };
 const CLOUD: CloudConfig =
     CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: HORIZON / 20 };
 /// Rates of sizes and colours are twice those of the released code's `OptimizationParams`, the last one of centres ten times: there
@@ -130,18 +102,11 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let Ground { layout, mut lines, background, error_budget, .. } = ground;
     lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
     let cloud = &asked.training.cloud;
-    let start = match asked.start {
-        AskedStart::Points(start) => start,
-        AskedStart::Random(config) => {
-            let count = config.start_count.min(cloud.max_splats);
-            let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
-            room_for("start_count", count, count.saturating_mul(one))?;
-            let hull = VisualHull::new(data)?;
-            let options = StartOptions { random: config.start_count, ..start_options(cloud, run.seed) };
-            Start::random(scene_box(&layout, data), &asked.frame, &options, |x| hull.colour_at(x)).map_err(refused)?
-        }
-    };
-    lines.extend(start.notes.iter().map(|note| format!("start: {note}")));
+    let AskedStart { at, field } = asked.start;
+    let start = at.start(cloud, &layout, &asked.frame, data, run.seed)?;
+    let begin =
+        if field.is_some_and(|terms| terms.seeds.is_some()) { "start, should the field see nothing" } else { "start" };
+    lines.extend(start.notes.iter().map(|note| format!("{begin}: {note}")));
     lines.push(format!("at most {} Gaussians", cloud.max_splats));
     let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
     if bent > 0 {
@@ -162,7 +127,8 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     };
     let splat = Views::new(parts, data)?;
     lines.extend(ask.claim.line());
-    Ok((Box::new(splat), Plan { lines, background, error_budget, config: all }))
+    let system = start::with_field(splat, field, scene, data, run, &mut lines)?;
+    Ok((system, Plan { lines, background, error_budget, config: all }))
 }
 
 /// What a scene asks for, before `--set`.
@@ -170,6 +136,8 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
 struct Planned {
     cloud: CloudConfig,
     start: StartConfig,
+    /// Steps of a field before the cloud, where there is time for one.
+    field_steps: Option<u64>,
     rates: CloudRates,
     density: DensityConfig,
     pictures: PictureConfig,
@@ -179,8 +147,15 @@ struct Planned {
 
 impl Planned {
     /// Of no scene.
-    const OF_NOTHING: Self =
-        Self { cloud: CLOUD, start: START, rates: RATES, density: DENSITY, pictures: PICTURES, free_space: None };
+    const OF_NOTHING: Self = Self {
+        cloud: CLOUD,
+        start: START,
+        field_steps: None,
+        rates: RATES,
+        density: DENSITY,
+        pictures: PICTURES,
+        free_space: None,
+    };
 
     /// Of a scene; what was decided, and why, is added to `lines`.
     fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>, lines: &mut Vec<String>) -> Result<Self, SystemError> {
@@ -190,6 +165,9 @@ impl Planned {
         lines.extend(note);
         lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
         let pace = CloudPace::of(data)?;
+        let field_steps = start::field_steps(CloudPace::field_steps(stop));
+        let start = StartConfig::planned(scene, field_steps);
+        let stop = if start.has_field() { CloudPace::after_field(stop, field_steps.unwrap_or(0)) } else { stop };
         let horizon = pace.steps(stop).map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
         let (coarse, coarse_steps) = (pace.halvings(), pace.coarse_steps(horizon));
         if coarse > 0 {
@@ -201,7 +179,6 @@ impl Planned {
         }
         lines.push(format!("schedule: of {horizon} steps"));
         let free_space = free_space_line(data);
-        let start = if scene.points.is_empty() { StartKind::Random } else { StartKind::Points };
         Ok(Self {
             cloud: CloudConfig {
                 centre: frame.centre,
@@ -210,7 +187,8 @@ impl Planned {
                 sh_every: horizon / 20,
                 ..CLOUD
             },
-            start: StartConfig { start },
+            start,
+            field_steps,
             rates: CloudRates { horizon, ..RATES },
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
             pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
@@ -223,7 +201,7 @@ impl Planned {
         let cloud = settings.of(&self.cloud)?;
         cloud.check()?;
         let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
-        let start = self.asked_start(points, &cloud, &frame, settings, seed)?;
+        let start = self.start.asked(points, &cloud, &frame, settings, self.field_steps, seed)?;
         let training = CloudTraining {
             cloud,
             rates: settings.of(&self.rates)?,
@@ -237,29 +215,6 @@ impl Planned {
         loss.check()?;
         Ok(AskedParts { training, frame, pictures, loss, start })
     }
-
-    /// Where the cloud begins, after `--set`. Settings of random places are there where it begins at random: it was asked to, or no
-    /// point can be used.
-    fn asked_start(
-        &self,
-        points: &[Point],
-        cloud: &CloudConfig,
-        frame: &CloudFrame,
-        settings: &mut Settings<'_>,
-        seed: u64,
-    ) -> Result<AskedStart, SystemError> {
-        let StartConfig { start } = settings.of(&self.start)?;
-        if start == StartKind::Points {
-            let options = start_options(cloud, seed);
-            let start = Start::from_points(points, frame, &options).map_err(refused)?;
-            if !start.cloud.is_empty() {
-                return Ok(AskedStart::Points(start));
-            }
-        }
-        let random: RandomStartConfig = settings.of(&RANDOM_START)?;
-        random.check()?;
-        Ok(AskedStart::Random(random))
-    }
 }
 
 /// Settings after `--set`.
@@ -271,36 +226,15 @@ struct AskedParts {
     start: AskedStart,
 }
 
-/// Where a cloud begins.
-enum AskedStart {
-    Points(Start),
-    Random(RandomStartConfig),
-}
-
-impl RandomStartConfig {
-    fn check(&self) -> Result<(), SystemError> {
-        let count = self.start_count;
-        first_of([
-            unless(count <= MOST, "start_count", count, "must be at most 50 million"),
-            unless(count > 0, "start_count", count, "must be at least 1 where they start at random"),
-        ])
-    }
-}
-
-/// How the cloud begins, but for the number of random places.
-fn start_options(cloud: &CloudConfig, seed: u64) -> StartOptions {
-    StartOptions { degree: cloud.sh_degree, max: cloud.max_splats, random: 0, seed }
-}
-
 /// All settings by name, whatever is chosen; values are of no scene.
 pub(crate) fn names() -> toml::Table {
     let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
     let mut names = toml::Table::new();
     for set in [
-        toml::toml! { start = "random" },
-        toml::toml! { start = "random"
+        toml::toml! { start = "field" },
+        toml::toml! { start = "field"
         density = "adc" },
-        toml::toml! { start = "random"
+        toml::toml! { start = "field"
         density = "mcmc" },
     ] {
         let run = run(set);
@@ -313,6 +247,7 @@ pub(crate) fn names() -> toml::Table {
 
 #[cfg(test)]
 mod tests {
+    use super::start::Places;
     use super::*;
 
     #[test]
@@ -323,7 +258,7 @@ mod tests {
             Planned::OF_NOTHING.asked(&[], &mut settings, 0).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 32, "{all:?}");
+        assert_eq!(all.len(), 35, "{all:?}");
         let adc = asked(toml::toml! { density = "adc" }).unwrap();
         assert!(
             adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost") && !adc.contains_key("opacity_decay")
@@ -343,7 +278,7 @@ mod tests {
         let mut settings = Settings::new(&run);
         let points = [Point { xyz: DVec3::ZERO, rgb: [0; 3] }];
         let asked = Planned::OF_NOTHING.asked(&points, &mut settings, 0).unwrap();
-        assert!(matches!(asked.start, AskedStart::Points(_)));
+        assert!(matches!(asked.start.at, Places::Points(_)));
         assert!(!settings.all().unwrap().contains_key("start_count"));
     }
 

@@ -1,0 +1,195 @@
+//! Where the Gaussians of `splat` begin: at points, at random places, or where a field sees surfaces.
+
+use crate::layout::Layout;
+use crate::plan::{Ground, field_settings};
+use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
+use crate::settings::Settings;
+use crate::views::cloud_frame::CloudFrame;
+use crate::views::start::{Start, StartOptions, scene_box};
+use crate::views::{CloudConfig, MOST, Views, VisualHull, first_of, refused, unless};
+use engine::data::Dataset;
+use engine::memory::room_for;
+use engine::options::RunOptions;
+use engine::system::{System, SystemError};
+use scene_io::{Point, Scene};
+use serde::{Deserialize, Serialize};
+use splat_core::Gaussians;
+
+/// A field of fewer steps knows no surfaces, and one of more sees none better.
+const FIELD_STEPS: [u64; 2] = [100, 1_000];
+
+/// Where Gaussians begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum StartKind {
+    /// At the points that the scene comes with.
+    Points,
+    /// Anywhere in the box that the cameras look at.
+    Random,
+    /// Where a field sees surfaces, which is trained first.
+    Field,
+}
+
+/// Where Gaussians begin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StartConfig {
+    /// Where Gaussians begin: `points`, `random`, or `field`: where a field sees surfaces that is trained first.
+    pub(super) start: StartKind,
+    /// This share of the Gaussians that come later begins where such a field sees what badly drawn pixels show; the others are split
+    /// from Gaussians that are there (with `density=split`). 0: no field is trained for them.
+    pub(super) refill: f64,
+}
+
+/// A start that is not at points: chosen, or because the scene has none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CountConfig {
+    /// How many begin at random places, or where the field sees surfaces.
+    start_count: usize,
+}
+
+const COUNT: CountConfig = CountConfig { start_count: 20_000 };
+
+/// Where the cloud begins, and the field that is trained before it, after `--set`.
+pub(super) struct AskedStart {
+    pub(super) at: Places,
+    pub(super) field: Option<ProxyTerms>,
+}
+
+/// Where a cloud begins.
+pub(super) enum Places {
+    Points(Start),
+    /// Also where the field sees nothing.
+    Random(CountConfig),
+}
+
+impl StartConfig {
+    /// Of a scene that has points or none, for a run with time for a field of `field_steps` steps.
+    pub(super) fn planned(scene: &Scene, field_steps: Option<u64>) -> Self {
+        match (scene.points.is_empty(), field_steps) {
+            (false, _) => Self { start: StartKind::Points, refill: 0.0 },
+            (true, None) => Self { start: StartKind::Random, refill: 0.0 },
+            (true, Some(_)) => Self { start: StartKind::Field, refill: 0.5 },
+        }
+    }
+
+    /// Whether a field is trained before the cloud.
+    pub(super) fn has_field(&self) -> bool {
+        self.start == StartKind::Field || self.refill > 0.0
+    }
+
+    /// The settings of the parts that are there, after `--set`: those of places that are no points where the cloud begins at others,
+    /// for it was asked to, or no point can be used; those of a field where one is trained, of `field_steps` steps where nothing is
+    /// said.
+    pub(super) fn asked(
+        &self,
+        points: &[Point],
+        cloud: &CloudConfig,
+        frame: &CloudFrame,
+        settings: &mut Settings<'_>,
+        field_steps: Option<u64>,
+        seed: u64,
+    ) -> Result<AskedStart, SystemError> {
+        let Self { start, refill } = settings.of(self)?;
+        first_of([unless((0.0..=1.0).contains(&refill), "refill", refill, "must be a share, 0 to 1")])?;
+        let at_points = match start {
+            StartKind::Points => Some(Start::from_points(points, frame, &options(cloud, seed)).map_err(refused)?),
+            StartKind::Random | StartKind::Field => None,
+        };
+        let at = match at_points.filter(|start| !start.cloud.is_empty()) {
+            Some(start) => Places::Points(start),
+            None => {
+                let count = settings.of(&COUNT)?;
+                count.check()?;
+                Places::Random(count)
+            }
+        };
+        let seeds = match &at {
+            Places::Random(count) if start == StartKind::Field => Some(count.start_count),
+            _ => None,
+        };
+        let field = if seeds.is_some() || refill > 0.0 {
+            let planned = FieldConfig { field_steps: field_steps.unwrap_or(FIELD_STEPS[1]), ..FieldConfig::PLANNED };
+            let config = settings.of(&planned)?;
+            config.check()?;
+            Some(ProxyTerms { config, seeds, refill })
+        } else {
+            None
+        };
+        Ok(AskedStart { at, field })
+    }
+}
+
+impl CountConfig {
+    fn check(&self) -> Result<(), SystemError> {
+        let count = self.start_count;
+        first_of([
+            unless(count <= MOST, "start_count", count, "must be at most 50 million"),
+            unless(count > 0, "start_count", count, "must be at least 1 where they start at random"),
+        ])
+    }
+
+    /// The cloud at random places, where photos do not rule them out.
+    fn random(
+        &self,
+        cloud: &CloudConfig,
+        layout: &Layout,
+        frame: &CloudFrame,
+        data: &Dataset,
+        seed: u64,
+    ) -> Result<Start, SystemError> {
+        let count = self.start_count.min(cloud.max_splats);
+        let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
+        room_for("start_count", count, count.saturating_mul(one))?;
+        let hull = VisualHull::new(data)?;
+        let options = StartOptions { random: self.start_count, ..options(cloud, seed) };
+        Start::random(scene_box(layout, data), frame, &options, |x| hull.colour_at(x)).map_err(refused)
+    }
+}
+
+impl Places {
+    /// The cloud at its start.
+    pub(super) fn start(
+        self,
+        cloud: &CloudConfig,
+        layout: &Layout,
+        frame: &CloudFrame,
+        data: &Dataset,
+        seed: u64,
+    ) -> Result<Start, SystemError> {
+        match self {
+            Self::Points(start) => Ok(start),
+            Self::Random(count) => count.random(cloud, layout, frame, data, seed),
+        }
+    }
+}
+
+/// The system: the cloud, or the cloud with a field before it; what the field is for is added to `lines`.
+pub(super) fn with_field(
+    cloud: Views,
+    field: Option<ProxyTerms>,
+    scene: &Scene,
+    data: &Dataset,
+    run: &RunOptions,
+    lines: &mut Vec<String>,
+) -> Result<Box<dyn System>, SystemError> {
+    let Some(terms) = field else { return Ok(Box::new(cloud)) };
+    let mut ground = Ground::of(scene, data, run)?;
+    let config = field_settings(&mut ground, data);
+    let field = ground.ngp(data, &config, run.seed, None)?;
+    lines.push(terms.line());
+    Ok(Box::new(Proxied::new(terms, field, cloud)))
+}
+
+/// Steps of the field in a run of `steps` steps, of which it has this share; `None` where they are too few.
+pub(super) fn field_steps(steps: f64) -> Option<u64> {
+    let [least, most] = FIELD_STEPS;
+    let steps = (steps as u64).min(most);
+    (steps >= least).then_some(steps)
+}
+
+/// How the cloud begins, but for the number of random places.
+fn options(cloud: &CloudConfig, seed: u64) -> StartOptions {
+    StartOptions { degree: cloud.sh_degree, max: cloud.max_splats, random: 0, seed }
+}

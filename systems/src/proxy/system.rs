@@ -1,0 +1,252 @@
+//! A cloud that begins where a field sees surfaces, as a [`System`].
+
+use super::seen::{SeenPoint, seen};
+use crate::rays::RaySystem;
+use crate::views::outside::{NewGaussian, PhotoPixels};
+use crate::views::{Views, first_of, positive, unless};
+use engine::data::Dataset;
+use engine::system::{
+    Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
+};
+use render_core::camera::Camera;
+use render_core::ray::Ray;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// A field before the cloud.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FieldConfig {
+    /// Steps of the field that is trained before the cloud.
+    pub(crate) field_steps: u64,
+    /// Standard deviation of a Gaussian that begins where the field sees what a badly drawn pixel shows, sizes of the pixel there.
+    pub(crate) refill_size: f64,
+}
+
+impl FieldConfig {
+    pub(crate) const PLANNED: Self = Self { field_steps: 500, refill_size: 2.0 };
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        first_of([
+            unless(self.field_steps > 0, "field_steps", self.field_steps, "must be at least 1"),
+            positive("refill_size", self.refill_size),
+        ])
+    }
+}
+
+/// What the field is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ProxyTerms {
+    pub(crate) config: FieldConfig,
+    /// So many Gaussians begin where it sees surfaces; `None`: the cloud begins as it is.
+    pub(crate) seeds: Option<usize>,
+    /// This share of those that come later begins where it sees what pixels with a large error show.
+    pub(crate) refill: f64,
+}
+
+impl ProxyTerms {
+    /// Whether the field is asked for anything in step number `step` or a later one, where Gaussians come until step `until` of the
+    /// cloud.
+    fn asks_field(&self, step: u64, until: u64) -> bool {
+        let first = self.config.field_steps;
+        step <= first || (self.refill > 0.0 && step < first.saturating_add(until))
+    }
+
+    /// For people.
+    pub(crate) fn line(&self) -> String {
+        let seeds = self.seeds.map(|n| format!("{n} Gaussians begin where it sees surfaces"));
+        let refill = (self.refill > 0.0)
+            .then(|| format!("{:.0} % of later ones where it sees what badly drawn pixels show", 100.0 * self.refill));
+        let what: Vec<String> = seeds.into_iter().chain(refill).collect();
+        format!("field: a fast field is trained for {} steps first; {}", self.config.field_steps, what.join(", "))
+    }
+}
+
+/// No more pixels are drawn for a seed.
+const MOST_DRAWN: usize = 16;
+/// Name of the number of steps in checkpoints.
+const STEPS: &str = "proxy.steps";
+
+/// A cloud and the field before it.
+pub(crate) struct Proxied {
+    terms: ProxyTerms,
+    /// Until nothing is asked of it any more.
+    field: Option<RaySystem>,
+    cloud: Views,
+    steps: u64,
+    /// Of the field's steps and seeds; of refilling.
+    seconds: [f64; 2],
+}
+
+impl Proxied {
+    pub(crate) fn new(terms: ProxyTerms, field: RaySystem, mut cloud: Views) -> Self {
+        cloud.set_refill(terms.refill);
+        Self { terms, field: Some(field), cloud, steps: 0, seconds: [0.0; 2] }
+    }
+
+    /// What is trained, and looked at.
+    fn current(&self) -> &dyn System {
+        match &self.field {
+            Some(field) if self.steps < self.terms.config.field_steps => field,
+            _ => &self.cloud,
+        }
+    }
+
+    fn see(&self, photo: &PhotoPixels) -> Vec<SeenPoint> {
+        let Some(field) = &self.field else { return Vec::new() };
+        seen(field, &photo.camera, &photo.pixels)
+    }
+
+    /// The cloud begins. Of photos that show much of nothing more pixels are drawn the second time, so that as many see something.
+    fn seed(&mut self, data: &Dataset) -> Result<(), SystemError> {
+        let Some(seeds) = self.terms.seeds else { return Ok(()) };
+        let mut points = self.see_spread(data, seeds)?;
+        // Where the field sees nothing, the start that was planned stays.
+        if points.is_empty() {
+            return Ok(());
+        }
+        if points.len() < seeds {
+            let more = (seeds.saturating_mul(seeds) / points.len()).min(seeds.saturating_mul(MOST_DRAWN));
+            points = self.see_spread(data, more)?;
+        }
+        let count = points.len().min(seeds);
+        let places: Vec<_> = (0..count).map(|k| &points[k * points.len() / count]).map(|p| (p.x, p.rgb)).collect();
+        self.cloud.begin_at(&places)
+    }
+
+    /// What about `count` pixels of all photos see.
+    fn see_spread(&mut self, data: &Dataset, count: usize) -> Result<Vec<SeenPoint>, SystemError> {
+        let photos = self.cloud.spread_pixels(data, count)?;
+        Ok(photos.iter().flat_map(|photo| self.see(photo)).collect())
+    }
+
+    fn refill(&mut self, step: u64) -> Result<(), SystemError> {
+        let room = (self.terms.refill * self.cloud.refill(step) as f64) as usize;
+        if room == 0 {
+            return Ok(());
+        }
+        let photo = self.cloud.erring_pixels(step, room);
+        let new: Vec<NewGaussian> = self
+            .see(&photo)
+            .into_iter()
+            .map(|p| NewGaussian { x: p.x, size: p.size * self.terms.config.refill_size, rgb: p.rgb })
+            .collect();
+        self.cloud.insert(&new)
+    }
+}
+
+impl System for Proxied {
+    fn name(&self) -> &'static str {
+        self.cloud.name()
+    }
+
+    fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
+        let first = self.terms.config.field_steps;
+        let clock = Instant::now();
+        let stats = match &mut self.field {
+            Some(field) if step < first => {
+                let stats = field.step(data, step)?;
+                self.seconds[0] += clock.elapsed().as_secs_f64();
+                stats
+            }
+            _ => {
+                if step == first {
+                    self.seed(data)?;
+                    self.seconds[0] += clock.elapsed().as_secs_f64();
+                }
+                let stats = self.cloud.step(data, step - first)?;
+                let clock = Instant::now();
+                self.refill(step - first)?;
+                self.seconds[1] += clock.elapsed().as_secs_f64();
+                stats
+            }
+        };
+        self.steps = step + 1;
+        if !self.terms.asks_field(self.steps, self.cloud.refills_until()) {
+            self.field = None;
+        }
+        Ok(stats)
+    }
+
+    fn render(&self, rays: &[Ray], query: &Query) -> Layers {
+        self.current().render(rays, query)
+    }
+
+    fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
+        self.current().render_cones(rays, radii, query)
+    }
+
+    fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
+        self.current().render_view(camera, query)
+    }
+
+    fn render_before(&self, camera: &Camera, depth: f64, query: &Query) -> Option<Vec<f32>> {
+        self.current().render_before(camera, depth, query)
+    }
+
+    fn rays_per_side(&self) -> u32 {
+        self.current().rays_per_side()
+    }
+
+    fn splats(&self) -> Option<Splats> {
+        self.current().splats()
+    }
+
+    fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
+        self.current().density(points, time, out);
+    }
+
+    fn first_sample(&self, ray: &Ray) -> f64 {
+        self.current().first_sample(ray)
+    }
+
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
+        self.current().colour(points, d, time, out);
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        self.current().bounds()
+    }
+
+    fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = vec![u64_tensor(STEPS, vec![self.steps])];
+        out.extend(self.cloud.state());
+        out.extend(self.field.iter().flat_map(System::state));
+        out
+    }
+
+    fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let steps = take_counts(state, STEPS, 1)?[0];
+        match &mut self.field {
+            Some(field) if self.terms.asks_field(steps, self.cloud.refills_until()) => field.load_state(state)?,
+            _ => self.field = None,
+        }
+        self.cloud.load_state(state)?;
+        self.steps = steps;
+        Ok(())
+    }
+
+    fn parameter_count(&self) -> usize {
+        self.current().parameter_count()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.cloud.memory_bytes() + self.field.as_ref().map_or(0, System::memory_bytes)
+    }
+
+    fn growth_bytes(&self) -> usize {
+        self.cloud.growth_bytes()
+    }
+
+    fn skips(&self) -> Vec<SkipRow> {
+        self.current().skips()
+    }
+
+    fn timings(&self) -> Vec<(&'static str, f64)> {
+        let mut all = self.cloud.timings();
+        all.extend(["field", "refill"].into_iter().zip(self.seconds));
+        all
+    }
+}
