@@ -56,9 +56,10 @@ impl Views {
         let camera = self.last_camera;
         let (x, y) = (self.pass.colour(), &self.target.colour[..]);
         let n = y.len() / 3;
+        let drawn = if x.len() == y.len() { n } else { 0 };
         let weight = |i: usize| self.target.weights.get().map_or(1.0, |w| w[i]);
         let mut sum = 0.0;
-        let sums: Vec<f64> = (0..if x.len() == y.len() { n } else { 0 })
+        let sums: Vec<f64> = (0..drawn)
             .map(|i| {
                 let error: f32 = (0..3).map(|c| (x[c * n + i] - y[c * n + i]).abs()).sum();
                 sum += f64::from(weight(i) * if error.is_finite() { error } else { 0.0 });
@@ -69,7 +70,7 @@ impl Views {
         let at = |j: usize| (j as f64 + f64::from(rng.uniform_at(j as u64))) / count as f64 * sum;
         let mut pixels: Vec<usize> = (0..count).map(|j| sums.partition_point(|&s| s <= at(j))).collect();
         pixels.dedup();
-        pixels.retain(|&i| i < sums.len());
+        pixels.retain(|&i| i < drawn);
         self.of_target(camera, pixels.into_iter())
     }
 
