@@ -1,12 +1,11 @@
 //! A cloud that is trained: its parameters, their gradients, its optimiser and its density control.
 
-use super::cloud_parameters::CloudParameters;
+use super::cloud_parameters::{CloudParameters, joined};
 use super::config::{CloudConfig, CloudRates, ExtraRows};
 use super::density_control::{Change, DensityControl, DensityRules};
 use super::drawing::{DrawnCloud, SeenGaussians};
 use super::memory;
 use super::optimiser::Optimiser;
-use super::system::joined;
 use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_numbers};
 use float_core::Simd;
 use splat_core::density::{Rows, morton_order};

@@ -36,3 +36,44 @@ impl CloudParameters {
         Ok(())
     }
 }
+
+/// All Gaussians of some clouds in one, of the highest of their degrees.
+pub(super) fn joined(clouds: &[&Gaussians]) -> Gaussians {
+    if let [one] = clouds {
+        return (*one).clone();
+    }
+    let n = clouds.iter().map(|cloud| cloud.len()).sum();
+    let degree = clouds.iter().map(|cloud| cloud.degree()).max().unwrap_or(0);
+    let mut all = Gaussians::new(n, degree).expect("the degree of a cloud is a degree");
+    let mut first = 0;
+    for cloud in clouds {
+        for ((_, to), (_, from)) in all.fields_mut().into_iter().zip(cloud.fields()) {
+            // Coefficients above a cloud's degree stay 0.
+            for (to, from) in to.chunks_exact_mut(n.max(1)).zip(from.chunks_exact(cloud.len().max(1))) {
+                to[first..][..from.len()].copy_from_slice(from);
+            }
+        }
+        first += cloud.len();
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clouds_are_joined_one_after_the_other() {
+        let mut one = Gaussians::new(2, 0).unwrap();
+        one.mean = vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let mut two = Gaussians::new(1, 1).unwrap();
+        two.mean = vec![7.0, 8.0, 9.0];
+        two.rest.fill(0.5);
+        let all = joined(&[&one, &two]);
+        assert_eq!((all.len(), all.degree()), (3, 1));
+        assert_eq!(all.mean, [1.0, 2.0, 7.0, 3.0, 4.0, 8.0, 5.0, 6.0, 9.0]);
+        assert_eq!(all.rest[..3], [0.0, 0.0, 0.5]);
+        assert_eq!(joined(&[&one]), one);
+        assert!(joined(&[]).is_empty());
+    }
+}
