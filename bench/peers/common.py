@@ -1,5 +1,6 @@
 """What the scripts of all programs share: where programs lie, a child with its time and memory, scores, rows."""
 
+import argparse
 import csv
 import os
 import re
@@ -140,6 +141,16 @@ def shown(value):
     if isinstance(value, float):
         return f"{value:.4f}".rstrip("0").rstrip(".")
     return "" if value is None else value
+
+
+def arguments(description):
+    """The words that the script of every program takes."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("prepared", help="folder of prepare.py")
+    parser.add_argument("out", help="folder of the results")
+    parser.add_argument("--scene", help="name in the table (default: that of PREPARED)")
+    parser.add_argument("--lpips-weights", help="SqueezeNet weights, a safetensors file")
+    return parser
 
 
 def main(run):

@@ -4,11 +4,10 @@
 PREPARED is a folder of prepare.py. OUT gets the saves, the log, the held-out views of the last save, and scores.csv.
 """
 
-import argparse
 import re
 from pathlib import Path
 
-from common import Child, ROOT, call, find, main, score, write_rows
+from common import Child, ROOT, arguments, call, find, main, score, write_rows
 
 PEER = "OpenSplat"
 # It composites over black, and so are its Gaussians drawn when they are scored.
@@ -83,13 +82,9 @@ def train_and_score(prepared, out, scene, steps, save_every, lpips=None):
 
 
 def run():
-    parser = argparse.ArgumentParser(description="OpenSplat on the CPU, scored by nerf-static.")
-    parser.add_argument("prepared", help="folder of prepare.py")
-    parser.add_argument("out", help="folder of the results")
-    parser.add_argument("--scene", help="name in the table (default: that of PREPARED)")
+    parser = arguments("OpenSplat on the CPU, scored by nerf-static.")
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--save-every", type=int, default=100)
-    parser.add_argument("--lpips-weights", help="SqueezeNet weights, a safetensors file")
     args = parser.parse_args()
     scene = args.scene or Path(args.prepared).name
     train_and_score(args.prepared, args.out, scene, args.steps, args.save_every, args.lpips_weights)

@@ -5,13 +5,12 @@ One training of S seconds. Its checkpoints are kept as they come, as a peer's sa
 are on the curve, and measuring takes nothing from the training. Checkpoints are not counted as training time.
 """
 
-import argparse
 import json
 import os
 import shutil
 from pathlib import Path
 
-from common import Child, Problem, call, main, nerf_static, read_scores, score, write_rows
+from common import Child, Problem, arguments, call, main, nerf_static, read_scores, score, write_rows
 
 PEER = "wildfield"
 
@@ -84,14 +83,10 @@ def train_and_score(prepared, out, scene, seconds, every, system="splat", option
 
 
 def run():
-    parser = argparse.ArgumentParser(description="Our own training, scored as a peer's is.")
-    parser.add_argument("prepared", help="folder of prepare.py")
-    parser.add_argument("out", help="folder of the results")
-    parser.add_argument("--scene", help="name in the table (default: that of PREPARED)")
+    parser = arguments("Our own training, scored as a peer's is.")
     parser.add_argument("--seconds", type=float, default=300)
     parser.add_argument("--every", type=float, default=30, help="seconds between checkpoints that are scored")
     parser.add_argument("--system", default="splat")
-    parser.add_argument("--lpips-weights", help="SqueezeNet weights, a safetensors file")
     args, options = parser.parse_known_args()
     scene = args.scene or Path(args.prepared).name
     train_and_score(args.prepared, args.out, scene, args.seconds, args.every, args.system, options, args.lpips_weights)

@@ -146,7 +146,7 @@ fn rows(path: &Path, text: &str) -> Result<Vec<Row>, BenchError> {
             match cell.parse::<f64>() {
                 Ok(x) if x.is_finite() => Ok(Some(x)),
                 _ if cell.is_empty() => Ok(None),
-                _ => Err(problem(format!("line {}: {name} is `{cell}`, which is no number", at + 2))),
+                _ => Err(problem(format!("line {}: {name} is `{cell}`, which is not a number", at + 2))),
             }
         };
         let needed = |name: &str| number(name)?.ok_or_else(|| problem(format!("line {}: {name} is empty", at + 2)));

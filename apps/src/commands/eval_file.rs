@@ -36,7 +36,9 @@ pub(super) fn is_meant(args: &Eval) -> Result<bool, RunError> {
     if let Some(scene) = &args.scene
         && !args.run.exists()
     {
-        return Err(RunError::Option(format!("`{what}`: there is no such file to measure on `--scene {scene}`")));
+        return Err(RunError::Option(format!(
+            "`{what}`: there is no such file; give a file of Gaussians, which `--scene {scene}` measures"
+        )));
     }
     match given(args) {
         Some(word) => Err(RunError::Option(format!(
