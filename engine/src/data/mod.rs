@@ -167,6 +167,16 @@ impl Dataset {
         self.fits
     }
 
+    /// Bytes of the store's memory that decoded views leave free: others may keep pictures of theirs in it.
+    pub fn spare_bytes(&self) -> u64 {
+        self.store.budget_bytes().saturating_sub(self.image_bytes())
+    }
+
+    /// Bytes of all views, decoded.
+    fn image_bytes(&self) -> u64 {
+        self.views.iter().map(|view| view_bytes(&self.store, view)).fold(0, u64::saturating_add)
+    }
+
     /// Number of views.
     pub fn len(&self) -> usize {
         self.views.len()
@@ -246,8 +256,7 @@ impl Dataset {
 
     /// Bytes the decoded views may take at one time, with the direction tables.
     pub fn memory_bytes(&self) -> u64 {
-        let images: u64 = self.views.iter().map(|view| view_bytes(&self.store, view)).sum();
-        let images = images.min(self.store.budget_bytes());
+        let images = self.image_bytes().min(self.store.budget_bytes());
         let mut tables: Vec<_> = self.views.iter().filter_map(|v| v.table.as_ref()).collect();
         tables.sort_by_key(|t| Arc::as_ptr(t));
         tables.dedup_by_key(|t| Arc::as_ptr(t));

@@ -1,8 +1,9 @@
 //! A cloud that begins where a field sees surfaces, as a [`System`].
 
-use super::seen::{SeenPoint, seen};
+use super::seen::seen;
 use crate::rays::RaySystem;
-use crate::views::outside::{NewGaussian, PhotoPixels};
+use crate::views::outside::PhotoPixels;
+use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
 use engine::system::{
@@ -42,23 +43,21 @@ pub(crate) struct ProxyTerms {
     pub(crate) config: FieldConfig,
     /// So many Gaussians begin where it sees surfaces; `None`: the cloud begins as it is.
     pub(crate) seeds: Option<usize>,
-    /// This share of those that come later begins where it sees what pixels with a large error show.
-    pub(crate) refill: f64,
 }
 
 impl ProxyTerms {
-    /// Whether the field is asked for anything in step number `step` or a later one, where Gaussians come until step `until` of the
-    /// cloud.
+    /// Whether the field is asked for anything in step number `step` or a later one, where the cloud takes Gaussians until step `until`
+    /// of its own.
     fn asks_field(&self, step: u64, until: u64) -> bool {
         let first = self.config.field_steps;
-        step <= first || (self.refill > 0.0 && step < first.saturating_add(until))
+        step <= first || step < first.saturating_add(until)
     }
 
-    /// For people.
-    pub(crate) fn line(&self) -> String {
+    /// For people; `refill` is the share of later Gaussians that the cloud takes.
+    pub(crate) fn line(&self, refill: f64) -> String {
         let seeds = self.seeds.map(|n| format!("{n} Gaussians begin where it sees surfaces"));
-        let refill = (self.refill > 0.0)
-            .then(|| format!("{:.0} % of later ones where it sees what badly drawn pixels show", 100.0 * self.refill));
+        let refill = (refill > 0.0)
+            .then(|| format!("{:.0} % of later ones where it sees what badly drawn pixels show", 100.0 * refill));
         let what: Vec<String> = seeds.into_iter().chain(refill).collect();
         format!("field: a fast field is trained for {} steps first; {}", self.config.field_steps, what.join(", "))
     }
@@ -81,8 +80,7 @@ pub(crate) struct Proxied {
 }
 
 impl Proxied {
-    pub(crate) fn new(terms: ProxyTerms, field: RaySystem, mut cloud: Views) -> Self {
-        cloud.set_refill(terms.refill);
+    pub(crate) fn new(terms: ProxyTerms, field: RaySystem, cloud: Views) -> Self {
         Self { terms, field: Some(field), cloud, steps: 0, seconds: [0.0; 2] }
     }
 
@@ -94,9 +92,8 @@ impl Proxied {
         }
     }
 
-    fn see(&self, photo: &PhotoPixels) -> Vec<SeenPoint> {
-        let Some(field) = &self.field else { return Vec::new() };
-        seen(field, &photo.camera, &photo.pixels)
+    fn see(&self, photo: &PhotoPixels) -> Vec<Place> {
+        self.field.as_ref().map_or_else(Vec::new, |field| seen(field, photo))
     }
 
     /// The cloud begins. Of photos that show much of nothing more pixels are drawn the second time, so that as many see something.
@@ -112,28 +109,23 @@ impl Proxied {
             points = self.see_spread(data, more)?;
         }
         let count = points.len().min(seeds);
-        let places: Vec<_> = (0..count).map(|k| &points[k * points.len() / count]).map(|p| (p.x, p.rgb)).collect();
+        let places: Vec<_> = (0..count).map(|k| points[k * points.len() / count]).collect();
         self.cloud.begin_at(&places)
     }
 
     /// What about `count` pixels of all photos see.
-    fn see_spread(&mut self, data: &Dataset, count: usize) -> Result<Vec<SeenPoint>, SystemError> {
+    fn see_spread(&mut self, data: &Dataset, count: usize) -> Result<Vec<Place>, SystemError> {
         let photos = self.cloud.spread_pixels(data, count)?;
         Ok(photos.iter().flat_map(|photo| self.see(photo)).collect())
     }
 
     fn refill(&mut self, step: u64) -> Result<(), SystemError> {
-        let room = (self.terms.refill * self.cloud.refill(step) as f64) as usize;
+        let room = self.cloud.count_from_outside(step);
         if room == 0 {
             return Ok(());
         }
         let photo = self.cloud.erring_pixels(step, room);
-        let new: Vec<NewGaussian> = self
-            .see(&photo)
-            .into_iter()
-            .map(|p| NewGaussian { x: p.x, size: p.size * self.terms.config.refill_size, rgb: p.rgb })
-            .collect();
-        self.cloud.insert(&new)
+        self.cloud.insert(&self.see(&photo), self.terms.config.refill_size)
     }
 }
 
@@ -164,7 +156,7 @@ impl System for Proxied {
             }
         };
         self.steps = step + 1;
-        if !self.terms.asks_field(self.steps, self.cloud.refills_until()) {
+        if !self.terms.asks_field(self.steps, self.cloud.takes_until()) {
             self.field = None;
         }
         Ok(stats)
@@ -220,7 +212,7 @@ impl System for Proxied {
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let steps = take_counts(state, STEPS, 1)?[0];
         match &mut self.field {
-            Some(field) if self.terms.asks_field(steps, self.cloud.refills_until()) => field.load_state(state)?,
+            Some(field) if self.terms.asks_field(steps, self.cloud.takes_until()) => field.load_state(state)?,
             _ => self.field = None,
         }
         self.cloud.load_state(state)?;
@@ -248,5 +240,38 @@ impl System for Proxied {
         let mut all = self.cloud.timings();
         all.extend(["field", "refill"].into_iter().zip(self.seconds));
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::plan::made;
+    use crate::registry::build;
+    use engine::options::{Background, RunOptions};
+
+    /// Photos that show nothing: a field of theirs sees no surface.
+    #[test]
+    fn where_the_field_sees_nothing_the_cloud_begins_as_it_was_planned() {
+        let (scene, data) = made::scene(made::frames(4, |_, _, _| [0; 4]), Vec::new());
+        let set = toml::toml! {
+            start = "field"
+            field_steps = 5
+            start_count = 50
+            max_splats = 200
+            densify_from = 1
+            densify_every = 2
+            densify_until = 20
+        };
+        let run = RunOptions { seed: 3, background: Some(Background::Black), error_budget: None, stop: None, set };
+        let (mut system, plan) = build("splat", &scene, &data, &run).unwrap();
+        assert!(plan.lines.iter().any(|line| line.contains("should the field see nothing")), "{:?}", plan.lines);
+        for step in 0..6 {
+            assert!(system.step(&data, step).unwrap().loss.is_finite());
+        }
+        assert_eq!(system.splats().unwrap().gaussians.len(), 50);
+        for step in 6..30 {
+            assert!(system.step(&data, step).unwrap().loss.is_finite());
+        }
+        assert!(system.splats().unwrap().gaussians.len() <= 200);
     }
 }

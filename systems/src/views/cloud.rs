@@ -31,8 +31,6 @@ pub(crate) struct TrainedCloud {
     pub(crate) gradient: CloudParameters,
     optimiser: Optimiser,
     density: DensityControl,
-    /// This share of the Gaussians that come begins from outside.
-    pub(super) refill: f64,
 }
 
 impl TrainedCloud {
@@ -51,13 +49,13 @@ impl TrainedCloud {
     /// # Errors
     /// As [`new`](Self::new).
     pub(super) fn begin(&mut self, start: &Gaussians) -> Result<(), SplatError> {
-        *self = Self { refill: self.refill, ..Self::new(self.training, self.index, start)? };
+        *self = Self::new(self.training, self.index, start)?;
         Ok(())
     }
 
-    /// How many Gaussians may begin from outside after step `step`: their share of what room there is then.
-    pub(super) fn refill(&self, step: u64) -> usize {
-        self.density.refill(step, self.parameters.len(), self.training.cloud.max_splats)
+    /// How many Gaussians begin from outside after step `step`: their share of what room there is then.
+    pub(super) fn count_from_outside(&self, step: u64) -> usize {
+        self.density.count_from_outside(step, self.parameters.len(), self.training.cloud.max_splats)
     }
 
     /// Put in Gaussians of the frame of training, behind those that are there. Extra rows of theirs are 0.
@@ -88,7 +86,6 @@ impl TrainedCloud {
             training,
             index,
             parameters,
-            refill: 0.0,
         }
     }
 
@@ -134,7 +131,6 @@ impl TrainedCloud {
             seed,
             step,
             max: cloud.max_splats,
-            refill: self.refill,
             rate: rates.at(step, extra.rate).mean,
             has_non_finite: non_finite > 0,
         };
@@ -190,7 +186,7 @@ impl TrainedCloud {
         if parameters.rows > 0 {
             parameters.extra = take_numbers(state, &name(&prefix, EXTRA), parameters.extra.len())?;
         }
-        let mut new = Self { refill: self.refill, ..Self::restored(self.training, self.index, parameters) };
+        let mut new = Self::restored(self.training, self.index, parameters);
         new.optimiser.take(&prefix, state)?;
         new.density.take(&prefix, state, n)?;
         Ok(new)

@@ -56,6 +56,9 @@ pub(crate) struct SplitConfig {
     pub(crate) densify_gradient: f32,
     /// Factor on all opacities at each change, down to 1/128: what no photo needs fades, and is removed in the end.
     pub(crate) opacity_decay: f32,
+    /// This share of the Gaussians that come begins where a field sees what badly drawn pixels show, which is trained first; the others
+    /// are split from Gaussians that are there. 0: no field is trained for them.
+    pub(crate) refill: f64,
 }
 
 /// Settings of the Markov chain.
@@ -125,11 +128,20 @@ impl DensityRules {
                     split.opacity_decay,
                     "must be a factor above 0, at most 1",
                 ),
+                unless((0.0..=1.0).contains(&split.refill), "refill", split.refill, "must be a share, 0 to 1"),
             ]),
             ControlConfig::Mcmc(mcmc) => first_of([
                 not_negative("mcmc_cost", mcmc.mcmc_cost.into()),
                 not_negative("mcmc_noise", mcmc.mcmc_noise.into()),
             ]),
+        }
+    }
+
+    /// This share of the Gaussians that come begins from outside.
+    pub(crate) fn refill(&self) -> f64 {
+        match &self.control {
+            ControlConfig::Split(split) => split.refill,
+            ControlConfig::Adc(_) | ControlConfig::Mcmc(_) => 0.0,
         }
     }
 

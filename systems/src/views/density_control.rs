@@ -42,6 +42,8 @@ enum Control {
         rules: AxisSplit,
         /// View-space gradients since the last change.
         gradients: ViewSpaceGradients,
+        /// This share of the Gaussians that come begins from outside.
+        refill: f64,
     },
     /// Relocate, add, inject noise.
     Mcmc { rules: Mcmc },
@@ -56,8 +58,6 @@ pub(super) struct Change {
     pub(super) step: u64,
     /// Never more Gaussians than this.
     pub(super) max: usize,
-    /// This share of the Gaussians that come begins from outside.
-    pub(super) refill: f64,
     /// The step's learning rate of the centres.
     pub(super) rate: f64,
     /// The step's gradient had entries that were not finite: parameters may have some.
@@ -80,9 +80,11 @@ impl DensityControl {
             ControlConfig::Adc(adc) => {
                 Control::Adc { rules: adc.rules(&rules.schedule), gradients: ViewSpaceGradients::new(n) }
             }
-            ControlConfig::Split(split) => {
-                Control::Split { rules: split.rules(&rules.schedule), gradients: ViewSpaceGradients::new(n) }
-            }
+            ControlConfig::Split(split) => Control::Split {
+                rules: split.rules(&rules.schedule),
+                gradients: ViewSpaceGradients::new(n),
+                refill: split.refill,
+            },
             ControlConfig::Mcmc(mcmc) => Control::Mcmc { rules: mcmc.rules(&rules.schedule) },
         };
         Self { stream: STREAM + index as u64, control }
@@ -92,16 +94,18 @@ impl DensityControl {
     pub(super) fn see(&mut self, step: u64, size: [usize; 2], seen: SeenGaussians<'_>) -> Result<(), SplatError> {
         let (until, gradients) = match &mut self.control {
             Control::Adc { rules, gradients } => (rules.until, gradients),
-            Control::Split { rules, gradients } => (rules.until, gradients),
+            Control::Split { rules, gradients, .. } => (rules.until, gradients),
             Control::Mcmc { .. } => return Ok(()),
         };
         if step + 1 < until { gradients.add(seen.gaussians, size, |k| seen.uv[k]) } else { Ok(()) }
     }
 
-    /// How many Gaussians may begin from outside after step `step`, counted from 0, where there are `n`, and `max` at most.
-    pub(super) fn refill(&self, step: u64, n: usize, max: usize) -> usize {
+    /// How many Gaussians begin from outside after step `step`, counted from 0, where there are `n`, and `max` at most.
+    pub(super) fn count_from_outside(&self, step: u64, n: usize, max: usize) -> usize {
         match &self.control {
-            Control::Split { rules, .. } if rules.grows_at(step + 1) => rules.room(step + 1, n, max).saturating_sub(n),
+            Control::Split { rules, refill, .. } if rules.grows_at(step + 1) => {
+                (refill * rules.room(step + 1, n, max).saturating_sub(n) as f64) as usize
+            }
             _ => 0,
         }
     }
@@ -161,7 +165,7 @@ impl DensityControl {
                     changed.opacity_reset = true;
                 }
             }
-            Control::Split { rules, gradients } => {
+            Control::Split { rules, gradients, refill } => {
                 if let Some(rows) = &changed.rows {
                     *gradients = gradients.follow(rows)?;
                 }
@@ -173,7 +177,7 @@ impl DensityControl {
                     changed.keep(kept, cloud)?;
                     let n = cloud.len();
                     let room = rules.room(count, n, change.max) - n;
-                    let room = n + ((1.0 - change.refill) * room as f64) as usize;
+                    let room = n + ((1.0 - *refill) * room as f64) as usize;
                     let grown = rules.grow(cloud, &gradients.mean(), room)?;
                     *cloud = grown.cloud;
                     changed.then(grown.rows)?;

@@ -22,7 +22,7 @@ use engine::system::{Query, StepStats, SystemError};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::NonFiniteGuard;
-use render_core::camera::{Camera, Pose};
+use render_core::camera::Camera;
 use splat_core::{CameraGradient, View};
 use std::borrow::Cow;
 use std::sync::Mutex;
@@ -70,8 +70,6 @@ pub(crate) struct Views {
     free_space: Option<FreeSpace>,
     pub(super) sizes: Pictures,
     pub(super) target: StepTarget,
-    /// Of the last photo that was shown.
-    pub(super) last_camera: Camera,
     pub(super) pass: Box<dyn PicturePass>,
     pub(super) buffers: RenderBuffers,
     pub(super) skipped: Mutex<Skipped>,
@@ -116,7 +114,6 @@ impl Views {
             free_space: None,
             sizes: Pictures::of(data),
             target: StepTarget::default(),
-            last_camera: Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY),
             pass,
             buffers: RenderBuffers::default(),
             skipped: Mutex::default(),
@@ -140,18 +137,17 @@ impl Views {
         let clock = Instant::now();
         let level = self.parts.pictures.level(step);
         // Those of another level go before new ones come.
-        let photos = match self.photos.take().filter(|(at, _)| *at == level) {
+        let mut photos = match self.photos.take().filter(|(at, _)| *at == level) {
             Some((_, photos)) => photos,
             None => PhotoSet::new(data, level)?,
         };
-        let view = which(photos.len());
+        let view = which(photos.len(data));
         let shown = photos.get(data, view);
         self.photos = Some((level, photos));
         let (image, camera) = shown?;
-        self.last_camera = camera;
         let rng = Rng::new(self.parts.seed, BACKGROUNDS).substream(step);
         let background = self.parts.background.of_ray(&rng, 0);
-        self.target.fill(&image, background);
+        self.target.fill(&image, &camera, background);
         let photo = StepPhoto { view, image: &image };
         for part in &self.parts.weights {
             part.weigh(&photo, &mut self.target.weights);

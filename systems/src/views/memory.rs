@@ -29,7 +29,7 @@ pub(super) struct Pictures {
     pub(super) pixels: usize,
     /// Pixels of the largest one through a lens that bends light.
     pub(super) bent: usize,
-    /// Pixels of all photos through such lenses.
+    /// Pixels of the copies of photos through such lenses that are kept.
     pub(super) copied: usize,
 }
 
@@ -45,6 +45,9 @@ impl Pictures {
                 pictures.copied += pixels;
             }
         }
+        if !keeps_copies(data) {
+            pictures.copied = pictures.bent;
+        }
         pictures
     }
 
@@ -52,6 +55,13 @@ impl Pictures {
     pub(super) fn bytes(self) -> usize {
         self.pixels * PIXEL + self.bent * BENT + self.copied * COPY
     }
+}
+
+/// Whether all copies of photos that are drawn onto a plane are kept: in the memory that decoded photos leave free.
+pub(super) fn keeps_copies(data: &Dataset) -> bool {
+    let bent = data.views().iter().map(|v| &v.camera).filter(|camera| !camera.lens.is_pinhole());
+    let pixels = bent.map(|camera| u64::from(camera.width) * u64::from(camera.height)).fold(0, u64::saturating_add);
+    pixels.saturating_mul(COPY as u64) <= data.spare_bytes()
 }
 
 /// Bytes of `gaussians` Gaussians of `parameters` numbers each, while they are trained.

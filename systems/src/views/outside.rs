@@ -1,18 +1,14 @@
 //! Gaussians that begin from outside: at places that something else than the density control has found.
 
 use super::driver::{Views, refused};
-use super::start::Start;
+use super::start::{NewGaussian, Place, Start, round};
 use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::rng::Rng;
-use glam::DVec3;
 use render_core::camera::Camera;
-use splat_core::Gaussians;
 
 /// Stream of random numbers: which pixels.
 const STREAM: u64 = 0x7265_6669_6c6c;
-/// Opacity of those that are put in.
-const OPACITY: f32 = 0.1;
 
 /// Pixels of a photo, as a step sees it.
 #[derive(Clone, Debug)]
@@ -21,16 +17,6 @@ pub(crate) struct PhotoPixels {
     pub(crate) camera: Camera,
     /// Row-major indices, and the photo's colour of each.
     pub(crate) pixels: Vec<(usize, [f32; 3])>,
-}
-
-/// A Gaussian to be: round, of one colour.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct NewGaussian {
-    /// The scene's frame.
-    pub(crate) x: DVec3,
-    /// Standard deviation, world units.
-    pub(crate) size: f64,
-    pub(crate) rgb: [f32; 3],
 }
 
 impl Views {
@@ -53,7 +39,7 @@ impl Views {
 
     /// At most `count` pixels of the last step's photo, drawn in proportion to their error; none where nothing was drawn of it.
     pub(crate) fn erring_pixels(&self, step: u64, count: usize) -> PhotoPixels {
-        let camera = self.last_camera;
+        let camera = self.target.camera;
         let (x, y) = (self.pass.colour(), &self.target.colour[..]);
         let n = y.len() / 3;
         let drawn = if x.len() == y.len() { n } else { 0 };
@@ -82,7 +68,7 @@ impl Views {
     }
 
     /// Begin the first cloud anew at places, each as large as its neighbours are far.
-    pub(crate) fn begin_at(&mut self, places: &[(DVec3, [f32; 3])]) -> Result<(), SystemError> {
+    pub(crate) fn begin_at(&mut self, places: &[Place]) -> Result<(), SystemError> {
         let frame = self.parts.frame;
         let cloud = &mut self.parts.clouds[0];
         let room = places.len().min(cloud.training.cloud.max_splats);
@@ -90,36 +76,30 @@ impl Views {
         cloud.begin(&start.cloud).map_err(refused)
     }
 
-    /// This share of the Gaussians that come begins from outside.
-    pub(crate) fn set_refill(&mut self, share: f64) {
-        self.parts.clouds[0].refill = share;
+    /// Steps before which Gaussians of the first cloud begin from outside: 0 where none do.
+    pub(crate) fn takes_until(&self) -> u64 {
+        let density = &self.parts.clouds[0].training.density;
+        if density.refill() > 0.0 { density.schedule.densify_until } else { 0 }
     }
 
-    /// Steps before which Gaussians are put in.
-    pub(crate) fn refills_until(&self) -> u64 {
-        self.parts.clouds[0].training.density.schedule.densify_until
+    /// How many Gaussians of the first cloud begin from outside after step `step`.
+    pub(crate) fn count_from_outside(&self, step: u64) -> usize {
+        self.parts.clouds[0].count_from_outside(step)
     }
 
-    /// How many Gaussians may be put into the first cloud after step `step`.
-    pub(crate) fn refill(&self, step: u64) -> usize {
-        self.parts.clouds[0].refill(step)
-    }
-
-    /// Put Gaussians into the first cloud.
-    pub(crate) fn insert(&mut self, new: &[NewGaussian]) -> Result<(), SystemError> {
+    /// Put Gaussians into the first cloud, at places, with a standard deviation of `pixels` pixels there.
+    pub(crate) fn insert(&mut self, places: &[Place], pixels: f64) -> Result<(), SystemError> {
         let frame = self.parts.frame;
+        let new: Vec<NewGaussian> = places
+            .iter()
+            .map(|place| NewGaussian {
+                x: frame.to_internal(place.x).to_array(),
+                size: pixels * place.pixel / frame.scale,
+                rgb: place.rgb,
+            })
+            .collect();
         let cloud = &mut self.parts.clouds[0];
-        let n = new.len();
-        let mut more = Gaussians::new(n, cloud.training.cloud.sh_degree).map_err(refused)?;
-        more.logit.fill((OPACITY / (1.0 - OPACITY)).ln());
-        for (k, one) in new.iter().enumerate() {
-            let x = frame.to_internal(one.x);
-            for axis in 0..3 {
-                more.mean[axis * n + k] = x[axis] as f32;
-                more.log_scale[axis * n + k] = (one.size / frame.scale).ln() as f32;
-                more.dc[axis * n + k] = (one.rgb[axis] - 0.5) / splat_core::SH_0;
-            }
-        }
+        let more = round(&new, cloud.training.cloud.sh_degree).map_err(refused)?;
         cloud.insert(&more).map_err(refused)
     }
 }

@@ -1,21 +1,26 @@
 //! A photo as training sees it: a pinhole camera in the internal frame, planes of colour, and how much each pixel counts.
 
 use super::cloud_frame::CloudFrame;
+use super::memory::keeps_copies;
 use super::undistortion::UndistortedPlane;
 use super::weights::Weights;
 use engine::data::Dataset;
 use rayon::prelude::*;
-use render_core::camera::Camera;
+use render_core::camera::{Camera, Pose};
 use scene_io::{Image, SceneError};
 use splat_core::View;
 use std::sync::Arc;
 
+/// Planes that are kept where copies of photos are not.
+const PLANES: usize = 4;
 /// Rows that one task converts.
 const ROWS: usize = 16;
 
 /// What the picture of a step is compared with.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct StepTarget {
+    /// Of the photo, without a lens.
+    pub(super) camera: Camera,
     /// `[3][rows][columns]`, on the step's background.
     pub(super) colour: Vec<f32>,
     pub(super) weights: Weights,
@@ -29,9 +34,18 @@ pub(super) fn view(camera: &Camera, frame: &CloudFrame) -> View {
     View::from_c2w(r, o, [camera.fx, camera.fy], [camera.cx, camera.cy], size)
 }
 
+/// No photo yet.
+impl Default for StepTarget {
+    fn default() -> Self {
+        let camera = Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY);
+        Self { camera, colour: Vec::new(), weights: Weights::default() }
+    }
+}
+
 impl StepTarget {
     /// Fill in the colours of a photo; all pixels count alike.
-    pub(super) fn fill(&mut self, image: &Image, background: [f32; 3]) {
+    pub(super) fn fill(&mut self, image: &Image, camera: &Camera, background: [f32; 3]) {
+        self.camera = *camera;
         let (w, h) = (image.width as usize, image.height as usize);
         let channels = usize::from(image.channels);
         self.colour.resize(3 * w * h, 0.0);
@@ -64,49 +78,104 @@ fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
     }
 }
 
+/// A photo drawn onto a plane, with the plane.
+type Copy = (Arc<UndistortedPlane>, Arc<Image>);
+
 /// Photos of one size, undistorted where their lenses bend light.
 pub(super) struct PhotoSet {
     /// Those that are smaller than the dataset's own.
     smaller: Option<Dataset>,
-    undistorted: Vec<Option<(Arc<UndistortedPlane>, Arc<Image>)>>,
+    /// Of each photo whose lens bends light, where there is memory for all of them.
+    copies: Option<Vec<Option<Copy>>>,
+    /// Planes of lenses, the newest last: few lenses make all photos of most captures.
+    planes: Vec<Arc<UndistortedPlane>>,
 }
 
 impl PhotoSet {
     /// Those of `data`, halved so often, all decoded where they fit.
     pub(super) fn new(data: &Dataset, halvings: u32) -> Result<Self, SceneError> {
         let smaller = (halvings > 0).then(|| data.at_level(halvings));
-        let data = smaller.as_ref().unwrap_or(data);
-        data.decode()?;
-        let mut known: Vec<Arc<UndistortedPlane>> = Vec::new();
-        let mut undistorted = Vec::with_capacity(data.len());
-        for (i, view) in data.views().iter().enumerate() {
-            undistorted.push(match view.camera.lens.is_pinhole() {
-                true => None,
-                false => {
-                    let plane = known.iter().find(|plane| plane.is_of(&view.camera)).cloned().unwrap_or_else(|| {
-                        let new = Arc::new(UndistortedPlane::new(&view.camera));
-                        known.push(new.clone());
-                        new
-                    });
-                    let image = plane.photo(&*data.image(i)?);
-                    Some((plane, Arc::new(image)))
-                }
-            });
+        let mut photos = Self { smaller, copies: None, planes: Vec::new() };
+        let size = photos.smaller.as_ref().unwrap_or(data);
+        size.decode()?;
+        if keeps_copies(size) {
+            let copies: Result<Vec<_>, _> = (0..photos.len(data)).map(|i| photos.copy(data, i, usize::MAX)).collect();
+            photos.copies = Some(copies?);
         }
-        Ok(Self { smaller, undistorted })
+        Ok(photos)
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.undistorted.len()
+    /// How many there are.
+    pub(super) fn len(&self, data: &Dataset) -> usize {
+        self.smaller.as_ref().unwrap_or(data).len()
     }
 
     /// A photo and its camera without lens; `data` are those that [`new`](Self::new) was given.
-    pub(super) fn get(&self, data: &Dataset, i: usize) -> Result<(Arc<Image>, Camera), SceneError> {
+    pub(super) fn get(&mut self, data: &Dataset, i: usize) -> Result<(Arc<Image>, Camera), SceneError> {
+        let copy = match &self.copies {
+            Some(copies) => copies[i].clone(),
+            None => self.copy(data, i, PLANES)?,
+        };
         let data = self.smaller.as_ref().unwrap_or(data);
         let camera = &data.view(i).camera;
-        match &self.undistorted[i] {
-            Some((plane, image)) => Ok((image.clone(), plane.camera(camera))),
+        match copy {
+            Some((plane, image)) => Ok((image, plane.camera(camera))),
             None => Ok((data.image(i)?, *camera)),
+        }
+    }
+
+    /// The copy of a photo, where its lens bends light; no more than `most` planes are kept for others.
+    fn copy(&mut self, data: &Dataset, i: usize, most: usize) -> Result<Option<Copy>, SceneError> {
+        let data = self.smaller.as_ref().unwrap_or(data);
+        let camera = &data.view(i).camera;
+        if camera.lens.is_pinhole() {
+            return Ok(None);
+        }
+        let plane = match self.planes.iter().find(|plane| plane.is_of(camera)) {
+            Some(plane) => plane.clone(),
+            None => {
+                let new = Arc::new(UndistortedPlane::new(camera));
+                self.planes.drain(..self.planes.len().saturating_sub(most - 1));
+                self.planes.push(new.clone());
+                new
+            }
+        };
+        let image = plane.photo(&*data.image(i)?);
+        Ok(Some((plane, Arc::new(image))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::made;
+    use render_core::camera::Lens;
+    use scene_io::{ImageStore, StoreOptions};
+
+    #[test]
+    fn copies_that_are_not_kept_are_the_same() {
+        let mut frames = made::frames(4, |k, x, y| [20 * k as u8, 7 * x as u8, 7 * y as u8, 255]);
+        for (k, frame) in frames.iter_mut().enumerate() {
+            // Each its own lens, and one without.
+            let bent = if k == 2 { 0.0 } else { 0.01 * (k + 1) as f64 };
+            frame.camera.lens = Lens::opencv5([bent, 0.0, 0.0, 0.0, 0.0]);
+        }
+        let (scene, _) = made::scene(frames, Vec::new());
+        let of = |budget: u64| {
+            let store = ImageStore::new(&scene.frames, StoreOptions::default().with_budget_bytes(budget)).unwrap();
+            Dataset::new(&scene, Arc::new(store), (0..scene.frames.len()).collect()).unwrap()
+        };
+        for halvings in [0, 1] {
+            let (much, little) = (of(1 << 30), of(1));
+            let mut kept = PhotoSet::new(&much, halvings).unwrap();
+            let mut made = PhotoSet::new(&little, halvings).unwrap();
+            assert!(kept.copies.is_some() && made.copies.is_none());
+            for i in [0, 1, 2, 3, 4, 11, 0, 11] {
+                let (one, other) = (kept.get(&much, i).unwrap(), made.get(&little, i).unwrap());
+                assert_eq!((&one.0.data, &one.0.mask, one.1), (&other.0.data, &other.0.mask, other.1), "{i}");
+                assert_eq!(one.0.mask.is_some(), i != 2);
+            }
+            assert!(made.planes.len() == PLANES && kept.planes.len() == scene.frames.len() - 1);
         }
     }
 }

@@ -32,6 +32,17 @@ const ROUNDS: u64 = 64;
 /// Stream of random numbers.
 const STREAM: u64 = 0x5350_4C41_5453;
 
+/// A place of a surface, as a pixel of a photo sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Place {
+    /// The scene's frame.
+    pub(crate) x: DVec3,
+    /// Size of the pixel there, world units.
+    pub(crate) pixel: f64,
+    /// The photo's colour.
+    pub(crate) rgb: [f32; 3],
+}
+
 /// How a cloud begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StartOptions {
@@ -143,13 +154,9 @@ impl Start {
     ///
     /// # Errors
     /// [`SplatError::Degree`].
-    pub(crate) fn at_places(
-        places: &[(DVec3, [f32; 3])],
-        frame: &CloudFrame,
-        degree: usize,
-    ) -> Result<Self, SplatError> {
-        let inside: Vec<[f64; 3]> = places.iter().map(|(x, _)| frame.to_internal(*x).to_array()).collect();
-        Self::at(&inside, |k| places[k].1, degree, Vec::new())
+    pub(crate) fn at_places(places: &[Place], frame: &CloudFrame, degree: usize) -> Result<Self, SplatError> {
+        let inside: Vec<[f64; 3]> = places.iter().map(|place| frame.to_internal(place.x).to_array()).collect();
+        Self::at(&inside, |k| places[k].rgb, degree, Vec::new())
     }
 
     /// At internal positions.
@@ -159,21 +166,38 @@ impl Start {
         degree: usize,
         notes: Vec<String>,
     ) -> Result<Self, SplatError> {
-        let n = inside.len();
-        let mut cloud = Gaussians::new(n, degree)?;
-        cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
-        let squares = mean_squared_distances(inside);
-        for (k, (x, square)) in inside.iter().zip(squares).enumerate() {
-            let size = if n == 1 { ALONE } else { square.max(LEAST_SQUARE).sqrt().min(LARGEST) };
-            let rgb = colour(k);
-            for axis in 0..3 {
-                cloud.mean[axis * n + k] = x[axis] as f32;
-                cloud.log_scale[axis * n + k] = size.ln() as f32;
-                cloud.dc[axis * n + k] = (rgb[axis] - 0.5) / SH_0;
-            }
-        }
-        Ok(Self { cloud, notes })
+        let alone = inside.len() == 1;
+        let size = |square: f64| if alone { ALONE } else { square.max(LEAST_SQUARE).sqrt().min(LARGEST) };
+        let all = inside.iter().zip(mean_squared_distances(inside)).enumerate();
+        let new: Vec<NewGaussian> =
+            all.map(|(k, (x, square))| NewGaussian { x: *x, size: size(square), rgb: colour(k) }).collect();
+        Ok(Self { cloud: round(&new, degree)?, notes })
     }
+}
+
+/// A Gaussian to be: round, of one colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct NewGaussian {
+    /// Internal units.
+    pub(super) x: [f64; 3],
+    /// Standard deviation, internal units.
+    pub(super) size: f64,
+    pub(super) rgb: [f32; 3],
+}
+
+/// Round Gaussians, the same from everywhere.
+pub(super) fn round(new: &[NewGaussian], degree: usize) -> Result<Gaussians, SplatError> {
+    let n = new.len();
+    let mut cloud = Gaussians::new(n, degree)?;
+    cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+    for (k, one) in new.iter().enumerate() {
+        for axis in 0..3 {
+            cloud.mean[axis * n + k] = one.x[axis] as f32;
+            cloud.log_scale[axis * n + k] = one.size.ln() as f32;
+            cloud.dc[axis * n + k] = (one.rgb[axis] - 0.5) / SH_0;
+        }
+    }
+    Ok(cloud)
 }
 
 /// An `f32` can hold it.

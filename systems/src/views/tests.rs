@@ -8,9 +8,10 @@ use super::density_config::{
     AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, SplitConfig,
 };
 use super::driver::{ViewParts, Views};
-use super::outside::{NewGaussian, PhotoPixels};
+use super::outside::PhotoPixels;
 use super::pass::ViewSpaceGradient;
 use super::planes::{PlaneBars, RenderedPicture};
+use super::start::Place;
 use super::terms::{L1Dssim, L1DssimConfig, PictureTerm, TargetPicture};
 use crate::plan::made;
 use engine::data::Dataset;
@@ -56,7 +57,9 @@ fn cloud(n: usize, stream: u64) -> Gaussians {
 fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
     let control = match kind {
         DensityKind::Adc => ControlConfig::Adc(AdcConfig { densify_gradient: 1e-6, reset_every: 7, prune_size: 0.0 }),
-        DensityKind::Split => ControlConfig::Split(SplitConfig { densify_gradient: 1e-6, opacity_decay: 0.9 }),
+        DensityKind::Split => {
+            ControlConfig::Split(SplitConfig { densify_gradient: 1e-6, opacity_decay: 0.9, refill: 0.0 })
+        }
         DensityKind::Mcmc => ControlConfig::Mcmc(McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e3 }),
     };
     CloudTraining {
@@ -208,8 +211,8 @@ fn gaussians_from_outside_join_a_cloud_and_leave_the_others_as_they_were() {
         system.step(&data, step).unwrap();
     }
     let before = map(system.state());
-    let new = [1.0, 2.0].map(|x| NewGaussian { x: DVec3::new(x, 0.0, 3.3), size: 0.33, rgb: [0.5, 0.25, 1.0] });
-    system.insert(&new).unwrap();
+    let new = [1.0, 2.0].map(|x| Place { x: DVec3::new(x, 0.0, 3.3), pixel: 0.11, rgb: [0.5, 0.25, 1.0] });
+    system.insert(&new, 3.0).unwrap();
     let after = map(system.state());
     let rows = |state: &TensorMap, name: &str| match state.get(name).map(|t| &t.data) {
         Some(TensorData::F32(x)) => x.to_vec(),

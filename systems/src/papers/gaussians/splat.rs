@@ -54,7 +54,7 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "axis splits, no opacity reset",
 };
 
-const START: StartConfig = StartConfig { start: StartKind::Points, refill: 0.0 };
+const START: StartConfig = StartConfig { start: StartKind::Points };
 const CLOUD: CloudConfig =
     CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: HORIZON / 20 };
 /// Rates of sizes and colours are twice those of the released code's `OptimizationParams`, the last one of centres ten times: there
@@ -78,7 +78,7 @@ const DENSITY: DensityConfig = DensityConfig {
     free_space: false,
 };
 /// Half the published threshold: how many there may be at a step is what holds them back.
-const SPLIT: SplitConfig = SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9 };
+const SPLIT: SplitConfig = SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9, refill: 0.0 };
 /// Of `density=adc`: the published threshold; `reset_every` is 3000 there and `prune_size` 0.1.
 const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 };
 /// Kheradmand et al., 2024: `lambda_o = lambda_s = 0.01` (equation 10), `lambda_noise = 5e5` (section 5).
@@ -96,13 +96,14 @@ const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, sp
 pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let (scene, data, run) = (ask.scene, ask.data, ask.run);
     let mut ground = Ground::of_clouds(scene, data, run)?;
-    let planned = Planned::of(scene, data, run.stop, &mut ground.lines)?;
+    let planned = Planned::of(scene, data, run.stop, &mut ask.settings, &mut ground.lines)?;
     let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
     let all = ask.settings.all()?;
     let Ground { layout, mut lines, background, error_budget, .. } = ground;
     lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
     let cloud = &asked.training.cloud;
     let AskedStart { at, field } = asked.start;
+    let refill = asked.training.density.refill();
     let start = at.start(cloud, &layout, &asked.frame, data, run.seed)?;
     let begin =
         if field.is_some_and(|terms| terms.seeds.is_some()) { "start, should the field see nothing" } else { "start" };
@@ -127,15 +128,15 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     };
     let splat = Views::new(parts, data)?;
     lines.extend(ask.claim.line());
-    let system = start::with_field(splat, field, scene, data, run, &mut lines)?;
+    let system = start::with_field(splat, field, refill, scene, data, run, &mut lines)?;
     Ok((system, Plan { lines, background, error_budget, config: all }))
 }
 
-/// What a scene asks for, before `--set`.
+/// What a scene asks for, before `--set` but for where the cloud starts: the others depend on that.
 #[derive(Clone, Debug)]
 struct Planned {
     cloud: CloudConfig,
-    start: StartConfig,
+    start: StartKind,
     /// Steps of a field before the cloud, where there is time for one.
     field_steps: Option<u64>,
     rates: CloudRates,
@@ -149,7 +150,7 @@ impl Planned {
     /// Of no scene.
     const OF_NOTHING: Self = Self {
         cloud: CLOUD,
-        start: START,
+        start: START.start,
         field_steps: None,
         rates: RATES,
         density: DENSITY,
@@ -158,7 +159,13 @@ impl Planned {
     };
 
     /// Of a scene; what was decided, and why, is added to `lines`.
-    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>, lines: &mut Vec<String>) -> Result<Self, SystemError> {
+    fn of(
+        scene: &Scene,
+        data: &Dataset,
+        stop: Option<Stop>,
+        settings: &mut Settings<'_>,
+        lines: &mut Vec<String>,
+    ) -> Result<Self, SystemError> {
         let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
         let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
         let (frame, note) = CloudFrame::around(&cameras, &points);
@@ -166,8 +173,9 @@ impl Planned {
         lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
         let pace = CloudPace::of(data)?;
         let field_steps = start::field_steps(CloudPace::field_steps(stop));
-        let start = StartConfig::planned(scene, field_steps);
-        let stop = if start.has_field() { CloudPace::after_field(stop, field_steps.unwrap_or(0)) } else { stop };
+        let StartConfig { start } = settings.of(&StartConfig::planned(scene, field_steps))?;
+        let of_field = field_steps.filter(|_| start == StartKind::Field).unwrap_or(0);
+        let stop = CloudPace::after_field(stop, of_field);
         let horizon = pace.steps(stop).map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
         let (coarse, coarse_steps) = (pace.halvings(), pace.coarse_steps(horizon));
         if coarse > 0 {
@@ -201,16 +209,17 @@ impl Planned {
         let cloud = settings.of(&self.cloud)?;
         cloud.check()?;
         let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
-        let start = self.start.asked(points, &cloud, &frame, settings, self.field_steps, seed)?;
+        let split = SplitConfig { refill: self.start.refill(), ..SPLIT };
         let training = CloudTraining {
             cloud,
             rates: settings.of(&self.rates)?,
-            density: DensityRules::asked(&PlannedDensity { schedule: self.density, ..CONTROL }, settings)?,
+            density: DensityRules::asked(&PlannedDensity { schedule: self.density, split, ..CONTROL }, settings)?,
             extra: ExtraRows::default(),
         };
-        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&LOSS)?);
         training.rates.check()?;
         training.density.check()?;
+        let start = self.start.asked(points, &training, &frame, settings, self.field_steps, seed)?;
+        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&LOSS)?);
         pictures.check()?;
         loss.check()?;
         Ok(AskedParts { training, frame, pictures, loss, start })
@@ -226,6 +235,12 @@ struct AskedParts {
     start: AskedStart,
 }
 
+/// The settings of no scene, after `--set`.
+fn of_nothing(points: &[Point], settings: &mut Settings<'_>) -> Result<AskedParts, SystemError> {
+    let StartConfig { start } = settings.of(&START)?;
+    Planned { start, ..Planned::OF_NOTHING }.asked(points, settings, 0)
+}
+
 /// All settings by name, whatever is chosen; values are of no scene.
 pub(crate) fn names() -> toml::Table {
     let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
@@ -239,7 +254,7 @@ pub(crate) fn names() -> toml::Table {
     ] {
         let run = run(set);
         let mut settings = Settings::new(&run);
-        Planned::OF_NOTHING.asked(&[], &mut settings, 0).expect("settings as published");
+        of_nothing(&[], &mut settings).expect("settings as published");
         names.extend(settings.all().expect("words of its own"));
     }
     names
@@ -255,7 +270,7 @@ mod tests {
         let asked = |set: toml::Table| {
             let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
             let mut settings = Settings::new(&run);
-            Planned::OF_NOTHING.asked(&[], &mut settings, 0).and_then(|_| settings.all())
+            of_nothing(&[], &mut settings).and_then(|_| settings.all())
         };
         let all = names();
         assert_eq!(all.len(), 35, "{all:?}");
@@ -277,7 +292,7 @@ mod tests {
         let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: toml::Table::new() };
         let mut settings = Settings::new(&run);
         let points = [Point { xyz: DVec3::ZERO, rgb: [0; 3] }];
-        let asked = Planned::OF_NOTHING.asked(&points, &mut settings, 0).unwrap();
+        let asked = of_nothing(&points, &mut settings).unwrap();
         assert!(matches!(asked.start.at, Places::Points(_)));
         assert!(!settings.all().unwrap().contains_key("start_count"));
     }
@@ -289,6 +304,7 @@ mod tests {
             ("max_splats", 0.into()),
             ("sh_degree", 4.into()),
             ("start_count", 0.into()),
+            ("refill", 1.5.into()),
             ("densify_every", 0.into()),
             ("densify_gradient", (-1.0).into()),
             ("lr_dc", f64::NAN.into()),
@@ -298,7 +314,7 @@ mod tests {
         ] {
             let set = toml::Table::from_iter([(name.to_owned(), value)]);
             let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
-            let error = Planned::OF_NOTHING.asked(&[], &mut Settings::new(&run), 0).err().map(|e| e.to_string());
+            let error = of_nothing(&[], &mut Settings::new(&run)).err().map(|e| e.to_string());
             assert!(error.as_ref().is_some_and(|e| e.contains(name)), "{name}: {error:?}");
         }
     }

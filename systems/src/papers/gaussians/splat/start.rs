@@ -6,7 +6,7 @@ use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::{Start, StartOptions, scene_box};
-use crate::views::{CloudConfig, MOST, Views, VisualHull, first_of, refused, unless};
+use crate::views::{CloudConfig, CloudTraining, MOST, Views, VisualHull, first_of, refused, unless};
 use engine::data::Dataset;
 use engine::memory::room_for;
 use engine::options::RunOptions;
@@ -36,9 +36,6 @@ pub(super) enum StartKind {
 pub(super) struct StartConfig {
     /// Where Gaussians begin: `points`, `random`, or `field`: where a field sees surfaces that is trained first.
     pub(super) start: StartKind,
-    /// This share of the Gaussians that come later begins where such a field sees what badly drawn pixels show; the others are split
-    /// from Gaussians that are there (with `density=split`). 0: no field is trained for them.
-    pub(super) refill: f64,
 }
 
 /// A start that is not at points: chosen, or because the scene has none.
@@ -67,35 +64,37 @@ pub(super) enum Places {
 impl StartConfig {
     /// Of a scene that has points or none, for a run with time for a field of `field_steps` steps.
     pub(super) fn planned(scene: &Scene, field_steps: Option<u64>) -> Self {
-        match (scene.points.is_empty(), field_steps) {
-            (false, _) => Self { start: StartKind::Points, refill: 0.0 },
-            (true, None) => Self { start: StartKind::Random, refill: 0.0 },
-            (true, Some(_)) => Self { start: StartKind::Field, refill: 0.5 },
-        }
+        let start = match (scene.points.is_empty(), field_steps) {
+            (false, _) => StartKind::Points,
+            (true, None) => StartKind::Random,
+            (true, Some(_)) => StartKind::Field,
+        };
+        Self { start }
     }
+}
 
-    /// Whether a field is trained before the cloud.
-    pub(super) fn has_field(&self) -> bool {
-        self.start == StartKind::Field || self.refill > 0.0
+impl StartKind {
+    /// The share of later Gaussians that begin where a field sees them, where nothing is said.
+    pub(super) fn refill(self) -> f64 {
+        if self == Self::Field { 0.5 } else { 0.0 }
     }
 
     /// The settings of the parts that are there, after `--set`: those of places that are no points where the cloud begins at others,
     /// for it was asked to, or no point can be used; those of a field where one is trained, of `field_steps` steps where nothing is
-    /// said.
+    /// said, for seeds or for Gaussians that come later.
     pub(super) fn asked(
-        &self,
+        self,
         points: &[Point],
-        cloud: &CloudConfig,
+        training: &CloudTraining,
         frame: &CloudFrame,
         settings: &mut Settings<'_>,
         field_steps: Option<u64>,
         seed: u64,
     ) -> Result<AskedStart, SystemError> {
-        let Self { start, refill } = settings.of(self)?;
-        first_of([unless((0.0..=1.0).contains(&refill), "refill", refill, "must be a share, 0 to 1")])?;
-        let at_points = match start {
-            StartKind::Points => Some(Start::from_points(points, frame, &options(cloud, seed)).map_err(refused)?),
-            StartKind::Random | StartKind::Field => None,
+        let cloud = &training.cloud;
+        let at_points = match self {
+            Self::Points => Some(Start::from_points(points, frame, &options(cloud, seed)).map_err(refused)?),
+            Self::Random | Self::Field => None,
         };
         let at = match at_points.filter(|start| !start.cloud.is_empty()) {
             Some(start) => Places::Points(start),
@@ -106,14 +105,14 @@ impl StartConfig {
             }
         };
         let seeds = match &at {
-            Places::Random(count) if start == StartKind::Field => Some(count.start_count),
+            Places::Random(count) if self == Self::Field => Some(count.start_count),
             _ => None,
         };
-        let field = if seeds.is_some() || refill > 0.0 {
+        let field = if seeds.is_some() || training.density.refill() > 0.0 {
             let planned = FieldConfig { field_steps: field_steps.unwrap_or(FIELD_STEPS[1]), ..FieldConfig::PLANNED };
             let config = settings.of(&planned)?;
             config.check()?;
-            Some(ProxyTerms { config, seeds, refill })
+            Some(ProxyTerms { config, seeds })
         } else {
             None
         };
@@ -165,10 +164,12 @@ impl Places {
     }
 }
 
-/// The system: the cloud, or the cloud with a field before it; what the field is for is added to `lines`.
+/// The system: the cloud, or the cloud with a field before it, where this share of later Gaussians begins. What the field is for is added
+/// to `lines`.
 pub(super) fn with_field(
     cloud: Views,
     field: Option<ProxyTerms>,
+    refill: f64,
     scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
@@ -178,7 +179,7 @@ pub(super) fn with_field(
     let mut ground = Ground::of(scene, data, run)?;
     let config = field_settings(&mut ground, data);
     let field = ground.ngp(data, &config, run.seed, None)?;
-    lines.push(terms.line());
+    lines.push(terms.line(refill));
     Ok(Box::new(Proxied::new(terms, field, cloud)))
 }
 
