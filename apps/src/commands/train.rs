@@ -24,6 +24,7 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         checkpoint_minutes: args.checkpoint_minutes,
         disk_wait: args.disk_wait,
     };
+    let stop = wished.stop().unwrap_or(Stop::Seconds(DEFAULT_SECONDS));
     let request = Request {
         scene: args.scene.as_deref().map(scene_spec),
         system: args.system,
@@ -34,7 +35,8 @@ pub(crate) fn run(session: &Session, args: Train) -> Result<Done, Failure> {
         data: DataOptions { scales: args.scales, ..data_options(&args.data) },
         set: settings(args.set, args.field, args.max_splats),
         purpose: args.purpose.unwrap_or_default(),
-        stop: Some(wished.stop().unwrap_or(Stop::Seconds(DEFAULT_SECONDS))),
+        speed: (!args.resume && matches!(stop, Stop::Seconds(_))).then(systems::plan::machine_speed),
+        stop: Some(stop),
         rehearsal: true,
         lpips: session.measures_lpips(),
     };

@@ -57,6 +57,9 @@ pub struct Request {
     pub purpose: Purpose,
     /// When the training is to stop, where that is known: a system is chosen by it. No part of a run that is resumed.
     pub stop: Option<Stop>,
+    /// How fast this machine is, in that of the machine that schedules are planned for; `None`: as fast. Schedules of a training that
+    /// stops after seconds are of the steps that it makes in them. No part of a run that is resumed.
+    pub speed: Option<f64>,
     /// Try a few steps with a copy of the system first, to know what memory the training will need.
     pub rehearsal: bool,
     /// LPIPS will be measured.

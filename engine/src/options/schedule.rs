@@ -12,6 +12,15 @@ pub enum Stop {
 }
 
 impl Stop {
+    /// The stop of as much work on a machine of speed 1, where this one's is `speed`.
+    #[must_use]
+    pub fn at_speed(self, speed: f64) -> Self {
+        match self {
+            Self::Steps(n) => Self::Steps(n),
+            Self::Seconds(s) => Self::Seconds(s * speed),
+        }
+    }
+
     /// Whether a run at `step` after `seconds` is done.
     pub fn reached(self, step: u64, seconds: f64) -> bool {
         match self {

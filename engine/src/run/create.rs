@@ -39,7 +39,7 @@ impl<'a> Run<'a> {
             seed: request.seed.unwrap_or(0),
             background: request.background,
             error_budget: request.error_budget,
-            stop: request.stop,
+            stop: request.stop.map(|stop| stop.at_speed(request.speed.unwrap_or(1.0))),
             set: request.set.clone(),
         };
         let mut data = DataOptions {
@@ -62,7 +62,10 @@ impl<'a> Run<'a> {
         }
         let Named { name, line } = system_of(request, parts, &scene, &train, &options)?;
         let (system, mut plan) = (parts.build)(name, &scene, &train, &options)?;
-        plan.lines.splice(0..0, line);
+        let speed = request.speed.map(|speed| {
+            format!("this machine is {speed:.2} times as fast as the one that schedules are planned for (measured)")
+        });
+        plan.lines.splice(0..0, line.into_iter().chain(speed));
         plan.config.extend(points.map(|wanted| (provide::SETTING.to_string(), provide::word(wanted))));
         let config = RunConfig {
             scene: spec.into(),

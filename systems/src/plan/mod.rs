@@ -3,7 +3,7 @@
 //! * `ground`: the layout, the background and the alpha of a scene;
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
 //! * `moving`: the plan of a field where each photo shows a time of its own;
-//! * `pace`: how many steps of a cloud there will be;
+//! * `pace`: how many steps of a cloud there will be; `speed`: how fast this machine makes them;
 //! * `backdrop`: whether the photos stand before one plain colour.
 
 mod ask;
@@ -18,6 +18,7 @@ mod ngp_settings;
 mod pace;
 mod parallax;
 mod ray_choice;
+mod speed;
 
 pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
@@ -29,3 +30,4 @@ pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
 pub(crate) use pace::CloudPace;
 pub(crate) use ray_choice::RaySettings;
+pub use speed::machine_speed;

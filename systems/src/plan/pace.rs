@@ -85,6 +85,14 @@ impl CloudPace {
         STEP + STEP_PER_PIXEL * size * self.shown + STEP_PER_GAUSSIAN * gaussians as f64
     }
 
+    /// Steps of a field until a stop, roughly where it is given in seconds; `None` where no stop is known.
+    pub(crate) fn of_field(stop: Option<Stop>) -> Option<u64> {
+        stop.map(|stop| match stop {
+            Stop::Steps(n) => n,
+            Stop::Seconds(s) => (s / FIELD_STEP) as u64,
+        })
+    }
+
     /// Steps that a field before the cloud has in a run until a stop; none where no stop is known.
     pub(crate) fn field_steps(stop: Option<Stop>) -> f64 {
         let [of_seconds, of_steps] = FIELD_SHARE;
@@ -145,6 +153,8 @@ mod tests {
             (500.0, Some(Stop::Steps(4500)))
         );
         assert_eq!((CloudPace::field_steps(None), CloudPace::after_field(None, 500)), (0.0, None));
+        let of_field = [None, Some(Stop::Steps(7)), Some(Stop::Seconds(300.0))].map(CloudPace::of_field);
+        assert_eq!(of_field, [None, Some(7), Some(10_000)]);
         assert_eq!(CloudPace::after_field(Some(Stop::Seconds(1.0)), 500), Some(Stop::Seconds(0.0)));
     }
 

@@ -78,6 +78,17 @@ pub struct RateConfig {
 }
 
 impl RateConfig {
+    /// The rates of a run that is likely to stop after `steps` steps: held for half of them, at the last a tenth of that. Runs too short
+    /// for it learn as they are.
+    #[must_use]
+    pub fn until(self, steps: Option<u64>) -> Self {
+        let hold = steps.unwrap_or(0) / 2;
+        if hold <= self.lr_hold {
+            return self;
+        }
+        Self { lr_hold: hold, lr_tenfold: 0.1_f32.powf(std::f32::consts::LOG2_10), ..self }
+    }
+
     /// Learning rate of a step.
     #[must_use]
     pub fn learning_rate(&self, step: u64) -> f32 {
@@ -198,5 +209,22 @@ impl RayConfig {
         self.rates.check()?;
         self.terms.check()?;
         self.head.as_ref().map_or(Ok(()), HeadConfig::check)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_of_a_run_with_a_stop_are_held_for_half_of_it_and_end_at_a_tenth() {
+        let planned = RateConfig { lr: 2e-2, lr_hold: 500, lr_tenfold: 0.1, network_lr: 1.0, weight_decay: 0.0 };
+        for short in [None, Some(0), Some(1000)] {
+            assert_eq!(planned.until(short), planned);
+        }
+        let rates = planned.until(Some(4000));
+        let parts = [1, 2000, 4000, 40_000].map(|step| rates.learning_rate(step) / rates.lr);
+        assert_eq!(parts[..2], [1.0, 1.0]);
+        assert!((parts[2] - 0.1).abs() < 1e-4 && parts[3] < 1e-4, "{parts:?}");
     }
 }

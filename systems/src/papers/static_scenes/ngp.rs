@@ -16,7 +16,7 @@
 //! What differs from the paper, and why: `docs/decisions/0003-ngp-on-a-cpu.md`.
 
 use crate::claims::Claim;
-use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
+use crate::plan::{Ask, Built, CloudPace, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -37,7 +37,10 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
         return moving_field(ask, &Moving::STILL);
     }
     let mut ground = ask.ground()?;
-    let config = chosen_sampler(field_settings(&mut ground, ask.data), &mut ask.settings)?;
+    let mut config = field_settings(&mut ground, ask.data);
+    config.rates = config.rates.until(CloudPace::of_field(ask.run.stop));
+    ground.lines.push(format!("rates: they fall after {} steps", config.rates.lr_hold));
+    let config = chosen_sampler(config, &mut ask.settings)?;
     let all = ask.settings.all()?;
     let system = ground.ngp(ask.data, &config, ask.run.seed, None)?;
     Ok((Box::new(system), planned(ground, all)))
