@@ -144,6 +144,9 @@ impl Pace {
     }
 }
 
+/// So often a system hears how much of its time is over.
+const MARKS: f64 = 32.0;
+
 /// Train `system` on `data` from where it is until the schedule stops it or `interrupt` is raised.
 ///
 /// At the end a checkpoint is written and, unless interrupted, the held-out views are measured. A run that starts where
@@ -180,6 +183,12 @@ pub fn train(
         let stats = system.step(data, step)?;
         let took = clock.elapsed().as_secs_f64();
         step += 1;
+        if let Stop::Seconds(s) = schedule.stop {
+            let mark = |seconds: f64| (MARKS * seconds / s) as u64;
+            if mark(seconds + took) > mark(seconds) {
+                system.keep_up(step, (seconds + took) / s);
+            }
+        }
         seconds += took;
         window.add(&stats, took);
         pace.add(took);

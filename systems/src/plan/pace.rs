@@ -25,6 +25,8 @@ const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
 /// A field before a cloud has this share of the seconds, or of the steps, of a run; seconds of a step of it on two cores, roughly.
 const FIELD_SHARE: [f64; 2] = [0.05, 0.1];
 const FIELD_STEP: f64 = 0.03;
+/// Parts of a schedule whose time is planned.
+const TIME_PARTS: u32 = 64;
 /// Intervals that are halved: to a millionth of the first.
 const HALVED: u32 = 20;
 /// Photos that are looked at, at most, spread evenly; pixels more transparent than this show nothing.
@@ -75,6 +77,23 @@ impl CloudPace {
     pub(crate) fn gaussians(&self, steps: f64) -> usize {
         let [least, most] = GAUSSIANS;
         (GAUSSIANS_PER_STEP * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
+    }
+
+    /// Share of the time of a schedule until equally spaced positions: pictures that double after `coarse_steps` of its `horizon` steps,
+    /// Gaussians that become `gaussians` evenly until `densify_until`.
+    pub(crate) fn shares(&self, horizon: u64, coarse_steps: u64, densify_until: u64, gaussians: usize) -> Vec<f64> {
+        let mut sum = 0.0;
+        let sums: Vec<f64> = (0..TIME_PARTS)
+            .map(|k| {
+                let at = (k as f64 + 0.5) / f64::from(TIME_PARTS) * horizon as f64;
+                let doubled = (at / coarse_steps.max(1) as f64).min(f64::from(HALVINGS)) as u32;
+                let smaller = f64::from(4_u32.pow(self.halvings().saturating_sub(doubled)));
+                let grown = (at / densify_until.max(1) as f64).min(1.0) * gaussians as f64;
+                sum += STEP + STEP_PER_PIXEL * self.shown / smaller + STEP_PER_GAUSSIAN * grown;
+                sum
+            })
+            .collect();
+        std::iter::once(0.0).chain(sums.iter().map(|until| until / sum)).collect()
     }
 
     /// Seconds of a step, averaged over the sizes of pictures, with a limit of `gaussians`.

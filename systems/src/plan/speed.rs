@@ -7,9 +7,8 @@ use optim::{Adam, AdamConfig};
 use splat_core::{Cloud, Gaussians, GradientOptions, Gradients, RasterSettings, Renderer, View};
 use std::time::Instant;
 
-/// Seconds of a [`Step`] on the two cores that the seconds in [`pace`](super::pace) are of, less a quarter: a schedule that is cut short
-/// costs more than one that ends early (`docs/decisions/0043-as-many-steps-as-this-machine-makes.md`).
-const ON_TWO_CORES: f64 = 0.0095;
+/// Seconds of a [`Step`] on the two cores that the seconds in [`pace`](super::pace) are of.
+const ON_TWO_CORES: f64 = 0.012;
 /// Steps whose time is not taken, and seconds of those whose time is.
 const WARM_UP: usize = 3;
 const SECONDS: f64 = 0.6;

@@ -46,13 +46,6 @@ pub(crate) struct ProxyTerms {
 }
 
 impl ProxyTerms {
-    /// Whether the field is asked for anything in step number `step` or a later one, where the cloud takes Gaussians until step `until`
-    /// of its own.
-    fn asks_field(&self, step: u64, until: u64) -> bool {
-        let first = self.config.field_steps;
-        step <= first || step < first.saturating_add(until)
-    }
-
     /// For people; `refill` is the share of later Gaussians that the cloud takes.
     pub(crate) fn line(&self, refill: f64) -> String {
         let seeds = self.seeds.map(|n| format!("{n} Gaussians begin where it sees surfaces"));
@@ -90,6 +83,11 @@ impl Proxied {
             Some(field) if self.steps < self.terms.config.field_steps => field,
             _ => &self.cloud,
         }
+    }
+
+    /// Whether the field is asked for anything in the next step or a later one.
+    fn asks_field(&self) -> bool {
+        self.steps <= self.terms.config.field_steps || self.cloud.takes_more()
     }
 
     fn see(&self, photo: &PhotoPixels) -> Vec<Place> {
@@ -156,10 +154,16 @@ impl System for Proxied {
             }
         };
         self.steps = step + 1;
-        if !self.terms.asks_field(self.steps, self.cloud.takes_until()) {
+        if !self.asks_field() {
             self.field = None;
         }
         Ok(stats)
+    }
+
+    fn keep_up(&mut self, step: u64, time: f64) {
+        if let Some(of_cloud) = step.checked_sub(self.terms.config.field_steps).filter(|steps| *steps > 0) {
+            self.cloud.keep_up(of_cloud, time);
+        }
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
@@ -210,14 +214,12 @@ impl System for Proxied {
     }
 
     fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let steps = take_counts(state, STEPS, 1)?[0];
-        match &mut self.field {
-            Some(field) if self.terms.asks_field(steps, self.cloud.takes_until()) => field.load_state(state)?,
-            _ => self.field = None,
-        }
+        self.steps = take_counts(state, STEPS, 1)?[0];
         self.cloud.load_state(state)?;
-        self.steps = steps;
-        Ok(())
+        if !self.asks_field() {
+            self.field = None;
+        }
+        self.field.as_mut().map_or(Ok(()), |field| field.load_state(state))
     }
 
     fn parameter_count(&self) -> usize {

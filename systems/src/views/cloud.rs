@@ -2,7 +2,7 @@
 
 use super::cloud_parameters::{CloudParameters, joined};
 use super::config::{CloudConfig, CloudRates, ExtraRows};
-use super::density_control::{Change, DensityControl, DensityRules};
+use super::density_control::{Change, ChangeTime, DensityControl, DensityRules};
 use super::drawing::{DrawnCloud, SeenGaussians};
 use super::memory;
 use super::optimiser::Optimiser;
@@ -53,9 +53,9 @@ impl TrainedCloud {
         Ok(())
     }
 
-    /// How many Gaussians begin from outside after step `step`: their share of what room there is then.
-    pub(super) fn count_from_outside(&self, step: u64) -> usize {
-        self.density.count_from_outside(step, self.parameters.len(), self.training.cloud.max_splats)
+    /// How many Gaussians begin from outside when so many steps of the schedule are over: their share of what room there is then.
+    pub(super) fn count_from_outside(&self, over: u64) -> usize {
+        self.density.count_from_outside(over, self.parameters.len(), self.training.cloud.max_splats)
     }
 
     /// Put in Gaussians of the frame of training, behind those that are there. Extra rows of theirs are 0.
@@ -89,7 +89,7 @@ impl TrainedCloud {
         }
     }
 
-    /// As it is drawn in a step, `parameters` at the time of the picture.
+    /// As it is drawn in a step of the schedule, `parameters` at the time of the picture.
     pub(crate) fn drawn<'a>(&self, step: u64, parameters: &'a CloudParameters) -> DrawnCloud<'a> {
         DrawnCloud {
             index: self.index,
@@ -100,7 +100,7 @@ impl TrainedCloud {
         }
     }
 
-    /// Gaussians were seen in step `step`, in a picture of `size`.
+    /// Gaussians were seen in step `step` of the schedule, in a picture of `size`.
     pub(crate) fn see(&mut self, step: u64, size: [usize; 2], seen: SeenGaussians<'_>) -> Result<(), SplatError> {
         self.density.see(step, size, seen)
     }
@@ -110,28 +110,28 @@ impl TrainedCloud {
         self.density.regularise(&self.parameters.gaussians, &mut self.gradient.gaussians)
     }
 
-    /// One step of the optimiser. Returns how many entries of the gradient were not finite.
+    /// One step of the optimiser, that of the schedule. Returns how many entries of the gradient were not finite.
     pub(crate) fn learn(&mut self, simd: Simd, step: u64) -> usize {
         let rates = self.training.rates.at(step, self.training.extra.rate);
         let degree = self.training.cloud.degree(step);
         self.optimiser.step(simd, &rates, degree, &mut self.parameters, &mut self.gradient)
     }
 
-    /// Gaussians come and go after step `step`, and what belongs to them with them. `floaters` says which rows are left without those
+    /// Gaussians come and go, and what belongs to them with them. `floaters` says which rows are left without those
     /// where nothing is, if any are.
     pub(crate) fn change(
         &mut self,
         seed: u64,
-        step: u64,
+        when: ChangeTime,
         non_finite: usize,
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<(), SplatError> {
         let CloudTraining { cloud, rates, extra, .. } = &self.training;
         let change = Change {
             seed,
-            step,
+            when,
             max: cloud.max_splats,
-            rate: rates.at(step, extra.rate).mean,
+            rate: rates.at(when.position, extra.rate).mean,
             has_non_finite: non_finite > 0,
         };
         let changed = self.density.change(&change, &mut self.parameters.gaussians, floaters)?;

@@ -145,9 +145,9 @@ impl DensityRules {
         }
     }
 
-    /// Whether floaters are found after a step, counted from 0.
-    pub(crate) fn finds_floaters(&self, step: u64) -> bool {
-        self.schedule.free_space && (step + 1).is_multiple_of(self.schedule.densify_every)
+    /// Whether floaters are found when so many steps of the schedule are over.
+    pub(crate) fn finds_floaters(&self, over: u64) -> bool {
+        self.schedule.free_space && over.is_multiple_of(self.schedule.densify_every)
     }
 }
 

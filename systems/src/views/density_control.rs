@@ -54,14 +54,24 @@ enum Control {
 pub(super) struct Change {
     /// Seed of everything random.
     pub(super) seed: u64,
-    /// Of the optimiser, counted from 0.
-    pub(super) step: u64,
+    pub(super) when: ChangeTime,
     /// Never more Gaussians than this.
     pub(super) max: usize,
     /// The step's learning rate of the centres.
     pub(super) rate: f64,
     /// The step's gradient had entries that were not finite: parameters may have some.
     pub(super) has_non_finite: bool,
+}
+
+/// When a change comes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ChangeTime {
+    /// The step of the training, counted from 0.
+    pub(crate) step: u64,
+    /// That of the schedule.
+    pub(crate) position: u64,
+    /// So many of the schedule are over: published schedules count from 1.
+    pub(crate) over: u64,
 }
 
 /// What became of the rows of a cloud in a step.
@@ -90,7 +100,7 @@ impl DensityControl {
         Self { stream: STREAM + index as u64, control }
     }
 
-    /// A photo of `size` (columns, rows) was seen in step `step`, counted from 0.
+    /// A photo of `size` (columns, rows) was seen in step `step` of the schedule, counted from 0.
     pub(super) fn see(&mut self, step: u64, size: [usize; 2], seen: SeenGaussians<'_>) -> Result<(), SplatError> {
         let (until, gradients) = match &mut self.control {
             Control::Adc { rules, gradients } => (rules.until, gradients),
@@ -100,11 +110,11 @@ impl DensityControl {
         if step + 1 < until { gradients.add(seen.gaussians, size, |k| seen.uv[k]) } else { Ok(()) }
     }
 
-    /// How many Gaussians begin from outside after step `step`, counted from 0, where there are `n`, and `max` at most.
-    pub(super) fn count_from_outside(&self, step: u64, n: usize, max: usize) -> usize {
+    /// How many Gaussians begin from outside when `over` steps of the schedule are over, where there are `n`, and `max` at most.
+    pub(super) fn count_from_outside(&self, over: u64, n: usize, max: usize) -> usize {
         match &self.control {
-            Control::Split { rules, refill, .. } if rules.grows_at(step + 1) => {
-                (refill * rules.room(step + 1, n, max).saturating_sub(n) as f64) as usize
+            Control::Split { rules, refill, .. } if rules.grows_at(over) => {
+                (refill * rules.room(over, n, max).saturating_sub(n) as f64) as usize
             }
             _ => 0,
         }
@@ -133,9 +143,8 @@ impl DensityControl {
         cloud: &mut Gaussians,
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<Changed, SplatError> {
-        // The published schedules count from 1.
-        let count = change.step + 1;
-        let rng = Rng::new(change.seed, self.stream).substream(change.step);
+        let count = change.when.over;
+        let rng = Rng::new(change.seed, self.stream).substream(change.when.step);
         let mut changed = Changed::default();
         if change.has_non_finite {
             changed.drop_non_finite(cloud)?;

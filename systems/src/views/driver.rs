@@ -4,6 +4,7 @@ use super::cloud::TrainedCloud;
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::CloudParameters;
 use super::config::PictureConfig;
+use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
 use super::hooks::{CloudMotion, ColourAppearance, OfAppearance};
@@ -11,6 +12,7 @@ use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
 use super::planes::PlaneLayout;
+use super::position::{PlannedTime, Position};
 use super::render::{CloudRenderer, RenderBuffers};
 use super::skipped::Skipped;
 use super::terms::{PictureTerm, TargetPicture};
@@ -54,6 +56,8 @@ pub(crate) struct ViewParts {
     /// Which view-space gradients the density control is given.
     pub(crate) view_space: ViewSpaceGradient,
     pub(crate) background: Background,
+    /// What the schedule takes of its time; `None`: it is not corrected by what the steps took.
+    pub(crate) time: Option<PlannedTime>,
     pub(crate) seed: u64,
 }
 
@@ -64,6 +68,8 @@ pub(crate) struct Views {
     pub(super) guard: NonFiniteGuard,
     /// Steps made.
     pub(super) steps: u64,
+    /// Where they are in the schedule.
+    pub(super) position: Position,
     /// Photos at the size that steps are at.
     photos: Option<(u32, PhotoSet)>,
     /// Where photos show that nothing is, as soon as it is asked for.
@@ -110,6 +116,7 @@ impl Views {
             simd,
             guard: NonFiniteGuard::default(),
             steps: 0,
+            position: Position::default(),
             photos: None,
             free_space: None,
             sizes: Pictures::of(data),
@@ -135,7 +142,7 @@ impl Views {
         which: impl FnOnce(usize) -> usize,
     ) -> Result<Shown, SystemError> {
         let clock = Instant::now();
-        let level = self.parts.pictures.level(step);
+        let level = self.parts.pictures.level(self.position.of(step));
         // Those of another level go before new ones come.
         let mut photos = match self.photos.take().filter(|(at, _)| *at == level) {
             Some((_, photos)) => photos,
@@ -171,6 +178,7 @@ impl Views {
         camera_gradient: Option<&mut CameraGradient>,
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
+        let step = self.position.of(step);
         let mut seconds = [0.0; PARTS.len()];
         let target =
             TargetPicture { view: shown.view, colour: &self.target.colour, weights: self.target.weights.get() };
@@ -205,6 +213,7 @@ impl Views {
     /// Learn from the photo that is shown.
     fn learn(&mut self, step: u64, view: &View, shown: &Shown) -> Result<StepStats, SystemError> {
         let outcome = self.compare(step, view, shown, None)?;
+        let position = self.position.of(step);
         let ViewParts { clouds, appearance, motion, .. } = &mut self.parts;
         if let Some(motion) = motion {
             for (index, cloud) in clouds.iter_mut().enumerate() {
@@ -219,9 +228,9 @@ impl Views {
         for (index, cloud) in clouds.iter_mut().enumerate() {
             let visible = self.pass.seen(index);
             seen += visible.gaussians.len();
-            cloud.see(step, view.size, visible).map_err(refused)?;
+            cloud.see(position, view.size, visible).map_err(refused)?;
             cost += cloud.regularise().map_err(refused)?;
-            bad += cloud.learn(self.simd, step);
+            bad += cloud.learn(self.simd, position);
         }
         skipped.count(all, seen, &outcome.drawn);
         bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, step));
@@ -242,14 +251,17 @@ impl Views {
     fn change(&mut self, data: &Dataset, step: u64, non_finite: usize) -> Result<(), SystemError> {
         let clock = Instant::now();
         let frame = self.parts.frame;
-        let finds = |cloud: &TrainedCloud| cloud.training.density.finds_floaters(step);
+        let position = self.position;
+        let over = |cloud: &TrainedCloud| position.over(step, cloud.training.density.schedule.densify_every);
+        let finds = |cloud: &TrainedCloud| cloud.training.density.finds_floaters(over(cloud));
         if self.free_space.is_none() && self.parts.clouds.iter().any(finds) {
             self.free_space = Some(FreeSpace::new(data, &frame)?);
         }
         for cloud in &mut self.parts.clouds {
             let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
-            cloud.change(self.parts.seed, step, non_finite, floaters).map_err(refused)?;
+            let when = ChangeTime { step, position: position.of(step), over: over(cloud) };
+            cloud.change(self.parts.seed, when, non_finite, floaters).map_err(refused)?;
         }
         self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
         Ok(())
@@ -273,7 +285,7 @@ impl Views {
     /// The clouds as the next step would draw them, `clouds` at the time of the picture.
     pub(super) fn drawn<'a>(&self, clouds: &'a Clouds<'_>) -> Vec<DrawnCloud<'a>> {
         let all = self.parts.clouds.iter().zip(clouds);
-        all.map(|(trained, at)| trained.drawn(self.steps, at)).collect()
+        all.map(|(trained, at)| trained.drawn(self.position.of(self.steps), at)).collect()
     }
 
     /// Draws clouds as the system is now.

@@ -239,6 +239,7 @@ pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradi
         motion: Some(Box::new(Expansion(shared.clone()))),
         view_space,
         background: Background::White,
+        time: None,
         seed: 5,
     };
     Views::new(parts, data).unwrap()

@@ -76,15 +76,16 @@ impl Views {
         cloud.begin(&start.cloud).map_err(refused)
     }
 
-    /// Steps before which Gaussians of the first cloud begin from outside: 0 where none do.
-    pub(crate) fn takes_until(&self) -> u64 {
+    /// Whether Gaussians of the first cloud begin from outside after the next step, or later.
+    pub(crate) fn takes_more(&self) -> bool {
         let density = &self.parts.clouds[0].training.density;
-        if density.refill() > 0.0 { density.schedule.densify_until } else { 0 }
+        density.refill() > 0.0 && self.position.of(self.steps) < density.schedule.densify_until
     }
 
     /// How many Gaussians of the first cloud begin from outside after step `step`.
     pub(crate) fn count_from_outside(&self, step: u64) -> usize {
-        self.parts.clouds[0].count_from_outside(step)
+        let cloud = &self.parts.clouds[0];
+        cloud.count_from_outside(self.position.over(step, cloud.training.density.schedule.densify_every))
     }
 
     /// Put Gaussians into the first cloud, at places, with a standard deviation of `pixels` pixels there.

@@ -5,6 +5,7 @@ use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
 use super::pass::PARTS;
+use super::position::Position;
 use super::render::{RAY_RADIUS, one_pixel};
 use engine::data::Dataset;
 use engine::system::{
@@ -54,6 +55,12 @@ impl System for Views {
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         self.train_step(data, step)
+    }
+
+    fn keep_up(&mut self, step: u64, time: f64) {
+        if let Some(planned) = &self.parts.time {
+            self.position.mark(planned, step, time);
+        }
     }
 
     fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
@@ -116,6 +123,7 @@ impl System for Views {
         let guard = &self.guard;
         let counters = vec![self.steps, guard.steps(), guard.bad_steps(), guard.entries()];
         let mut out = vec![u64_tensor(COUNTERS, counters)];
+        out.extend(self.position.state());
         for cloud in &self.parts.clouds {
             cloud.push(&mut out);
         }
@@ -129,6 +137,7 @@ impl System for Views {
         let clouds =
             self.parts.clouds.iter().map(|cloud| cloud.take(state)).collect::<Result<Vec<_>, SystemError>>()?;
         let counters = take_counts(state, COUNTERS, 4)?;
+        let position = Position::take(state)?;
         if let Some(part) = &mut self.parts.appearance {
             part.load(state)?;
         }
@@ -137,6 +146,7 @@ impl System for Views {
         }
         self.parts.clouds = clouds;
         self.steps = counters[0];
+        self.position = position;
         self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);
         Ok(())
     }

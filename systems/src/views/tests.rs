@@ -7,6 +7,7 @@ use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningK
 use super::density_config::{
     AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, SplitConfig,
 };
+use super::density_control::ChangeTime;
 use super::driver::{ViewParts, Views};
 use super::outside::PhotoPixels;
 use super::pass::ViewSpaceGradient;
@@ -106,6 +107,7 @@ fn system(data: &Dataset, kind: DensityKind, view_space: ViewSpaceGradient) -> V
         motion: None,
         view_space,
         background: Background::Random,
+        time: None,
         seed: 5,
     };
     Views::new(parts, data).unwrap()
@@ -156,7 +158,7 @@ fn the_extra_rows_of_new_gaussians_are_those_of_their_sources() {
         trained.parameters.extra[i] = i as f32;
     }
     trained.parameters.gaussians.logit[3] = -9.0;
-    trained.change(0, 4, 0, |_| Ok(None)).unwrap();
+    trained.change(0, ChangeTime { step: 4, position: 4, over: 5 }, 0, |_| Ok(None)).unwrap();
     assert!(trained.parameters.len() > 20);
     assert_eq!(trained.parameters.extra, along(&trained.parameters));
     assert!(!trained.parameters.extra.contains(&3.0), "what is dead was relocated");

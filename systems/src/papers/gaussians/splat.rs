@@ -26,8 +26,8 @@ use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::{
     AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
-    ViewSpaceGradient, Views, WideningKind, refused,
+    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, PlannedTime, SplitConfig, TrainedCloud,
+    ViewParts, ViewSpaceGradient, Views, WideningKind, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};
@@ -102,6 +102,7 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     let Ground { layout, mut lines, background, error_budget, .. } = ground;
     lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
     let cloud = &asked.training.cloud;
+    let time = planned.pace.map(|pace| asked.time(&pace));
     let AskedStart { at, field } = asked.start;
     let refill = asked.training.density.refill();
     let start = at.start(cloud, &layout, &asked.frame, data, run.seed)?;
@@ -124,6 +125,7 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
         motion: None,
         view_space: ViewSpaceGradient::Plain,
         background,
+        time,
         seed: run.seed,
     };
     let splat = Views::new(parts, data)?;
@@ -142,6 +144,7 @@ struct Planned {
     rates: CloudRates,
     density: DensityConfig,
     pictures: PictureConfig,
+    pace: Option<CloudPace>,
     /// Why places are known to be empty, where they are.
     free_space: Option<String>,
 }
@@ -155,6 +158,7 @@ impl Planned {
         rates: RATES,
         density: DENSITY,
         pictures: PICTURES,
+        pace: None,
         free_space: None,
     };
 
@@ -200,6 +204,7 @@ impl Planned {
             rates: CloudRates { horizon, ..RATES },
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
             pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
+            pace: Some(pace),
             free_space,
         })
     }
@@ -233,6 +238,16 @@ struct AskedParts {
     pictures: PictureConfig,
     loss: L1DssimConfig,
     start: AskedStart,
+}
+
+impl AskedParts {
+    /// What the schedule takes of its time.
+    fn time(&self, pace: &CloudPace) -> PlannedTime {
+        let (rates, density) = (&self.training.rates, &self.training.density.schedule);
+        let gaussians = self.training.cloud.max_splats;
+        let shares = pace.shares(rates.horizon, self.pictures.coarse_steps, density.densify_until, gaussians);
+        PlannedTime { shares, horizon: rates.horizon }
+    }
 }
 
 /// The settings of no scene, after `--set`.

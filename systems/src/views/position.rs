@@ -1,0 +1,188 @@
+//! Where a training is in its schedule: at its own step, until it is found ahead of its time or behind it.
+//!
+//! Schedules are of the steps that a run was thought to have. One that stops after seconds makes others: the machine has more to do,
+//! or the scene costs more than was thought. At each mark of the time the schedule goes on faster or slower, so that both end together:
+//!
+//! ```text
+//! position(step) = at + pace (step - mark)
+//! pace' = pace (planned time that is left / time that is left) (time since the last mark / planned time since the last mark)
+//! ```
+
+use engine::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
+
+/// Paces beyond these are errors of a clock, or of a machine that stood still.
+const PACES: [f64; 2] = [0.2, 5.0];
+/// No mark where less than this share of the time is left: what is measured of it is noise.
+const LEFT: f64 = 0.02;
+/// No run has more steps.
+const MOST_STEPS: f64 = (1_u64 << 53) as f64;
+/// Name in checkpoints.
+const NAME: &str = "splats.position";
+
+/// Share of its time that a schedule takes until equally spaced positions, from 0 to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PlannedTime {
+    /// `[parts + 1]`, never falling.
+    pub(crate) shares: Vec<f64>,
+    /// Its steps.
+    pub(crate) horizon: u64,
+}
+
+impl PlannedTime {
+    /// Share of the time until a position; 1 from the end on.
+    fn until(&self, position: f64) -> f64 {
+        let parts = self.shares.len().saturating_sub(1);
+        let x = position / self.horizon.max(1) as f64 * parts as f64;
+        let k = x as usize;
+        match (self.shares.get(k), self.shares.get(k + 1)) {
+            (Some(at), Some(next)) => at + (next - at) * (x - k as f64),
+            _ => 1.0,
+        }
+    }
+}
+
+/// Where a training is in its schedule.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Position {
+    mark: Option<Mark>,
+}
+
+/// What was found when some of the time was over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mark {
+    /// Steps of the training, and the share of its time, that were over.
+    step: u64,
+    time: f64,
+    /// Steps of the schedule that were over, and those for each step from then on.
+    at: f64,
+    pace: f64,
+}
+
+impl Position {
+    fn exact(&self, step: u64) -> f64 {
+        match self.mark {
+            None => step as f64,
+            Some(mark) => mark.at + mark.pace * step.saturating_sub(mark.step) as f64,
+        }
+    }
+
+    /// The step of the schedule that step `step` of the training is, both counted from 0.
+    pub(super) fn of(&self, step: u64) -> u64 {
+        self.exact(step) as u64
+    }
+
+    /// Steps of the schedule that are over after step `step`, for what happens after every `every` of them: a multiple of it after
+    /// those steps alone that reach one.
+    pub(super) fn over(&self, step: u64, every: u64) -> u64 {
+        let [before, after] = [step, step + 1].map(|step| self.of(step));
+        let reached = after / every.max(1) * every.max(1);
+        match reached > before {
+            true => reached,
+            false => after.max(reached + 1),
+        }
+    }
+
+    /// After `step` steps this share of the time is over.
+    pub(super) fn mark(&mut self, planned: &PlannedTime, step: u64, time: f64) {
+        let at = self.exact(step);
+        let pace = match self.mark {
+            None => 1.0,
+            Some(before) => {
+                let went = (planned.until(at) - planned.until(before.at)) / (time - before.time);
+                before.pace * (1.0 - planned.until(at)) / (1.0 - time) / went
+            }
+        };
+        if time < 1.0 - LEFT && pace.is_finite() {
+            self.mark = Some(Mark { step, time, at, pace: pace.clamp(PACES[0], PACES[1]) });
+        }
+    }
+
+    /// Written only where there is a mark.
+    pub(super) fn state(&self) -> Option<Tensor<'static>> {
+        self.mark.map(|m| u64_tensor(NAME, vec![m.step, m.time.to_bits(), m.at.to_bits(), m.pace.to_bits()]))
+    }
+
+    /// What [`state`](Self::state) wrote.
+    pub(super) fn take(state: &TensorMap) -> Result<Self, SystemError> {
+        if !state.contains_key(NAME) {
+            return Ok(Self::default());
+        }
+        let numbers = take_u64(state, NAME, 4)?;
+        let [time, at, pace] = [1, 2, 3].map(|k| f64::from_bits(numbers[k]));
+        let counted = |steps: f64| (0.0..=MOST_STEPS).contains(&steps);
+        let are_places = counted(numbers[0] as f64) && counted(at) && (0.0..=1.0).contains(&time);
+        if !(are_places && (PACES[0]..=PACES[1]).contains(&pace)) {
+            return Err(SystemError::State { name: NAME.into(), problem: "no place in a schedule".into() });
+        }
+        Ok(Self { mark: Some(Mark { step: numbers[0], time, at, pace }) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The second half of the schedule takes three quarters of its time.
+    fn planned() -> PlannedTime {
+        PlannedTime { shares: vec![0.0, 0.125, 0.25, 0.625, 1.0], horizon: 1000 }
+    }
+
+    /// Seconds of each step until the end, `slower` times as many as planned of 1 in all; the position at the end.
+    fn run(slower: impl Fn(f64) -> f64) -> f64 {
+        let (planned, mut position) = (planned(), Position::default());
+        let (mut time, mut step, mut marks) = (0.0, 0, 1.0);
+        while time < 1.0 {
+            let at = position.exact(step);
+            let cost = if at < 500.0 { 0.5e-3 } else { 1.5e-3 };
+            time += slower(time) * cost;
+            step += 1;
+            if time * 32.0 > marks {
+                position.mark(&planned, step, time);
+                marks += 1.0;
+            }
+        }
+        position.exact(step)
+    }
+
+    #[test]
+    fn a_schedule_ends_with_the_time_on_faster_and_slower_machines() {
+        for slower in [0.5, 0.8, 1.0, 1.3, 2.5] {
+            let end = run(|_| slower);
+            assert!((985.0..1060.0).contains(&end), "{slower}: {end}");
+        }
+        let busy = run(|time| if (0.3..0.6).contains(&time) { 2.0 } else { 0.9 });
+        assert!((985.0..1060.0).contains(&busy), "{busy}");
+    }
+
+    #[test]
+    fn without_a_mark_positions_are_steps() {
+        let position = Position::default();
+        for step in 0..400 {
+            assert_eq!((position.of(step), position.over(step, 7)), (step, step + 1));
+        }
+    }
+
+    #[test]
+    fn every_multiple_is_reached_once_at_any_pace() {
+        for pace in [0.2, 0.37, 1.0, 1.8, 5.0] {
+            let position = Position { mark: Some(Mark { step: 10, time: 0.1, at: 10.0, pace }) };
+            let reached: Vec<u64> =
+                (10..2010).map(|step| position.over(step, 20)).filter(|over| over % 20 == 0).collect();
+            let all = (position.of(2010) / 20) as usize;
+            assert_eq!(reached, (1..=all as u64).map(|k| 20 * k).collect::<Vec<_>>(), "{pace}");
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_goes_on_at_the_same_place() {
+        let mut position = Position::default();
+        position.mark(&planned(), 100, 0.1);
+        position.mark(&planned(), 200, 0.2);
+        let tensor = position.state().unwrap();
+        let state: TensorMap = [(tensor.name.clone(), tensor)].into();
+        assert_eq!(Position::take(&state).unwrap(), position);
+        assert_eq!(Position::take(&TensorMap::default()).unwrap(), Position::default());
+        let forged = u64_tensor(NAME, vec![1, 0, f64::NAN.to_bits(), 1.0_f64.to_bits()]);
+        assert!(Position::take(&[(forged.name.clone(), forged)].into()).is_err());
+    }
+}
