@@ -87,6 +87,8 @@ impl Position {
         let at = self.exact(step);
         let pace = match self.mark {
             None => 1.0,
+            // The training was given more time.
+            Some(before) if time <= before.time => before.pace,
             Some(before) => {
                 let went = (planned.until(at) - planned.until(before.at)) / (time - before.time);
                 before.pace * (1.0 - planned.until(at)) / (1.0 - time) / went
@@ -152,6 +154,18 @@ mod tests {
         }
         let busy = run(|time| if (0.3..0.6).contains(&time) { 2.0 } else { 0.9 });
         assert!((985.0..1060.0).contains(&busy), "{busy}");
+    }
+
+    #[test]
+    fn more_time_is_not_time_that_ran_backwards() {
+        let (planned, mut position) = (planned(), Position::default());
+        position.mark(&planned, 100, 0.5);
+        position.mark(&planned, 200, 0.8);
+        let before = position.mark.unwrap().pace;
+        position.mark(&planned, 300, 0.45);
+        assert_eq!(position.mark.unwrap().pace, before);
+        position.mark(&planned, 400, 0.55);
+        assert!(position.mark.unwrap().pace > 0.0 && position.of(401) >= position.of(400));
     }
 
     #[test]
