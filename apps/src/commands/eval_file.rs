@@ -37,7 +37,7 @@ pub(super) fn is_meant(args: &Eval) -> Result<bool, RunError> {
         && !args.run.exists()
     {
         return Err(RunError::Option(format!(
-            "`{what}`: there is no such file; give a file of Gaussians, which `--scene {scene}` measures"
+            "`{what}`: there is no such file; give a file of Gaussians to measure on the photos of `--scene {scene}`"
         )));
     }
     match given(args) {

@@ -47,8 +47,8 @@ pub trait System: Send + Sync {
     /// [`SystemError::NonFinite`] past the allowed share; [`SystemError::Scene`] when an image cannot be read.
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError>;
 
-    /// After `step` steps this share of the training's time is over: a schedule that is ahead of its time, or behind it, may correct
-    /// itself. Asked now and then in a training that stops after seconds; what follows is part of the state.
+    /// After `step` steps the share `time` of the training's time has passed: a schedule that is ahead of it, or behind, may correct
+    /// itself. Said now and then in a training that stops after seconds; what follows from it is part of the state.
     fn keep_up(&mut self, _step: u64, _time: f64) {}
 
     /// Rays along each side of a pixel that a picture takes the mean of.

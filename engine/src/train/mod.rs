@@ -144,7 +144,7 @@ impl Pace {
     }
 }
 
-/// So often a system hears how much of its time is over.
+/// How often a system is told which share of its time has passed.
 const MARKS: f64 = 32.0;
 
 /// Train `system` on `data` from where it is until the schedule stops it or `interrupt` is raised.

@@ -79,17 +79,20 @@ impl CloudPace {
         (GAUSSIANS_PER_STEP * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
     }
 
-    /// Share of the time of a schedule until equally spaced positions: pictures that double after `coarse_steps` of its `horizon` steps,
-    /// Gaussians that become `gaussians` evenly until `densify_until`.
-    pub(crate) fn shares(&self, horizon: u64, coarse_steps: u64, densify_until: u64, gaussians: usize) -> Vec<f64> {
+    /// Share of the time of a schedule of `horizon` steps until equally spaced positions, from 0 to 1: `halvings` is by how many a step's
+    /// picture is smaller, `gaussians` how many Gaussians there are about.
+    pub(crate) fn shares(
+        &self,
+        horizon: u64,
+        halvings: impl Fn(u64) -> u32,
+        gaussians: impl Fn(u64) -> f64,
+    ) -> Vec<f64> {
         let mut sum = 0.0;
         let sums: Vec<f64> = (0..TIME_PARTS)
             .map(|k| {
-                let at = (k as f64 + 0.5) / f64::from(TIME_PARTS) * horizon as f64;
-                let doubled = (at / coarse_steps.max(1) as f64).min(f64::from(HALVINGS)) as u32;
-                let smaller = f64::from(4_u32.pow(self.halvings().saturating_sub(doubled)));
-                let grown = (at / densify_until.max(1) as f64).min(1.0) * gaussians as f64;
-                sum += STEP + STEP_PER_PIXEL * self.shown / smaller + STEP_PER_GAUSSIAN * grown;
+                let step = ((k as f64 + 0.5) / f64::from(TIME_PARTS) * horizon as f64) as u64;
+                let pixels = self.shown * 0.25_f64.powf(f64::from(halvings(step)));
+                sum += STEP + STEP_PER_PIXEL * pixels + STEP_PER_GAUSSIAN * gaussians(step);
                 sum
             })
             .collect();
@@ -200,6 +203,18 @@ mod tests {
         let whole = STEP + STEP_PER_PIXEL * 400_000.0 + STEP_PER_GAUSSIAN * pace.gaussians(f64::INFINITY) as f64;
         assert!(steps * whole > 1.05 * 600.0, "{steps} {whole}");
         assert!(pace.coarse_steps(1000) == 300 && of(12_000_000).coarse_steps(1000) == 150);
+    }
+
+    #[test]
+    fn the_time_of_a_schedule_goes_by_what_its_steps_cost() {
+        let pace = of(400_000);
+        let even = pace.shares(1000, |_| 0, |_| 5e4);
+        let small_first = pace.shares(1000, |step| u32::from(step < 500), |step| 100.0 * step as f64);
+        for shares in [&even, &small_first] {
+            assert!(shares[0] == 0.0 && shares.last() == Some(&1.0) && shares.windows(2).all(|w| w[0] < w[1]));
+        }
+        let middle = even.len() / 2;
+        assert!((even[middle] - 0.5).abs() < 1e-9 && (0.1..0.35).contains(&small_first[middle]));
     }
 
     #[test]

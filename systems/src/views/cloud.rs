@@ -53,9 +53,9 @@ impl TrainedCloud {
         Ok(())
     }
 
-    /// How many Gaussians begin from outside when so many steps of the schedule are over: their share of what room there is then.
-    pub(super) fn count_from_outside(&self, over: u64) -> usize {
-        self.density.count_from_outside(over, self.parameters.len(), self.training.cloud.max_splats)
+    /// How many Gaussians begin from outside after `steps` steps of the schedule: their share of what room there is then.
+    pub(super) fn count_from_outside(&self, steps: u64) -> usize {
+        self.density.count_from_outside(steps, self.parameters.len(), self.training.cloud.max_splats)
     }
 
     /// Put in Gaussians of the frame of training, behind those that are there. Extra rows of theirs are 0.

@@ -145,9 +145,9 @@ impl DensityRules {
         }
     }
 
-    /// Whether floaters are found when so many steps of the schedule are over.
-    pub(crate) fn finds_floaters(&self, over: u64) -> bool {
-        self.schedule.free_space && over.is_multiple_of(self.schedule.densify_every)
+    /// Whether floaters are looked for after `steps` steps of the schedule.
+    pub(crate) fn finds_floaters(&self, steps: u64) -> bool {
+        self.schedule.free_space && steps.is_multiple_of(self.schedule.densify_every)
     }
 }
 

@@ -70,8 +70,8 @@ pub(crate) struct ChangeTime {
     pub(crate) step: u64,
     /// That of the schedule.
     pub(crate) position: u64,
-    /// So many of the schedule are over: published schedules count from 1.
-    pub(crate) over: u64,
+    /// Steps of the schedule that are done with it: published schedules count from 1.
+    pub(crate) steps_done: u64,
 }
 
 /// What became of the rows of a cloud in a step.
@@ -110,11 +110,11 @@ impl DensityControl {
         if step + 1 < until { gradients.add(seen.gaussians, size, |k| seen.uv[k]) } else { Ok(()) }
     }
 
-    /// How many Gaussians begin from outside when `over` steps of the schedule are over, where there are `n`, and `max` at most.
-    pub(super) fn count_from_outside(&self, over: u64, n: usize, max: usize) -> usize {
+    /// How many Gaussians begin from outside after `steps` steps of the schedule, where there are `n`, and `max` at most.
+    pub(super) fn count_from_outside(&self, steps: u64, n: usize, max: usize) -> usize {
         match &self.control {
-            Control::Split { rules, refill, .. } if rules.grows_at(over) => {
-                (refill * rules.room(over, n, max).saturating_sub(n) as f64) as usize
+            Control::Split { rules, refill, .. } if rules.grows_at(steps) => {
+                (refill * rules.room(steps, n, max).saturating_sub(n) as f64) as usize
             }
             _ => 0,
         }
@@ -143,7 +143,7 @@ impl DensityControl {
         cloud: &mut Gaussians,
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<Changed, SplatError> {
-        let count = change.when.over;
+        let count = change.when.steps_done;
         let rng = Rng::new(change.seed, self.stream).substream(change.when.step);
         let mut changed = Changed::default();
         if change.has_non_finite {

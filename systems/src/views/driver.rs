@@ -252,15 +252,16 @@ impl Views {
         let clock = Instant::now();
         let frame = self.parts.frame;
         let position = self.position;
-        let over = |cloud: &TrainedCloud| position.over(step, cloud.training.density.schedule.densify_every);
-        let finds = |cloud: &TrainedCloud| cloud.training.density.finds_floaters(over(cloud));
+        let steps_done =
+            |cloud: &TrainedCloud| position.steps_done(step, cloud.training.density.schedule.densify_every);
+        let finds = |cloud: &TrainedCloud| cloud.training.density.finds_floaters(steps_done(cloud));
         if self.free_space.is_none() && self.parts.clouds.iter().any(finds) {
             self.free_space = Some(FreeSpace::new(data, &frame)?);
         }
         for cloud in &mut self.parts.clouds {
             let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
-            let when = ChangeTime { step, position: position.of(step), over: over(cloud) };
+            let when = ChangeTime { step, position: position.of(step), steps_done: steps_done(cloud) };
             cloud.change(self.parts.seed, when, non_finite, floaters).map_err(refused)?;
         }
         self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();

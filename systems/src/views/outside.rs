@@ -85,7 +85,7 @@ impl Views {
     /// How many Gaussians of the first cloud begin from outside after step `step`.
     pub(crate) fn count_from_outside(&self, step: u64) -> usize {
         let cloud = &self.parts.clouds[0];
-        cloud.count_from_outside(self.position.over(step, cloud.training.density.schedule.densify_every))
+        cloud.count_from_outside(self.position.steps_done(step, cloud.training.density.schedule.densify_every))
     }
 
     /// Put Gaussians into the first cloud, at places, with a standard deviation of `pixels` pixels there.

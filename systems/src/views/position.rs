@@ -47,13 +47,13 @@ pub(super) struct Position {
     mark: Option<Mark>,
 }
 
-/// What was found when some of the time was over.
+/// What was known when a share of the time had passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Mark {
-    /// Steps of the training, and the share of its time, that were over.
+    /// Steps that the training had made, and the share of its time that had passed.
     step: u64,
     time: f64,
-    /// Steps of the schedule that were over, and those for each step from then on.
+    /// Steps of the schedule that were done, and how many one step of the training does from then on.
     at: f64,
     pace: f64,
 }
@@ -71,9 +71,9 @@ impl Position {
         self.exact(step) as u64
     }
 
-    /// Steps of the schedule that are over after step `step`, for what happens after every `every` of them: a multiple of it after
-    /// those steps alone that reach one.
-    pub(super) fn over(&self, step: u64, every: u64) -> u64 {
+    /// Steps of the schedule that are done with step `step`, for what happens after every `every` of them: a multiple of it after those
+    /// steps alone that reach one.
+    pub(super) fn steps_done(&self, step: u64, every: u64) -> u64 {
         let [before, after] = [step, step + 1].map(|step| self.of(step));
         let reached = after / every.max(1) * every.max(1);
         match reached > before {
@@ -82,7 +82,7 @@ impl Position {
         }
     }
 
-    /// After `step` steps this share of the time is over.
+    /// After `step` steps the share `time` of the training's time has passed.
     pub(super) fn mark(&mut self, planned: &PlannedTime, step: u64, time: f64) {
         let at = self.exact(step);
         let pace = match self.mark {
@@ -172,7 +172,7 @@ mod tests {
     fn without_a_mark_positions_are_steps() {
         let position = Position::default();
         for step in 0..400 {
-            assert_eq!((position.of(step), position.over(step, 7)), (step, step + 1));
+            assert_eq!((position.of(step), position.steps_done(step, 7)), (step, step + 1));
         }
     }
 
@@ -181,7 +181,7 @@ mod tests {
         for pace in [0.2, 0.37, 1.0, 1.8, 5.0] {
             let position = Position { mark: Some(Mark { step: 10, time: 0.1, at: 10.0, pace }) };
             let reached: Vec<u64> =
-                (10..2010).map(|step| position.over(step, 20)).filter(|over| over % 20 == 0).collect();
+                (10..2010).map(|step| position.steps_done(step, 20)).filter(|steps| steps % 20 == 0).collect();
             let all = (position.of(2010) / 20) as usize;
             assert_eq!(reached, (1..=all as u64).map(|k| 20 * k).collect::<Vec<_>>(), "{pace}");
         }

@@ -244,8 +244,10 @@ impl AskedParts {
     /// What the schedule takes of its time.
     fn time(&self, pace: &CloudPace) -> PlannedTime {
         let (rates, density) = (&self.training.rates, &self.training.density.schedule);
-        let gaussians = self.training.cloud.max_splats;
-        let shares = pace.shares(rates.horizon, self.pictures.coarse_steps, density.densify_until, gaussians);
+        let most = self.training.cloud.max_splats as f64;
+        // They come evenly.
+        let gaussians = |step: u64| (step as f64 / density.densify_until.max(1) as f64).min(1.0) * most;
+        let shares = pace.shares(rates.horizon, |step| self.pictures.level(step), gaussians);
         PlannedTime { shares, horizon: rates.horizon }
     }
 }
