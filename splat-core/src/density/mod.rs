@@ -10,7 +10,7 @@
 //! * [`AxisSplit`]: splits along the longest axis that keep mass, centre and covariance.
 //! * [`Mcmc`], 3DGS-MCMC: a fixed budget; dead Gaussians are relocated, and noise is added to positions.
 //! * [`morton_order`]: neighbours in space become neighbours in memory.
-//! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`]: limits for any of them.
+//! * [`keep_strongest`], [`without_non_finite`], [`keep_in_range`], [`SizeLimit`]: limits for any of them.
 //!
 //! ```
 //! use float_core::rng::Rng;
@@ -34,6 +34,7 @@ mod mcmc;
 mod morton;
 mod noise;
 mod rows;
+mod size_limit;
 mod view_space;
 
 pub use adc::Adc;
@@ -42,6 +43,7 @@ pub use guard::{LOG_SCALE_MIN, LOGIT_MAX, keep_in_range, keep_strongest, without
 pub use mcmc::{Mcmc, relocation};
 pub use morton::morton_order;
 pub use rows::{Change, Fresh, Rows};
+pub use size_limit::SizeLimit;
 pub use view_space::ViewSpaceGradients;
 
 use float_core::m64;

@@ -117,13 +117,14 @@ impl TrainedCloud {
         self.optimiser.step(simd, &rates, degree, &mut self.parameters, &mut self.gradient)
     }
 
-    /// Gaussians come and go, and what belongs to them with them. `floaters` says which rows are left without those
-    /// where nothing is, if any are.
+    /// Gaussians come and go, and what belongs to them with them. Photos were taken from `cameras`; `floaters` says which rows are left
+    /// without those where nothing is, if any are.
     pub(crate) fn change(
         &mut self,
         seed: u64,
         when: ChangeTime,
         non_finite: usize,
+        cameras: &[[f32; 3]],
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<(), SplatError> {
         let CloudTraining { cloud, rates, extra, .. } = &self.training;
@@ -133,6 +134,8 @@ impl TrainedCloud {
             max: cloud.max_splats,
             rate: rates.at(when.position, extra.rate).mean,
             has_non_finite: non_finite > 0,
+            cameras,
+            size_limit: cloud.size_limit(),
         };
         let changed = self.density.change(&change, &mut self.parameters.gaussians, floaters)?;
         if let Some(rows) = &changed.rows {

@@ -2,6 +2,7 @@
 
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
+use splat_core::density::SizeLimit;
 use splat_core::{MAX_DEGREE, RasterSettings, Widening};
 
 /// More Gaussians than this have no memory anywhere near a CPU.
@@ -48,6 +49,9 @@ pub(crate) struct CloudConfig {
     pub(crate) radius: f64,
     /// There are never more Gaussians than this, from the first step on.
     pub(crate) max_splats: usize,
+    /// No standard deviation is above this part of the distance to the nearest camera, but for those up to a hundredth: what is large
+    /// beside a camera lies like fog over pictures from there. 0: no limit.
+    pub(crate) near_size: f32,
     /// Degree of the spherical harmonics, 0 to 3.
     pub(crate) sh_degree: usize,
     /// Steps after which one more degree is active.
@@ -55,6 +59,11 @@ pub(crate) struct CloudConfig {
 }
 
 impl CloudConfig {
+    /// How large Gaussians may be near cameras, where that is limited.
+    pub(super) fn size_limit(&self) -> Option<SizeLimit> {
+        (self.near_size > 0.0).then(|| SizeLimit::DEFAULT.with_part(self.near_size))
+    }
+
     /// Active degree at a step, counted from 0.
     pub(crate) fn degree(&self, step: u64) -> usize {
         let degrees = step.checked_div(self.sh_every).unwrap_or(u64::MAX);
@@ -73,6 +82,7 @@ impl CloudConfig {
                 format!("{centre:?}"),
                 "must be three finite numbers",
             ),
+            not_negative("near_size", self.near_size.into()),
             unless(self.sh_degree <= MAX_DEGREE, "sh_degree", self.sh_degree, "must be 0 to 3"),
             unless((1..=MOST).contains(&self.max_splats), "max_splats", self.max_splats, "must be 1 to 50 million"),
         ])

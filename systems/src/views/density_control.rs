@@ -5,7 +5,7 @@ use super::drawing::SeenGaussians;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
 use splat_core::density::{
-    Adc, AxisSplit, Mcmc, Rows, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite,
+    Adc, AxisSplit, Mcmc, Rows, SizeLimit, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite,
 };
 use splat_core::{Gaussians, SplatError};
 
@@ -51,7 +51,7 @@ enum Control {
 
 /// A change that is due.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Change {
+pub(super) struct Change<'a> {
     /// Seed of everything random.
     pub(super) seed: u64,
     pub(super) when: ChangeTime,
@@ -61,6 +61,9 @@ pub(super) struct Change {
     pub(super) rate: f64,
     /// The step's gradient had entries that were not finite: parameters may have some.
     pub(super) has_non_finite: bool,
+    /// Where photos were taken, and how large Gaussians may be near there.
+    pub(super) cameras: &'a [[f32; 3]],
+    pub(super) size_limit: Option<SizeLimit>,
 }
 
 /// When a change comes.
@@ -139,7 +142,7 @@ impl DensityControl {
     /// What happens after a step of the optimiser. `floaters` says which rows are left without them, if any are.
     pub(super) fn change(
         &mut self,
-        change: &Change,
+        change: &Change<'_>,
         cloud: &mut Gaussians,
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<Changed, SplatError> {
@@ -211,6 +214,9 @@ impl DensityControl {
         }
         if count.is_multiple_of(TIDY_EVERY) || changed.rows.is_some() {
             keep_in_range(cloud, EXTENT)?;
+            if let Some(limit) = change.size_limit {
+                limit.keep(cloud, change.cameras)?;
+            }
         }
         Ok(changed)
     }

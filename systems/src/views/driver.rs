@@ -72,6 +72,8 @@ pub(crate) struct Views {
     pub(super) position: Position,
     /// Photos at the size that steps are at.
     photos: Option<(u32, PhotoSet)>,
+    /// Where photos were taken, of the frame of training.
+    cameras: Vec<[f32; 3]>,
     /// Where photos show that nothing is, as soon as it is asked for.
     free_space: Option<FreeSpace>,
     pub(super) sizes: Pictures,
@@ -111,6 +113,8 @@ impl Views {
             value: parts.name.into(),
             problem: format!("pictures of {} features are not drawn", layout.features()),
         })?;
+        let frame = parts.frame;
+        let cameras = data.views().iter().map(|v| frame.to_internal(v.camera.pose.c).as_vec3().to_array()).collect();
         Ok(Self {
             parts,
             simd,
@@ -118,6 +122,7 @@ impl Views {
             steps: 0,
             position: Position::default(),
             photos: None,
+            cameras,
             free_space: None,
             sizes: Pictures::of(data),
             target: StepTarget::default(),
@@ -262,7 +267,7 @@ impl Views {
             let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
             let when = ChangeTime { step, position: position.of(step), steps_done: steps_done(cloud) };
-            cloud.change(self.parts.seed, when, non_finite, floaters).map_err(refused)?;
+            cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
         }
         self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
         Ok(())

@@ -175,7 +175,14 @@ fn cloud(n: usize, degree: usize, stream: u64) -> Gaussians {
 
 fn training(extra: ExtraRows) -> CloudTraining {
     CloudTraining {
-        cloud: CloudConfig { centre: FRAME.centre, radius: FRAME.scale, max_splats: 10, sh_degree: 1, sh_every: 0 },
+        cloud: CloudConfig {
+            centre: FRAME.centre,
+            radius: FRAME.scale,
+            max_splats: 10,
+            near_size: 0.0,
+            sh_degree: 1,
+            sh_every: 0,
+        },
         rates: CloudRates {
             horizon: 1,
             fade_from: 1.0,

@@ -64,7 +64,7 @@ fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
         DensityKind::Mcmc => ControlConfig::Mcmc(McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e3 }),
     };
     CloudTraining {
-        cloud: CloudConfig { centre: [0.0; 3], radius: 3.3, max_splats: 60, sh_degree: 1, sh_every: 3 },
+        cloud: CloudConfig { centre: [0.0; 3], radius: 3.3, max_splats: 60, near_size: 0.0, sh_degree: 1, sh_every: 3 },
         rates: CloudRates {
             horizon: 100,
             fade_from: 1.0,
@@ -148,6 +148,34 @@ fn extra_rows_and_a_second_cloud_go_through_density_changes_and_checkpoints() {
 }
 
 #[test]
+fn nothing_is_large_beside_a_camera_where_that_is_limited() {
+    let (_, data) = made::capture(made::Points::None);
+    for kind in [DensityKind::Adc, DensityKind::Split, DensityKind::Mcmc] {
+        let mut system = system(&data, kind, ViewSpaceGradient::Plain);
+        system.parts.clouds[0].training.cloud.near_size = 0.2;
+        for cloud in &mut system.parts.clouds {
+            cloud.parameters.gaussians.log_scale.fill(1.0);
+        }
+        for step in 0..10 {
+            system.step(&data, step).unwrap();
+        }
+        let frame = system.parts.frame;
+        let cameras: Vec<DVec3> = data.views().iter().map(|v| frame.to_internal(v.camera.pose.c)).collect();
+        let parts = system.parts.clouds.iter().map(|cloud| {
+            let (g, n) = (&cloud.parameters.gaussians, cloud.parameters.len());
+            let part = |i: usize| {
+                let size = (0..3).map(|k| f64::from(g.log_scale[k * n + i]).exp()).fold(0.0, f64::max);
+                let x = DVec3::from([0, 1, 2].map(|k| f64::from(g.mean[k * n + i])));
+                if size > 0.011 { size / cameras.iter().map(|c| c.distance(x)).fold(f64::MAX, f64::min) } else { 0.0 }
+            };
+            (0..n).map(part).fold(0.0, f64::max)
+        });
+        let parts: Vec<f64> = parts.collect();
+        assert!((0.1..0.2001).contains(&parts[0]) && parts[1] > 0.5, "{kind:?}: {parts:?}");
+    }
+}
+
+#[test]
 fn the_extra_rows_of_new_gaussians_are_those_of_their_sources() {
     let extra = ExtraRows { rows: 1, composited: 1, rate: 0.0 };
     let mut trained = TrainedCloud::new(training(DensityKind::Mcmc, extra), 0, &cloud(20, 1)).unwrap();
@@ -158,7 +186,7 @@ fn the_extra_rows_of_new_gaussians_are_those_of_their_sources() {
         trained.parameters.extra[i] = i as f32;
     }
     trained.parameters.gaussians.logit[3] = -9.0;
-    trained.change(0, ChangeTime { step: 4, position: 4, steps_done: 5 }, 0, |_| Ok(None)).unwrap();
+    trained.change(0, ChangeTime { step: 4, position: 4, steps_done: 5 }, 0, &[], |_| Ok(None)).unwrap();
     assert!(trained.parameters.len() > 20);
     assert_eq!(trained.parameters.extra, along(&trained.parameters));
     assert!(!trained.parameters.extra.contains(&3.0), "what is dead was relocated");

@@ -5,6 +5,7 @@ mod axis_split;
 mod guard;
 mod mcmc;
 mod rows;
+mod size_limit;
 
 use float_core::rng::Rng;
 use splat_core::Gaussians;

@@ -48,15 +48,21 @@ pub(crate) const CLAIM: Claim = Claim {
     what: "A cloud of Gaussians, drawn tile by tile",
     take: "to look around smoothly, and files for other programs; a minute or more of training",
     differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; their \
-              opacities fade instead of being reset, large ones are not pruned. The schedules take as many steps as the run \
-              is likely to have, sizes and colours learn twice as fast, all rates fade in the end. Large photos are drawn \
-              smaller at first; without points Gaussians begin where a field sees surfaces.",
+              opacities fade instead of being reset; large ones are not pruned, but none is large beside a camera. The schedules \
+              take as many steps as the run is likely to have, sizes and colours learn twice as fast, all rates fade in the end. \
+              Large photos are drawn smaller at first; without points Gaussians begin where a field sees surfaces.",
     mark: "axis splits, no opacity reset",
 };
 
 const START: StartConfig = StartConfig { start: StartKind::Points };
-const CLOUD: CloudConfig =
-    CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 100_000, sh_degree: 3, sh_every: HORIZON / 20 };
+const CLOUD: CloudConfig = CloudConfig {
+    centre: [0.0; 3],
+    radius: 1.0,
+    max_splats: 100_000,
+    near_size: 0.3,
+    sh_degree: 3,
+    sh_every: HORIZON / 20,
+};
 /// Rates of sizes and colours are twice those of the released code's `OptimizationParams`, the last one of centres ten times: there
 /// are fewer steps. All fade at the end, which the paper's do not.
 const RATES: CloudRates = CloudRates {
@@ -290,7 +296,7 @@ mod tests {
             of_nothing(&[], &mut settings).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 35, "{all:?}");
+        assert_eq!(all.len(), 36, "{all:?}");
         let adc = asked(toml::toml! { density = "adc" }).unwrap();
         assert!(
             adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost") && !adc.contains_key("opacity_decay")
@@ -319,6 +325,7 @@ mod tests {
         for (name, value) in [
             ("radius", toml::Value::from(0.0)),
             ("max_splats", 0.into()),
+            ("near_size", (-1.0).into()),
             ("sh_degree", 4.into()),
             ("start_count", 0.into()),
             ("refill", 1.5.into()),
