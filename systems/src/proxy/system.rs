@@ -9,6 +9,7 @@ use engine::data::Dataset;
 use engine::system::{
     Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
 };
+use rayon::prelude::*;
 use render_core::camera::Camera;
 use render_core::ray::Ray;
 use serde::{Deserialize, Serialize};
@@ -114,7 +115,9 @@ impl Proxied {
     /// What about `count` pixels of all photos see.
     fn see_spread(&mut self, data: &Dataset, count: usize) -> Result<Vec<Place>, SystemError> {
         let photos = self.cloud.spread_pixels(data, count)?;
-        Ok(photos.iter().flat_map(|photo| self.see(photo)).collect())
+        // Of many photos a few pixels each.
+        let seen: Vec<Vec<Place>> = photos.par_iter().map(|photo| self.see(photo)).collect();
+        Ok(seen.concat())
     }
 
     fn refill(&mut self, step: u64) -> Result<(), SystemError> {
