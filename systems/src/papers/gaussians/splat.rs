@@ -47,10 +47,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Kerbl et al., 2023",
     what: "A cloud of Gaussians, drawn tile by tile",
     take: "to look around smoothly, and files for other programs; a minute or more of training",
-    differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; their \
-              opacities fade instead of being reset; large ones are not pruned, but none is large beside a camera. The schedules \
-              take as many steps as the run is likely to have, sizes and colours learn twice as fast, all rates fade in the end. \
-              Large photos are drawn smaller at first; without points Gaussians begin where a field sees surfaces.",
+    differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; \
+              opacities fade instead of being reset; large ones stay, but are smaller beside cameras. Schedules take as \
+              many steps as the run is likely to have, sizes and colours learn twice as fast, all rates fade in the end. Large \
+              photos are drawn smaller at first; without points Gaussians begin where a field sees surfaces.",
     mark: "axis splits, no opacity reset",
 };
 
