@@ -144,7 +144,7 @@ impl Pace {
     }
 }
 
-/// How often a system is told which share of its time has passed.
+/// How many times a training that stops after seconds tells its system how much of the time has passed.
 const MARKS: f64 = 32.0;
 
 /// Train `system` on `data` from where it is until the schedule stops it or `interrupt` is raised.
