@@ -20,7 +20,7 @@ impl Sorter {
     pub(crate) fn sort(
         &mut self,
         depths: impl ExactSizeIterator<Item = f32>,
-    ) -> impl ExactSizeIterator<Item = u32> + Send + '_ {
+    ) -> impl Iterator<Item = u32> + Clone + Send + Sync + '_ {
         self.keys.clear();
         self.keys.extend(depths.enumerate().map(|(i, z)| (z.to_bits(), i as u32)));
         let mut counts = vec![[0_u32; BUCKETS]; 3];

@@ -95,12 +95,21 @@ impl Projection {
                 chunk,
             });
         });
-        self.gaussians.clear();
-        self.rgb.clear();
+        let visible = self.chunks.iter().map(|chunk| chunk.gaussians.len()).sum();
+        self.gaussians.resize(visible, ProjectedGaussian::default());
+        self.rgb.resize(visible, [0.0; 3]);
+        let (mut gaussians, mut rgb) = (&mut self.gaussians[..], &mut self.rgb[..]);
+        let mut parts = Vec::with_capacity(self.chunks.len());
         for chunk in &self.chunks {
-            self.gaussians.extend_from_slice(&chunk.gaussians);
-            self.rgb.extend_from_slice(&chunk.rgb);
+            let (part, rest) = gaussians.split_at_mut(chunk.gaussians.len());
+            let (colours, others) = rgb.split_at_mut(chunk.rgb.len());
+            parts.push((chunk, part, colours));
+            (gaussians, rgb) = (rest, others);
         }
+        for_each(&mut parts, |_, (chunk, gaussians, rgb)| {
+            gaussians.copy_from_slice(&chunk.gaussians);
+            rgb.copy_from_slice(&chunk.rgb);
+        });
         Ok(())
     }
 

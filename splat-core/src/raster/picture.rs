@@ -95,21 +95,20 @@ impl<const K: usize> Raster<K> {
         self.size = size;
         let (sorter, lists) = (&mut self.sorter, &mut self.lists);
         let (order, ()) = both(|| sorter.sort(gaussians.iter().map(|f| f.z)), || lists.find(gaussians, grid));
-        if !self.lists.fill(grid, order) {
-            return Err(SplatError::TooMany { what: "pairs of Gaussians and tiles", got: self.lists.places.len() });
-        }
+        let too_many = |got| SplatError::TooMany { what: "pairs of Gaussians and tiles", got };
+        self.lists.fill(order).map_err(too_many)?;
         self.tiles.resize(grid.len() * (K + 1) * PIXELS, 0.0);
         self.visited.resize(grid.len(), 0);
         let (lists, inputs) = (&self.lists, Inputs { gaussians, features, settings });
-        self.blocks.resize(lists.entries.len(), 0);
+        self.blocks.resize(lists.pairs(), 0);
         let mut jobs = jobs::<K>(&mut self.tiles, &mut self.visited, &mut self.blocks, lists);
         for_each(&mut jobs, |k, job| {
             let tile = inputs.tile(lists, size, k);
             *job.visited = simd.run(Forward { tile, out: job.out, blocks: job.blocks });
         });
-        let pairs = self.lists.entries.len() as u64;
+        let pairs = self.lists.pairs() as u64;
         let visited: u64 = self.visited.iter().map(|&n| u64::from(n)).sum();
-        let empty = self.lists.starts.windows(2).filter(|w| w[0] == w[1]).count() as u64;
+        let empty = self.lists.lengths().filter(|pairs| *pairs == 0).count() as u64;
         Ok(DrawStats { pairs, hidden: pairs - visited, empty_tiles: empty, tiles: grid.len() as u64 })
     }
 
@@ -227,10 +226,10 @@ impl<const K: usize> Raster<K> {
         self.check_gaussians(gaussians, features)?;
         let (size, grid) = (self.size, Grid::new(self.size));
         let lists = &self.lists;
-        self.pair_gradients.resize(lists.entries.len(), ProjectedGradient::default());
+        self.pair_gradients.resize(lists.pairs(), ProjectedGradient::default());
         let mut left = &mut self.pair_gradients[..];
         if ABSOLUTE {
-            self.pair_absolute.resize(lists.entries.len(), [0.0; 2]);
+            self.pair_absolute.resize(lists.pairs(), [0.0; 2]);
         }
         let mut absolute_left = &mut self.pair_absolute[..];
         let mut jobs = jobs::<K>(&mut self.tiles, &mut self.visited, &mut self.blocks, lists);
@@ -264,28 +263,23 @@ impl<const K: usize> Raster<K> {
                 uv_absolute: job.uv_absolute,
             });
         });
-        gradients.clear();
         gradients.resize(gaussians.len(), ProjectedGradient::default());
         let pair_gradients = &self.pair_gradients;
         let mut parts: Vec<&mut [ProjectedGradient<K>]> = gradients.chunks_mut(GATHER).collect();
         for_each(&mut parts, |k, part| {
             for (i, sum) in part.iter_mut().enumerate() {
-                let g = k * GATHER + i;
-                for &place in &lists.places[lists.firsts[g] as usize..lists.firsts[g + 1] as usize] {
-                    sum.add(&pair_gradients[place as usize]);
-                }
+                *sum = ProjectedGradient::default();
+                lists.of_gaussian(k * GATHER + i).for_each(|pair| sum.add(&pair_gradients[pair]));
             }
         });
         if ABSOLUTE {
-            uv_absolute.clear();
             uv_absolute.resize(gaussians.len(), [0.0; 2]);
             let pair_absolute = &self.pair_absolute;
             let mut parts: Vec<&mut [[f32; 2]]> = uv_absolute.chunks_mut(GATHER).collect();
             for_each(&mut parts, |k, part| {
                 for (i, sum) in part.iter_mut().enumerate() {
-                    let g = k * GATHER + i;
-                    for &place in &lists.places[lists.firsts[g] as usize..lists.firsts[g + 1] as usize] {
-                        let [u, v] = pair_absolute[place as usize];
+                    *sum = [0.0; 2];
+                    for [u, v] in lists.of_gaussian(k * GATHER + i).map(|pair| pair_absolute[pair]) {
                         *sum = [sum[0] + u, sum[1] + v];
                     }
                 }
@@ -296,7 +290,7 @@ impl<const K: usize> Raster<K> {
 
     /// Whether there are as many Gaussians as the last picture had, each with its features.
     fn check_gaussians(&self, gaussians: &[ProjectedGaussian], features: &[[f32; K]]) -> Result<(), SplatError> {
-        let want = self.lists.firsts.len().saturating_sub(1);
+        let want = self.lists.gaussians();
         if gaussians.len() == want && gaussians.len() == features.len() {
             return Ok(());
         }
@@ -317,9 +311,9 @@ fn jobs<'a, const K: usize>(
     lists: &Lists,
 ) -> Vec<Job<'a, K>> {
     let mut left = blocks;
-    let tiles = tiles.chunks_exact_mut((K + 1) * PIXELS).zip(visited).zip(lists.starts.windows(2));
-    let job = |((out, visited), range): ((&'a mut [f32], &'a mut u32), &[u32])| {
-        let blocks = left.split_off_mut(..(range[1] - range[0]) as usize).unwrap_or_default();
+    let tiles = tiles.chunks_exact_mut((K + 1) * PIXELS).zip(visited).zip(lists.lengths());
+    let job = |((out, visited), pairs): ((&'a mut [f32], &'a mut u32), usize)| {
+        let blocks = left.split_off_mut(..pairs).unwrap_or_default();
         Job { out, visited, blocks, gradients: &mut [], uv_absolute: &mut [] }
     };
     tiles.map(job).collect()
@@ -334,7 +328,7 @@ impl<'a, const K: usize> Inputs<'a, K> {
         let columns = Grid::new(size).columns;
         let (x, y) = (k % columns * TILE, k / columns * TILE);
         Tile {
-            entries: &lists.entries[lists.starts[k] as usize..lists.starts[k + 1] as usize],
+            entries: lists.of_tile(k),
             gaussians: self.gaussians,
             features: self.features,
             settings: self.settings,

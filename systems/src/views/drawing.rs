@@ -4,10 +4,14 @@ use super::cloud_parameters::CloudParameters;
 use super::hooks::OfAppearance;
 use super::planes::{COLOUR, PlaneLayout};
 use float_core::Simd;
+use rayon::prelude::*;
 use splat_core::{
     CameraGradient, Gaussians, ProjectedGaussian, ProjectedGradient, Projection, RasterSettings, SplatError, View,
 };
 use std::ops::Range;
+
+/// Gaussians per task.
+const ROWS: usize = 4096;
 
 /// A cloud at the time of a picture.
 #[derive(Clone, Copy, Debug)]
@@ -106,8 +110,12 @@ impl Projections {
 
     /// Colours of all clouds as spherical harmonics give them, written to `out`.
     pub(crate) fn colours(&self, out: &mut Vec<[f32; 3]>) {
-        out.clear();
-        out.extend(self.each.iter().flat_map(|projection| &projection.rgb));
+        out.resize(self.gaussians().len(), [0.0; 3]);
+        for (range, projection) in self.each() {
+            out[range].par_chunks_mut(ROWS).zip(projection.rgb.par_chunks(ROWS)).for_each(|(out, rgb)| {
+                out.copy_from_slice(rgb);
+            });
+        }
     }
 
     /// Turn the colours of all clouds into those of an appearance.
@@ -130,11 +138,12 @@ impl Projections {
         colours: &[[f32; 3]],
         out: &mut Vec<[f32; K]>,
     ) {
-        out.clear();
+        out.resize(self.gaussians().len(), [0.0; K]);
         for ((range, projection), cloud) in self.each().zip(clouds) {
             let n = cloud.gaussians.len();
-            out.extend(projection.gaussians.iter().zip(&colours[range]).map(|(gaussian, rgb)| {
-                let mut features = [0.0; K];
+            let visible = projection.gaussians.par_iter().zip(&colours[range.clone()]).with_min_len(ROWS);
+            visible.zip(&mut out[range]).for_each(|((gaussian, rgb), features)| {
+                *features = [0.0; K];
                 features[..COLOUR].copy_from_slice(rgb);
                 if let Some(depth) = layout.depth_feature() {
                     features[depth] = gaussian.z;
@@ -142,8 +151,7 @@ impl Projections {
                 for (row, feature) in features[layout.first_extra()..].iter_mut().take(cloud.composited).enumerate() {
                     *feature = cloud.extra[row * n + gaussian.index as usize];
                 }
-                features
-            }));
+            });
         }
     }
 
