@@ -89,6 +89,8 @@ pub(crate) struct Vertices<'a> {
     pub(crate) properties: Vec<(String, Scalar)>,
     /// Names of the elements behind the vertices.
     pub(crate) others: Vec<String>,
+    /// Its comments, words a blank apart.
+    pub(crate) comments: Vec<String>,
     /// Lines of the header, for line numbers of ASCII bodies.
     lines: usize,
     /// Where the body starts.
@@ -145,6 +147,7 @@ impl<'a> Vertices<'a> {
             count: 0,
             properties: Vec::new(),
             others: Vec::new(),
+            comments: Vec::new(),
             lines: 0,
             body: 0,
         };
@@ -194,7 +197,8 @@ impl<'a> Vertices<'a> {
                 }
                 ["end_header"] if known && seen_vertex => return Ok(header),
                 ["end_header"] => return Err(header.wrong(place, "the header lacks the format or the vertices")),
-                _ => {} // comments, obj_info, properties of other elements
+                ["comment", words @ ..] => header.comments.push(words.join(" ")),
+                _ => {} // obj_info, properties of other elements
             }
         }
     }

@@ -9,6 +9,7 @@
 //! | functions | [`Projection`] | 3D Gaussians to [`ProjectedGaussian`]s and colours, and the backward pass |
 //! | | [`Raster`] | projected Gaussians with any `K` features to pixels, and the backward pass ([`ProjectedGradient`]) |
 //! | | [`CameraGradient`] | the gradient with respect to pose and intrinsics, and its conventions |
+//! | | [`SmoothingFilter`], [`Smoothed`] | the smallest size that photos can show (3D filter), and its backward pass |
 //! | training | [`density`] | density control: clone, split, prune, relocate; [`density::ViewSpaceGradients`] |
 //! | errors | [`SplatError`] | why an input was refused |
 //!
@@ -41,8 +42,8 @@
 //! chooses the vector instructions; it and [`rng`] are those of `float-core`.
 //!
 //! # Source
-//! Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023; Yu et al., "Mip-Splatting", 2024, section
-//! 4.2 ([`Widening::Dims`]); Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024 ([`density::Mcmc`]);
+//! Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023; Yu et al., "Mip-Splatting", 2024, sections
+//! 4.1 ([`SmoothingFilter`]) and 4.2 ([`Widening::Dims`]); Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024 ([`density::Mcmc`]);
 //! Ye et al., "AbsGS", 2024 ([`Raster::backward_absolute`]).
 #![no_std]
 #![forbid(unsafe_code)]
@@ -65,6 +66,7 @@ mod raster;
 mod renderer;
 mod settings;
 mod sh;
+mod smoothing;
 mod tiles;
 mod view;
 
@@ -76,6 +78,7 @@ pub use project::{CameraGradient, ProjectedGaussian, ProjectedGradient, Projecti
 pub use raster::{DrawStats, Raster};
 pub use renderer::{Cloud, CloudGradient, GradientOptions, Gradients, Picture, Renderer};
 pub use settings::{RasterSettings, Widening};
+pub use smoothing::{Smoothed, SmoothingFilter};
 pub use tiles::TILE;
 pub use view::{MAX_SIDE, View};
 

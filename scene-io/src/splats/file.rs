@@ -7,7 +7,7 @@ use splat_core::{Gaussians, Widening};
 pub struct SplatFile {
     /// Raw parameters, world units of the file.
     pub cloud: Gaussians,
-    /// How the cloud wants to be drawn: what it was trained with. Only SPZ says so.
+    /// How the cloud wants to be drawn: what it was trained with. `None` where the file does not say.
     pub widening: Option<Widening>,
     /// What was dropped, clamped or ignored, a line each.
     pub notes: Vec<String>,
@@ -17,7 +17,7 @@ pub struct SplatFile {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SplatOptions {
-    /// What the cloud was trained with: bit 0 of the flags of SPZ; the other formats cannot say it.
+    /// What the cloud was trained with: bit 0 of the flags of SPZ, a comment of PLY; `.splat` cannot say it.
     pub widening: Widening,
     /// SPZ: positions are multiples of `2^-bits` and lie within `2^(23 - bits)`. `None`: as many bits, up to 24, as
     /// hold all positions.

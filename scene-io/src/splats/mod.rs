@@ -143,7 +143,7 @@ pub fn encode_splats(
 
 /// A cloud that was found to fit a format.
 enum Encoded<'a> {
-    Ply(&'a Gaussians),
+    Ply(&'a Gaussians, Widening),
     Splat(splat::Sorted<'a>),
     Spz(spz::Packing<'a>),
 }
@@ -151,7 +151,7 @@ enum Encoded<'a> {
 impl Encoded<'_> {
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         match self {
-            Self::Ply(cloud) => ply::write(cloud, out),
+            Self::Ply(cloud, widening) => ply::write(cloud, *widening, out),
             Self::Splat(sorted) => sorted.write(out),
             Self::Spz(packing) => packing.write(out),
         }
@@ -169,11 +169,11 @@ fn plan<'a>(
     };
     rows::check(path, cloud)?;
     let mut notes = Vec::new();
-    if options.widening == Widening::Dims && format != SplatFormat::Spz {
+    if options.widening == Widening::Dims && format == SplatFormat::Splat {
         notes.push(format!("{} cannot say that the splats were trained with antialiasing", format.name()));
     }
     let encoded = match format {
-        SplatFormat::Ply => Encoded::Ply(cloud),
+        SplatFormat::Ply => Encoded::Ply(cloud, options.widening),
         SplatFormat::Splat => Encoded::Splat(splat::Sorted::new(path, cloud, &mut notes)?),
         SplatFormat::Spz => Encoded::Spz(spz::Packing::new(path, cloud, options, &mut notes)?),
     };

@@ -4,7 +4,7 @@ use super::file::{SplatFile, count};
 use super::rows::{Filling, Row};
 use crate::ply::Vertices;
 use crate::{Place, SceneError};
-use splat_core::{Gaussians, MAX_DEGREE, rest_len};
+use splat_core::{Gaussians, MAX_DEGREE, Widening, rest_len};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -16,6 +16,13 @@ const DC: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
 const OPACITY: &str = "opacity";
 const SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
 const ROT: [&str; 4] = ["rot_0", "rot_1", "rot_2", "rot_3"];
+/// Comments that say what the splats were trained with: Brush's, which is the one written, and Postshot's.
+const WIDENINGS: [(&str, Widening); 4] = [
+    ("SplatRenderMode: mip", Widening::Dims),
+    ("SplatRenderMode: default", Widening::Keeps),
+    ("antialiased 1", Widening::Dims),
+    ("antialiased 0", Widening::Keeps),
+];
 /// Named in notes; more are counted.
 const NAMED: usize = 4;
 
@@ -54,7 +61,9 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<SplatFile, SceneError> {
         filling.push(row);
         Ok(())
     })?;
-    Ok(SplatFile { cloud: filling.finish(&mut notes), widening: None, notes })
+    let said = |comment: &String| WIDENINGS.iter().find(|(word, _)| word == comment).map(|(_, widening)| *widening);
+    let widening = vertices.comments.iter().find_map(said);
+    Ok(SplatFile { cloud: filling.finish(&mut notes), widening, notes })
 }
 
 impl Columns {
@@ -146,10 +155,14 @@ fn rest_number(name: &str) -> Option<usize> {
     name.strip_prefix("f_rest_")?.parse().ok()
 }
 
-/// Binary little-endian, the properties of 3DGS in its order, normals 0.
-pub(super) fn write(cloud: &Gaussians, out: &mut dyn Write) -> io::Result<()> {
+/// Binary little-endian, the properties of 3DGS in its order, normals 0. Only antialiased splats are said to be something.
+pub(super) fn write(cloud: &Gaussians, widening: Widening, out: &mut dyn Write) -> io::Result<()> {
     let (n, per_channel) = (cloud.len(), rest_len(cloud.degree()));
-    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {n}\n")?;
+    write!(out, "ply\nformat binary_little_endian 1.0\n")?;
+    if widening == Widening::Dims {
+        writeln!(out, "comment {}", WIDENINGS[0].0)?;
+    }
+    writeln!(out, "element vertex {n}")?;
     let rest = (0..3 * per_channel).map(|i| format!("f_rest_{i}"));
     let names = [&MEAN[..], &NORMALS, &DC].concat().into_iter().map(str::to_owned).chain(rest);
     for name in names.chain([&[OPACITY][..], &SCALE, &ROT].concat().into_iter().map(str::to_owned)) {

@@ -12,6 +12,7 @@ mod rows;
 pub use camera::CameraGradient;
 pub use forward::Projection;
 pub use gradient::ProjectedGradient;
+pub(crate) use rows::lanes;
 
 /// A Gaussian projected onto the picture: 48 bytes in one cache line.
 ///

@@ -10,4 +10,5 @@ mod projection;
 mod properties;
 mod raster;
 mod renderer;
+mod smoothing;
 mod twin;

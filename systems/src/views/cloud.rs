@@ -118,7 +118,7 @@ impl TrainedCloud {
     }
 
     /// Gaussians come and go, and what belongs to them with them. Photos were taken from `cameras`; `floaters` says which rows are left
-    /// without those where nothing is, if any are.
+    /// without those where nothing is, if any are. Returns whether any came, went or moved to another row.
     pub(crate) fn change(
         &mut self,
         seed: u64,
@@ -126,7 +126,7 @@ impl TrainedCloud {
         non_finite: usize,
         cameras: &[[f32; 3]],
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
-    ) -> Result<(), SplatError> {
+    ) -> Result<bool, SplatError> {
         let CloudTraining { cloud, rates, extra, .. } = &self.training;
         let change = Change {
             seed,
@@ -148,7 +148,7 @@ impl TrainedCloud {
         if self.gradient.len() != self.parameters.len() {
             self.gradient = self.parameters.clone();
         }
-        Ok(())
+        Ok(changed.rows.is_some())
     }
 
     /// What stands before the names of its arrays in a checkpoint; the first cloud's have nothing.

@@ -196,6 +196,9 @@ pub(crate) struct PictureConfig {
     pub(crate) near: f32,
     /// What widening to a pixel does to opacity: `keeps` (as 3DGS) or `dims` (antialiased).
     pub(crate) widening: WideningKind,
+    /// Variance of the 3D filter, squared pixels of the photos (Mip-Splatting: 0.2): no Gaussian is drawn smaller than about its root, so
+    /// that pictures from nearer by than all photos show no needles; 0: there is none.
+    pub(crate) smoothing: f32,
     /// Pictures begin at `2^-coarse` of their size, and double
     pub(crate) coarse: u32,
     /// after this many steps each.
@@ -223,6 +226,7 @@ impl PictureConfig {
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         first_of([
             positive("near", self.near.into()),
+            not_negative("smoothing", self.smoothing.into()),
             unless(self.coarse <= 6, "coarse", self.coarse, "must be at most 6"),
         ])
     }

@@ -15,6 +15,7 @@ use super::planes::PlaneLayout;
 use super::position::{PlannedTime, Position};
 use super::render::{CloudRenderer, RenderBuffers};
 use super::skipped::Skipped;
+use super::smoothing::Smoothing;
 use super::terms::{PictureTerm, TargetPicture};
 use super::turn::turn;
 use super::weights::{PixelWeight, StepPhoto};
@@ -74,6 +75,8 @@ pub(crate) struct Views {
     photos: Option<(u32, PhotoSet)>,
     /// Where photos were taken, of the frame of training.
     cameras: Vec<[f32; 3]>,
+    /// What is drawn is no smaller than what photos show, where that is asked for.
+    pub(super) smoothing: Option<Smoothing>,
     /// Where photos show that nothing is, as soon as it is asked for.
     free_space: Option<FreeSpace>,
     pub(super) sizes: Pictures,
@@ -114,6 +117,7 @@ impl Views {
             problem: format!("pictures of {} features are not drawn", layout.features()),
         })?;
         let frame = parts.frame;
+        let smoothing = Smoothing::new(&parts.pictures, data, &frame, &parts.clouds).map_err(refused)?;
         let cameras = data.views().iter().map(|v| frame.to_internal(v.camera.pose.c).as_vec3().to_array()).collect();
         Ok(Self {
             parts,
@@ -123,6 +127,7 @@ impl Views {
             position: Position::default(),
             photos: None,
             cameras,
+            smoothing,
             free_space: None,
             sizes: Pictures::of(data),
             target: StepTarget::default(),
@@ -168,9 +173,21 @@ impl Views {
         Ok(Shown { view, time: data.view(view).time, camera, background })
     }
 
-    /// The clouds as they are at a time.
+    /// The clouds as they are drawn at a time.
     pub(super) fn clouds_at(&self, time: f64) -> Clouds<'_> {
-        clouds_at(&self.parts, time)
+        let clouds = clouds_at(&self.parts, time);
+        match &self.smoothing {
+            None => clouds,
+            Some(smoothing) => clouds
+                .into_iter()
+                .enumerate()
+                .map(|(index, cloud)| {
+                    let cloud = cloud.into_owned();
+                    let gaussians = smoothing.filtered(self.simd, index, cloud.gaussians);
+                    Cow::Owned(CloudParameters { gaussians, ..cloud })
+                })
+                .collect(),
+        }
     }
 
     /// The loss of the photo that is shown, and its gradient: that with respect to the clouds is left beside them, that with respect to
@@ -192,7 +209,10 @@ impl Views {
         // Gradients beside the clouds they are of.
         let mut gradients: Vec<CloudParameters> =
             clouds.iter_mut().map(|cloud| std::mem::take(&mut cloud.gradient)).collect();
-        let moved = motion.as_deref().map(|motion| at_time(motion, clouds, shown.time));
+        let mut moved = motion.as_deref().map(|motion| at_time(motion, clouds, shown.time));
+        if let Some(smoothing) = &mut self.smoothing {
+            smoothing.apply(self.simd, of_picture(clouds, &mut moved)).map_err(refused)?;
+        }
         let drawn: Vec<DrawnCloud<'_>> = match &moved {
             Some(moved) => clouds.iter().zip(moved).map(|(cloud, at)| cloud.drawn(step, at)).collect(),
             None => clouds.iter().map(|cloud| cloud.drawn(step, &cloud.parameters)).collect(),
@@ -206,6 +226,12 @@ impl Views {
         };
         let outcome = self.pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).map_err(refused);
         drop(drawn);
+        if let Some(smoothing) = &mut self.smoothing {
+            smoothing.restore(of_picture(clouds, &mut moved));
+            for (index, (cloud, bar)) in of_picture(clouds, &mut moved).zip(&mut gradients).enumerate() {
+                smoothing.pull_back(self.simd, index, cloud, bar).map_err(refused)?;
+            }
+        }
         for (cloud, gradient) in clouds.iter_mut().zip(gradients) {
             cloud.gradient = gradient;
         }
@@ -263,11 +289,14 @@ impl Views {
         if self.free_space.is_none() && self.parts.clouds.iter().any(finds) {
             self.free_space = Some(FreeSpace::new(data, &frame)?);
         }
-        for cloud in &mut self.parts.clouds {
+        for (index, cloud) in self.parts.clouds.iter_mut().enumerate() {
             let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
             let when = ChangeTime { step, position: position.of(step), steps_done: steps_done(cloud) };
-            cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
+            let changed = cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
+            if let Some(smoothing) = self.smoothing.as_mut().filter(|_| changed || Smoothing::is_due(step + 1)) {
+                smoothing.measure(index, &cloud.parameters.gaussians).map_err(refused)?;
+            }
         }
         self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
         Ok(())
@@ -315,6 +344,16 @@ impl Views {
             sum.add(more);
         }
     }
+}
+
+/// The clouds of a picture: those that were `moved` to its time, where they move.
+fn of_picture<'a>(
+    clouds: &'a mut [TrainedCloud],
+    moved: &'a mut Option<Vec<CloudParameters>>,
+) -> impl Iterator<Item = &'a mut CloudParameters> {
+    let still = moved.is_none().then_some(clouds);
+    let still = still.into_iter().flatten().map(|cloud| &mut cloud.parameters);
+    moved.iter_mut().flatten().chain(still)
 }
 
 /// The clouds of a system at a time.

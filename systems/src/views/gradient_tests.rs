@@ -11,6 +11,7 @@ use super::hooks::{CloudMotion, ColourAppearance, Learns};
 use super::pass::ViewSpaceGradient;
 use super::photo::view;
 use super::planes::{PlaneBars, RenderedPicture};
+use super::smoothing::Smoothing;
 use super::terms::{DepthMap, DepthTerm, L1Dssim, L1DssimConfig, PictureTerm, TargetPicture};
 use super::weights::{PlaneWeight, WeightPlane, nearest};
 use crate::plan::made;
@@ -234,7 +235,13 @@ pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradi
     let parts = ViewParts {
         name: "made",
         frame: FRAME,
-        pictures: PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: 1 },
+        pictures: PictureConfig {
+            near: 0.01,
+            widening: WideningKind::Keeps,
+            smoothing: 0.0,
+            coarse: 0,
+            coarse_steps: 1,
+        },
         clouds,
         terms: vec![
             Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: DSSIM })),
@@ -286,6 +293,8 @@ pub(super) struct Twin {
     photo: Vec<f64>,
     weights: Vec<f64>,
     depth: Vec<f64>,
+    /// Standard deviations of the 3D filters of both clouds; none where there are no filters.
+    filters: [Vec<f64>; 2],
 }
 
 impl Twin {
@@ -315,6 +324,7 @@ impl Twin {
             photo: (0..3 * PIXELS).map(|i| f64::from(image.data[i % PIXELS * 3 + i / PIXELS]) / 255.0).collect(),
             weights: (0..PIXELS).map(|i| weights[coarse(i)].into()).collect(),
             depth: (0..PIXELS).map(|i| depth[coarse(i)].into()).collect(),
+            filters: [Vec::new(), Vec::new()],
         }
     }
 
@@ -328,6 +338,9 @@ impl Twin {
         for (index, (parameters, n)) in at.clouds.iter().zip([5, 3]).enumerate() {
             let mut moved = parameters.clone();
             moved[..3 * n].iter_mut().for_each(|x| *x *= 1.0 + at.speed * (self.time + 0.5));
+            if !self.filters[index].is_empty() {
+                reference::smooth(&mut moved, n, &self.filters[index]);
+            }
             for mut ellipse in reference::project(&moved, n, 1, &self.camera, &self.rules) {
                 let mut label = 0.0;
                 if index == 0 {
@@ -425,10 +438,40 @@ fn the_gradient_of_a_step_is_that_of_differences_for_every_kind_of_parameter() {
     let (_, data) = made::scene(noise(), Vec::new());
     let shared = Shared::default();
     let mut system = system(&data, &shared, ViewSpaceGradient::Plain);
-    let at = Point::of(&system);
-    let stats = system.train_step(&data, 0).unwrap();
+    check_step(&data, &shared, &mut system);
+}
+
+#[test]
+fn filtered_clouds_have_the_gradient_of_differences_too() {
+    let (_, data) = made::scene(noise(), Vec::new());
+    let shared = Shared::default();
+    let mut system = system(&data, &shared, ViewSpaceGradient::Plain);
+    // A filter as large as the Gaussians are.
+    let pictures = PictureConfig { smoothing: 6.0, ..system.parts.pictures };
+    system.smoothing = Smoothing::new(&pictures, &data, &FRAME, &system.parts.clouds).unwrap();
+    let before: Vec<CloudParameters> = system.parts.clouds.iter().map(|cloud| cloud.parameters.clone()).collect();
+    let filter = system.smoothing.as_ref().unwrap().sizes(0)[0];
+    let log_scale = &before[0].gaussians.log_scale;
+    assert!(log_scale.iter().any(|s| s.exp() < 2.0 * filter), "{filter} {log_scale:?}");
+    check_step(&data, &shared, &mut system);
+    // What is drawn is not what learns: rows stay, and parameters move by no more than a step.
+    for (cloud, before) in system.parts.clouds.iter().zip(&before) {
+        for (after, before) in cloud.parameters.gaussians.log_scale.iter().zip(&before.gaussians.log_scale) {
+            assert!((after - before).abs() < 0.1, "{after} {before}");
+        }
+    }
+}
+
+/// A step of `system`, its first, against its twin.
+fn check_step(data: &Dataset, shared: &Shared, system: &mut Views) {
+    let at = Point::of(system);
+    let filters = [0, 1].map(|index| {
+        let sizes = system.smoothing.iter().flat_map(|smoothing| smoothing.sizes(index));
+        sizes.map(|&size| f64::from(size)).collect()
+    });
+    let stats = system.train_step(data, 0).unwrap();
     let record = shared.lock().unwrap().clone();
-    let twin = Twin::new(&data, record.view);
+    let twin = Twin { filters, ..Twin::new(data, record.view) };
     let want = twin.loss(&at);
     assert!((stats.loss - want).abs() < 1e-5 * want, "loss {} for {want}", stats.loss);
     for (index, cloud) in system.parts.clouds.iter().enumerate() {

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | the frame that clouds are trained in, and where they begin | [`cloud_frame`], [`start`], `visual_hull` |
 //! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `optimiser`, `density_control`, `free_space` |
+//! | nothing is drawn smaller than what photos show | `smoothing` |
 //! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
 //! | what a picture costs | `terms` |
 //! | appearance of photos, and time | `hooks` |
@@ -46,6 +47,7 @@ mod position;
 pub(crate) mod refine;
 mod render;
 mod skipped;
+mod smoothing;
 pub mod start;
 mod system;
 mod terms;

@@ -73,7 +73,8 @@ impl Views {
         let cloud = &mut self.parts.clouds[0];
         let room = places.len().min(cloud.training.cloud.max_splats);
         let start = Start::at_places(&places[..room], &frame, cloud.training.cloud.sh_degree).map_err(refused)?;
-        cloud.begin(&start.cloud).map_err(refused)
+        cloud.begin(&start.cloud).map_err(refused)?;
+        self.smooth_anew()
     }
 
     /// Whether Gaussians of the first cloud begin from outside after the next step, or later.
@@ -101,6 +102,13 @@ impl Views {
             .collect();
         let cloud = &mut self.parts.clouds[0];
         let more = round(&new, cloud.training.cloud.sh_degree).map_err(refused)?;
-        cloud.insert(&more).map_err(refused)
+        cloud.insert(&more).map_err(refused)?;
+        self.smooth_anew()
+    }
+
+    /// Other Gaussians of the first cloud have other filters.
+    fn smooth_anew(&mut self) -> Result<(), SystemError> {
+        let cloud = &self.parts.clouds[0].parameters.gaussians;
+        self.smoothing.as_mut().map_or(Ok(()), |smoothing| smoothing.measure(0, cloud).map_err(refused))
     }
 }

@@ -83,7 +83,8 @@ fn rates(options: &RefineOptions) -> CloudRates {
 }
 
 /// Raster settings: the pictures are small; later pictures of the cloud may be large.
-const PICTURES: PictureConfig = PictureConfig { near: 0.01, widening: WideningKind::Dims, coarse: 0, coarse_steps: 1 };
+const PICTURES: PictureConfig =
+    PictureConfig { near: 0.01, widening: WideningKind::Dims, smoothing: 0.0, coarse: 0, coarse_steps: 1 };
 /// Learning rate of the centres at the start.
 const LR_MEAN: f64 = 1.6e-4;
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };

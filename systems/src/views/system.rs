@@ -94,8 +94,14 @@ impl System for Views {
     }
 
     fn splats(&self) -> Option<Splats> {
-        let clouds: Vec<&Gaussians> = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians).collect();
-        let mut gaussians = joined(&clouds);
+        let clouds = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians).enumerate();
+        let drawn: Vec<Cow<'_, Gaussians>> = clouds
+            .map(|(index, cloud)| match &self.smoothing {
+                None => Cow::Borrowed(cloud),
+                Some(smoothing) => Cow::Owned(smoothing.filtered(self.simd, index, cloud.clone())),
+            })
+            .collect();
+        let mut gaussians = joined(&drawn.iter().map(|cloud| &**cloud).collect::<Vec<_>>());
         self.parts.frame.cloud_to_world(&mut gaussians);
         let raster = self.parts.pictures.raster();
         let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;
@@ -124,6 +130,7 @@ impl System for Views {
         let counters = vec![self.steps, guard.steps(), guard.bad_steps(), guard.entries()];
         let mut out = vec![u64_tensor(COUNTERS, counters)];
         out.extend(self.position.state());
+        out.extend(self.smoothing.iter().flat_map(|smoothing| smoothing.state()));
         for cloud in &self.parts.clouds {
             cloud.push(&mut out);
         }
@@ -138,6 +145,7 @@ impl System for Views {
             self.parts.clouds.iter().map(|cloud| cloud.take(state)).collect::<Result<Vec<_>, SystemError>>()?;
         let counters = take_counts(state, COUNTERS, 4)?;
         let position = Position::take(state)?;
+        let filters = self.smoothing.as_ref().map(|smoothing| smoothing.take(state, &clouds)).transpose()?;
         if let Some(part) = &mut self.parts.appearance {
             part.load(state)?;
         }
@@ -145,6 +153,9 @@ impl System for Views {
             part.load(state)?;
         }
         self.parts.clouds = clouds;
+        if let (Some(smoothing), Some(filters)) = (&mut self.smoothing, filters) {
+            smoothing.put(filters);
+        }
         self.steps = counters[0];
         self.position = position;
         self.guard = NonFiniteGuard::default().resumed(counters[1], counters[2], counters[3]);

@@ -99,7 +99,13 @@ fn system(data: &Dataset, kind: DensityKind, view_space: ViewSpaceGradient) -> V
     let parts = ViewParts {
         name: "made",
         frame: CloudFrame { centre: [0.0; 3], scale: 3.3 },
-        pictures: PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: 1 },
+        pictures: PictureConfig {
+            near: 0.01,
+            widening: WideningKind::Keeps,
+            smoothing: 0.2,
+            coarse: 0,
+            coarse_steps: 1,
+        },
         clouds,
         terms: vec![Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: 0.2 })), Box::new(RedLabel)],
         weights: Vec::new(),

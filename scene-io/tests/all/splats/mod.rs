@@ -140,17 +140,32 @@ fn empty_clouds_are_files() {
 }
 
 #[test]
-fn how_a_cloud_wants_to_be_drawn_is_kept_by_spz_alone() {
+fn how_a_cloud_wants_to_be_drawn_is_kept_where_the_format_can_say_it() {
     let cloud = Gaussians::new(1, 0).unwrap();
     for widening in [Widening::Keeps, Widening::Dims] {
         let options = SplatOptions::default().with_widening(widening);
         let (bytes, notes) = encode_splats(Path::new("a.spz"), &cloud, &options).unwrap();
         assert_eq!((parse("a.spz", &bytes).unwrap().widening, notes), (Some(widening), vec![]));
-        for name in ["a.ply", "a.splat"] {
-            let (bytes, notes) = encode_splats(Path::new(name), &cloud, &options).unwrap();
-            assert_eq!(parse(name, &bytes).unwrap().widening, None);
-            assert_eq!(notes.iter().any(|n| n.contains("antialiasing")), widening == Widening::Dims);
-        }
+        let (bytes, notes) = encode_splats(Path::new("a.ply"), &cloud, &options).unwrap();
+        let said = (widening == Widening::Dims).then_some(widening);
+        assert_eq!((parse("a.ply", &bytes).unwrap().widening, notes), (said, vec![]));
+        let (bytes, notes) = encode_splats(Path::new("a.splat"), &cloud, &options).unwrap();
+        assert_eq!(parse("a.splat", &bytes).unwrap().widening, None);
+        assert_eq!(notes.iter().any(|n| n.contains("antialiasing")), widening == Widening::Dims);
+    }
+    // As other programs say it.
+    let (bytes, _) = encode("a.ply", &cloud);
+    let text = String::from_utf8_lossy(&bytes);
+    let at = text.find("element").unwrap();
+    for (comment, want) in [
+        ("SplatRenderMode: mip", Some(Widening::Dims)),
+        ("SplatRenderMode: default", Some(Widening::Keeps)),
+        ("antialiased 1", Some(Widening::Dims)),
+        ("antialiased 0", Some(Widening::Keeps)),
+        ("antialiased", None),
+    ] {
+        let said = [&bytes[..at], format!("comment {comment}\n").as_bytes(), &bytes[at..]].concat();
+        assert_eq!(parse("a.ply", &said).unwrap().widening, want, "{comment}");
     }
 }
 

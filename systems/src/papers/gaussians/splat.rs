@@ -21,7 +21,7 @@ mod start;
 
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
-use crate::plan::{Ask, Built, CloudPace, Ground};
+use crate::plan::{Ask, Built, CloudPace, Ground, differing_widths};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::{
@@ -47,10 +47,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Kerbl et al., 2023",
     what: "A cloud of Gaussians, drawn tile by tile",
     take: "to look around smoothly, and files for other programs; a minute or more of training",
-    differs: "Gaussians are split along their longest axis at an even pace, up to a number that pixels and steps allow; \
-              opacities fade instead of being reset; large ones stay, but are smaller beside cameras. Schedules take as \
-              many steps as the run is likely to have, sizes and colours learn twice as fast, all rates fade in the end. Large \
-              photos are drawn smaller at first; without points Gaussians begin where a field sees surfaces.",
+    differs: "Gaussians are split along their longest axis at an even pace, up to what pixels and steps allow; opacities \
+              fade instead of being reset; large ones stay, but are smaller beside cameras. Schedules fit the run, sizes and \
+              colours learn twice as fast, all rates fade in the end. Large photos are drawn smaller at first, and \
+              antialiased where pixels differ; with few points Gaussians begin where a field sees surfaces.",
     mark: "axis splits, no opacity reset",
 };
 
@@ -91,7 +91,7 @@ const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune
 const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
 /// Smaller pictures at first are not of the paper; how small, and for how long, is planned.
 const PICTURES: PictureConfig =
-    PictureConfig { near: 0.01, widening: WideningKind::Keeps, coarse: 0, coarse_steps: HORIZON / 4 };
+    PictureConfig { near: 0.01, widening: WideningKind::Keeps, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
 /// Equation 7.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 
@@ -196,6 +196,13 @@ impl Planned {
             ));
         }
         lines.push(format!("schedule: of {horizon} steps"));
+        let differing = differing_widths(data);
+        let antialiased = differing.map_or(PICTURES, |ratio| {
+            lines.push(format!(
+                "pixels: {ratio:.1} times as wide in some photos as in others: drawn antialiased (widening=dims)"
+            ));
+            PictureConfig { widening: WideningKind::Dims, ..PICTURES }
+        });
         let free_space = free_space_line(data);
         Ok(Self {
             cloud: CloudConfig {
@@ -209,7 +216,7 @@ impl Planned {
             field_steps,
             rates: CloudRates { horizon, ..RATES },
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
-            pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
+            pictures: PictureConfig { coarse, coarse_steps, ..antialiased },
             pace: Some(pace),
             free_space,
         })
@@ -296,7 +303,7 @@ mod tests {
             of_nothing(&[], &mut settings).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 36, "{all:?}");
+        assert_eq!(all.len(), 37, "{all:?}");
         let adc = asked(toml::toml! { density = "adc" }).unwrap();
         assert!(
             adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost") && !adc.contains_key("opacity_decay")
@@ -333,6 +340,7 @@ mod tests {
             ("densify_gradient", (-1.0).into()),
             ("lr_dc", f64::NAN.into()),
             ("near", 0.0.into()),
+            ("smoothing", (-0.1).into()),
             ("coarse", 7.into()),
             ("dssim", 1.5.into()),
         ] {
