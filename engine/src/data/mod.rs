@@ -162,6 +162,15 @@ impl Dataset {
         Ok(())
     }
 
+    /// Begin to decode image `i` beside what else is done, for who will ask for it next; nothing where all are decoded, or where the
+    /// store's memory does not hold two. What cannot be read is told to who asks for it.
+    pub fn decode_ahead(&self, i: usize) {
+        if self.resident.get().is_none() && self.window_views > 1 {
+            let (store, frame) = (self.store.clone(), self.views[i].frame);
+            rayon::spawn(move || drop(store.get(frame)));
+        }
+    }
+
     /// Whether all views fit in the store's memory at one time.
     pub fn fits(&self) -> bool {
         self.fits

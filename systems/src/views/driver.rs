@@ -140,8 +140,12 @@ impl Views {
 
     /// The photo of a step: all of them, in an order of their own, before any comes again; its camera, and what is behind it.
     fn show(&mut self, data: &Dataset, step: u64) -> Result<Shown, SystemError> {
-        let seed = self.parts.seed;
-        self.show_one(data, step, |photos| turn(Rng::new(seed, EPOCHS), step, photos))
+        let rng = Rng::new(self.parts.seed, EPOCHS);
+        let shown = self.show_one(data, step, |photos| turn(rng, step, photos))?;
+        if let Some((_, photos)) = &self.photos {
+            photos.read_ahead(data, turn(rng, step + 1, photos.len(data)));
+        }
+        Ok(shown)
     }
 
     /// One of the photos, as step `step` would show it: `which` chooses among so many.

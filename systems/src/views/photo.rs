@@ -110,6 +110,13 @@ impl PhotoSet {
         self.smaller.as_ref().unwrap_or(data).len()
     }
 
+    /// Begin to read a photo that will be asked for.
+    pub(super) fn read_ahead(&self, data: &Dataset, i: usize) {
+        if self.copies.is_none() {
+            self.smaller.as_ref().unwrap_or(data).decode_ahead(i);
+        }
+    }
+
     /// A photo and its camera without lens; `data` are those that [`new`](Self::new) was given.
     pub(super) fn get(&mut self, data: &Dataset, i: usize) -> Result<(Arc<Image>, Camera), SceneError> {
         let copy = match &self.copies {
@@ -166,14 +173,17 @@ mod tests {
             Dataset::new(&scene, Arc::new(store), (0..scene.frames.len()).collect()).unwrap()
         };
         for halvings in [0, 1] {
-            let (much, little) = (of(1 << 30), of(1));
+            let (much, little, some) = (of(1 << 30), of(1), of(5 * u64::from(made::SIDE * made::SIDE) * 3));
             let mut kept = PhotoSet::new(&much, halvings).unwrap();
             let mut made = PhotoSet::new(&little, halvings).unwrap();
-            assert!(kept.copies.is_some() && made.copies.is_none());
+            let mut ahead = PhotoSet::new(&some, halvings).unwrap();
+            assert!(kept.copies.is_some() && made.copies.is_none() && ahead.copies.is_none());
             for i in [0, 1, 2, 3, 4, 11, 0, 11] {
                 let (one, other) = (kept.get(&much, i).unwrap(), made.get(&little, i).unwrap());
                 assert_eq!((&one.0.data, &one.0.mask, one.1), (&other.0.data, &other.0.mask, other.1), "{i}");
                 assert_eq!(one.0.mask.is_some(), i != 2);
+                ahead.read_ahead(&some, (i + 1) % 12);
+                assert_eq!(ahead.get(&some, i).unwrap(), one, "{i}");
             }
             assert!(made.planes.len() == PLANES && kept.planes.len() == scene.frames.len() - 1);
         }
