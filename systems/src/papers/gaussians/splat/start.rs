@@ -18,6 +18,9 @@ use splat_core::Gaussians;
 /// A field of fewer steps knows no surfaces, and one of more sees none better.
 const FIELD_STEPS: [u64; 2] = [100, 1_000];
 
+/// Fewer points than this say less of a scene than a field that is trained first.
+const FEW_POINTS: usize = 2_000;
+
 /// Where Gaussians begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -62,12 +65,12 @@ pub(super) enum Places {
 }
 
 impl StartConfig {
-    /// Of a scene that has points or none, for a run with time for a field of `field_steps` steps.
+    /// Of a scene that has many points, few or none, for a run with time for a field of `field_steps` steps.
     pub(super) fn planned(scene: &Scene, field_steps: Option<u64>) -> Self {
-        let start = match (scene.points.is_empty(), field_steps) {
-            (false, _) => StartKind::Points,
-            (true, None) => StartKind::Random,
-            (true, Some(_)) => StartKind::Field,
+        let start = match (scene.points.len(), field_steps) {
+            (..FEW_POINTS, Some(_)) => StartKind::Field,
+            (0, None) => StartKind::Random,
+            _ => StartKind::Points,
         };
         Self { start }
     }
@@ -193,4 +196,21 @@ pub(super) fn field_steps(steps: f64) -> Option<u64> {
 /// How the cloud begins, but for the number of random places.
 fn options(cloud: &CloudConfig, seed: u64) -> StartOptions {
     StartOptions { degree: cloud.sh_degree, max: cloud.max_splats, random: 0, seed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::made;
+    use glam::DVec3;
+
+    #[test]
+    fn a_field_stands_for_points_that_are_few_where_there_is_time_for_one() {
+        let of = |points: usize, steps: Option<u64>| {
+            let points = vec![Point { xyz: DVec3::ZERO, rgb: [0; 3] }; points];
+            StartConfig::planned(&made::scene(Vec::new(), points).0, steps).start
+        };
+        assert_eq!([0, 1999, 2000].map(|n| of(n, Some(250))), [StartKind::Field, StartKind::Field, StartKind::Points]);
+        assert_eq!([0, 1999, 2000].map(|n| of(n, None)), [StartKind::Random, StartKind::Points, StartKind::Points]);
+    }
 }
