@@ -1,10 +1,16 @@
 //! Density control by splits along the longest axis, which hardly change the picture.
 
+use alloc::vec::Vec;
+
 use float_core::m64;
 
 use super::rows::{countable, hottest, split_and_cloned};
 use super::{Change, Rows, logit, opacity, rotation, scales};
+use crate::chunks::for_each;
 use crate::{Gaussians, SplatError};
+
+/// Rows per task.
+const CHUNK: usize = 1024;
 
 /// Settings of splits along the longest axis. Steps count from 1.
 ///
@@ -35,6 +41,8 @@ pub struct AxisSplit {
     pub gradient_threshold: f32,
     /// Longest standard deviation of the children in that of their parent, at least 1/2.
     pub shorter: f64,
+    /// Fade at steps divisible by this. The more often, and the less each time, the less a picture differs from the one before.
+    pub fade_every: u64,
     /// Factor on opacities each time, down to [`decay_to`](Self::decay_to): those that no photo needs fade.
     pub decay: f64,
     /// Opacities fall no lower than this by decay.
@@ -51,6 +59,7 @@ impl AxisSplit {
         every: 100,
         gradient_threshold: 2e-4,
         shorter: core::f64::consts::FRAC_1_SQRT_2,
+        fade_every: 100,
         decay: 1.0,
         decay_to: 1.0 / 128.0,
         opacity_min: 0.005,
@@ -62,6 +71,7 @@ impl AxisSplit {
         with_every every: u64;
         with_gradient_threshold gradient_threshold: f32;
         with_shorter shorter: f64;
+        with_fade_every fade_every: u64;
         with_decay decay: f64;
         with_decay_to decay_to: f64;
         with_opacity_min opacity_min: f64;
@@ -76,6 +86,7 @@ impl AxisSplit {
         let threshold = f64::from(self.gradient_threshold);
         let checks = [
             ("every", self.every as f64, self.every > 0, "at least 1"),
+            ("fade_every", self.fade_every as f64, self.fade_every > 0, "at least 1"),
             ("gradient_threshold", threshold, threshold > 0.0 && threshold.is_finite(), "a positive number"),
             ("shorter", self.shorter, (0.5..1.0).contains(&self.shorter), "a number from 0.5 to 1, 1 excluded"),
             ("decay", self.decay, self.decay > 0.0 && self.decay <= 1.0, "a number above 0, at most 1"),
@@ -92,6 +103,12 @@ impl AxisSplit {
     #[must_use]
     pub fn grows_at(&self, step: u64) -> bool {
         step > self.after && step < self.until && step.is_multiple_of(self.every)
+    }
+
+    /// Whether to [`fade`](Self::fade) at the end of this step.
+    #[must_use]
+    pub fn fades_at(&self, step: u64) -> bool {
+        step > self.after && step < self.until && step.is_multiple_of(self.fade_every)
     }
 
     /// How many there may be after the change of a step: what room is left up to `max` is given out evenly over the changes to come,
@@ -154,14 +171,17 @@ impl AxisSplit {
         self.check()?;
         cloud.check()?;
         if self.decay < 1.0 {
-            for x in &mut cloud.logit {
-                let o = m64::logistic(f64::from(*x));
-                let faded = (self.decay * o).max(self.decay_to);
-                // Not `min`, which would replace NaN.
-                if faded < o {
-                    *x = logit(faded);
+            let mut parts: Vec<&mut [f32]> = cloud.logit.chunks_mut(CHUNK).collect();
+            for_each(&mut parts, |_, part| {
+                for x in part.iter_mut() {
+                    let o = m64::logistic(f64::from(*x));
+                    let faded = (self.decay * o).max(self.decay_to);
+                    // Not `min`, which would replace NaN.
+                    if faded < o {
+                        *x = logit(faded);
+                    }
                 }
-            }
+            });
         }
         Ok(())
     }

@@ -59,6 +59,8 @@ impl ProxyTerms {
 
 /// No more pixels are drawn for a seed.
 const MOST_DRAWN: usize = 16;
+/// So many steps the cloud is given before it is shown instead of the field: at its first ones it is 6 dB behind (lego at 400x400).
+const BEGUN: u64 = 100;
 /// Name of the number of steps in checkpoints.
 const STEPS: &str = "proxy.steps";
 
@@ -78,17 +80,32 @@ impl Proxied {
         Self { terms, field: Some(field), cloud, steps: 0, seconds: [0.0; 2] }
     }
 
-    /// What is trained, and looked at.
-    fn current(&self) -> &dyn System {
+    /// The field for the first `steps` steps, then the cloud.
+    fn after(&self, steps: u64) -> &dyn System {
         match &self.field {
-            Some(field) if self.steps < self.terms.config.field_steps => field,
+            Some(field) if self.steps < steps => field,
             _ => &self.cloud,
         }
     }
 
-    /// Whether the field is asked for anything in the next step or a later one.
+    /// What is trained.
+    fn current(&self) -> &dyn System {
+        self.after(self.terms.config.field_steps)
+    }
+
+    /// What is looked at.
+    fn shown(&self) -> &dyn System {
+        self.after(self.shown_until())
+    }
+
+    /// Until so many steps are made the field is looked at.
+    fn shown_until(&self) -> u64 {
+        self.terms.config.field_steps.saturating_add(BEGUN)
+    }
+
+    /// Whether the field is asked for anything in the next step or a later one, or looked at after this one.
     fn asks_field(&self) -> bool {
-        self.steps <= self.terms.config.field_steps || self.cloud.takes_more()
+        self.steps < self.shown_until() || self.cloud.takes_more()
     }
 
     fn see(&self, photo: &PhotoPixels) -> Vec<Place> {
@@ -170,23 +187,23 @@ impl System for Proxied {
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
-        self.current().render(rays, query)
+        self.shown().render(rays, query)
     }
 
     fn render_cones(&self, rays: &[Ray], radii: &[f32], query: &Query) -> Layers {
-        self.current().render_cones(rays, radii, query)
+        self.shown().render_cones(rays, radii, query)
     }
 
     fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
-        self.current().render_view(camera, query)
+        self.shown().render_view(camera, query)
     }
 
     fn render_before(&self, camera: &Camera, depth: f64, query: &Query) -> Option<Vec<f32>> {
-        self.current().render_before(camera, depth, query)
+        self.shown().render_before(camera, depth, query)
     }
 
     fn rays_per_side(&self) -> u32 {
-        self.current().rays_per_side()
+        self.shown().rays_per_side()
     }
 
     fn splats(&self) -> Option<Splats> {
@@ -194,19 +211,19 @@ impl System for Proxied {
     }
 
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
-        self.current().density(points, time, out);
+        self.shown().density(points, time, out);
     }
 
     fn first_sample(&self, ray: &Ray) -> f64 {
-        self.current().first_sample(ray)
+        self.shown().first_sample(ray)
     }
 
     fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
-        self.current().colour(points, d, time, out);
+        self.shown().colour(points, d, time, out);
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {
-        self.current().bounds()
+        self.shown().bounds()
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {

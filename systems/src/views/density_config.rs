@@ -54,7 +54,8 @@ pub(crate) struct SplitConfig {
     /// Densification threshold: split where the mean view-space gradient is at least this, in normalised device coordinates. Those with
     /// the largest are split first: their number grows evenly, to the most there may be at the last change.
     pub(crate) densify_gradient: f32,
-    /// Factor on all opacities at each change, down to 1/128: what no photo needs fades, and is removed in the end.
+    /// Factor on all opacities in the steps from one change to the next, a little of it every tenth, down to 1/128: what no photo needs
+    /// fades, and is removed in the end.
     pub(crate) opacity_decay: f32,
     /// This share of the Gaussians that come begins where a field sees what badly drawn pixels show, which is trained first; the others
     /// are split from Gaussians that are there. 0: no field is trained for them.
@@ -145,6 +146,14 @@ impl DensityRules {
         }
     }
 
+    /// Steps between two times that opacities fade; `None`: they do not.
+    pub(crate) fn fade_every(&self) -> Option<u64> {
+        match &self.control {
+            ControlConfig::Split(split) => Some(split.rules(&self.schedule).fade_every),
+            ControlConfig::Adc(_) | ControlConfig::Mcmc(_) => None,
+        }
+    }
+
     /// Whether floaters are looked for after `steps` steps of the schedule.
     pub(crate) fn finds_floaters(&self, steps: u64) -> bool {
         self.schedule.free_space && steps.is_multiple_of(self.schedule.densify_every)
@@ -165,15 +174,21 @@ impl AdcConfig {
     }
 }
 
+/// Steps between two times that opacities fade, where changes are not more often.
+const FADE_EVERY: u64 = 10;
+
 impl SplitConfig {
     /// The rules of `splat_core`.
     pub(crate) fn rules(&self, schedule: &DensityConfig) -> AxisSplit {
+        let fade_every = schedule.densify_every.clamp(1, FADE_EVERY);
+        let share = fade_every as f64 / schedule.densify_every as f64;
         AxisSplit::DEFAULT
+            .with_fade_every(fade_every)
             .with_after(schedule.densify_from)
             .with_until(schedule.densify_until)
             .with_every(schedule.densify_every)
             .with_gradient_threshold(self.densify_gradient)
-            .with_decay(self.opacity_decay.into())
+            .with_decay(f64::from(self.opacity_decay).powf(share))
     }
 }
 
@@ -188,5 +203,27 @@ impl McmcConfig {
             .with_noise(f64::from(self.mcmc_noise))
             .with_opacity_weight(cost)
             .with_scale_weight(cost)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opacities_fade_as_much_in_small_steps_as_at_once() {
+        let split = SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9, refill: 0.0 };
+        for (every, times) in [(100, 10), (50, 5), (7, 1), (1, 1)] {
+            let schedule = DensityConfig {
+                density: DensityKind::Split,
+                densify_from: 0,
+                densify_until: 1000,
+                densify_every: every,
+                free_space: false,
+            };
+            let rules = split.rules(&schedule);
+            assert_eq!((1..=every).filter(|step| rules.fades_at(*step)).count(), times, "{every}");
+            assert!((rules.decay.powi(times as i32) - 0.9).abs() < 1e-6, "{every}");
+        }
     }
 }

@@ -75,6 +75,8 @@ pub(crate) struct ChangeTime {
     pub(crate) position: u64,
     /// Steps of the schedule that are done with it: published schedules count from 1.
     pub(crate) steps_done: u64,
+    /// The same, for what happens between the changes.
+    pub(crate) fades_done: u64,
 }
 
 /// What became of the rows of a cloud in a step.
@@ -181,9 +183,11 @@ impl DensityControl {
                 if let Some(rows) = &changed.rows {
                     *gradients = gradients.follow(rows)?;
                 }
+                if rules.fades_at(change.when.fades_done) {
+                    rules.fade(cloud)?;
+                }
                 if rules.grows_at(count) {
                     keep_in_range(cloud, EXTENT)?;
-                    rules.fade(cloud)?;
                     let kept = rules.prune(cloud, |_| false)?;
                     *gradients = gradients.follow(&kept)?;
                     changed.keep(kept, cloud)?;

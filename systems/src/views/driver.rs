@@ -296,7 +296,10 @@ impl Views {
         for (index, cloud) in self.parts.clouds.iter_mut().enumerate() {
             let free_space = self.free_space.as_ref().filter(|_| finds(cloud));
             let floaters = |cloud: &_| free_space.map_or(Ok(None), |free| free.without_floaters(cloud, &frame));
-            let when = ChangeTime { step, position: position.of(step), steps_done: steps_done(cloud) };
+            let steps_done = steps_done(cloud);
+            let fades_done =
+                cloud.training.density.fade_every().map_or(steps_done, |every| position.steps_done(step, every));
+            let when = ChangeTime { step, position: position.of(step), steps_done, fades_done };
             let changed = cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
             if let Some(smoothing) = self.smoothing.as_mut().filter(|_| changed || Smoothing::is_due(step + 1)) {
                 smoothing.measure(index, &cloud.parameters.gaussians).map_err(refused)?;

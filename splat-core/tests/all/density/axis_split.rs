@@ -115,6 +115,8 @@ fn opacities_fade_to_the_least_one_and_no_further() {
         assert!((opacity(&g, i) - want).abs() < 1e-6, "{i}");
     }
     assert!(g.logit[9].is_nan(), "the guard must still see it");
+    let often = SPLIT.with_after(10).with_until(31).with_fade_every(5);
+    assert_eq!((0..50).filter(|step| often.fades_at(*step)).collect::<Vec<_>>(), [15, 20, 25, 30]);
 }
 
 #[test]
@@ -148,6 +150,7 @@ fn settings_out_of_range_and_wrong_lengths_are_refused_by_name() {
         (SPLIT.with_shorter(0.4), "shorter"),
         (SPLIT.with_shorter(f64::NAN), "shorter"),
         (SPLIT.with_every(0), "every"),
+        (SPLIT.with_fade_every(0), "fade_every"),
         (SPLIT.with_decay(0.0), "decay"),
         (SPLIT.with_decay_to(1.0), "decay_to"),
         (SPLIT.with_opacity_min(0.0), "opacity_min"),
