@@ -230,17 +230,16 @@ impl Task for Smooth<'_, '_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { cloud, sizes, first, piece } = self;
-        let (n, len) = (cloud.len(), piece[3].len());
-        for i in (0..len).step_by(V::LANES) {
+        let [scales @ .., logits] = piece;
+        for i in (0..logits.len()).step_by(V::LANES) {
             let filtered = Filtered::<V>::load(cloud, sizes, first + i);
-            for k in 0..3 {
-                let wider = vecmath::softplus(filtered.ratio[k]);
-                let log_scale = lanes::<V>(&cloud.log_scale, n, k, first + i);
-                wider.mul_add(V::splat(0.5), log_scale).store_part(&mut piece[k][i..]);
+            for (k, (scales, ratio)) in scales.iter_mut().zip(filtered.ratio).enumerate() {
+                let log_scale = lanes::<V>(&cloud.log_scale, cloud.len(), k, first + i);
+                vecmath::softplus(ratio).mul_add(V::splat(0.5), log_scale).store_part(&mut scales[i..]);
             }
             // ln(o / (1 - o)).
             let clear = vecmath::one_minus_exp_neg(filtered.faintness);
-            (-filtered.faintness - vecmath::ln(clear)).store_part(&mut piece[3][i..]);
+            (-filtered.faintness - vecmath::ln(clear)).store_part(&mut logits[i..]);
         }
     }
 }
@@ -258,19 +257,19 @@ impl Task for SmoothBackward<'_, '_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { cloud, sizes, first, piece } = self;
-        let (n, len) = (cloud.len(), piece[3].len());
-        for i in (0..len).step_by(V::LANES) {
+        let [scales @ .., logits] = piece;
+        for i in (0..logits.len()).step_by(V::LANES) {
             let filtered = Filtered::<V>::load(cloud, sizes, first + i);
             // d logit' / d ln o' = 1 / (1 - o').
-            let bar = V::load_part(&piece[3][i..]) / vecmath::one_minus_exp_neg(filtered.faintness);
-            for k in 0..3 {
+            let bar = V::load_part(&logits[i..]) / vecmath::one_minus_exp_neg(filtered.faintness);
+            for (scales, ratio) in scales.iter_mut().zip(filtered.ratio) {
                 // d ln s' / d ln s is what of the variance is the Gaussian's own; d ln o' / d ln s is the rest.
-                let (own, rest) = (vecmath::logistic(-filtered.ratio[k]), vecmath::logistic(filtered.ratio[k]));
-                let scale_bar = V::load_part(&piece[k][i..]);
-                scale_bar.mul_add(own, bar * rest).store_part(&mut piece[k][i..]);
+                let (own, rest) = (vecmath::logistic(-ratio), vecmath::logistic(ratio));
+                let scale_bar = V::load_part(&scales[i..]);
+                scale_bar.mul_add(own, bar * rest).store_part(&mut scales[i..]);
             }
-            let logit = lanes::<V>(&cloud.logit, n, 0, first + i);
-            (bar * vecmath::logistic(-logit)).store_part(&mut piece[3][i..]);
+            let logit = lanes::<V>(&cloud.logit, cloud.len(), 0, first + i);
+            (bar * vecmath::logistic(-logit)).store_part(&mut logits[i..]);
         }
     }
 }

@@ -17,7 +17,6 @@ mod near;
 mod ngp_settings;
 mod pace;
 mod parallax;
-mod pixel_widths;
 mod ray_choice;
 mod speed;
 
@@ -30,6 +29,5 @@ pub(crate) use moving::{Moving, moving_field};
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
 pub(crate) use pace::CloudPace;
-pub(crate) use pixel_widths::differing_widths;
 pub(crate) use ray_choice::RaySettings;
 pub use speed::machine_speed;

@@ -21,7 +21,7 @@ mod start;
 
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
-use crate::plan::{Ask, Built, CloudPace, Ground, differing_widths};
+use crate::plan::{Ask, Built, CloudPace, Ground};
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::{
@@ -49,8 +49,8 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "to look around smoothly, and files for other programs; a minute or more of training",
     differs: "Gaussians are split along their longest axis at an even pace, up to what pixels and steps allow; opacities \
               fade instead of being reset; large ones stay, but are smaller beside cameras. Schedules fit the run, sizes and \
-              colours learn twice as fast, all rates fade in the end. Large photos are drawn smaller at first, and \
-              antialiased where pixels differ; with few points Gaussians begin where a field sees surfaces.",
+              colours learn twice as fast, all rates fade in the end. Pictures are antialiased (Mip-Splatting), and of large \
+              photos smaller at first; with few points Gaussians begin where a field sees surfaces.",
     mark: "axis splits, no opacity reset",
 };
 
@@ -89,9 +89,10 @@ const SPLIT: SplitConfig = SplitConfig { densify_gradient: 1e-4, opacity_decay: 
 const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 };
 /// Kheradmand et al., 2024: `lambda_o = lambda_s = 0.01` (equation 10), `lambda_noise = 5e5` (section 5).
 const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
-/// Smaller pictures at first are not of the paper; how small, and for how long, is planned.
+/// Smaller pictures at first, and opacity that falls with the area that a pixel's width adds (Yu et al., "Mip-Splatting", 2024, section
+/// 4.2), are not of the paper; how small, and for how long, is planned.
 const PICTURES: PictureConfig =
-    PictureConfig { near: 0.01, widening: WideningKind::Keeps, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
+    PictureConfig { near: 0.01, widening: WideningKind::Dims, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
 /// Equation 7.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 
@@ -196,13 +197,6 @@ impl Planned {
             ));
         }
         lines.push(format!("schedule: of {horizon} steps"));
-        let differing = differing_widths(data);
-        let antialiased = differing.map_or(PICTURES, |ratio| {
-            lines.push(format!(
-                "pixels: {ratio:.1} times as wide in some photos as in others: drawn antialiased (widening=dims)"
-            ));
-            PictureConfig { widening: WideningKind::Dims, ..PICTURES }
-        });
         let free_space = free_space_line(data);
         Ok(Self {
             cloud: CloudConfig {
@@ -216,7 +210,7 @@ impl Planned {
             field_steps,
             rates: CloudRates { horizon, ..RATES },
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
-            pictures: PictureConfig { coarse, coarse_steps, ..antialiased },
+            pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
             pace: Some(pace),
             free_space,
         })
