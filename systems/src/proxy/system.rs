@@ -59,7 +59,8 @@ impl ProxyTerms {
 
 /// No more pixels are drawn for a seed.
 const MOST_DRAWN: usize = 16;
-/// So many steps the cloud is given before it is shown instead of the field: at its first ones it is 6 dB behind (lego at 400x400).
+/// So many steps the cloud is given before it is shown instead of the field, or as many as that had: at its first ones it is 6 dB behind
+/// (lego at 400x400).
 const BEGUN: u64 = 100;
 /// Name of the number of steps in checkpoints.
 const STEPS: &str = "proxy.steps";
@@ -100,7 +101,8 @@ impl Proxied {
 
     /// Until so many steps are made the field is looked at.
     fn shown_until(&self) -> u64 {
-        self.terms.config.field_steps.saturating_add(BEGUN)
+        let of_field = self.terms.config.field_steps;
+        of_field.saturating_add(BEGUN.min(of_field))
     }
 
     /// Whether the field is asked for anything in the next step or a later one, or looked at after this one.
