@@ -148,7 +148,7 @@ impl Smoothed {
         self.log_scale.resize(cloud.log_scale.len(), 0.0);
         self.logit.resize(cloud.logit.len(), 0.0);
         let mut pieces = pieces(&mut self.log_scale, &mut self.logit);
-        for_each(&mut pieces, |k, piece| simd.run(Smooth { cloud, sizes, first: k * CHUNK, piece }));
+        for_each(&mut pieces, |k, piece| simd.run(Smooth::<false> { cloud, sizes, first: k * CHUNK, piece }));
         Ok(())
     }
 
@@ -170,7 +170,7 @@ impl Smoothed {
             return Err(SplatError::Shape { what: "grad", want: cloud.len(), got: grad.len() });
         }
         let mut pieces = pieces(&mut grad.log_scale, &mut grad.logit);
-        for_each(&mut pieces, |k, piece| simd.run(SmoothBackward { cloud, sizes, first: k * CHUNK, piece }));
+        for_each(&mut pieces, |k, piece| simd.run(Smooth::<true> { cloud, sizes, first: k * CHUNK, piece }));
         Ok(())
     }
 }
@@ -217,14 +217,15 @@ impl<V: Vector> Filtered<V> {
     }
 }
 
-struct Smooth<'p, 'a> {
+/// A chunk of Gaussians, filtered, or with `BACKWARD` the gradient in `piece` taken back.
+struct Smooth<'p, 'a, const BACKWARD: bool> {
     cloud: &'p Gaussians,
     sizes: &'p [f32],
     first: usize,
     piece: &'p mut Piece<'a>,
 }
 
-impl Task for Smooth<'_, '_> {
+impl<const BACKWARD: bool> Task for Smooth<'_, '_, BACKWARD> {
     type Output = ();
 
     #[inline(always)]
@@ -232,44 +233,28 @@ impl Task for Smooth<'_, '_> {
         let Self { cloud, sizes, first, piece } = self;
         let [scales @ .., logits] = piece;
         for i in (0..logits.len()).step_by(V::LANES) {
-            let filtered = Filtered::<V>::load(cloud, sizes, first + i);
-            for (k, (scales, ratio)) in scales.iter_mut().zip(filtered.ratio).enumerate() {
-                let log_scale = lanes::<V>(&cloud.log_scale, cloud.len(), k, first + i);
-                vecmath::softplus(ratio).mul_add(V::splat(0.5), log_scale).store_part(&mut scales[i..]);
-            }
-            // ln(o / (1 - o)).
-            let clear = vecmath::one_minus_exp_neg(filtered.faintness);
-            (-filtered.faintness - vecmath::ln(clear)).store_part(&mut logits[i..]);
-        }
-    }
-}
-
-struct SmoothBackward<'p, 'a> {
-    cloud: &'p Gaussians,
-    sizes: &'p [f32],
-    first: usize,
-    piece: &'p mut Piece<'a>,
-}
-
-impl Task for SmoothBackward<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<V: Vector>(self) {
-        let Self { cloud, sizes, first, piece } = self;
-        let [scales @ .., logits] = piece;
-        for i in (0..logits.len()).step_by(V::LANES) {
-            let filtered = Filtered::<V>::load(cloud, sizes, first + i);
+            let Filtered { ratio, faintness } = Filtered::<V>::load(cloud, sizes, first + i);
+            let clear = vecmath::one_minus_exp_neg(faintness);
             // d logit' / d ln o' = 1 / (1 - o').
-            let bar = V::load_part(&logits[i..]) / vecmath::one_minus_exp_neg(filtered.faintness);
-            for (scales, ratio) in scales.iter_mut().zip(filtered.ratio) {
-                // d ln s' / d ln s is what of the variance is the Gaussian's own; d ln o' / d ln s is the rest.
-                let (own, rest) = (vecmath::logistic(-ratio), vecmath::logistic(ratio));
-                let scale_bar = V::load_part(&scales[i..]);
-                scale_bar.mul_add(own, bar * rest).store_part(&mut scales[i..]);
+            let bar = V::load_part(&logits[i..]) / clear;
+            for (k, (scales, ratio)) in scales.iter_mut().zip(ratio).enumerate() {
+                let out = if BACKWARD {
+                    // d ln s' / d ln s is what of the variance is the Gaussian's own; d ln o' / d ln s is the rest.
+                    let (own, rest) = (vecmath::logistic(-ratio), vecmath::logistic(ratio));
+                    V::load_part(&scales[i..]).mul_add(own, bar * rest)
+                } else {
+                    let log_scale = lanes::<V>(&cloud.log_scale, cloud.len(), k, first + i);
+                    vecmath::softplus(ratio).mul_add(V::splat(0.5), log_scale)
+                };
+                out.store_part(&mut scales[i..]);
             }
-            let logit = lanes::<V>(&cloud.logit, cloud.len(), 0, first + i);
-            (bar * vecmath::logistic(-logit)).store_part(&mut logits[i..]);
+            let out = if BACKWARD {
+                bar * vecmath::logistic(-lanes::<V>(&cloud.logit, cloud.len(), 0, first + i))
+            } else {
+                // ln(o / (1 - o)).
+                -faintness - vecmath::ln(clear)
+            };
+            out.store_part(&mut logits[i..]);
         }
     }
 }

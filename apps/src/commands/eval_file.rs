@@ -37,7 +37,7 @@ pub(super) fn is_meant(args: &Eval) -> Result<bool, RunError> {
         && !args.run.exists()
     {
         return Err(RunError::Option(format!(
-            "`{what}`: there is no such file; name a file of Gaussians: its pictures are compared with the photos of `{scene}`"
+            "`{what}`: there is no such file of Gaussians; check the path: its pictures are compared with the photos of `{scene}`"
         )));
     }
     match given(args) {

@@ -162,8 +162,8 @@ impl Dataset {
         Ok(())
     }
 
-    /// Begin to decode image `i` beside what else is done, for who will ask for it next; nothing where all are decoded, or where the
-    /// store's memory does not hold two. What cannot be read is told to who asks for it.
+    /// Start decoding image `i` on another thread, so that it is ready when it is asked for. Does nothing where all images are decoded,
+    /// or where the store has no room for two. The error of an image that cannot be read comes when it is asked for.
     pub fn decode_ahead(&self, i: usize) {
         if self.resident.get().is_none() && self.window_views > 1 {
             let (store, frame) = (self.store.clone(), self.views[i].frame);

@@ -102,13 +102,17 @@ impl AxisSplit {
     /// Whether to [`grow`](Self::grow) and [`prune`](Self::prune) at the end of this step.
     #[must_use]
     pub fn grows_at(&self, step: u64) -> bool {
-        step > self.after && step < self.until && step.is_multiple_of(self.every)
+        self.changes_at(step, self.every)
     }
 
     /// Whether to [`fade`](Self::fade) at the end of this step.
     #[must_use]
     pub fn fades_at(&self, step: u64) -> bool {
-        step > self.after && step < self.until && step.is_multiple_of(self.fade_every)
+        self.changes_at(step, self.fade_every)
+    }
+
+    fn changes_at(&self, step: u64, every: u64) -> bool {
+        step > self.after && step < self.until && step.is_multiple_of(every)
     }
 
     /// How many there may be after the change of a step: what room is left up to `max` is given out evenly over the changes to come,

@@ -99,7 +99,7 @@ impl Proxied {
         self.after(self.shown_until())
     }
 
-    /// Until so many steps are made the field is looked at.
+    /// Number of steps after which the cloud is shown instead of the field.
     fn shown_until(&self) -> u64 {
         let of_field = self.terms.config.field_steps;
         of_field.saturating_add(BEGUN.min(of_field))

@@ -149,7 +149,7 @@ impl DensityRules {
     /// Steps between two times that opacities fade; `None`: they do not.
     pub(crate) fn fade_every(&self) -> Option<u64> {
         match &self.control {
-            ControlConfig::Split(split) => Some(split.rules(&self.schedule).fade_every),
+            ControlConfig::Split(_) => Some(fade_every(&self.schedule)),
             ControlConfig::Adc(_) | ControlConfig::Mcmc(_) => None,
         }
     }
@@ -177,10 +177,14 @@ impl AdcConfig {
 /// Steps between two times that opacities fade, where changes are not more often.
 const FADE_EVERY: u64 = 10;
 
+fn fade_every(schedule: &DensityConfig) -> u64 {
+    schedule.densify_every.clamp(1, FADE_EVERY)
+}
+
 impl SplitConfig {
     /// The rules of `splat_core`.
     pub(crate) fn rules(&self, schedule: &DensityConfig) -> AxisSplit {
-        let fade_every = schedule.densify_every.clamp(1, FADE_EVERY);
+        let fade_every = fade_every(schedule);
         let share = fade_every as f64 / schedule.densify_every as f64;
         AxisSplit::DEFAULT
             .with_fade_every(fade_every)

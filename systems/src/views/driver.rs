@@ -143,7 +143,7 @@ impl Views {
         let rng = Rng::new(self.parts.seed, EPOCHS);
         let shown = self.show_one(data, step, |photos| turn(rng, step, photos))?;
         if let Some((_, photos)) = &self.photos {
-            photos.read_ahead(data, turn(rng, step + 1, photos.len(data)));
+            photos.read_ahead(data, || turn(rng, step + 1, photos.len(data)));
         }
         Ok(shown)
     }

@@ -5,11 +5,12 @@ use engine::data::Dataset;
 /// Arrays of a Gaussian's parameters: themselves, gradient, two moments; a checkpoint's copy of all but the gradient while it is
 /// written; the new cloud beside the old one while rows move, and what the allocator has not given back since.
 const ARRAYS: usize = 4 + 3 + 2;
-/// Bytes of a Gaussian that pictures show: projection and colour, in chunks and in one piece; two keys, where its pairs begin.
-const DRAWN: usize = 2 * (44 + 12) + 2 * 8 + 4;
+/// Bytes of a Gaussian that pictures show: projection and colour, in chunks and in one piece; two keys; where its pairs begin in each of
+/// eight bands, in chunks and in one piece.
+const DRAWN: usize = 2 * (64 + 12) + 2 * 8 + 2 * 8 * 4;
 /// Bytes of a visible Gaussian: drawn for training and for measuring, where it has colour and depth; colour and features of training;
-/// its projected gradient, its view-space gradient and their sums.
-const SEEN: usize = 2 * DRAWN + 16 + 12 + 12 + 36 + 8 + 12;
+/// its projected gradient, its view-space gradient and their sums; the size of its 3D filter, and what that makes of it.
+const SEEN: usize = 2 * DRAWN + 16 + 12 + 12 + 36 + 8 + 12 + 4 + 16;
 /// Bytes of a pair of Gaussian and tile: for training entry, place (a list that grows by doubling), blocks, gradient; for measuring
 /// the first three. Pairs of a Gaussian, of which there are more the larger the picture, and rarely this many.
 const PAIR: usize = 2 * (4 + 8 + 2) + 36;

@@ -110,10 +110,11 @@ impl PhotoSet {
         self.smaller.as_ref().unwrap_or(data).len()
     }
 
-    /// Begin to read a photo that will be asked for.
-    pub(super) fn read_ahead(&self, data: &Dataset, i: usize) {
-        if self.copies.is_none() {
-            self.smaller.as_ref().unwrap_or(data).decode_ahead(i);
+    /// Start reading the photo that is asked for next, where photos are not kept.
+    pub(super) fn read_ahead(&self, data: &Dataset, next: impl FnOnce() -> usize) {
+        let data = self.smaller.as_ref().unwrap_or(data);
+        if self.copies.is_none() && !data.fits() {
+            data.decode_ahead(next());
         }
     }
 
@@ -182,7 +183,7 @@ mod tests {
                 let (one, other) = (kept.get(&much, i).unwrap(), made.get(&little, i).unwrap());
                 assert_eq!((&one.0.data, &one.0.mask, one.1), (&other.0.data, &other.0.mask, other.1), "{i}");
                 assert_eq!(one.0.mask.is_some(), i != 2);
-                ahead.read_ahead(&some, (i + 1) % 12);
+                ahead.read_ahead(&some, || (i + 1) % 12);
                 assert_eq!(ahead.get(&some, i).unwrap(), one, "{i}");
             }
             assert!(made.planes.len() == PLANES && kept.planes.len() == scene.frames.len() - 1);

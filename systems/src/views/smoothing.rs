@@ -113,7 +113,7 @@ impl Smoothing {
         self.sizes.iter().enumerate().map(|(index, sizes)| f32_tensor(name(index), sizes))
     }
 
-    /// What [`state`](Self::state) wrote, for clouds of so many Gaussians.
+    /// Read the filters that [`state`](Self::state) wrote: a number for each Gaussian of each cloud.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or does not fit.

@@ -59,7 +59,7 @@ fn the_field_finds_what_random_places_do_not() {
         system
     };
     let common = ["start_count=2000", "max_splats=2000", "horizon=150", "coarse=0"];
-    // A few steps, which bring colours and no new places; so many that the cloud is shown.
+    // A hundred steps bring colours and no new places. After them the cloud is shown instead of the field.
     let random = psnr(&*trained(&[&common[..], &["start=\"random\""]].concat(), 100), &test);
     let field = trained(&[&common[..], &["start=\"field\"", "field_steps=150", "refill=0.0"]].concat(), 250);
     let seeds = field.splats().map_or(0, |s| s.gaussians.len());
