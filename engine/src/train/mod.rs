@@ -19,6 +19,9 @@ use watch::TransientWatch;
 /// Wall time between two tries to write a checkpoint midway.
 const RETRY: Duration = Duration::from_secs(5);
 
+/// How long a training that is interrupted goes on at most until its pictures have settled.
+const SETTLING: Duration = Duration::from_secs(5);
+
 /// What became of a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Saved {
@@ -144,6 +147,30 @@ impl Pace {
     }
 }
 
+/// The last steps of a training that was interrupted.
+#[derive(Clone, Copy, Debug, Default)]
+struct Settling {
+    /// The step at which it is over, and when it began.
+    until: Option<(u64, Instant)>,
+}
+
+impl Settling {
+    /// Whether nothing is left to be done before the stop. What is left is said once.
+    fn is_over(&mut self, step: u64, system: &dyn System, host: &mut dyn Host) -> bool {
+        let (until, begun) = *self.until.get_or_insert_with(|| {
+            let left = system.unsettled();
+            if left > 0 {
+                host.warn(&format!(
+                    "interrupted: {left} more steps, {} s at most, until pictures have settled",
+                    SETTLING.as_secs()
+                ));
+            }
+            (step + left, Instant::now())
+        });
+        step >= until || begun.elapsed() >= SETTLING
+    }
+}
+
 /// How many times a training that stops after seconds tells its system how much of the time has passed.
 const MARKS: f64 = 32.0;
 
@@ -172,11 +199,12 @@ pub fn train(
     let (mut saved_at, mut save_after) = (Instant::now(), schedule.checkpoint_every);
     let mut logged = true;
     let mut latest = Progress { step, seconds, ..Progress::default() };
+    let mut settling = Settling::default();
     let reason = loop {
         if schedule.stop.reached(step, seconds) {
             break Reason::Finished;
         }
-        if interrupt.load(Ordering::Relaxed) {
+        if interrupt.load(Ordering::Relaxed) && settling.is_over(step, system, host) {
             break Reason::Interrupted;
         }
         let clock = Instant::now();

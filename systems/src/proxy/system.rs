@@ -188,6 +188,10 @@ impl System for Proxied {
         }
     }
 
+    fn unsettled(&self) -> u64 {
+        self.shown().unsettled()
+    }
+
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
         self.shown().render(rays, query)
     }

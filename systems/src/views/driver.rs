@@ -34,6 +34,10 @@ use std::time::Instant;
 /// Streams of random numbers.
 const EPOCHS: u64 = 0x6570_6f63;
 const BACKGROUNDS: u64 = 0x6261_636b;
+/// Steps after which pictures are within 0.3 dB of the best before, once Gaussians came or photos were shown larger; with changes that
+/// are more often, this share of the steps between two of them.
+const SETTLE: u64 = 75;
+const SETTLE_SHARE: f64 = 0.75;
 /// Timed besides the parts of the pass.
 pub(super) const OWN: [&str; 2] = ["optimiser", "density control"];
 
@@ -69,6 +73,8 @@ pub(crate) struct Views {
     pub(super) guard: NonFiniteGuard,
     /// Steps made.
     pub(super) steps: u64,
+    /// The number of steps after which pictures have settled. Not part of the state: it says when a training may stop, not what it does.
+    pub(super) settled_at: u64,
     /// Where they are in the schedule.
     pub(super) position: Position,
     /// Photos at the size that steps are at.
@@ -124,6 +130,7 @@ impl Views {
             simd,
             guard: NonFiniteGuard::default(),
             steps: 0,
+            settled_at: 0,
             position: Position::default(),
             photos: None,
             cameras,
@@ -157,10 +164,16 @@ impl Views {
     ) -> Result<Shown, SystemError> {
         let clock = Instant::now();
         let level = self.parts.pictures.level(self.position.of(step));
-        // Those of another level go before new ones come.
-        let mut photos = match self.photos.take().filter(|(at, _)| *at == level) {
-            Some((_, photos)) => photos,
-            None => PhotoSet::new(data, level)?,
+        let mut photos = match self.photos.take() {
+            Some((at, photos)) if at == level => photos,
+            before => {
+                if before.is_some() {
+                    self.settled_at = step + 1 + SETTLE;
+                }
+                // Those of another level go before new ones come.
+                drop(before);
+                PhotoSet::new(data, level)?
+            }
         };
         let view = which(photos.len(data));
         let shown = photos.get(data, view);
@@ -179,7 +192,11 @@ impl Views {
 
     /// The clouds as they are drawn at a time.
     pub(super) fn clouds_at(&self, time: f64) -> Clouds<'_> {
-        let clouds = clouds_at(&self.parts, time);
+        self.filtered(clouds_at(&self.parts, time))
+    }
+
+    /// Clouds that were not drawn yet, as they are drawn.
+    pub(super) fn filtered<'a>(&self, clouds: Clouds<'a>) -> Clouds<'a> {
         match &self.smoothing {
             None => clouds,
             Some(smoothing) => clouds
@@ -301,6 +318,11 @@ impl Views {
                 cloud.training.density.fade_every().map_or(steps_done, |every| position.steps_done(step, every));
             let when = ChangeTime { step, position: position.of(step), steps_done, fades_done };
             let changed = cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
+            let schedule = &cloud.training.density.schedule;
+            if changed && when.position < schedule.densify_until {
+                let steps = SETTLE.min((SETTLE_SHARE * schedule.densify_every as f64) as u64);
+                self.settled_at = self.settled_at.max(step + 1 + steps);
+            }
             if let Some(smoothing) = self.smoothing.as_mut().filter(|_| changed || Smoothing::is_due(step + 1)) {
                 smoothing.measure(index, &cloud.parameters.gaussians).map_err(refused)?;
             }

@@ -63,6 +63,10 @@ impl System for Views {
         }
     }
 
+    fn unsettled(&self) -> u64 {
+        self.settled_at.saturating_sub(self.steps)
+    }
+
     fn render_view(&self, camera: &Camera, query: &Query) -> Option<Layers> {
         Some(self.picture(&self.clouds_at(query.time), camera, query))
     }
@@ -94,14 +98,8 @@ impl System for Views {
     }
 
     fn splats(&self) -> Option<Splats> {
-        let clouds = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians).enumerate();
-        let drawn: Vec<Cow<'_, Gaussians>> = clouds
-            .map(|(index, cloud)| match &self.smoothing {
-                None => Cow::Borrowed(cloud),
-                Some(smoothing) => Cow::Owned(smoothing.filtered(self.simd, index, cloud.clone())),
-            })
-            .collect();
-        let mut gaussians = joined(&drawn.iter().map(|cloud| &**cloud).collect::<Vec<_>>());
+        let drawn = self.filtered(self.parts.clouds.iter().map(|cloud| Cow::Borrowed(&cloud.parameters)).collect());
+        let mut gaussians = joined(&drawn.iter().map(|cloud| &cloud.gaussians).collect::<Vec<_>>());
         self.parts.frame.cloud_to_world(&mut gaussians);
         let raster = self.parts.pictures.raster();
         let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;

@@ -12,6 +12,7 @@ mod sf_nerf;
 mod splat_field;
 mod splat_pictures;
 mod splat_start;
+mod splat_stop;
 mod splat_threads;
 mod splat_training;
 mod wild_auto;
