@@ -62,7 +62,11 @@ pub(crate) fn ngp_settings(
     let samples = if transparent { SAMPLES_OF_AN_OBJECT } else { SAMPLES_OF_A_SCENE };
     let often = shown == Shown::Scene && 4 * samples * pixels < SAMPLES_OF_A_RUN;
     let rays_per_side = if often { 2 } else { 1 };
-    let step_per_pixel = if transparent && rays_per_side == 1 { 1.5 } else { 0.5 };
+    let step_per_pixel = match (rays_per_side, transparent, shown) {
+        (1, true, _) => 1.5,
+        (1, false, Shown::Scene) => 1.0,
+        _ => 0.5,
+    };
     lines.push(format!("pixels: the mean of {} ray(s) each ({pixels} training pixels)", rays_per_side * rays_per_side));
     // Pixels of extreme lenses are as large as the scene, or nothing.
     let step_min = (step_per_pixel * pixel).clamp(2e-4, 0.25) as f32;
