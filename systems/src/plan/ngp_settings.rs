@@ -62,6 +62,8 @@ pub(crate) fn ngp_settings(
     let samples = if transparent { SAMPLES_OF_AN_OBJECT } else { SAMPLES_OF_A_SCENE };
     let often = shown == Shown::Scene && 4 * samples * pixels < SAMPLES_OF_A_RUN;
     let rays_per_side = if often { 2 } else { 1 };
+    // For the same reason longer steps: a ray has fewer samples, and a step more rays. What moves keeps its short ones: longer ones were
+    // not measured there.
     let step_per_pixel = match (rays_per_side, transparent, shown) {
         (1, true, _) => 1.5,
         (1, false, Shown::Scene) => 1.0,

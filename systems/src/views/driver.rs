@@ -168,7 +168,7 @@ impl Views {
             Some((at, photos)) if at == level => photos,
             before => {
                 if before.is_some() {
-                    self.settled_at = step + 1 + SETTLE;
+                    self.unsettle(step, SETTLE);
                 }
                 // Those of another level go before new ones come.
                 drop(before);
@@ -302,6 +302,7 @@ impl Views {
     /// Gaussians come and go, and what belongs to them with them.
     fn change(&mut self, data: &Dataset, step: u64, non_finite: usize) -> Result<(), SystemError> {
         let clock = Instant::now();
+        let mut unsettled = 0;
         let frame = self.parts.frame;
         let position = self.position;
         let steps_done =
@@ -319,16 +320,22 @@ impl Views {
             let when = ChangeTime { step, position: position.of(step), steps_done, fades_done };
             let changed = cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
             let schedule = &cloud.training.density.schedule;
+            // Later ones only take floaters away.
             if changed && when.position < schedule.densify_until {
-                let steps = SETTLE.min((SETTLE_SHARE * schedule.densify_every as f64) as u64);
-                self.settled_at = self.settled_at.max(step + 1 + steps);
+                unsettled = unsettled.max(SETTLE.min((SETTLE_SHARE * schedule.densify_every as f64) as u64));
             }
             if let Some(smoothing) = self.smoothing.as_mut().filter(|_| changed || Smoothing::is_due(step + 1)) {
                 smoothing.measure(index, &cloud.parameters.gaussians).map_err(refused)?;
             }
         }
+        self.unsettle(step, unsettled);
         self.seconds[PARTS.len() + 1] += clock.elapsed().as_secs_f64();
         Ok(())
+    }
+
+    /// Step `step` changed what pictures are made of: they settle in so many more.
+    fn unsettle(&mut self, step: u64, steps: u64) {
+        self.settled_at = self.settled_at.max(step + 1 + steps);
     }
 
     /// A step.
