@@ -241,6 +241,14 @@ impl Features for HashGridFeatures {
         self.settings.level_weights(steps, &mut self.weights);
     }
 
+    fn take_values(&mut self, values: &[f32]) -> bool {
+        let alike = values.len() == self.params.len();
+        if alike {
+            self.params.copy_from_slice(values);
+        }
+        alike
+    }
+
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>) {
         out.push(f32_tensor(names.parameters.clone(), &self.params));
         for (level, adam) in self.adam.iter().enumerate() {

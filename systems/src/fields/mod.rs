@@ -6,9 +6,14 @@
 mod basis;
 #[cfg(test)]
 mod basis_tests;
+mod blend;
 mod decoder;
 mod field;
 mod hash_grid;
+mod mixed;
+mod moving_cells;
+mod moving_part;
+mod moving_points;
 mod network;
 mod networks;
 mod voxels;
@@ -18,6 +23,10 @@ pub(crate) use decoder::{ColourDecoder, Decoder, DensityDecoder};
 pub use decoder::{DecoderChoice, DecoderKind, ExplicitConfig};
 pub(crate) use field::{DensityScratch, Field, Placing, When};
 pub use hash_grid::HashGridSettings;
+pub(crate) use mixed::Mixed;
+pub(crate) use moving_cells::MovingCells;
+pub(crate) use moving_part::MovingPart;
+pub(crate) use moving_points::{MovingBars, MovingColumns, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub use voxels::VoxelSettings;
@@ -143,6 +152,11 @@ pub(crate) trait Features: Send + Sync {
 
     /// The table after `steps` steps of training: more levels or more cells, which the optimiser has not seen before.
     fn refine(&mut self, steps: u64);
+
+    /// Begin with the learned numbers of others of the same shape. Whether these are.
+    fn take_values(&mut self, _values: &[f32]) -> bool {
+        false
+    }
 
     /// Everything the next step depends on, besides the number of steps.
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>);

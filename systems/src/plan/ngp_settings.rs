@@ -148,6 +148,7 @@ fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig
         rates: RateConfig { lr: 2e-2, lr_hold: 500, lr_tenfold: 0.1, network_lr: 1.0, weight_decay: 1e-6 },
         terms: TermConfig::default(),
         head: None,
+        moving: None,
     }
 }
 

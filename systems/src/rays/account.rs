@@ -46,7 +46,7 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
             },
         ),
     ];
-    rows.extend(driver.field.deform.iter().flat_map(Deform::skips));
+    rows.extend(driver.field.deform().into_iter().flat_map(Deform::skips));
     rows.extend(driver.skipped.left_out.ignored_row());
     rows.extend(driver.skipped.left_out.occluders_row());
     rows.extend(render::skip_rows(&driver.skipped.renders));

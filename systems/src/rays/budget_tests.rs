@@ -98,6 +98,9 @@ pub(super) fn randomised_with(config: RayConfig, seed: u64, photo_model: Option<
         *x = 3.0 * (uniform(3, i) - 0.5);
     }
     driver.field.pack();
+    if driver.movers.is_some() {
+        driver.move_everywhere();
+    }
     for proposal in proposals(&mut driver) {
         for (i, x) in proposal.features.parameters_mut().iter_mut().enumerate() {
             *x = 4.0 * (uniform(5, i) - 0.5);

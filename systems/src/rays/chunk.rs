@@ -13,7 +13,7 @@ use super::prepass::{Kept, Prepass};
 use super::ray_bars::RayGeometryBars;
 use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
-use crate::fields::{Features, Field, Part, Places, When};
+use crate::fields::{Features, Field, MovingBars, MovingPoints, Part, Places, When};
 use crate::photo_model::{Codes, Pixel};
 use crate::samplers::{Draw, Proposed, RaysInSpace};
 use crate::space::InternalRay;
@@ -70,6 +70,9 @@ pub(super) struct Chunk {
     pub(super) x_bar: Vec<f32>,
     pub(super) deform_grad: DeformGrad,
     pub(super) deform: DeformScratch,
+    /// Samples at which something moves, and their gradients; only where a part of the field is for these.
+    pub(super) moving: MovingPoints,
+    pub(super) moving_bars: MovingBars,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
@@ -133,6 +136,8 @@ impl Chunk {
             x_bar: Vec::new(),
             deform_grad: DeformGrad::default(),
             deform: DeformScratch::default(),
+            moving: MovingPoints::default(),
+            moving_bars: MovingBars::default(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             head_grad: vec![0.0; head.map_or(0, |head| head.mlp.packed_grad_len())],
@@ -174,7 +179,8 @@ impl Chunk {
             &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes();
+        let moving = self.moving.bytes() + self.moving_bars.bytes();
+        let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes() + moving;
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }
 
@@ -220,7 +226,11 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.prepass.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
-        ctx.field.fill_times(When { time_steps: ctx.field.time_steps(), which: &self.which }, &mut self.times);
+        let when = When { time_steps: ctx.field.time_steps(), which: &self.which };
+        ctx.field.fill_times(when, &mut self.times);
+        if let Some(part) = &ctx.field.moving {
+            self.moving.find(part, &self.x[..3 * self.n], when);
+        }
         self.stats.dense = self.prepass.dense;
         self.stats.placed = self.prepass.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
@@ -290,6 +300,7 @@ impl Chunk {
             n: self.n,
             basis: &self.basis,
             transient: &self.transient,
+            moving: &self.moving,
         };
         let mut gradients = Gradients {
             features: &mut self.features_bar,
@@ -298,6 +309,7 @@ impl Chunk {
             head: &mut self.head_grad,
             appearance: &mut self.appearance_bar,
             transient: &mut self.transient_bar,
+            moving: &mut self.moving_bars,
             directions: &mut self.ray_bars.basis,
         };
         let mut first = 0;

@@ -1,6 +1,7 @@
 //! Settings of a system of rays, part by part.
 
 use super::head::HeadConfig;
+use super::movers::MovingConfig;
 use crate::fields::{Decoder, DecoderChoice, DecoderKind, FeatureSource, NetworkConfig};
 use crate::samplers::{OccupancyConfig, ProposalConfig};
 use crate::settings::Settings;
@@ -141,6 +142,8 @@ pub struct RayConfig {
     pub terms: TermConfig,
     /// The transient head, where there is one.
     pub head: Option<HeadConfig>,
+    /// A part of the field for what moves, where one is asked for; `features` are those of what stands still then.
+    pub moving: Option<MovingConfig>,
 }
 
 fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
@@ -172,6 +175,7 @@ impl RayConfig {
             rates: settings.of(&self.rates)?,
             terms: settings.of(&self.terms)?,
             head: self.head.as_ref().map(|head| settings.of(head)).transpose()?,
+            moving: self.moving.clone(),
         })
     }
 

@@ -86,7 +86,7 @@ impl StepContext<'_> {
 
     /// Factor of the elastic loss.
     pub(super) fn elastic(&self) -> f32 {
-        self.field.deform.as_ref().map_or(0.0, |deform| deform.config().elastic)
+        self.field.deform().map_or(0.0, |deform| deform.config().elastic)
     }
 
     /// What the error of pixel `i` costs and the derivative of that.

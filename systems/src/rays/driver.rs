@@ -4,6 +4,7 @@ use super::chunk::Chunk;
 use super::config::{RayConfig, SamplerConfig};
 use super::counts::{Seconds, Skipped};
 use super::head::Head;
+use super::movers::{Movers, MovingConfig};
 use super::work::{CHUNKS, Inputs, SecondRenders, Work};
 use crate::fields::{Field, NETWORK_ADAM};
 use crate::photo_model::PhotoModel;
@@ -43,6 +44,8 @@ pub struct RaySystem {
     pub(super) errors: Option<ErrorMap>,
     /// Which pixels are drawn, where masks say so.
     pub(super) guide: Option<Guide>,
+    /// What a part of the field for what moves waits for; `None`: there is no such part.
+    pub(super) movers: Option<Movers>,
     /// Measured depth; `None` where there is none, or it is not asked for.
     pub(super) cues: Option<MeasuredDepth>,
     pub(super) density_adam: Adam,
@@ -83,7 +86,11 @@ impl RaySystem {
         config.check()?;
         let codes = photo_model.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
         let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
-        let moving = deform.is_some();
+        let moving = deform.is_some() || config.moving.is_some();
+        let (movers, deform) = match &config.moving {
+            Some(moving) => (Some(Movers::new(moving.clone(), deform)), None),
+            None => (None, deform),
+        };
         let rng = Rng::new(seed, INIT);
         let features = config.features.features(rng.substream(0))?;
         let field = Field::new(features, config.decoder(), appearance.unwrap_or(0), deform, &rng)?;
@@ -111,6 +118,7 @@ impl RaySystem {
             density_grad: vec![0.0; field.density_params.len()],
             colour_grad: vec![0.0; field.colour_params.len()],
             head_grad: vec![0.0; head.as_ref().map_or(0, |head| head.params.len())],
+            moving_grad: Vec::new(),
             packed_grad: Vec::new(),
             seen: Vec::new(),
             appearance_bar: Vec::new(),
@@ -126,7 +134,13 @@ impl RaySystem {
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
             rays: FIRST_RAYS.min(config.batch.batch_rays),
-            terms: config.terms.terms(normalised_distance(&space, config.space.near)),
+            terms: config
+                .terms
+                .terms(normalised_distance(&space, config.space.near))
+                .into_iter()
+                .chain(config.moving.as_ref().and_then(MovingConfig::term))
+                .collect(),
+            movers,
             name,
             config,
             seed,
@@ -164,7 +178,7 @@ impl RaySystem {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let scene = if self.is_timed() { Moves::Yes } else { Moves::No };
+        let scene = if self.is_timed() || self.movers.is_some() { Moves::Yes } else { Moves::No };
         self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 

@@ -3,8 +3,8 @@
 use super::budget_tests::{biased, randomised_with, small, table};
 use super::moving_tests::filmed;
 use super::step::Plan;
-use super::{HeadConfig, MixtureKind, RayConfig, RaySystem};
-use crate::fields::{HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
+use super::{HeadConfig, MixtureKind, MovingConfig, MovingSettings, RayConfig, RaySystem};
+use crate::fields::{FeatureSource, HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
 use crate::papers::dynamic::k_planes;
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::plan::HASH_GRID;
@@ -102,6 +102,14 @@ fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
         let grads = chunks.iter().map(|c| &c.head_grad[..]).collect();
         out.push(("transient head", of(&head.mlp, head.params.len(), grads)));
     }
+    if let Some(part) = &field.moving {
+        let in_place = part.features.pulls_in_place();
+        let mut features = vec![0.0; part.features.parameters().len()];
+        chunks.iter().for_each(|c| part.features.scatter(&c.moving_bars.part(in_place, &c.moving), &mut features));
+        let grads = chunks.iter().map(|c| &c.moving_bars.network[..]).collect();
+        let network = of(&part.network, part.params.len(), grads);
+        out.extend([("moving features", features), ("moving network", network)]);
+    }
     let views = &driver.work.inputs.batch.view;
     for (name, transient) in [("appearance codes", false), ("transient codes", true)] {
         let Some(photo_model) = &driver.photo_model else { continue };
@@ -128,6 +136,8 @@ fn shift(driver: &mut RaySystem, photo_model: &mut Coded, group: &str, i: usize,
         "features" => driver.field.features.parameters_mut()[i] += by,
         "density network" => driver.field.density_params[i] += by,
         "colour network" => driver.field.colour_params[i] += by,
+        "moving features" => driver.field.moving.as_mut().unwrap().features.parameters_mut()[i] += by,
+        "moving network" => driver.field.moving.as_mut().unwrap().params[i] += by,
         "transient head" => driver.head.as_mut().unwrap().params[i] += by,
         "appearance codes" => photo_model.appearance[i] += by,
         "transient codes" => photo_model.transient.as_mut().unwrap()[i] += by,
@@ -135,6 +145,7 @@ fn shift(driver: &mut RaySystem, photo_model: &mut Coded, group: &str, i: usize,
     }
     driver.field.pack();
     driver.head.iter_mut().for_each(|head| head.pack());
+    driver.field.moving.iter_mut().for_each(|part| part.pack());
     if driver.photo_model.is_some() {
         driver.photo_model = Some(Box::new(photo_model.clone()));
     }
@@ -237,6 +248,22 @@ fn of_voxels() {
     let mut config = tiny(SpaceKind::Box);
     config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
     check(config, None, &table().1);
+}
+
+/// A part for what moves behind these features; nothing is looked for.
+pub(super) fn with_moving_part(config: RayConfig, features: Arc<dyn FeatureSource>) -> RayConfig {
+    let settings = MovingSettings { moving_from: u64::MAX, moving_share: 0.0, moving_entropy: 0.0 };
+    RayConfig { moving: Some(MovingConfig::new(features, settings)), ..config }
+}
+
+#[test]
+fn of_a_still_part_and_a_moving_one_in_one_ray() {
+    let film = filmed(8);
+    let still = tiny(SpaceKind::Box);
+    check(with_moving_part(still.clone(), planes(&film, "hybrid").features), None, &film);
+    let mut config = with_moving_part(still.clone(), still.features);
+    config.terms = TermConfig { sparsity: 0.5, ..TermConfig::default() };
+    check(config, None, &film);
 }
 
 #[test]

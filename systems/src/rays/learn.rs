@@ -3,9 +3,9 @@
 use super::chunk::{Chunk, TileWork};
 use super::context::StepContext;
 use crate::buffers::sized;
-use crate::fields::{Detail, Places};
+use crate::fields::{Detail, MovingPart, Places};
 use crate::photo_model::PixelBar;
-use crate::warps::{ElasticAt, Points};
+use crate::warps::{Deform, ElasticAt, Points};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -25,6 +25,14 @@ fn middle_alone(w: &mut [f32]) {
     }
 }
 
+/// Weights of the samples that the elastic loss looks at, 0 for the others.
+fn judged(w: &mut [f32], offsets: &[u32], deform: &Deform) {
+    if deform.config().elastic_at == ElasticAt::Middle {
+        offsets.windows(2).for_each(|ray| middle_alone(&mut w[ray[0] as usize..ray[1] as usize]));
+    }
+    w.iter_mut().filter(|w| **w < FAINT).for_each(|w| *w = 0.0);
+}
+
 impl Chunk {
     /// Render what [`Chunk::sample`] placed and bring the loss back to features and network gradients.
     pub(super) fn learn(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
@@ -35,6 +43,9 @@ impl Chunk {
         self.seen.clear();
         let n = self.n;
         sized(&mut self.features_bar, ctx.field.rows() * n).fill(0.0);
+        if let Some(part) = &ctx.field.moving {
+            self.moving_bars.begin(part, self.moving.columns.len());
+        }
         let rays = pixels.len() * ctx.per_pixel;
         for (buffer, codes) in [(&mut self.appearance_bar, ctx.appearance), (&mut self.transient_bar, ctx.transient)] {
             buffer.clear();
@@ -95,6 +106,9 @@ impl Chunk {
         let (field, n) = (ctx.field, self.n);
         let bars = &mut self.features_bar[..field.rows() * n];
         let (raw_bar, seen_bar) = field.pull(&self.features[..field.rows() * n], n, bars, &mut self.raw_bar);
+        if let Some(part) = &field.moving {
+            return self.move_part_back(ctx, part);
+        }
         let Some(deform) = &field.deform else { return };
         self.deform_grad.begin(deform);
         let x_bar = sized(&mut self.x_bar, 3 * n);
@@ -106,14 +120,30 @@ impl Chunk {
         let points = Points { x: &self.was[..3 * n], which: &self.which, time_steps: deform.time_steps() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
         if ctx.elastic() > 0.0 {
-            let w = &mut self.w[..n];
-            if deform.config().elastic_at == ElasticAt::Middle {
-                self.offsets.windows(2).for_each(|ray| middle_alone(&mut w[ray[0] as usize..ray[1] as usize]));
-            }
-            w.iter_mut().filter(|w| **w < FAINT).for_each(|w| *w = 0.0);
+            judged(&mut self.w[..n], &self.offsets, deform);
+            let w = &self.w[..n];
             // The mean over rays.
             let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
             let sum = deform.elastic(points, w, factor, &mut self.deform_grad, &mut self.deform);
+            self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
+        }
+    }
+
+    /// The same where a part of the field is for what moves: points of that alone are moved.
+    fn move_part_back(&mut self, ctx: &StepContext<'_>, part: &MovingPart) {
+        let (x_bar, seen_bar) = self.moving_bars.pull(part, &self.moving, Detail::Coarse);
+        let Some(deform) = &part.deform else { return };
+        self.deform_grad.begin(deform);
+        if self.moving.columns.is_empty() {
+            return;
+        }
+        let points = self.moving.points(deform.time_steps());
+        deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
+        if ctx.elastic() > 0.0 {
+            judged(&mut self.w[..self.n], &self.offsets, deform);
+            let w: Vec<f32> = self.moving.columns.iter().map(|&i| self.w[i as usize]).collect();
+            let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
+            let sum = deform.elastic(points, &w, factor, &mut self.deform_grad, &mut self.deform);
             self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
         }
     }

@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | `deform` |
+//! | what moves | [`crate::warps`]; where a part of the field is for that alone: `movers`, `residuals` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
@@ -31,6 +31,9 @@ mod gradient_tests;
 mod head;
 mod learn;
 mod marched;
+mod movers;
+#[cfg(test)]
+mod movers_tests;
 #[cfg(test)]
 mod moving_tests;
 mod points;
@@ -43,6 +46,7 @@ mod ray_gradient;
 mod ray_gradient_tests;
 mod render;
 mod render_scratch;
+mod residuals;
 mod second_render;
 #[cfg(test)]
 mod second_render_tests;
@@ -56,3 +60,5 @@ mod work;
 pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 pub use driver::RaySystem;
 pub use head::{HeadConfig, MixtureKind};
+pub use movers::MovingConfig;
+pub(crate) use movers::MovingSettings;

@@ -38,6 +38,7 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
     out.extend(driver.errors.iter().flat_map(|map| map.state()));
     out.extend(driver.cues.iter().flat_map(|cues| cues.state()));
     out.extend(f.deform.iter().flat_map(|deform| deform.state()));
+    out.extend(driver.movers_state());
     out.extend(driver.photo_model.iter().flat_map(|photo_model| photo_model.state()));
     driver.sampler.push_state(&mut out);
     out
@@ -76,6 +77,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
     if let Some(photo_model) = &mut driver.photo_model {
         photo_model.load_state(tensors)?;
     }
+    driver.load_movers(tensors, counters[2])?;
     (driver.field.features, driver.field.density_params, driver.field.colour_params) = (features, density, colour);
     (driver.density_adam, driver.colour_adam) = (density_adam, colour_adam);
     driver.sampler.restore(sampler);

@@ -4,7 +4,7 @@ use super::context::Placing;
 use super::context::StepContext;
 use super::driver::RaySystem;
 use super::work::{CHUNKS, Inputs, Work};
-use crate::fields::{Part, fold_gradients};
+use crate::fields::{MovingPart, Part, fold_gradients};
 use crate::left_out::unweighted;
 use crate::photo_model::mean_transient;
 use crate::photo_model::{Drawing, Outcome, Pixel};
@@ -65,6 +65,7 @@ impl RaySystem {
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
         self.refine_depth(data, step)?;
+        self.begin_movers(data, step)?;
         let start = Instant::now();
         if let Some(occupancy) = self.sampler.occupancy_mut().filter(|occupancy| occupancy.is_due(step)) {
             occupancy.update(&self.field, &self.space, self.seed, step);
@@ -107,9 +108,10 @@ impl RaySystem {
             self.errors = Some(map);
         }
 
+        self.look_for_movers(step);
         let lr = f64::from(self.config.rates.learning_rate(step));
         let start = Instant::now();
-        let bad = self.update_grid(lr) + self.update_proposals(lr);
+        let bad = self.update_grid(lr) + self.update_moving_features(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
         let network_lr = lr * f64::from(self.config.rates.network_lr);
@@ -122,6 +124,9 @@ impl RaySystem {
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
         self.field.features.refine(self.guard.steps());
+        if let Some(part) = &mut self.field.moving {
+            part.features.refine(self.guard.steps());
+        }
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -145,7 +150,7 @@ impl RaySystem {
                 data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
-                let views = self.field.deform.as_ref().and_then(Deform::open_views);
+                let views = self.field.deform().and_then(Deform::open_views);
                 data.draw_among(self.seed, step, pixels, views, batch)?;
             }
             Drawing::Patches(patches, least) => {
@@ -262,10 +267,20 @@ impl RaySystem {
         field.features.step(lr, &parts)
     }
 
+    /// The same of what the moving part learns about places.
+    fn update_moving_features(&mut self, lr: f64) -> usize {
+        let Some(MovingPart { features, .. }) = &mut self.field.moving else { return 0 };
+        let chunks = &self.work.chunks;
+        let in_place = features.pulls_in_place();
+        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].moving_bars.part(in_place, &chunks[c].moving));
+        features.step(lr, &parts)
+    }
+
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
         let field = &mut self.field;
-        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, second_renders, .. } = &mut self.work;
+        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, moving_grad, second_renders, .. } =
+            &mut self.work;
         fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
         let colours = chunks.iter().chain(second_renders.chunks()).map(|c| &c.colour_grad[..]);
         fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
@@ -276,13 +291,20 @@ impl RaySystem {
             bad += head.adam.step(field.simd, lr, &mut head.params, head_grad);
             head.pack();
         }
+        if let Some(part) = &mut field.moving {
+            let grads = chunks.iter().map(|c| &c.moving_bars.network[..]);
+            moving_grad.resize(part.params.len(), 0.0);
+            fold_gradients(&part.network, grads, packed_grad, moving_grad);
+            bad += part.adam.step(field.simd, lr, &mut part.params, moving_grad);
+            part.pack();
+        }
         field.pack();
         bad
     }
 
     /// One step of what moves. Returns the count of non-finite gradients.
     fn update_deform(&mut self, step: u64, lr: f64) -> usize {
-        let Some(deform) = &mut self.field.deform else { return 0 };
+        let Some(deform) = self.field.deform_mut() else { return 0 };
         let Work { chunks, still, .. } = &mut self.work;
         let grads = chunks.iter().map(|c| &c.deform_grad);
         if deform.holds_background(&Rng::new(self.seed, STILL).substream(step), still) {

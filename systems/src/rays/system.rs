@@ -3,6 +3,7 @@
 use super::chunk::Chunk;
 use super::driver::RaySystem;
 use super::{account, fit, points, render, state};
+use crate::fields::MovingPart;
 use crate::survey::Surveys;
 use crate::warps::Deform;
 use engine::data::Dataset;
@@ -89,9 +90,10 @@ impl System for RaySystem {
         let f = &self.field;
         let head = self.head.as_ref().map_or(0, |head| head.params.len());
         let deform = f.deform.as_ref().map_or(0, Deform::parameter_count);
+        let moving = f.moving.as_ref().map_or(0, MovingPart::parameter_count);
         let photo_model = self.photo_model.as_ref().map_or(0, |photo_model| photo_model.parameter_count());
         let field = f.features.parameters().len() + f.density_params.len() + f.colour_params.len();
-        field + self.sampler.parameter_count() + head + deform + photo_model
+        field + self.sampler.parameter_count() + head + deform + moving + photo_model
     }
 
     fn memory_bytes(&self) -> usize {

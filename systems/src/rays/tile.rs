@@ -4,7 +4,7 @@ use super::context::StepContext;
 use super::head::{HeadBars, HeadTile, StaticBars, StaticPart};
 use super::marched::{Gradients, Marched};
 use crate::buffers::sized;
-use crate::fields::Columns;
+use crate::fields::{Columns, Mixed};
 use crate::photo_model::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use render_core::quadrature::{
@@ -61,6 +61,9 @@ pub(super) struct Tile {
     pub(super) scratch: Vec<f32>,
     /// Gradients of the terms that read whole rays.
     bars: RayBars,
+    /// Samples at which something moves, mixed of both parts, and the moving part's share of each sample, `[n]`.
+    mixed: Mixed,
+    shares: Vec<f32>,
     /// Gradient of the rays' uncertainties and mean transient densities.
     head_bars: HeadBars,
     head: HeadTile,
@@ -80,8 +83,10 @@ impl Tile {
             &self.tau_bar,
             &self.w,
             &self.scratch,
+            &self.shares,
         ];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.bars.bytes() + self.head.bytes()
+        let parts = self.bars.bytes() + self.head.bytes() + self.mixed.bytes();
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + parts
     }
 
     /// Render the rays `rays` of a chunk; `pixels` are their pixels in the batch.
@@ -103,6 +108,12 @@ impl Tile {
         let density_acts = sized(&mut self.density_acts, field.density.activations_len(n));
         let features = &chunk.features[samples.start.min(chunk.features.len())..];
         field.density.forward(field.simd, &field.density_packed, features, chunk.n, n, input, n, density_acts);
+        self.shares.clear();
+        if let Some(part) = &field.moving {
+            let moving = chunk.moving.within(samples.clone());
+            self.mixed.forward(field.simd, part, moving, &mut input[..geometry * n]);
+            self.mixed.shares(moving, sized(&mut self.shares, n));
+        }
         let tau = sized(&mut self.tau, n);
         for (i, tau) in tau.iter_mut().enumerate() {
             *tau = field.density_of(input[i]) * chunk.dt[samples.start + i];
@@ -216,6 +227,7 @@ impl Tile {
             w: &self.w[..n],
             rgb: &self.rgb[..3 * n],
             trans_end: &self.trans_end[..count],
+            moving: &self.shares,
             per_pixel: ctx.per_pixel,
             weight: &ctx.batch.weight[pixels.clone()],
             truth: &ctx.truth[pixels.clone()],
@@ -320,6 +332,12 @@ impl Tile {
         for (bar, (tau_bar, tau)) in input_bar.iter_mut().zip(self.tau_bar.iter().zip(&self.tau[..n])) {
             // d tau / d raw = tau, as the density is an exponential.
             *bar += tau_bar * tau;
+        }
+        if let Some(part) = &field.moving {
+            let (moving, raw_bar) = (chunk.moving.within(samples.clone()), &mut input_bar[..field.density.outputs() * n]);
+            let (share_bar, bars) = (self.bars.moving.get(), &mut *out.moving);
+            let (features_bar, grad) = (&mut bars.features[..], &mut bars.network[..]);
+            self.mixed.backward(field.simd, part, moving, raw_bar, n, share_bar, features_bar, grad);
         }
         let features_bar = &mut out.features[samples.start..];
         let (packed, acts) = (&field.density_packed, &self.density_acts);

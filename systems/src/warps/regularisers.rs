@@ -43,7 +43,7 @@ impl ElasticSettings {
 #[serde(deny_unknown_fields)]
 pub(crate) struct BackgroundSettings {
     /// Factor of the loss; 0: none.
-    pub(crate) background: f32,
+    pub(crate) background_loss: f32,
     /// Points of a step for it.
     pub(crate) background_points: usize,
 }
@@ -55,7 +55,7 @@ impl BackgroundSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the setting.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        in_range("background", self.background, 0.0..=1e3)?;
+        in_range("background_loss", self.background_loss, 0.0..=1e3)?;
         in_range("background_points", self.background_points, 0..=1 << 20)
     }
 }

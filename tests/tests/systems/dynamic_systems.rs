@@ -33,7 +33,7 @@ const SMALL: [&str; 13] = [
 fn schedules(name: &str) -> &'static [&'static str] {
     match name {
         "d-nerf" => &["curriculum=5", "planes=[4,8]", "plane_features=2", "plane_times=4", "levels_anneal=4"],
-        "nerfies" => &["warp_anneal=4", "elastic=0.5", "elastic_at=all", "background=1.0", "background_points=32"],
+        "nerfies" => &["warp_anneal=4", "elastic=0.5", "elastic_at=all", "background_loss=1.0", "background_points=32"],
         "hypernerf" => &["warp_anneal=4", "ambient_from=2", "ambient_anneal=3", "background_points=32"],
         // Doubled after steps 2, 4 and 6.
         "tineuvox" => &["voxels=24", "voxels_every=2"],
@@ -377,7 +377,7 @@ fn ambient_coordinates_are_nothing_before_they_come_in() {
 fn losses_without_weight_change_nothing() {
     let scene = stage();
     let (train, _) = views(&scene, 1);
-    let off = ["elastic=0.0", "background=0.0"];
+    let off = ["elastic=0.0", "background_loss=0.0"];
     let plain = trained("nerfies", &scene, &train, &off, 8);
     for set in [
         &["elastic_scale=0.5"][..],
@@ -388,14 +388,14 @@ fn losses_without_weight_change_nothing() {
         let set: Vec<&str> = off.iter().chain(set).copied().collect();
         assert!(trained("nerfies", &scene, &train, &set, 8) == plain, "{set:?}");
     }
-    for set in [["elastic=1.0", "background=0.0"], ["elastic=0.0", "background=1.0"]] {
+    for set in [["elastic=1.0", "background_loss=0.0"], ["elastic=0.0", "background_loss=1.0"]] {
         assert!(trained("nerfies", &scene, &train, &set, 8) != plain, "{set:?}: with weight it does");
     }
     // Nothing is held where no point of the background is known.
     let mut bare = scene;
     bare.points.clear();
     let (train, _) = views(&bare, 1);
-    assert!(trained("nerfies", &bare, &train, &["elastic=0.0", "background=1.0"], 8) == plain);
+    assert!(trained("nerfies", &bare, &train, &["elastic=0.0", "background_loss=1.0"], 8) == plain);
     // The same of measured depth, where there is none.
     let plain = trained("d-nerf", &bare, &train, &[], 8);
     assert!(trained("d-nerf", &bare, &train, &["depth=1.0", "refine_every=3"], 8) == plain);
@@ -410,7 +410,7 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
         ("ngp", "planes=[4]"),
         ("t-nerf", "warp=rigid"),
         ("d-nerf", "elastic=0.1"),
-        ("d-nerf", "background=1.0"),
+        ("d-nerf", "background_loss=1.0"),
         ("d-nerf", "ambient=2"),
         ("nerfies", "ambient=2"),
         ("nerfies", "sees=time"),

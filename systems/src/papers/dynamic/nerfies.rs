@@ -47,7 +47,7 @@ const ELASTIC: ElasticSettings = ElasticSettings { elastic: 1e-3, elastic_scale:
 
 /// The released factor of 1 holds everything that is near a point of the background for the minutes a training takes here:
 /// 23.7 dB on `orbit` after 650 steps, 30.5 without the loss, 30.7 with this.
-pub(super) const BACKGROUND: BackgroundSettings = BackgroundSettings { background: 3e-5, background_points: 1024 };
+pub(super) const BACKGROUND: BackgroundSettings = BackgroundSettings { background_loss: 3e-5, background_points: 1024 };
 
 /// Planes of place and time, seen by the warp.
 pub(super) fn planes() -> PlaneSettings {

@@ -1,0 +1,293 @@
+//! What moves, found by itself: a field at rest is trained first; where its photos differ from it to one side, something moves.
+//!
+//! Tiles of photos that move ([`Residuals`]) are lines of sight; a cell of space moves where enough of the views that see it see it in
+//! such a tile. From then on a part of the field is for these cells alone.
+
+use super::config::RayConfig;
+use super::driver::RaySystem;
+use super::residuals::{PhotoTile, Residuals};
+use super::work::Work;
+use crate::fields::{FeatureSource, MovingCells, MovingPart, NETWORK_ADAM};
+use crate::photo_model::Pixel;
+use crate::settings::Settings;
+use crate::space::{Space, SpaceKind};
+use crate::terms::{MovingShare, RayTerm};
+use crate::warps::Deform;
+use engine::data::Dataset;
+use engine::system::{SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use float_core::Simd;
+use optim::Decay;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Stream of random numbers of the initial parameters.
+const INIT: u64 = 0x6d6f_7665;
+/// Share of the tiles below which nothing moves: what is left over then are highlights and mistakes.
+const NOTHING: f64 = 1e-3;
+/// A cell moves where this share of the views that see it see something move there; from [`FEW`] views on at least two.
+const OF_VIEWS: f32 = 0.03;
+const FEW: u16 = 8;
+/// Cells along an axis of the unit cube that a line of sight goes through, one after the other.
+const STEPS: f32 = 128.0;
+
+/// Settings of a part of the field for what moves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MovingSettings {
+    /// Steps of the still part alone, after which what moves is looked for.
+    pub(crate) moving_from: u64,
+    /// Factor of the share of a ray that moves, mean over rays; 0: none.
+    pub(crate) moving_share: f32,
+    /// Factor of the entropy of the samples' shares, mean over rays; 0: none.
+    pub(crate) moving_entropy: f32,
+}
+
+impl MovingSettings {
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        for (field, value) in [("moving_share", self.moving_share), ("moving_entropy", self.moving_entropy)] {
+            if !(0.0..=10.0).contains(&value) {
+                let problem = "must be in 0..=10".into();
+                return Err(SystemError::Config { field, value: value.to_string(), problem });
+            }
+        }
+        if self.moving_from == 0 {
+            let problem = "must be at least 1: what moves is found by what the still part cannot explain".into();
+            return Err(SystemError::Config { field: "moving_from", value: "0".into(), problem });
+        }
+        Ok(())
+    }
+}
+
+/// A part of the field for what moves.
+#[derive(Clone, Debug)]
+pub struct MovingConfig {
+    /// What it learns about places.
+    pub(crate) features: Arc<dyn FeatureSource>,
+    /// When it begins, and what it costs.
+    pub(crate) settings: MovingSettings,
+}
+
+impl MovingConfig {
+    /// A part with these features.
+    pub(crate) fn new(features: Arc<dyn FeatureSource>, settings: MovingSettings) -> Self {
+        Self { features, settings }
+    }
+
+    /// Steps after which what moves is looked for.
+    pub(crate) fn from(&self) -> u64 {
+        self.settings.moving_from
+    }
+
+    /// The same after `--set`.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for a value of the wrong kind.
+    pub(crate) fn asked(self, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        let asked: MovingSettings = settings.of(&self.settings)?;
+        asked.check()?;
+        Ok(Self { settings: asked, ..self })
+    }
+
+    /// What it costs that something moves.
+    pub(super) fn term(&self) -> Option<Box<dyn RayTerm>> {
+        let MovingSettings { moving_share: share, moving_entropy: entropy, .. } = self.settings;
+        (share > 0.0 || entropy > 0.0).then(|| Box::new(MovingShare { share, entropy }) as Box<dyn RayTerm>)
+    }
+}
+
+/// What is waited with until it is known what moves.
+pub(super) struct Movers {
+    config: MovingConfig,
+    deform: Option<Deform>,
+    /// `None` once it was asked what moves.
+    residuals: Option<Residuals>,
+    /// What was found.
+    pub(super) found: Option<Found>,
+}
+
+/// What was found to move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Found {
+    /// Share of the tiles of all photos.
+    pub(super) tiles: f64,
+    /// Share of the cells of the unit cube.
+    pub(super) cells: f64,
+}
+
+impl Movers {
+    pub(super) fn new(config: MovingConfig, deform: Option<Deform>) -> Self {
+        Self { config, deform, residuals: None, found: None }
+    }
+
+    /// Whether errors of this step count: those of the later half of the steps before it is asked what moves.
+    fn counts(&self, step: u64) -> bool {
+        (self.config.settings.moving_from / 2..self.config.settings.moving_from).contains(&step)
+    }
+}
+
+/// Cells that the lines of sight of a view go through, and those of them on which the view sees something move; each once.
+fn seen_cells(space: &Space, data: &Dataset, view: usize, tiles: &[PhotoTile]) -> (Vec<u32>, Vec<u32>) {
+    let (mut seen, mut moving) = (Vec::new(), Vec::new());
+    let simd = Simd::best();
+    let camera = data.view(view);
+    // Half a side of the unit cube in internal units where space is not contracted.
+    let scale = if space.kind() == SpaceKind::Contracted { 4.0 / STEPS } else { 2.0 / STEPS };
+    let (mut p, mut x) = ([0.0; 3], [0.0; 3]);
+    for tile in tiles {
+        let [u, v] = [tile.middle[0].min(camera.camera.width - 1), tile.middle[1].min(camera.camera.height - 1)];
+        let Some(ray) = camera.ray(u, v) else { continue };
+        let ray = space.internal_ray(&ray);
+        let mut t = ray.start;
+        while t < ray.end {
+            p.copy_from_slice(&ray.at(t));
+            space.grid_positions(simd, &p, &mut x);
+            let cell = MovingCells::cell(x) as u32;
+            if seen.last() != Some(&cell) {
+                seen.push(cell);
+                if tile.moves {
+                    moving.push(cell);
+                }
+            }
+            // The contraction shortens what is far by the square of its distance.
+            let far = p.iter().fold(1.0, |far: f32, p| far.max(p.abs()));
+            t += if space.kind() == SpaceKind::Contracted { scale * far * far } else { scale };
+        }
+    }
+    for cells in [&mut seen, &mut moving] {
+        cells.sort_unstable();
+        cells.dedup();
+    }
+    (seen, moving)
+}
+
+/// Cells in which something moves, and what was found; no cells where that is next to nothing.
+fn find(residuals: &Residuals, space: &Space, data: &Dataset) -> (MovingCells, Found) {
+    let tiles: Vec<Vec<PhotoTile>> = (0..data.len()).map(|view| residuals.tiles(view)).collect();
+    let all: usize = tiles.iter().map(Vec::len).sum();
+    let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
+    let share = moving as f64 / all.max(1) as f64;
+    let mut cells = MovingCells::none();
+    if share < NOTHING {
+        return (cells, Found { tiles: share, cells: 0.0 });
+    }
+    let mut votes = vec![[0_u16; 2]; MovingCells::ALL];
+    let views: Vec<(Vec<u32>, Vec<u32>)> =
+        tiles.par_iter().enumerate().map(|(view, tiles)| seen_cells(space, data, view, tiles)).collect();
+    for (seen, moving) in &views {
+        seen.iter().for_each(|&cell| votes[cell as usize][0] = votes[cell as usize][0].saturating_add(1));
+        moving.iter().for_each(|&cell| votes[cell as usize][1] = votes[cell as usize][1].saturating_add(1));
+    }
+    for (cell, [seen, moving]) in votes.into_iter().enumerate() {
+        let least = if seen < FEW { 1 } else { 2 };
+        if moving >= least && f32::from(moving) >= OF_VIEWS * f32::from(seen) {
+            cells.mark(cell);
+        }
+    }
+    let cells = cells.grown();
+    let found = Found { tiles: share, cells: cells.count() as f64 / MovingCells::ALL as f64 };
+    (cells, found)
+}
+
+impl Movers {
+    /// A moving part before its first step, with the deformation that waits for it.
+    fn part(&mut self, config: &RayConfig, seed: u64, cells: MovingCells) -> Result<MovingPart, SystemError> {
+        let rng = Rng::new(seed, INIT);
+        let features = self.config.features.features(rng.substream(0))?;
+        let deform = self.deform.take();
+        let seen = deform.as_ref().map_or(0, Deform::seen_rows);
+        let network = config.networks.moving_mlp(features.rows() + seen)?;
+        let adam = NETWORK_ADAM.with_decay(Decay::L2(f64::from(config.rates.weight_decay)));
+        Ok(MovingPart::new(features, deform, network, cells, adam, rng.substream(1)))
+    }
+}
+
+impl RaySystem {
+    /// Look out for what moves in these photos, where a part of the field waits for it.
+    pub(crate) fn watch(&mut self, data: &Dataset) {
+        if let Some(movers) = &mut self.movers {
+            movers.residuals = Some(Residuals::new(data));
+        }
+    }
+
+    /// Learn from the batch of a step what moves.
+    pub(super) fn look_for_movers(&mut self, step: u64) {
+        let Some(mut movers) = self.movers.take() else { return };
+        let counts = movers.counts(step);
+        if let Some(residuals) = movers.residuals.as_mut().filter(|_| counts) {
+            self.gather_seen();
+            let Work { inputs, seen, .. } = &self.work;
+            let signed = |(p, t): (&Pixel, &[f32; 3])| [0, 1, 2].map(|c| p.rgb[c] - t[c]);
+            residuals.learn(&inputs.batch, seen.iter().zip(&inputs.truth).map(signed));
+        }
+        self.movers = Some(movers);
+    }
+
+    /// When it is time, see what moves, and have a part of the field for that.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for features that cannot be.
+    pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let Some(movers) = self.movers.as_mut().filter(|movers| step >= movers.config.settings.moving_from) else {
+            return Ok(());
+        };
+        let Some(residuals) = movers.residuals.take() else { return Ok(()) };
+        let (cells, found) = find(&residuals, &self.space, data);
+        movers.found = Some(found);
+        if cells.count() > 0 {
+            let mut part = movers.part(&self.config, self.seed, cells)?;
+            let field = &mut self.field;
+            part.begin_as(&*field.features, &field.density, &field.density_params);
+            if let Some(occupancy) = self.sampler.occupancy_mut() {
+                occupancy.reopen(&part.cells, &self.space);
+            }
+            field.moving = Some(part);
+        }
+        Ok(())
+    }
+
+    /// A part for what moves, which moves everywhere and is of random numbers.
+    #[cfg(test)]
+    pub(super) fn move_everywhere(&mut self) {
+        let movers = self.movers.as_mut().unwrap();
+        let mut part = movers.part(&self.config, self.seed, MovingCells::everywhere()).unwrap();
+        let uniform = |stream: u64, i: usize| Rng::new(self.seed, stream).uniform_at(i as u64);
+        part.features.parameters_mut().iter_mut().enumerate().for_each(|(i, x)| *x = 4.0 * (uniform(7, i) - 0.5));
+        part.params.iter_mut().enumerate().for_each(|(i, x)| *x = 3.0 * (uniform(8, i) - 0.5));
+        part.pack();
+        self.field.moving = Some(part);
+    }
+
+    /// What a checkpoint holds of what is looked for.
+    pub(super) fn movers_state(&self) -> Vec<Tensor<'_>> {
+        let residuals = self.movers.iter().filter_map(|movers| movers.residuals.as_ref());
+        residuals.map(Residuals::state).chain(self.field.moving.iter().flat_map(MovingPart::state)).collect()
+    }
+
+    /// Put back what [`RaySystem::movers_state`] gave after `steps` steps.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    pub(super) fn load_movers(&mut self, state: &TensorMap, steps: u64) -> Result<(), SystemError> {
+        let Some(movers) = &mut self.movers else { return Ok(()) };
+        match movers.residuals.take() {
+            Some(mut residuals) if steps <= movers.config.settings.moving_from => {
+                residuals.load_state(state)?;
+                movers.residuals = Some(residuals);
+            }
+            _ => {}
+        }
+        if let Some(cells) = MovingPart::cells_of(state)? {
+            let mut part = match self.field.moving.take() {
+                Some(part) => MovingPart { cells, ..part },
+                None => movers.part(&self.config, self.seed, cells)?,
+            };
+            part.load_state(state, steps)?;
+            self.field.moving = Some(part);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,160 @@
+//! What a field at rest leaves of its photos: signed errors over tiles of all views, as its training batches show them.
+//!
+//! A texture that is not learnt yet errs to both sides, and its mean over a tile is next to nothing. What moves is elsewhere in the
+//! photo than in the field: its tile is brighter or darker as a whole.
+
+use engine::data::{Batch, Dataset};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
+
+/// Tiles along the longest side of a photo.
+const TILES: u32 = 32;
+/// Side of a tile at least, pixels.
+const SMALLEST: u32 = 4;
+/// Pixels of a tile at least, so that its mean says something.
+const FEW: f32 = 4.0;
+/// Mean error of a tile that moves, of a colour in `[0, 1]`, and in units of its standard error.
+const MOVES: f32 = 0.04;
+const SIGMAS: f32 = 3.0;
+/// Numbers kept of a tile: pixels, three sums of errors, the sum of their squares.
+const NUMBERS: usize = 5;
+/// Where they lie in a checkpoint.
+const TENSOR: &str = "residuals.tiles";
+
+/// Signed errors over tiles of all views.
+#[derive(Clone, Debug)]
+pub(super) struct Residuals {
+    /// Of each view: its first tile, tiles in a row, side of a tile in pixels.
+    views: Vec<[u32; 3]>,
+    /// `[tiles][NUMBERS]`
+    tiles: Vec<f32>,
+}
+
+/// A tile of a view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct PhotoTile {
+    /// Its middle, pixels.
+    pub(super) middle: [u32; 2],
+    /// Whether it moves.
+    pub(super) moves: bool,
+}
+
+impl Residuals {
+    /// Nothing is known yet.
+    pub(super) fn new(data: &Dataset) -> Self {
+        let (mut views, mut first) = (Vec::with_capacity(data.len()), 0);
+        for view in data.views() {
+            let [width, height] = [view.camera.width, view.camera.height];
+            let side = width.max(height).div_ceil(TILES).max(SMALLEST);
+            views.push([first, width.div_ceil(side), side]);
+            first += width.div_ceil(side) * height.div_ceil(side);
+        }
+        Self { views, tiles: vec![0.0; first as usize * NUMBERS] }
+    }
+
+    /// Learn from the pixels of a batch, each with its signed error.
+    pub(super) fn learn(&mut self, batch: &Batch, errors: impl Iterator<Item = [f32; 3]>) {
+        for (i, error) in errors.enumerate() {
+            if batch.weight[i] <= 0.0 || !error.iter().all(|e| e.is_finite()) {
+                continue;
+            }
+            let [first, columns, side] = self.views[batch.view[i] as usize];
+            let [x, y] = batch.pixel[i].map(|at| u32::from(at) / side);
+            let numbers = &mut self.tiles[(first + y * columns + x) as usize * NUMBERS..][..NUMBERS];
+            numbers[0] += 1.0;
+            numbers[1..4].iter_mut().zip(error).for_each(|(sum, e)| *sum += e);
+            numbers[4] += error.iter().map(|e| e * e).sum::<f32>() / 3.0;
+        }
+    }
+
+    /// The tiles of a view that enough pixels were seen of. A photo that is brighter as a whole does not move.
+    pub(super) fn tiles(&self, view: usize) -> Vec<PhotoTile> {
+        let [first, columns, side] = self.views[view];
+        let last = self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize);
+        let all = self.tiles[first as usize * NUMBERS..last * NUMBERS].chunks_exact(NUMBERS);
+        let known = || all.clone().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
+        let mut of_photo = [0.0; 3];
+        for (c, middle) in of_photo.iter_mut().enumerate() {
+            let mut means: Vec<f32> = known().map(|(_, numbers)| numbers[1 + c] / numbers[0]).collect();
+            means.sort_by(f32::total_cmp);
+            *middle = means.get(means.len() / 2).copied().unwrap_or(0.0);
+        }
+        known()
+            .map(|(k, numbers)| {
+                let n = numbers[0];
+                let mean = [0, 1, 2].map(|c| numbers[1 + c] / n - of_photo[c]);
+                let largest = mean.into_iter().map(f32::abs).fold(0.0, f32::max);
+                let noise = (numbers[4] / n / n).sqrt();
+                let [x, y] = [k as u32 % columns, k as u32 / columns].map(|at| at * side + side / 2);
+                PhotoTile { middle: [x, y], moves: largest > MOVES && largest > SIGMAS * noise }
+            })
+            .collect()
+    }
+
+    /// Everything the next step depends on.
+    pub(super) fn state(&self) -> Tensor<'_> {
+        f32_tensor(TENSOR, &self.tiles)
+    }
+
+    /// Put back what [`Residuals::state`] gave.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] for an array that is missing or of another length.
+    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        self.tiles = take_numbers(state, TENSOR, self.tiles.len())?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::moving_tests::filmed;
+    use super::*;
+    use field_core::rng::Rng;
+
+    /// Errors of all pixels of all views, some of which lie in the left quarter of the photo.
+    fn of(error: impl Fn(usize, [u32; 2], f32) -> f32) -> Residuals {
+        let data = filmed(32);
+        let mut residuals = Residuals::new(&data);
+        for step in 0..40 {
+            let mut batch = Batch::default();
+            data.draw_among(5, step, 1 << 12, None, &mut batch).unwrap();
+            let noise = Rng::new(4, 2).substream(step);
+            let errors: Vec<[f32; 3]> = (0..batch.len())
+                .map(|i| {
+                    let at = batch.pixel[i].map(u32::from);
+                    [error(batch.view[i] as usize, at, noise.uniform_at(i as u64) - 0.5); 3]
+                })
+                .collect();
+            residuals.learn(&batch, errors.into_iter());
+        }
+        residuals
+    }
+
+    #[test]
+    fn a_tile_that_errs_to_one_side_moves_and_neither_noise_nor_a_brighter_photo_does() {
+        let residuals = of(|view, [x, _], noise| {
+            let brighter = if view == 2 { 0.3 } else { 0.0 };
+            let moved = if view == 5 && x < 8 { 0.2 } else { 0.0 };
+            0.1 * noise + brighter + moved
+        });
+        for view in 0..20 {
+            let tiles = residuals.tiles(view);
+            assert_eq!(tiles.len(), 64, "32 pixels a side, tiles of 4");
+            for tile in tiles {
+                assert_eq!(tile.moves, view == 5 && tile.middle[0] < 8, "view {view}: {tile:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_not_seen_says_nothing_and_a_checkpoint_brings_all_back() {
+        let data = filmed(32);
+        let mut fresh = Residuals::new(&data);
+        assert!(fresh.tiles(0).is_empty());
+        let residuals = of(|_, _, noise| noise);
+        let tensor = residuals.state().into_owned();
+        fresh.load_state(&[(tensor.name.clone(), tensor)].into_iter().collect()).unwrap();
+        assert_eq!(fresh.tiles(7), residuals.tiles(7));
+        assert!(fresh.load_state(&TensorMap::new()).is_err());
+    }
+}
