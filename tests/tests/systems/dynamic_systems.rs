@@ -182,6 +182,34 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     }
 }
 
+/// A still part for two steps, then what moves beside it.
+const STATIC: [&str; 2] = ["background=static", "moving_from=3"];
+
+#[test]
+fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_and_after_a_resume() {
+    for name in names(Family::Moving).into_iter().filter(|name| *name != "ngp") {
+        println!("{name}");
+        let scene = scene_of(name);
+        let set: Vec<&str> = schedules(name).iter().chain(&STATIC).copied().collect();
+        assert_same_bits(|steps, state| {
+            let (train, _) = views(&scene, 1);
+            state_after(system(name, &scene, &train, &set), &train, steps, state)
+        });
+        let (train, _) = views(&scene, 1);
+        let state = trained(name, &scene, &train, &set, 5);
+        assert!(state.contains_key("moving.cells"), "{name}: a still field of three steps explains all photos");
+    }
+}
+
+#[test]
+fn linear_maps_have_no_still_part() {
+    let scene = stage();
+    let (train, _) = views(&scene, 1);
+    let set: Vec<&str> = EXPLICIT.iter().chain(&STATIC[..1]).copied().collect();
+    let problem = try_planned("k-planes", &scene, &train, &set).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(problem.contains("background") && problem.contains("decoder=hybrid"), "{problem}");
+}
+
 /// Small planes behind linear maps.
 const EXPLICIT: &[&str] = &[
     "occupancy=16",
