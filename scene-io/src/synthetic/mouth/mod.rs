@@ -4,8 +4,8 @@
 //! The closed mouth is a block with round edges, cut into an upper lip and two halves of a lower one. Closed, the pieces touch
 //! without a gap and nothing of the cuts can be seen: the pictures are those of the whole block, and its pattern goes on across
 //! them. Each lip moves rigidly, so truth is as exact as that of [`Orbit`](super::Orbit); but what is one surface at one time is
-//! several at another, with flesh between them that came from nowhere. No smooth motion of points explains that: it is what
-//! coordinates beyond space are for (HyperNeRF).
+//! several at another, with flesh between them that came from nowhere. No continuous motion of points explains that: it is what
+//! ambient coordinates are for (HyperNeRF).
 //!
 //! | times | what the mouth does |
 //! | --- | --- |

@@ -234,6 +234,14 @@ mod tests {
             ),
             2 => Posed::new(Form::Solid(Shape::Torus { ring: 0.4, tube: 0.15 }), Placement::rigid(r, c)),
             3 => Posed::new(Form::Bar { radius: 0.15, height: 0.9 }, Placement::rigid(r, c)),
+            4 => Posed::new(
+                Form::Solid(Shape::Cut {
+                    radii: DVec3::new(0.5, 0.4, 0.6),
+                    low: DVec3::new(-0.4, -0.5, 0.0),
+                    high: DVec3::new(0.1, 0.3, 0.5),
+                }),
+                Placement { r, c, warp: Warp::Stretch(DVec3::new(1.2, 0.8, 1.0 + 0.2 * a)) },
+            ),
             _ => Posed::new(
                 Form::Bar { radius: 0.15, height: 0.9 },
                 Placement { r, c, warp: Warp::Bend { lean: DVec2::new(a, b), twist } },
@@ -252,7 +260,7 @@ mod tests {
 
         #[test]
         fn hits_lie_where_marching_finds_them(
-            which in 0..5_usize, r in any_rotation(), bend in [-1.0..1.0, -1.0..1.0, -4.0..4.0_f64],
+            which in 0..6_usize, r in any_rotation(), bend in [-1.0..1.0, -1.0..1.0, -4.0..4.0_f64],
             o in [-1.5..1.5, -1.5..1.5, -1.5..1.5_f64], d in any_unit_vector(),
         ) {
             let columns = r.map(DVec3::from);
