@@ -25,7 +25,8 @@ pub struct Scene {
     /// Images and cameras, in the order the dialect defines.
     pub frames: Vec<Frame>,
     /// Reconstructed surface points, empty if the dataset has none. In a moving scene they are taken for background that stands
-    /// still: those of the Nerfies form and of `synthetic::orbit` are known to, those of structure from motion mostly do.
+    /// still: those of the Nerfies form, of `synthetic::orbit` and of `synthetic::mouth` are known to, those of structure from motion
+    /// mostly do.
     pub points: Vec<Point>,
     /// What the dialect itself says about the arrangement of cameras and scene.
     pub layout: LayoutHint,

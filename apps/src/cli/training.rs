@@ -50,7 +50,7 @@ pub(crate) struct Prepare {
 #[derive(Debug, Args)]
 pub(crate) struct Check {
     /// Dataset folder or file, or a scene that needs no files: `synthetic:tabletop`, `synthetic:plaza` (photos of many people),
-    /// `synthetic:orbit` (moving), `synthetic:tissue` (deforming, with depth)
+    /// `synthetic:orbit` (moving), `synthetic:mouth` (opening and splitting), `synthetic:tissue` (deforming, with depth)
     ///
     /// `perturbed:c:` before it changes the colours of each training photo, `perturbed:o:` covers a part of it with squares,
     /// `perturbed:co:` does both.

@@ -16,7 +16,7 @@ use crate::table::{Cell, Table};
 use aims::goal;
 use engine::train::Stop;
 use measured::{EVAL_AT, Measured, measure, request, weights};
-use protocols::{Entry, Group, NR, ORBIT, TISSUE, WORKBENCH};
+use protocols::{Entry, Group, MOUTH, NR, ORBIT, TISSUE, WORKBENCH};
 
 pub(super) use protocols::names;
 
@@ -39,6 +39,11 @@ pub(super) fn workbench(bench: &Bench, keep: &Keep<'_>) -> Result<Section, Bench
 /// The embedded scene.
 pub(super) fn orbit(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     section(bench, keep, "Moving scenes: orbit", &ORBIT)
+}
+
+/// What opens, splits and closes again.
+pub(super) fn mouth(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Moving scenes: a mouth that opens and splits", &MOUTH)
 }
 
 /// A real video.
@@ -213,7 +218,7 @@ mod tests {
 
     #[test]
     fn settings_of_all_entries_are_toml_and_what_they_name_comes_before_them() {
-        for group in [WORKBENCH, ORBIT, NR, TISSUE] {
+        for group in [WORKBENCH, ORBIT, MOUTH, NR, TISSUE] {
             for (i, entry) in group.entries.iter().enumerate() {
                 assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
                 assert!(systems::registry::find(entry.system).is_some(), "{}", entry.system);

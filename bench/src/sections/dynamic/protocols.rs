@@ -81,6 +81,7 @@ const THIRTY: Aim = Aim::Within { seconds: 600.0, psnr: 30.0 };
 const NGP: Entry = Entry::new("ngp");
 const D_NERF: Entry = Entry::new("d-nerf");
 const NERFIES: Entry = Entry::new("nerfies");
+const HYPERNERF: Entry = Entry::new("hypernerf");
 const TINEUVOX: Entry = Entry::new("tineuvox");
 const K_PLANES: Entry = Entry::new("k-planes");
 const ENDO_NERF: Entry = Entry::new("endo-nerf");
@@ -91,7 +92,7 @@ const EVERYTHING: &[Entry] = &[
     Entry::new("t-nerf").aims(&[STATIC_LOSES]),
     D_NERF.aims(&[STATIC_LOSES, Aim::Over("t-nerf", SPREAD), RAYS, THIRTY]),
     NERFIES.aims(&[STATIC_LOSES]),
-    Entry::new("hypernerf").aims(&[STATIC_LOSES]),
+    HYPERNERF.aims(&[STATIC_LOSES]),
     TINEUVOX.aims(&[STATIC_LOSES, Aim::Faster("d-nerf", 10.0), RAYS, THIRTY]),
     K_PLANES,
     NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(SPREAD)]),
@@ -109,6 +110,24 @@ pub(super) const WORKBENCH: Group = Group {
 
 pub(super) const ORBIT: Group =
     Group { name: "orbit", path: "synthetic:orbit", stop: Stop::Seconds(200.0), ..WORKBENCH };
+
+/// What ambient coordinates are for: the systems of the other pages, and the one that has such coordinates without them.
+pub(super) const MOUTH: Group = Group {
+    name: "mouth",
+    path: "synthetic:mouth",
+    holdout: Held::Own,
+    stop: Stop::Seconds(200.0),
+    entries: &[
+        NGP,
+        Entry::new("t-nerf"),
+        D_NERF,
+        NERFIES,
+        HYPERNERF.aims(&[Aim::Moving("nerfies", SPREAD)]),
+        TINEUVOX,
+        K_PLANES,
+        HYPERNERF.without("hypernerf, no ambient coordinates", "ambient = 0").aims(&[Aim::Costs(SPREAD)]),
+    ],
+};
 
 pub(super) const NR: Group = Group {
     name: "nr",
@@ -143,5 +162,5 @@ pub(super) const TISSUE: Group = Group {
 
 /// What `--protocol` may name.
 pub(in crate::sections) fn names() -> impl Iterator<Item = &'static str> {
-    [WORKBENCH, ORBIT, NR, TISSUE].into_iter().map(|group| group.name)
+    [WORKBENCH, ORBIT, MOUTH, NR, TISSUE].into_iter().map(|group| group.name)
 }

@@ -147,7 +147,7 @@ impl Snapshot {
     }
 
     /// What is seen at each pixel centre.
-    pub(super) fn centres(&self, camera: &Camera) -> Vec<Option<SnapshotHit>> {
+    pub(in crate::synthetic) fn centres(&self, camera: &Camera) -> Vec<Option<SnapshotHit>> {
         let prepared = camera.prepare();
         let (w, h) = (u64::from(camera.width), u64::from(camera.height));
         let centre = |i: u64| {
