@@ -1,17 +1,19 @@
-//! The plan of a field for photos that each show a time of their own: a deformation or none, which rays are drawn, and what
-//! measured depth does.
+//! The plan of a field for photos that each show a time of their own: a deformation or none, what photos differ in, which rays are
+//! drawn, and what measured depth does.
 
 use super::ask::{Ask, Built, planned};
-use super::ground::Ground;
+use super::ground::{Ground, MovingParts};
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
+use crate::photo_model::PhotoModel;
 use crate::rays::{RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
+use engine::options::RunOptions;
 use engine::system::SystemError;
 
 /// A deformation from its settings, the times of the training views and a seed.
@@ -20,10 +22,20 @@ pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, 
 /// A field's settings after `--set`, from those that are planned.
 pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
 
-/// The parts of a system for scenes that move: its deformation, its rays, what it makes of measured depth, and what it changes of
-/// its field.
+/// What photos differ in, for a field of these settings, or nothing; with its line in the plan. All other settings are known.
+pub(crate) type NewPhotoModel = fn(
+    &mut Ground,
+    &Dataset,
+    &RunOptions,
+    &RayConfig,
+    &mut Settings<'_>,
+) -> Result<Option<Box<dyn PhotoModel>>, SystemError>;
+
+/// The parts of a system for scenes that move: its deformation, what photos differ in, its rays, what it makes of measured depth, and
+/// what it changes of its field.
 pub(crate) struct Moving {
     pub(crate) deform: Option<NewDeform>,
+    pub(crate) photos: Option<NewPhotoModel>,
     pub(crate) rays: RaySettings,
     pub(crate) depth: DepthCueConfig,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
@@ -35,6 +47,7 @@ impl Moving {
     /// A field in which nothing moves.
     pub(crate) const STILL: Self = Self {
         deform: None,
+        photos: None,
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
         field: |_, _| {},
@@ -75,8 +88,10 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     }
     (parts.field)(&mut field, data);
     let field = (parts.asked)(field, &mut settings)?;
+    let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;
     let config = settings.all()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
+    let moving = MovingParts { photo_model: photos.flatten(), deform };
+    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, moving)?;
     ground.lines.extend(follow(&mut system, data, &rays)?);
     if depth.asks() {
         let known = system.follow_depth(depth, data)?;

@@ -21,13 +21,14 @@ use crate::occluders::scene_guard::{DARK, LEAST_PHOTOS, LOOSE, Marked, PhotoGeom
 use crate::occluders::survey::survey_stride;
 use crate::photo_model::{PhotoAndRender, Pixel};
 use crate::plan::{Ground, field_settings};
-use crate::rays::RaySystem;
+use crate::rays::{RayConfig, RaySystem};
 use crate::survey::Surveys;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::{System, SystemError};
 use losses::heuristics::Extent;
 use losses::kernel::Kernel;
+use std::ops::Range;
 
 /// What it is.
 pub(crate) const CLAIM: Claim = Claim {
@@ -69,45 +70,30 @@ pub(super) fn needs(
         return Ok((AppearanceKind::None, OccluderKind::None));
     }
     let lines = ground.lines.len();
-    // Colours that depend on the direction would explain the appearance of each photo.
-    let mut config = field_settings(ground, data);
-    config.networks.sh_degree = 1;
+    let config = blind_to_directions(field_settings(ground, data));
     let mut field = ground.ngp(data, &config, run.seed, None)?;
     // The field that stays has lines of its own.
     ground.lines.truncate(lines);
     let backdrop = Backdrop::new(ground.background);
-    let train = |field: &mut RaySystem, steps: std::ops::Range<u64>| -> Result<(), SystemError> {
-        for step in steps {
-            field.step(data, step)?;
-        }
-        Ok(())
-    };
-    train(&mut field, 0..STEPS)?;
+    train(&mut field, data, 0..STEPS)?;
     let first = Found::of(&field, data, backdrop, None)?;
-    let differ = first.deviation > GAIN_DEVIATION;
+    let differ = differs(first.deviation);
     let again = first.scene > SHARE || (differ && first.far > SHARE);
     let known = differ.then_some(&first.gains[..]);
     let (found, limit, steps) = if again && data.len() >= LEAST_PHOTOS {
         if differ {
             field = ground.ngp(data, &config, run.seed, Some(Box::new(with_codes(data, run.seed))))?;
             ground.lines.truncate(lines);
-            train(&mut field, 0..MORE_STEPS)?;
+            train(&mut field, data, 0..MORE_STEPS)?;
         } else {
-            train(&mut field, STEPS..STEPS + MORE_STEPS)?;
+            train(&mut field, data, STEPS..STEPS + MORE_STEPS)?;
         }
         (Found::of(&field, data, backdrop, known)?, SECOND_SHARE, if differ { MORE_STEPS } else { STEPS + MORE_STEPS })
     } else {
         (first.clone(), SHARE, STEPS)
     };
-    let (appearance, word) = match differ {
-        true => (AppearanceKind::Codes, "a code for each photo"),
-        false => (AppearanceKind::None, "one for all"),
-    };
-    ground.lines.push(format!(
-        "appearance: {word} (after {STEPS} plain steps photos differ from the field by {:.1} % in brightness or tint, limit {:.1} %)",
-        100.0 * first.deviation,
-        100.0 * GAIN_DEVIATION
-    ));
+    let appearance = if differ { AppearanceKind::Codes } else { AppearanceKind::None };
+    ground.lines.push(appearance_line(first.deviation));
     if data.len() < LEAST_PHOTOS {
         ground.lines.push(format!("occluders: not sought ({} photos are too few)", data.len()));
         return Ok((appearance, OccluderKind::None));
@@ -126,6 +112,64 @@ pub(super) fn needs(
         100.0 * found.scene
     ));
     Ok((appearance, occluders))
+}
+
+/// Appearance alone, with its line of reason, of photos that each show a time of their own; `config` are the settings of the field
+/// of the scene. A plain field knows no time: what moves is not where it was, and the median over the pixels of a photo is that of
+/// what stands still.
+///
+/// # Errors
+/// As a training has them.
+pub(crate) fn appearance_of_times(
+    ground: &Ground,
+    data: &Dataset,
+    config: &RayConfig,
+    seed: u64,
+) -> Result<(AppearanceKind, String), SystemError> {
+    if data.len() < 2 {
+        return Ok((AppearanceKind::None, "appearance: not sought (there is one photo)".into()));
+    }
+    let mut field = ground.plain(data, &blind_to_directions(config.clone()), seed)?;
+    train(&mut field, data, 0..STEPS)?;
+    let (stride, backdrop) = (survey_stride(data), Backdrop::new(ground.background));
+    let gains: Vec<[f32; 3]> = (0..data.len())
+        .map(|view| {
+            let rendered = field.render_training_view(data, view, stride)?;
+            let seen = rendered.beside_photo(view);
+            let alpha = evidence(&seen, backdrop);
+            Ok(gain(&PhotoAndRender { alpha: &alpha, ..seen }))
+        })
+        .collect::<Result<_, SystemError>>()?;
+    let deviation = deviation(&gains);
+    let kind = if differs(deviation) { AppearanceKind::Codes } else { AppearanceKind::None };
+    Ok((kind, appearance_line(deviation)))
+}
+
+/// Whether photos differ enough for codes of their own.
+fn differs(deviation: f64) -> bool {
+    deviation > GAIN_DEVIATION
+}
+
+fn appearance_line(deviation: f64) -> String {
+    let word = if differs(deviation) { "a code for each photo" } else { "one for all" };
+    format!(
+        "appearance: {word} (after {STEPS} plain steps photos differ from the field by {:.1} % in brightness or tint, limit {:.1} %)",
+        100.0 * deviation,
+        100.0 * GAIN_DEVIATION
+    )
+}
+
+/// Colours that depend on the direction would explain the appearance of each photo.
+fn blind_to_directions(mut config: RayConfig) -> RayConfig {
+    config.networks.sh_degree = 1;
+    config
+}
+
+fn train(field: &mut RaySystem, data: &Dataset, steps: Range<u64>) -> Result<(), SystemError> {
+    for step in steps {
+        field.step(data, step)?;
+    }
+    Ok(())
 }
 
 /// A code for each photo, and robust errors.
