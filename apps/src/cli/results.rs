@@ -57,7 +57,8 @@ pub(crate) struct Render {
     /// to go from one to another over the frames
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) appearance: Option<AppearancePath>,
-    /// Frame whose camera took the photo of `fit:FILE`; without, the frame FILE is, or the camera in `FILE`.json beside it
+    /// Frame whose camera took the photo of `fit:FILE`, at the frame's time; without, the frame FILE is, or the camera (and of a scene
+    /// that moves the `time`, 0 to 1) in `FILE`.json beside it
     #[arg(long, value_name = "NAME", requires = "appearance")]
     pub(crate) fit_camera: Option<String>,
     /// Time of a scene that moves: `T`, or `A..B` to go from one to the other over the frames; 0 is the first time step and 1 the

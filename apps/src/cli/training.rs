@@ -122,7 +122,7 @@ pub(crate) struct Train {
     /// Any setting of the parts that the system has; `config.toml` of a run lists them all. May be given several times
     ///
     /// On photos of many people `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks` force
-    /// any part on or off.
+    /// any part on or off; of `nerfies` and `hypernerf` `appearance=none|codes` does.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
     /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop

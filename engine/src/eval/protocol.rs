@@ -132,8 +132,8 @@ impl Protocol {
                 if rays.is_empty() {
                     return None;
                 }
-                let (background, halt) = (query.background, &query.halt);
-                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed, halt })
+                let (time, background, halt) = (data.view(view).time, query.background, &query.halt);
+                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, time, background, steps, lr, seed, halt })
             }
             (Some(EvalAppearance::Encode(Part::Whole)), ..) => system.encode_appearance(photo),
             (Some(EvalAppearance::Encode(Part::Left)), ..) => system.encode_appearance(&half::left(photo)),

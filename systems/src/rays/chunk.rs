@@ -207,7 +207,7 @@ impl Chunk {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
                 let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
-                let time_steps = ctx.field.time_steps();
+                let time_steps = ctx.time_steps;
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
                 let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
                 let at = RaysInSpace { simd: ctx.field.simd, space: ctx.space, rays: &self.rays };
@@ -220,7 +220,7 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.prepass.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
-        ctx.field.fill_times(When { time_steps: ctx.field.time_steps(), which: &self.which }, &mut self.times);
+        ctx.field.fill_times(When { time_steps: ctx.time_steps, which: &self.which }, &mut self.times);
         self.stats.dense = self.prepass.dense;
         self.stats.placed = self.prepass.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
