@@ -30,8 +30,9 @@ pub(crate) struct Eval {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
     /// Appearance that held-out views are rendered in (default: the run's): `fit` (fitted on their left halves; right halves are
-    /// scored), `mean`, `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of
-    /// the left half or the whole; right halves are scored)
+    /// scored), `mean`, `nearest` (that of the training photo of the same `appearance_id`, else nearest in time), `image:NAME` (that
+    /// of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or the whole; right
+    /// halves are scored)
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
     /// Error that a pixel may have from skipped work, in units of colour (default: the run's); 0 skips nothing

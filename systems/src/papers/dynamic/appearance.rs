@@ -84,7 +84,8 @@ fn codes(
     let of_view = codes_by_id(data);
     let (count, views) = (code_count(&of_view), data.len());
     if count < views {
-        ground.lines.push(format!("appearance: {count} codes for {views} photos (those of one `appearance_id` share one)"));
+        let line = format!("appearance: {count} codes for {views} photos (those of one `appearance_id` share one)");
+        ground.lines.push(line);
     }
     Ok(Box::new(Wild {
         name: "codes",
