@@ -6,8 +6,9 @@ use engine::halt::Halt;
 use engine::render::{plain_query, render};
 use engine::system::{Appearance, Fit, Query, System, TensorData};
 use scene_io::synthetic::{OrbitOptions, orbit};
-use scene_io::{FrameIds, PerturbationKind, Scene, Split, perturb};
+use scene_io::{FrameIds, LoadOptions, PerturbationKind, Scene, Split, load, perturb};
 use std::sync::Arc;
+use testkit::golden::data_or_skip;
 use tests::{state_of, system, try_system, views};
 
 /// Settings with which a step takes milliseconds.
@@ -118,6 +119,17 @@ fn codes_are_planned_where_exposures_differ_and_it_is_said_why() {
     let (has, word, said) = lines(&orbit(&options));
     assert_eq!((has, word.as_str()), (None, Some("none")), "{said}");
     assert!(said.contains("appearance: one for all (after 80 plain steps"), "{said}");
+}
+
+#[test]
+fn a_capture_whose_exposure_changes_gets_codes() {
+    let test = "a_capture_whose_exposure_changes_gets_codes";
+    let Some(path) = data_or_skip(env!("CARGO_MANIFEST_DIR"), "nerfies_capture", test) else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    let (train, _) = views(&scene, 1);
+    let (mut system, plan) = system("nerfies", &scene, &train, &FIELD);
+    assert_eq!(plan.config["appearance"].as_str(), Some("codes"), "{:#?}", plan.lines);
+    assert!(system.step(&train, 0).unwrap().loss.is_finite());
 }
 
 #[test]
