@@ -99,9 +99,10 @@ pub(crate) struct Train {
     /// How long to try again to write the last checkpoint and the results where the disk is full or gone, seconds (default: 60)
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) disk_wait: Option<f64>,
-    /// Appearance that held-out views are rendered in: `fit` (fitted on their left halves; right halves are scored), `mean`,
-    /// `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or
-    /// the whole; right halves are scored)
+    /// Appearance that held-out views are rendered in: `fit` (fitted on their left halves; right halves are scored; the default where
+    /// photos have codes), `mean`, `nearest` (that of the training photo of the same `appearance_id`, else nearest in time),
+    /// `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or the
+    /// whole; right halves are scored)
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
     /// What is behind the scene
@@ -122,7 +123,7 @@ pub(crate) struct Train {
     /// Any setting of the parts that the system has; `config.toml` of a run lists them all. May be given several times
     ///
     /// On photos of many people `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks` force
-    /// any part on or off.
+    /// any part on or off; of `nerfies` and `hypernerf` `appearance=none|codes` does.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
     /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop

@@ -61,8 +61,67 @@ fn time_is_a_word_of_nerf_dynamic_alone() {
         }
     }
     // Words of other apps are none of this one's.
-    let answer = nerf_dynamic(&["render", "x", "--path", "orbit", "--out", "y", "--appearance", "mean"]);
-    assert!(answer.code == 2 && answer.err.contains("word of nerf-wild"), "{}", answer.err);
+    let answer = nerf_dynamic(&["masks", "x"]);
+    assert!(answer.code == 2 && answer.err.contains("word of nerf-wild:"), "{}", answer.err);
+}
+
+#[test]
+fn photos_of_a_film_are_shown_in_the_appearance_that_is_asked_for() {
+    let (folder, scene) = video();
+    let run = folder.path().join("run");
+    let codes = ["--steps", "20", "--system", "nerfies", "--set", "appearance=codes", "--eval-appearance", "nearest"];
+    let answer = train(&scene, &run, &codes);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("nearest in time; whole views scored"), "{}", answer.out);
+    let whole = json(&run.join("eval.json"));
+    assert_eq!(whole["protocol"], serde_json::json!({ "appearance": "nearest", "scored": "whole" }));
+    let answer = nerf_dynamic(&["eval", text(&run), "--eval-appearance", "fit"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert_eq!(json(&run.join("eval.json"))["protocol"]["scored"], "right-half");
+
+    let pictures = folder.path().join("pictures");
+    let words = ["render", text(&run), "--out", text(&pictures), "--path", "hold:test/r_000", "--time", "0.5"];
+    let render = |appearance: &str| nerf_dynamic(&[&words[..], &["--appearance", appearance]].concat());
+    let shown = |appearance: &str| {
+        let answer = render(appearance);
+        assert_eq!(answer.code, 0, "{appearance}: {}", answer.err);
+        fs::read(pictures.join("colour_0000.png")).unwrap()
+    };
+    let all = ["mean", "image:train/r_000", "image:train/r_005", "fit:test/r_001"].map(shown);
+    assert!(all[1] != all[2] && all[0] != all[3], "each photo has its own");
+
+    // A photo from elsewhere: where it was taken, and when.
+    let photo = folder.path().join("mine.png");
+    fs::copy(scene.join("train/r_000.png"), &photo).unwrap();
+    let beside = photo.with_extension("json");
+    let cameras = json(&scene.join("transforms_train.json"));
+    let camera = |time: Value| {
+        let matrix = &cameras["frames"][0]["transform_matrix"];
+        serde_json::json!({ "time": time, "frames": [{ "transform_matrix": matrix }] }).to_string()
+    };
+    let word = format!("fit:{}", text(&photo));
+    for (beside_it, part) in [
+        (None, "its camera is not known"),
+        (Some(camera(Value::Null)), "`time` = null"),
+        (Some(camera(2.into())), "`time` = 2: must be in 0..=1"),
+        (Some(camera(0.into()).replace("\"time\"", "\"when\"")), "when the photo was taken is not known"),
+    ] {
+        beside_it.iter().for_each(|content| fs::write(&beside, content).unwrap());
+        let answer = render(&word);
+        assert_eq!(answer.code, 1, "{}", answer.out);
+        assert!(error_line(&answer).contains(part), "{part}: {}", answer.err);
+    }
+    fs::write(&beside, camera(0.into())).unwrap();
+    shown(&word);
+
+    let plain = folder.path().join("plain");
+    assert_eq!(train(&scene, &plain, &["--steps", "2"]).code, 0);
+    for word in ["image:train/r_000", "fit:test/r_000"] {
+        let words = ["render", text(&plain), "--out", text(&pictures), "--appearance", word];
+        let answer = nerf_dynamic(&words);
+        assert_eq!(answer.code, 1, "{word}: {}", answer.out);
+        assert!(error_line(&answer).contains("`d-nerf` has one appearance only"), "{}", answer.err);
+    }
 }
 
 #[test]
@@ -180,8 +239,8 @@ fn a_system_of_another_app_is_trained_where_it_fits_and_its_words_are_understood
     let moving = folder.path().join("moving");
     let answer = train(&scene, &moving, &["--steps", "2", "--system", "t-nerf"]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    let answer = nerf_dynamic(&["render", text(&moving), "--out", text(&pictures), "--appearance", "mean"]);
-    assert!(answer.code == 2 && answer.err.contains("`--appearance` is a word of nerf-wild"), "{}", answer.err);
+    let answer = nerf_dynamic(&["masks", text(&moving)]);
+    assert!(answer.code == 2 && answer.err.contains("`masks` is a word of nerf-wild: "), "{}", answer.err);
     // Without times of photos nothing moves.
     let (_still, photos) = dataset();
     let answer = nerf(&["train", text(&photos), "--out", text(&folder.path().join("no")), "--system", "d-nerf"]);
@@ -196,7 +255,7 @@ fn a_killed_run_resumes_to_the_same_bits() {
         let own: &[&str] = match system {
             // Doubled after steps 10, 20 and 30.
             "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=10"],
-            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30"],
+            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30", "--set", "appearance=codes"],
         };
         let place = |name: &str| folder.path().join(format!("{system}-{name}"));
         let (whole, stopped) = (place("whole"), place("killed"));

@@ -577,3 +577,20 @@ fn all_images_of_the_small_scenes_decode() {
         assert!(report.image_bytes > 0);
     }
 }
+
+#[test]
+fn the_nerfies_capture_numbers_the_appearance_of_each_photo() {
+    let Some(path) = data("nerfies_capture") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Nerfies);
+    assert_eq!(counts(&scene), [82, 0, 5, 0]);
+    let appearances = |split| -> Vec<u32> {
+        let frames = scene.frames.iter().filter(|frame| frame.split == split);
+        frames.map(|frame| frame.ids.unwrap().appearance).collect()
+    };
+    let mut training = appearances(Split::Train);
+    training.sort_unstable();
+    assert_eq!(training, (0..82).collect::<Vec<u32>>());
+    // Held-out photos have the numbers of training photos that were taken next to them.
+    assert_eq!(appearances(Split::Test), [0, 19, 38, 57, 76]);
+}

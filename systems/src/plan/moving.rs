@@ -1,21 +1,21 @@
-//! The plan of a field for photos that each show a time of their own: a deformation or none, which rays are drawn, and what
-//! measured depth does.
+//! The plan of a field for photos that each show a time of their own: a deformation or none, what photos differ in, which rays are
+//! drawn, and what measured depth does.
 
 use super::ask::{Ask, Built, planned};
-use super::ground::Ground;
+use super::ground::{Ground, MovingParts};
 use super::near::set_near;
-use super::pace::CloudPace;
 use super::ngp_settings::{Shown, ngp_settings};
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
-use crate::fields::{DecoderKind, FeatureSource};
-use crate::rays::{MovingConfig, MovingSettings, RayConfig, RaySystem};
+use super::still_part::behind;
+use crate::photo_model::PhotoModel;
+use crate::rays::{RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
+use engine::options::RunOptions;
 use engine::system::SystemError;
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// A deformation from its settings, the times of the training views and a seed.
@@ -24,56 +24,20 @@ pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, 
 /// A field's settings after `--set`, from those that are planned.
 pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
 
-/// What stands still behind what moves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Background {
-    /// Part of the one field, which moves.
-    #[default]
-    Moving,
-    /// A field of its own, as for a scene at rest.
-    Static,
-}
+/// What photos differ in, for a field of these settings, or nothing; with its line in the plan. All other settings are known.
+pub(crate) type NewPhotoModel = fn(
+    &mut Ground,
+    &Dataset,
+    &RunOptions,
+    &RayConfig,
+    &mut Settings<'_>,
+) -> Result<Option<Box<dyn PhotoModel>>, SystemError>;
 
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct BackgroundChoice {
-    /// What stands still: `moving` (part of the one field) or `static` (a field of its own; the system's moves before it).
-    background: Background,
-}
-
-/// Steps of the still part alone, where no stop is known, and as a share of those until a stop.
-const STILL_STEPS: u64 = 400;
-const STILL_SHARE: f64 = 0.15;
-
-/// What a part for what moves costs, and when it begins in a run of `steps` steps.
-fn moving_settings(steps: Option<u64>) -> MovingSettings {
-    let from = steps.map_or(STILL_STEPS, |steps| (STILL_SHARE * steps as f64).round() as u64).max(1);
-    MovingSettings { moving_from: from, moving_share: 1e-3, moving_entropy: 1e-3 }
-}
-
-/// The field with a part of its own for what moves: what the system made of its features is that part's, `still` are those of the rest.
-fn with_still_part(
-    field: RayConfig,
-    still: &Arc<dyn FeatureSource>,
-    steps: Option<u64>,
-    settings: &mut Settings<'_>,
-) -> Result<RayConfig, SystemError> {
-    if field.decoder.is_some_and(|choice| choice.decoder == DecoderKind::Explicit) {
-        return Err(SystemError::Config {
-            field: "background",
-            value: "static".into(),
-            problem: "two parts are mixed before one network of colours: set `decoder=hybrid`".into(),
-        });
-    }
-    let moving = MovingConfig::new(field.features.clone(), moving_settings(steps)).asked(settings)?;
-    Ok(RayConfig { features: still.clone(), moving: Some(moving), ..field })
-}
-
-/// The parts of a system for scenes that move: its deformation, its rays, what it makes of measured depth, and what it changes of
-/// its field.
+/// The parts of a system for scenes that move: its deformation, what photos differ in, its rays, what it makes of measured depth, and
+/// what it changes of its field.
 pub(crate) struct Moving {
     pub(crate) deform: Option<NewDeform>,
+    pub(crate) photos: Option<NewPhotoModel>,
     pub(crate) rays: RaySettings,
     pub(crate) depth: DepthCueConfig,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
@@ -85,6 +49,7 @@ impl Moving {
     /// A field in which nothing moves.
     pub(crate) const STILL: Self = Self {
         deform: None,
+        photos: None,
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
         field: |_, _| {},
@@ -126,16 +91,14 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let still = field.features.clone();
     (parts.field)(&mut field, data);
     let own = !Arc::ptr_eq(&still, &field.features);
-    let mut field = (parts.asked)(field, &mut settings)?;
-    let moves = deform.is_some() || own;
-    if moves && settings.of(&BackgroundChoice::default())?.background == Background::Static {
-        // Features that the system did not choose are those of a scene at rest, as they were asked for.
-        let still = if own { still } else { field.features.clone() };
-        field = with_still_part(field, &still, CloudPace::of_field(run.stop), &mut settings)?;
-        ground.lines.push(static_line(&field));
-    }
+    let field = (parts.asked)(field, &mut settings)?;
+    // Features that the system did not choose are those of a scene at rest, as they were asked for.
+    let still = if own { still } else { field.features.clone() };
+    let field = if deform.is_some() || own { behind(field, still, run.stop, &mut settings, &mut ground)? } else { field };
+    let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;
     let config = settings.all()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
+    let moving = MovingParts { photo_model: photos.flatten(), deform };
+    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, moving)?;
     ground.lines.extend(follow(&mut system, data, &rays)?);
     system.watch(data);
     if depth.asks() {
@@ -150,15 +113,6 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
         });
     }
     Ok((Box::new(system), planned(ground, config)))
-}
-
-/// When what moves is looked for.
-fn static_line(field: &RayConfig) -> String {
-    let from = field.moving.as_ref().map_or(0, MovingConfig::from);
-    format!(
-        "background: a field of what stands still; after {from} steps what its photos show otherwise moves, in a field of its own, and \
-         nothing more is trained where nothing does"
-    )
 }
 
 /// Let errors or masks lead the rays. Returns what is done, a line each.

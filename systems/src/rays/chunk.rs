@@ -213,7 +213,7 @@ impl Chunk {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
                 let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
-                let time_steps = ctx.field.time_steps();
+                let time_steps = ctx.time_steps;
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
                 let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
                 let at = RaysInSpace { simd: ctx.field.simd, space: ctx.space, rays: &self.rays };
@@ -226,7 +226,7 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.prepass.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
-        let when = When { time_steps: ctx.field.time_steps(), which: &self.which };
+        let when = When { time_steps: ctx.time_steps, which: &self.which };
         ctx.field.fill_times(when, &mut self.times);
         if let Some(part) = &ctx.field.moving {
             self.moving.find(part, &self.x[..3 * self.n], when);

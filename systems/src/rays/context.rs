@@ -6,6 +6,7 @@ use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::samplers::{Marcher, MeasuredDepth, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
+use crate::warps::TimeSteps;
 use engine::data::Batch;
 use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
@@ -40,6 +41,8 @@ pub(super) struct StepContext<'a> {
     /// Part of a sample's interval that lies in front of it.
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
+    /// The time step of each view that the batch has pixels of.
+    pub(super) time_steps: &'a TimeSteps,
     /// What else the loss depends on.
     pub(super) photo_model: Option<&'a dyn PhotoModel>,
     /// Codes of the training views.

@@ -1,7 +1,7 @@
 //! The gradient of a step as wired, from pixels to every learned number, against differences of the loss in f64.
 
-use super::budget_tests::{biased, randomised_with, small, table};
-use super::moving_tests::filmed;
+use super::budget_tests::{biased, randomised_moving, randomised_with, small, table};
+use super::moving_tests::{filmed, filmed_in};
 use super::step::Plan;
 use super::{HeadConfig, MixtureKind, MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::fields::{FeatureSource, HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
@@ -11,6 +11,8 @@ use crate::plan::HASH_GRID;
 use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
+use crate::warps::made::MadeSettings;
+use crate::warps::{Motion, TimeKind, Times};
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use field_core::rng::Rng;
@@ -156,7 +158,10 @@ const CHECKED: usize = 60;
 
 fn check(config: RayConfig, photo_model: Option<Coded>, data: &Dataset) {
     let boxed = photo_model.clone().map(|photo_model| Box::new(photo_model) as Box<dyn PhotoModel>);
-    let mut driver = randomised_with(config, 5, boxed);
+    check_driver(randomised_with(config, 5, boxed), photo_model, data);
+}
+
+fn check_driver(mut driver: RaySystem, photo_model: Option<Coded>, data: &Dataset) {
     let mut photo_model = photo_model.unwrap_or_else(|| coded(false));
     let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;
     driver.rays = 48;
@@ -241,6 +246,18 @@ fn of_appearance_codes_and_the_transient_head_with_its_first_sample() {
         config.terms = TERMS;
         check(config, Some(coded(true)), &data);
     }
+}
+
+#[test]
+fn of_appearance_codes_of_a_scene_that_moves() {
+    let film = filmed_in(8, VIEWS);
+    let mut made = MadeSettings::of_time(TimeKind::Codes, 0, 2);
+    made.warp.motion = Motion::Rigid;
+    let mut deform = made.deform(Times::of(&film), 1);
+    deform.randomise(1);
+    let boxed: Box<dyn PhotoModel> = Box::new(coded(false));
+    let driver = randomised_moving(tiny(SpaceKind::Box), 5, Some(boxed), Some(deform));
+    check_driver(driver, Some(coded(false)), &film);
 }
 
 #[test]

@@ -22,8 +22,12 @@ const TIME_STEPS: usize = 20;
 
 /// A photo of each time step.
 pub(super) fn filmed(side: u32) -> Dataset {
-    let options =
-        OrbitOptions { width: side, height: side, train: TIME_STEPS, test: 0, rays: 1, ..OrbitOptions::default() };
+    filmed_in(side, TIME_STEPS)
+}
+
+/// A photo of each of so many time steps.
+pub(super) fn filmed_in(side: u32, train: usize) -> Dataset {
+    let options = OrbitOptions { width: side, height: side, train, test: 0, rays: 1, ..OrbitOptions::default() };
     let scene = orbit(&options);
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()

@@ -251,7 +251,7 @@ impl Prepass {
             }
         }
         let features = sized(&mut round.features, field.rows() * n);
-        let when = When { time_steps: field.time_steps(), which: &round.which };
+        let when = When { time_steps: ctx.time_steps, which: &round.which };
         field.seen(x, when, features, &mut self.placing);
         let raw = sized(&mut self.raw, field.density.outputs() * n);
         let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());

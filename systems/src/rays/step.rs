@@ -194,6 +194,7 @@ impl RaySystem {
             },
             lead: self.sampler.lead(),
             batch: &inputs.batch,
+            time_steps: self.field.time_steps(),
             photo_model: self.photo_model.as_deref(),
             appearance: self.photo_model.as_ref().and_then(|photo_model| photo_model.learning_appearance()),
             transient: self.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),

@@ -13,7 +13,9 @@ use systems::registry::{Family, build, names};
 use tests::{assert_same_bits, state_after, state_of, views};
 
 /// Settings with which a step takes milliseconds; a system takes those that its parts have.
-const SMALL: [&str; 13] = [
+const SMALL: [&str; 14] = [
+    // What photos need is found out by a training.
+    "appearance=none",
     "levels=4",
     "log2_table=12",
     "n_max=64",
@@ -33,7 +35,14 @@ const SMALL: [&str; 13] = [
 fn schedules(name: &str) -> &'static [&'static str] {
     match name {
         "d-nerf" => &["curriculum=5", "planes=[4,8]", "plane_features=2", "plane_times=4", "levels_anneal=4"],
-        "nerfies" => &["warp_anneal=4", "elastic=0.5", "elastic_at=all", "background_loss=1.0", "background_points=32"],
+        "nerfies" => &[
+            "warp_anneal=4",
+            "elastic=0.5",
+            "elastic_at=all",
+            "background_loss=1.0",
+            "background_points=32",
+            "appearance=codes",
+        ],
         "hypernerf" => &["warp_anneal=4", "ambient_from=2", "ambient_anneal=3", "background_points=32"],
         // Doubled after steps 2, 4 and 6.
         "tineuvox" => &["voxels=24", "voxels_every=2"],
@@ -88,6 +97,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "warp_width" => !has(&["ngp", "k-planes"]),
         "warp_depth" => !has(&["ngp", "k-planes", "t-nerf"]),
         "ambient_width" | "ambient_depth" => has(&["hypernerf"]),
+        "appearance" => has(&["nerfies", "hypernerf"]),
         _ => true,
     }
 }

@@ -74,6 +74,8 @@ const SMALL: [&str; 49] = [
 
 /// What `auto` finds out by a training, told to it.
 const AUTO: [&str; 2] = ["appearance=\"codes\"", "occluders=\"robust\""];
+/// What systems of scenes that move with codes of appearance find out, told to them.
+const CODES: [&str; 1] = ["appearance=\"codes\""];
 
 fn scene_of(entry: &Entry) -> Scene {
     let (width, height) = (24, 24);
@@ -90,7 +92,11 @@ fn scene_of(entry: &Entry) -> Scene {
 /// The settings of [`SMALL`] that the system has, besides those it is given anyway.
 fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     let name = entry.claim.name;
-    let given: &[&str] = if name == "auto" { &AUTO } else { &[] };
+    let given: &[&str] = match name {
+        "auto" => &AUTO,
+        "nerfies" | "hypernerf" => &CODES,
+        _ => &[],
+    };
     let (train, _) = views(scene, 1);
     let (_, plan) = try_system(name, scene, &train, given).unwrap_or_else(|e| panic!("{name}: {e}"));
     // Of `splat` it halves pictures.

@@ -5,9 +5,10 @@
 //! ```text
 //! x' = T(x, w_i)                 as Nerfies, without the elastic loss
 //! a  = H(gamma(x), w_i)          ambient coordinates: a bendy sheet that cuts the template (section 3.3)
-//! (c, sigma) = F(x', gamma_b(a), d)
+//! (c, sigma) = F(x', gamma_b(a), d, psi_i)    psi_i: a free code of each photo's appearance, where exposures differ
 //! ```
 
+use super::appearance;
 use super::nerfies::{self, RigidMotion};
 use crate::claims::Claim;
 use crate::plan::{Ask, Built, Moving, moving_field};
@@ -26,8 +27,8 @@ pub(crate) const CLAIM: Claim = Claim {
     what: "As `nerfies` without the elastic loss, with two coordinates beyond space",
     take: "what opens and closes",
     differs: "As `nerfies` here, on a hash grid with planes of place and time in the warp and short schedules; the \
-              ambient coordinates are those of the bendy sheet alone. The axis-aligned plane and codes of \
-              appearance are not built.",
+              ambient coordinates are those of the bendy sheet alone. The axis-aligned plane is not built, and photos \
+              have appearance codes only where exposures differ.",
     mark: "hash grid, short schedules",
 };
 
@@ -107,5 +108,5 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
 
 /// `ngp`'s field, deformed.
 pub(crate) fn build(ask: Ask<'_>) -> Built {
-    moving_field(ask, &Moving::deformed(deform))
+    moving_field(ask, &Moving { photos: Some(appearance::photo_model), ..Moving::deformed(deform) })
 }

@@ -14,7 +14,7 @@
 use crate::buffers::{shapes_hold, sized};
 use crate::claims::Claim;
 use crate::fields::{DecoderChoice, DecoderKind, Detail, ExplicitConfig, FeatureSource, Features, Names, Part, Places};
-use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
+use crate::plan::{Ask, Built, Moving, MovingParts, Shown, chosen_sampler, field_settings, moving_field, planned};
 use crate::rays::RayConfig;
 use crate::settings::Settings;
 use engine::data::Dataset;
@@ -394,6 +394,6 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     planes(&mut config, PlaneSource::still());
     let config = chosen_sampler(config, &mut ask.settings)?;
     let all = ask.settings.all()?;
-    let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, None)?;
+    let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, MovingParts::default())?;
     Ok((Box::new(system), planned(ground, all)))
 }

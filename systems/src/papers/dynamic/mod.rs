@@ -8,7 +8,10 @@
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
+//!
+//! Photos of `nerfies` and `hypernerf` have codes of `appearance` where their exposures differ.
 
+mod appearance;
 pub(crate) mod d_nerf;
 pub(crate) mod endo_nerf;
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! ```text
 //! (omega, v) = W(gamma_a(x), w_i)           a free code w_i for each time step; octaves come in coarse to fine (equation 8)
 //! x' = exp(omega) x + V(omega) v            a screw motion of the point (section 3.2)
-//! (c, sigma) = F(x', d)
+//! (c, sigma) = F(x', d, psi_i)              psi_i: a free code of each photo's appearance, where exposures differ
 //! L = |C - C'|^2 + lambda sum w rho(|log S|^2) + mu sum rho(|x' - x|)     elastic over singular values S of the Jacobian
 //!                                                                        (equation 6), background (section 3.4)
 //! ```
@@ -12,6 +12,7 @@
 //! The elastic energy comes without a singular value decomposition (`losses::elastic`). The exponential is smooth at 0, where
 //! the published form divides by the angle.
 
+use super::appearance;
 use crate::claims::Claim;
 use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
@@ -30,7 +31,7 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "a person or an animal that moves a little",
     differs: "The template is a hash grid and the warp sees planes of place and time; octaves come in over 1000 \
               steps, the elastic loss looks at one sample a ray, the background loss has a factor of 3e-5 instead \
-              of 1. There are no codes of appearance or camera.",
+              of 1. Photos have appearance codes, held near 0, only where exposures differ; cameras have none.",
     mark: "hash grid, background loss 3e-5",
 };
 
@@ -106,7 +107,7 @@ struct Nerfies {
 impl Deformation for Nerfies {
     fn record<'a>(&'a self, tape: &mut Tape<'a>, at: At<'_>) -> Result<Moved, TapeError> {
         let p = self.motion.planes.of(tape, &at)?;
-        // (c, sigma) = F(x', d): the template sees the canonical point alone.
+        // (c, sigma) = F(x', d, psi_i): density of the template sees the canonical point alone.
         let x = self.motion.of(tape, &at, &p)?;
         Moved::new(tape, x, p.for_density())
     }
@@ -154,5 +155,5 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
 
 /// `ngp`'s field, deformed.
 pub(crate) fn build(ask: Ask<'_>) -> Built {
-    moving_field(ask, &Moving::deformed(deform))
+    moving_field(ask, &Moving { photos: Some(appearance::photo_model), ..Moving::deformed(deform) })
 }

@@ -56,6 +56,8 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     let own: &[&str] = match name {
         "tineuvox" => &["voxels=12", "voxels_every=2"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
+        // What photos need is found out by a training.
+        "nerfies" | "hypernerf" => &["appearance=none"],
         // The others look at no depth.
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],

@@ -35,7 +35,9 @@ const ACCEPTED: [(&str, &str); 8] = [
         time_code_dims=1 time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0
         origin=canonical+time_input=time warp=translation warp=none
         origin=canonical+time_input=time+warp=translation+planes_seen_by=both+elastic=1000.0+elastic_at=all
-        origin=canonical+time_input=time+warp=translation+planes_seen_by=both+background=1000.0",
+        origin=canonical+time_input=time+warp=translation+planes_seen_by=both+background=1000.0
+        appearance=codes appearance=codes+appearance_dims=1 appearance=codes+appearance_dims=512
+        appearance=codes+code_size=0.0 appearance=codes+warp=none+time_input=time",
     ),
     (
         "hypernerf",
