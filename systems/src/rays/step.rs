@@ -107,7 +107,7 @@ impl RaySystem {
             self.errors = Some(map);
         }
 
-        let lr = f64::from(self.config.rates.learning_rate(step));
+        let lr = f64::from(self.config.rates.learning_rate(self.course.done(step).steps));
         let start = Instant::now();
         let bad = self.update_grid(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
@@ -121,7 +121,7 @@ impl RaySystem {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
-        self.field.features.refine(self.guard.steps());
+        self.field.features.refine(self.course.done(self.guard.steps()));
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -282,13 +282,14 @@ impl RaySystem {
 
     /// One step of what moves. Returns the count of non-finite gradients.
     fn update_deform(&mut self, step: u64, lr: f64) -> usize {
+        let share = self.course.done(step + 1).share;
         let Some(deform) = &mut self.field.deform else { return 0 };
         let Work { chunks, still, .. } = &mut self.work;
         let grads = chunks.iter().map(|c| &c.deform_grad);
         if deform.holds_background(&Rng::new(self.seed, STILL).substream(step), still) {
-            return deform.step(grads.chain([&still.grad]), lr);
+            return deform.step(grads.chain([&still.grad]), lr, share);
         }
-        deform.step(grads, lr)
+        deform.step(grads, lr, share)
     }
 
     /// One step of each proposal. Returns the count of non-finite gradients.
