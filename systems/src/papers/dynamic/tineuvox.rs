@@ -38,7 +38,7 @@ pub(crate) const CLAIM: Claim = Claim {
               (released: softplus), rates are held for half of the run (released: they fall at once), octaves that the \
               displacement sees come in within its first third (released: all at once), the optimiser goes on where voxels \
               double (released: begins anew). There are no codes of cameras and no background points.",
-    mark: "octaves annealed, exponential density",
+    mark: "exponential density, own schedule",
 };
 
 /// Features of a voxel, and voxels along an axis, of the small model (table 1, "S").
