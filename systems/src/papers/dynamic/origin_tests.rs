@@ -9,8 +9,9 @@ use engine::render::{plain_query, render};
 use engine::system::{Query, System, TensorData, TensorMap};
 use field_core::rng::Rng;
 
-/// Beside `t = 0`.
-const BESIDE: f64 = 1e-3;
+/// Times beside `t = 0`, and how far the picture may be from that at `t = 0`, as a share of how far that in the middle of the time is.
+/// Networks of random parameters are much steeper in time than trained ones.
+const BESIDE: [(f64, f64); 2] = [(1e-3, 0.3), (1e-4, 0.05)];
 
 /// A small system whose parameters are all of some size: its warp is not near zero anywhere.
 fn randomised(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> Box<dyn System> {
@@ -40,14 +41,15 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
     (sum / a.len() as f64).sqrt()
 }
 
-/// How far the picture beside `t = 0` is from that at `t = 0`, as a share of how far that in the middle of the time is.
-fn jump(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> f64 {
+/// How far the pictures of [`BESIDE`] are from that at `t = 0`, as a share of how far that in the middle of the time is.
+fn jumps(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> [f64; 2] {
     let system = randomised(claim, build, set);
-    let [at, beside, later] = [0.0, BESIDE, 0.5].map(|time| shown(system.as_ref(), time));
-    let (near, far) = (distance(&at, &beside), distance(&at, &later));
-    println!("{} {set:?}: {near:.5} beside t = 0, {far:.5} in the middle", claim.name);
+    let [at, later] = [0.0, 0.5].map(|time| shown(system.as_ref(), time));
+    let far = distance(&at, &later);
     assert!(far > 1e-3, "{}: nothing moves", claim.name);
-    near / far
+    let jumps = BESIDE.map(|(time, _)| distance(&at, &shown(system.as_ref(), time)) / far);
+    println!("{} {set:?}: {jumps:?} of {far:.5}", claim.name);
+    jumps
 }
 
 /// A system with an origin, with settings that give it one where it has none by itself.
@@ -62,13 +64,14 @@ fn what_is_shown_at_the_origin_is_what_is_shown_beside_it() {
         (hyper_nerf::CLAIM, hyper_nerf::build, &["time_input=time", "origin=tied"]),
     ];
     for (claim, build, set) in systems {
-        let jump = jump(claim, build, set);
-        assert!(jump < 0.1, "{}: at t = 0 the picture is another one than beside it: {jump}", claim.name);
+        for (jump, (time, most)) in jumps(claim, build, set).into_iter().zip(BESIDE) {
+            assert!(jump < most, "{}: at t = 0 the picture is another one than at {time}: {jump}", claim.name);
+        }
     }
 }
 
 #[test]
 fn as_published_the_scene_jumps_at_the_origin() {
-    let jump = jump(d_nerf::CLAIM, d_nerf::build, &["origin=exact"]);
-    assert!(jump > 0.3, "{jump}: the test sees no jump where there is one");
+    let jumps = jumps(d_nerf::CLAIM, d_nerf::build, &["origin=exact"]);
+    assert!(jumps[1] > 0.3, "{jumps:?}: the test sees no jump where there is one");
 }
