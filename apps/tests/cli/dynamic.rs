@@ -254,12 +254,13 @@ fn a_killed_run_resumes_to_the_same_bits() {
     for system in ["tineuvox", "nerfies"] {
         let own: &[&str] = match system {
             // Doubled after steps 10, 20 and 30.
-            "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=10"],
-            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30", "--set", "appearance=codes"],
+            "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=0.25"],
+            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=0.75", "--set", "appearance=codes"],
         };
         let place = |name: &str| folder.path().join(format!("{system}-{name}"));
         let (whole, stopped) = (place("whole"), place("killed"));
-        let extra = [&["--system", system], own].concat();
+        // The one that is killed would plan for another stop.
+        let extra = [&["--system", system, "--set", "horizon=40"], own].concat();
         let answer = train(&scene, &whole, &[&["--steps", "40"], &extra[..]].concat());
         assert_eq!(answer.code, 0, "{}", answer.err);
 

@@ -100,7 +100,7 @@ fn moving_systems_take_no_more_memory_than_they_say() {
     let small = [&TEN[..], &["--longest-side", "32"]].concat();
     each_holds("nerf-dynamic", "synthetic:tissue", &["endo-nerf"], &small);
     // Its voxels come to their full number within the few steps.
-    let grown = [&TEN[..], &["--set", "voxels_every=2"]].concat();
+    let grown = [&TEN[..], &["--set", "voxels_every=0.2"]].concat();
     each_holds("nerf-dynamic", text(&scene), &["tineuvox"], &grown);
 }
 

@@ -5,12 +5,14 @@ use super::ask::{Ask, Built, planned};
 use super::ground::{Ground, MovingParts};
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
+use super::pace::CloudPace;
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
 use super::still_part::behind;
 use crate::photo_model::PhotoModel;
 use crate::rays::{RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
+use crate::schedule::ScheduleSettings;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
@@ -68,9 +70,10 @@ const FAINT: f32 = 0.002;
 /// A field made of these parts.
 pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let Ask { claim, scene, data, run, mut settings } = ask;
+    let schedule = scheduled(&mut settings, run, parts)?;
     let rays = settings.of(&parts.rays)?;
     rays.check()?;
-    let depth = settings.of(&parts.depth)?;
+    let depth = settings.of(&depth_rounds(parts.depth, schedule))?;
     depth.check()?;
     let deform = parts.deform.map(|new| new(&mut settings, Times::of(data), run.seed)).transpose()?;
     let deform = deform.filter(Deform::does_something).map(|deform| deform.with_curriculum(rays.curriculum));
@@ -91,6 +94,10 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let still = field.features.clone();
     (parts.field)(&mut field, data);
     let own = !Arc::ptr_eq(&still, &field.features);
+    if run.stop.is_some() {
+        field.rates = field.rates.over(schedule.horizon);
+    }
+    ground.lines.push(format!("schedule: of {} steps; rates, windows and doublings are shares of it", schedule.horizon));
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
     let still = if own { still } else { field.features.clone() };
@@ -99,6 +106,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let config = settings.all()?;
     let moving = MovingParts { photo_model: photos.flatten(), deform };
     let mut system = ground.moving(data, &field, run.seed, scene, claim.name, moving)?;
+    system.follow_schedule(schedule.horizon);
     ground.lines.extend(follow(&mut system, data, &rays)?);
     system.watch(data);
     if depth.asks() {
@@ -113,6 +121,26 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
         });
     }
     Ok((Box::new(system), planned(ground, config)))
+}
+
+/// The schedule of a run until its stop.
+fn scheduled(
+    settings: &mut Settings<'_>,
+    run: &RunOptions,
+    parts: &Moving,
+) -> Result<ScheduleSettings, SystemError> {
+    let steps = if parts.deform.is_some() { CloudPace::of_moving_field } else { CloudPace::of_field };
+    let schedule = settings.of(&ScheduleSettings::until(steps(run.stop)))?;
+    schedule.check()?;
+    Ok(schedule)
+}
+
+/// Rounds in which measured depth gives way, spread over the schedule where there are any.
+fn depth_rounds(depth: DepthCueConfig, schedule: ScheduleSettings) -> DepthCueConfig {
+    if depth.refine_every == 0 {
+        return depth;
+    }
+    DepthCueConfig { refine_every: (schedule.horizon / (depth.refine_rounds + 1).max(1)).max(1), ..depth }
 }
 
 /// Let errors or masks lead the rays. Returns what is done, a line each.

@@ -15,7 +15,7 @@ const WAY: [f32; 3] = [0.1, -0.2, 0.05];
 /// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
 fn shifted(kind: SpaceKind, seed: u64) -> RaySystem {
     let nothing = MadeSettings::of_time(TimeKind::Time, 2, 1);
-    let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Canonical, ..nothing.warp };
+    let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Exact, ..nothing.warp };
     let mut deform = MadeSettings { warp, ..nothing }.deform(Times::of(&super::budget_tests::table().1), seed);
     let mut state: TensorMap = deform.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let TensorData::F32(networks) = &mut state.get_mut("deform.networks").unwrap().data else { panic!("floats") };

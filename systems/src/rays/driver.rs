@@ -9,6 +9,7 @@ use super::work::{CHUNKS, Inputs, SecondRenders, Work};
 use crate::fields::{Field, NETWORK_ADAM};
 use crate::photo_model::PhotoModel;
 use crate::samplers::{DepthCueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
+use crate::schedule::Course;
 use crate::space::{Space, SpaceKind};
 use crate::terms::RayTerm;
 use crate::warps::{Deform, StillWork};
@@ -51,6 +52,8 @@ pub struct RaySystem {
     pub(super) density_adam: Adam,
     pub(super) colour_adam: Adam,
     pub(super) guard: NonFiniteGuard,
+    /// The schedule, and where the training is in it.
+    pub(super) course: Course,
     /// Rays of the next batch.
     pub(super) rays: usize,
     pub(super) work: Work,
@@ -133,6 +136,7 @@ impl RaySystem {
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
+            course: Course::default(),
             rays: FIRST_RAYS.min(config.batch.batch_rays),
             terms: config
                 .terms
@@ -189,6 +193,11 @@ impl RaySystem {
         if all { 0.0 } else { self.config.batch.train_faint }
     }
 
+    /// Learn by a schedule of `horizon` steps, which keeps up with the time of a training that stops after seconds.
+    pub(crate) fn follow_schedule(&mut self, horizon: u64) {
+        self.course = Course::new(horizon);
+    }
+
     /// Let errors lead the rays.
     pub(crate) fn follow_errors(&mut self, data: &Dataset) {
         self.errors = Some(ErrorMap::new(data));
@@ -225,7 +234,10 @@ impl RaySystem {
 
     /// Let the measured depths that disagree most with the rendered ones give way to these, where it is their turn.
     pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
+        // Of the schedule: what is reached with the step before.
+        let course = &self.course;
+        let reached = |every| step.checked_sub(1).map_or(0, |last| course.steps_done(last, every));
+        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(reached(cues.every()))) else { return Ok(()) };
         let refined = cues.refine(self, &self.space, self.background.colour(), data, step);
         self.cues = Some(cues);
         refined

@@ -263,7 +263,7 @@ fn of_appearance_codes_of_a_scene_that_moves() {
 #[test]
 fn of_voxels() {
     let mut config = tiny(SpaceKind::Box);
-    config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
+    config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1.0, features: 2, voxel_variation: 0.0 });
     check(config, None, &table().1);
 }
 

@@ -115,7 +115,7 @@ impl Chunk {
         x_bar.fill(0.0);
         if deform.warps() {
             let places = Places { x: &self.x[..3 * n], times: &self.times };
-            field.features.pull_positions(places, raw_bar, Detail::Coarse, x_bar);
+            field.features.pull_positions(places, raw_bar, Detail::Leading, x_bar);
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, time_steps: deform.time_steps() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);

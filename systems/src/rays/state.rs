@@ -7,6 +7,9 @@ use engine::system::{
 };
 use optim::{Adam, NonFiniteGuard};
 
+/// Name of the place in the schedule.
+const COURSE: &str = "field.position";
+
 /// Of the field's features.
 fn field_names() -> Names {
     Names::new("field.grid", "grid")
@@ -41,6 +44,7 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
     out.extend(driver.movers_state());
     out.extend(driver.photo_model.iter().flat_map(|photo_model| photo_model.state()));
     driver.sampler.push_state(&mut out);
+    out.extend(driver.course.state(COURSE));
     out
 }
 
@@ -48,7 +52,9 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
 pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), SystemError> {
     let f = &driver.field;
     let counters = take_counts(tensors, "counters", 5)?;
-    let features = f.features.restored(&field_names(), tensors, counters[2])?;
+    let course = driver.course.restored(tensors, COURSE)?;
+    let done = course.done(counters[2]);
+    let features = f.features.restored(&field_names(), tensors, done)?;
     let density = take_numbers(tensors, "field.density", f.density_params.len())?;
     let colour = take_numbers(tensors, "field.colour", f.colour_params.len())?;
     let refused = |name: &str, problem: String| Err(SystemError::State { name: name.into(), problem });
@@ -63,7 +69,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
         Ok::<_, SystemError>((take_numbers(tensors, "field.head", old.params.len())?, adam("head".into(), &old.adam)?))
     });
     let head = head.transpose()?;
-    let sampler = driver.sampler.read_state(tensors, counters[1], counters[2])?;
+    let sampler = driver.sampler.read_state(tensors, counters[1], done)?;
 
     if let Some(map) = &mut driver.errors {
         map.load_state(tensors)?;
@@ -85,6 +91,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
         (old.params, old.adam) = (params, adam);
         old.pack();
     }
+    driver.course = course;
     driver.rays = counters[0] as usize;
     driver.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
     driver.field.pack();

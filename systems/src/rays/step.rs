@@ -109,7 +109,7 @@ impl RaySystem {
         }
 
         self.look_for_movers(step);
-        let lr = f64::from(self.config.rates.learning_rate(step));
+        let lr = f64::from(self.config.rates.learning_rate(self.course.done(step).steps));
         let start = Instant::now();
         let bad = self.update_grid(lr) + self.update_moving_features(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
@@ -123,9 +123,10 @@ impl RaySystem {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
-        self.field.features.refine(self.guard.steps());
+        let done = self.course.done(self.guard.steps());
+        self.field.features.refine(done);
         if let Some(part) = &mut self.field.moving {
-            part.features.refine(self.guard.steps());
+            part.features.refine(done);
         }
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
@@ -305,13 +306,14 @@ impl RaySystem {
 
     /// One step of what moves. Returns the count of non-finite gradients.
     fn update_deform(&mut self, step: u64, lr: f64) -> usize {
+        let share = self.course.done(step + 1).share;
         let Some(deform) = self.field.deform_mut() else { return 0 };
         let Work { chunks, still, .. } = &mut self.work;
         let grads = chunks.iter().map(|c| &c.deform_grad);
         if deform.holds_background(&Rng::new(self.seed, STILL).substream(step), still) {
-            return deform.step(grads.chain([&still.grad]), lr);
+            return deform.step(grads.chain([&still.grad]), lr, share);
         }
-        deform.step(grads, lr)
+        deform.step(grads, lr, share)
     }
 
     /// One step of each proposal. Returns the count of non-finite gradients.

@@ -22,6 +22,10 @@ impl System for RaySystem {
         self.train_step(data, step)
     }
 
+    fn keep_up(&mut self, step: u64, time: f64) {
+        self.course.keep_up(step, time);
+    }
+
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
         render::render(self, rays, query)
     }

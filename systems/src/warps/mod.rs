@@ -46,7 +46,7 @@ mod tests;
 mod time;
 
 pub(crate) use ambient::{Ambient, AmbientSettings};
-pub(crate) use at::{At, Moved};
+pub(crate) use at::{At, Moved, since_origin};
 pub(crate) use background::StillWork;
 pub(crate) use deform::Deform;
 pub(crate) use deformation::{Deformation, Windows};

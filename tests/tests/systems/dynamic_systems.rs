@@ -34,18 +34,28 @@ const SMALL: [&str; 14] = [
 /// What each system needs to be small, so that each of its schedules has something to do within six steps.
 fn schedules(name: &str) -> &'static [&'static str] {
     match name {
-        "d-nerf" => &["curriculum=5", "planes=[4,8]", "plane_features=2", "plane_times=4", "levels_anneal=4"],
+        "d-nerf" => &[
+            "horizon=6",
+            "curriculum=0.8",
+            "planes=[4,8]",
+            "plane_features=2",
+            "plane_times=4",
+            "levels_anneal=4",
+        ],
         "nerfies" => &[
-            "warp_anneal=4",
+            "horizon=6",
+            "warp_anneal=0.67",
             "elastic=0.5",
             "elastic_at=all",
             "background_loss=1.0",
             "background_points=32",
             "appearance=codes",
         ],
-        "hypernerf" => &["warp_anneal=4", "ambient_from=2", "ambient_anneal=3", "background_points=32"],
+        "hypernerf" => {
+            &["horizon=6", "warp_anneal=0.67", "ambient_from=0.3", "ambient_anneal=0.5", "background_points=32"]
+        }
         // Doubled after steps 2, 4 and 6.
-        "tineuvox" => &["voxels=24", "voxels_every=2"],
+        "tineuvox" => &["horizon=6", "voxels=24", "voxels_every=0.33", "voxel_variation=0.01"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
         // Depths give way before steps 2 and 4.
         "endo-nerf" => &["refine_every=2", "refine_share=0.3"],
@@ -343,7 +353,7 @@ fn a_deformation_that_does_nothing_is_the_static_system_bit_for_bit() {
     let scene = stopped();
     let (train, _) = views(&scene, 1);
     // So that both keep the same samples, and densities see the same.
-    let set = ["occupancy_every=3", "train_faint=0.0", "planes_seen_by=warp", "plane_tv=0.0", "plane_slow=0.0"];
+    let set = ["occupancy_every=3", "train_faint=0.0", "planes_seen_by=warp", "plane_tv=0.0", "plane_smoothness=0.0"];
     let mut still = system("ngp", &scene, &train, &set[..2]);
     let mut moving = system("d-nerf", &scene, &train, &set);
     for step in 0..20 {
@@ -393,8 +403,8 @@ fn ambient_coordinates_are_nothing_before_they_come_in() {
     let (train, _) = views(&scene, 1);
     // Parameters of the warp come first, then the ambient network's; without planes nothing comes behind them.
     let warp = floats(&trained("nerfies", &scene, &train, &["planes=[]"], 0), "deform.networks").len();
-    for (from, in_use) in [("ambient_from=1000", false), ("ambient_from=0", true)] {
-        let set = ["planes=[]", from, "ambient_anneal=1"];
+    for (from, in_use) in [("ambient_from=0.5", false), ("ambient_from=0.0", true)] {
+        let set = ["planes=[]", from, "ambient_anneal=0.0"];
         let mut system = system("hypernerf", &scene, &train, &set);
         let start = state_of(system.as_ref());
         for step in 0..6 {
@@ -467,7 +477,7 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
         ("t-nerf", &["planes=[]"]),
         ("d-nerf", &["warp=rigid", "planes=[]"]),
         ("d-nerf", &["origin=free", "sees=time"]),
-        ("nerfies", &["warp=translation", "time_input=time", "origin=canonical"]),
+        ("nerfies", &["warp=translation", "time_input=time", "origin=tied"]),
         ("hypernerf", &["elastic=0.1", "sees=point", "ambient=0"]),
     ] {
         let mut system = system(name, &scene, &train, set);
@@ -481,7 +491,7 @@ fn a_trained_motion_stays_finite_under_a_strong_elastic_loss() {
     let scene = stage();
     let (train, _) = views(&scene, 1);
     for at in ["elastic_at=all", "elastic_at=middle"] {
-        let set = [at, "elastic=10.0", "warp_lr=1.0", "warp_anneal=10"];
+        let set = [at, "elastic=10.0", "warp_lr=1.0", "warp_anneal=0.25", "horizon=40"];
         let mut system = system("nerfies", &scene, &train, &set);
         for step in 0..40 {
             let stats = system.step(&train, step).unwrap();

@@ -43,19 +43,20 @@ const SMALL: [&str; 49] = [
     "batch_samples=4096",
     "warp_width=8",
     "warp_depth=1",
-    "warp_anneal=8",
+    "horizon=12",
+    "warp_anneal=0.66",
     "ambient_width=8",
     "ambient_depth=1",
-    "ambient_from=3",
-    "ambient_anneal=6",
+    "ambient_from=0.25",
+    "ambient_anneal=0.5",
     "background_points=16",
     "elastic=0.1",
-    "curriculum=8",
+    "curriculum=0.66",
     "plane_vertices=8",
     "plane_scales=[1,2]",
     "plane_times=3",
     "voxels=16",
-    "voxels_every=4",
+    "voxels_every=0.33",
     "cue_samples=8",
     "refine_every=4",
     "refine_share=0.3",
@@ -99,8 +100,8 @@ fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     };
     let (train, _) = views(scene, 1);
     let (_, plan) = try_system(name, scene, &train, given).unwrap_or_else(|e| panic!("{name}: {e}"));
-    // Of `splat` it halves pictures.
-    let is_other = |set: &str| name == "splat" && set.starts_with("coarse=");
+    // Of `splat` they halve pictures, and end the schedule before there are Gaussians.
+    let is_other = |set: &str| name == "splat" && (set.starts_with("coarse=") || set.starts_with("horizon="));
     let has = |set: &&&str| plan.config.contains_key(&parse_set(set).expect("written well").0) && !is_other(set);
     given.iter().chain(SMALL.iter().filter(has)).copied().collect()
 }

@@ -141,7 +141,7 @@ pub(super) const TISSUE: Group = Group {
     name: "tissue",
     path: "synthetic:tissue",
     holdout: Held::Own,
-    // Four rounds of refinement, one every 400 steps, are over by then; a shorter run (`--steps`) sees fewer.
+    // Four rounds of refinement, a fifth of the steps apart.
     stop: Stop::Steps(2000),
     entries: &[
         ENDO_NERF,

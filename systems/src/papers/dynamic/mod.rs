@@ -3,7 +3,7 @@
 //! | name | the time | where a point was | beyond space |
 //! | --- | --- | --- | --- |
 //! | `t-nerf` | octaves | - | - |
-//! | `d-nerf` | octaves | displacement, none at `t = 0` | - |
+//! | `d-nerf` | octaves | displacement, less that at `t = 0` | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
@@ -18,6 +18,10 @@ pub(crate) mod endo_nerf;
 mod gradient_tests;
 pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
+#[cfg(test)]
+mod motion_tests;
 pub(crate) mod nerfies;
+#[cfg(test)]
+mod origin_tests;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

@@ -54,7 +54,7 @@ fn usual_operation() -> Scene {
 /// Build a system with settings written as on the command line; later ones win. It takes those of [`SMALL`] whose part it has.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let own: &[&str] = match name {
-        "tineuvox" => &["voxels=12", "voxels_every=2"],
+        "tineuvox" => &["voxels=12", "horizon=6", "voxels_every=0.33"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
         // What photos need is found out by a training.
         "nerfies" | "hypernerf" => &["appearance=none"],
