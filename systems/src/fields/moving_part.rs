@@ -6,6 +6,7 @@
 use super::field::{knows_time, steps_of};
 use super::moving_cells::MovingCells;
 use super::{DensityDecoder, Features, Names, xavier};
+use crate::schedule::Done;
 use crate::warps::{Deform, TimeSteps};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor};
 use field_core::mlp::{Mlp, Packed};
@@ -129,14 +130,14 @@ impl MovingPart {
         Ok(MovingCells::of_words(take_u64(state, CELLS, MovingCells::WORDS)?))
     }
 
-    /// Put back what [`MovingPart::state`] gave after `steps` steps of the run.
+    /// Put back what [`MovingPart::state`] gave when so much of the run was done.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
-    pub(crate) fn load_state(&mut self, state: &TensorMap, steps: u64) -> Result<(), SystemError> {
+    pub(crate) fn load_state(&mut self, state: &TensorMap, done: Done) -> Result<(), SystemError> {
         let params = take_numbers(state, NETWORK, self.params.len())?;
         let adam = take_adam(state, NETWORK, &self.adam)?;
-        let features = self.features.restored(&names(), state, steps)?;
+        let features = self.features.restored(&names(), state, done)?;
         if let Some(deform) = &mut self.deform {
             deform.load_state(state)?;
         }

@@ -101,7 +101,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
     let still = if own { still } else { field.features.clone() };
-    let field = if deform.is_some() || own { behind(field, still, run.stop, &mut settings, &mut ground)? } else { field };
+    let field = if deform.is_some() || own { behind(field, still, &mut settings, &mut ground)? } else { field };
     let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;
     let config = settings.all()?;
     let moving = MovingParts { photo_model: photos.flatten(), deform };

@@ -1,11 +1,9 @@
 //! Whether what stands still is a field of its own, behind the part that moves.
 
-use super::ground::Ground;
-use super::pace::CloudPace;
+use super::ground::{Ground, percent};
 use crate::fields::{DecoderKind, FeatureSource};
 use crate::rays::{MovingConfig, MovingSettings, RayConfig};
 use crate::settings::Settings;
-use engine::options::Stop;
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -28,15 +26,8 @@ struct BackgroundChoice {
     background: Background,
 }
 
-/// Steps of the still part alone, where no stop is known, and as a share of those until a stop.
-const STILL_STEPS: u64 = 400;
-const STILL_SHARE: f64 = 0.15;
-
-/// What a part for what moves costs, and when it begins in a run of `steps` steps.
-fn moving_settings(steps: Option<u64>) -> MovingSettings {
-    let from = steps.map_or(STILL_STEPS, |steps| (STILL_SHARE * steps as f64).round() as u64).max(1);
-    MovingSettings { moving_from: from, moving_share: 1e-3, moving_entropy: 1e-3 }
-}
+/// What a part for what moves costs, and when it begins.
+const MOVING: MovingSettings = MovingSettings { moving_from: 0.15, moving_share: 1e-3, moving_entropy: 1e-3 };
 
 /// The field as it is, or with a part of its own for what moves, as it is asked for: what the system made of its features is that part's
 /// then, `still` are those of the rest.
@@ -46,7 +37,6 @@ fn moving_settings(steps: Option<u64>) -> MovingSettings {
 pub(super) fn behind(
     field: RayConfig,
     still: Arc<dyn FeatureSource>,
-    stop: Option<Stop>,
     settings: &mut Settings<'_>,
     ground: &mut Ground,
 ) -> Result<RayConfig, SystemError> {
@@ -60,12 +50,11 @@ pub(super) fn behind(
             problem: "two parts are mixed before one network of colours: set `decoder=hybrid`".into(),
         });
     }
-    let planned = moving_settings(CloudPace::of_field(stop));
-    let moving = MovingConfig::new(field.features.clone(), planned).asked(settings)?;
+    let moving = MovingConfig::new(field.features.clone(), MOVING).asked(settings)?;
     ground.lines.push(format!(
-        "background: a field of what stands still; after {} steps what its photos show otherwise moves, in a field of its own; nothing \
+        "background: a field of what stands still; after {} of the run what photos show otherwise moves, in a field of its own; nothing \
          more is trained where nothing does",
-        moving.from()
+        percent(moving.from())
     ));
     Ok(RayConfig { features: still, moving: Some(moving), ..field })
 }

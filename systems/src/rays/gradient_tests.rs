@@ -269,7 +269,7 @@ fn of_voxels() {
 
 /// A part for what moves behind these features; nothing is looked for.
 pub(super) fn with_moving_part(config: RayConfig, features: Arc<dyn FeatureSource>) -> RayConfig {
-    let settings = MovingSettings { moving_from: u64::MAX, moving_share: 0.0, moving_entropy: 0.0 };
+    let settings = MovingSettings { moving_from: 1.0, moving_share: 0.0, moving_entropy: 0.0 };
     RayConfig { moving: Some(MovingConfig::new(features, settings)), ..config }
 }
 

@@ -131,7 +131,7 @@ impl Chunk {
 
     /// The same where a part of the field is for what moves: points of that alone are moved.
     fn move_part_back(&mut self, ctx: &StepContext<'_>, part: &MovingPart) {
-        let (x_bar, seen_bar) = self.moving_bars.pull(part, &self.moving, Detail::Coarse);
+        let (x_bar, seen_bar) = self.moving_bars.pull(part, &self.moving, Detail::Leading);
         let Some(deform) = &part.deform else { return };
         self.deform_grad.begin(deform);
         if self.moving.columns.is_empty() {

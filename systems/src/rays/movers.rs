@@ -9,6 +9,7 @@ use super::residuals::{PhotoTile, Residuals};
 use super::work::Work;
 use crate::fields::{FeatureSource, MovingCells, MovingPart, NETWORK_ADAM};
 use crate::photo_model::Pixel;
+use crate::schedule::Done;
 use crate::settings::Settings;
 use crate::space::{Space, SpaceKind};
 use crate::terms::{MovingShare, RayTerm};
@@ -36,8 +37,8 @@ const STEPS: f32 = 128.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MovingSettings {
-    /// Steps of the still part alone, after which what moves is looked for.
-    pub(crate) moving_from: u64,
+    /// Share of the schedule that the still part has alone, after which what moves is looked for.
+    pub(crate) moving_from: f64,
     /// Factor of the share of a ray that moves, mean over rays; 0: none.
     pub(crate) moving_share: f32,
     /// Factor of the entropy of the samples' shares, mean over rays; 0: none.
@@ -54,9 +55,9 @@ impl MovingSettings {
                 return Err(SystemError::Config { field, value: value.to_string(), problem });
             }
         }
-        if self.moving_from == 0 {
-            let problem = "must be at least 1: what moves is found by what the still part cannot explain".into();
-            return Err(SystemError::Config { field: "moving_from", value: "0".into(), problem });
+        if !(1e-3..=1.0).contains(&self.moving_from) {
+            let problem = "must be in 0.001..=1: what moves is found by what the still part cannot explain".into();
+            return Err(SystemError::Config { field: "moving_from", value: self.moving_from.to_string(), problem });
         }
         Ok(())
     }
@@ -77,8 +78,8 @@ impl MovingConfig {
         Self { features, settings }
     }
 
-    /// Steps after which what moves is looked for.
-    pub(crate) fn from(&self) -> u64 {
+    /// Share of the schedule after which what moves is looked for.
+    pub(crate) fn from(&self) -> f64 {
         self.settings.moving_from
     }
 
@@ -123,9 +124,9 @@ impl Movers {
         Self { config, deform, residuals: None, found: None }
     }
 
-    /// Whether errors of this step count: those of the later half of the steps before it is asked what moves.
-    fn counts(&self, step: u64) -> bool {
-        (self.config.settings.moving_from / 2..self.config.settings.moving_from).contains(&step)
+    /// Whether errors count after this share of the schedule: those of the later half before it is asked what moves.
+    fn counts(&self, share: f64) -> bool {
+        (self.config.from() / 2.0..self.config.from()).contains(&share)
     }
 }
 
@@ -216,7 +217,7 @@ impl RaySystem {
     /// Learn from the batch of a step what moves.
     pub(super) fn look_for_movers(&mut self, step: u64) {
         let Some(mut movers) = self.movers.take() else { return };
-        let counts = movers.counts(step);
+        let counts = movers.counts(self.course.done(step).share);
         if let Some(residuals) = movers.residuals.as_mut().filter(|_| counts) {
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;
@@ -231,9 +232,8 @@ impl RaySystem {
     /// # Errors
     /// [`SystemError::Config`] for features that cannot be.
     pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let Some(movers) = self.movers.as_mut().filter(|movers| step >= movers.config.settings.moving_from) else {
-            return Ok(());
-        };
+        let share = self.course.done(step).share;
+        let Some(movers) = self.movers.as_mut().filter(|movers| share >= movers.config.from()) else { return Ok(()) };
         let Some(residuals) = movers.residuals.take() else { return Ok(()) };
         let (cells, found) = find(&residuals, &self.space, data);
         movers.found = Some(found);
@@ -267,25 +267,23 @@ impl RaySystem {
         residuals.map(Residuals::state).chain(self.field.moving.iter().flat_map(MovingPart::state)).collect()
     }
 
-    /// Put back what [`RaySystem::movers_state`] gave after `steps` steps.
+    /// Put back what [`RaySystem::movers_state`] gave when so much of the run was done.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
-    pub(super) fn load_movers(&mut self, state: &TensorMap, steps: u64) -> Result<(), SystemError> {
+    pub(super) fn load_movers(&mut self, state: &TensorMap, done: Done) -> Result<(), SystemError> {
         let Some(movers) = &mut self.movers else { return Ok(()) };
-        match movers.residuals.take() {
-            Some(mut residuals) if steps <= movers.config.settings.moving_from => {
-                residuals.load_state(state)?;
-                movers.residuals = Some(residuals);
-            }
-            _ => {}
-        }
+        let waits = done.share < movers.config.from() || Residuals::is_in(state);
+        movers.residuals = match movers.residuals.take().filter(|_| waits) {
+            Some(residuals) => Some(residuals.restored(state)?),
+            None => None,
+        };
         if let Some(cells) = MovingPart::cells_of(state)? {
             let mut part = match self.field.moving.take() {
                 Some(part) => MovingPart { cells, ..part },
                 None => movers.part(&self.config, self.seed, cells)?,
             };
-            part.load_state(state, steps)?;
+            part.load_state(state, done)?;
             self.field.moving = Some(part);
         }
         Ok(())

@@ -16,21 +16,23 @@ use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
-/// A small field with a part for what moves from step `from` on.
-fn config(from: u64) -> RayConfig {
+/// A small field with a part for what moves in the second half of the schedule.
+fn config() -> RayConfig {
     let mut config = small(SpaceKind::Box);
-    let settings = MovingSettings { moving_from: from, moving_share: 1e-3, moving_entropy: 1e-3 };
+    let settings = MovingSettings { moving_from: 0.5, moving_share: 1e-3, moving_entropy: 1e-3 };
     config.moving = Some(MovingConfig::new(config.features.clone(), settings));
     (config.batch.batch_rays, config.batch.batch_samples) = (1024, 1 << 14);
     config
 }
 
-fn watching(config: RayConfig, data: &Dataset) -> RaySystem {
+/// A system that looks for what moves after `from` steps.
+fn watching(from: u64, data: &Dataset) -> RaySystem {
     let made = MadeSettings::of_time(TimeKind::Time, 3, 1);
     let warp = WarpSettings { motion: Motion::Translation, octaves: 2, ..made.warp.clone() };
     let deform = MadeSettings { warp, ..made }.deform(Times::of(data), 1);
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
-    let mut driver = RaySystem::new(config, space, Background::White, 1, "d-nerf", None, Some(deform)).unwrap();
+    let mut driver = RaySystem::new(config(), space, Background::White, 1, "d-nerf", None, Some(deform)).unwrap();
+    driver.follow_schedule(2 * from);
     driver.watch(data);
     driver
 }
@@ -47,7 +49,7 @@ fn at_rest() -> Dataset {
 #[test]
 fn what_moves_is_found_and_the_rest_stands_still() {
     let data = filmed(32);
-    let mut driver = watching(config(120), &data);
+    let mut driver = watching(120, &data);
     for step in 0..121 {
         driver.step(&data, step).unwrap();
         assert_eq!(driver.field.moving.is_some(), step >= 120, "step {step}");
@@ -70,7 +72,7 @@ fn what_moves_is_found_and_the_rest_stands_still() {
 #[test]
 fn a_scene_at_rest_gets_no_moving_part() {
     let data = at_rest();
-    let mut driver = watching(config(120), &data);
+    let mut driver = watching(120, &data);
     for step in 0..130 {
         driver.step(&data, step).unwrap();
     }
@@ -93,7 +95,7 @@ fn where_no_cell_moves_the_picture_is_that_of_the_still_part_bit_for_bit() {
 #[test]
 fn a_moving_part_begins_as_the_picture_is() {
     let data = filmed(16);
-    let mut driver = watching(config(60), &data);
+    let mut driver = watching(60, &data);
     for step in 0..60 {
         driver.step(&data, step).unwrap();
     }
@@ -112,7 +114,7 @@ fn a_resumed_run_looks_for_what_moves_as_if_it_had_not_stopped() {
     let state = |driver: &RaySystem| -> TensorMap {
         driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
     };
-    let mut whole = watching(config(20), &data);
+    let mut whole = watching(20, &data);
     let mut saved = Vec::new();
     for step in 0..26 {
         if [7, 15, 20, 23].contains(&step) {
@@ -121,7 +123,7 @@ fn a_resumed_run_looks_for_what_moves_as_if_it_had_not_stopped() {
         whole.step(&data, step).unwrap();
     }
     for (from, tensors) in saved {
-        let mut resumed = watching(config(20), &data);
+        let mut resumed = watching(20, &data);
         resumed.load_state(&tensors).unwrap();
         for step in from..26 {
             resumed.step(&data, step).unwrap();

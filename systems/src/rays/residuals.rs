@@ -95,13 +95,17 @@ impl Residuals {
         f32_tensor(TENSOR, &self.tiles)
     }
 
-    /// Put back what [`Residuals::state`] gave.
+    /// Whether a checkpoint holds some.
+    pub(super) fn is_in(state: &TensorMap) -> bool {
+        state.contains_key(TENSOR)
+    }
+
+    /// What [`Residuals::state`] gave, for the same views.
     ///
     /// # Errors
     /// [`SystemError::State`] for an array that is missing or of another length.
-    pub(super) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        self.tiles = take_numbers(state, TENSOR, self.tiles.len())?;
-        Ok(())
+    pub(super) fn restored(self, state: &TensorMap) -> Result<Self, SystemError> {
+        Ok(Self { tiles: take_numbers(state, TENSOR, self.tiles.len())?, ..self })
     }
 }
 
@@ -149,12 +153,13 @@ mod tests {
     #[test]
     fn what_was_not_seen_says_nothing_and_a_checkpoint_brings_all_back() {
         let data = filmed(32);
-        let mut fresh = Residuals::new(&data);
+        let fresh = Residuals::new(&data);
         assert!(fresh.tiles(0).is_empty());
         let residuals = of(|_, _, noise| noise);
         let tensor = residuals.state().into_owned();
-        fresh.load_state(&[(tensor.name.clone(), tensor)].into_iter().collect()).unwrap();
-        assert_eq!(fresh.tiles(7), residuals.tiles(7));
-        assert!(fresh.load_state(&TensorMap::new()).is_err());
+        let state: TensorMap = [(tensor.name.clone(), tensor)].into_iter().collect();
+        let again = fresh.clone().restored(&state).unwrap();
+        assert_eq!(again.tiles(7), residuals.tiles(7));
+        assert!(fresh.restored(&TensorMap::new()).is_err());
     }
 }

@@ -83,7 +83,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
     if let Some(photo_model) = &mut driver.photo_model {
         photo_model.load_state(tensors)?;
     }
-    driver.load_movers(tensors, counters[2])?;
+    driver.load_movers(tensors, done)?;
     (driver.field.features, driver.field.density_params, driver.field.colour_params) = (features, density, colour);
     (driver.density_adam, driver.colour_adam) = (density_adam, colour_adam);
     driver.sampler.restore(sampler);

@@ -81,7 +81,7 @@ const REFUSED: &str = "
     planes=[1,1,1,1,1,1,1,1,1] planes=[9223372036854775807] plane_lr=-1.0 plane_lr=101.0 plane_lr=nan
     background_points=1048577 background_points=9223372036854775807
     elastic=-1.0 elastic=1001.0 elastic=nan elastic=inf elastic_scale=0.0 elastic_scale=-1.0 elastic_scale=9e-7
-    elastic_scale=1001.0 elastic_scale=nan background=-1.0 background=1001.0 background=nan background=inf
+    elastic_scale=1001.0 elastic_scale=nan background_loss=-1.0 background_loss=1001.0 background_loss=nan background_loss=inf
     warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf time_code_lr=-1.0 time_code_lr=101.0 time_code_lr=nan
     depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
     cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
