@@ -67,7 +67,6 @@ impl<R: Recipe> Held<R> {
 impl<R: Recipe> Recipe for Held<R> {
     const NAME: &'static str = R::NAME;
     const ADAM: AdamConfig = R::ADAM;
-    const NETWORKS: usize = R::NETWORKS;
     const FOOTPRINT: Footprint = R::FOOTPRINT;
     type Position = R::Position;
 
@@ -75,8 +74,16 @@ impl<R: Recipe> Recipe for Held<R> {
         self.0.check()
     }
 
+    fn networks(&self) -> usize {
+        self.0.networks()
+    }
+
     fn network(&self) -> Result<NetworkShape<R::Position>, SystemError> {
         self.0.network()
+    }
+
+    fn view_times(&self) -> &[f32] {
+        self.0.view_times()
     }
 
     fn batch_rays(&self) -> usize {

@@ -4,12 +4,14 @@
 //! | --- | --- | --- | --- |
 //! | `t-nerf` | octaves | - | - |
 //! | `d-nerf` | octaves | displacement, none at `t = 0` | - |
+//! | `d-nerf`, `field=mlp` | octaves | the same, on the published networks | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
 
 pub(crate) mod d_nerf;
+pub(crate) mod d_nerf_published;
 pub(crate) mod endo_nerf;
 #[cfg(test)]
 mod gradient_tests;
