@@ -82,11 +82,11 @@ impl DNerfNetworks {
         }
     }
 
-    /// Small networks for views of these times: for tests.
+    /// Small networks for views of these times, which learn fast: for tests.
     #[cfg(test)]
     pub(crate) fn small(canonical: NerfConfig, shape: crate::networks::DisplacementShape, times: &[f64]) -> Self {
-        let displacement = DisplacementSettings::of(shape);
-        Self::new(canonical, displacement, ScheduleSettings::published(1000), Times::of_list(times))
+        let schedule = ScheduleSettings { lr: 5e-3, ..ScheduleSettings::published(1000) };
+        Self::new(canonical, DisplacementSettings::of(shape), schedule, Times::of_list(times))
     }
 }
 
