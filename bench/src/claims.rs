@@ -52,18 +52,11 @@ pub(crate) fn note<'a, N: Into<Named<'a>>>(systems: impl IntoIterator<Item = N>)
             claims.push(claim);
         }
     }
-    let lines: Vec<String> =
-        claims.iter().map(|c| format!("* `{}`{} ({}): {}", c.name, field(c), c.paper, c.differs)).collect();
+    let lines: Vec<String> = claims.iter().map(|c| format!("* `{}` ({}): {}", c.name, c.paper, c.differs)).collect();
     (!lines.is_empty()).then(|| {
         let head = "Names are those of the systems here. What each does otherwise than the paper it is named after:";
         Item::Text(format!("{head}\n\n{}", lines.join("\n")))
     })
-}
-
-/// What is said behind the name of a system that works on the published networks.
-fn field(claim: &Claim) -> &'static str {
-    let usual = registry::find(claim.name).is_none_or(|entry| entry.claim == *claim);
-    if usual { "" } else { ", `field=mlp`" }
 }
 
 #[cfg(test)]
@@ -96,6 +89,6 @@ mod tests {
         assert_eq!(text("field = 'ngp'"), format!("{hybrid}, but for settings of the row"));
         let rows = ["", "field = 'mlp'", "field = 'mlp'\nseed = 1"].map(|set| Named { system: "d-nerf", set });
         let Some(Item::Text(text)) = note(rows) else { panic!("a note") };
-        assert_eq!((text.matches("* `d-nerf`").count(), text.matches("`d-nerf`, `field=mlp`").count()), (2, 1), "{text}");
+        assert_eq!((text.matches("* `d-nerf`").count(), text.matches("* `d-nerf, field=mlp`").count()), (1, 1), "{text}");
     }
 }

@@ -9,7 +9,7 @@ use engine::options::RunOptions;
 const OWN: [&str; 2] = ["auto", "plain"];
 
 fn all() -> impl Iterator<Item = Claim> {
-    entries().iter().flat_map(|entry| [Some(entry.claim), entry.on_networks]).flatten()
+    entries().iter().flat_map(|entry| entry.claims())
 }
 
 #[test]

@@ -94,6 +94,11 @@ pub fn build(
 }
 
 impl Entry {
+    /// How far it is the paper's, and how far the same is on the published networks where that is another matter.
+    pub fn claims(&self) -> impl Iterator<Item = Claim> {
+        [Some(self.claim), self.on_networks].into_iter().flatten()
+    }
+
     /// How far it is the paper's with these settings.
     #[must_use]
     pub fn claim_with(&self, set: &toml::Table) -> Claim {

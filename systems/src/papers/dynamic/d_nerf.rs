@@ -32,7 +32,7 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "the default for scenes that move",
     differs: "A hybrid: a hash grid, a displacement of 3 x 64 with 4 octaves of the point and 6 of the time, and \
               planes of place and time that density sees directly, instead of two 8 x 256 networks with 10 \
-              octaves. `planes=[]` leaves hash grid and displacement, `field=mlp` takes the published networks.",
+              octaves. `planes=[]` leaves hash grid and displacement.",
     mark: "hybrid: hash grid, planes of time",
 };
 

@@ -37,9 +37,9 @@ use optim::AdamConfig;
 use render_core::ray::RayBar;
 use settings::{DisplacementSettings, ScheduleSettings, likely_steps};
 
-/// What differs from the paper.
+/// What differs from the paper; the name says how it is asked for.
 pub(crate) const CLAIM: Claim = Claim {
-    name: "d-nerf",
+    name: "d-nerf, field=mlp",
     paper: "Pumarola et al., 2021",
     what: "A displacement into the scene of time 0 by the published networks",
     take: "to compare with the original; days",
@@ -91,7 +91,7 @@ impl DNerfNetworks {
 }
 
 impl Recipe for DNerfNetworks {
-    const NAME: &'static str = CLAIM.name;
+    const NAME: &'static str = "d-nerf";
     const ADAM: AdamConfig = AdamConfig::DEFAULT;
     const FOOTPRINT: Footprint = Footprint::Point;
     type Position = Frequency;
