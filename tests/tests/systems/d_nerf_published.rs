@@ -139,7 +139,7 @@ fn small_networks_learn_what_moves_and_say_what_they_leave_out() {
 #[test]
 fn the_same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     let (scene, train, _) = stage();
-    for more in [&[][..], &["origin=exact", "warp_variation=1e-3", "fine_networks=true", "density_noise=0.5"]] {
+    for more in [&[] as &[&str], &["origin=exact", "warp_variation=1e-3", "fine_networks=true", "density_noise=0.5"]] {
         let set = with(more);
         assert_same_bits(|steps, state| state_after(system("d-nerf", &scene, &train, &set).0, &train, steps, state));
     }
