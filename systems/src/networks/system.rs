@@ -112,7 +112,8 @@ impl<R: Recipe> System for TwoLevel<R> {
         let mut rows = vec![cones::missed_row(self.missed - self.left_out.occluders(), self.cast)];
         rows.extend(self.left_out.occluders_row());
         if self.shapes.displaces() {
-            let (what, bound) = ("training: samples at the canonical time", "exact: nothing is displaced at t = 0".into());
+            let bound = "exact: nothing is displaced at t = 0".into();
+            let what = "training: samples at the canonical time";
             rows.push(SkipRow::counted(what, self.still, self.placed, "samples", bound));
         }
         rows

@@ -108,7 +108,8 @@ fn photos_with_alpha_are_before_white_unless_something_else_is_said() {
 #[test]
 fn small_networks_learn_what_moves_and_say_what_they_leave_out() {
     let (scene, train, test) = stage();
-    for more in [&["run_steps=300"][..], &["run_steps=300", "origin=exact", "warp_variation=1e-3", "fine_networks=true"]] {
+    let other = &["run_steps=300", "origin=exact", "warp_variation=1e-3", "fine_networks=true"];
+    for more in [&["run_steps=300"][..], other] {
         let (mut d_nerf, _) = system("d-nerf", &scene, &train, &with(more));
         let before = error(d_nerf.as_ref(), &test);
         for step in 0..300 {
