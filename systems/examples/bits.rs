@@ -88,6 +88,8 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("film", "ngp", &[]),
     ("film", "t-nerf", &[]),
     ("film", "d-nerf", &["by_error=true", "curriculum=0.0"]),
+    ("film", "d-nerf", &["field=mlp", "warp_width=24", "warp_variation=1e-3", "run_steps=40"]),
+    ("film", "d-nerf", &["field=mlp", "warp_width=24", "origin=exact", "fine_networks=true", "run_steps=40"]),
     ("film", "nerfies", &["appearance=none"]),
     ("film", "nerfies", &["appearance=codes"]),
     ("film", "hypernerf", &["appearance=none", "horizon=40", "ambient_from=0.25", "ambient_anneal=0.5"]),
@@ -164,7 +166,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         _ => SMALL,
     };
     let mut all: Vec<&str> = small.iter().copied().filter(|set| !absent.contains(&&*name_of(set))).collect();
-    if family == "tissue" || family == "film" {
+    if (family == "tissue" || family == "film") && set.first() != Some(&"field=mlp") {
         all.push("train_stop=1e-3");
     }
     all.extend(set);

@@ -103,7 +103,7 @@ fn systems_of(app: &App) -> String {
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };
-    let own = systems::registry::family(app.family).map(|entry| entry.claim);
+    let own = systems::registry::family(app.family).flat_map(|entry| entry.claims());
     let others = systems::registry::entries().iter().filter(|entry| !entry.families.contains(&app.family));
     let others: Vec<&str> = others.map(|entry| entry.claim.name).collect();
     format!(

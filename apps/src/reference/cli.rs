@@ -186,7 +186,7 @@ fn systems() -> String {
     );
     for (of, app) in [(Family::Static, &STATIC), (Family::Wild, &WILD), (Family::Moving, &DYNAMIC)] {
         text.push_str(&format!("\n### Those of `{}`\n\n", app.name));
-        for Claim { name, paper, differs, .. } in family(of).map(|entry| entry.claim) {
+        for Claim { name, paper, differs, .. } in family(of).flat_map(|entry| entry.claims()) {
             let paper = if paper.is_empty() { String::new() } else { format!(" ({paper})") };
             text.push_str(&format!("* `{name}`{paper}: {differs}\n"));
         }

@@ -65,6 +65,17 @@ impl Ground {
         Self::without_space(scene, data, run, backdrop(data, run)?)
     }
 
+    /// Before white where the photos have alpha and nothing else was asked for: as most systems were published.
+    pub(crate) fn prefer_white(&mut self, run: &RunOptions) {
+        if !self.transparent || run.background.is_some() {
+            return;
+        }
+        self.background = Background::White;
+        for line in self.lines.iter_mut().filter(|line| line.starts_with("background: ")) {
+            *line = "background: white (as published; the images have alpha)".into();
+        }
+    }
+
     fn without_space(
         scene: &Scene,
         data: &Dataset,

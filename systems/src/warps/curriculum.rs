@@ -6,7 +6,8 @@ use super::Times;
 const LEAST: usize = 3;
 
 /// The first views in time come first (D-NeRF, section 4.2: the canonical scene is learnt before what is far from it).
-pub(super) struct Curriculum {
+#[derive(Clone, Debug)]
+pub(crate) struct Curriculum {
     /// Share of the schedule after which all training views have come in; 0: they are there from the start.
     pub(super) share: f64,
     /// Training views in the order of time.
@@ -19,8 +20,13 @@ impl Curriculum {
         Self { share: 0.0, order: times.in_order() }
     }
 
+    /// Views that come in within a share of the schedule; 0: all are there from the start.
+    pub(crate) fn over(times: &Times, share: f64) -> Self {
+        Self { share, ..Self::new(times) }
+    }
+
     /// The views that have come in once the share `done` of the schedule is over; `None`: all.
-    pub(super) fn open(&self, done: f64) -> Option<&[u32]> {
+    pub(crate) fn open(&self, done: f64) -> Option<&[u32]> {
         if done >= self.share {
             return None;
         }

@@ -48,6 +48,7 @@ mod time;
 pub(crate) use ambient::{Ambient, AmbientSettings};
 pub(crate) use at::{At, Moved, since_origin};
 pub(crate) use background::StillWork;
+pub(crate) use curriculum::Curriculum;
 pub(crate) use deform::Deform;
 pub(crate) use deformation::{Deformation, Windows};
 pub(crate) use density::{DensityInputs, DensitySettings, Sees};

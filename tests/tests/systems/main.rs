@@ -1,5 +1,6 @@
 //! Whole systems: trained, resumed, compared.
 
+mod d_nerf_published;
 mod dynamic_appearance;
 mod dynamic_systems;
 mod e2e_static;

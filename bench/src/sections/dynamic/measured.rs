@@ -57,8 +57,12 @@ pub(super) fn request(
         let Some(subject) = dataset(bench, group.name, group.path, data) else { return Ok(None) };
         subject.request
     };
-    let (system, set) = (Some(entry.system.into()), entry.set.parse().map_err(BenchError::part)?);
-    Ok(Some(Request { system, set, ..request }))
+    let parse = |set: &str| set.parse::<toml::Table>().map_err(BenchError::part);
+    let mut set = parse(entry.set)?;
+    if bench.extent == Extent::Quick {
+        set.extend(parse(entry.quick)?);
+    }
+    Ok(Some(Request { system: Some(entry.system.into()), set, ..request }))
 }
 
 /// Train until `stop`, the held-out views measured on the way, and measure everything at the end.

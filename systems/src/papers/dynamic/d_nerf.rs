@@ -13,10 +13,12 @@
 //!
 //! Besides the octaves of place and time both networks see `p`, planes of features of both, as the field sees a grid of features of
 //! place: minutes instead of days, and what no displacement explains in so short a time is there all the same.
-//! `planes_seen_by=warp` is the published density, `planes=[]` the published networks.
+//! `planes_seen_by=warp` is the published density, `planes=[]` leaves hash grid and displacement,
+//! `field=mlp` takes the [published networks](super::d_nerf_published).
 
-use super::t_nerf;
+use super::{d_nerf_published, t_nerf};
 use crate::claims::Claim;
+use crate::papers::field_kind::FieldKind;
 use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
@@ -25,6 +27,7 @@ use crate::warps::{
 };
 use engine::system::SystemError;
 use field_core::tape::{Node, Tape, TapeError};
+use serde::{Deserialize, Serialize};
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -38,6 +41,14 @@ pub(crate) const CLAIM: Claim = Claim {
               `origin=exact` leaves it out at time 0 alone, as published.",
     mark: "hybrid: hash grid, planes of time",
 };
+
+/// What is deformed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FieldChoice {
+    /// The field: `ngp` (fast), or `mlp` (the published networks: days).
+    field: FieldKind,
+}
 
 /// The time: 6 octaves, where the released code has 4 or 10.
 const TIME: TimeSettings = TimeSettings { octaves: 6, ..t_nerf::TIME };
@@ -128,7 +139,11 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     Ok(Deform::new(Box::new(DNerf { planes, psi_t, density, rows }), time, parameters))
 }
 
-/// `ngp`'s field, deformed.
-pub(crate) fn build(ask: Ask<'_>) -> Built {
-    moving_field(ask, &Moving::deformed(deform))
+/// `ngp`'s field, deformed; or the published networks.
+pub(crate) fn build(mut ask: Ask<'_>) -> Built {
+    let FieldChoice { field } = ask.settings.of(&FieldChoice { field: FieldKind::Ngp })?;
+    match field {
+        FieldKind::Ngp => moving_field(ask, &Moving::deformed(deform)),
+        FieldKind::Mlp => d_nerf_published::build(ask),
+    }
 }

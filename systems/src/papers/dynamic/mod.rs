@@ -4,6 +4,7 @@
 //! | --- | --- | --- | --- |
 //! | `t-nerf` | octaves | - | - |
 //! | `d-nerf` | octaves | displacement, less that at `t = 0` | - |
+//! | `d-nerf`, `field=mlp` | octaves | the same, on the published networks | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
@@ -13,6 +14,7 @@
 
 mod appearance;
 pub(crate) mod d_nerf;
+pub(crate) mod d_nerf_published;
 pub(crate) mod endo_nerf;
 #[cfg(test)]
 mod gradient_tests;

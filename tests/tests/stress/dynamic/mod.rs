@@ -29,6 +29,19 @@ const SMALL: [&str; 8] = [
     "refine_every=3",
 ];
 
+/// Those that the published networks have not.
+const OF_THE_FIELD: [&str; 9] = [
+    "levels",
+    "log2_table",
+    "n_max",
+    "geometry",
+    "colour_layers",
+    "occupancy",
+    "batch_samples",
+    "plane_features",
+    "plane_times",
+];
+
 const STEPS: u64 = 5;
 
 /// A stage of a few pixels.
@@ -66,6 +79,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     // Rays are chosen and depths refined where photos have times.
     // What stands in the place of the part that these are of.
     let replaced = |s: &str| match s.split('=').next() {
+        Some(key) if set.contains(&"field=mlp") && OF_THE_FIELD.contains(&key) => true,
         Some("width" | "geometry" | "colour_layers") => set.contains(&"decoder=explicit"),
         Some("occupancy") => set.contains(&"sampler=proposal"),
         Some("refine_every") => !moves,

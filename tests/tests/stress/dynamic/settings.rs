@@ -7,7 +7,7 @@ use scene_io::Point;
 use stress::Tally;
 
 /// Accepted at either end, by system.
-const ACCEPTED: [(&str, &str); 8] = [
+const ACCEPTED: [(&str, &str); 9] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1.0 horizon=1 horizon=9223372036854775807"),
     (
         "t-nerf",
@@ -27,6 +27,17 @@ const ACCEPTED: [(&str, &str); 8] = [
         warp_levels_from=0.0+warp_levels_until=0.0 warp_levels_from=1.0+warp_levels_until=0.0+horizon=1
         levels_anneal=1 levels_anneal=9223372036854775807 levels_anneal=9+levels_first=0
         levels_anneal=9+levels_first=1000",
+    ),
+    (
+        "d-nerf",
+        "field=mlp+width=8+warp_width=1+coarse=8+fine=8 field=mlp+width=8+warp_width=8+warp_depth=1+coarse=8+fine=8
+        field=mlp+width=8+warp_width=8+warp_depth=9+coarse=8+fine=8+origin=exact+fine_networks=true
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_octaves=0+time_octaves=0
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_octaves=32+time_octaves=32
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1e-38+run_steps=1
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1000.0+run_steps=9223372036854775807
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+precrop_share=1.0+precrop_side=0.0+curriculum_share=1.0
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+precrop_share=0.0+curriculum_share=0.0+lr_decay_share=1e-6",
     ),
     (
         "nerfies",
