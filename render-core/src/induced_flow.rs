@@ -27,7 +27,8 @@ pub const SMALLEST_SUM: f64 = 1e-6;
 /// What is done with the share of a ray that its weights leave, `1 - sum w`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rest<'a> {
-    /// Nothing: the point is drawn towards the origin of the coordinates (NSFF, DynamicNeRF).
+    /// Nothing: the point is drawn towards the origin of the coordinates (NSFF, DynamicNeRF). Theirs are NDC, whose origin is the middle
+    /// of the unit cube: there the same is [`Rest::AtEnd`] of `0.5`.
     Dropped,
     /// The samples share it: weights are divided by their sum, at least [`SMALLEST_SUM`] (RoDynRF, moving part).
     Shared,
