@@ -27,14 +27,16 @@ fn moving() -> Dataset {
     dataset.write("flow/002_bwd.npy", npy(&[6, 8, 2], &[-0.25; 96]));
     let values: Vec<f32> = (0..48).map(|k| if k == 7 { f32::NAN } else { k as f32 }).collect();
     dataset.write("disp/000.npy", npy(&[6, 8], &values));
-    image::ImageBuffer::from_fn(4, 3, |x, y| image::Luma([(1000 * x + y) as u16])).save(dataset.file("disp/001.png")).unwrap();
+    let grey = image::ImageBuffer::from_fn(4, 3, |x, y| image::Luma([(1000 * x + y) as u16]));
+    grey.save(dataset.file("disp/001.png")).unwrap();
     dataset.grey("motion_masks/001.png", (8, 6), |x, _| if x < 2 { 255 } else { 0 });
     dataset
 }
 
 #[test]
 fn photos_have_the_motion_of_their_files_and_none_without() {
-    let scene = scene(&moving());
+    let dataset = moving();
+    let scene = scene(&dataset);
     let frames = &scene.frames;
     for note in [
         "2 of 3 frames have optical flow to the next photo",
@@ -77,7 +79,7 @@ fn check_says_what_motion_is_there() {
     assert!(text.contains("disparity: 2 maps, no unit\n"), "{text}");
     assert!(text.contains("motion masks: 1, 25.0 % of the pixels move\n"), "{text}");
     assert!(report.problems.is_empty(), "{text}");
-    let none = check(Dataset::ngp(2).path(), &LoadOptions::default(), Depth::Pixels);
+    let none = check(Dataset::ngp(3).path(), &LoadOptions::default(), Depth::Pixels);
     assert_eq!(none.motion, None);
 }
 
@@ -119,14 +121,14 @@ fn files_of_another_shape_and_broken_ones_are_named() {
         ("disp/000.npy", npy(&[48], &[0.0; 48]), "000.npy: frame `images/000.png`: `shape` = [48]"),
         ("motion_masks/000.png", b"\x89PNG\r\n\x1a\nbroken".to_vec(), "the image is broken or cut off"),
     ] {
-        let dataset = Dataset::ngp(2);
+        let dataset = Dataset::ngp(3);
         dataset.write(name, bytes);
         let report = report(&dataset);
         let text = report.to_string();
         assert!(text.contains(said), "no `{said}` in {text}");
         assert!(!report.can_train() && report.problems.len() == 1, "{text}");
     }
-    let dataset = Dataset::ngp(2);
+    let dataset = Dataset::ngp(3);
     dataset.grey("motion_masks/000.png", (6, 8), |_, _| 0);
     assert!(report(&dataset).to_string().contains("the motion mask is 6x8 and its photo 8x6"));
 }

@@ -602,12 +602,13 @@ fn flow_and_masks_of_a_real_video_are_read_and_written_again() {
         assert!(std::fs::read(&again).unwrap() == std::fs::read(&file).unwrap(), "{}", file.display());
         let mask = frame.read_motion_mask().unwrap().unwrap();
         let share = mask.count() as f64 / (448.0 * 256.0);
-        assert!(share > 0.001 && share < 0.5, "{share}");
+        assert!(share > 0.03 && share < 0.04, "{share}");
         // The camera follows the player: what moves differs from the rest.
         let mean = |moves: bool| {
-            let of: Vec<f64> = flow.vectors.iter().zip(mask.iter()).filter(|(_, m)| *m == moves).map(|(v, _)| f64::from(v[0])).collect();
-            of.iter().sum::<f64>() / of.len().max(1) as f64
+            let of = flow.vectors.iter().zip(mask.iter()).filter(|(_, m)| *m == moves);
+            let across: Vec<f64> = of.map(|(vector, _)| f64::from(vector[0])).collect();
+            across.iter().sum::<f64>() / across.len().max(1) as f64
         };
-        assert!((mean(true) - mean(false)).abs() > 0.1, "{} {}", mean(true), mean(false));
+        assert!((mean(true) - mean(false)).abs() > 5.0, "{} {}", mean(true), mean(false));
     }
 }
