@@ -37,8 +37,7 @@ pub enum Rest<'a> {
 }
 
 impl Rest<'_> {
-    /// What the sum of the ray's samples is multiplied by, and what is added to it, given the sum of weights: a factor, and the point
-    /// that a weight moves the sum away from.
+    /// What is done with the sum of a ray's samples, whose weights have the sum `sum`.
     fn of_ray(&self, ray: usize, rays: usize, sum: f64) -> RestOfRay {
         match *self {
             Self::Dropped => RestOfRay { scale: 1.0, end: DVec3::ZERO, left: 0.0 },
@@ -53,6 +52,7 @@ impl Rest<'_> {
     }
 }
 
+/// The sum of a ray's samples is multiplied by `scale`, and `left` times `end` is added.
 struct RestOfRay {
     scale: f64,
     end: DVec3,
