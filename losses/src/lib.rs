@@ -22,6 +22,7 @@
 //! * [`background`]: static points that a deformation must not move (Nerfies)
 //! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-Planes,
 //!   HexPlane, DVGO, TiNeuVox)
+//! * [`scene_flow`]: there and back again, steady in time, alike along a ray (NSFF, DynamicNeRF)
 //! * [`planes`]: feature planes that are smooth in space and time, planes of time near 1 (K-Planes)
 //!
 //! **Occluders and appearance**
@@ -89,6 +90,7 @@ pub mod photometric;
 pub mod planes;
 pub mod point_colour;
 mod ray_intervals;
+pub mod scene_flow;
 pub mod smoothness;
 pub mod sparsity;
 pub mod trimmed;

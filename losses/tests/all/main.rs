@@ -15,6 +15,7 @@ mod opacity;
 mod photometric;
 mod planes;
 mod robust_kernels;
+mod scene_flow;
 mod segmentation;
 mod settled;
 mod superpixels;
