@@ -40,7 +40,7 @@ const WORDS: [Words; 4] = [
         families: &[Family::Moving],
         apps: "nerf-dynamic",
         why: "no system of its is named here, so the scene stands still",
-        words: &[("render", Some("time")), ("export", Some("time"))],
+        words: &[("render", Some("time")), ("export", Some("time")), ("priors", None)],
     },
     Words {
         families: &[Family::Static],

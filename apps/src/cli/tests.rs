@@ -96,6 +96,16 @@ fn agreed_words_are_understood() {
 }
 
 #[test]
+fn priors_are_a_word_of_scenes_that_move() {
+    for line in ["priors s", "priors s --out d --frames 5 --longest-side 480 --holdout every:8+4 --threads 2"] {
+        read(&DYNAMIC_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        let error = read(&STATIC, line).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-dynamic"), "{line}: {error}");
+    }
+    assert!(read(&DYNAMIC_APP, "priors").is_err() && read(&DYNAMIC_APP, "priors s --frames 1").is_err());
+}
+
+#[test]
 fn help_shows_the_words_of_the_app_alone() {
     for (app, has_masks, has_appearance) in
         [(&STATIC, false, false), (&WILD_APP, true, true), (&DYNAMIC_APP, false, true)]

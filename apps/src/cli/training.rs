@@ -1,4 +1,4 @@
-//! Words of what makes a run: `demo`, `prepare`, `check`, `train`.
+//! Words of what makes a run: `demo`, `prepare`, `priors`, `check`, `train`.
 
 use super::words::{BackgroundWord, PoserWord, at_least_two, budget, frame_count, seconds};
 use clap::Args;
@@ -45,6 +45,24 @@ pub(crate) struct Prepare {
     /// What finds the cameras (default: the first that is there)
     #[arg(long, value_enum, value_name = "WHAT")]
     pub(crate) with: Option<PoserWord>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Priors {
+    /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`)
+    pub(crate) scene: String,
+    /// Folder of the files (default: `priors` in the folder of the scene); a second call goes on where an earlier one ended
+    ///
+    /// `flow/NAME_fwd.flo` and `flow/NAME_bwd.flo` lead from a training photo to the next one in time and to the one before, `1e10` where
+    /// that does not show the same; `motion_masks/NAME.png` is 255 where something moves, 0 where nothing does, 127 where nothing is
+    /// known.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Only the first N training photos in time
+    #[arg(long, value_name = "N", value_parser = at_least_two)]
+    pub(crate) frames: Option<usize>,
+    #[command(flatten)]
+    pub(crate) data: Data,
 }
 
 #[derive(Debug, Args)]
