@@ -16,12 +16,8 @@ pub(crate) fn run(session: &Session, args: &Priors) -> Result<Done, Failure> {
         Some(out) => out.clone(),
         None => beside(&args.scene, &scene)?,
     };
-    let request = PriorsRequest {
-        scene: &scene,
-        out: out.clone(),
-        frames: args.frames,
-        longest_side: args.data.longest_side,
-    };
+    let longest_side = args.data.longest_side;
+    let request = PriorsRequest { scene: &scene, out: out.clone(), frames: args.frames, longest_side };
     let mut watch = Watcher::new(session.progress)?;
     let result = ::prepare::priors(&request, &mut watch);
     watch.finish();

@@ -46,7 +46,11 @@ impl Field {
         let [left, right] = [x0, x0 + 1].map(|x| nearest(x, self.width));
         let [above, below] = [y0, y0 + 1].map(|y| nearest(y, self.height));
         let mix = |a: [f32; 2], b: [f32; 2], t: f32| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
-        mix(mix(self.at(left, above), self.at(right, above), tx), mix(self.at(left, below), self.at(right, below), tx), ty)
+        mix(
+            mix(self.at(left, above), self.at(right, above), tx),
+            mix(self.at(left, below), self.at(right, below), tx),
+            ty,
+        )
     }
 
     /// The same for pictures of twice the size, which is `width x height`.

@@ -24,7 +24,8 @@ pub(super) fn pyramid(picture: &Plane) -> Vec<Plane> {
 /// Every `step`th sum of the pixels around one with the weights `taps`, across and then down.
 fn filtered(picture: &Plane, taps: &[f32], step: usize) -> Plane {
     let (width, height) = (picture.width(), picture.height());
-    let sum = |begin: isize, at: &dyn Fn(isize) -> f32| -> f32 { (begin..).zip(taps).map(|(i, tap)| tap * at(i)).sum() };
+    let sum =
+        |begin: isize, at: &dyn Fn(isize) -> f32| -> f32 { (begin..).zip(taps).map(|(i, tap)| tap * at(i)).sum() };
     let begin = |i: usize| (step * i) as isize - 1;
     let across = Plane::from_fn(width.div_ceil(step), height, |x, y| {
         let row = picture.row(y);

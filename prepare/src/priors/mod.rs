@@ -16,7 +16,8 @@ use crate::watch::{Event, Meter, Watch};
 use names::{FLOW, Files, MADE, MASKS};
 use neighbours::Place;
 use pairs::{Pair, Pairs};
-use scene_io::{Frame, ImageSource, ImageStore, Scene, StoreOptions};
+use scene_io::{Frame, ImageSource, ImageStore, Scene, Split, StoreOptions};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use summary::Found;
 
@@ -99,21 +100,20 @@ fn claim(out: &Path, made: &Path) -> Result<(), PrepareError> {
 }
 
 /// What each photo needs, in the order of time.
-fn jobs<'a>(
-    request: &PriorsRequest<'a>,
-    photos: &ImageStore,
-    places: &[Place],
-) -> Result<Vec<Job<'a>>, PrepareError> {
+fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) -> Result<Vec<Job<'a>>, PrepareError> {
     let frames = &request.scene.frames;
-    let names: Vec<&str> = places.iter().map(|place| frames[place.frame].name.as_str()).collect();
-    let files = Files::of(&request.out, &names)?;
+    // Of all training photos: names do not depend on how many are asked for.
+    let training: Vec<usize> = request.scene.split(Split::Train).collect();
+    let names: Vec<&str> = training.iter().map(|i| frames[*i].name.as_str()).collect();
+    let mut files: HashMap<usize, Files> = training.into_iter().zip(Files::of(&request.out, &names)?).collect();
     let about = |i: usize| format!("{} {:?}", photo_stamp(&frames[i]), photos.camera(i));
-    let job = |(place, files): (&Place, Files)| {
+    let job = |place: &Place| {
+        let files = files.remove(&place.frame)?;
         let [before, after] = [place.before, place.after].map(|i| i.map_or_else(|| "none".into(), about));
         let inputs = hash([VERSION.to_owned(), about(place.frame), before, after]);
-        Job { frame: &frames[place.frame], place: *place, files, inputs }
+        Some(Job { frame: &frames[place.frame], place: *place, files, inputs })
     };
-    Ok(places.iter().zip(files).map(job).collect())
+    Ok(places.iter().filter_map(job).collect())
 }
 
 /// What tells a photo, as it is decoded, from its later versions.

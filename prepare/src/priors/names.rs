@@ -2,7 +2,7 @@
 
 use crate::error::PrepareError;
 use scene_io::is_photo;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
 /// The folder, in that of the scene.
@@ -33,15 +33,18 @@ pub(super) struct Files {
 }
 
 impl Files {
-    /// The files of photos by their names, in order.
+    /// The files of photos, given all names in order: after the photos' own names without folders, where these differ, else with them.
     ///
     /// # Errors
     /// Two photos whose files would be the same.
     pub(super) fn of(out: &Path, names: &[&str]) -> Result<Vec<Self>, PrepareError> {
+        let parts: Vec<Vec<String>> = names.iter().map(|name| parts(name)).collect();
+        let stems: HashSet<&String> = parts.iter().filter_map(|parts| parts.last()).collect();
+        let begin = |parts: &[String]| if stems.len() == names.len() { parts.len() - 1 } else { 0 };
         let mut taken: HashMap<String, &str> = HashMap::new();
         let mut all = Vec::with_capacity(names.len());
-        for name in names {
-            let short = short(name);
+        for (name, parts) in names.iter().zip(&parts) {
+            let short = parts[begin(parts)..].join("/");
             if let Some(other) = taken.insert(short.clone(), *name) {
                 let what = format!("the priors of the photos `{other}` and `{name}` would be the same files");
                 return Err(PrepareError::input(out, what, "rename one of the photos"));
@@ -57,15 +60,16 @@ impl Files {
     }
 }
 
-/// A photo's name without the ending of its file, folders kept, and nothing that leads out of the folder.
-fn short(name: &str) -> String {
+/// Folders and name of a photo, without the ending of its file and without anything that leads out of a folder; one at least.
+fn parts(name: &str) -> Vec<String> {
     let path = Path::new(name);
     let path = if is_photo(path) { path.with_extension("") } else { path.to_path_buf() };
-    let parts = path.components().filter_map(|part| match part {
+    let normal = path.components().filter_map(|part| match part {
         Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
         _ => None,
     });
-    parts.collect::<Vec<_>>().join("/")
+    let parts: Vec<String> = normal.collect();
+    if parts.is_empty() { vec!["photo".to_owned()] } else { parts }
 }
 
 #[cfg(test)]
@@ -75,16 +79,24 @@ mod tests {
     #[test]
     fn files_are_named_after_photos() {
         let files = Files::of(Path::new("p"), &["images/00001.png", "train/r_000", "a.b/c.1"]).unwrap();
-        assert_eq!(files[0].forward, Path::new("flow/images/00001_fwd.flo"));
-        assert_eq!(files[1].backward, Path::new("flow/train/r_000_bwd.flo"));
-        assert_eq!(files[2].mask, Path::new("motion_masks/a.b/c.1.png"));
+        assert_eq!(files[0].forward, Path::new("flow/00001_fwd.flo"));
+        assert_eq!(files[1].backward, Path::new("flow/r_000_bwd.flo"));
+        assert_eq!(files[2].mask, Path::new("motion_masks/c.1.png"));
+    }
+
+    #[test]
+    fn folders_are_kept_where_photos_have_one_name() {
+        let files = Files::of(Path::new("p"), &["left/1.png", "right/1.png", "right/2.png"]).unwrap();
+        assert_eq!(files[1].forward, Path::new("flow/right/1_fwd.flo"));
+        assert_eq!(files[2].stage, "right/2");
     }
 
     #[test]
     fn no_name_leads_out_of_the_folder() {
         for name in ["../../x.jpg", "/x.jpg", "./x.png"] {
-            assert_eq!(short(name), "x", "{name}");
+            assert_eq!(parts(name), ["x"], "{name}");
         }
+        assert_eq!(parts(".."), ["photo"]);
     }
 
     #[test]

@@ -48,7 +48,13 @@ mod tests {
     fn training_photos_are_neighbours_in_time() {
         let mut scene = scene();
         scene.frames.swap(1, 3);
-        let all = [(0, None, Some(3)), (3, Some(0), Some(2)), (2, Some(3), Some(1)), (1, Some(2), Some(4)), (4, Some(1), None)];
+        let all = [
+            (0, None, Some(3)),
+            (3, Some(0), Some(2)),
+            (2, Some(3), Some(1)),
+            (1, Some(2), Some(4)),
+            (4, Some(1), None),
+        ];
         assert_eq!(numbers(&scene, None), all);
         assert_eq!(numbers(&scene, Some(2)), [(0, None, Some(3)), (3, Some(0), None)]);
         scene.frames[2].split = Split::Test;
@@ -70,7 +76,13 @@ mod tests {
         for (i, frame) in scene.frames.iter_mut().enumerate() {
             frame.ids = Some(FrameIds { time: i as u32, appearance: 0, camera: (i % 2) as u32 });
         }
-        let all = [(0, None, Some(2)), (2, Some(0), Some(4)), (4, Some(2), None), (1, None, Some(3)), (3, Some(1), None)];
+        let all = [
+            (0, None, Some(2)),
+            (2, Some(0), Some(4)),
+            (4, Some(2), None),
+            (1, None, Some(3)),
+            (3, Some(1), None),
+        ];
         assert_eq!(numbers(&scene, None), all);
     }
 }

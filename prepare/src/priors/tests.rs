@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::watch::Silent;
-use scene_io::Split;
 use scene_io::synthetic::{OrbitCamera, OrbitOptions, orbit};
 
 fn scene(camera: OrbitCamera) -> Scene {
@@ -61,9 +60,9 @@ fn each_training_photo_has_flow_to_its_neighbours_and_a_mask() {
     assert_eq!((summary.photos, summary.kept, summary.alone.len()), (5, 0, 0));
     let mut wanted = Vec::new();
     for i in 0..5 {
-        wanted.extend((i > 0).then(|| format!("flow/train/r_{i:03}_bwd.flo")));
-        wanted.extend((i < 4).then(|| format!("flow/train/r_{i:03}_fwd.flo")));
-        wanted.push(format!("motion_masks/train/r_{i:03}.png"));
+        wanted.extend((i > 0).then(|| format!("flow/r_{i:03}_bwd.flo")));
+        wanted.extend((i < 4).then(|| format!("flow/r_{i:03}_fwd.flo")));
+        wanted.push(format!("motion_masks/r_{i:03}.png"));
     }
     wanted.sort();
     assert_eq!(names_in(&out), wanted);
@@ -80,7 +79,7 @@ fn what_is_there_is_kept_and_what_changed_is_made_anew() {
     assert_eq!(priors(&request(&scene, &out), &mut Silent).unwrap().kept, 5);
 
     // A file that is gone is made again, with the same bytes.
-    std::fs::remove_file(out.join("flow/train/r_002_fwd.flo")).unwrap();
+    std::fs::remove_file(out.join("flow/r_002_fwd.flo")).unwrap();
     assert_eq!(priors(&request(&scene, &out), &mut Silent).unwrap().kept, 4);
     assert!(files_in(&out) == first, "the same bytes");
 
@@ -92,7 +91,7 @@ fn what_is_there_is_kept_and_what_changed_is_made_anew() {
     let few = PriorsRequest { frames: Some(3), ..request(&scene, &out) };
     let summary = priors(&few, &mut Silent).unwrap();
     assert_eq!((summary.photos, summary.kept), (3, 2));
-    assert!(!out.join("flow/train/r_002_fwd.flo").exists() && out.join("flow/train/r_002_bwd.flo").exists());
+    assert!(!out.join("flow/r_002_fwd.flo").exists() && out.join("flow/r_002_bwd.flo").exists());
 }
 
 #[test]
@@ -113,7 +112,7 @@ fn a_camera_that_stands_still_is_said_and_gives_empty_masks() {
     let summary = priors(&request(&scene, &out), &mut Silent).unwrap();
     assert_eq!(summary.too_near.len(), 5);
     assert!(summary.warnings().iter().any(|warning| warning.contains("nearly the same place")), "{summary:?}");
-    let mask = image::open(out.join("motion_masks/train/r_001.png")).unwrap().into_luma8();
+    let mask = image::open(out.join("motion_masks/r_001.png")).unwrap().into_luma8();
     assert!(mask.pixels().all(|pixel| pixel.0 == [names::NOT_JUDGED]));
 }
 
