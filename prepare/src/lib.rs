@@ -45,7 +45,7 @@ pub use compare::{Comparison, compare};
 pub use error::PrepareError;
 pub use outcome::{ENOUGH, Summary};
 pub use posers::Poser;
-pub use priors::{PRIORS, PriorsRequest, PriorsSummary, priors};
+pub use priors::{PriorsRequest, PriorsSummary, priors};
 pub use request::Request;
 pub use tool::Toolbox;
 pub use watch::{Event, Silent, Watch};

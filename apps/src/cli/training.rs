@@ -51,7 +51,8 @@ pub(crate) struct Prepare {
 pub(crate) struct Priors {
     /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`)
     pub(crate) scene: String,
-    /// Folder of the files (default: `priors` in the folder of the scene); a second call goes on where an earlier one ended
+    /// Folder of the files (default: `priors` in the folder of the scene, which is read with it); a second call goes on where an
+    /// earlier one ended
     ///
     /// `flow/NAME_fwd.flo` and `flow/NAME_bwd.flo` lead from a training photo to the next one in time and to the one before, `1e10` where
     /// that does not show the same; `motion_masks/NAME.png` is 255 where something moves, 0 where nothing does, 127 where nothing is

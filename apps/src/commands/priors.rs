@@ -4,10 +4,10 @@ use super::watcher::Watcher;
 use crate::cli::Priors;
 use crate::session::{Done, Failure, Session, data_options, scene_spec};
 use crate::show::{line, note};
-use ::prepare::{PRIORS, PrepareError, PriorsRequest, PriorsSummary};
+use ::prepare::{PrepareError, PriorsRequest, PriorsSummary};
 use engine::RunError;
 use engine::source::{PERTURBED, SYNTHETIC};
-use scene_io::Scene;
+use scene_io::{MotionFiles, Scene};
 use std::path::{Path, PathBuf};
 
 pub(crate) fn run(session: &Session, args: &Priors) -> Result<Done, Failure> {
@@ -37,7 +37,7 @@ fn beside(word: &str, scene: &Scene) -> Result<PathBuf, RunError> {
     if word.starts_with(SYNTHETIC) || word.starts_with(PERTURBED) {
         return Err(RunError::Option(format!("`{word}` has no folder of its own: name one with `--out`")));
     }
-    Ok(scene.root.join(PRIORS))
+    Ok(scene.root.join(MotionFiles::MADE))
 }
 
 /// What came out.

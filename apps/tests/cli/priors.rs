@@ -17,7 +17,7 @@ fn video(camera: OrbitCamera) -> (TempDir, PathBuf) {
 }
 
 fn flow(priors: &Path, name: &str) -> PathBuf {
-    priors.join("flow").join(name)
+    priors.join("flow").join("train").join(name)
 }
 
 #[test]
@@ -31,10 +31,14 @@ fn they_are_made_beside_the_scene_and_made_once() {
     let forward = fs::read(flow(&priors, "r_000_fwd.flo")).unwrap();
     assert_eq!((&forward[..4], forward.len()), (b"PIEH".as_slice(), 12 + 8 * 40 * 36));
     assert!(flow(&priors, "r_005_bwd.flo").is_file() && !flow(&priors, "r_005_fwd.flo").exists());
-    assert!(priors.join("motion_masks/r_003.png").is_file());
+    assert!(priors.join("motion_masks/train/r_003.png").is_file());
 
-    // The scene is one as before, and nothing is left to do.
-    assert_eq!(nerf_dynamic(&["check", text(&scene)]).code, 0);
+    // They are read with the scene, and nothing is left to do.
+    let check = nerf_dynamic(&["check", text(&scene)]);
+    assert_eq!(check.code, 0, "{}", check.out);
+    for part in ["flow to the next photo of 5", "flow to the photo before of 5", "masks of what moves of 6"] {
+        assert!(check.out.contains(part), "{part}: {}", check.out);
+    }
     let again = nerf_dynamic(&["priors", text(&scene), "--progress", "lines"]);
     assert_eq!(again.code, 0, "{}", again.err);
     assert!(again.err.contains("6 of 6 photos done before"), "{}", again.err);

@@ -1,12 +1,11 @@
 //! Priors of a scene that moves and has none: flow to the neighbours in time, and what moves.
 
-mod files;
+mod mask;
 mod names;
 mod neighbours;
 mod pairs;
 mod summary;
 
-pub use names::PRIORS;
 pub use summary::PriorsSummary;
 
 use crate::error::PrepareError;
@@ -16,8 +15,7 @@ use crate::watch::{Event, Meter, Watch};
 use names::{FLOW, Files, MADE, MASKS};
 use neighbours::Place;
 use pairs::{Pair, Pairs};
-use scene_io::{Frame, ImageSource, ImageStore, Scene, Split, StoreOptions};
-use std::collections::HashMap;
+use scene_io::{Frame, ImageSource, ImageStore, Scene, StoreOptions, write_flo};
 use std::path::{Path, PathBuf};
 use summary::Found;
 
@@ -102,18 +100,25 @@ fn claim(out: &Path, made: &Path) -> Result<(), PrepareError> {
 /// What each photo needs, in the order of time.
 fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) -> Result<Vec<Job<'a>>, PrepareError> {
     let frames = &request.scene.frames;
-    // Of all training photos: names do not depend on how many are asked for.
-    let training: Vec<usize> = request.scene.split(Split::Train).collect();
-    let names: Vec<&str> = training.iter().map(|i| frames[*i].name.as_str()).collect();
-    let mut files: HashMap<usize, Files> = training.into_iter().zip(Files::of(&request.out, &names)?).collect();
+    // Of all photos: names depend neither on the split nor on how many are asked for.
+    let lies: Vec<PathBuf> = frames.iter().map(|frame| lies(&request.scene.root, frame)).collect();
+    let files = Files::of(&request.out, &lies)?;
     let about = |i: usize| format!("{} {:?}", photo_stamp(&frames[i]), photos.camera(i));
     let job = |place: &Place| {
-        let files = files.remove(&place.frame)?;
         let [before, after] = [place.before, place.after].map(|i| i.map_or_else(|| "none".into(), about));
         let inputs = hash([VERSION.to_owned(), about(place.frame), before, after]);
-        Some(Job { frame: &frames[place.frame], place: *place, files, inputs })
+        Job { frame: &frames[place.frame], place: *place, files: files[place.frame].clone(), inputs }
     };
-    Ok(places.iter().filter_map(job).collect())
+    Ok(places.iter().map(job).collect())
+}
+
+/// Where a photo lies in the folder of the scene; its name where it does not.
+fn lies(root: &Path, frame: &Frame) -> PathBuf {
+    let inside = match &frame.image {
+        ImageSource::File(path) => path.strip_prefix(root).ok(),
+        ImageSource::Memory(_) => None,
+    };
+    inside.unwrap_or(Path::new(&frame.name)).to_path_buf()
 }
 
 /// What tells a photo, as it is decoded, from its later versions.
@@ -146,8 +151,8 @@ fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Re
     for (file, flow) in [(&job.files.backward, back), (&job.files.forward, on)] {
         let path = out.join(file);
         match flow {
-            Some(flow) => files::write_flow(&path, flow)?,
-            None => files::remove(&path)?,
+            Some(flow) => write_flo(&path, flow)?,
+            None => remove(&path)?,
         }
     }
     let neighbours: Vec<Neighbour<'_>> = [(before, back), (after, on)]
@@ -155,11 +160,19 @@ fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Re
         .filter_map(|(i, flow)| Some(Neighbour { camera: pairs.camera(i?), flow: flow? }))
         .collect();
     let moves = motion(pairs.camera(frame), &neighbours);
-    files::write_motion(&out.join(&job.files.mask), &moves)?;
+    mask::write_motion(&out.join(&job.files.mask), &moves)?;
     let found = found(&moves, &neighbours);
     let facts = serde_json::to_value(&found).unwrap_or_default();
     stages.finish(&job.files.stage, &job.inputs, facts)?;
     Ok(found)
+}
+
+/// Removes what an earlier call with other neighbours wrote; where there is nothing that is fine.
+fn remove(path: &Path) -> Result<(), PrepareError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(PrepareError::io(path, "remove the file")(e)),
+        _ => Ok(()),
+    }
 }
 
 fn found(moves: &Motion, neighbours: &[Neighbour<'_>]) -> Found {

@@ -5,9 +5,7 @@ use scene_io::is_photo;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
-/// The folder, in that of the scene.
-pub const PRIORS: &str = "priors";
-/// Flow to the neighbours in time, in it.
+/// Flow to the neighbours in time, in the folder of the priors: what [`scene_io::MotionFiles`] looks for.
 pub(super) const FLOW: &str = "flow";
 /// What moves, in it.
 pub(super) const MASKS: &str = "motion_masks";
@@ -33,20 +31,22 @@ pub(super) struct Files {
 }
 
 impl Files {
-    /// The files of photos, given all names in order: after the photos' own names without folders, where these differ, else with them.
+    /// The files of photos, of which is given where each lies in the folder of the scene: after the photos' own names without folders, where these
+    /// differ, else with them.
     ///
     /// # Errors
     /// Two photos whose files would be the same.
-    pub(super) fn of(out: &Path, names: &[&str]) -> Result<Vec<Self>, PrepareError> {
-        let parts: Vec<Vec<String>> = names.iter().map(|name| parts(name)).collect();
+    pub(super) fn of(out: &Path, photos: &[PathBuf]) -> Result<Vec<Self>, PrepareError> {
+        let parts: Vec<Vec<String>> = photos.iter().map(|photo| parts(photo)).collect();
         let stems: HashSet<&String> = parts.iter().filter_map(|parts| parts.last()).collect();
-        let begin = |parts: &[String]| if stems.len() == names.len() { parts.len() - 1 } else { 0 };
-        let mut taken: HashMap<String, &str> = HashMap::new();
-        let mut all = Vec::with_capacity(names.len());
-        for (name, parts) in names.iter().zip(&parts) {
+        let begin = |parts: &[String]| if stems.len() == photos.len() { parts.len() - 1 } else { 0 };
+        let mut taken: HashMap<String, &PathBuf> = HashMap::new();
+        let mut all = Vec::with_capacity(photos.len());
+        for (photo, parts) in photos.iter().zip(&parts) {
             let short = parts[begin(parts)..].join("/");
-            if let Some(other) = taken.insert(short.clone(), *name) {
-                let what = format!("the priors of the photos `{other}` and `{name}` would be the same files");
+            if let Some(other) = taken.insert(short.clone(), photo) {
+                let (one, two) = (other.display(), photo.display());
+                let what = format!("the priors of the photos `{one}` and `{two}` would be the same files");
                 return Err(PrepareError::input(out, what, "rename one of the photos"));
             }
             all.push(Self {
@@ -61,9 +61,8 @@ impl Files {
 }
 
 /// Folders and name of a photo, without the ending of its file and without anything that leads out of a folder; one at least.
-fn parts(name: &str) -> Vec<String> {
-    let path = Path::new(name);
-    let path = if is_photo(path) { path.with_extension("") } else { path.to_path_buf() };
+fn parts(photo: &Path) -> Vec<String> {
+    let path = if is_photo(photo) { photo.with_extension("") } else { photo.to_path_buf() };
     let normal = path.components().filter_map(|part| match part {
         Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
         _ => None,
@@ -76,9 +75,13 @@ fn parts(name: &str) -> Vec<String> {
 mod tests {
     use super::*;
 
+    fn files(photos: &[&str]) -> Result<Vec<Files>, PrepareError> {
+        Files::of(Path::new("p"), &photos.iter().map(PathBuf::from).collect::<Vec<_>>())
+    }
+
     #[test]
     fn files_are_named_after_photos() {
-        let files = Files::of(Path::new("p"), &["images/00001.png", "train/r_000", "a.b/c.1"]).unwrap();
+        let files = files(&["images/00001.png", "train/r_000", "a.b/c.1"]).unwrap();
         assert_eq!(files[0].forward, Path::new("flow/00001_fwd.flo"));
         assert_eq!(files[1].backward, Path::new("flow/r_000_bwd.flo"));
         assert_eq!(files[2].mask, Path::new("motion_masks/c.1.png"));
@@ -86,7 +89,7 @@ mod tests {
 
     #[test]
     fn folders_are_kept_where_photos_have_one_name() {
-        let files = Files::of(Path::new("p"), &["left/1.png", "right/1.png", "right/2.png"]).unwrap();
+        let files = files(&["left/1.png", "right/1.png", "right/2.png"]).unwrap();
         assert_eq!(files[1].forward, Path::new("flow/right/1_fwd.flo"));
         assert_eq!(files[2].stage, "right/2");
     }
@@ -94,14 +97,14 @@ mod tests {
     #[test]
     fn no_name_leads_out_of_the_folder() {
         for name in ["../../x.jpg", "/x.jpg", "./x.png"] {
-            assert_eq!(parts(name), ["x"], "{name}");
+            assert_eq!(parts(Path::new(name)), ["x"], "{name}");
         }
-        assert_eq!(parts(".."), ["photo"]);
+        assert_eq!(parts(Path::new("..")), ["photo"]);
     }
 
     #[test]
     fn photos_that_differ_in_their_ending_alone_are_named() {
-        let error = Files::of(Path::new("p"), &["x.jpg", "y.jpg", "x.png"]).unwrap_err().to_string();
+        let error = files(&["x.jpg", "y.jpg", "x.png"]).unwrap_err().to_string();
         assert!(error.contains("`x.jpg` and `x.png`"), "{error}");
     }
 }

@@ -1,11 +1,17 @@
 //! Priors of a small drawn scene.
 
 use super::*;
+use crate::flow::flow_both_ways;
 use crate::watch::Silent;
-use scene_io::synthetic::{OrbitCamera, OrbitOptions, orbit};
+use scene_io::synthetic::{OrbitCamera, OrbitOptions, orbit, write_orbit};
+use scene_io::{LoadOptions, MotionFiles, Split, load};
+
+fn options(camera: OrbitCamera) -> OrbitOptions {
+    OrbitOptions { width: 40, height: 36, train: 5, test: 1, rays: 1, camera, ..OrbitOptions::default() }
+}
 
 fn scene(camera: OrbitCamera) -> Scene {
-    orbit(&OrbitOptions { width: 40, height: 36, train: 5, test: 1, rays: 1, camera, ..OrbitOptions::default() })
+    orbit(&options(camera))
 }
 
 fn request<'a>(scene: &'a Scene, out: &Path) -> PriorsRequest<'a> {
@@ -60,9 +66,9 @@ fn each_training_photo_has_flow_to_its_neighbours_and_a_mask() {
     assert_eq!((summary.photos, summary.kept, summary.alone.len()), (5, 0, 0));
     let mut wanted = Vec::new();
     for i in 0..5 {
-        wanted.extend((i > 0).then(|| format!("flow/r_{i:03}_bwd.flo")));
-        wanted.extend((i < 4).then(|| format!("flow/r_{i:03}_fwd.flo")));
-        wanted.push(format!("motion_masks/r_{i:03}.png"));
+        wanted.extend((i > 0).then(|| format!("flow/train/r_{i:03}_bwd.flo")));
+        wanted.extend((i < 4).then(|| format!("flow/train/r_{i:03}_fwd.flo")));
+        wanted.push(format!("motion_masks/train/r_{i:03}.png"));
     }
     wanted.sort();
     assert_eq!(names_in(&out), wanted);
@@ -79,7 +85,7 @@ fn what_is_there_is_kept_and_what_changed_is_made_anew() {
     assert_eq!(priors(&request(&scene, &out), &mut Silent).unwrap().kept, 5);
 
     // A file that is gone is made again, with the same bytes.
-    std::fs::remove_file(out.join("flow/r_002_fwd.flo")).unwrap();
+    std::fs::remove_file(out.join("flow/train/r_002_fwd.flo")).unwrap();
     assert_eq!(priors(&request(&scene, &out), &mut Silent).unwrap().kept, 4);
     assert!(files_in(&out) == first, "the same bytes");
 
@@ -91,7 +97,31 @@ fn what_is_there_is_kept_and_what_changed_is_made_anew() {
     let few = PriorsRequest { frames: Some(3), ..request(&scene, &out) };
     let summary = priors(&few, &mut Silent).unwrap();
     assert_eq!((summary.photos, summary.kept), (3, 2));
-    assert!(!out.join("flow/r_002_fwd.flo").exists() && out.join("flow/r_002_bwd.flo").exists());
+    assert!(!out.join("flow/train/r_002_fwd.flo").exists() && out.join("flow/train/r_002_bwd.flo").exists());
+}
+
+#[test]
+fn what_is_made_in_the_folder_of_a_scene_is_read_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    write_orbit(&options(OrbitCamera::Walking), folder.path()).unwrap();
+    let read = || load(folder.path(), &LoadOptions::default()).unwrap();
+    let before = read();
+    priors(&request(&before, &before.root.join(MotionFiles::MADE)), &mut Silent).unwrap();
+    let scene = read();
+    let training: Vec<usize> = scene.split(Split::Train).collect();
+    assert!(training.iter().all(|i| scene.frames[*i].priors.motion.mask.is_some()));
+    assert!(scene.split(Split::Test).all(|i| scene.frames[i].priors.motion == MotionFiles::default()));
+    let photos = ImageStore::new(&scene.frames, StoreOptions::default()).unwrap();
+    let [first, second] = [training[0], training[1]];
+    let made = flow_both_ways(&photos.get(first).unwrap(), &photos.get(second).unwrap());
+    let found = [first, second].map(|i| scene.frames[i].read_flow_prior().unwrap());
+    assert!(found[0].backward.is_none() && found[1].forward.is_some());
+    for (made, found) in made.iter().zip([&found[0].forward, &found[1].backward]) {
+        let found = found.as_ref().unwrap();
+        assert!(found.seen == made.seen && found.seen.count() > 0, "{:?} and {:?}", found.seen, made.seen);
+        let both = found.vectors.iter().zip(&made.vectors).zip(made.seen.iter());
+        assert!(both.filter(|(_, is_seen)| *is_seen).all(|((found, made), _)| found == made));
+    }
 }
 
 #[test]
@@ -112,7 +142,7 @@ fn a_camera_that_stands_still_is_said_and_gives_empty_masks() {
     let summary = priors(&request(&scene, &out), &mut Silent).unwrap();
     assert_eq!(summary.too_near.len(), 5);
     assert!(summary.warnings().iter().any(|warning| warning.contains("nearly the same place")), "{summary:?}");
-    let mask = image::open(out.join("motion_masks/r_001.png")).unwrap().into_luma8();
+    let mask = image::open(out.join("motion_masks/train/r_001.png")).unwrap().into_luma8();
     assert!(mask.pixels().all(|pixel| pixel.0 == [names::NOT_JUDGED]));
 }
 
@@ -120,7 +150,7 @@ fn a_camera_that_stands_still_is_said_and_gives_empty_masks() {
 fn what_cannot_be_made_is_said() {
     let (folder, mut scene) = (tempfile::tempdir().unwrap(), scene(OrbitCamera::Walking));
     std::fs::create_dir_all(folder.path().join("flow")).unwrap();
-    std::fs::write(folder.path().join("flow/r_000_fwd.flo"), b"of a network").unwrap();
+    std::fs::write(folder.path().join("flow/train/r_000_fwd.flo"), b"of a network").unwrap();
     let error = priors(&request(&scene, folder.path()), &mut Silent).unwrap_err().to_string();
     assert!(error.contains("flow") && error.contains("not made by `priors`"), "{error}");
     for frame in &mut scene.frames[1..] {

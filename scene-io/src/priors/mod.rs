@@ -13,7 +13,8 @@
 //!
 //! What is known of motion lies in folders, as NSFF, DynamicNeRF and RoDynRF write it: beside the photos' folder (or in it), by the
 //! photo's name without extension, or by its number with 3 to 5 digits where that name is one. The number is the photo's own: where
-//! photos begin at 1 and flow at 0, one of them must be renamed.
+//! photos begin at 1 and flow at 0, one of them must be renamed. What `nerf-dynamic priors` makes lies in such folders in `priors` of the
+//! dataset's own, and is read where there is nothing beside the photos.
 //!
 //! | file | holds | without it |
 //! | --- | --- | --- |

@@ -2,7 +2,7 @@
 
 use super::flow::Flow;
 use crate::bit_mask::{BitMask, nearest};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Folders of optical flow; the second one is NSFF's.
 const FLOW: [&str; 2] = ["flow", "flow_i1"];
@@ -25,7 +25,12 @@ pub struct MotionFiles {
 }
 
 impl MotionFiles {
-    /// The files in folders of the known names beside the photo or beside its folder, but never outside of `root`, the dataset's own.
+    /// Folder in the dataset's own that `nerf-dynamic priors` writes into: folders of the known names are in it, and in these the photos' own
+    /// folders where two photos have one name.
+    pub const MADE: &'static str = "priors";
+
+    /// The files in folders of the known names beside the photo or beside its folder, but never outside of `root`, the dataset's own; then
+    /// those in [`MotionFiles::MADE`].
     #[must_use]
     pub fn beside(photo: &Path, root: &Path) -> Self {
         let Some(stem) = photo.file_stem().and_then(|stem| stem.to_str()) else { return Self::default() };
@@ -33,8 +38,9 @@ impl MotionFiles {
         let own = photo.parent().into_iter().flat_map(|folder| folder.ancestors().take(2));
         let places: Vec<&Path> = own.filter(|place| place.starts_with(root)).collect();
         let find = |folders: &[&str], endings: &[&str]| {
-            let folders = places.iter().flat_map(|place| folders.iter().map(move |folder| place.join(folder)));
-            folders.filter(|folder| folder.is_dir()).find_map(|folder| {
+            let beside = places.iter().flat_map(|place| folders.iter().map(move |folder| place.join(folder)));
+            let made = folders.iter().flat_map(|folder| made(photo, root, folder));
+            beside.chain(made).filter(|folder| folder.is_dir()).find_map(|folder| {
                 let names = stems.iter().flat_map(|stem| endings.iter().map(move |ending| format!("{stem}{ending}")));
                 names.map(|name| folder.join(name)).find(|file| file.is_file())
             })
@@ -47,6 +53,15 @@ impl MotionFiles {
             mask: find(&MOTION, &[".png"]),
         }
     }
+}
+
+/// Where a folder of a known name in [`MotionFiles::MADE`] may hold files of a photo.
+fn made(photo: &Path, root: &Path, folder: &str) -> Vec<PathBuf> {
+    let all = root.join(MotionFiles::MADE).join(folder);
+    let own = photo.parent().and_then(|parent| parent.strip_prefix(root).ok());
+    let is_plain = |path: &&Path| path.components().all(|part| matches!(part, Component::Normal(_)));
+    let own = own.filter(is_plain).map(|own| all.join(own));
+    own.into_iter().chain([all]).collect()
 }
 
 /// A photo's name without extension, and where that is a number the same with as many digits as releases write: 3, 4, 5.
@@ -166,6 +181,14 @@ mod tests {
         let bare = touch("scene/0003.png");
         assert!(MotionFiles::beside(&bare, &root).forward.is_some());
         assert_eq!(MotionFiles::beside(&bare, &root.join("images")), MotionFiles::default());
+        // What was made here comes last, and of a photo's own folder first.
+        let other = touch("scene/more/9.png");
+        let all = touch("scene/priors/motion_masks/9.png");
+        assert_eq!(MotionFiles::beside(&other, &root).mask, Some(all));
+        let own = touch("scene/priors/motion_masks/more/9.png");
+        assert_eq!(MotionFiles::beside(&other, &root).mask, Some(own));
+        let beside = touch("scene/motion_masks/9.png");
+        assert_eq!(MotionFiles::beside(&other, &root).mask, Some(beside));
     }
 
     #[test]
