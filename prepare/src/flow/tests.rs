@@ -1,7 +1,9 @@
 //! Flow of pictures whose flow is known.
 
 use super::*;
-use scene_io::Size;
+use render_core::camera::{Camera, Pose};
+use scene_io::{Frame, ImageSource, Size, decode_photo};
+use std::sync::Arc;
 
 /// Grey of a surface that is textured at wavelengths from 5 to 37 pixels, in 8 bits.
 fn texture(x: f32, y: f32) -> f32 {
@@ -161,4 +163,29 @@ fn the_number_of_threads_changes_no_bit() {
         let many = with(threads);
         assert!(bits(&one) == bits(&many) && one == many, "{threads} threads");
     }
+}
+
+#[test]
+fn a_real_video_moves_as_a_network_says() {
+    let test = "a_real_video_moves_as_a_network_says";
+    let Some(folder) = testkit::golden::data_or_skip(env!("CARGO_MANIFEST_DIR"), "davis/tennis", test) else { return };
+    let [first, second] = [1, 2].map(|k| {
+        let picture = decode_photo(&folder.join(format!("rgb/{k:04}.jpg"))).unwrap().into_rgb8();
+        Image::rgb(picture.width(), picture.height(), picture.into_raw()).unwrap()
+    });
+    let [forward, _] = flow_both_ways(&first, &second);
+    let camera = Camera::pinhole(448, 256, 400.0, 400.0, 224.0, 128.0, Pose::IDENTITY);
+    let mut frame = Frame::new("0001", ImageSource::Memory(Arc::new(first)), camera);
+    frame.priors.motion.forward = Some(folder.join("flow_sample/0001.flo"));
+    let network = frame.read_flow_prior().unwrap().forward.unwrap();
+    let pairs = forward.vectors.iter().zip(&network.vectors).zip(forward.seen.iter());
+    let mut errors: Vec<f32> = pairs
+        .filter(|(_, is_seen)| *is_seen)
+        .map(|((is, should), _)| (is[0] - should[0]).hypot(is[1] - should[1]))
+        .collect();
+    errors.sort_by(f32::total_cmp);
+    let share = errors.len() as f64 / f64::from(448 * 256);
+    assert!(share > 0.5, "{share} of the pixels are seen");
+    let middle = errors[errors.len() / 2];
+    assert!(middle < 0.15, "median distance {middle} pixels");
 }
