@@ -3,11 +3,11 @@
 use super::*;
 use crate::flow::flow_both_ways;
 use scene_io::Image;
-use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, OrbitView, Sight, Snapshot, orbit_views};
+use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, Sight, Snapshot, SnapshotView, orbit_views};
 
 /// A picture of the stage with the two beside it in time.
 struct Shot {
-    views: [OrbitView; 3],
+    views: [SnapshotView; 3],
     stage: [Snapshot; 3],
     photos: [Image; 3],
 }
