@@ -41,7 +41,6 @@ fn names() -> Names {
 
 impl MovingPart {
     /// A moving part whose network gives one row more than that of the still part, its gate, and `more` after that; it learns with `adam`.
-    #[expect(clippy::too_many_arguments, reason = "all that it is made of")]
     pub(crate) fn new(
         features: Box<dyn Features>,
         deform: Option<Deform>,

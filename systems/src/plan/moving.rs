@@ -9,7 +9,7 @@ use super::ngp_settings::{Shown, ngp_settings};
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
 use crate::fields::{DecoderKind, FeatureSource};
-use crate::rays::{MovingConfig, MovingSettings, RayConfig, RaySystem};
+use crate::rays::{FlowConfig, MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
@@ -23,6 +23,9 @@ pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, 
 
 /// A field's settings after `--set`, from those that are planned.
 pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
+
+/// Scene flow of what moves, from the step from which something does and the steps that are left then.
+pub(crate) type NewFlow = fn(&mut Settings<'_>, u64, u64) -> Result<FlowConfig, SystemError>;
 
 /// What stands still behind what moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +48,8 @@ struct BackgroundChoice {
 /// Steps of the still part alone, where no stop is known, and as a share of those until a stop.
 const STILL_STEPS: u64 = 400;
 const STILL_SHARE: f64 = 0.15;
+/// Steps with what moves that schedules of scene flow are for, where no stop is known.
+const FLOW_STEPS: u64 = 4000;
 
 /// What a part for what moves costs, and when it begins in a run of `steps` steps.
 fn moving_settings(steps: Option<u64>) -> MovingSettings {
@@ -57,6 +62,7 @@ fn with_still_part(
     field: RayConfig,
     still: &Arc<dyn FeatureSource>,
     steps: Option<u64>,
+    flow: Option<NewFlow>,
     settings: &mut Settings<'_>,
 ) -> Result<RayConfig, SystemError> {
     if field.decoder.is_some_and(|choice| choice.decoder == DecoderKind::Explicit) {
@@ -66,7 +72,12 @@ fn with_still_part(
             problem: "two parts are mixed before one network of colours: set `decoder=hybrid`".into(),
         });
     }
-    let moving = MovingConfig::new(field.features.clone(), moving_settings(steps)).asked(settings)?;
+    let mut moving = MovingConfig::new(field.features.clone(), moving_settings(steps)).asked(settings)?;
+    if let Some(flow) = flow {
+        let left = steps.map_or(FLOW_STEPS, |steps| steps.saturating_sub(moving.from()));
+        let from = moving.from();
+        moving = moving.with_flow(flow(settings, from, left)?);
+    }
     Ok(RayConfig { features: still.clone(), moving: Some(moving), ..field })
 }
 
@@ -76,6 +87,8 @@ pub(crate) struct Moving {
     pub(crate) deform: Option<NewDeform>,
     pub(crate) rays: RaySettings,
     pub(crate) depth: DepthCueConfig,
+    /// Scene flow; a system with one always has a still part.
+    pub(crate) flow: Option<NewFlow>,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
     /// The field's settings as they are asked for.
     pub(crate) asked: NewField,
@@ -87,6 +100,7 @@ impl Moving {
         deform: None,
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
+        flow: None,
         field: |_, _| {},
         asked: |field, settings| field.asked(settings),
     };
@@ -128,16 +142,19 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let own = !Arc::ptr_eq(&still, &field.features);
     let mut field = (parts.asked)(field, &mut settings)?;
     let moves = deform.is_some() || own;
-    if moves && settings.of(&BackgroundChoice::default())?.background == Background::Static {
+    let is_static = parts.flow.is_some()
+        || moves && settings.of(&BackgroundChoice::default())?.background == Background::Static;
+    if is_static {
         // Features that the system did not choose are those of a scene at rest, as they were asked for.
         let still = if own { still } else { field.features.clone() };
-        field = with_still_part(field, &still, CloudPace::of_field(run.stop), &mut settings)?;
+        field = with_still_part(field, &still, CloudPace::of_field(run.stop), parts.flow, &mut settings)?;
         ground.lines.push(static_line(&field));
     }
     let config = settings.all()?;
     let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
     ground.lines.extend(follow(&mut system, data, &rays)?);
     system.watch(data);
+    ground.lines.extend(system.follow_film(data)?);
     if depth.asks() {
         let known = system.follow_depth(depth, data)?;
         if frozen && !known {

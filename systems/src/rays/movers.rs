@@ -7,7 +7,6 @@ use super::config::RayConfig;
 use super::driver::RaySystem;
 use super::residuals::{PhotoTile, Residuals, side_of_tile};
 use super::scene_flow::{Film, FlowConfig, FlowContext};
-use super::step::Plan;
 use super::work::Work;
 use crate::fields::{FeatureSource, MovingCells, MovingPart, NETWORK_ADAM};
 use crate::photo_model::Pixel;
@@ -266,14 +265,12 @@ impl RaySystem {
     }
 
     /// What chunks know of scene flow in a step; `None` where nothing moves (yet), or nothing is learnt.
-    pub(super) fn flow_context(&self, plan: &Plan) -> Option<FlowContext<'_>> {
-        if plan.step == u64::MAX || plan.by_ray || self.field.moving.is_none() {
-            return None;
-        }
+    pub(super) fn flow_context(&self, step: u64) -> Option<FlowContext<'_>> {
+        self.field.moving.as_ref()?;
         let movers = self.movers.as_ref()?;
         let (film, config) = (movers.film.as_ref()?, movers.config.flow.as_ref()?);
-        let since = plan.step.saturating_sub(movers.config.settings.moving_from);
-        Some(FlowContext { film, config, step: plan.step, since })
+        let since = step.saturating_sub(movers.config.settings.moving_from);
+        Some(FlowContext { film, config, step, since })
     }
 
     /// Whether the still part is held as it is: something moves, and that is asked for.

@@ -147,7 +147,11 @@ impl RaySystem {
             Drawing::Pixels if let Some(guide) = &self.guide => {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
             }
-            Drawing::Pixels if let Some(map) = &self.errors => {
+            // What a still part alone cannot explain is not drawn more often for that.
+            Drawing::Pixels
+                if let Some(map) =
+                    self.errors.as_ref().filter(|_| self.movers.is_none() || self.field.moving.is_some()) =>
+            {
                 data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
@@ -211,7 +215,7 @@ impl RaySystem {
             cues: self.cues.as_ref(),
             kernel: self.config.batch.kernel(),
             terms: &self.terms,
-            flow: self.flow_context(plan),
+            flow: self.flow_context(plan.step).filter(|_| plan.step != u64::MAX && !plan.by_ray),
             depth_limit: depth_limit(self.config.batch.train_stop),
             faint: self.faint(),
             share: plan.share,

@@ -8,13 +8,17 @@
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
+//! | `nsff`, `dynamic-nerf` | planes of place and time | scene flow to the frames beside, before a still part | - |
 
 pub(crate) mod d_nerf;
+pub(crate) mod dynamic_nerf;
 pub(crate) mod endo_nerf;
+mod flow_terms;
 #[cfg(test)]
 mod gradient_tests;
 pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
 pub(crate) mod nerfies;
+pub(crate) mod nsff;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

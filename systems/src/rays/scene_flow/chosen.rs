@@ -1,9 +1,9 @@
 //! The rays of a chunk that take part: some of those along which something may move.
 
-use super::FlowContext;
-use super::film::Frames;
+use super::film::{Film, Frames};
 use crate::fields::MovingPoints;
-use crate::rays::context::StepContext;
+use crate::space::Space;
+use engine::data::Batch;
 use render_core::ray::Ray;
 use render_core::space_map::SpaceMap;
 use std::ops::Range;
@@ -40,6 +40,24 @@ pub(crate) struct ChunkSamples<'a> {
     pub(crate) x: &'a [f32],
     pub(crate) moving: &'a MovingPoints,
     pub(crate) kept: &'a KeptSamples,
+}
+
+/// The rays of a batch.
+#[derive(Clone, Copy)]
+pub(super) struct BatchRays<'a> {
+    pub(super) batch: &'a Batch,
+    /// Rays of a pixel.
+    pub(super) per_pixel: usize,
+    /// `[pixels * per_pixel]`
+    pub(super) rays: &'a [Ray],
+    pub(super) truth: &'a [[f32; 3]],
+    pub(super) background: &'a [[f32; 3]],
+    pub(super) space: &'a Space,
+    pub(super) film: &'a Film,
+    /// Share of the pixels that take part.
+    pub(super) share: f32,
+    /// Which way two frames are looked at.
+    pub(super) chained: Option<usize>,
 }
 
 /// Rays that take part: `n` samples, `m` of which may move.
@@ -108,23 +126,17 @@ impl Chosen {
     }
 
     /// Choose among the rays of the batch's pixels `pixels`, which are a chunk's.
-    pub(super) fn choose(
-        &mut self,
-        ctx: &StepContext<'_>,
-        flow: &FlowContext<'_>,
-        chunk: ChunkSamples<'_>,
-        pixels: Range<usize>,
-    ) {
+    pub(super) fn choose(&mut self, of: BatchRays<'_>, chunk: ChunkSamples<'_>, pixels: Range<usize>) {
         self.clear();
-        let (per_pixel, share) = (ctx.per_pixel, flow.config.settings.flow_share);
+        let BatchRays { batch, per_pixel, film, share, .. } = of;
         let all = chunk.offsets.last().map_or(0, |&n| n as usize);
-        let of_unit = unit(&ctx.space.map());
+        let of_unit = unit(&of.space.map());
         let mut from = Vec::new();
         let columns = &chunk.moving.columns;
         for (r, ends) in chunk.offsets.windows(2).enumerate() {
             let i = pixels.start + r / per_pixel;
             let [first, last] = [ends[0], ends[1]].map(|end| columns.partition_point(|&column| column < end));
-            if first == last || ctx.batch.weight[i] <= 0.0 || !takes_part(i, share) {
+            if first == last || batch.weight[i] <= 0.0 || !takes_part(i, share) {
                 continue;
             }
             let begins = from.len() as u32;
@@ -133,17 +145,17 @@ impl Chosen {
             self.rays.push(r as u32);
             self.offsets.push(from.len() as u32);
             self.moving.push(self.at.len() as u32);
-            let view = ctx.batch.view[i];
-            let ray = &ctx.rays[pixels.start * per_pixel + r];
+            let view = batch.view[i];
+            let ray = &of.rays[pixels.start * per_pixel + r];
             let t = &chunk.t[ends[0] as usize..ends[1] as usize];
-            self.disparity.extend(t.iter().map(|&t| (of_unit * disparity(ctx, flow, view, ray, t)) as f32));
-            let place = ctx.batch.pixel[i];
-            self.frames.push(flow.film.frames(view, flow.chained()));
+            self.disparity.extend(t.iter().map(|&t| (of_unit * disparity(&of, view, ray, t)) as f32));
+            let place = batch.pixel[i];
+            self.frames.push(film.frames(view, of.chained));
             self.place.push(place);
-            self.pixel.push(flow.film.pixel_of(view, ray, place));
-            self.truth.push(ctx.truth[i]);
-            self.background.extend(ctx.background[i]);
-            self.factor.push(ctx.batch.weight[i] / (per_pixel as f32 * share));
+            self.pixel.push(film.pixel_of(view, ray, place));
+            self.truth.push(of.truth[i]);
+            self.background.extend(of.background[i]);
+            self.factor.push(batch.weight[i] / (per_pixel as f32 * share));
         }
         let (kept, rows) = (chunk.kept, [0, 1, 2]);
         for row in rows {
@@ -199,9 +211,9 @@ impl Chosen {
 }
 
 /// One over the z depth of a sample before the camera of its photo; 0 at infinity.
-fn disparity(ctx: &StepContext<'_>, flow: &FlowContext<'_>, view: u32, ray: &Ray, t: f32) -> f64 {
+fn disparity(of: &BatchRays<'_>, view: u32, ray: &Ray, t: f32) -> f64 {
     /// World units: nothing is nearer.
     const NEAREST: f64 = 1e-6;
-    let z = ctx.space.world_distance(ray, t) * flow.film.cosine(view, ray);
+    let z = of.space.world_distance(ray, t) * of.film.cosine(view, ray);
     if z.is_finite() { 1.0 / z.max(NEAREST) } else { 0.0 }
 }

@@ -1,10 +1,11 @@
 //! A pass: the moving part alone at the moving samples of some rays, where these are in a frame, and back.
 
+use super::chosen::Chosen;
+use super::head::FlowHead;
 use super::rendered::Rendered;
 use super::term::{Seen, SeenBars};
-use super::{Chosen, FlowHead};
 use crate::buffers::sized;
-use crate::fields::{Columns, Detail, Field, MovingPart, Part, Placing, Places, When};
+use crate::fields::{Columns, Detail, Field, MovingPart, Part, Places, Placing, When};
 use crate::warps::{DeformGrad, DeformScratch, Points};
 
 /// What colours depend on besides places: `[rows][rays]` of a whole chunk.

@@ -4,7 +4,6 @@
 //! is such a step, also where photos in between are held out. Optical flow counts only where it goes to the neighbour: a file is of the
 //! next photo of the dataset.
 
-use super::term::{BEYOND, HERE, NEXT, PASSES, PREVIOUS};
 use crate::rays::residuals::PhotoTile;
 use engine::data::{Dataset, View};
 use glam::DVec3;
@@ -12,6 +11,14 @@ use rayon::prelude::*;
 use render_core::camera::Prepared;
 use render_core::ray::Ray;
 use scene_io::{BitMask, Disparity, FlowPrior, SceneError};
+
+/// The passes: the moving part at its own time, one frame on, one frame back, and two frames on or back.
+pub(crate) const HERE: usize = 0;
+pub(crate) const NEXT: usize = 1;
+pub(crate) const PREVIOUS: usize = 2;
+pub(crate) const BEYOND: usize = 3;
+/// Number of passes.
+pub(crate) const PASSES: usize = 4;
 
 /// Share of a tile's pixels that move where it does.
 const OF_TILE: f32 = 0.1;

@@ -1,7 +1,7 @@
 //! Rays whose moving samples are those of a pass and whose others are the still part's, held: composited with the intervals of this
 //! frame, and back.
 
-use super::Chosen;
+use super::chosen::Chosen;
 use super::term::{Seen, SeenBars};
 use crate::buffers::sized;
 use float_core::Simd;

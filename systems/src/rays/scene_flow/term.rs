@@ -1,16 +1,9 @@
 //! What terms of scene flow read of the rays that take part, and the gradients that they add.
 
-use super::{Chosen, Film};
+use super::chosen::Chosen;
+use super::film::{Film, PASSES};
 use render_core::space_map::SpaceMap;
 use std::fmt::Debug;
-
-/// The passes: the moving part at its own time, one frame on, one frame back, and two frames on or back.
-pub(crate) const HERE: usize = 0;
-pub(crate) const NEXT: usize = 1;
-pub(crate) const PREVIOUS: usize = 2;
-pub(crate) const BEYOND: usize = 3;
-/// Number of passes.
-pub(crate) const PASSES: usize = 4;
 
 /// The moving part alone in one frame, along the rays of another.
 #[derive(Clone, Debug, Default)]

@@ -1,0 +1,63 @@
+//! NSFF: what moves says where it goes (Li, Niklaus, Snavely, Wang, "Neural Scene Flow Fields for Space-Time View Synthesis of Dynamic
+//! Scenes", 2021).
+//!
+//! ```text
+//! (c, sigma, v) = F_still(x, d),   (c_i, sigma_i, S_i, p_i) = F_moving(x, d, i)       equations 4 and 12
+//! C_ji: colours at x + S_ij at the time of j, along the ray of i                      equation 6
+//! L = L_static + L_photo + 1 L_cycle + L_data + 0.1 L_reg                             equations 7 to 11
+//! ```
+//!
+//! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
+//! belongs to the moving part, as it is there for its cells alone. What each loss is stands in `flow_terms`; its factors are those
+//! of the released code. Optical flow and disparities fall to a tenth four times in a run, chains of two frames come in its later half.
+
+use super::flow_terms::FlowWeights;
+use super::t_nerf;
+use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, RaySettings, moving_field};
+use crate::rays::{FlowConfig, FlowSettings};
+use crate::settings::Settings;
+use engine::system::SystemError;
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "nsff",
+    paper: "Li et al., 2021",
+    what: "A still part, and a moving one that says where its points are a frame on and a frame back; held to optical flow and disparities, if any",
+    take: "a film by one camera that moves; one photo a time",
+    differs: "Two hash grids, the moving one with planes of place and time, instead of 8 x 256 networks: it is there only where something \
+              moves, after a seventh of the run, and its renders show the still part elsewhere. One network gives the colours of \
+              both; the gate depends on the time; hard rays are those of large errors. Flow and disparities are optional, and \
+              half of the rays are seen in other frames.",
+    mark: "hash grids, a moving part where something moves",
+};
+
+/// As released; losses of scene flow are in sides of the unit cube, half of them in NDC.
+const WEIGHTS: FlowWeights = FlowWeights {
+    flow_renders: 1.0,
+    flow_hidden: 0.1,
+    flow_cycle: 1.0,
+    flow_optical: 0.02,
+    flow_small: 0.1,
+    flow_spatial: 0.1,
+    flow_steady: 0.1,
+    flow_order: 0.0,
+    flow_still: 0.0,
+};
+
+/// Half of the rays where the errors are.
+pub(super) const RAYS: RaySettings = RaySettings { by_error: true, ..RaySettings::ANYWHERE };
+
+/// Scene flow and what is hidden, from step `from` on, for `steps` steps.
+///
+/// # Errors
+/// [`SystemError::Config`] for settings that cannot be.
+pub(crate) fn flow(settings: &mut Settings<'_>, from: u64, steps: u64) -> Result<FlowConfig, SystemError> {
+    let terms = WEIGHTS.asked(settings)?.terms();
+    FlowConfig::asked(&FlowSettings::of_run(from, steps), true, terms, settings)
+}
+
+/// A still part, and before it one that moves.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving { rays: RAYS, flow: Some(flow), ..Moving::deformed(t_nerf::deform) })
+}
