@@ -1,6 +1,8 @@
 //! What is seen in the frames beside, and what is known of these.
 
-use super::film::{BEYOND, Film, FramePriors, HERE, NEXT, PREVIOUS};
+use super::chosen::Chosen;
+use super::film::{BEYOND, Film, FramePriors, HERE, NEXT, PASSES, PREVIOUS};
+use super::term::{FlowRays, FlowTerm, Seen, SeenBars};
 use crate::papers::dynamic::{dynamic_nerf, nsff};
 use crate::rays::budget_tests::{randomised, table};
 use crate::rays::gradient_tests::{known, tiny, with_moving_part, with_scene_flow};
@@ -9,6 +11,9 @@ use crate::rays::step::Plan;
 use crate::rays::{RayConfig, RaySystem};
 use crate::space::SpaceKind;
 use engine::data::Dataset;
+use field_core::rng::Rng;
+use glam::DVec3;
+use render_core::space_map::SpaceMap;
 use scene_io::synthetic::{OrbitOptions, orbit};
 use scene_io::{BitMask, Disparity, ImageStore, Split, StoreOptions};
 use std::sync::Arc;
@@ -53,9 +58,9 @@ fn a_field_that_neither_flows_nor_knows_the_time_looks_the_same_in_all_frames() 
     let mut driver = randomised(config, 5);
     driver.set_film(Film::with(&film, nothing(&film)));
     let part = driver.field.moving.as_mut().unwrap();
-    let last = part.network.layers().last().unwrap().clone();
-    let first = last.weights.start + (part.still_rows() + 1) * last.inputs;
-    part.params[first..last.weights.end].fill(0.0);
+    let last = part.network.layers().last().map(|last| (last.weights.clone(), last.inputs)).unwrap();
+    let first = last.0.start + (part.still_rows() + 1) * last.1;
+    part.params[first..last.0.end].fill(0.0);
     part.pack();
     after(&mut driver, &film, 2);
     let mut rays = 0;
@@ -156,4 +161,151 @@ fn constant_disparities_cost_nothing() {
         driver.work.chunks.iter().map(|chunk| chunk.stats.loss).sum()
     };
     assert_eq!(loss(None), loss(Disparity::new(8, 8, vec![2.5; 64])));
+}
+
+/// Two rays of three and two samples, of which two and one move, and what is seen along them in all frames.
+#[derive(Clone)]
+struct Made {
+    rays: Vec<f32>,
+    /// `[passes][6][m]`, `[passes][rays][3]`, `[passes][n]`
+    flow: [Vec<f32>; PASSES],
+    colour: [Vec<f32>; PASSES],
+    w: [Vec<f32>; PASSES],
+    hidden: Vec<f32>,
+    blend: Vec<f32>,
+}
+
+const OFFSETS: [u32; 3] = [0, 3, 5];
+const MOVING: [u32; 3] = [0, 2, 3];
+const AT: [u32; 3] = [0, 2, 4];
+const N: usize = 5;
+const M: usize = 3;
+
+fn uniform(len: usize, stream: u64, low: f32, high: f32) -> Vec<f32> {
+    let mut out = vec![0.0; len];
+    Rng::new(11, stream).fill_uniform(0, &mut out);
+    out.iter().map(|u| low + (high - low) * u).collect()
+}
+
+impl Made {
+    fn new() -> Self {
+        let of = |len: usize, from: u64, low: f32, high: f32| {
+            std::array::from_fn(|pass| uniform(len, from + pass as u64, low, high))
+        };
+        Self {
+            rays: uniform(3 * N, 1, 0.4, 0.6),
+            flow: of(6 * M, 10, -0.08, 0.08),
+            colour: of(6, 20, 0.0, 1.0),
+            w: of(N, 30, 0.1, 0.4),
+            hidden: uniform(2 * M, 40, 0.1, 0.9),
+            blend: uniform(M, 41, 0.1, 0.9),
+        }
+    }
+
+    fn chosen(&self, film: &Film) -> Chosen {
+        Chosen {
+            rays: vec![0, 1],
+            offsets: OFFSETS.into(),
+            moving: MOVING.into(),
+            at: AT.into(),
+            x: self.rays.clone(),
+            dt: uniform(N, 2, 0.1, 0.2),
+            still: uniform(N, 3, 0.1, 0.9),
+            disparity: uniform(N, 4, 0.1, 0.9),
+            frames: vec![film.frames(1, Some(NEXT)), film.frames(2, Some(NEXT))],
+            place: vec![[6, 2], [1, 5]],
+            pixel: vec![[6.5, 2.5], [1.5, 5.5]],
+            truth: vec![[0.1, 0.5, 0.9], [0.3, 0.2, 0.7]],
+            factor: vec![1.0, 0.5],
+            ..Chosen::default()
+        }
+    }
+
+    fn seen(&self, rays: &Chosen) -> [Seen; PASSES] {
+        let mut x = Vec::new();
+        rays.gather(&self.rays, &mut x);
+        let moved = |from: &[f32], flow: &[f32]| from.iter().zip(flow).map(|(x, s)| x + s).collect::<Vec<f32>>();
+        let next = moved(&x, &self.flow[HERE][..3 * M]);
+        let previous = moved(&x, &self.flow[HERE][3 * M..]);
+        let beyond = moved(&next, &self.flow[NEXT][..3 * M]);
+        let mut places = [x, next, previous, beyond].into_iter();
+        std::array::from_fn(|pass| Seen {
+            known: rays.frames.iter().map(|frames| frames.beside[pass].is_some()).collect(),
+            x: places.next().unwrap(),
+            flow: self.flow[pass].clone(),
+            hidden: self.hidden.clone(),
+            blend: self.blend.clone(),
+            colour: self.colour[pass].clone(),
+            w: self.w[pass].clone(),
+        })
+    }
+
+    /// What a term costs, and the derivatives that it says.
+    fn cost(&self, film: &Film, term: &dyn FlowTerm) -> (f64, [SeenBars; PASSES]) {
+        let rays = self.chosen(film);
+        let seen = self.seen(&rays);
+        let mut bars: [SeenBars; PASSES] = Default::default();
+        bars.iter_mut().zip(&seen).for_each(|(bars, seen)| bars.begin(seen));
+        let of = FlowRays {
+            rays: &rays,
+            seen: seen.each_ref(),
+            chained: Some(NEXT),
+            film,
+            map: SpaceMap::Box { centre: DVec3::new(0.0, 0.0, 0.3), radius: 1.2 },
+            unit: 1.2,
+            fade: 1.0,
+            share: 0.25,
+            per_sample: 0.4,
+        };
+        let mut loss = 0.0;
+        term.add(&of, &mut bars, &mut loss);
+        (loss, bars)
+    }
+}
+
+#[test]
+fn gradients_of_terms_are_those_of_differences() {
+    let data = of_times(4);
+    let film = Film::with(&data, known(&data));
+    let flow = with_scene_flow(&data, dynamic_nerf::flow, true).moving.unwrap().flow.unwrap();
+    let hidden = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
+    let made = Made::new();
+    let (mut checked, mut learning) = (0, 0);
+    for term in flow.terms.iter().chain(hidden.terms.iter()) {
+        let name = format!("{term:?}");
+        let (_, bars) = made.cost(&film, &**term);
+        let mut check = |what: &str, got: f32, shift: &dyn Fn(&mut Made, f32)| {
+            let at = |h: f32| {
+                let mut made = made.clone();
+                shift(&mut made, h);
+                made.cost(&film, &**term).0
+            };
+            let h = 1e-3;
+            let want = 0.25 * (at(h) - at(-h)) / (2.0 * f64::from(h));
+            let off = (f64::from(got) - want).abs();
+            assert!(off < 3e-3 * want.abs().max(0.05), "{name}, {what}: {got} for {want}");
+            checked += 1;
+            learning += usize::from(got != 0.0);
+        };
+        for pass in 0..PASSES {
+            // Where the second flow of a chain leads is no term's: it is brought back with the pass.
+            for i in 0..6 * M {
+                check(&format!("flow {i} of pass {pass}"), bars[pass].flow[i], &|made, h| made.flow[pass][i] += h);
+            }
+            for i in 0..6 {
+                check(&format!("colour {i} of pass {pass}"), bars[pass].colour[i], &|made, h| made.colour[pass][i] += h);
+            }
+        }
+        for i in 0..2 * M {
+            check(&format!("hidden {i}"), bars[HERE].hidden[i], &|made, h| made.hidden[i] += h);
+        }
+        for i in 0..M {
+            check(&format!("blend {i}"), bars[HERE].blend[i], &|made, h| made.blend[i] += h);
+        }
+        // The weights that a render is believed by are held.
+        for i in 0..N {
+            check(&format!("weight {i}"), bars[HERE].w[i], &|made, h| made.w[HERE][i] += h);
+        }
+    }
+    assert!(checked > 500 && learning > 100, "{learning} of {checked}");
 }
