@@ -40,9 +40,11 @@ fn schedules(name: &str) -> &'static [&'static str] {
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
         // Depths give way before steps 2 and 4.
         "endo-nerf" => &["refine_every=2", "refine_share=0.3"],
-        // What moves comes at step 2, chains at step 4, and priors fade after each step.
+        // What moves comes at step 3, from enough pixels to be found; chains come at step 4, and priors fade after each step.
         "nsff" | "dynamic-nerf" => &[
-            "moving_from=2",
+            "batch_rays=4096",
+            "batch_samples=65536",
+            "moving_from=3",
             "flow_chain_from=4",
             "flow_fades_in=1",
             "planes=[4,8]",
