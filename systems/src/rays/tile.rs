@@ -194,8 +194,11 @@ impl Tile {
     pub(super) fn keep(&self, ctx: &StepContext<'_>, chunk: Marched<'_>, rays: Range<usize>, kept: &mut KeptSamples) {
         let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
         let n = samples.len();
+        if n == 0 {
+            return;
+        }
         kept.tau[samples.clone()].copy_from_slice(&self.tau[..n]);
-        for (row, rgb) in kept.rgb.chunks_exact_mut(chunk.n.max(1)).zip(self.rgb.chunks_exact(n.max(1))) {
+        for (row, rgb) in kept.rgb.chunks_exact_mut(chunk.n).zip(self.rgb.chunks_exact(n)) {
             row[samples.clone()].copy_from_slice(rgb);
         }
         let still = &mut kept.still[samples.clone()];

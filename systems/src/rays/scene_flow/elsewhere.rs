@@ -68,7 +68,8 @@ impl Pass {
         }
     }
 
-    /// Begin where the samples are `from` `[3][m]`, moved by `flow` `[3][m]`, each ray in its `frame`; a ray without one stays in `own`.
+    /// Begin where the samples are `from` `[3][m]`, moved by `flow` `[3][m]` and held in the unit cube. A ray that has no such frame stays in
+    /// its own.
     pub(super) fn place(&mut self, rays: &Chosen, pass: usize, from: &[f32], flow: Option<&[f32]>) {
         self.clear();
         for (r, frames) in rays.frames.iter().enumerate() {

@@ -9,11 +9,13 @@ use crate::rays::step::Plan;
 use losses::depth::median::{aligned, aligned_backward};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::time::Instant;
 
 impl Chunk {
     /// See what moves of the rays that take part in the frames beside, after [`Chunk::learn`].
     pub(in crate::rays) fn see_elsewhere(&mut self, ctx: &StepContext<'_>, pixels: Range<usize>) {
         let Some(flow) = &ctx.flow else { return };
+        let start = Instant::now();
         let mut own = std::mem::take(&mut self.flow);
         let of = BatchRays {
             batch: ctx.batch,
@@ -29,11 +31,13 @@ impl Chunk {
         own.rays.choose(of, self.samples(&own.kept), pixels);
         own.forward(ctx, flow, Basis { rows: &self.basis, rays: self.rays.len() });
         self.flow = own;
+        self.stats.seconds[2] += start.elapsed().as_secs_f64();
     }
 
     /// Learn from it.
     pub(in crate::rays) fn learn_elsewhere(&mut self, ctx: &StepContext<'_>) {
         let Some(flow) = ctx.flow.as_ref().filter(|_| !self.flow.is_empty()) else { return };
+        let start = Instant::now();
         self.stats.loss += self.flow.judge(ctx, flow);
         let mut out = PassGradients {
             network: &mut self.moving_bars.network,
@@ -42,6 +46,7 @@ impl Chunk {
             room: &mut self.deform,
         };
         self.flow.backward(ctx, flow, &mut out);
+        self.stats.seconds[2] += start.elapsed().as_secs_f64();
     }
 
     /// Its samples, with what was kept of its main pass.

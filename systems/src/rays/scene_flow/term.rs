@@ -55,7 +55,7 @@ pub(crate) struct FlowRays<'a> {
     pub(crate) rays: &'a Chosen,
     /// The last of them is of no rays where it is not its time.
     pub(crate) seen: [&'a Seen; PASSES],
-    /// Which way the last pass goes, [`NEXT`] or [`PREVIOUS`].
+    /// Which way the last pass goes, `NEXT` or `PREVIOUS`.
     pub(crate) chained: Option<usize>,
     pub(crate) film: &'a Film,
     pub(crate) map: SpaceMap,
