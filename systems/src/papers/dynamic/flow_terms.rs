@@ -26,6 +26,7 @@ use losses::variation;
 use render_core::induced_flow::{
     Coordinates, Neighbours, Rest, expected_points, expected_points_backward, induced_flow, induced_flow_backward,
 };
+use render_core::space_map::SpaceMap;
 use serde::{Deserialize, Serialize};
 
 /// Nothing is seen nearer to a camera, world units.
@@ -139,8 +140,9 @@ impl FlowTerm for Renders {
                     }
                 }
                 *loss += factor * trust * error;
-                for c in 0..3 {
-                    bars[pass].colour[3 * r + c] += (f64::from(seen.share) * factor * trust * 2.0 / 3.0 * e[c]) as f32;
+                let bar = f64::from(seen.share) * factor * trust * 2.0 / 3.0;
+                for (c, e) in e.into_iter().enumerate() {
+                    bars[pass].colour[3 * r + c] += (bar * e) as f32;
                 }
             }
         }
@@ -238,9 +240,9 @@ impl FlowTerm for Optical {
                 let Some(prior) = prior[r] else { continue };
                 // The mean over both coordinates.
                 let of_ray = 0.5 * factor * f64::from(rays.factor[r]);
-                for a in 0..2 {
-                    *loss += of_ray * f64::from(Kernel::L1.value(flow[r][a], prior[a]));
-                    let derivative = f64::from(Kernel::L1.derivative(flow[r][a], prior[a]));
+                for (a, prior) in prior.into_iter().enumerate() {
+                    *loss += of_ray * f64::from(Kernel::L1.value(flow[r][a], prior));
+                    let derivative = f64::from(Kernel::L1.derivative(flow[r][a], prior));
                     flow_bar[r][a] = (f64::from(seen.share) * of_ray * derivative) as f32;
                 }
             }
@@ -289,6 +291,12 @@ fn world_flow_backward(seen: &FlowRays<'_>, pass: usize, flow_bar: &[f32], bars:
     add_to_flow(seen, pass, &x_bar, bars);
 }
 
+/// The moving samples of rays; in normalised device coordinates without the last, which are at infinity.
+fn near<'a>(seen: &FlowRays<'a>, share: f64) -> Near<'a> {
+    let share = if matches!(seen.map, SpaceMap::Ndc { .. }) { share } else { 1.0 };
+    Near { offsets: &seen.rays.moving, share }
+}
+
 /// Differences along a ray.
 #[derive(Debug)]
 struct Spatial {
@@ -297,7 +305,7 @@ struct Spatial {
 
 impl FlowTerm for Spatial {
     fn add(&self, seen: &FlowRays<'_>, bars: &mut [SeenBars; PASSES], loss: &mut f64) {
-        let near = Near { offsets: &seen.rays.moving, share: SPATIAL_SHARE };
+        let near = near(seen, SPATIAL_SHARE);
         let factor = self.factor * seen.per_sample;
         for pass in [NEXT, PREVIOUS] {
             let flow = world_flow(seen, pass);
@@ -318,7 +326,7 @@ struct Steady {
 
 impl FlowTerm for Steady {
     fn add(&self, seen: &FlowRays<'_>, bars: &mut [SeenBars; PASSES], loss: &mut f64) {
-        let near = Near { offsets: &seen.rays.moving, share: TEMPORAL_SHARE };
+        let near = near(seen, TEMPORAL_SHARE);
         let factor = self.factor * seen.per_sample;
         let [next, previous] = [NEXT, PREVIOUS].map(|pass| world_flow(seen, pass));
         *loss += factor * fits(scene_flow::temporal(&next, &previous, near, Kernel::Squared));

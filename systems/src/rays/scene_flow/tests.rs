@@ -268,10 +268,10 @@ fn gradients_of_terms_are_those_of_differences() {
     let data = of_times(4);
     let film = Film::with(&data, known(&data));
     let flow = with_scene_flow(&data, dynamic_nerf::flow, true).moving.unwrap().flow.unwrap();
-    let hidden = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
+    let with_hidden = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
     let made = Made::new();
     let (mut checked, mut learning, mut kinks) = (0, 0, 0);
-    for term in flow.terms.iter().chain(hidden.terms.iter()) {
+    for term in flow.terms.iter().chain(with_hidden.terms.iter()) {
         let name = format!("{term:?}");
         let (_, bars) = made.cost(&film, &**term);
         let mut check = |what: &str, got: f32, shift: &dyn Fn(&mut Made, f32)| {
@@ -292,24 +292,25 @@ fn gradients_of_terms_are_those_of_differences() {
             assert!(off < 3e-3 * want.abs().max(0.05), "{name}, {what}: {got} for {want}");
             learning += usize::from(got != 0.0);
         };
-        for pass in 0..PASSES {
+        for (pass, bars) in bars.iter().enumerate() {
             // Where the second flow of a chain leads is no term's: it is brought back with the pass.
-            for i in 0..6 * M {
-                check(&format!("flow {i} of pass {pass}"), bars[pass].flow[i], &|made, h| made.flow[pass][i] += h);
+            for (i, got) in bars.flow.iter().enumerate() {
+                check(&format!("flow {i} of pass {pass}"), *got, &|made, h| made.flow[pass][i] += h);
             }
-            for i in 0..6 {
-                check(&format!("colour {i} of pass {pass}"), bars[pass].colour[i], &|made, h| made.colour[pass][i] += h);
+            for (i, got) in bars.colour.iter().enumerate() {
+                check(&format!("colour {i} of pass {pass}"), *got, &|made, h| made.colour[pass][i] += h);
             }
         }
-        for i in 0..2 * M {
-            check(&format!("hidden {i}"), bars[HERE].hidden[i], &|made, h| made.hidden[i] += h);
+        let SeenBars { hidden, blend, w, .. } = &bars[HERE];
+        for (i, got) in hidden.iter().enumerate() {
+            check(&format!("hidden {i}"), *got, &|made, h| made.hidden[i] += h);
         }
-        for i in 0..M {
-            check(&format!("blend {i}"), bars[HERE].blend[i], &|made, h| made.blend[i] += h);
+        for (i, got) in blend.iter().enumerate() {
+            check(&format!("blend {i}"), *got, &|made, h| made.blend[i] += h);
         }
         // The weights that a render is believed by are held.
-        for i in 0..N {
-            check(&format!("weight {i}"), bars[HERE].w[i], &|made, h| made.w[HERE][i] += h);
+        for (i, got) in w.iter().enumerate() {
+            check(&format!("weight {i}"), *got, &|made, h| made.w[HERE][i] += h);
         }
     }
     assert!(checked > 500 && learning > 100 && 20 * kinks < checked, "{learning} of {checked}, {kinks} at kinks");
