@@ -2,11 +2,11 @@
 //! Dynamic Monocular Video", 2021).
 //!
 //! ```text
-//! (c_s, sigma_s) = F_still(x, d)                                      equation 1, from pixels that do not move
-//! (c, sigma, s_fw, s_bw, b) = F_moving(x, t, d)                       equation 4
+//! (c_s, sigma_s) = F_still(x, d)                                      from pixels that do not move
+//! (c, sigma, s_fw, s_bw, b) = F_moving(x, t, d)
 //! C_full = sum T (m alpha c + (1 - m) alpha_s c_s),   m = 1 - b       equation 14
-//! C_t':  colours at x + s at the time of a frame beside               equation 7
-//! L = L_full + L_dynamic + L_motion + regularisers + L_depth          equations 8 to 19
+//! C_t':  colours at x + s at the time of a frame beside
+//! L = L_full + L_dynamic + 0.02 L_motion + 0.04 L_depth + regularisers       cycle and smooth: equations 11 to 13, code
 //! ```
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`, whose density

@@ -4,9 +4,9 @@
 //! part, `m` the blend weight; `j` a frame beside frame `i`; `M` the pixels that a mask says move.
 //!
 //! ```text
-//! renders   |C - C_i|^2 + sum_j W_j |C_j - C_i|^2         W_j = sum_k sg(w_k) (1 - p_k)      NSFF (8), (10); p = 0 in DynamicNeRF
-//! hidden    p                                             NSFF (10)
-//! cycle     (1 - p) |S_ij + S_ji(x + S_ij)|               NSFF (9); DynamicNeRF, code
+//! renders   |C - C_i|^2 + sum_j W_j |C_j - C_i|^2         W_j = sum_k sg(w_k) (1 - p_k)      NSFF, photometric; p = 0 in DynamicNeRF
+//! hidden    p                                             NSFF, its prior
+//! cycle     (1 - p) |S_ij + S_ji(x + S_ij)|               both, code
 //! optical   |pi_j(sum w (x + S)) - u - F|                 NSFF, geometric consistency; DynamicNeRF, motion matching
 //! small     |S|                                           NSFF, minimal; DynamicNeRF, slow
 //! spatial   |S_k - S_(k + 1)| in the world, along a ray   both, code

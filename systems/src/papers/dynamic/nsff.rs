@@ -2,9 +2,9 @@
 //! Scenes", 2021).
 //!
 //! ```text
-//! (c, sigma, v) = F_still(x, d),   (c_i, sigma_i, S_i, p_i) = F_moving(x, d, i)       equations 4 and 12
-//! C_ji: colours at x + S_ij at the time of j, along the ray of i                      equation 6
-//! L = L_static + L_photo + 1 L_cycle + L_data + 0.1 L_reg                             equations 7 to 11
+//! (c, sigma, v) = F_still(x, d),   (c_i, sigma_i, S_i, p_i) = F_moving(x, d, i)
+//! C_ji: colours at x + S_ij at the time of j, along the ray of i
+//! L = L_full + L_photo + L_cycle + 0.02 L_flow + 0.04 L_depth + 0.1 (L_hidden + L_small + L_spatial + L_steady)     (section 3.2)
 //! ```
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
