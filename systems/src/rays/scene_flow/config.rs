@@ -27,7 +27,7 @@ pub(crate) struct FlowSettings {
 }
 
 impl FlowSettings {
-    /// Those of a run in which what moves has `steps` steps from step `from` on: priors fade four times, chains come in the later half.
+    /// Those of a run in which what moves has `steps` steps from step `from` on: priors fade after each quarter, chains come in the later half.
     pub(crate) fn of_run(from: u64, steps: u64) -> Self {
         Self {
             flow_share: 0.5,
