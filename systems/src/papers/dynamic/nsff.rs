@@ -9,7 +9,8 @@
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
 //! belongs to the moving part, as it is there for its cells alone. What each loss is stands in `flow_terms`; its factors are those
-//! of the released code. Factors of optical flow and disparities fall to a tenth after each quarter of what is left of the run, chains of two frames come in its later half.
+//! of the released code. Those of optical flow and disparities fall to a tenth after each quarter of what is left of the run; chains of
+//! two frames come in its later half.
 
 use super::flow_terms::FlowWeights;
 use super::t_nerf;
