@@ -25,7 +25,7 @@ fn logistic(x: f32) -> f32 {
 pub(super) struct Parts<'a> {
     /// `[rows][n]`
     pub(super) still: &'a [f32],
-    /// `[rows + 1][n]`
+    /// `[rows + 1][n]`; rows after the gate's are not read
     pub(super) moving: &'a [f32],
     pub(super) n: usize,
 }
@@ -59,7 +59,8 @@ pub(super) fn blend(parts: Parts<'_>, out: &mut [f32], share: &mut [f32]) {
     }
 }
 
-/// Gradients of both parts, written over `still_bar` `[rows][n]` and `moving_bar` `[rows + 1][n]`, from those of what [`blend`] gave.
+/// Gradients of both parts, written over `still_bar` `[rows][n]` and `moving_bar` `[rows + 1][n]`, from those of what [`blend`]
+/// gave.
 pub(super) fn blend_backward(
     parts: Parts<'_>,
     share: &[f32],
@@ -70,7 +71,7 @@ pub(super) fn blend_backward(
 ) {
     let (n, rows) = (parts.n, parts.rows());
     // The gate's row first holds the gradient of the share.
-    moving_bar[rows * n..].copy_from_slice(share_bar);
+    moving_bar[rows * n..(rows + 1) * n].copy_from_slice(share_bar);
     for row in 1..rows {
         for i in 0..n {
             let k = row * n + i;

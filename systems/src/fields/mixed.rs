@@ -13,7 +13,7 @@ pub(crate) struct Mixed {
     /// `[outputs][m]` of the still part alone, and of the mixture.
     still: Vec<f32>,
     out: Vec<f32>,
-    /// `[outputs + 1][m]` of the moving part.
+    /// `[outputs + 1 + more][m]` of the moving part: its gate, and what it knows besides, come last.
     moving: Vec<f32>,
     /// `[m]`, the moving part's share.
     share: Vec<f32>,
@@ -49,7 +49,7 @@ impl Mixed {
     }
 
     fn mix(&mut self, part: &MovingPart, of: MovingColumns<'_>, raw: &mut [f32]) {
-        let (m, rows) = (of.len(), part.network.outputs() - 1);
+        let (m, rows) = (of.len(), part.still_rows());
         let n = raw.len() / rows;
         let still = sized(&mut self.still, rows * m);
         of.gather(raw, n, still);
@@ -62,6 +62,11 @@ impl Mixed {
     pub(crate) fn shares(&self, of: MovingColumns<'_>, out: &mut [f32]) {
         out.fill(0.0);
         of.at().zip(&self.share).for_each(|(i, share)| out[i] = *share);
+    }
+
+    /// Each of the points of the last pass, with the raw log-density of the still part alone there.
+    pub(crate) fn each_still(&self, of: MovingColumns<'_>, mut each: impl FnMut(usize, f32)) {
+        of.at().zip(&self.still).for_each(|(i, still)| each(i, *still));
     }
 
     /// Bring the gradients `raw_bar` `[outputs][n]` of the mixture, and those of the shares, `[n]`, back: `raw_bar` becomes that of the
@@ -83,7 +88,7 @@ impl Mixed {
         if m == 0 {
             return;
         }
-        let rows = mlp.outputs() - 1;
+        let rows = part.still_rows();
         let out_bar = sized(&mut self.out, rows * m);
         of.gather(&raw_bar[..rows * n], n, out_bar);
         let bars = sized(&mut self.share_bar, m);
@@ -92,8 +97,9 @@ impl Mixed {
             None => bars.fill(0.0),
         }
         let (still_bar, moving_bar) =
-            (sized(&mut self.still_bar, rows * m), sized(&mut self.moving_bar, (rows + 1) * m));
+            (sized(&mut self.still_bar, rows * m), sized(&mut self.moving_bar, mlp.outputs() * m));
         let parts = Parts { still: &self.still[..rows * m], moving: &self.moving[..(rows + 1) * m], n: m };
+        moving_bar[(rows + 1) * m..].fill(0.0);
         blend_backward(parts, &self.share[..m], out_bar, bars, still_bar, moving_bar);
         of.scatter(still_bar, &mut raw_bar[..rows * n], n);
         let scratch = sized(&mut self.scratch, mlp.backward_scratch_len());

@@ -3,7 +3,7 @@
 //! The still part of the field is a field as for a scene at rest. In cells where something moves ([`MovingCells`]) a sample has both
 //! parts: they are mixed by a gate (`fields::blend`). Everywhere else the field costs what it costs at rest.
 
-use super::field::{knows_time, steps_of};
+use super::field::{Placing, When, fill_times, knows_time, seen, steps_of};
 use super::moving_cells::MovingCells;
 use super::{DensityDecoder, Features, Names, xavier};
 use crate::schedule::Done;
@@ -11,6 +11,7 @@ use crate::warps::{Deform, TimeSteps};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor};
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
+use float_core::Simd;
 use optim::{Adam, AdamConfig};
 
 /// The moving part of a field.
@@ -19,8 +20,10 @@ pub(crate) struct MovingPart {
     pub(crate) features: Box<dyn Features>,
     /// What moves points; `None`: the features know the time themselves.
     pub(crate) deform: Option<Deform>,
-    /// From features to density, what colours depend on, and the gate.
+    /// From features to density, what colours depend on, the gate, and `more` rows after that.
     pub(crate) network: Mlp,
+    /// Rows that the still part does not have, after the gate.
+    more: usize,
     pub(crate) params: Vec<f32>,
     pub(crate) adam: Adam,
     /// Where something moves.
@@ -38,11 +41,12 @@ fn names() -> Names {
 }
 
 impl MovingPart {
-    /// A moving part whose network gives one row more than that of the still part, and learns with `adam`.
+    /// A moving part whose network gives one row more than that of the still part, its gate, and `more` after that; it learns with `adam`.
     pub(crate) fn new(
         features: Box<dyn Features>,
         deform: Option<Deform>,
         network: Mlp,
+        more: usize,
         cells: MovingCells,
         adam: AdamConfig,
         rng: Rng,
@@ -55,6 +59,7 @@ impl MovingPart {
             features,
             deform,
             network,
+            more,
             params,
             cells,
         };
@@ -82,6 +87,44 @@ impl MovingPart {
     /// Renew the packed parameters.
     pub(crate) fn pack(&mut self) {
         self.network.pack(&self.params, &mut self.packed);
+    }
+
+    /// Rows that its network shares with the still part's: density, and what colours depend on. The gate comes after them.
+    pub(crate) fn still_rows(&self) -> usize {
+        self.network.outputs() - 1 - self.more
+    }
+
+    /// What its network sees of points wherever they are, `out` `[rows][m]`, and their times. Their positions `x` `[3][m]` become canonical.
+    pub(crate) fn seen(
+        &self,
+        x: &mut [f32],
+        when: When<'_>,
+        times: &mut Vec<f32>,
+        out: &mut [f32],
+        placing: &mut Placing,
+    ) {
+        fill_times(&*self.features, when, times);
+        seen(&*self.features, self.deform.as_ref(), x, when, out, placing);
+    }
+
+    /// What its network gives, `out` `[outputs][m]`, of what it sees, `features` `[rows][m]`.
+    pub(crate) fn forward(&self, simd: Simd, features: &[f32], m: usize, out: &mut [f32], acts: &mut [f32]) {
+        self.network.forward(simd, &self.packed, features, m, m, out, m, acts);
+    }
+
+    /// The way back of [`MovingPart::forward`]: added to `features_bar` and to the packed gradient `grad`.
+    #[expect(clippy::too_many_arguments, reason = "two matrices, and where the gradients of each go")]
+    pub(crate) fn backward(
+        &self,
+        simd: Simd,
+        acts: &[f32],
+        out_bar: &[f32],
+        m: usize,
+        features_bar: &mut [f32],
+        grad: &mut [f32],
+        scratch: &mut [f32],
+    ) {
+        self.network.backward(simd, &self.packed, acts, out_bar, m, m, Some((features_bar, m)), grad, scratch);
     }
 
     /// Rows that its network sees.

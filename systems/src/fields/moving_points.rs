@@ -35,6 +35,9 @@ impl MovingPoints {
             for row in x.chunks_exact(x.len() / 3) {
                 self.was.extend(self.columns.iter().map(|&i| row[i as usize]));
             }
+        }
+        // Where nothing depends on the time, nobody says which step a point belongs to.
+        if !when.which.is_empty() {
             self.which.extend(self.columns.iter().map(|&i| when.which[i as usize]));
         }
         self.x.clone_from(&self.was);

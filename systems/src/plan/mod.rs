@@ -26,6 +26,8 @@ pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
 pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, MovingParts, has_alpha, percent, space};
+#[cfg(test)]
+pub(crate) use moving::NewFlow;
 pub(crate) use moving::{Moving, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;

@@ -8,9 +8,9 @@ use super::ngp_settings::{Shown, ngp_settings};
 use super::pace::CloudPace;
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
-use super::still_part::behind;
+use super::still_part::{behind, with_flow};
 use crate::photo_model::PhotoModel;
-use crate::rays::{RayConfig, RaySystem};
+use crate::rays::{FlowConfig, RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
 use crate::schedule::ScheduleSettings;
 use crate::settings::Settings;
@@ -25,6 +25,9 @@ pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, 
 
 /// A field's settings after `--set`, from those that are planned.
 pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
+
+/// Scene flow of what moves.
+pub(crate) type NewFlow = fn(&mut Settings<'_>) -> Result<FlowConfig, SystemError>;
 
 /// What photos differ in, for a field of these settings, or nothing; with its line in the plan. All other settings are known.
 pub(crate) type NewPhotoModel = fn(
@@ -42,6 +45,8 @@ pub(crate) struct Moving {
     pub(crate) photos: Option<NewPhotoModel>,
     pub(crate) rays: RaySettings,
     pub(crate) depth: DepthCueConfig,
+    /// Scene flow; a system with one always has a still part.
+    pub(crate) flow: Option<NewFlow>,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
     /// The field's settings as they are asked for.
     pub(crate) asked: NewField,
@@ -54,6 +59,7 @@ impl Moving {
         photos: None,
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
+        flow: None,
         field: |_, _| {},
         asked: |field, settings| field.asked(settings),
     };
@@ -101,7 +107,11 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
     let still = if own { still } else { field.features.clone() };
-    let field = if deform.is_some() || own { behind(field, still, &mut settings, &mut ground)? } else { field };
+    let field = match parts.flow {
+        Some(flow) => with_flow(field, still, flow, &mut settings, &mut ground)?,
+        None if deform.is_some() || own => behind(field, still, &mut settings, &mut ground)?,
+        None => field,
+    };
     let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;
     let config = settings.all()?;
     let moving = MovingParts { photo_model: photos.flatten(), deform };
@@ -109,6 +119,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     system.follow_schedule(schedule.horizon);
     ground.lines.extend(follow(&mut system, data, &rays)?);
     system.watch(data);
+    ground.lines.extend(system.follow_film(data)?);
     if depth.asks() {
         let known = system.follow_depth(depth, data)?;
         if frozen && !known {

@@ -1,6 +1,7 @@
 //! Whether what stands still is a field of its own, behind the part that moves.
 
 use super::ground::{Ground, percent};
+use super::moving::NewFlow;
 use crate::fields::{DecoderKind, FeatureSource};
 use crate::rays::{MovingConfig, MovingSettings, RayConfig};
 use crate::settings::Settings;
@@ -43,6 +44,30 @@ pub(super) fn behind(
     if settings.of(&BackgroundChoice::default())?.background == Background::Moving {
         return Ok(field);
     }
+    let moving = moving_part(&field, settings, ground)?;
+    Ok(RayConfig { features: still, moving: Some(moving), ..field })
+}
+
+/// The field with a part of its own for what moves, which has scene flow.
+///
+/// # Errors
+/// [`SystemError::Config`] naming the setting that cannot be.
+pub(super) fn with_flow(
+    field: RayConfig,
+    still: Arc<dyn FeatureSource>,
+    flow: NewFlow,
+    settings: &mut Settings<'_>,
+    ground: &mut Ground,
+) -> Result<RayConfig, SystemError> {
+    let moving = moving_part(&field, settings, ground)?.with_flow(flow(settings)?);
+    Ok(RayConfig { features: still, moving: Some(moving), ..field })
+}
+
+fn moving_part(
+    field: &RayConfig,
+    settings: &mut Settings<'_>,
+    ground: &mut Ground,
+) -> Result<MovingConfig, SystemError> {
     if field.decoder.is_some_and(|choice| choice.decoder == DecoderKind::Explicit) {
         return Err(SystemError::Config {
             field: "background",
@@ -56,5 +81,5 @@ pub(super) fn behind(
          more is trained where nothing does",
         percent(moving.from())
     ));
-    Ok(RayConfig { features: still, moving: Some(moving), ..field })
+    Ok(moving)
 }

@@ -11,6 +11,7 @@ use super::head::{PLACE_ROWS, place_features};
 use super::marched::{Gradients, Marched};
 use super::prepass::{Kept, Prepass};
 use super::ray_bars::RayGeometryBars;
+use super::scene_flow::FlowChunk;
 use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
 use crate::fields::{Features, Field, MovingBars, MovingPoints, Part, Places, When};
@@ -51,7 +52,7 @@ pub(super) struct Chunk {
     pub(super) offsets: Vec<u32>,
     /// Distances of the samples, and their steps.
     pub(super) t: Vec<f32>,
-    dt: Vec<f32>,
+    pub(super) dt: Vec<f32>,
     /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
     /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
@@ -73,6 +74,8 @@ pub(super) struct Chunk {
     /// Samples at which something moves, and their gradients; only where a part of the field is for these.
     pub(super) moving: MovingPoints,
     pub(super) moving_bars: MovingBars,
+    /// What moves in the frames beside; only where a term asks.
+    pub(super) flow: FlowChunk,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
@@ -138,6 +141,7 @@ impl Chunk {
             deform: DeformScratch::default(),
             moving: MovingPoints::default(),
             moving_bars: MovingBars::default(),
+            flow: FlowChunk::default(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             head_grad: vec![0.0; head.map_or(0, |head| head.mlp.packed_grad_len())],
@@ -179,7 +183,7 @@ impl Chunk {
             &self.w,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        let moving = self.moving.bytes() + self.moving_bars.bytes();
+        let moving = self.moving.bytes() + self.moving_bars.bytes() + self.flow.bytes();
         let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes() + moving;
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }

@@ -1,6 +1,7 @@
 //! What all chunks of a training step share: the field, where samples go, the batch, and what errors cost.
 
 use super::head::Head;
+use super::scene_flow::FlowContext;
 use crate::fields::Field;
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::samplers::{Marcher, MeasuredDepth, Proposals};
@@ -62,6 +63,8 @@ pub(super) struct StepContext<'a> {
     pub(super) kernel: Kernel,
     /// What whole rays cost, besides measured depth.
     pub(super) terms: &'a [Box<dyn RayTerm>],
+    /// What is known of the frames beside, where something moves and that is asked for.
+    pub(super) flow: Option<FlowContext<'a>>,
     /// Optical depth behind which nothing is evaluated.
     pub(super) depth_limit: f64,
     /// Part of a ray's weight that faint samples are left out with.

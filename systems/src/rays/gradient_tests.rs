@@ -2,20 +2,22 @@
 
 use super::budget_tests::{biased, randomised_moving, randomised_with, small, table};
 use super::moving_tests::{filmed, filmed_in};
+use super::scene_flow::{Film, FlowConfig, FramePriors};
 use super::step::Plan;
 use super::{HeadConfig, MixtureKind, MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::fields::{FeatureSource, HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
-use crate::papers::dynamic::k_planes;
+use crate::papers::dynamic::{dynamic_nerf, k_planes, nsff};
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
-use crate::plan::HASH_GRID;
+use crate::plan::{HASH_GRID, NewFlow};
 use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, TimeKind, Times};
-use engine::data::Dataset;
+use engine::data::{Dataset, View};
 use engine::options::RunOptions;
 use field_core::rng::Rng;
+use scene_io::{BitMask, Disparity, Flow, FlowPrior};
 use std::sync::Arc;
 
 /// Photos of the scene.
@@ -81,6 +83,7 @@ fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
         chunk.sample(ctx, pixels.clone());
         chunk.learn(ctx, pixels);
     });
+    driver.learn_flow(plan);
     driver.work.chunks.iter().map(|chunk| chunk.stats.loss).sum::<f64>() * f64::from(plan.share)
 }
 
@@ -107,7 +110,10 @@ fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
     if let Some(part) = &field.moving {
         let in_place = part.features.pulls_in_place();
         let mut features = vec![0.0; part.features.parameters().len()];
-        chunks.iter().for_each(|c| part.features.scatter(&c.moving_bars.part(in_place, &c.moving), &mut features));
+        for chunk in chunks {
+            part.features.scatter(&chunk.moving_bars.part(in_place, &chunk.moving), &mut features);
+            chunk.flow.parts(in_place).for_each(|flow| part.features.scatter(&flow, &mut features));
+        }
         let grads = chunks.iter().map(|c| &c.moving_bars.network[..]).collect();
         let network = of(&part.network, part.params.len(), grads);
         out.extend([("moving features", features), ("moving network", network)]);
@@ -163,6 +169,10 @@ fn check(config: RayConfig, photo_model: Option<Coded>, data: &Dataset) {
 
 fn check_driver(mut driver: RaySystem, photo_model: Option<Coded>, data: &Dataset) {
     let mut photo_model = photo_model.unwrap_or_else(|| coded(false));
+    let has_flow = driver.config.moving.as_ref().is_some_and(|moving| moving.flow.is_some());
+    if has_flow {
+        driver.set_film(Film::with(data, known(data)));
+    }
     let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;
     driver.rays = 48;
     driver.draw(data, 3, per_pixel).unwrap();
@@ -172,6 +182,10 @@ fn check_driver(mut driver: RaySystem, photo_model: Option<Coded>, data: &Datase
     for (group, gradient) in groups {
         // Colours of samples teach colours alone: the weights of the samples are held, as published.
         if driver.config.terms.point_colour > 0.0 && group != "colour network" {
+            continue;
+        }
+        // The still part is held where scene flow looks at it.
+        if has_flow && ["features", "density network"].contains(&group) {
             continue;
         }
         let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
@@ -281,6 +295,52 @@ fn of_a_still_part_and_a_moving_one_in_one_ray() {
     let mut config = with_moving_part(still.clone(), still.features);
     config.terms = TermConfig { sparsity: 0.5, ..TermConfig::default() };
     check(config, None, &film);
+}
+
+/// Priors of all kinds: a steady flow, disparities that nothing has, and masks of the left half.
+pub(super) fn known(data: &Dataset) -> Vec<FramePriors> {
+    let of = |view: &View| {
+        let (width, height) = (view.camera.width, view.camera.height);
+        let flow = |vector: [f32; 2]| Flow {
+            width,
+            height,
+            vectors: vec![vector; (width * height) as usize],
+            seen: BitMask::from_fn(width, height, |x, _| x > 0),
+        };
+        let values = (0..width * height).map(|i| ((7 * i) % 11) as f32).collect();
+        FramePriors {
+            flow: FlowPrior { forward: Some(flow([0.7, -0.4])), backward: Some(flow([-1.1, 0.3])) },
+            disparity: Disparity::new(width, height, values),
+            moves: Some(BitMask::from_fn(width, height, |x, _| 2 * x < width)),
+        }
+    };
+    data.views().iter().map(of).collect()
+}
+
+/// A still part, and a moving one with scene flow and all that it costs.
+pub(super) fn with_scene_flow(data: &Dataset, flow: NewFlow, hides: bool) -> RayConfig {
+    let mut set = toml::Table::new();
+    for (name, value) in [("flow_share", 1.0), ("flow_disparity", 0.3), ("flow_renders", 1.0), ("flow_order", 0.3)] {
+        set.insert(name.into(), value.into());
+    }
+    for name in ["flow_cycle", "flow_optical", "flow_small", "flow_spatial", "flow_steady", "flow_still"] {
+        set.insert(name.into(), 0.05.into());
+    }
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
+    let mut settings = Settings::new(&run);
+    let flow = flow(&mut settings).unwrap();
+    settings.all().unwrap();
+    let mut config = with_moving_part(tiny(SpaceKind::Box), planes(data, "hybrid").features);
+    config.moving = config.moving.map(|moving| moving.with_flow(FlowConfig { hides, ..flow }));
+    config
+}
+
+#[test]
+fn of_scene_flow_and_what_it_costs() {
+    let film = filmed(8);
+    // What is hidden is left out: the weights that it is believed by are held. Its own gradient is checked with the terms.
+    check(with_scene_flow(&film, nsff::flow, false), None, &film);
+    check(with_scene_flow(&film, dynamic_nerf::flow, false), None, &film);
 }
 
 #[test]

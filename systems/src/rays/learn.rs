@@ -57,6 +57,10 @@ impl Chunk {
             sized(&mut self.w, n);
         }
         let mut stats = self.stats;
+        let mut flow = std::mem::take(&mut self.flow);
+        if ctx.flow.is_some() {
+            flow.kept.begin(n);
+        }
         self.each_tile(ctx, pixels.clone(), |work| {
             let TileWork { tile, chunk, gradients, weights, seen, rays, pixels } = work;
             tile.forward(ctx, chunk, rays.clone(), pixels.clone());
@@ -64,6 +68,9 @@ impl Chunk {
                 let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
                 let n = samples.len();
                 weights[samples].copy_from_slice(&tile.w[..n]);
+            }
+            if ctx.flow.is_some() {
+                tile.keep(ctx, chunk, rays.clone(), &mut flow.kept);
             }
             let first = seen.len();
             seen.extend(tile.pixels(ctx));
@@ -86,6 +93,7 @@ impl Chunk {
             );
             stats.loss += tile.backward(ctx, chunk, rays, pixels, gradients);
         });
+        self.flow = flow;
         self.stats = stats;
         if ctx.by_ray {
             return self.rays_back(ctx, pixels);

@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | [`crate::warps`]; where a part of the field is for that alone: `movers`, `residuals` |
+//! | what moves | [`crate::warps`]; where a part of the field is for that alone: `movers`, `residuals`; how it goes on in the frames beside: `scene_flow` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
@@ -47,6 +47,7 @@ mod ray_gradient_tests;
 mod render;
 mod render_scratch;
 mod residuals;
+mod scene_flow;
 mod second_render;
 #[cfg(test)]
 mod second_render_tests;
@@ -62,3 +63,6 @@ pub use driver::RaySystem;
 pub use head::{HeadConfig, MixtureKind};
 pub use movers::MovingConfig;
 pub(crate) use movers::MovingSettings;
+pub(crate) use scene_flow::{
+    BEYOND, FlowConfig, FlowRays, FlowSettings, FlowTerm, HERE, NEXT, PASSES, PREVIOUS, SeenBars,
+};

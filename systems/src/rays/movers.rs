@@ -5,7 +5,8 @@
 
 use super::config::RayConfig;
 use super::driver::RaySystem;
-use super::residuals::{PhotoTile, Residuals};
+use super::residuals::{PhotoTile, Residuals, side_of_tile};
+use super::scene_flow::{Film, FlowConfig, FlowContext};
 use super::work::Work;
 use crate::fields::{FeatureSource, MovingCells, MovingPart, NETWORK_ADAM};
 use crate::photo_model::Pixel;
@@ -14,7 +15,7 @@ use crate::settings::Settings;
 use crate::space::{Space, SpaceKind};
 use crate::terms::{MovingShare, RayTerm};
 use crate::warps::Deform;
-use engine::data::Dataset;
+use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -70,12 +71,19 @@ pub struct MovingConfig {
     pub(crate) features: Arc<dyn FeatureSource>,
     /// When it begins, and what it costs.
     pub(crate) settings: MovingSettings,
+    /// Its scene flow, where it has one.
+    pub(crate) flow: Option<FlowConfig>,
 }
 
 impl MovingConfig {
     /// A part with these features.
     pub(crate) fn new(features: Arc<dyn FeatureSource>, settings: MovingSettings) -> Self {
-        Self { features, settings }
+        Self { features, settings, flow: None }
+    }
+
+    /// The same with scene flow.
+    pub(crate) fn with_flow(self, flow: FlowConfig) -> Self {
+        Self { flow: Some(flow), ..self }
     }
 
     /// Share of the schedule after which what moves is looked for.
@@ -108,6 +116,8 @@ pub(super) struct Movers {
     residuals: Option<Residuals>,
     /// What was found.
     pub(super) found: Option<Found>,
+    /// The frames and their priors, where there is scene flow.
+    film: Option<Film>,
 }
 
 /// What was found to move.
@@ -121,7 +131,28 @@ pub(super) struct Found {
 
 impl Movers {
     pub(super) fn new(config: MovingConfig, deform: Option<Deform>) -> Self {
-        Self { config, deform, residuals: None, found: None }
+        Self { config, deform, residuals: None, found: None, film: None }
+    }
+
+    /// Pixels that a mask says move are not for the still part: they do not count.
+    pub(super) fn leave_out(&self, batch: &mut Batch) {
+        let Some(film) = &self.film else { return };
+        for (weight, (view, place)) in batch.weight.iter_mut().zip(batch.view.iter().zip(&batch.pixel)) {
+            if film.moves(*view, *place) == Some(true) {
+                *weight = 0.0;
+            }
+        }
+    }
+
+    /// The tiles of all photos: as motion masks have them where all photos have one, else as the residuals do.
+    fn tiles(&self, residuals: &Residuals, data: &Dataset) -> Vec<Vec<PhotoTile>> {
+        match self.film.as_ref().filter(|film| film.knows_movers()) {
+            Some(film) => {
+                let side = |view: usize| side_of_tile(&data.view(view).camera);
+                (0..data.len()).map(|view| film.tiles(view, side(view))).collect()
+            }
+            None => (0..data.len()).map(|view| residuals.tiles(view)).collect(),
+        }
     }
 
     /// Whether errors count after this share of the schedule: those of the later half before it is asked what moves.
@@ -166,8 +197,7 @@ fn seen_cells(space: &Space, data: &Dataset, view: usize, tiles: &[PhotoTile]) -
 }
 
 /// Cells in which something moves, and what was found; no cells where that is next to nothing.
-fn find(residuals: &Residuals, space: &Space, data: &Dataset) -> (MovingCells, Found) {
-    let tiles: Vec<Vec<PhotoTile>> = (0..data.len()).map(|view| residuals.tiles(view)).collect();
+fn find(tiles: &[Vec<PhotoTile>], space: &Space, data: &Dataset) -> (MovingCells, Found) {
     let all: usize = tiles.iter().map(Vec::len).sum();
     let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
     let share = moving as f64 / all.max(1) as f64;
@@ -200,9 +230,10 @@ impl Movers {
         let features = self.config.features.features(rng.substream(0))?;
         let deform = self.deform.take();
         let seen = deform.as_ref().map_or(0, Deform::seen_rows);
-        let network = config.networks.moving_mlp(features.rows() + seen)?;
+        let more = self.config.flow.as_ref().map_or(0, |flow| flow.head().rows());
+        let network = config.networks.moving_mlp(features.rows() + seen, more)?;
         let adam = NETWORK_ADAM.with_decay(Decay::L2(f64::from(config.rates.weight_decay)));
-        Ok(MovingPart::new(features, deform, network, cells, adam, rng.substream(1)))
+        Ok(MovingPart::new(features, deform, network, more, cells, adam, rng.substream(1)))
     }
 }
 
@@ -212,6 +243,41 @@ impl RaySystem {
         if let Some(movers) = &mut self.movers {
             movers.residuals = Some(Residuals::new(data));
         }
+    }
+
+    /// Know the frames of these photos, where there is scene flow. What is known of them, a line each.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] naming the file of a prior that cannot be read, or is of another shape than its photo.
+    pub(crate) fn follow_film(&mut self, data: &Dataset) -> Result<Vec<String>, SystemError> {
+        let Some(movers) = self.movers.as_mut().filter(|movers| movers.config.flow.is_some()) else {
+            return Ok(Vec::new());
+        };
+        let film = Film::of(data)?;
+        let lines = film.lines();
+        movers.film = Some(film);
+        Ok(lines)
+    }
+
+    /// Know these frames.
+    #[cfg(test)]
+    pub(super) fn set_film(&mut self, film: Film) {
+        self.movers.as_mut().unwrap().film = Some(film);
+    }
+
+    /// What chunks know of scene flow in a step; `None` where nothing moves (yet), or nothing is learnt.
+    pub(super) fn flow_context(&self, step: u64) -> Option<FlowContext<'_>> {
+        self.field.moving.as_ref()?;
+        let movers = self.movers.as_ref()?;
+        let (film, config) = (movers.film.as_ref()?, movers.config.flow.as_ref()?);
+        let (share, from) = (self.course.done(step).share, movers.config.from());
+        Some(FlowContext { film, config, step, share, from })
+    }
+
+    /// Whether the still part is held as it is: something moves, and that is asked for.
+    pub(super) fn still_is_held(&self) -> bool {
+        let flow = self.config.moving.as_ref().and_then(|moving| moving.flow.as_ref());
+        self.field.moving.is_some() && flow.is_some_and(|flow| flow.settings.still_freezes)
     }
 
     /// Learn from the batch of a step what moves.
@@ -235,7 +301,7 @@ impl RaySystem {
         let share = self.course.done(step).share;
         let Some(movers) = self.movers.as_mut().filter(|movers| share >= movers.config.from()) else { return Ok(()) };
         let Some(residuals) = movers.residuals.take() else { return Ok(()) };
-        let (cells, found) = find(&residuals, &self.space, data);
+        let (cells, found) = find(&movers.tiles(&residuals, data), &self.space, data);
         movers.found = Some(found);
         if cells.count() > 0 {
             let mut part = movers.part(&self.config, self.seed, cells)?;

@@ -1,10 +1,12 @@
 //! A part of the field for what moves: it is found, it is for what moves alone, and nothing of it is there where nothing moves.
 
 use super::budget_tests::{query, random_rays, randomised, small};
-use super::gradient_tests::with_moving_part;
+use super::gradient_tests::{known, with_moving_part, with_scene_flow};
 use super::moving_tests::filmed;
+use super::scene_flow::Film;
 use super::{MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::fields::MovingCells;
+use crate::papers::dynamic::nsff;
 use crate::space::{Space, SpaceKind};
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, TimeKind, Times, WarpSettings};
@@ -90,6 +92,28 @@ fn where_no_cell_moves_the_picture_is_that_of_the_still_part_bit_for_bit() {
     assert_ne!(moving.render(&rays, &query).rgb, still.render(&rays, &query).rgb, "it moves everywhere");
     moving.field.moving.as_mut().unwrap().cells = MovingCells::none();
     assert_eq!(moving.render(&rays, &query).rgb, still.render(&rays, &query).rgb);
+}
+
+#[test]
+fn masks_say_what_moves_where_all_photos_have_one_and_the_still_part_learns_from_the_rest() {
+    let data = filmed(32);
+    let mut config = config(60);
+    let flow = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
+    config.moving = config.moving.map(|moving| moving.with_flow(flow));
+    let mut driver = watching(config, &data);
+    driver.set_film(Film::with(&data, known(&data)));
+    driver.draw(&data, 0, 1).unwrap();
+    let batch = &driver.work.inputs.batch;
+    let counted: Vec<u16> = (0..batch.len()).filter(|&i| batch.weight[i] > 0.0).map(|i| batch.pixel[i][0]).collect();
+    assert!(counted.len() > 50 && counted.iter().all(|&x| x >= 16), "{counted:?}");
+    driver.begin_movers(&data, 60).unwrap();
+    let found = driver.movers.as_ref().unwrap().found.unwrap();
+    assert!((0.45..0.55).contains(&found.tiles) && driver.field.moving.is_some(), "{found:?}");
+    // With a deformation, too, scene flow is learnt.
+    for step in 60..66 {
+        let stats = driver.step(&data, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+    }
 }
 
 #[test]

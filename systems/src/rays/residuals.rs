@@ -5,6 +5,7 @@
 
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
+use render_core::camera::Camera;
 
 /// Tiles along the longest side of a photo.
 const TILES: u32 = 32;
@@ -38,13 +39,18 @@ pub(super) struct PhotoTile {
     pub(super) moves: bool,
 }
 
+/// Side of a tile of a photo, pixels.
+pub(super) fn side_of_tile(camera: &Camera) -> u32 {
+    camera.width.max(camera.height).div_ceil(TILES).max(SMALLEST)
+}
+
 impl Residuals {
     /// Nothing is known yet.
     pub(super) fn new(data: &Dataset) -> Self {
         let (mut views, mut first) = (Vec::with_capacity(data.len()), 0);
         for view in data.views() {
             let [width, height] = [view.camera.width, view.camera.height];
-            let side = width.max(height).div_ceil(TILES).max(SMALLEST);
+            let side = side_of_tile(&view.camera);
             views.push([first, width.div_ceil(side), side]);
             first += width.div_ceil(side) * height.div_ceil(side);
         }

@@ -98,6 +98,7 @@ impl RaySystem {
                 chunk.learn(ctx, pixels);
             });
         }
+        self.learn_flow(&plan);
         self.render_twice(data, step)?;
         let mut stats = self.count(rays);
         if let Some(mut map) = self.errors.take() {
@@ -147,7 +148,11 @@ impl RaySystem {
             Drawing::Pixels if let Some(guide) = &self.guide => {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
             }
-            Drawing::Pixels if let Some(map) = &self.errors => {
+            // What a still part alone cannot explain is not drawn more often for that.
+            Drawing::Pixels
+                if let Some(map) =
+                    self.errors.as_ref().filter(|_| self.movers.is_none() || self.field.moving.is_some()) =>
+            {
                 data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
@@ -158,6 +163,11 @@ impl RaySystem {
                 let count = pixels.div_ceil(patches.pixels()).max(least);
                 data.draw_patches(self.seed, step, count, patches, batch)?;
             }
+        }
+        if self.field.moving.is_none()
+            && let Some(movers) = &self.movers
+        {
+            movers.leave_out(batch);
         }
         let ignored = unweighted(batch);
         if let Some(photo_model) = &mut self.photo_model {
@@ -207,6 +217,7 @@ impl RaySystem {
             cues: self.cues.as_ref(),
             kernel: self.config.batch.kernel(),
             terms: &self.terms,
+            flow: self.flow_context(plan.step).filter(|_| plan.step != u64::MAX && !plan.by_ray),
             depth_limit: depth_limit(self.config.batch.train_stop),
             faint: self.faint(),
             share: plan.share,
@@ -264,6 +275,9 @@ impl RaySystem {
 
     /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
     fn update_grid(&mut self, lr: f64) -> usize {
+        if self.still_is_held() {
+            return 0;
+        }
         let field = &mut self.field;
         let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part(&*field.features));
         field.features.step(lr, &parts)
@@ -274,20 +288,24 @@ impl RaySystem {
         let Some(MovingPart { features, .. }) = &mut self.field.moving else { return 0 };
         let chunks = &self.work.chunks;
         let in_place = features.pulls_in_place();
-        let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| chunks[c].moving_bars.part(in_place, &chunks[c].moving));
+        let own = chunks.iter().map(|chunk| chunk.moving_bars.part(in_place, &chunk.moving));
+        let parts: Vec<Part<'_>> = own.chain(chunks.iter().flat_map(|chunk| chunk.flow.parts(in_place))).collect();
         features.step(lr, &parts)
     }
 
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
+        let held = self.still_is_held();
         let field = &mut self.field;
         let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, moving_grad, second_renders, .. } =
             &mut self.work;
         fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
         let colours = chunks.iter().chain(second_renders.chunks()).map(|c| &c.colour_grad[..]);
         fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
-        let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
-            + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        let mut bad = self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        if !held {
+            bad += self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad);
+        }
         if let Some(head) = &mut self.head {
             fold_gradients(&head.mlp, chunks.iter().map(|c| &c.head_grad[..]), packed_grad, head_grad);
             bad += head.adam.step(field.simd, lr, &mut head.params, head_grad);

@@ -3,6 +3,7 @@
 use super::context::StepContext;
 use super::head::{HeadBars, HeadTile, StaticBars, StaticPart};
 use super::marched::{Gradients, Marched};
+use super::scene_flow::KeptSamples;
 use crate::buffers::sized;
 use crate::fields::{Columns, Mixed};
 use crate::photo_model::{Pixel, PixelBar};
@@ -187,6 +188,23 @@ impl Tile {
         let stride = self.offsets[self.offsets.len() - 1] as usize;
         let (first, trans_end) = (span.start, self.trans_end[r]);
         StaticRay { w: &self.w[span], input: &self.input, stride, first, trans_end }
+    }
+
+    /// Write what [`Tile::forward`] found of the samples of `rays` over theirs of the chunk.
+    pub(super) fn keep(&self, ctx: &StepContext<'_>, chunk: Marched<'_>, rays: Range<usize>, kept: &mut KeptSamples) {
+        let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
+        let n = samples.len();
+        if n == 0 {
+            return;
+        }
+        kept.tau[samples.clone()].copy_from_slice(&self.tau[..n]);
+        for (row, rgb) in kept.rgb.chunks_exact_mut(chunk.n).zip(self.rgb.chunks_exact(n)) {
+            row[samples.clone()].copy_from_slice(rgb);
+        }
+        let still = &mut kept.still[samples.clone()];
+        still.copy_from_slice(&self.tau[..n]);
+        let dt = &chunk.dt[samples.clone()];
+        self.mixed.each_still(chunk.moving.within(samples), |i, raw| still[i] = ctx.field.density_of(raw) * dt[i]);
     }
 
     /// Take the derivatives of the pixels of [`Tile::forward`], in their order, each times `factor`.

@@ -2,7 +2,9 @@
 
 use super::{Build, Entry, Family, Needs};
 use crate::claims::Claim;
-use crate::papers::dynamic::{d_nerf, d_nerf_published, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
+use crate::papers::dynamic::{
+    d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox,
+};
 use crate::papers::gaussians::splat;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::papers::wild::{
@@ -54,4 +56,6 @@ pub(super) const ENTRIES: &[Entry] = &[
     moving(tineuvox::CLAIM, tineuvox::build),
     any(k_planes::CLAIM, k_planes::build),
     moving(endo_nerf::CLAIM, endo_nerf::build),
+    moving(nsff::CLAIM, nsff::build),
+    moving(dynamic_nerf::CLAIM, dynamic_nerf::build),
 ];

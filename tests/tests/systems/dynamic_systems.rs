@@ -59,6 +59,18 @@ fn schedules(name: &str) -> &'static [&'static str] {
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
         // Depths give way before steps 2 and 4.
         "endo-nerf" => &["refine_every=2", "refine_share=0.3"],
+        // What moves comes at step 3, from enough pixels to be found; chains come at step 4, and priors fade after each step.
+        "nsff" | "dynamic-nerf" => &[
+            "batch_rays=4096",
+            "batch_samples=65536",
+            "horizon=6",
+            "moving_from=0.5",
+            "flow_chain_from=0.67",
+            "flow_fades_in=0.17",
+            "planes=[4,8]",
+            "plane_features=2",
+            "plane_times=4",
+        ],
         _ => &[],
     }
 }
@@ -105,7 +117,7 @@ fn has_part(name: &str, setting: &str) -> bool {
     match setting.split('=').next().unwrap() {
         "levels" | "log2_table" | "n_max" => !has(&["tineuvox", "k-planes"]),
         "warp_width" => !has(&["ngp", "k-planes"]),
-        "warp_depth" => !has(&["ngp", "k-planes", "t-nerf"]),
+        "warp_depth" => !has(&["ngp", "k-planes", "t-nerf", "nsff", "dynamic-nerf"]),
         "ambient_width" | "ambient_depth" => has(&["hypernerf"]),
         "appearance" => has(&["nerfies", "hypernerf"]),
         _ => true,
@@ -149,7 +161,11 @@ fn each_system_learns_and_shows_the_time_asked_for() {
     for name in names(Family::Moving) {
         let scene = scene_of(name);
         let (train, _) = views(&scene, 1);
-        let small: &[&str] = if name == "tineuvox" { &["voxels=24"] } else { &[] };
+        let small: &[&str] = match name {
+            "tineuvox" => &["voxels=24"],
+            "nsff" | "dynamic-nerf" => &["horizon=30", "moving_from=0.33"],
+            _ => &[],
+        };
         let mut system = system(name, &scene, &train, small);
         let losses: Vec<f64> = (0..30)
             .map(|step| {
@@ -207,7 +223,9 @@ const STATIC: [&str; 2] = ["background=static", "moving_from=0.5"];
 
 #[test]
 fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_and_after_a_resume() {
-    for name in names(Family::Moving).into_iter().filter(|name| *name != "ngp") {
+    // Those with scene flow always have one, and their schedules are those above.
+    let always = ["nsff", "dynamic-nerf"];
+    for name in names(Family::Moving).into_iter().filter(|name| *name != "ngp" && !always.contains(name)) {
         println!("{name}");
         let scene = scene_of(name);
         let own = schedules(name).iter().filter(|set| !set.starts_with("horizon"));
@@ -219,6 +237,32 @@ fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_an
         let (train, _) = views(&scene, 1);
         let state = trained(name, &scene, &train, &set, 5);
         assert!(state.contains_key("moving.cells"), "{name}: a still field of three steps explains all photos");
+    }
+}
+
+#[test]
+fn systems_with_scene_flow_find_what_moves_in_their_schedules() {
+    let scene = stage();
+    let (train, _) = views(&scene, 1);
+    for name in ["nsff", "dynamic-nerf"] {
+        let state = trained(name, &scene, &train, schedules(name), 6);
+        assert!(state.contains_key("moving.cells"), "{name}: nothing moves, so nothing of scene flow was tested");
+        let problem = try_planned(name, &scene, &train, &["flow_share=0"]).err().map(|e| e.to_string());
+        assert!(problem.as_deref().is_some_and(|p| p.contains("flow_share")), "{name}: {problem:?}");
+    }
+}
+
+/// The still part of `dynamic-nerf` is held once something moves, that of `nsff` is not.
+#[test]
+fn a_still_part_is_held_where_that_is_asked_for() {
+    let scene = stage();
+    let (train, _) = views(&scene, 1);
+    for (name, held) in [("nsff", false), ("dynamic-nerf", true)] {
+        let [before, after] = [3, 6].map(|steps| trained(name, &scene, &train, schedules(name), steps));
+        for of in ["field.density", "field.grid"] {
+            let same = floats(&before, of).to_vec() == floats(&after, of).to_vec();
+            assert_eq!(same, held, "{name}: {of}");
+        }
     }
 }
 

@@ -9,13 +9,16 @@
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
+//! | `nsff`, `dynamic-nerf` | planes of place and time | scene flow to the frames beside, before a still part | - |
 //!
 //! Photos of `nerfies` and `hypernerf` have codes of `appearance` where their exposures differ.
 
 mod appearance;
 pub(crate) mod d_nerf;
 pub(crate) mod d_nerf_published;
+pub(crate) mod dynamic_nerf;
 pub(crate) mod endo_nerf;
+mod flow_terms;
 #[cfg(test)]
 mod gradient_tests;
 pub(crate) mod hyper_nerf;
@@ -25,5 +28,6 @@ mod motion_tests;
 pub(crate) mod nerfies;
 #[cfg(test)]
 mod origin_tests;
+pub(crate) mod nsff;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

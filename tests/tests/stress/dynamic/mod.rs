@@ -101,7 +101,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "plane" | "planes" => !has(&["ngp", "tineuvox"]),
         "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => !has(&["ngp", "k-planes"]),
         "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp", "k-planes"]),
-        "warp" => !has(&["ngp", "k-planes", "t-nerf"]),
+        "warp" => !has(&["ngp", "k-planes", "t-nerf", "nsff", "dynamic-nerf"]),
         _ => true,
     }
 }

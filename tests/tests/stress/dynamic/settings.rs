@@ -7,7 +7,7 @@ use scene_io::Point;
 use stress::Tally;
 
 /// Accepted at either end, by system.
-const ACCEPTED: [(&str, &str); 9] = [
+const ACCEPTED: [(&str, &str); 11] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1.0 horizon=1 horizon=9223372036854775807"),
     (
         "t-nerf",
@@ -79,6 +79,19 @@ const ACCEPTED: [(&str, &str); 9] = [
         cue_spread=0.0+cue_anywhere=0.0 refine_every=0 refine_every=1 refine_every=9223372036854775807 refine_rounds=0
         refine_rounds=9223372036854775807+refine_every=1 refine_share=0.0 refine_share=1.0+refine_every=1
         depth=0.0+cue_samples=0+accept_no_parallax=true guided=false guided=false+cue_samples=0 curriculum=0.3 sky=true",
+    ),
+    (
+        "nsff",
+        "horizon=4+moving_from=0.5+flow_share=1.0 horizon=4+moving_from=0.5+flow_share=1e-3 horizon=4+moving_from=0.5+flow_reach=1.0
+        horizon=4+moving_from=0.5+flow_reach=1e-38 horizon=4+moving_from=0.5+flow_chain_from=0.0 flow_chain_from=1.0 flow_fades_in=1.0
+        flow_fades_in=1e-3 horizon=4+moving_from=0.5+flow_renders=10.0 horizon=4+moving_from=0.5+flow_renders=0.0 flow_hidden=0.0
+        horizon=4+moving_from=0.5+flow_cycle=10.0+flow_small=10.0+flow_spatial=10.0+flow_steady=10.0 horizon=4+moving_from=0.5+still_freezes=true
+        by_error=false moving_share=0.0 moving_entropy=10.0 planes=[]",
+    ),
+    (
+        "dynamic-nerf",
+        "horizon=4+moving_from=0.5+flow_order=10.0 horizon=4+moving_from=0.5+flow_still=10.0 horizon=4+moving_from=0.5+still_freezes=false
+        horizon=4+moving_from=0.5+flow_chain_from=0.0+flow_share=1.0 moving_from=1.0",
     ),
 ];
 
