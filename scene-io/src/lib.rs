@@ -102,8 +102,8 @@ pub use perturb::perturb;
 pub use perturbation::{Bars, ColourChange, Perturbation, PerturbationKind};
 pub use picture::{Image, Picture, decode_photo, photo_size, with_photo};
 pub use priors::{
-    Disparity, Features, Flow, FlowPlace, FlowPrior, FlowTruth, LabelMap, MotionFiles, Priors, PromptedSegment, Segments,
-    TrackPoint, TruthMask,
+    Disparity, Features, Flow, FlowPlace, FlowPrior, FlowTruth, LabelMap, MotionFiles, Priors, PromptedSegment,
+    Segments, TrackPoint, TruthMask,
 };
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,

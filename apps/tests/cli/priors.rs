@@ -10,8 +10,7 @@ use tempfile::TempDir;
 fn video(camera: OrbitCamera) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    let options =
-        OrbitOptions { width: 40, height: 36, train: 6, test: 2, rays: 1, camera, ..OrbitOptions::default() };
+    let options = OrbitOptions { width: 40, height: 36, train: 6, test: 2, rays: 1, camera, ..OrbitOptions::default() };
     write_orbit(&options, &scene).unwrap();
     (folder, scene)
 }

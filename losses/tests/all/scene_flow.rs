@@ -42,9 +42,8 @@ fn batches() -> impl Strategy<Value = (Vec<u32>, Vec<f32>, Vec<f32>, Vec<f32>)> 
             .collect();
         let n = lengths.iter().sum::<u32>() as usize;
         let rows = || prop::collection::vec(-8_i32..8, 3 * n);
-        (Just(offsets), rows(), rows(), prop::collection::vec(0.0_f32..1.0, n)).prop_map(|(offsets, a, b, w)| {
-            (offsets, apart(&a), apart(&b), w)
-        })
+        (Just(offsets), rows(), rows(), prop::collection::vec(0.0_f32..1.0, n))
+            .prop_map(|(offsets, a, b, w)| (offsets, apart(&a), apart(&b), w))
     })
 }
 

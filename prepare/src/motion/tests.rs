@@ -38,10 +38,7 @@ impl Shot {
     fn motion(&self, flows: [&Flow; 2]) -> Motion {
         let [back, on] = flows;
         let cameras = self.views.each_ref().map(|view| &view.camera);
-        motion(
-            cameras[1],
-            &[Neighbour { camera: cameras[0], flow: back }, Neighbour { camera: cameras[2], flow: on }],
-        )
+        motion(cameras[1], &[Neighbour { camera: cameras[0], flow: back }, Neighbour { camera: cameras[2], flow: on }])
     }
 
     /// How far the point of a pixel of the picture in the middle goes off its line in another one, pixels, at most; 0 of what is still. `None` of

@@ -76,13 +76,8 @@ mod tests {
         for (i, frame) in scene.frames.iter_mut().enumerate() {
             frame.ids = Some(FrameIds { time: i as u32, appearance: 0, camera: (i % 2) as u32 });
         }
-        let all = [
-            (0, None, Some(2)),
-            (2, Some(0), Some(4)),
-            (4, Some(2), None),
-            (1, None, Some(3)),
-            (3, Some(1), None),
-        ];
+        let all =
+            [(0, None, Some(2)), (2, Some(0), Some(4)), (4, Some(2), None), (1, None, Some(3)), (3, Some(1), None)];
         assert_eq!(numbers(&scene, None), all);
     }
 }

@@ -27,7 +27,7 @@ pub use hash_grid::HashGridSettings;
 pub(crate) use mixed::Mixed;
 pub(crate) use moving_cells::MovingCells;
 pub(crate) use moving_part::MovingPart;
-pub(crate) use moving_points::{MovingBars, MovingColumns, MovingPoints};
+pub(crate) use moving_points::{MovingBars, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub use voxels::VoxelSettings;

@@ -23,6 +23,7 @@ impl MovingCells {
     }
 
     /// Something may move everywhere.
+    #[cfg(test)]
     pub(crate) fn everywhere() -> Self {
         Self { bits: vec![u64::MAX; Self::WORDS] }
     }

@@ -8,7 +8,9 @@ use super::moving_cells::MovingCells;
 use super::{DensityDecoder, Features, Names, xavier};
 use crate::schedule::Done;
 use crate::warps::{Deform, TimeSteps};
-use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor};
+use engine::system::{
+    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor,
+};
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;

@@ -53,9 +53,8 @@ impl VoxelSettings {
 
     /// The grid once a share of the schedule is done.
     fn grid(&self, share: f64) -> Result<MultiDistance, SystemError> {
-        let refused = |field, value: String, problem: &str| {
-            Err(SystemError::Config { field, value, problem: problem.into() })
-        };
+        let refused =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
         if !(8..=512).contains(&self.voxels) {
             return refused("voxels", self.voxels.to_string(), "must be in 8..=512");
         }

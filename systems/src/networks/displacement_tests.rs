@@ -288,8 +288,7 @@ fn filmed(system: &TwoLevel<DNerfNetworks>, times: &[f64]) -> Dataset {
 /// How far canonical points of time 1 are from where they should be, mean over points, as a share of the way.
 fn off(system: &TwoLevel<DNerfNetworks>) -> f64 {
     let axis = || (0..4).map(|i| 0.3 * f64::from(i) - 0.45);
-    let points: Vec<[f64; 3]> =
-        axis().flat_map(|x| axis().flat_map(move |y| axis().map(move |z| [x, y, z]))).collect();
+    let points: Vec<[f64; 3]> = axis().flat_map(|x| axis().flat_map(move |y| axis().map(move |z| [x, y, z]))).collect();
     let mut there = vec![[0.0; 3]; points.len()];
     system.canonical(&points, 1.0, &mut there);
     let way = DVec3::from(WAY.map(f64::from));

@@ -103,7 +103,9 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     if run.stop.is_some() {
         field.rates = field.rates.over(schedule.horizon);
     }
-    ground.lines.push(format!("schedule: of {} steps; rates, windows and doublings are shares of it", schedule.horizon));
+    ground
+        .lines
+        .push(format!("schedule: of {} steps; rates, windows and doublings are shares of it", schedule.horizon));
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
     let still = if own { still } else { field.features.clone() };
@@ -135,11 +137,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
 }
 
 /// The schedule of a run until its stop.
-fn scheduled(
-    settings: &mut Settings<'_>,
-    run: &RunOptions,
-    parts: &Moving,
-) -> Result<ScheduleSettings, SystemError> {
+fn scheduled(settings: &mut Settings<'_>, run: &RunOptions, parts: &Moving) -> Result<ScheduleSettings, SystemError> {
     let steps = if parts.deform.is_some() { CloudPace::of_moving_field } else { CloudPace::of_field };
     let schedule = settings.of(&ScheduleSettings::until(steps(run.stop)))?;
     schedule.check()?;

@@ -268,7 +268,7 @@ fn of_appearance_codes_of_a_scene_that_moves() {
     let mut made = MadeSettings::of_time(TimeKind::Codes, 0, 2);
     made.warp.motion = Motion::Rigid;
     let mut deform = made.deform(Times::of(&film), 1);
-    deform.randomise(1);
+    deform.randomise(1.0);
     let boxed: Box<dyn PhotoModel> = Box::new(coded(false));
     let driver = randomised_moving(tiny(SpaceKind::Box), 5, Some(boxed), Some(deform));
     check_driver(driver, Some(coded(false)), &film);

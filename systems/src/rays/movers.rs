@@ -346,7 +346,10 @@ impl RaySystem {
         };
         if let Some(cells) = MovingPart::cells_of(state)? {
             let mut part = match self.field.moving.take() {
-                Some(part) => MovingPart { cells, ..part },
+                Some(mut part) => {
+                    part.cells = cells;
+                    part
+                }
                 None => movers.part(&self.config, self.seed, cells)?,
             };
             part.load_state(state, done)?;

@@ -29,11 +29,15 @@ fn config() -> RayConfig {
 
 /// A system that looks for what moves after `from` steps.
 fn watching(from: u64, data: &Dataset) -> RaySystem {
+    watching_by(config(), from, data)
+}
+
+fn watching_by(config: RayConfig, from: u64, data: &Dataset) -> RaySystem {
     let made = MadeSettings::of_time(TimeKind::Time, 3, 1);
     let warp = WarpSettings { motion: Motion::Translation, octaves: 2, ..made.warp.clone() };
     let deform = MadeSettings { warp, ..made }.deform(Times::of(data), 1);
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
-    let mut driver = RaySystem::new(config(), space, Background::White, 1, "d-nerf", None, Some(deform)).unwrap();
+    let mut driver = RaySystem::new(config, space, Background::White, 1, "d-nerf", None, Some(deform)).unwrap();
     driver.follow_schedule(2 * from);
     driver.watch(data);
     driver
@@ -97,10 +101,10 @@ fn where_no_cell_moves_the_picture_is_that_of_the_still_part_bit_for_bit() {
 #[test]
 fn masks_say_what_moves_where_all_photos_have_one_and_the_still_part_learns_from_the_rest() {
     let data = filmed(32);
-    let mut config = config(60);
+    let mut config = config();
     let flow = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
     config.moving = config.moving.map(|moving| moving.with_flow(flow));
-    let mut driver = watching(config, &data);
+    let mut driver = watching_by(config, 60, &data);
     driver.set_film(Film::with(&data, known(&data)));
     driver.draw(&data, 0, 1).unwrap();
     let batch = &driver.work.inputs.batch;

@@ -193,7 +193,8 @@ fn of_samples_that_proposals_place() {
 fn of_voxels() {
     for photo_model in [false, true] {
         let mut config = tiny(SpaceKind::Box);
-        config.features = std::sync::Arc::new(VoxelSettings { voxels: 8, voxels_every: 1.0, features: 2, voxel_variation: 0.0 });
+        config.features =
+            std::sync::Arc::new(VoxelSettings { voxels: 8, voxels_every: 1.0, features: 2, voxel_variation: 0.0 });
         check(random(config, photo_model), &table().1);
     }
 }
@@ -215,7 +216,7 @@ fn warped(data: &Dataset) -> RaySystem {
     let mut made = MadeSettings::of_time(TimeKind::Time, 2, 1);
     made.warp = WarpSettings { motion: Motion::Translation, origin: Origin::Free, octaves: 2, anneal: 0.0, depth: 2 };
     let mut deform: Deform = made.deform(Times::of(data), 1);
-    deform.randomise(7);
+    deform.randomise(0.5);
     let mut config = tiny(SpaceKind::Box);
     occupancy(&mut config).step_min = 0.08;
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);

@@ -352,7 +352,8 @@ impl Tile {
             *bar += tau_bar * tau;
         }
         if let Some(part) = &field.moving {
-            let (moving, raw_bar) = (chunk.moving.within(samples.clone()), &mut input_bar[..field.density.outputs() * n]);
+            let (moving, raw_bar) =
+                (chunk.moving.within(samples.clone()), &mut input_bar[..field.density.outputs() * n]);
             let (share_bar, bars) = (self.bars.moving.get(), &mut *out.moving);
             let (features_bar, grad) = (&mut bars.features[..], &mut bars.network[..]);
             self.mixed.backward(field.simd, part, moving, raw_bar, n, share_bar, features_bar, grad);

@@ -233,7 +233,8 @@ fn plans_of_scene_flow_say_which_priors_are_missing() {
     for name in ["nsff", "dynamic-nerf"] {
         let (_, plan) = build(name, &film, &frames, &run(toml::toml! { occupancy = 16 })).unwrap();
         let lines = plan.lines.join("\n");
-        for said in ["background: a field of what stands still", "no optical flow", "no disparities", "no motion masks"] {
+        for said in ["background: a field of what stands still", "no optical flow", "no disparities", "no motion masks"]
+        {
             assert!(lines.contains(said), "{name}: {lines}");
         }
     }

@@ -201,7 +201,8 @@ impl TimePlanes {
                 if variation > 0.0 {
                     let axes: &[usize] = if timed { &[1] } else { &[0, 1] };
                     let factor = variation.into();
-                    variation::total_variation_backward(params, &shape, axes, Kernel::Squared, factor, bar).expect(fits);
+                    variation::total_variation_backward(params, &shape, axes, Kernel::Squared, factor, bar)
+                        .expect(fits);
                 }
                 if timed && smoothness > 0.0 {
                     let shape = PlaneShape { rows: high, columns: wide, features: planes.features() };

@@ -50,7 +50,7 @@ pub(crate) struct BackgroundSettings {
 
 impl BackgroundSettings {
     /// No background loss.
-    pub(crate) const NONE: Self = Self { background: 0.0, background_points: 1024 };
+    pub(crate) const NONE: Self = Self { background_loss: 0.0, background_points: 1024 };
 
     /// # Errors
     /// [`SystemError::Config`] naming the setting.

@@ -69,7 +69,9 @@ fn npz(name: &str, array: &[u8]) -> Vec<u8> {
     let start = (bytes.len() as u32).to_le_bytes();
     let entry = [&b"PK\x01\x02\x14\0\x14\0"[..], &about, &[0; 16], name.as_bytes()].concat();
     bytes.extend(&entry);
-    bytes.extend([&b"PK\x05\x06\0\0\0\0\x01\0\x01\0"[..], &(entry.len() as u32).to_le_bytes(), &start, &[0; 2]].concat());
+    bytes.extend(
+        [&b"PK\x05\x06\0\0\0\0\x01\0\x01\0"[..], &(entry.len() as u32).to_le_bytes(), &start, &[0; 2]].concat(),
+    );
     bytes
 }
 

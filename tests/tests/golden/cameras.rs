@@ -323,7 +323,13 @@ fn induced_flow_and_its_gradients_match() {
         let mut bar = NeighbourBar::default();
         let mut p_bar = flow_of_point_backward(unit(sum), coordinates, &prepared, 1e-6, total_bar, &mut bar);
         if let Some(map) = &map {
-            assert_close(&label, &map.world_point(unit(sum)).to_array(), &record.output("point_world").data, 1e-12, 1e-13);
+            assert_close(
+                &label,
+                &map.world_point(unit(sum)).to_array(),
+                &record.output("point_world").data,
+                1e-12,
+                1e-13,
+            );
             p_bar += map.world_point_backward(unit(sum), vec3(record.cotangent("point_world")));
         }
         p_bar *= per_unit;

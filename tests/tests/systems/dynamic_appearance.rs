@@ -205,6 +205,8 @@ fn an_appearance_is_fitted_at_the_time_of_its_photo() {
     let (own, other) = (fitted(0.8), fitted(0.1));
     assert_ne!(own, other, "the scene is another at another time");
     let [own, other, mean] = [Appearance::Code(own.into()), Appearance::Code(other.into()), Appearance::Mean].map(off);
-    println!("colours off by {own:.5} fitted at its time, by {other:.5} at another, by {mean:.5} in the mean appearance");
+    println!(
+        "colours off by {own:.5} fitted at its time, by {other:.5} at another, by {mean:.5} in the mean appearance"
+    );
     assert!(own < 0.2 * mean && own < other, "{own} {other} {mean}");
 }

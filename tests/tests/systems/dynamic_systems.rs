@@ -34,14 +34,9 @@ const SMALL: [&str; 14] = [
 /// What each system needs to be small, so that each of its schedules has something to do within six steps.
 fn schedules(name: &str) -> &'static [&'static str] {
     match name {
-        "d-nerf" => &[
-            "horizon=6",
-            "curriculum=0.8",
-            "planes=[4,8]",
-            "plane_features=2",
-            "plane_times=4",
-            "levels_anneal=4",
-        ],
+        "d-nerf" => {
+            &["horizon=6", "curriculum=0.8", "planes=[4,8]", "plane_features=2", "plane_times=4", "levels_anneal=4"]
+        }
         "nerfies" => &[
             "horizon=6",
             "warp_anneal=0.67",

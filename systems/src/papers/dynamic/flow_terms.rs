@@ -182,7 +182,8 @@ impl FlowTerm for Cycle {
                     w[k] = 1.0 - here.hidden.get(hidden.start + k).copied().unwrap_or(0.0);
                 }
             }
-            *loss += factor * fits(scene_flow::cycle(&here.flow[there.clone()], &other.flow[back.clone()], &w, Kernel::L1));
+            *loss +=
+                factor * fits(scene_flow::cycle(&here.flow[there.clone()], &other.flow[back.clone()], &w, Kernel::L1));
             let mut w_bar = vec![0.0; m];
             let [of_here, of_beside @ ..] = bars;
             let bar = CycleBar {

@@ -26,8 +26,8 @@ pub(crate) mod k_planes;
 #[cfg(test)]
 mod motion_tests;
 pub(crate) mod nerfies;
+pub(crate) mod nsff;
 #[cfg(test)]
 mod origin_tests;
-pub(crate) mod nsff;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

@@ -40,7 +40,8 @@ impl FlowSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the setting.
     fn check(&self) -> Result<(), SystemError> {
-        let refuse = |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
+        let refuse =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
         if !(self.flow_share > 0.0 && self.flow_share <= 1.0) {
             return refuse("flow_share", self.flow_share.to_string(), "must be above 0 and at most 1");
         }

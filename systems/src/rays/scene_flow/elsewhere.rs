@@ -89,7 +89,14 @@ impl Pass {
     }
 
     /// What is seen there.
-    pub(super) fn forward(&mut self, field: &Field, part: &MovingPart, head: FlowHead, rays: &Chosen, basis: Basis<'_>) {
+    pub(super) fn forward(
+        &mut self,
+        field: &Field,
+        part: &MovingPart,
+        head: FlowHead,
+        rays: &Chosen,
+        basis: Basis<'_>,
+    ) {
         let [_, m] = rays.samples();
         let (simd, geometry) = (field.simd, part.still_rows());
         let when = When { time_steps: part.time_steps(), which: &self.which };

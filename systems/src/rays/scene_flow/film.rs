@@ -170,7 +170,8 @@ impl Film {
     pub(in crate::rays) fn tiles(&self, view: usize, side: u32) -> Vec<PhotoTile> {
         let Some(mask) = &self.priors[view].moves else { return Vec::new() };
         let (width, height, side) = (mask.width(), mask.height(), side.max(1));
-        let corners = (0..height).step_by(side as usize).flat_map(|y| (0..width).step_by(side as usize).map(move |x| [x, y]));
+        let corners =
+            (0..height).step_by(side as usize).flat_map(|y| (0..width).step_by(side as usize).map(move |x| [x, y]));
         corners
             .map(|[x, y]| {
                 let [last_x, last_y] = [(x + side).min(width), (y + side).min(height)];

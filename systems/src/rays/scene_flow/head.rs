@@ -35,7 +35,12 @@ impl FlowHead {
     }
 
     /// The way back of [`FlowHead::read`], from what it gave: written over `raw_bar` `[rows][m]`.
-    pub(crate) fn read_backward(&self, [flow, hidden]: [&[f32]; 2], [flow_bar, hidden_bar]: [&[f32]; 2], raw_bar: &mut [f32]) {
+    pub(crate) fn read_backward(
+        &self,
+        [flow, hidden]: [&[f32]; 2],
+        [flow_bar, hidden_bar]: [&[f32]; 2],
+        raw_bar: &mut [f32],
+    ) {
         let (of_flow, of_hidden) = raw_bar.split_at_mut(flow.len());
         for (out, (s, bar)) in of_flow.iter_mut().zip(flow.iter().zip(flow_bar)) {
             let tanh = s / self.reach;

@@ -31,10 +31,10 @@ mod term;
 mod tests;
 
 pub(super) use chosen::KeptSamples;
-#[cfg(test)]
-pub(super) use film::FramePriors;
 pub(super) use config::FlowContext;
 pub(crate) use config::{FlowConfig, FlowSettings};
+#[cfg(test)]
+pub(super) use film::FramePriors;
 pub(crate) use film::{BEYOND, Film, HERE, NEXT, PASSES, PREVIOUS};
 pub(super) use passes::FlowChunk;
 pub(crate) use term::{FlowRays, FlowTerm, SeenBars};

@@ -114,7 +114,7 @@ impl FlowChunk {
             let x_bar = other.backward(ctx.field, part, head, rays, &bars[pass], Detail::All, out);
             add(&mut bars[HERE].flow[half(pass, m)], x_bar);
         }
-        here.backward(ctx.field, part, head, rays, &bars[HERE], Detail::Coarse, out);
+        here.backward(ctx.field, part, head, rays, &bars[HERE], Detail::Leading, out);
     }
 
     /// Bytes held.
