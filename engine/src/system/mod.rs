@@ -51,6 +51,11 @@ pub trait System: Send + Sync {
     /// itself. Said now and then in a training that stops after seconds; what follows from it is part of the state.
     fn keep_up(&mut self, _step: u64, _time: f64) {}
 
+    /// What the last steps found out that people want to know, one line; each is told once.
+    fn news(&mut self) -> Option<String> {
+        None
+    }
+
     /// How many more steps until pictures are as good again as before the last change of what they are made of; 0 where nothing has
     /// changed lately. A training that is interrupted makes these first.
     fn unsettled(&self) -> u64 {

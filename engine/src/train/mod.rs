@@ -57,6 +57,9 @@ pub trait Host {
     /// Tell people what they should act on.
     fn warn(&mut self, line: &str);
 
+    /// Tell people what they want to know.
+    fn tell(&mut self, line: &str);
+
     /// Take note of where the run stands; called after every step.
     fn progress(&mut self, progress: &Progress);
 }
@@ -232,6 +235,9 @@ pub fn train(
             Stop::Seconds(s) => Some((s - seconds).max(0.0)),
         };
 
+        if let Some(line) = system.news() {
+            host.tell(&line);
+        }
         if let Some(line) = watch.see(stats.transient, step, latest.done) {
             host.warn(&line);
         }

@@ -323,6 +323,8 @@ pub(super) fn with_scene_flow(data: &Dataset, flow: NewFlow, hides: bool) -> Ray
     for (name, value) in [("flow_share", 1.0), ("flow_disparity", 0.3), ("flow_renders", 1.0), ("flow_order", 0.3)] {
         set.insert(name.into(), value.into());
     }
+    // Two frames are looked at, too.
+    set.insert("flow_chain_from".into(), 0.0.into());
     for name in ["flow_cycle", "flow_optical", "flow_small", "flow_spatial", "flow_steady", "flow_still"] {
         set.insert(name.into(), 0.05.into());
     }

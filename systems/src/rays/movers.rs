@@ -22,6 +22,7 @@ use float_core::Simd;
 use optim::Decay;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::sync::Arc;
 
 /// Stream of random numbers of the initial parameters.
@@ -114,8 +115,9 @@ pub(super) struct Movers {
     deform: Option<Deform>,
     /// `None` once it was asked what moves.
     residuals: Option<Residuals>,
-    /// What was found.
+    /// What was found, and whether that was told.
     pub(super) found: Option<Found>,
+    told: bool,
     /// The frames and their priors, where there is scene flow.
     film: Option<Film>,
 }
@@ -129,9 +131,27 @@ pub(super) struct Found {
     pub(super) cells: f64,
 }
 
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [tiles, cells] = [self.tiles, self.cells].map(|share| 100.0 * share);
+        if self.cells > 0.0 {
+            write!(f, "something moves in {tiles:.1} % of the photos, and in {cells:.2} % of space: a part of the field is for that")
+        } else {
+            write!(f, "nothing moves ({tiles:.2} % of the photos do not fit a scene at rest): the moving part is left out")
+        }
+    }
+}
+
 impl Movers {
     pub(super) fn new(config: MovingConfig, deform: Option<Deform>) -> Self {
-        Self { config, deform, residuals: None, found: None, film: None }
+        Self { config, deform, residuals: None, found: None, told: false, film: None }
+    }
+
+    /// What was found, told once.
+    pub(super) fn news(&mut self) -> Option<String> {
+        let found = self.found.filter(|_| !self.told)?;
+        self.told = true;
+        Some(found.to_string())
     }
 
     /// Pixels that a mask says move are not for the still part: they do not count.

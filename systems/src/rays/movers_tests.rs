@@ -78,8 +78,8 @@ fn what_moves_is_found_and_the_rest_stands_still() {
 #[test]
 fn a_scene_at_rest_gets_no_moving_part() {
     let data = at_rest();
-    let mut driver = watching(120, &data);
-    for step in 0..130 {
+    let mut driver = watching(400, &data);
+    for step in 0..410 {
         driver.step(&data, step).unwrap();
     }
     let found = driver.movers.as_ref().unwrap().found.unwrap();

@@ -265,6 +265,10 @@ impl RaySystem {
             self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
             self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
             self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
+            if self.field.moving.is_some() {
+                self.skipped.moving.fetch_add(chunk.moving.columns.len() as u64, Ordering::Relaxed);
+                self.skipped.beside_moving.fetch_add(chunk.n as u64, Ordering::Relaxed);
+            }
         }
         if weight > 0.0 {
             stats.loss /= weight;

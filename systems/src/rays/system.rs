@@ -26,6 +26,10 @@ impl System for RaySystem {
         self.course.keep_up(step, time);
     }
 
+    fn news(&mut self) -> Option<String> {
+        self.movers.as_mut()?.news()
+    }
+
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
         render::render(self, rays, query)
     }
