@@ -171,7 +171,7 @@ impl Movers {
                 let side = |view: usize| side_of_tile(&data.view(view).camera);
                 (0..data.len()).map(|view| film.tiles(view, side(view))).collect()
             }
-            None => (0..data.len()).map(|view| residuals.tiles(view)).collect(),
+            None => residuals.tiles(),
         }
     }
 
