@@ -190,8 +190,23 @@ fn the_share_of_rays_is_that_of_the_picture() {
     let driver = seen(with_scene_flow(&film, dynamic_nerf::flow, false), &film, nothing(&film), 2);
     let (mut rays, mut most) = (0, 0.0_f32);
     for flow in driver.work.chunks.iter().map(|chunk| &chunk.flow) {
-        let shares = &flow.passes[HERE].seen.moving_share;
-        assert_eq!(shares.len(), flow.rays.len());
+        let (chosen, here) = (&flow.rays, &flow.passes[HERE].seen);
+        let shares = &here.moving_share;
+        assert_eq!(shares.len(), chosen.len());
+        for (r, share) in shares.iter().enumerate() {
+            let (mut trans, mut want) = (1.0, 0.0);
+            let mut movers = chosen.movers(r).peekable();
+            for i in chosen.span(r) {
+                let tau = f64::from(chosen.tau[i]);
+                // What of the matter that was rendered is not the still part's.
+                let moving = movers.next_if(|&k| chosen.at[k] as usize == i).map_or(0.0, |k| {
+                    tau - (1.0 - f64::from(here.blend[k])) * f64::from(chosen.still[i])
+                });
+                want += trans * (1.0 - (-tau).exp()) * if tau > 0.0 { moving / tau } else { 0.0 };
+                trans *= (-tau).exp();
+            }
+            assert!((f64::from(*share) - want).abs() < 1e-3, "ray {r}: {share} for {want}");
+        }
         assert!(shares.iter().all(|share| (0.0..=1.0 + 1e-5).contains(share)), "{shares:?}");
         assert!([NEXT, PREVIOUS, BEYOND].iter().all(|&pass| flow.passes[pass].seen.moving_share.is_empty()));
         rays += shares.len();

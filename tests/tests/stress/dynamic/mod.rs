@@ -1,4 +1,5 @@
-//! Systems for scenes that move at the edge of their settings, of what a video can be, and of learning rates.
+//! Systems for scenes that move at the edge of their settings, of what a video can be, of what files say of motion, and of learning
+//! rates.
 
 mod learning_rates;
 mod priors;
