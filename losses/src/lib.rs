@@ -11,7 +11,7 @@
 //!
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time (mip-NeRF 360)
 //! * [`interlevel`]: weights of a proposal bound those of the final network (mip-NeRF 360)
-//! * [`entropy`]: rays that end on matter or on the background (TiNeuVox)
+//! * [`entropy`]: rays that end on matter or on the background (TiNeuVox), weights that lie in few samples (DynamicNeRF)
 //! * [`point_colour`]: samples that have the colour of their pixel (TiNeuVox)
 //! * [`depth`]: measured depth: supervised (EndoNeRF, DyCheck), up to scale and shift (MiDaS, NSFF), by medians (MiDaS,
 //!   DynamicNeRF, RoDynRF)

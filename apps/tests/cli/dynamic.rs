@@ -3,6 +3,7 @@
 use crate::tools::{Answer, SMALL, arrays, dataset, error_line, killed, nerf, nerf_dynamic, nerf_wild, newest, text};
 use scene_io::export::Ply;
 use scene_io::synthetic::{OrbitOptions, write_orbit};
+use scene_io::{BitMask, Flow, write_flo};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,10 +28,11 @@ fn small(extra: &[&str]) -> &'static [&'static str] {
 
 fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
     let words = ["train", text(scene), "--out", text(run), "--progress", "off"];
-    // `t-nerf` warps nothing and has networks of time alone; `nerf-w` has neither.
+    // These warp nothing and have networks of time alone; `nerf-w` has neither.
+    let warpless = ["t-nerf", "nsff", "dynamic-nerf"];
     let narrow = match extra {
         _ if extra.contains(&"nerf-w") => &[][..],
-        _ if extra.contains(&"t-nerf") => &NARROW[..2],
+        _ if warpless.iter().any(|name| extra.contains(name)) => &NARROW[..2],
         _ => &NARROW[..],
     };
     nerf_dynamic(&[&words[..], small(extra), narrow, extra].concat())
@@ -122,6 +124,33 @@ fn photos_of_a_film_are_shown_in_the_appearance_that_is_asked_for() {
         assert_eq!(answer.code, 1, "{word}: {}", answer.out);
         assert!(error_line(&answer).contains("`d-nerf` has one appearance only"), "{}", answer.err);
     }
+}
+
+#[test]
+fn flow_that_is_missing_is_said_and_flow_of_the_wrong_size_is_refused_by_file() {
+    let (folder, scene) = video();
+    let run = |name: &str| folder.path().join(name);
+    let answer = train(&scene, &run("without"), &["--steps", "2", "--system", "nsff"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    for part in ["no optical flow to the neighbouring photos", "no disparities", "no motion masks"] {
+        assert!(answer.out.contains(part), "{part}: {}", answer.out);
+    }
+    // Half as high as its photo.
+    let seen = BitMask::from_fn(24, 12, |_, _| true);
+    let flow = Flow { width: 24, height: 12, vectors: vec![[1.0, 0.0]; 24 * 12], seen };
+    let file = scene.join("train/flow/r_003_fwd.flo");
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    write_flo(&file, &flow).unwrap();
+    for name in ["nsff", "dynamic-nerf"] {
+        let answer = train(&scene, &run(name), &["--steps", "2", "--system", name]);
+        assert_eq!(answer.code, 1, "{name}: {}", answer.out);
+        for part in ["r_003_fwd.flo", "the flow is 24x12 and its photo 24x24"] {
+            assert!(error_line(&answer).contains(part), "{part}: {}", answer.err);
+        }
+    }
+    // Who looks at no flow does not mind.
+    let answer = train(&scene, &run("other"), &["--steps", "2", "--system", "t-nerf"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
 }
 
 #[test]

@@ -320,7 +320,14 @@ pub(super) fn known(data: &Dataset) -> Vec<FramePriors> {
 /// A still part, and a moving one with scene flow and all that it costs.
 pub(super) fn with_scene_flow(data: &Dataset, flow: NewFlow, hides: bool) -> RayConfig {
     let mut set = toml::Table::new();
-    for (name, value) in [("flow_share", 1.0), ("flow_disparity", 0.3), ("flow_renders", 1.0), ("flow_order", 0.3)] {
+    for (name, value) in [
+        ("flow_share", 1.0),
+        ("flow_disparity", 0.3),
+        ("flow_renders", 1.0),
+        ("flow_order", 0.3),
+        ("flow_mask", 0.3),
+        ("flow_entropy", 0.1),
+    ] {
         set.insert(name.into(), value.into());
     }
     // Two frames are looked at, too.

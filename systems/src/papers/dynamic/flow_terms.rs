@@ -1,23 +1,30 @@
 //! What scene flow costs in NSFF (Li et al., 2021) and DynamicNeRF (Gao et al., 2021): a struct for each term.
 //!
 //! Letters: `S` scene flow of a moving sample to a frame beside, `p` whether it is hidden there, `w` its weight in the render of the moving
-//! part, `m` the blend weight; `j` a frame beside frame `i`; `M` the pixels that a mask says move.
+//! part, `m` the blend weight; `j` a frame beside frame `i`; `D` the moving part's share of what a ray shows, `Z` a disparity; `M` the
+//! pixels that a mask says move.
 //!
 //! ```text
 //! renders   |C - C_i|^2 + sum_j W_j |C_j - C_i|^2         W_j = sum_k sg(w_k) (1 - p_k)      NSFF, photometric; p = 0 in DynamicNeRF
+//!           times sg(D) later                             NSFF, code
+//! entropy   -w ln w                                       DynamicNeRF, sparsity
 //! hidden    p                                             NSFF, its prior
 //! cycle     (1 - p) |S_ij + S_ji(x + S_ij)|               both, code
 //! optical   |pi_j(sum w (x + S)) - u - F|                 NSFF, geometric consistency; DynamicNeRF, motion matching
 //! small     |S|                                           NSFF, minimal; DynamicNeRF, slow
 //! spatial   |S_k - S_(k + 1)| in the world, along a ray   both, code
-//! steady    |S_next + S_previous|^2 in the world          both, smooth in time
-//! order     (D - sg(D_still))^2 where M = 0               DynamicNeRF, depth order
+//! steady    |S_next + S_previous|^2 in the world          both, smooth in time; of paths that go on from the frames beside, too
+//! order     (Z - sg(Z_still))^2 where M = 0               DynamicNeRF, depth order
 //! still     m where M = 0                                 DynamicNeRF, rigidity
+//! mask      |D - M|                                       DynamicNeRF, code
 //! ```
 //!
-//! Means over pixels, or over the samples of pixels, of all rays that take part; what has no moving sample costs nothing.
+//! The first two stand in `render_terms`, the last three in `mask_terms`. Means over pixels, or over the samples of pixels, of all rays
+//! that take part; what has no moving sample costs nothing.
 
-use crate::rays::{BEYOND, FlowRays, FlowTerm, HERE, NEXT, PASSES, PREVIOUS, SeenBars};
+use super::mask_terms::{Mask, Order, Still};
+use super::render_terms::{Entropy, Renders};
+use crate::rays::{FlowRays, FlowTerm, HERE, NEXT, PASSES, PREVIOUS, SeenBars};
 use crate::settings::Settings;
 use engine::system::SystemError;
 use losses::kernel::Kernel;
@@ -54,6 +61,13 @@ pub(super) struct FlowWeights {
     pub(super) flow_order: f32,
     /// Factor of the moving part's blend weights there, until the factors of priors fall for the first time.
     pub(super) flow_still: f32,
+    /// Factor of the distance of the moving part's share of a ray from 1 where a mask says that something moves, from 0 where it says
+    /// that nothing does; as long.
+    pub(super) flow_mask: f32,
+    /// Factor of the entropy of the weights in the render of the moving part.
+    pub(super) flow_entropy: f32,
+    /// Whether errors of renders count by the moving part's share of the ray, once the factors of priors have fallen for the first time.
+    pub(super) flow_by_share: bool,
 }
 
 impl FlowWeights {
@@ -73,6 +87,8 @@ impl FlowWeights {
             ("flow_steady", asked.flow_steady),
             ("flow_order", asked.flow_order),
             ("flow_still", asked.flow_still),
+            ("flow_mask", asked.flow_mask),
+            ("flow_entropy", asked.flow_entropy),
         ] {
             if !(0.0..=10.0).contains(&value) {
                 let problem = "must be in 0..=10".into();
@@ -85,8 +101,11 @@ impl FlowWeights {
     /// The terms whose factors are not 0.
     pub(super) fn terms(&self) -> Vec<Box<dyn FlowTerm>> {
         let of = |factor: f32, term: fn(f64) -> Box<dyn FlowTerm>| (factor > 0.0).then(|| term(f64::from(factor)));
+        let Self { flow_renders, flow_by_share: by_share, .. } = *self;
+        let renders = (flow_renders > 0.0)
+            .then(|| Box::new(Renders { factor: f64::from(flow_renders), by_share }) as Box<dyn FlowTerm>);
         [
-            of(self.flow_renders, |factor| Box::new(Renders { factor })),
+            renders,
             of(self.flow_hidden, |factor| Box::new(Hidden { factor })),
             of(self.flow_cycle, |factor| Box::new(Cycle { factor })),
             of(self.flow_optical, |factor| Box::new(Optical { factor })),
@@ -95,6 +114,8 @@ impl FlowWeights {
             of(self.flow_steady, |factor| Box::new(Steady { factor })),
             of(self.flow_order, |factor| Box::new(Order { factor })),
             of(self.flow_still, |factor| Box::new(Still { factor })),
+            of(self.flow_mask, |factor| Box::new(Mask { factor })),
+            of(self.flow_entropy, |factor| Box::new(Entropy { factor })),
         ]
         .into_iter()
         .flatten()
@@ -110,43 +131,6 @@ fn fits<T>(result: Result<T, losses::LossError>) -> T {
 /// Where the scene flow to a pass lies among `[6][m]`, and what is hidden there among `[2][m]`.
 fn halves(pass: usize, m: usize) -> [std::ops::Range<usize>; 2] {
     if pass == NEXT { [0..3 * m, 0..m] } else { [3 * m..6 * m, m..2 * m] }
-}
-
-/// Errors of the moving part's renders.
-#[derive(Debug)]
-struct Renders {
-    factor: f64,
-}
-
-impl FlowTerm for Renders {
-    fn add(&self, seen: &FlowRays<'_>, bars: &mut [SeenBars; PASSES], loss: &mut f64) {
-        let (rays, [_, m]) = (seen.rays, seen.rays.samples());
-        for (pass, other) in seen.seen.iter().enumerate() {
-            // Two frames on or back are believed as the frame on the way there is.
-            let way = if pass == BEYOND { seen.chained.unwrap_or(NEXT) } else { pass };
-            let of_hidden = (pass != HERE && !seen.seen[HERE].hidden.is_empty()).then(|| halves(way, m)[1].start);
-            for r in (0..other.known.len()).filter(|&r| other.known[r]) {
-                let rendered = &other.colour[3 * r..3 * r + 3];
-                let e = [0, 1, 2].map(|c| f64::from(rendered[c]) - f64::from(rays.truth[r][c]));
-                let error = e.iter().map(|e| e * e).sum::<f64>() / 3.0;
-                let factor = self.factor * f64::from(rays.factor[r]);
-                let mut trust = 1.0;
-                if let Some(first) = of_hidden {
-                    trust = rays.span(r).map(|i| f64::from(other.w[i])).sum();
-                    for k in rays.movers(r) {
-                        let w = f64::from(other.w[rays.at[k] as usize]);
-                        trust -= w * f64::from(seen.seen[HERE].hidden[first + k]);
-                        bars[HERE].hidden[first + k] -= (f64::from(seen.share) * factor * error * w) as f32;
-                    }
-                }
-                *loss += factor * trust * error;
-                let bar = f64::from(seen.share) * factor * trust * 2.0 / 3.0;
-                for (c, e) in e.into_iter().enumerate() {
-                    bars[pass].colour[3 * r + c] += (bar * e) as f32;
-                }
-            }
-        }
-    }
 }
 
 /// What is hidden.
@@ -319,7 +303,7 @@ impl FlowTerm for Spatial {
     }
 }
 
-/// Accelerations.
+/// Accelerations: where a path comes from and where it goes to, here and in the frames beside.
 #[derive(Debug)]
 struct Steady {
     factor: f64,
@@ -337,56 +321,67 @@ impl FlowTerm for Steady {
         fits(scene_flow::temporal_backward(&next, &previous, near, Kernel::Squared, loss_bar, a, b));
         world_flow_backward(seen, NEXT, &next_bar, &mut bars[HERE]);
         world_flow_backward(seen, PREVIOUS, &previous_bar, &mut bars[HERE]);
-    }
-}
-
-/// Whether a mask says that nothing moves in the pixel of ray `r`.
-fn rests(seen: &FlowRays<'_>, r: usize) -> bool {
-    seen.film.moves(seen.rays.frames[r].view, seen.rays.place[r]) == Some(false)
-}
-
-/// What moves is where the still part is, in pixels in which nothing moves.
-#[derive(Debug)]
-struct Order {
-    factor: f64,
-}
-
-impl FlowTerm for Order {
-    fn add(&self, seen: &FlowRays<'_>, bars: &mut [SeenBars; PASSES], loss: &mut f64) {
-        let (rays, w) = (seen.rays, &seen.seen[HERE].w);
-        for r in (0..rays.len()).filter(|&r| rests(seen, r)) {
-            let (mut ours, mut still, mut depth) = (0.0, 0.0, 0.0_f64);
-            for i in rays.span(r) {
-                let (q, tau) = (f64::from(rays.disparity[i]), f64::from(rays.still[i]));
-                ours += f64::from(w[i]) * q;
-                still += (-depth).exp() * -(-tau).exp_m1() * q;
-                depth += tau;
-            }
-            let factor = self.factor * f64::from(rays.factor[r]);
-            *loss += factor * (ours - still) * (ours - still);
-            let bar = 2.0 * f64::from(seen.share) * factor * (ours - still);
-            for i in rays.span(r) {
-                bars[HERE].w[i] += (bar * f64::from(rays.disparity[i])) as f32;
-            }
+        for pass in [NEXT, PREVIOUS] {
+            let path = Onward::new(seen, pass);
+            *loss += factor * fits(scene_flow::temporal(&path.on, &path.back, near, Kernel::Squared));
+            // Both have the same gradient, as their sum costs.
+            let (mut on_bar, mut back_bar) = (vec![0.0; path.on.len()], vec![0.0; path.on.len()]);
+            let [a, b] = [&mut on_bar, &mut back_bar];
+            fits(scene_flow::temporal_backward(&path.on, &path.back, near, Kernel::Squared, loss_bar, a, b));
+            path.backward(seen, &on_bar, &back_bar, bars);
         }
     }
 }
 
-/// The moving part is not used where nothing moves.
-#[derive(Debug)]
-struct Still {
-    factor: f64,
+/// The way of the moving samples from the frame of a pass one frame further, and back to where they are here: in the world, in units of half
+/// its side, `[3][m]`; 0 along rays that have no such frame.
+struct Onward {
+    pass: usize,
+    /// `[3][m]`, where they are one frame further, in the unit cube, and 1 where that was not held there, else 0.
+    x: Vec<f32>,
+    free: Vec<f32>,
+    on: Vec<f32>,
+    back: Vec<f32>,
 }
 
-impl FlowTerm for Still {
-    fn add(&self, seen: &FlowRays<'_>, bars: &mut [SeenBars; PASSES], loss: &mut f64) {
-        if seen.fade < 1.0 {
-            return;
-        }
-        let factor = self.factor * seen.per_sample;
-        for k in (0..seen.rays.len()).filter(|&r| rests(seen, r)).flat_map(|r| seen.rays.movers(r)) {
-            *loss += factor * f64::from(seen.seen[HERE].blend[k]);
-            bars[HERE].blend[k] += (f64::from(seen.share) * factor) as f32;
-        }
+impl Onward {
+    fn new(seen: &FlowRays<'_>, pass: usize) -> Self {
+        let (here, other, [_, m]) = (seen.seen[HERE], seen.seen[pass], seen.rays.samples());
+        let further = || other.x.iter().zip(&other.flow[halves(pass, m)[0].clone()]).map(|(x, s)| x + s);
+        let free = further().map(|x| if x > 0.0 && x < 1.0 { 1.0 } else { 0.0 }).collect();
+        let x: Vec<f32> = further().map(|x| x.clamp(0.0, 1.0)).collect();
+        let [from, on, back] = [&other.x, &x, &here.x].map(|x| {
+            let mut out = vec![0.0; x.len()];
+            seen.map.world(x, &mut out);
+            out
+        });
+        let known: Vec<bool> =
+            (0..seen.rays.len()).flat_map(|r| seen.rays.movers(r).map(move |_| other.known[r])).collect();
+        let way = |to: &[f32]| -> Vec<f32> {
+            let ways = to.iter().zip(&from).enumerate();
+            let one = |(i, (to, from)): (usize, (&f32, &f32))| {
+                if known[i % m] { ((f64::from(*to) - f64::from(*from)) / seen.unit) as f32 } else { 0.0 }
+            };
+            ways.map(one).collect()
+        };
+        let (on, back) = (way(&on), way(&back));
+        Self { pass, x, free, on, back }
+    }
+
+    /// From gradients of both ways to those of the flow there, and of the flow that leads there.
+    fn backward(&self, seen: &FlowRays<'_>, on_bar: &[f32], back_bar: &[f32], bars: &mut [SeenBars; PASSES]) {
+        let (other, [_, m]) = (seen.seen[self.pass], seen.rays.samples());
+        let scaled = |bar: f64| (bar / seen.unit) as f32;
+        let there: Vec<f32> = on_bar.iter().map(|bar| scaled(f64::from(*bar))).collect();
+        let from: Vec<f32> =
+            on_bar.iter().zip(back_bar).map(|(on, back)| scaled(-f64::from(*on) - f64::from(*back))).collect();
+        let (mut x_bar, mut from_bar) = (vec![0.0; there.len()], vec![0.0; there.len()]);
+        seen.map.world_backward(&self.x, &there, &mut x_bar);
+        seen.map.world_backward(&other.x, &from, &mut from_bar);
+        x_bar.iter_mut().zip(&self.free).for_each(|(bar, free)| *bar *= free);
+        let flow_bar = &mut bars[self.pass].flow[halves(self.pass, m)[0].clone()];
+        flow_bar.iter_mut().zip(&x_bar).for_each(|(sum, bar)| *sum += bar);
+        from_bar.iter_mut().zip(&x_bar).for_each(|(sum, bar)| *sum += bar);
+        add_to_flow(seen, self.pass, &from_bar, &mut bars[HERE]);
     }
 }

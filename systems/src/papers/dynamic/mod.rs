@@ -23,11 +23,13 @@ mod flow_terms;
 mod gradient_tests;
 pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
+mod mask_terms;
 #[cfg(test)]
 mod motion_tests;
 pub(crate) mod nerfies;
 pub(crate) mod nsff;
 #[cfg(test)]
 mod origin_tests;
+mod render_terms;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

@@ -9,8 +9,8 @@
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
 //! belongs to the moving part, as it is there for its cells alone. What each loss is stands in `flow_terms`; its factors are those
-//! of the released code. Those of optical flow and disparities fall to a tenth after each quarter of what is left of the run; chains of
-//! two frames come in its later half.
+//! of the released code. Those of optical flow and disparities fall to a tenth after each quarter of what is left of the run; after the
+//! first of them renders count by the share of a ray that moves. Chains of two frames come in its later half.
 
 use super::flow_terms::FlowWeights;
 use super::t_nerf;
@@ -44,6 +44,9 @@ const WEIGHTS: FlowWeights = FlowWeights {
     flow_steady: 0.1,
     flow_order: 0.0,
     flow_still: 0.0,
+    flow_mask: 0.0,
+    flow_entropy: 0.0,
+    flow_by_share: true,
 };
 
 /// Half of the rays where the errors are.

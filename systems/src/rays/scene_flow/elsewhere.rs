@@ -1,5 +1,6 @@
 //! A pass: the moving part alone at the moving samples of some rays, where these are in a frame, and back.
 
+use super::both_parts::{BothParts, MovingMatter};
 use super::chosen::Chosen;
 use super::head::FlowHead;
 use super::rendered::Rendered;
@@ -7,6 +8,7 @@ use super::term::{Seen, SeenBars};
 use crate::buffers::sized;
 use crate::fields::{Columns, Detail, Field, MovingPart, Part, Places, Placing, When};
 use crate::warps::{DeformGrad, DeformScratch, Points};
+use float_core::Simd;
 
 /// What colours depend on besides places: `[rows][rays]` of a whole chunk.
 #[derive(Clone, Copy)]
@@ -46,6 +48,7 @@ pub(super) struct Pass {
     input: Vec<f32>,
     colour_acts: Vec<f32>,
     rendered: Rendered,
+    both: BothParts,
     out_bar: Vec<f32>,
     input_bar: Vec<f32>,
     features_bar: Vec<f32>,
@@ -59,11 +62,12 @@ pub(super) struct Pass {
 impl Pass {
     /// Of no rays.
     pub(super) fn clear(&mut self) {
-        let Seen { known, x, flow, hidden, blend, colour, w } = &mut self.seen;
+        let Seen { known, x, flow, hidden, blend, colour, w, moving_share } = &mut self.seen;
         known.clear();
         self.which.clear();
         self.carried.clear();
-        for buffer in [x, flow, hidden, blend, colour, w, &mut self.x, &mut self.times, &mut self.free] {
+        let own = [&mut self.x, &mut self.times, &mut self.free];
+        for buffer in [x, flow, hidden, blend, colour, w, moving_share].into_iter().chain(own) {
             buffer.clear();
         }
     }
@@ -124,6 +128,13 @@ impl Pass {
         self.rendered.forward(simd, rays, &mut self.seen);
     }
 
+    /// How much of the picture is the moving part's, after [`Pass::forward`] at the rays' own time.
+    pub(super) fn share(&mut self, simd: Simd, rays: &Chosen) {
+        let [_, m] = rays.samples();
+        let matter = MovingMatter { sigma: &self.rendered.sigma[..m], blend: &self.seen.blend };
+        self.both.forward(simd, rays, matter, &mut self.seen.moving_share);
+    }
+
     /// The way back. What `bars` hold is brought to features, networks and deformation; returned is the gradient of where the samples are,
     /// `[3][m]`, where `detail` asks for it.
     #[expect(clippy::too_many_arguments, reason = "a pass of all that a ray is made of")]
@@ -165,6 +176,13 @@ impl Pass {
         let gates = out_bar[geometry * m..(geometry + 1) * m].iter_mut();
         for (out, (bar, b)) in gates.zip(bars.blend.iter().zip(&self.seen.blend)) {
             *out = bar * b * (1.0 - b);
+        }
+        if !bars.moving_share.is_empty() {
+            let matter = MovingMatter { sigma: &self.rendered.sigma[..m], blend: &self.seen.blend };
+            self.both.backward(simd, rays, matter, &bars.moving_share);
+            let (raw, gates) = out_bar.split_at_mut(geometry * m);
+            raw.iter_mut().zip(&self.both.raw_bar).for_each(|(out, bar)| *out += bar);
+            gates.iter_mut().zip(&self.both.gate_bar).for_each(|(out, bar)| *out += bar);
         }
         let said = [&self.seen.flow[..], &self.seen.hidden[..]];
         head.read_backward(said, [&bars.flow, &bars.hidden], &mut out_bar[(geometry + 1) * m..]);
@@ -210,6 +228,7 @@ impl Pass {
     pub(super) fn bytes(&self) -> usize {
         let floats =
             [&self.features, &self.features_bar, &self.acts, &self.out, &self.out_bar, &self.input, &self.input_bar];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.placing.bytes() + self.rendered.bytes()
+        let parts = self.placing.bytes() + self.rendered.bytes() + self.both.bytes();
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + parts
     }
 }

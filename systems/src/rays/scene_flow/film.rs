@@ -10,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use render_core::camera::Prepared;
 use render_core::ray::Ray;
-use scene_io::{BitMask, Disparity, FlowPrior, SceneError};
+use scene_io::{BitMask, Disparity, Flow, FlowPrior, SceneError};
 
 /// The passes: the moving part at its own time, one frame on, one frame back, and two frames on or back.
 pub(crate) const HERE: usize = 0;
@@ -47,6 +47,24 @@ impl FramePriors {
             disparity: view.source.read_disparity()?.map(|disparity| disparity.resized(width, height)),
             moves: view.source.read_motion_mask()?.map(|mask| mask.resized(width, height)),
         })
+    }
+
+    /// Whether any pixel is known to go somewhere.
+    fn has_flow(&self) -> bool {
+        let is_known = |flow: &Flow| flow.seen.count() > 0;
+        self.flow.forward.as_ref().is_some_and(is_known) || self.flow.backward.as_ref().is_some_and(is_known)
+    }
+
+    /// Whether the disparity says which pixels are nearer than others.
+    fn has_shape(&self) -> bool {
+        let range = self.disparity.as_ref().and_then(Disparity::range);
+        range.is_some_and(|[low, high]| low < high)
+    }
+
+    /// Whether the mask says that all pixels move, or that none does, as `all` says.
+    fn is_of_one(&self, all: bool) -> bool {
+        let pixels = |mask: &BitMask| u64::from(mask.width()) * u64::from(mask.height());
+        self.moves.as_ref().is_some_and(|mask| mask.count() == if all { pixels(mask) } else { 0 })
     }
 }
 
@@ -187,8 +205,8 @@ impl Film {
     pub(crate) fn lines(&self) -> Vec<String> {
         let n = self.priors.len();
         let count = |has: fn(&FramePriors) -> bool| self.priors.iter().filter(|prior| has(prior)).count();
-        let flow = count(|prior| prior.flow.forward.is_some() || prior.flow.backward.is_some());
-        let disparity = count(|prior| prior.disparity.is_some());
+        let flow = count(FramePriors::has_flow);
+        let [disparity, shapes] = [count(|prior| prior.disparity.is_some()), count(FramePriors::has_shape)];
         let alone = self.beside.iter().filter(|beside| beside.iter().all(Option::is_none)).count();
         let mut lines = Vec::new();
         if alone == n {
@@ -198,19 +216,23 @@ impl Film {
             0 => "scene flow: no optical flow to the neighbouring photos (`flow/`), so nothing is held to it".into(),
             _ => format!("scene flow: held to the optical flow of {flow} of {n} photos"),
         });
-        lines.push(match disparity {
-            0 => "depth: no disparities (`disp/`), so what moves is as deep as the photos alone say".into(),
-            _ => format!("depth: what moves is held to the disparities of {disparity} of {n} photos"),
+        lines.push(match [disparity, shapes] {
+            [0, _] => "depth: no disparities (`disp/`), so what moves is as deep as the photos alone say".into(),
+            [some, 0] => format!(
+                "depth: the disparities of {some} of {n} photos are the same everywhere, which says nothing of shapes, so nothing is held to them"
+            ),
+            [_, some] => format!("depth: what moves is held to the disparities of {some} of {n} photos"),
         });
-        lines.push(if self.knows_movers() {
-            "movers: as the motion masks of all photos say".into()
-        } else {
-            match count(|prior| prior.moves.is_some()) {
-                0 => "movers: no motion masks (`motion_masks/`), so they are found by what a still field leaves of the photos".into(),
-                some => format!(
-                    "movers: {some} of {n} photos have a motion mask, so they are found by what a still field leaves of the photos"
-                ),
-            }
+        let masks = count(|prior| prior.moves.is_some());
+        let [white, black] = [count(|prior| prior.is_of_one(true)), count(|prior| prior.is_of_one(false))];
+        lines.push(match masks {
+            0 => "movers: no motion masks (`motion_masks/`), so they are found by what a still field leaves of the photos".into(),
+            some if some < n => format!(
+                "movers: {some} of {n} photos have a motion mask, so they are found by what a still field leaves of the photos"
+            ),
+            _ if white == n => "movers: everything, as the motion masks of all photos say, so the still part learns from nothing".into(),
+            _ if black == n => "movers: none, as the motion masks of all photos say".into(),
+            _ => "movers: as the motion masks of all photos say".into(),
         });
         lines
     }

@@ -13,11 +13,13 @@
 //! * `config`: settings, and what a step knows; `film`: which frames follow each other, their cameras and priors;
 //! * `head`: scene flow and what is hidden, from rows of the network, and back;
 //! * `chosen`: rays that take part; `elsewhere`, `rendered`: a pass forwards and backwards; `passes`: all those of a chunk;
+//! * `both_parts`: how much of what a ray shows of both parts together is the moving part's;
 //! * `term`: what terms read, and the gradients that they add; `learn`: a step, and depth, which is compared over a whole batch.
 //!
 //! Source: Li, Niklaus, Snavely, Wang, "Neural Scene Flow Fields for Space-Time View Synthesis of Dynamic Scenes", 2021; Gao, Saraf, Kopf,
 //! Huang, "Dynamic View Synthesis from Dynamic Monocular Video", 2021.
 
+mod both_parts;
 mod chosen;
 mod config;
 mod elsewhere;
@@ -27,6 +29,8 @@ mod learn;
 mod passes;
 mod rendered;
 mod term;
+#[cfg(test)]
+mod term_tests;
 #[cfg(test)]
 mod tests;
 

@@ -56,6 +56,7 @@ impl FlowChunk {
         rays.gather(&rays.x, &mut x);
         here.place(rays, HERE, &x, None);
         here.forward(ctx.field, part, head, rays, basis);
+        here.share(ctx.field.simd, rays);
         for (pass, other) in [(NEXT, &mut *next), (PREVIOUS, &mut *previous)] {
             other.place(rays, pass, &here.seen.x, Some(&here.seen.flow[half(pass, m)]));
             other.forward(ctx.field, part, head, rays, basis);

@@ -22,6 +22,8 @@ pub(crate) struct Seen {
     pub(crate) colour: Vec<f32>,
     /// `[n]`, weights of all samples.
     pub(crate) w: Vec<f32>,
+    /// `[rays]`, the moving part's share of what each ray shows of both parts together; of the rays' own frame alone, else empty.
+    pub(crate) moving_share: Vec<f32>,
 }
 
 /// Gradients with respect to [`Seen`].
@@ -32,6 +34,7 @@ pub(crate) struct SeenBars {
     pub(crate) blend: Vec<f32>,
     pub(crate) colour: Vec<f32>,
     pub(crate) w: Vec<f32>,
+    pub(crate) moving_share: Vec<f32>,
 }
 
 impl SeenBars {
@@ -43,6 +46,7 @@ impl SeenBars {
             (&mut self.blend, &seen.blend),
             (&mut self.colour, &seen.colour),
             (&mut self.w, &seen.w),
+            (&mut self.moving_share, &seen.moving_share),
         ] {
             bar.clear();
             bar.resize(of.len(), 0.0);

@@ -1,8 +1,6 @@
 //! What is seen in the frames beside, and what is known of these.
 
-use super::chosen::Chosen;
-use super::film::{BEYOND, Film, FramePriors, HERE, NEXT, PASSES, PREVIOUS};
-use super::term::{FlowRays, FlowTerm, Seen, SeenBars};
+use super::film::{BEYOND, Film, FramePriors, HERE, NEXT, PREVIOUS};
 use crate::papers::dynamic::{dynamic_nerf, nsff};
 use crate::rays::budget_tests::{randomised, table};
 use crate::rays::gradient_tests::{known, tiny, with_moving_part, with_scene_flow};
@@ -11,15 +9,12 @@ use crate::rays::step::Plan;
 use crate::rays::{RayConfig, RaySystem};
 use crate::space::SpaceKind;
 use engine::data::Dataset;
-use field_core::rng::Rng;
-use glam::DVec3;
-use render_core::space_map::SpaceMap;
 use scene_io::synthetic::{OrbitOptions, orbit};
 use scene_io::{BitMask, Disparity, ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
 /// Photos of this many times.
-fn of_times(train: usize) -> Dataset {
+pub(super) fn of_times(train: usize) -> Dataset {
     let scene = orbit(&OrbitOptions { width: 8, height: 8, train, test: 0, rays: 1, ..OrbitOptions::default() });
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
@@ -44,7 +39,7 @@ fn after(driver: &mut RaySystem, data: &Dataset, step: u64) {
     driver.learn_flow(&plan);
 }
 
-fn nothing(data: &Dataset) -> Vec<FramePriors> {
+pub(super) fn nothing(data: &Dataset) -> Vec<FramePriors> {
     vec![FramePriors::default(); data.len()]
 }
 
@@ -108,6 +103,32 @@ fn plans_say_what_is_not_known() {
 }
 
 #[test]
+fn plans_say_which_priors_say_nothing() {
+    let data = of_times(3);
+    let lines = |change: &dyn Fn(&mut FramePriors)| {
+        let mut priors = known(&data);
+        priors.iter_mut().for_each(change);
+        Film::with(&data, priors).lines().join("\n")
+    };
+    let flat = |prior: &mut FramePriors| prior.disparity = Disparity::new(8, 8, vec![4.0; 64]);
+    assert!(lines(&flat).contains("disparities of 3 of 3 photos are the same everywhere"), "{}", lines(&flat));
+    let lost = |prior: &mut FramePriors| prior.disparity = Disparity::new(8, 8, vec![f32::NAN; 64]);
+    assert!(lines(&lost).contains("nothing is held to them"), "{}", lines(&lost));
+    let hidden = |prior: &mut FramePriors| {
+        [&mut prior.flow.forward, &mut prior.flow.backward].into_iter().flatten().for_each(|flow| {
+            flow.seen = BitMask::new(8, 8);
+        });
+    };
+    assert!(lines(&hidden).contains("no optical flow"), "{}", lines(&hidden));
+    for (moves, said) in [(true, "movers: everything"), (false, "movers: none")] {
+        let mask = |prior: &mut FramePriors| prior.moves = Some(BitMask::from_fn(8, 8, |_, _| moves));
+        assert!(lines(&mask).contains(said), "{}", lines(&mask));
+    }
+    let same = |_: &mut FramePriors| {};
+    assert!(lines(&same).contains("movers: as the motion masks of all photos say"), "{}", lines(&same));
+}
+
+#[test]
 fn tiles_move_where_enough_of_their_pixels_do() {
     let data = of_times(2);
     let film = Film::with(&data, known(&data));
@@ -163,155 +184,33 @@ fn constant_disparities_cost_nothing() {
     assert_eq!(loss(None), loss(Disparity::new(8, 8, vec![2.5; 64])));
 }
 
-/// Two rays of three and two samples, of which two and one move, and what is seen along them in all frames.
-#[derive(Clone)]
-struct Made {
-    rays: Vec<f32>,
-    /// `[passes][6][m]`, `[passes][rays][3]`, `[passes][n]`
-    flow: [Vec<f32>; PASSES],
-    colour: [Vec<f32>; PASSES],
-    w: [Vec<f32>; PASSES],
-    hidden: Vec<f32>,
-    blend: Vec<f32>,
-}
-
-const OFFSETS: [u32; 3] = [0, 3, 5];
-const MOVING: [u32; 3] = [0, 2, 3];
-const AT: [u32; 3] = [0, 2, 4];
-const N: usize = 5;
-const M: usize = 3;
-
-fn uniform(len: usize, stream: u64, low: f32, high: f32) -> Vec<f32> {
-    let mut out = vec![0.0; len];
-    Rng::new(11, stream).fill_uniform(0, &mut out);
-    out.iter().map(|u| low + (high - low) * u).collect()
-}
-
-impl Made {
-    fn new() -> Self {
-        let of = |len: usize, from: u64, low: f32, high: f32| {
-            std::array::from_fn(|pass| uniform(len, from + pass as u64, low, high))
-        };
-        Self {
-            rays: uniform(3 * N, 1, 0.4, 0.6),
-            flow: of(6 * M, 10, -0.08, 0.08),
-            colour: of(6, 20, 0.0, 1.0),
-            w: of(N, 30, 0.1, 0.4),
-            hidden: uniform(2 * M, 40, 0.1, 0.9),
-            blend: uniform(M, 41, 0.1, 0.9),
-        }
-    }
-
-    fn chosen(&self, film: &Film) -> Chosen {
-        Chosen {
-            rays: vec![0, 1],
-            offsets: OFFSETS.into(),
-            moving: MOVING.into(),
-            at: AT.into(),
-            x: self.rays.clone(),
-            dt: uniform(N, 2, 0.1, 0.2),
-            still: uniform(N, 3, 0.1, 0.9),
-            disparity: uniform(N, 4, 0.1, 0.9),
-            frames: vec![film.frames(1, Some(NEXT)), film.frames(2, Some(NEXT))],
-            place: vec![[6, 2], [1, 5]],
-            pixel: vec![[6.5, 2.5], [1.5, 5.5]],
-            truth: vec![[0.1, 0.5, 0.9], [0.3, 0.2, 0.7]],
-            factor: vec![1.0, 0.5],
-            ..Chosen::default()
-        }
-    }
-
-    fn seen(&self, rays: &Chosen) -> [Seen; PASSES] {
-        let mut x = Vec::new();
-        rays.gather(&self.rays, &mut x);
-        let moved = |from: &[f32], flow: &[f32]| from.iter().zip(flow).map(|(x, s)| x + s).collect::<Vec<f32>>();
-        let next = moved(&x, &self.flow[HERE][..3 * M]);
-        let previous = moved(&x, &self.flow[HERE][3 * M..]);
-        let beyond = moved(&next, &self.flow[NEXT][..3 * M]);
-        let mut places = [x, next, previous, beyond].into_iter();
-        std::array::from_fn(|pass| Seen {
-            known: rays.frames.iter().map(|frames| frames.beside[pass].is_some()).collect(),
-            x: places.next().unwrap(),
-            flow: self.flow[pass].clone(),
-            hidden: self.hidden.clone(),
-            blend: self.blend.clone(),
-            colour: self.colour[pass].clone(),
-            w: self.w[pass].clone(),
-        })
-    }
-
-    /// What a term costs, and the derivatives that it says.
-    fn cost(&self, film: &Film, term: &dyn FlowTerm) -> (f64, [SeenBars; PASSES]) {
-        let rays = self.chosen(film);
-        let seen = self.seen(&rays);
-        let mut bars: [SeenBars; PASSES] = Default::default();
-        bars.iter_mut().zip(&seen).for_each(|(bars, seen)| bars.begin(seen));
-        let of = FlowRays {
-            rays: &rays,
-            seen: seen.each_ref(),
-            chained: Some(NEXT),
-            film,
-            map: SpaceMap::Box { centre: DVec3::new(0.0, 0.0, 0.3), radius: 1.2 },
-            unit: 1.2,
-            fade: 1.0,
-            share: 0.25,
-            per_sample: 0.4,
-        };
-        let mut loss = 0.0;
-        term.add(&of, &mut bars, &mut loss);
-        (loss, bars)
-    }
-}
-
 #[test]
-fn gradients_of_terms_are_those_of_differences() {
-    let data = of_times(4);
-    let film = Film::with(&data, known(&data));
-    let flow = with_scene_flow(&data, dynamic_nerf::flow, true).moving.unwrap().flow.unwrap();
-    let with_hidden = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
-    let made = Made::new();
-    let (mut checked, mut learning, mut kinks) = (0, 0, 0);
-    for term in flow.terms.iter().chain(with_hidden.terms.iter()) {
-        let name = format!("{term:?}");
-        let (_, bars) = made.cost(&film, &**term);
-        let mut check = |what: &str, got: f32, shift: &dyn Fn(&mut Made, f32)| {
-            let at = |h: f32| {
-                let mut made = made.clone();
-                shift(&mut made, h);
-                made.cost(&film, &**term).0
-            };
-            let slope = |h: f32| 0.25 * (at(h) - at(-h)) / (2.0 * f64::from(h));
-            let (wide, want) = (slope(2e-3), slope(1e-3));
-            checked += 1;
-            // Where a distance changes its sign it has no derivative.
-            if (wide - want).abs() > 1e-3 * want.abs().max(0.05) {
-                kinks += 1;
-                return;
+fn the_share_of_rays_is_that_of_the_picture() {
+    let film = filmed(8);
+    let driver = seen(with_scene_flow(&film, dynamic_nerf::flow, false), &film, nothing(&film), 2);
+    let (mut rays, mut most) = (0, 0.0_f32);
+    for flow in driver.work.chunks.iter().map(|chunk| &chunk.flow) {
+        let (chosen, here) = (&flow.rays, &flow.passes[HERE].seen);
+        let shares = &here.moving_share;
+        assert_eq!(shares.len(), chosen.len());
+        for (r, share) in shares.iter().enumerate() {
+            let (mut trans, mut want) = (1.0, 0.0);
+            let mut movers = chosen.movers(r).peekable();
+            for i in chosen.span(r) {
+                let tau = f64::from(chosen.tau[i]);
+                // What of the matter that was rendered is not the still part's.
+                let moving = movers.next_if(|&k| chosen.at[k] as usize == i).map_or(0.0, |k| {
+                    tau - (1.0 - f64::from(here.blend[k])) * f64::from(chosen.still[i])
+                });
+                want += trans * (1.0 - (-tau).exp()) * if tau > 0.0 { moving / tau } else { 0.0 };
+                trans *= (-tau).exp();
             }
-            let off = (f64::from(got) - want).abs();
-            assert!(off < 3e-3 * want.abs().max(0.05), "{name}, {what}: {got} for {want}");
-            learning += usize::from(got != 0.0);
-        };
-        for (pass, bars) in bars.iter().enumerate() {
-            // Where the second flow of a chain leads is no term's: it is brought back with the pass.
-            for (i, got) in bars.flow.iter().enumerate() {
-                check(&format!("flow {i} of pass {pass}"), *got, &|made, h| made.flow[pass][i] += h);
-            }
-            for (i, got) in bars.colour.iter().enumerate() {
-                check(&format!("colour {i} of pass {pass}"), *got, &|made, h| made.colour[pass][i] += h);
-            }
+            assert!((f64::from(*share) - want).abs() < 1e-3, "ray {r}: {share} for {want}");
         }
-        let SeenBars { hidden, blend, w, .. } = &bars[HERE];
-        for (i, got) in hidden.iter().enumerate() {
-            check(&format!("hidden {i}"), *got, &|made, h| made.hidden[i] += h);
-        }
-        for (i, got) in blend.iter().enumerate() {
-            check(&format!("blend {i}"), *got, &|made, h| made.blend[i] += h);
-        }
-        // The weights that a render is believed by are held.
-        for (i, got) in w.iter().enumerate() {
-            check(&format!("weight {i}"), *got, &|made, h| made.w[HERE][i] += h);
-        }
+        assert!(shares.iter().all(|share| (0.0..=1.0 + 1e-5).contains(share)), "{shares:?}");
+        assert!([NEXT, PREVIOUS, BEYOND].iter().all(|&pass| flow.passes[pass].seen.moving_share.is_empty()));
+        rays += shares.len();
+        most = shares.iter().fold(most, |most, share| most.max(*share));
     }
-    assert!(checked > 500 && learning > 100 && 20 * kinks < checked, "{learning} of {checked}, {kinks} at kinks");
+    assert!(rays > 20 && most > 0.1, "{rays} rays, at most {most}");
 }

@@ -1,10 +1,13 @@
-//! Systems for scenes that move at the edge of their settings, of what a video can be, and of learning rates.
+//! Systems for scenes that move at the edge of their settings, of what a video can be, of what files say of motion, and of learning
+//! rates.
 
 mod learning_rates;
+mod priors;
 mod scenes;
 mod settings;
 
 pub(crate) use learning_rates::cases as learning_rates;
+pub(crate) use priors::cases as priors;
 pub(crate) use scenes::cases as scenes;
 pub(crate) use settings::cases as settings;
 
@@ -71,6 +74,8 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
         // What photos need is found out by a training.
         "nerfies" | "hypernerf" => &["appearance=none"],
+        // Enough pixels that what moves is found by what they show, where it is looked for at all.
+        "nsff" | "dynamic-nerf" if set.contains(&"moving_from=0.5") => &["batch_rays=2048", "batch_samples=16384"],
         // The others look at no depth.
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],

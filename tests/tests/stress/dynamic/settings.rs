@@ -86,11 +86,14 @@ const ACCEPTED: [(&str, &str); 11] = [
         horizon=4+moving_from=0.5+flow_reach=1e-38 horizon=4+moving_from=0.5+flow_chain_from=0.0 flow_chain_from=1.0 flow_fades_in=1.0
         flow_fades_in=1e-3 horizon=4+moving_from=0.5+flow_renders=10.0 horizon=4+moving_from=0.5+flow_renders=0.0 flow_hidden=0.0
         horizon=4+moving_from=0.5+flow_cycle=10.0+flow_small=10.0+flow_spatial=10.0+flow_steady=10.0 horizon=4+moving_from=0.5+still_freezes=true
+        horizon=4+moving_from=0.5+flow_by_share=false+flow_fades_in=0.25 horizon=4+moving_from=0.5+flow_mask=10.0+flow_entropy=10.0
         by_error=false moving_share=0.0 moving_entropy=10.0 planes=[]",
     ),
     (
         "dynamic-nerf",
         "horizon=4+moving_from=0.5+flow_order=10.0 horizon=4+moving_from=0.5+flow_still=10.0 horizon=4+moving_from=0.5+still_freezes=false
+        horizon=4+moving_from=0.5+flow_mask=10.0 horizon=4+moving_from=0.5+flow_entropy=10.0 flow_mask=0.0 flow_entropy=0.0
+        horizon=4+moving_from=0.5+flow_by_share=true+flow_fades_in=1e-3
         horizon=4+moving_from=0.5+flow_chain_from=0.0+flow_share=1.0 moving_from=1.0",
     ),
 ];
@@ -115,7 +118,9 @@ const REFUSED: &str = "
     voxels_every=-0.1 warp_levels_from=1.5 warp_levels_until=-0.1 warp_levels_until=nan origin=tied voxels=0 voxels=7 voxels=513 time_code_dims=1.5 time_code_dims=-1
     time_input=nonsense warp=nonsense origin=nonsense sees=nonsense elastic_at=nonsense guided=nonsense
     plane_vertices=1 plane_vertices=1025 plane_scales=[] plane_scales=[0] plane_scales=[17] plane_variation=-1.0
-    plane_variation=nan plane_smoothness=101.0 plane_transients=inf";
+    plane_variation=nan plane_smoothness=101.0 plane_transients=inf
+    flow_mask=-1.0 flow_mask=11.0 flow_mask=nan flow_entropy=-1.0 flow_entropy=inf flow_steady=nan flow_share=0.0 flow_share=1.1
+    flow_reach=0.0 flow_reach=nan flow_chain_from=1.5 flow_fades_in=0.0 flow_disparity=11.0 flow_by_share=nonsense";
 
 /// Refused by systems that have no such part.
 const ABSENT: [(&str, &str); 8] = [
@@ -153,6 +158,7 @@ pub(crate) fn cases(tally: &mut Tally) {
             let name = match key.split_once('_') {
                 _ if key.starts_with("voxels") => "tineuvox",
                 Some(("plane", rest)) if of_planes.contains(&rest) => "k-planes",
+                Some(("flow", _)) => "nsff",
                 _ => "hypernerf",
             };
             match build(name, &stage, &data[0], &[setting]) {
