@@ -319,8 +319,8 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Compare what the distances of neighbours cost with their definition, at points of these time steps.
 fn check_coherence(name: &str, deform: &Deform, twin: Twin, which: &[u32; 5]) {
-    let (draws, w) = (Rng::new(6, 1), [1.0, 0.25, 0.5, 0.0, 0.75]);
-    let n = which.len();
+    let (draws, n) = (Rng::new(6, 1), which.len());
+    let w: [f32; 5] = [1.0, 0.25, 0.5, 0.0, 0.75];
     let mut x = vec![0.0; 3 * n];
     Rng::new(1, 2).fill_uniform(0, &mut x);
     let (params, learned) = deform.parameters();
