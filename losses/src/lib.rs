@@ -19,6 +19,7 @@
 //! **Motion**
 //!
 //! * [`elastic`]: how far a deformation is from rigid (Nerfies)
+//! * [`coherence`]: distances between neighbours that a deformation should keep (as rigid as possible)
 //! * [`background`]: static points that a deformation must not move (Nerfies)
 //! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-Planes,
 //!   HexPlane, DVGO, TiNeuVox)
@@ -73,6 +74,7 @@ compile_error!("losses needs a float backend: enable `std` or `libm`");
 
 pub mod background;
 pub mod codes;
+pub mod coherence;
 pub mod concrete;
 pub mod depth;
 pub mod distortion;

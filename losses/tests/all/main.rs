@@ -1,6 +1,7 @@
 //! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-losses --test all MODULE::` runs one file of them.
 
 mod background;
+mod coherence;
 mod depth;
 mod distortion;
 mod dssim;

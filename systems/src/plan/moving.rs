@@ -70,6 +70,10 @@ impl Moving {
     }
 }
 
+/// Factor of the coherence loss of deformations whose papers have no loss like it: off until its gain has been measured
+/// (`--set coherence=0.01` tries it). Where it is above 0, the claims of the systems that read it say so.
+pub(crate) const COHERENCE: f32 = 0.0;
+
 /// Weight of a ray that its faintest samples may have together to be left out in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
@@ -91,6 +95,9 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of_times(scene, data, run) }?;
     ground.lines.extend(claim.line());
+    if deform.as_ref().is_some_and(|deform| deform.coherence_factor() > 0.0) {
+        ground.lines.push("motion: as rigid as possible; a changed distance between neighbours costs".into());
+    }
     let mut field = ngp_settings(&ground.layout, data, Shown::Times, ground.transparent, &mut ground.lines);
     set_near(&mut field.space, &mut ground, data, Shown::Times);
     if deform.is_some() {

@@ -86,8 +86,10 @@ pub(super) struct Chunk {
     pub(super) seen: Vec<Pixel>,
     pub(super) stats: ChunkStats,
     pub(super) proposed: Proposed,
-    /// `[n]`, weights of the samples; only where proposals learn from them.
+    /// `[n]`, weights of the samples; only where proposals learn from them, or a loss of the deformation depends on them.
     pub(super) w: Vec<f32>,
+    /// Those that such a loss looks at.
+    pub(super) judged: Vec<f32>,
     prepass: Prepass,
     tile: Tile,
     /// Gradients of the rays themselves.
@@ -99,7 +101,7 @@ pub(super) struct TileWork<'t, 'g> {
     pub(super) tile: &'t mut Tile,
     pub(super) chunk: Marched<'t>,
     pub(super) gradients: &'t mut Gradients<'g>,
-    /// `[n]`, weights of the chunk's samples; empty where neither proposals nor the elastic loss need them.
+    /// `[n]`, weights of the chunk's samples; empty where neither proposals nor losses of the deformation need them.
     pub(super) weights: &'t mut [f32],
     pub(super) seen: &'t mut Vec<Pixel>,
     /// Rays of the tile, counted from the chunk's first.
@@ -151,6 +153,7 @@ impl Chunk {
             stats: ChunkStats::default(),
             proposed: Proposed::default(),
             w: Vec::new(),
+            judged: Vec::new(),
             prepass: Prepass::default(),
             tile: Tile::default(),
             ray_bars: RayGeometryBars::default(),
@@ -181,6 +184,7 @@ impl Chunk {
             &self.density_grad,
             &self.colour_grad,
             &self.w,
+            &self.judged,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
         let moving = self.moving.bytes() + self.moving_bars.bytes() + self.flow.bytes();

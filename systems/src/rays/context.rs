@@ -7,8 +7,9 @@ use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::samplers::{Marcher, MeasuredDepth, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
-use crate::warps::TimeSteps;
+use crate::warps::{Deform, TimeSteps};
 use engine::data::Batch;
+use field_core::rng::Rng;
 use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
 use render_core::ray::Ray;
@@ -58,6 +59,8 @@ pub(super) struct StepContext<'a> {
     pub(super) truth: &'a [[f32; 3]],
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
+    /// Random neighbours of the samples that a loss of the deformation compares with theirs.
+    pub(super) neighbours: Rng,
     /// Measured depth.
     pub(super) cues: Option<&'a MeasuredDepth>,
     pub(super) kernel: Kernel,
@@ -90,9 +93,9 @@ impl StepContext<'_> {
         self.terms.iter().map(|term| &**term).chain(depth)
     }
 
-    /// Factor of the elastic loss.
-    pub(super) fn elastic(&self) -> f32 {
-        self.field.deform().map_or(0.0, |deform| deform.config().elastic)
+    /// Whether a loss of the deformation depends on the weights of samples.
+    pub(super) fn weighs_deform(&self) -> bool {
+        self.field.deform().is_some_and(Deform::costs_by_weight)
     }
 
     /// What the error of pixel `i` costs and the derivative of that.

@@ -78,7 +78,7 @@ pub(super) const TERMS: TermConfig =
 type Groups = Vec<(&'static str, Vec<f32>)>;
 
 /// The loss of the batch that was drawn, mean over the pixels that count; the chunks hold the gradients afterwards.
-fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
+pub(super) fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
     driver.each_chunk(plan, |chunk, ctx, pixels| {
         chunk.sample(ctx, pixels.clone());
         chunk.learn(ctx, pixels);
@@ -147,6 +147,7 @@ fn shift(driver: &mut RaySystem, photo_model: &mut Coded, group: &str, i: usize,
         "moving features" => driver.field.moving.as_mut().unwrap().features.parameters_mut()[i] += by,
         "moving network" => driver.field.moving.as_mut().unwrap().params[i] += by,
         "transient head" => driver.head.as_mut().unwrap().params[i] += by,
+        "deformation" | "times" => driver.field.deform_mut().unwrap().shift(group == "times", i, by),
         "appearance codes" => photo_model.appearance[i] += by,
         "transient codes" => photo_model.transient.as_mut().unwrap()[i] += by,
         other => panic!("{other} has no numbers"),
@@ -188,38 +189,43 @@ fn check_driver(mut driver: RaySystem, photo_model: Option<Coded>, data: &Datase
         if has_flow && ["features", "density network"].contains(&group) {
             continue;
         }
-        let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
-        assert!(largest > 1e-4, "{group}: nothing is learnt ({largest})");
-        let mut kinks = 0;
-        let learning: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
-        let chosen = learning.iter().copied().step_by(learning.len().div_ceil(CHECKED)).chain([0]);
-        let mut checked = 0;
-        for i in chosen {
-            let mut slope = |h: f32| {
-                shift(&mut driver, &mut photo_model, group, i, h);
-                let above = loss(&mut driver, &plan);
-                shift(&mut driver, &mut photo_model, group, i, -2.0 * h);
-                let below = loss(&mut driver, &plan);
-                shift(&mut driver, &mut photo_model, group, i, h);
-                (above - below) / f64::from(2.0 * h)
-            };
-            let (wide, narrow) = (slope(4e-3), slope(2e-3));
-            checked += 1;
-            // A rectified unit that switches on between the two has no derivative to compare with.
-            if (wide - narrow).abs() > 1e-2 * f64::from(largest) {
-                kinks += 1;
-                continue;
-            }
-            let off = (narrow - f64::from(gradient[i])).abs();
-            assert!(
-                off < 1e-2 * f64::from(largest),
-                "{group} {i} of {}: differences say {narrow}, the gradient {} of at most {largest}",
-                gradient.len(),
-                gradient[i]
-            );
-        }
-        assert!(4 * kinks < checked.max(4), "{group}: {kinks} of {checked} at kinks");
+        check_group(&mut driver, &mut photo_model, &plan, group, &gradient);
     }
+}
+
+/// Compare the gradient of a group with differences of the loss, number by number.
+pub(super) fn check_group(driver: &mut RaySystem, photo_model: &mut Coded, plan: &Plan, group: &str, gradient: &[f32]) {
+    let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+    assert!(largest > 1e-4, "{group}: nothing is learnt ({largest})");
+    let mut kinks = 0;
+    let learning: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
+    let chosen = learning.iter().copied().step_by(learning.len().div_ceil(CHECKED)).chain([0]);
+    let mut checked = 0;
+    for i in chosen {
+        let mut slope = |h: f32| {
+            shift(driver, photo_model, group, i, h);
+            let above = loss(driver, plan);
+            shift(driver, photo_model, group, i, -2.0 * h);
+            let below = loss(driver, plan);
+            shift(driver, photo_model, group, i, h);
+            (above - below) / f64::from(2.0 * h)
+        };
+        let (wide, narrow) = (slope(4e-3), slope(2e-3));
+        checked += 1;
+        // A rectified unit that switches on between the two has no derivative to compare with.
+        if (wide - narrow).abs() > 1e-2 * f64::from(largest) {
+            kinks += 1;
+            continue;
+        }
+        let off = (narrow - f64::from(gradient[i])).abs();
+        assert!(
+            off < 1e-2 * f64::from(largest),
+            "{group} {i} of {}: differences say {narrow}, the gradient {} of at most {largest}",
+            gradient.len(),
+            gradient[i]
+        );
+    }
+    assert!(4 * kinks < checked.max(4), "{group}: {kinks} of {checked} at kinks");
 }
 
 #[test]

@@ -2,36 +2,14 @@
 
 use super::chunk::{Chunk, TileWork};
 use super::context::StepContext;
+use super::deform_losses::{self, Weighed};
 use crate::buffers::sized;
 use crate::fields::{Detail, MovingPart, Places};
 use crate::photo_model::PixelBar;
-use crate::warps::{Deform, ElasticAt, Points};
+use crate::warps::Points;
+use field_core::rng::Rng;
 use std::ops::Range;
 use std::time::Instant;
-
-/// Samples of less weight do not pay for a Jacobian.
-const FAINT: f32 = 1e-4;
-
-/// Weight 1 for the sample of a ray in which half of its transmittance is gone, 0 for the others; 0 for all of a ray that loses less.
-fn middle_alone(w: &mut [f32]) {
-    let mut sum = 0.0;
-    let middle = w.iter().position(|w| {
-        sum += w;
-        sum >= 0.5
-    });
-    w.fill(0.0);
-    if let Some(middle) = middle {
-        w[middle] = 1.0;
-    }
-}
-
-/// Weights of the samples that the elastic loss looks at, 0 for the others.
-fn judged(w: &mut [f32], offsets: &[u32], deform: &Deform) {
-    if deform.config().elastic_at == ElasticAt::Middle {
-        offsets.windows(2).for_each(|ray| middle_alone(&mut w[ray[0] as usize..ray[1] as usize]));
-    }
-    w.iter_mut().filter(|w| **w < FAINT).for_each(|w| *w = 0.0);
-}
 
 impl Chunk {
     /// Render what [`Chunk::sample`] placed and bring the loss back to features and network gradients.
@@ -52,7 +30,7 @@ impl Chunk {
             buffer.resize(codes.map_or(0, |codes| codes.dims * rays), 0.0);
         }
         self.ray_bars.begin(ctx, rays);
-        let keeps = ctx.placing.proposals().is_some() || ctx.elastic() > 0.0;
+        let keeps = ctx.placing.proposals().is_some() || ctx.weighs_deform();
         if keeps {
             sized(&mut self.w, n);
         }
@@ -98,7 +76,7 @@ impl Chunk {
         if ctx.by_ray {
             return self.rays_back(ctx, pixels);
         }
-        self.move_back(ctx);
+        self.move_back(ctx, ctx.neighbours.substream(pixels.start as u64));
         let rendered = Instant::now();
         if let Some(proposals) = ctx.placing.proposals() {
             // The mean over rays and final intervals.
@@ -109,13 +87,13 @@ impl Chunk {
         self.stats.seconds[3] = rendered.elapsed().as_secs_f64();
     }
 
-    /// Bring the gradient of the features back to the table, and through positions to the deformation.
-    fn move_back(&mut self, ctx: &StepContext<'_>) {
+    /// Bring the gradient of the features back to the table, and through positions to the deformation, whose losses draw from `draws`.
+    fn move_back(&mut self, ctx: &StepContext<'_>, draws: Rng) {
         let (field, n) = (ctx.field, self.n);
         let bars = &mut self.features_bar[..field.rows() * n];
         let (raw_bar, seen_bar) = field.pull(&self.features[..field.rows() * n], n, bars, &mut self.raw_bar);
         if let Some(part) = &field.moving {
-            return self.move_part_back(ctx, part);
+            return self.move_part_back(ctx, part, draws);
         }
         let Some(deform) = &field.deform else { return };
         self.deform_grad.begin(deform);
@@ -127,18 +105,15 @@ impl Chunk {
         }
         let points = Points { x: &self.was[..3 * n], which: &self.which, time_steps: deform.time_steps() };
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
-        if ctx.elastic() > 0.0 {
-            judged(&mut self.w[..n], &self.offsets, deform);
-            let w = &self.w[..n];
-            // The mean over rays.
-            let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
-            let sum = deform.elastic(points, w, factor, &mut self.deform_grad, &mut self.deform);
-            self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
+        if ctx.weighs_deform() {
+            let weighed = Weighed { w: &self.w[..n], offsets: &self.offsets, moving: None, judged: &mut self.judged };
+            let (grad, scratch) = (&mut self.deform_grad, &mut self.deform);
+            self.stats.loss += deform_losses::learn(ctx, deform, points, weighed, draws, grad, scratch);
         }
     }
 
     /// The same where a part of the field is for what moves: points of that alone are moved.
-    fn move_part_back(&mut self, ctx: &StepContext<'_>, part: &MovingPart) {
+    fn move_part_back(&mut self, ctx: &StepContext<'_>, part: &MovingPart, draws: Rng) {
         let (x_bar, seen_bar) = self.moving_bars.pull(part, &self.moving, Detail::Leading);
         let Some(deform) = &part.deform else { return };
         self.deform_grad.begin(deform);
@@ -147,12 +122,11 @@ impl Chunk {
         }
         let points = self.moving.points(deform.time_steps());
         deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
-        if ctx.elastic() > 0.0 {
-            judged(&mut self.w[..self.n], &self.offsets, deform);
-            let w: Vec<f32> = self.moving.columns.iter().map(|&i| self.w[i as usize]).collect();
-            let factor = f64::from(ctx.share * deform.config().elastic) / ctx.per_pixel as f64;
-            let sum = deform.elastic(points, &w, factor, &mut self.deform_grad, &mut self.deform);
-            self.stats.loss += f64::from(deform.config().elastic) * sum / ctx.per_pixel as f64;
+        if ctx.weighs_deform() {
+            let moving = Some(&self.moving.columns[..]);
+            let weighed = Weighed { w: &self.w[..self.n], offsets: &self.offsets, moving, judged: &mut self.judged };
+            let (grad, scratch) = (&mut self.deform_grad, &mut self.deform);
+            self.stats.loss += deform_losses::learn(ctx, deform, points, weighed, draws, grad, scratch);
         }
     }
 }

@@ -24,6 +24,9 @@ mod chunk;
 mod config;
 mod context;
 mod counts;
+mod deform_losses;
+#[cfg(test)]
+mod deform_losses_tests;
 mod driver;
 mod fit;
 #[cfg(test)]

@@ -24,6 +24,7 @@ use std::time::Instant;
 const BACKGROUND: u64 = 0x6261_636b;
 const JITTER: u64 = 0x6a69_7474;
 const STILL: u64 = 0x7374_696c;
+const NEIGHBOURS: u64 = 0x6e65_6172;
 
 fn since(start: Instant) -> f64 {
     start.elapsed().as_secs_f64()
@@ -214,6 +215,7 @@ impl RaySystem {
             background: &inputs.background,
             truth: &inputs.truth,
             jitter: &inputs.jitter,
+            neighbours: Rng::new(self.seed, NEIGHBOURS).substream(plan.step),
             cues: self.cues.as_ref(),
             kernel: self.config.batch.kernel(),
             terms: &self.terms,

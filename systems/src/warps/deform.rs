@@ -5,7 +5,7 @@ use super::deformation::Deformation;
 use super::motion::Origin;
 use super::parameters::Parameters;
 use super::points::DeformGrad;
-use super::regularisers::{BackgroundSettings, ElasticSettings};
+use super::regularisers::{BackgroundSettings, CoherenceSettings, ElasticSettings};
 use super::time::{Time, TimeSteps};
 use engine::system::SystemError;
 use float_core::Simd;
@@ -32,6 +32,7 @@ pub(crate) struct Deform {
     /// `[dims]`, `t = 0` as networks see it, where the canonical scene is tied to that time.
     pub(super) origin: Option<Vec<f32>>,
     pub(super) elastic: ElasticSettings,
+    pub(super) coherence: CoherenceSettings,
     pub(super) background: BackgroundSettings,
     pub(super) curriculum: Curriculum,
     pub(super) simd: Simd,
@@ -62,6 +63,7 @@ impl Deform {
             grad: vec![0.0; params.len()],
             curriculum: Curriculum::new(time.times()),
             elastic: ElasticSettings::NONE,
+            coherence: CoherenceSettings::NONE,
             background: BackgroundSettings::NONE,
             steps: TimeSteps::default(),
             done: 0.0,
@@ -86,6 +88,15 @@ impl Deform {
     pub(crate) fn with_elastic(self, elastic: ElasticSettings) -> Result<Self, SystemError> {
         elastic.check()?;
         Ok(Self { elastic, ..self })
+    }
+
+    /// The same with a coherence loss.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot be.
+    pub(crate) fn with_coherence(self, coherence: CoherenceSettings) -> Result<Self, SystemError> {
+        coherence.check()?;
+        Ok(Self { coherence, ..self })
     }
 
     /// The same with a background loss.
@@ -126,6 +137,16 @@ impl Deform {
     /// Its elastic loss.
     pub(crate) fn config(&self) -> &ElasticSettings {
         &self.elastic
+    }
+
+    /// Factor of its coherence loss; 0 where no point is moved.
+    pub(crate) fn coherence_factor(&self) -> f32 {
+        if self.warps() { self.coherence.coherence } else { 0.0 }
+    }
+
+    /// Whether a loss depends on the weights of samples.
+    pub(crate) fn costs_by_weight(&self) -> bool {
+        self.elastic.elastic > 0.0 || self.coherence_factor() > 0.0
     }
 
     /// The time steps of the training views.

@@ -125,4 +125,11 @@ impl Deform {
     pub(crate) fn gradients(&self, grad: &DeformGrad) -> (Vec<f32>, Vec<f32>) {
         (grad.params.clone(), self.time.gradient(&grad.times))
     }
+
+    /// Add to number `i` of the parameters of networks and planes, or of what is `learned` of the time.
+    pub(crate) fn shift(&mut self, learned: bool, i: usize, by: f32) {
+        let numbers = if learned { &mut self.time.learned } else { &mut self.params };
+        numbers[i] += by;
+        self.renew();
+    }
 }

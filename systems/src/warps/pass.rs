@@ -109,7 +109,8 @@ impl Deform {
         scratch: &mut DeformScratch,
     ) {
         let n = points.which.len();
-        let DeformScratch { tape: arena, columns, x: tile_x, time, t, x_bar: tile_bar, seen_bar: tile_seen } = scratch;
+        let DeformScratch { tape: arena, columns, x: tile_x, time, t, x_bar: tile_bar, seen_bar: tile_seen, .. } =
+            scratch;
         let everywhere = self.seen_rows() > 0;
         columns.clear();
         columns.extend((0..n as u32).filter(|&i| everywhere || !points.rests(i)));

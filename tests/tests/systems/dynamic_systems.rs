@@ -34,9 +34,15 @@ const SMALL: [&str; 14] = [
 /// What each system needs to be small, so that each of its schedules has something to do within six steps.
 fn schedules(name: &str) -> &'static [&'static str] {
     match name {
-        "d-nerf" => {
-            &["horizon=6", "curriculum=0.8", "planes=[4,8]", "plane_features=2", "plane_times=4", "levels_anneal=4"]
-        }
+        "d-nerf" => &[
+            "horizon=6",
+            "curriculum=0.8",
+            "planes=[4,8]",
+            "plane_features=2",
+            "plane_times=4",
+            "levels_anneal=4",
+            "coherence=0.5",
+        ],
         "nerfies" => &[
             "horizon=6",
             "warp_anneal=0.67",
@@ -484,6 +490,16 @@ fn losses_without_weight_change_nothing() {
     bare.points.clear();
     let (train, _) = views(&bare, 1);
     assert!(trained("nerfies", &bare, &train, &["elastic=0.0", "background_loss=1.0"], 8) == plain);
+    let plain = trained("d-nerf", &bare, &train, &["coherence=0.0"], 8);
+    let set = ["coherence=0.0", "coherence_reach=0.1", "coherence_scale=0.5"];
+    assert!(trained("d-nerf", &bare, &train, &set, 8) == plain, "coherence without a factor");
+    for (name, small) in [("d-nerf", "horizon=40"), ("tineuvox", "voxels=24"), ("nerfies", "horizon=40")] {
+        let with = |set: &str| trained(name, &bare, &train, &[small, set], 8);
+        assert!(with("coherence=1.0") != with("coherence=0.0"), "{name}: with a factor it does something");
+    }
+    let set = ["coherence=1.0", "warp=none"];
+    let still = trained("d-nerf", &bare, &train, &["coherence=0.0", "warp=none"], 8);
+    assert!(trained("d-nerf", &bare, &train, &set, 8) == still, "nothing is moved, so nothing is held together");
     // The same of measured depth, where there is none.
     let plain = trained("d-nerf", &bare, &train, &[], 8);
     assert!(trained("d-nerf", &bare, &train, &["depth=1.0", "refine_every=3"], 8) == plain);
@@ -496,6 +512,8 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
     for (name, setting) in [
         ("ngp", "warp_lr=0.1"),
         ("ngp", "planes=[4]"),
+        ("ngp", "coherence=0.1"),
+        ("t-nerf", "coherence=0.1"),
         ("t-nerf", "warp=rigid"),
         ("d-nerf", "elastic=0.1"),
         ("d-nerf", "background_loss=1.0"),
@@ -517,6 +535,8 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
         ("t-nerf", &["planes=[]"]),
         ("d-nerf", &["warp=rigid", "planes=[]"]),
         ("d-nerf", &["origin=free", "sees=time"]),
+        ("d-nerf", &["coherence=0.1", "coherence_reach=0.05"]),
+        ("tineuvox", &["coherence=0.1", "voxels=24"]),
         ("nerfies", &["warp=translation", "time_input=time", "origin=tied"]),
         ("hypernerf", &["elastic=0.1", "sees=point", "ambient=0"]),
     ] {
@@ -543,6 +563,26 @@ fn a_trained_motion_stays_finite_under_a_strong_elastic_loss() {
             }
         }
     }
+}
+
+#[test]
+fn a_trained_displacement_stays_finite_under_a_strong_coherence_and_the_plan_says_that_it_is_there() {
+    let scene = stage();
+    let (train, _) = views(&scene, 1);
+    let set = ["coherence=10.0", "warp_lr=1.0", "horizon=40"];
+    let (mut system, plan) = planned("d-nerf", &scene, &train, &set);
+    assert!(plan.lines.iter().any(|line| line.contains("as rigid as possible")), "{:#?}", plan.lines);
+    for step in 0..40 {
+        let stats = system.step(&train, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+    }
+    for (name, tensor) in state_of(system.as_ref()) {
+        if let TensorData::F32(data) = &tensor.data {
+            assert!(data.iter().all(|v| v.is_finite()), "{name}");
+        }
+    }
+    let (_, plan) = planned("d-nerf", &scene, &train, &["coherence=0.0"]);
+    assert!(!plan.lines.iter().any(|line| line.contains("as rigid as possible")), "{:#?}", plan.lines);
 }
 
 #[test]

@@ -19,7 +19,7 @@ const OPACITIES: &str = "splats.logit";
 
 /// Settings with which a step takes milliseconds, and with which what happens now and then happens within [`STEPS`]. A system takes
 /// those that its parts have.
-const SMALL: [&str; 50] = [
+const SMALL: [&str; 51] = [
     // Before steps 0, 3, 6, 9 and 12.
     "occupancy_every=3",
     "occupancy=16",
@@ -51,6 +51,7 @@ const SMALL: [&str; 50] = [
     "ambient_anneal=0.5",
     "background_points=16",
     "elastic=0.1",
+    "coherence=0.1",
     "curriculum=0.66",
     "plane_vertices=8",
     "plane_scales=[1,2]",

@@ -15,15 +15,18 @@
 //! place: minutes instead of days, and what no displacement explains in so short a time is there all the same.
 //! `planes_seen_by=warp` is the published density, `planes=[]` leaves hash grid and displacement,
 //! `field=mlp` takes the [published networks](super::d_nerf_published).
+//!
+//! Nothing in the paper holds the displacements of neighbours together; `coherence` does (`losses::coherence`), if that is asked for.
 
 use super::{d_nerf_published, t_nerf};
 use crate::claims::Claim;
 use crate::papers::field_kind::FieldKind;
-use crate::plan::{Ask, Built, Moving, moving_field};
+use crate::plan::{Ask, Built, COHERENCE, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
-    At, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, PlaneFeatures,
-    PlaneSettings, SeenBy, Time, TimePlanes, TimeSettings, Times, Warp, WarpSettings, Windows, moving, since_origin,
+    At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters,
+    PlaneFeatures, PlaneSettings, SeenBy, Time, TimePlanes, TimeSettings, Times, Warp, WarpSettings, Windows, moving,
+    since_origin,
 };
 use engine::system::SystemError;
 use field_core::tape::{Node, Tape, TapeError};
@@ -56,6 +59,9 @@ const TIME: TimeSettings = TimeSettings { octaves: 6, ..t_nerf::TIME };
 /// The displacement: 3 x 64 with 4 octaves, where the paper has 8 x 256 with 10.
 const WARP: WarpSettings =
     WarpSettings { motion: Motion::Translation, origin: Origin::Tied, octaves: 4, anneal: 0.0, depth: 3 };
+
+/// The paper has no loss on displacements.
+const COHERENT: CoherenceSettings = CoherenceSettings { coherence: COHERENCE, ..CoherenceSettings::NONE };
 
 struct DNerf {
     planes: TimePlanes,
@@ -136,7 +142,8 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let density = DensityInputs::new(&settings.of(&DensitySettings::PLACE)?, time.rows(), &parameters)?;
     let rows = density.rows() + planes.density_rows();
     let planes = TimePlanes::new(planes, &mut parameters)?;
-    Ok(Deform::new(Box::new(DNerf { planes, psi_t, density, rows }), time, parameters))
+    Deform::new(Box::new(DNerf { planes, psi_t, density, rows }), time, parameters)
+        .with_coherence(settings.of(&COHERENT)?)
 }
 
 /// `ngp`'s field, deformed; or the published networks.
@@ -145,5 +152,16 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     match field {
         FieldKind::Ngp => moving_field(ask, &Moving::deformed(deform)),
         FieldKind::Mlp => d_nerf_published::build(ask),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_claim_says_that_neighbours_are_held_together_where_they_are_as_planned() {
+        let says = CLAIM.differs.contains("neighbours are held together (`coherence`)");
+        assert_eq!(says, COHERENCE > 0.0, "{}", CLAIM.differs);
     }
 }

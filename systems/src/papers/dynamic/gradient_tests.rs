@@ -1,9 +1,9 @@
 //! Each deformation, as it is wired, against its equations in `f64`: values, and the gradients of parameters and points against
-//! central differences, number by number, with windows half open.
+//! central differences, number by number, with windows half open; and what a changed distance between neighbours costs.
 
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::settings::Settings;
-use crate::warps::{Deform, DeformGrad, DeformScratch, Points, Times};
+use crate::warps::{Deform, DeformGrad, DeformScratch, Points, Times, neighbour};
 use engine::options::{RunOptions, parse_set};
 use engine::system::SystemError;
 use field_core::rng::Rng;
@@ -28,11 +28,17 @@ const SMALL: &[&str] = &[
     "ambient_from=0.2",
     "ambient_anneal=1.0",
     "sees_octaves=2",
+    // Stretches that are not small, between points that are not near.
+    "coherence_reach=0.1",
+    "coherence_scale=0.5",
 ];
 const WIDTH: usize = 5;
 const DIMS: usize = 3;
 const FEATURES: usize = 2;
 const TIME_CELLS: usize = 3;
+/// Of neighbours, as above.
+const REACH: f32 = 0.1;
+const SCALE: f64 = 0.5;
 /// Parameters of all planes: three in space and three in time, of 2 and of 3 cells.
 const PLANES: usize = FEATURES * 3 * ((4 + 2 * TIME_CELLS) + (9 + 3 * TIME_CELLS));
 /// Parameters of the ambient network: 12 octaves and a code, two layers of 4, two coordinates.
@@ -307,6 +313,49 @@ fn check(name: &str, deform: &Deform, twin: Twin, which: &[u32]) {
     what("points", compare("gradient", &x_bar, &want, Tolerance::SINGLE));
 }
 
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Compare what the distances of neighbours cost with their definition, at points of these time steps.
+fn check_coherence(name: &str, deform: &Deform, twin: Twin, which: &[u32; 5]) {
+    let (draws, n) = (Rng::new(6, 1), which.len());
+    let w: [f32; 5] = [1.0, 0.25, 0.5, 0.0, 0.75];
+    let mut x = vec![0.0; 3 * n];
+    Rng::new(1, 2).fill_uniform(0, &mut x);
+    let (params, learned) = deform.parameters();
+    let (params, learned) = (wide(params), wide(learned));
+    let cost = |params: &[f64], learned: &[f64]| -> f64 {
+        let numbers = Numbers { params, learned };
+        let of = |i: usize| {
+            let here = [x[i], x[n + i], x[2 * n + i]];
+            let ends = [here, neighbour(here, REACH, draws, i as u64)].map(|x| x.map(f64::from));
+            let there = ends.map(|x| twin(&numbers, Sample { x, step: which[i] as usize }).0);
+            let stretch = distance(there[0], there[1]) / distance(ends[0], ends[1]) - 1.0;
+            f64::from(w[i]) * ((1.0 + (stretch / SCALE).powi(2)).sqrt() - 1.0)
+        };
+        (0..n).map(of).sum()
+    };
+    let what = |part: &str, result: Result<(), testkit::gradient::Mismatch>| {
+        result.unwrap_or_else(|e| panic!("{name}, time steps {which:?}, coherence, {part}: {e}"));
+    };
+    let mut grad = DeformGrad::default();
+    grad.begin(deform);
+    let points = Points { x: &x, which, time_steps: deform.time_steps() };
+    let sum = deform.coherence(points, &w, draws, 1.0, &mut grad, &mut DeformScratch::default());
+    // Points in f32, a tenth apart: stretches of 1e-5 by rounding.
+    what("value", compare("value", &[sum], &[cost(&params, &learned)], Tolerance::new(1e-3, 1e-5)));
+    let (params_bar, learned_bar) = deform.gradients(&grad);
+    let want = central_difference(&params, |params| cost(params, &learned));
+    assert!(
+        which[0] == 0 || want.iter().filter(|g| g.abs() > 1e-4).count() > params.len() / 8,
+        "{name}: next to no gradient of coherence"
+    );
+    what("parameters", compare("gradient", &params_bar, &want, Tolerance::new(1e-3, 1e-5)));
+    let want = central_difference(&learned, |learned| cost(&params, learned));
+    what("codes or network of the time", compare("gradient", &learned_bar, &want, Tolerance::new(1e-3, 1e-5)));
+}
+
 #[test]
 fn deformations_are_their_equations_and_gradients_are_those_of_differences() {
     let all: [(&str, NewDeform, &[&str], Twin); 7] = [
@@ -323,6 +372,9 @@ fn deformations_are_their_equations_and_gradients_are_those_of_differences() {
         // At any time, at the canonical one where there is one, and both in one tile.
         for which in [[1; 5], [0; 5], [0, 1, 2, 1, 0]] {
             check(name, &deform, twin, &which);
+            if deform.warps() {
+                check_coherence(name, &deform, twin, &which);
+            }
         }
     }
 }

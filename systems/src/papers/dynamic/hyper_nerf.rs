@@ -14,8 +14,8 @@ use crate::claims::Claim;
 use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
-    Ambient, AmbientSettings, At, Deform, Deformation, DensityInputs, DensitySettings, ElasticSettings, Moved, Origin,
-    Parameters, PlaneSettings, Time, TimePlanes, Times, Windows,
+    Ambient, AmbientSettings, At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings,
+    ElasticSettings, Moved, Origin, Parameters, PlaneSettings, Time, TimePlanes, Times, Windows,
 };
 use engine::system::SystemError;
 use field_core::tape::{Tape, TapeError};
@@ -101,10 +101,11 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let density = DensityInputs::new(&settings.of(&DensitySettings::PLACE)?, time.rows(), &parameters)?;
     let rows = h.as_ref().map_or(0, Ambient::rows) + density.rows() + planes.density_rows();
     let t = RigidMotion { planes: TimePlanes::new(planes, &mut parameters)?, w };
-    // The elastic loss is off, as published; it can be set, as in the released code.
+    // The elastic loss is off, as published; it can be set, as in the released code. So can coherence, which is not the paper's.
     Deform::new(Box::new(HyperNerf { t, h, density, rows }), time, parameters)
         .with_elastic(settings.of(&ElasticSettings::NONE)?)?
-        .with_background(settings.of(&nerfies::BACKGROUND)?)
+        .with_background(settings.of(&nerfies::BACKGROUND)?)?
+        .with_coherence(settings.of(&CoherenceSettings::NONE)?)
 }
 
 /// `ngp`'s field, deformed.

@@ -17,9 +17,9 @@ use crate::claims::Claim;
 use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
-    At, BackgroundSettings, Deform, Deformation, ElasticAt, ElasticSettings, Motion, Moved, Origin, Parameters,
-    PlaneFeatures, PlaneSettings, Time, TimeKind, TimePlanes, TimeSettings, Times, Warp, WarpSettings, Windows, moving,
-    since_origin,
+    At, BackgroundSettings, CoherenceSettings, Deform, Deformation, ElasticAt, ElasticSettings, Motion, Moved, Origin,
+    Parameters, PlaneFeatures, PlaneSettings, Time, TimeKind, TimePlanes, TimeSettings, Times, Warp, WarpSettings,
+    Windows, moving, since_origin,
 };
 use engine::system::SystemError;
 use field_core::tape::{Node, Tape, TapeError};
@@ -156,7 +156,8 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let motion = RigidMotion { planes: TimePlanes::new(planes, &mut parameters)?, w };
     Deform::new(Box::new(Nerfies { motion, rows }), time, parameters)
         .with_elastic(settings.of(&ELASTIC)?)?
-        .with_background(settings.of(&BACKGROUND)?)
+        .with_background(settings.of(&BACKGROUND)?)?
+        .with_coherence(settings.of(&CoherenceSettings::NONE)?)
 }
 
 /// `ngp`'s field, deformed.

@@ -20,8 +20,8 @@ use crate::rays::RayConfig;
 use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::warps::{
-    At, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, Sees, Time, TimeKind,
-    TimeSettings, Times, Warp, WarpSettings, Windows, moving,
+    At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, Sees,
+    Time, TimeKind, TimeSettings, Times, Warp, WarpSettings, Windows, moving,
 };
 use engine::data::Dataset;
 use engine::system::SystemError;
@@ -136,7 +136,9 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let time = Time::new(settings.of(&TIME)?, times, &parameters)?;
     let mlp_d = Warp::new(&settings.of(&WARP)?, &time, 0, &mut parameters)?;
     let density = DensityInputs::new(&settings.of(&DENSITY)?, time.rows(), &parameters)?;
-    Ok(Deform::new(Box::new(TiNeuVox { mlp_d, density }), time, parameters))
+    // Not the paper's: off unless it is asked for.
+    Deform::new(Box::new(TiNeuVox { mlp_d, density }), time, parameters)
+        .with_coherence(settings.of(&CoherenceSettings::NONE)?)
 }
 
 /// The bias with which a voxel of `size` internal units has the opacity [`ALPHA_0`]: `alpha_0 = 1 - exp(-exp(b) size)`.

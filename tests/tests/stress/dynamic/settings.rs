@@ -19,6 +19,8 @@ const ACCEPTED: [(&str, &str); 11] = [
     (
         "d-nerf",
         "warp_octaves=0 warp_octaves=1 warp_octaves=16 warp_width=1 warp_width=1024 warp_depth=1 warp_depth=16
+        coherence=0.0 coherence=1000.0 coherence=1e-38 coherence=1000.0+coherence_reach=1e-5+coherence_scale=1e-6
+        coherence=1000.0+coherence_reach=0.25+coherence_scale=1000.0 coherence=1000.0+warp=none coherence=1000.0+warp=rigid
         warp=none warp=rigid origin=free origin=exact curriculum=0.0 curriculum=1e-300 curriculum=1.0
         warp_anneal=0.0 warp_anneal=1e-300 warp_anneal=1.0 horizon=1 horizon=9223372036854775807
         planes=[] planes=[1] planes=[1,1,1,1,1,1,1,1] planes=[512]+plane_features=1+plane_times=1
@@ -49,7 +51,8 @@ const ACCEPTED: [(&str, &str); 11] = [
         origin=tied+time_input=time+warp=translation+planes_seen_by=both+elastic=1000.0+elastic_at=all
         origin=exact+time_input=time+warp=translation+planes_seen_by=both+background_loss=1000.0
          appearance=codes appearance=codes+appearance_dims=1 appearance=codes+appearance_dims=512
-         appearance=codes+code_size=0.0 appearance=codes+warp=none+time_input=time",
+         appearance=codes+code_size=0.0 appearance=codes+warp=none+time_input=time
+         elastic=1000.0+coherence=1000.0",
     ),
     (
         "hypernerf",
@@ -108,7 +111,9 @@ const REFUSED: &str = "
     planes=[1,1,1,1,1,1,1,1,1] planes=[9223372036854775807] plane_lr=-1.0 plane_lr=101.0 plane_lr=nan
     background_points=1048577 background_points=9223372036854775807
     elastic=-1.0 elastic=1001.0 elastic=nan elastic=inf elastic_scale=0.0 elastic_scale=-1.0 elastic_scale=9e-7
-    elastic_scale=1001.0 elastic_scale=nan background_loss=-1.0 background_loss=1001.0 background_loss=nan background_loss=inf
+    elastic_scale=1001.0 elastic_scale=nan coherence=-1.0 coherence=1001.0 coherence=nan coherence=inf coherence_reach=0.0
+    coherence_reach=0.26 coherence_reach=nan coherence_scale=0.0 coherence_scale=1001.0 coherence_scale=nan
+    background_loss=-1.0 background_loss=1001.0 background_loss=nan background_loss=inf
     warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf time_code_lr=-1.0 time_code_lr=101.0 time_code_lr=nan
     depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
     cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
@@ -123,9 +128,10 @@ const REFUSED: &str = "
     flow_reach=0.0 flow_reach=nan flow_chain_from=1.5 flow_fades_in=0.0 flow_disparity=11.0 flow_by_share=nonsense";
 
 /// Refused by systems that have no such part.
-const ABSENT: [(&str, &str); 8] = [
+const ABSENT: [(&str, &str); 9] = [
     ("ngp", "warp_lr=0.0"),
     ("t-nerf", "warp=rigid"),
+    ("t-nerf", "coherence=1000.0"),
     ("d-nerf", "elastic=1000.0"),
     ("d-nerf", "background_loss=1000.0"),
     ("nerfies", "ambient=2"),
