@@ -2,10 +2,10 @@
 //!
 //! Points whose way is exactly known ([`SceneFlow`]) are given to the system where they truly are, so that errors of its depth do not
 //! count. How far the end of the way that it says is from the true end counts: in world units (scene flow error), and in pixels of the
-//! view's camera, which stays where it is (end-point error). Things that move at some time have scores of their own beside those that
-//! stand still: a system that says that nothing moves is off by the whole way of the ones, and right about the others.
+//! view's camera, which stays where it is (end-point error). Things that move at some time and things that stand still have scores of
+//! their own: a system that says that nothing moves is off by the whole way of the former, and right about the latter.
 //!
-//! A system that says nothing of where points go has no such scores; that is not the same as being right.
+//! A system that says nothing of where points go has no such scores. That is not the same as saying that they stay.
 
 use super::motion::MotionScore;
 use crate::data::View;
