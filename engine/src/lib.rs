@@ -9,7 +9,7 @@
 //!   [`identity`]: hashes of files and datasets. [`names`]: names of views.
 //! * [`options`]: what a run was asked for and what was decided from it, as plain data. [`progress`]: what is shown meanwhile.
 //! * [`neighbours`], [`same_place`], [`scene_points`]: distances to the nearest of many points, masks that show one place, points
-//!   that training may use. [`time_path`]: times to render along.
+//!   that training may use. [`time_path`]: times to render along. [`scene_flow`]: where points go, by a canonical map.
 //!
 //! **Before training**
 //! * [`source`]: scenes by word or path. [`tensors`]: named arrays of a checkpoint. [`data`]: views at training resolution and
@@ -58,6 +58,7 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod same_place;
+pub mod scene_flow;
 pub mod scene_points;
 pub mod source;
 pub mod summary;

@@ -136,6 +136,7 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
             moving: raw.moving.clone().map(TruthMask::File),
             covisible: raw.covisible.clone().map(TruthMask::File),
             flow: raw.flow.clone(),
+            scene_flow: None,
         },
         ids: raw.ids,
         alpha: reading.alpha,

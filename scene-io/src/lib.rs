@@ -6,7 +6,8 @@
 //!   cameras.
 //! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
 //! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`]; [`Size`].
-//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`Disparity`], [`BitMask`]; [`write_flo`].
+//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`Disparity`], [`BitMask`]; [`write_flo`]. Points that are
+//!   followed: [`SceneFlow`].
 //! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
 //! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
@@ -102,8 +103,8 @@ pub use perturb::perturb;
 pub use perturbation::{Bars, ColourChange, Perturbation, PerturbationKind};
 pub use picture::{Image, Picture, decode_photo, photo_size, with_photo};
 pub use priors::{
-    Disparity, Features, Flow, FlowPlace, FlowPrior, FlowTruth, LabelMap, MotionFiles, Priors, PromptedSegment,
-    Segments, TrackPoint, TruthMask,
+    Disparity, Features, Flow, FlowPlace, FlowPrior, FlowTruth, FollowedPoint, LabelMap, MotionFiles, Priors,
+    PromptedSegment, SceneFlow, Segments, TrackPoint, TruthMask,
 };
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,

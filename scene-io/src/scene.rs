@@ -3,7 +3,7 @@
 use crate::depth::DepthSource;
 use crate::perturbation::Perturbation;
 use crate::picture::Image;
-use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
+use crate::priors::{FlowTruth, Priors, SceneFlow, TrackPoint, TruthMask};
 use crate::size::Size;
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -244,6 +244,8 @@ pub struct Truth {
     pub covisible: Option<TruthMask>,
     /// Where another frame shows what this one does.
     pub flow: Option<FlowTruth>,
+    /// Where the surface points that it shows go.
+    pub scene_flow: Option<Arc<SceneFlow>>,
 }
 
 /// What the alpha of a picture means.

@@ -162,6 +162,12 @@ pub trait System: Send + Sync {
         out.copy_from_slice(points);
     }
 
+    /// Whether [`System::canonical`] is a warp that is learnt. Where it is not, nothing is known of where points go: that is not the same
+    /// as knowing that they stay.
+    fn warps(&self) -> bool {
+        false
+    }
+
     /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.
     fn bounds(&self) -> [[f64; 3]; 2];
 

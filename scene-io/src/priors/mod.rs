@@ -27,7 +27,8 @@
 //! infinity and more than 1e9 are not valid. All of these may be smaller or larger than the photo, in its shape.
 //!
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
-//! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training.
+//! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training. So is exact scene
+//! flow ([`SceneFlow`]), which drawn scenes carry and no file holds.
 //!
 //! Paths only are kept in a [`Frame`](crate::Frame); `Frame::read_*` decodes at the file's own size and checks it.
 
@@ -35,6 +36,7 @@ mod consistency;
 mod features;
 mod flow;
 mod motion;
+mod scene_flow;
 mod segments;
 mod truth;
 
@@ -43,6 +45,8 @@ use std::path::{Path, PathBuf};
 pub use features::Features;
 pub use flow::{Flow, FlowPlace, FlowTruth};
 pub use motion::{Disparity, FlowPrior, MotionFiles};
+pub(crate) use scene_flow::one_frame_on;
+pub use scene_flow::{FollowedPoint, SceneFlow};
 pub use segments::{LabelMap, PromptedSegment, Segments};
 pub use truth::TruthMask;
 

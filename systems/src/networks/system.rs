@@ -71,6 +71,10 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.canonical_points(points, time, out);
     }
 
+    fn warps(&self) -> bool {
+        self.shapes.displaces()
+    }
+
     fn first_sample(&self, ray: &Ray) -> f64 {
         self.space.world_distance(ray, self.space.internal_ray(ray).start)
     }

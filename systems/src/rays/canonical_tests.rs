@@ -5,6 +5,7 @@ use super::driver::RaySystem;
 use crate::space::SpaceKind;
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, Origin, TimeKind, Times, WarpSettings};
+use engine::eval::scene_flow;
 use engine::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
@@ -124,4 +125,23 @@ fn canonical_points_have_the_same_bits_with_1_2_and_4_threads() {
     };
     let one = on(1);
     assert!(on(2) == one && on(4) == one);
+}
+
+#[test]
+fn scene_flow_is_the_way_there_and_back_again_and_nothing_without_a_warp() {
+    let points = [[0.1, 0.2, -0.3], [0.0; 3], [-0.4, 0.3, 0.5]];
+    let says = |driver: &RaySystem, from: f64, to: f64| {
+        let mut out = [Some([9.0; 3]); 3];
+        scene_flow(driver, &points, from, to, &mut out);
+        out.map(|flow| flow.map(DVec3::from))
+    };
+    let (driver, way) = (shifted(SpaceKind::Box, 3), DVec3::from(WAY.map(f64::from)));
+    // Nothing is warped at 0, and all goes the same way at any other time.
+    for (from, to, want) in [(0.0, 0.5, -way), (0.5, 0.0, way), (0.3, 0.7, DVec3::ZERO)] {
+        for flow in says(&driver, from, to) {
+            assert!((flow.unwrap() - want).length() < 1e-5, "{flow:?} from {from} to {to}, not {want}");
+        }
+    }
+    let still = still(SpaceKind::Box, 3);
+    assert_eq!(says(&still, 0.0, 0.5), [None; 3], "not that nothing moves: it says nothing");
 }

@@ -78,6 +78,10 @@ impl System for RaySystem {
         points::canonical(self, points, time, out);
     }
 
+    fn warps(&self) -> bool {
+        self.field.deform().is_some_and(Deform::warps)
+    }
+
     fn first_sample(&self, ray: &Ray) -> f64 {
         self.space.world_distance(ray, self.space.internal_ray(ray).start)
     }

@@ -295,6 +295,7 @@ fn the_same_options_give_the_same_bytes_with_any_number_of_threads_and_other_see
         assert_eq!(a.read_moving().unwrap().unwrap(), b.read_moving().unwrap().unwrap());
         assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
         assert_eq!(a.read_flow().unwrap(), b.read_flow().unwrap());
+        assert_eq!(a.truth.scene_flow, b.truth.scene_flow);
     }
 }
 
@@ -351,6 +352,7 @@ fn held_out_frames_know_where_the_one_of_their_split_nearby_shows_their_points()
     let options = small();
     let scene = mouth(&options);
     assert!(scene.frames.iter().all(|f| f.truth.flow.is_some() == f.split.is_measured()));
+    assert!(scene.frames.iter().all(|f| f.truth.scene_flow.is_some() == f.split.is_measured()));
     let stage = Mouth::new(options.seed);
     for frame in scene.frames.iter().filter(|f| f.split.is_measured()) {
         let (flow, to) = frame.read_flow().unwrap().unwrap();

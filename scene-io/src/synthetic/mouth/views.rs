@@ -110,9 +110,9 @@ fn pose(split: Split, i: usize, seed: u64) -> Pose {
 }
 
 /// Pictures of a [`Mouth`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames
-/// carry the truth about what moves; validation and test frames carry exact depth, and exact flow to the frame of their split
-/// nearby (for training frames see [`Snapshot::truth`](crate::synthetic::Snapshot::truth)). The same options give the same
-/// bytes.
+/// carry the truth about what moves; validation and test frames carry exact depth, exact scene flow, one training frame on, and
+/// exact flow to the frame of their split nearby (for training frames see
+/// [`Snapshot::truth`](crate::synthetic::Snapshot::truth)). The same options give the same bytes.
 ///
 /// # Panics
 /// If `rays` is 0, a side is 0, or the angle is not in `(0, pi)`.

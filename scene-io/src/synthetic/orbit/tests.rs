@@ -284,3 +284,37 @@ fn test_frames_know_where_the_one_nearby_shows_their_points() {
     // One alone has no other.
     assert!(orbit(&OrbitOptions { test: 1, ..small() }).frames.iter().all(|f| f.truth.flow.is_none()));
 }
+
+#[test]
+fn held_out_frames_know_where_their_points_go_one_training_frame_on() {
+    let options = small();
+    let scene = orbit(&options);
+    let stage = Orbit::new(options.seed, options.motion);
+    let mut longest = 0.0_f64;
+    for frame in &scene.frames {
+        assert_eq!(frame.truth.scene_flow.is_some(), frame.split.is_measured(), "{}", frame.name);
+        let Some(truth) = &frame.truth.scene_flow else { continue };
+        let time = frame.time.unwrap();
+        // Five training frames, a quarter of the sequence apart; at the end one frame back.
+        let to = if time > 0.75 { time - 0.25 } else { time + 0.25 };
+        assert!((truth.to - to).abs() < 1e-12, "{} goes to {}, not {to}", frame.name, truth.to);
+        let (now, then) = (stage.at(time), stage.at(truth.to));
+        // A camera that stays where it is shows the way of a point as its optical flow.
+        let (flow, camera) = (now.flow_to(&frame.camera, &then, &frame.camera), frame.camera.prepare());
+        let mut count = [0; 2];
+        for point in &truth.points {
+            let pixel = camera.project(point.x.into()).unwrap();
+            let k = pixel.y as usize * options.width as usize + pixel.x as usize;
+            assert!((DVec3::from(point.way) - flow.moved[k]).length() < 1e-9, "{point:?}");
+            assert!((point.optical_flow(&camera).unwrap() - flow.flow[k]).length() < 1e-6, "{point:?}");
+            let way = DVec3::from(point.way).length();
+            assert!(point.moves || way < 1e-12, "what stands still goes {way}");
+            count[usize::from(point.moves)] += 1;
+            longest = longest.max(way);
+        }
+        assert!(count.iter().all(|n| *n > 10), "{count:?} of {}", frame.name);
+    }
+    assert!((0.2..2.0).contains(&longest), "{longest}");
+    // Nothing is beside a single frame.
+    assert!(orbit(&OrbitOptions { train: 1, ..small() }).frames.iter().all(|f| f.truth.scene_flow.is_none()));
+}

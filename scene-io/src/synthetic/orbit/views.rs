@@ -133,7 +133,8 @@ fn pose(split: Split, i: usize, n: usize, options: &OrbitOptions) -> Pose {
 /// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames
 /// carry the truth about what moves; test frames carry exact flow to the test frame nearby; validation and test frames carry
 /// exact depth (for training frames, which have none to train on, see
-/// [`Snapshot::truth`](crate::synthetic::Snapshot::truth)). The same options give the same bytes.
+/// [`Snapshot::truth`](crate::synthetic::Snapshot::truth)) and exact scene flow, one training frame on. The same options give the
+/// same bytes.
 ///
 /// # Panics
 /// If `rays` is 0, a side is 0, or the angle is not in `(0, pi)`.

@@ -3,7 +3,7 @@
 use super::Snapshot;
 use super::truth::Sight;
 use crate::bit_mask::BitMask;
-use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask};
+use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask, one_frame_on};
 use crate::synthetic::surface::to_byte;
 use crate::{DepthSource, Frame, ImageSource, Point, Split, Truth};
 use glam::DVec2;
@@ -35,8 +35,8 @@ pub(in crate::synthetic) fn radical_inverse(i: usize) -> f64 {
 }
 
 /// Frames of some views of what `at` says is there at each time, `rays * rays` rays for a pixel. All frames carry the truth about
-/// what moves; validation and test frames carry exact depth; those of the splits in `followed` carry exact flow to the frame of
-/// their split that is nearby.
+/// what moves; validation and test frames carry exact depth and exact scene flow, one training frame on; those of the splits in
+/// `followed` carry exact flow to the frame of their split that is nearby.
 ///
 /// # Panics
 /// If `rays` is 0.
@@ -46,11 +46,13 @@ pub(in crate::synthetic) fn frames(
     rays: u32,
     followed: &[Split],
 ) -> Vec<Frame> {
+    let filmed = views.iter().filter(|v| v.split == Split::Train).count();
     let frame = |view: &SnapshotView| {
         let snapshot = at(view.time);
         let (image, moving) = snapshot.render(&view.camera, rays);
         let depth = (view.split != Split::Train).then(|| DepthSource::memory(snapshot.truth(&view.camera).depth_map()));
         let other = partner(view, views).filter(|_| followed.contains(&view.split));
+        let on = one_frame_on(view.time, filmed).filter(|_| view.split.is_measured());
         Frame {
             split: view.split,
             time: Some(view.time),
@@ -58,6 +60,7 @@ pub(in crate::synthetic) fn frames(
             truth: Truth {
                 moving: Some(TruthMask::Memory(Arc::new(moving))),
                 flow: other.map(|other| flow(&snapshot, view, &at(other.time), other)),
+                scene_flow: on.map(|time| Arc::new(snapshot.scene_flow(&view.camera, &at(time)))),
                 ..Truth::default()
             },
             ..Frame::new(view.name.clone(), ImageSource::Memory(Arc::new(image)), view.camera)

@@ -1,11 +1,12 @@
 //! A known motion is found: a textured ball goes straight across a ring of cameras, one photo a time, and each system that warps
 //! points must send the points of all times to where those of the first time are. A warp that stays zero does not.
 
-use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, tineuvox};
+use super::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
 use crate::claims::Claim;
 use crate::plan::made::{RING, scene};
 use crate::plan::{Ask, Built};
 use engine::data::Dataset;
+use engine::eval::scene_flow;
 use engine::options::{Background, RunOptions, Stop, parse_set};
 use engine::system::System;
 use glam::{DMat3, DVec3};
@@ -130,6 +131,15 @@ fn size(system: &dyn System) -> f64 {
     spread(&canonical(system, 0.0)) / spread(&points())
 }
 
+/// A system for the film, before its first step.
+fn made(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> Box<dyn System> {
+    let (scene, data) = film();
+    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let background = Some(Background::White);
+    let run = RunOptions { seed: 1, background, error_budget: None, stop: Some(Stop::Steps(STEPS)), set };
+    build(Ask::new(claim, &scene, &data, &run)).unwrap().0
+}
+
 /// Train a system on the film. How far off it is before the first step and after the last.
 fn trained(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str], steps: u64) -> (f64, f64, f64) {
     let (scene, data) = film();
@@ -196,4 +206,25 @@ fn what_cannot_warp_does_not_find_it() {
     let set = [&SMALL_GRID[..], &["warp=none"]].concat();
     let (before, after, _) = trained(d_nerf::CLAIM, d_nerf::build, &set, STEPS);
     assert!([before, after].iter().all(|off| (off - 1.0).abs() < 1e-6), "{before} {after}");
+}
+
+#[test]
+fn what_warps_says_where_points_go_and_what_does_not_says_nothing() {
+    let says = |system: &dyn System| {
+        let mut out = vec![None; 2];
+        scene_flow(system, &[[0.2, -0.1, 0.1], [-0.2, 0.0, 0.3]], 0.5, 0.5 + 1.0 / 35.0, &mut out);
+        out
+    };
+    let flow = says(made(d_nerf::CLAIM, d_nerf::build, &SMALL_GRID).as_ref());
+    // A warp that has learnt nothing says that next to nothing moves.
+    assert!(flow.iter().all(|flow| flow.is_some_and(|flow| DVec3::from(flow).length() < 0.05)), "{flow:?}");
+    assert!(says(made(nerfies::CLAIM, nerfies::build, &SMALL_GRID).as_ref()).iter().all(Option::is_some));
+    let silent = [
+        made(d_nerf::CLAIM, d_nerf::build, &[&SMALL_GRID[..], &["warp=none"]].concat()),
+        made(t_nerf::CLAIM, t_nerf::build, &SMALL_GRID),
+        made(k_planes::CLAIM, k_planes::build, &[]),
+    ];
+    for system in silent {
+        assert_eq!(says(system.as_ref()), [None; 2], "{}", system.name());
+    }
 }
