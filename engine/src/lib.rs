@@ -9,7 +9,7 @@
 //!   [`identity`]: hashes of files and datasets. [`names`]: names of views.
 //! * [`options`]: what a run was asked for and what was decided from it, as plain data. [`progress`]: what is shown meanwhile.
 //! * [`neighbours`], [`same_place`], [`scene_points`]: distances to the nearest of many points, masks that show one place, points
-//!   that training may use. [`time_path`]: times to render along. [`scene_flow`]: where points go, by a canonical map.
+//!   that training may use. [`time_path`]: times to render along.
 //!
 //! **Before training**
 //! * [`source`]: scenes by word or path. [`tensors`]: named arrays of a checkpoint. [`data`]: views at training resolution and
@@ -26,7 +26,8 @@
 //! * [`train`]: the loop of steps, evaluation and checkpoints. [`summary`], [`report`]: the results, for programs and as a page.
 //!
 //! **After training**
-//! * [`camera_path`]: cameras to render along. [`video`]: pictures to a video, by `ffmpeg`.
+//! * [`camera_path`]: cameras to render along. [`flow`]: where pixels go from one of its frames to the next. [`video`]: pictures to a
+//!   video, by `ffmpeg`.
 //! * [`crop`]: which part of a reconstruction is shown and exported. [`surface`], [`mesh`]: points and meshes.
 //!
 //! **The whole**
@@ -41,6 +42,7 @@ pub mod crop;
 pub mod data;
 pub mod error;
 pub mod eval;
+pub mod flow;
 pub mod folder;
 pub mod halt;
 pub mod identity;
@@ -58,7 +60,6 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod same_place;
-pub mod scene_flow;
 pub mod scene_points;
 pub mod source;
 pub mod summary;

@@ -75,7 +75,10 @@ pub(crate) struct Render {
     /// Layers written
     ///
     /// `canonical` draws which point of the canonical scene each pixel sees, by its place in the scene's box (x red, y green, z blue):
-    /// a point that moves keeps its colour. Where nothing is warped it is the surface itself.
+    /// a point that moves keeps its colour. Where nothing is warped it is the surface itself. `flow` draws where each pixel goes until
+    /// the next frame, by the motion of the camera and of what it shows, on the colour wheel of Middlebury (right red, down yellow, left
+    /// cyan, up violet; white stands still, black is not known), with one scale for the whole path, which is said at the end. There is
+    /// none of the last frame. A system that neither warps points nor has scene flow shows the flow of the camera alone, and says so.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "colour", value_name = "LAYER,…")]
     pub(crate) layers: Vec<Layer>,
     /// Scale pictures down to this longest side

@@ -26,7 +26,7 @@ const SHARED: [&str; 19] = [
     "eval d --lpips-weights w",
     "train s --out d --system mip-nerf --scales 4 --set width=64",
     "eval d --scales 4",
-    "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
+    "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical,flow --longest-side 50",
     "render d --path hold:train/r_0 --out e",
     "render d --out e --video webm",
     "render d --path photos --out e --video off",

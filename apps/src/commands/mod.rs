@@ -8,6 +8,7 @@ mod eval;
 mod eval_file;
 mod export;
 mod film;
+mod layers;
 mod masks;
 pub(crate) mod prepare;
 mod priors;

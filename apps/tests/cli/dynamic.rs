@@ -124,6 +124,12 @@ fn photos_of_a_film_are_shown_in_the_appearance_that_is_asked_for() {
         assert_eq!(answer.code, 1, "{word}: {}", answer.out);
         assert!(error_line(&answer).contains("`d-nerf` has one appearance only"), "{}", answer.err);
     }
+    // What warps points says where they go; preview and video show the layer that is asked for.
+    let words = ["render", text(&plain), "--out", text(&pictures), "--path", "hold:test/r_000", "--frames", "3"];
+    let answer = nerf_dynamic(&[&words[..], &["--layers", "flow"]].concat());
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("flow is drawn ") && !answer.out.contains("the camera alone"), "{}", answer.out);
+    assert!(pictures.join("flow_0001.png").exists() && !pictures.join("flow_0002.png").exists(), "{}", answer.out);
 }
 
 #[test]
@@ -208,6 +214,17 @@ fn a_video_is_trained_measured_rendered_and_exported() {
         let ends = if time.is_empty() { [&first, &last] } else { [&last, &first] };
         assert!(frame(0) == *ends[0] && frame(2) == *ends[1], "{time:?}");
     }
+
+    // The camera holds, and this system moves no point: what is seen stands still, and a line says why.
+    let answer = render(&["--path", "hold:test/r_000", "--frames", "3", "--layers", "colour,flow"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("flow is that of the camera alone: `t-nerf`"), "{}", answer.out);
+    let flow = |i: usize| pictures.join(format!("flow_{i:04}.png"));
+    assert_eq!([0, 1, 2].map(|i| flow(i).exists()), [true, true, false]);
+    let picture = image::open(flow(0)).unwrap().into_rgb8();
+    assert!(picture.pixels().all(|p| p.0 == [255; 3] || p.0 == [0; 3]), "white, and black where nothing is seen");
+    let answer = render(&["--path", "hold:test/r_000", "--time", "0.5", "--layers", "flow"]);
+    assert!(answer.code == 1 && error_line(&answer).contains("the path has one frame only"), "{}", answer.err);
 
     let mesh = |time: &str| {
         let path = folder.path().join(format!("mesh{time}.ply"));

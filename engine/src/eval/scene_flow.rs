@@ -9,29 +9,25 @@
 
 use super::motion::MotionScore;
 use crate::data::View;
-use crate::scene_flow::by_canonical;
-use crate::system::System;
+use crate::system::{FlowSource, System};
 use glam::DVec3;
 use render_core::camera::Camera;
 use scene_io::SceneFlow;
 
-/// Where points go from a time to another, as a system says by its canonical map: see [`by_canonical`].
+/// Where points go from a time to another, as a system says: see [`System::scene_flow`].
 ///
 /// # Shapes and units
 /// * `points` `[n]`, where they are at the time `from`, the scene's frame, world units
 /// * `out`    `[n]`, where they are at the time `to` minus where they are at `from`, written; `None` of all points where the system
-///   warps nothing
+///   knows of no motion
 ///
 /// # Panics
 /// When `out` and `points` differ in length.
 pub fn scene_flow(system: &dyn System, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
-    if !system.warps() {
-        out.fill(None);
-        return;
+    match system.flow_source() {
+        FlowSource::Nothing => out.fill(None),
+        FlowSource::Canonical | FlowSource::Learned => system.scene_flow(points, from, to, out),
     }
-    let [low, high] = system.bounds().map(DVec3::from);
-    let size = 0.5 * (high - low).length();
-    by_canonical(&|points, time, out| system.canonical(points, time, out), size, points, from, to, out);
 }
 
 /// Write what a system says of the points of a view into its scores; nothing where the truth is not known.
@@ -89,6 +85,7 @@ fn means(truth: &SceneFlow, said: &[Option<[f64; 3]>], camera: &Camera, moves: b
 mod tests {
     use super::*;
     use crate::data::Dataset;
+    use crate::system::follow_canonical;
     use scene_io::synthetic::{MouthOptions, OrbitOptions, Tissue, TissueOptions, mouth, orbit, tissue};
     use scene_io::{ImageStore, Scene, Split, StoreOptions};
     use std::sync::Arc;
@@ -157,11 +154,11 @@ mod tests {
             }
         };
         let bounds = scene.bounds.unwrap();
-        let size = 0.5 * (bounds.max - bounds.min).length();
+        let bounds = [bounds.min, bounds.max].map(|corner| corner.to_array());
         let score = scored(&scene, |time, truth| {
             let points: Vec<[f64; 3]> = truth.points.iter().map(|point| point.x).collect();
             let mut said = vec![None; points.len()];
-            by_canonical(&map, size, &points, time, truth.to, &mut said);
+            follow_canonical(&map, bounds, &points, [time, truth.to], &mut said);
             said
         });
         println!("{score:?}");

@@ -5,6 +5,7 @@
 
 mod counts;
 mod fit;
+mod follow;
 mod layers;
 mod limits;
 mod query;
@@ -16,6 +17,7 @@ pub use crate::tensors::{
 };
 pub use counts::{SkipRow, StepStats};
 pub use fit::Fit;
+pub use follow::{CanonicalPoints, FlowSource, follow_canonical};
 pub use layers::{Layers, NOWHERE};
 pub use limits::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, at_most};
 pub use query::{Appearance, Canonical, EmptyCells, LayerRequest, Median, Normals, Query, Trial};
@@ -162,10 +164,17 @@ pub trait System: Send + Sync {
         out.copy_from_slice(points);
     }
 
-    /// Whether [`System::canonical`] is a warp that is learnt. Where it is not, nothing is known of where points go: that is not the same
-    /// as knowing that they stay.
-    fn warps(&self) -> bool {
-        false
+    /// What [`System::scene_flow`] comes from. A system that warps points or has learned scene flow says so.
+    fn flow_source(&self) -> FlowSource {
+        FlowSource::Nothing
+    }
+
+    /// Displacements of points of the scene's frame from one time to another, world units. `out` has one entry a point; `None` where
+    /// it is not known where the point goes. Without learned scene flow a point goes where its canonical place is then
+    /// ([`follow_canonical`]): one that nothing warps stays.
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        let canonical = |x: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]| self.canonical(x, time, out);
+        follow_canonical(&canonical, self.bounds(), points, [from, to], out);
     }
 
     /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.

@@ -110,6 +110,11 @@ pub(crate) struct DensityScratch {
 }
 
 impl DensityScratch {
+    /// Points of the last pass at which something moves, and both parts there.
+    pub(crate) fn moving(&self) -> (&MovingPoints, &Mixed) {
+        (&self.moving, &self.mixed)
+    }
+
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity())

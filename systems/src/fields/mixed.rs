@@ -64,6 +64,11 @@ impl Mixed {
         of.at().zip(&self.share).for_each(|(i, share)| out[i] = *share);
     }
 
+    /// What the moving part's network gave after its gate at the points of the last pass, `[more][m]`.
+    pub(crate) fn after_gate(&self, part: &MovingPart, of: MovingColumns<'_>) -> &[f32] {
+        &self.moving[(part.still_rows() + 1) * of.len()..part.network.outputs() * of.len()]
+    }
+
     /// Each of the points of the last pass, with the raw log-density of the still part alone there.
     pub(crate) fn each_still(&self, of: MovingColumns<'_>, mut each: impl FnMut(usize, f32)) {
         of.at().zip(&self.still).for_each(|(i, still)| each(i, *still));

@@ -7,7 +7,9 @@ use super::two_level::{CHUNKS, TwoLevel};
 use crate::survey::Surveys;
 use engine::canonical::add_canonical;
 use engine::data::Dataset;
-use engine::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use engine::system::{
+    Appearance, Fit, FlowSource, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap,
+};
 use render_core::ray::Ray;
 
 impl<R: Recipe> System for TwoLevel<R> {
@@ -71,8 +73,8 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.canonical_points(points, time, out);
     }
 
-    fn warps(&self) -> bool {
-        self.shapes.displaces()
+    fn flow_source(&self) -> FlowSource {
+        if self.shapes.displaces() { FlowSource::Canonical } else { FlowSource::Nothing }
     }
 
     fn first_sample(&self, ray: &Ray) -> f64 {

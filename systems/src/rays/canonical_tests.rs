@@ -6,7 +6,7 @@ use crate::space::SpaceKind;
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, Origin, TimeKind, Times, WarpSettings};
 use engine::eval::scene_flow;
-use engine::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
+use engine::system::{Canonical, FlowSource, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
 
@@ -96,6 +96,24 @@ fn canonical_points_are_where_the_warp_sends_them() {
     assert!((asked_directly(DVec3::new(0.99, 0.0, 0.0)).x - 1.09).abs() < 1e-5);
     assert_eq!(asked_directly(DVec3::new(3.0, 0.0, 0.0)), DVec3::new(3.0, 0.0, 0.0));
     driver.canonical(&[], 0.5, &mut []);
+}
+
+#[test]
+fn points_go_where_their_canonical_place_is_then() {
+    let driver = shifted(SpaceKind::Box, 3);
+    let ways = |driver: &RaySystem, from: f64, to: f64| {
+        let mut out = [None; 2];
+        driver.scene_flow(&[[0.1, 0.2, -0.3], [-0.5, 0.4, 0.0]], from, to, &mut out);
+        out.map(|way| DVec3::from(way.unwrap()))
+    };
+    // All have gone the way back at time 0, and stand still between two others.
+    let way = DVec3::from(WAY.map(f64::from));
+    assert!(ways(&driver, 0.5, 0.0).iter().all(|got| (*got - way).length() < 1e-4));
+    assert!(ways(&driver, 0.0, 0.5).iter().all(|got| (*got + way).length() < 1e-4));
+    assert_eq!(ways(&driver, 0.3, 0.7), [DVec3::ZERO; 2]);
+    let still = still(SpaceKind::Box, 3);
+    assert_eq!(ways(&still, 0.0, 1.0), [DVec3::ZERO; 2]);
+    assert_eq!([driver.flow_source(), still.flow_source()], [FlowSource::Canonical, FlowSource::Nothing]);
 }
 
 #[test]

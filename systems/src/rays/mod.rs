@@ -39,6 +39,7 @@ mod movers;
 mod movers_tests;
 #[cfg(test)]
 mod moving_tests;
+mod point_flow;
 mod points;
 mod prepass;
 #[cfg(test)]

@@ -135,9 +135,15 @@ impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [tiles, cells] = [self.tiles, self.cells].map(|share| 100.0 * share);
         if self.cells > 0.0 {
-            write!(f, "something moves in {tiles:.1} % of the photos, and in {cells:.2} % of space: a part of the field is for that")
+            write!(
+                f,
+                "something moves in {tiles:.1} % of the photos, and in {cells:.2} % of space: a part of the field is for that"
+            )
         } else {
-            write!(f, "nothing moves ({tiles:.2} % of the photos do not fit a scene at rest): the moving part is left out")
+            write!(
+                f,
+                "nothing moves ({tiles:.2} % of the photos do not fit a scene at rest): the moving part is left out"
+            )
         }
     }
 }

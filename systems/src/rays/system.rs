@@ -2,13 +2,15 @@
 
 use super::chunk::Chunk;
 use super::driver::RaySystem;
+use super::point_flow::LearnedFlow;
 use super::{account, fit, points, render, state};
 use crate::fields::MovingPart;
 use crate::survey::Surveys;
 use crate::warps::Deform;
 use engine::data::Dataset;
 use engine::system::{
-    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+    Appearance, Fit, FlowSource, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+    follow_canonical,
 };
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
@@ -78,8 +80,22 @@ impl System for RaySystem {
         points::canonical(self, points, time, out);
     }
 
-    fn warps(&self) -> bool {
-        self.field.deform().is_some_and(Deform::warps)
+    fn flow_source(&self) -> FlowSource {
+        match LearnedFlow::of(self) {
+            Some(_) => FlowSource::Learned,
+            None if self.field.deform().is_some_and(Deform::warps) => FlowSource::Canonical,
+            None => FlowSource::Nothing,
+        }
+    }
+
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        match LearnedFlow::of(self) {
+            Some(learned) => learned.follow(points, [from, to], out),
+            None => {
+                let canonical = |x: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]| self.canonical(x, time, out);
+                follow_canonical(&canonical, self.bounds(), points, [from, to], out);
+            }
+        }
     }
 
     fn first_sample(&self, ray: &Ray) -> f64 {

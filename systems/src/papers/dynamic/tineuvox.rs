@@ -20,8 +20,8 @@ use crate::rays::RayConfig;
 use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::warps::{
-    At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters, Sees,
-    Time, TimeKind, TimeSettings, Times, Warp, WarpSettings, Windows, moving,
+    At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters,
+    Sees, Time, TimeKind, TimeSettings, Times, Warp, WarpSettings, Windows, moving,
 };
 use engine::data::Dataset;
 use engine::system::SystemError;

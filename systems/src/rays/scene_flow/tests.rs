@@ -199,9 +199,9 @@ fn the_share_of_rays_is_that_of_the_picture() {
             for i in chosen.span(r) {
                 let tau = f64::from(chosen.tau[i]);
                 // What of the matter that was rendered is not the still part's.
-                let moving = movers.next_if(|&k| chosen.at[k] as usize == i).map_or(0.0, |k| {
-                    tau - (1.0 - f64::from(here.blend[k])) * f64::from(chosen.still[i])
-                });
+                let moving = movers
+                    .next_if(|&k| chosen.at[k] as usize == i)
+                    .map_or(0.0, |k| tau - (1.0 - f64::from(here.blend[k])) * f64::from(chosen.still[i]));
                 want += trans * (1.0 - (-tau).exp()) * if tau > 0.0 { moving / tau } else { 0.0 };
                 trans *= (-tau).exp();
             }
