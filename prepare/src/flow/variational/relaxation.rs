@@ -78,7 +78,7 @@ impl Board<'_> {
             pull(self.pixels[at - 1].right, y, (x - 1) / 2);
         }
         if x + 1 < self.width {
-            pull(right, y, (x + 1) / 2);
+            pull(right, y, x.div_ceil(2));
         }
         if y > 0 {
             pull(self.pixels[at - self.width].below, y - 1, x / 2);

@@ -112,6 +112,10 @@ impl FlowContext<'_> {
 
     /// Which way two frames are looked at, [`NEXT`] or [`PREVIOUS`]; `None` where it is not time for that.
     pub(super) fn chained(&self) -> Option<usize> {
-        (self.share >= self.config.settings.flow_chain_from).then_some(if self.step % 2 == 0 { NEXT } else { PREVIOUS })
+        (self.share >= self.config.settings.flow_chain_from).then_some(if self.step.is_multiple_of(2) {
+            NEXT
+        } else {
+            PREVIOUS
+        })
     }
 }

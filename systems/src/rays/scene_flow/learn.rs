@@ -63,6 +63,16 @@ impl Chunk {
     }
 }
 
+/// Disparities of the rays of a photo.
+#[derive(Default)]
+struct ViewDisparities {
+    /// Chunk and ray in it.
+    of: Vec<[usize; 2]>,
+    /// As rendered, and those of the prior.
+    ours: Vec<f32>,
+    theirs: Vec<f32>,
+}
+
 impl RaySystem {
     /// Learn where what moves is in the frames beside, and from what it shows there, after all chunks have learned.
     pub(in crate::rays) fn learn_flow(&mut self, plan: &Plan) {
@@ -82,21 +92,21 @@ impl RaySystem {
         let ctx = self.context(plan, &self.work.inputs);
         if let Some(flow) = &ctx.flow {
             let factor = f64::from(flow.config.settings.flow_disparity) * flow.fade();
-            let mut of_view: BTreeMap<u32, (Vec<[usize; 2]>, Vec<f32>, Vec<f32>)> = BTreeMap::new();
+            let mut of_view: BTreeMap<u32, ViewDisparities> = BTreeMap::new();
             for (c, chunk) in chunks.iter().enumerate().filter(|_| factor > 0.0) {
                 let rays = &chunk.flow.rays;
                 for (r, rendered) in chunk.flow.disparity.iter().enumerate() {
                     let view = rays.frames[r].view;
                     let Some(prior) = flow.film.disparity(view, rays.place[r]) else { continue };
-                    let (of, ours, theirs) = of_view.entry(view).or_default();
-                    of.push([c, r]);
-                    ours.push(*rendered);
-                    theirs.push(prior);
+                    let seen = of_view.entry(view).or_default();
+                    seen.of.push([c, r]);
+                    seen.ours.push(*rendered);
+                    seen.theirs.push(prior);
                 }
             }
-            let all: usize = of_view.values().map(|(of, ..)| of.len()).sum();
+            let all: usize = of_view.values().map(|seen| seen.of.len()).sum();
             let (mut loss, mut scratch) = (0.0, Vec::new());
-            for (of, ours, theirs) in of_view.values() {
+            for ViewDisparities { of, ours, theirs } in of_view.values() {
                 let part = factor * of.len() as f64 / all as f64;
                 let mut bars = vec![0.0; of.len()];
                 let fits = "as many of both";

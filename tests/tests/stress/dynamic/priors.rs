@@ -206,7 +206,8 @@ pub(crate) fn cases(tally: &mut Tally) {
             });
         }
     }
-    let write: [(&str, fn(&Path)); 3] = [
+    type Write = fn(&Path);
+    let write: [(&str, Write); 3] = [
         ("flow", |folder| flow_of(folder, "r_002_fwd", [SIDE, SIDE / 2], [1.0, 0.0], true)),
         ("disparity", |folder| grey_of(folder, "disp/r_002.png".into(), [SIDE, SIDE / 2], |x, _| x as u8)),
         ("motion mask", |folder| grey_of(folder, "motion_masks/r_002.png".into(), [SIDE, SIDE / 2], |_, _| 0)),
