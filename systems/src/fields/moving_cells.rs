@@ -2,6 +2,8 @@
 
 /// Cells along an axis.
 const SIDE: usize = 128;
+/// Blocks along an axis.
+const BLOCKS: usize = SIDE / 2;
 
 /// Cells in which something moves at some time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,6 +18,9 @@ impl MovingCells {
 
     /// Cells of the cube.
     pub(crate) const ALL: usize = SIDE * SIDE * SIDE;
+
+    /// Blocks of the cube.
+    pub(crate) const BLOCKS: usize = BLOCKS * BLOCKS * BLOCKS;
 
     /// Nothing moves.
     pub(crate) fn none() -> Self {
@@ -53,6 +58,25 @@ impl MovingCells {
     /// Mark a cell.
     pub(crate) fn mark(&mut self, cell: usize) {
         self.bits[cell / 64] |= 1 << (cell % 64);
+    }
+
+    /// Mark the cells of a block: two along each axis.
+    pub(crate) fn mark_block(&mut self, block: usize) {
+        let [x, y, z] = [block % BLOCKS, block / BLOCKS % BLOCKS, block / (BLOCKS * BLOCKS)];
+        for k in 0..8 {
+            self.mark(((2 * z + k / 4) * SIDE + 2 * y + k / 2 % 2) * SIDE + 2 * x + k % 2);
+        }
+    }
+
+    /// The block of a point of the unit cube; what lies outside belongs to the nearest.
+    pub(crate) fn block(x: [f32; 3]) -> usize {
+        let [x, y, z] = x.map(|x| ((x * BLOCKS as f32) as usize).min(BLOCKS - 1));
+        (z * BLOCKS + y) * BLOCKS + x
+    }
+
+    /// Mark what another one marks.
+    pub(crate) fn unite(&mut self, other: &Self) {
+        self.bits.iter_mut().zip(&other.bits).for_each(|(bits, other)| *bits |= other);
     }
 
     /// Cells that are marked.
@@ -106,6 +130,19 @@ mod tests {
         assert_eq!(columns, [1]);
         cells.columns(&[], &mut columns);
         assert!(columns.is_empty());
+    }
+
+    #[test]
+    fn a_block_is_the_cells_whose_points_are_in_it() {
+        let x = [0.3, 0.71, 0.99];
+        let mut cells = MovingCells::none();
+        cells.mark_block(MovingCells::block(x));
+        assert!(cells.holds(x) && cells.count() == 8);
+        let mut other = MovingCells::none();
+        other.mark(0);
+        other.unite(&cells);
+        assert!(other.holds(x) && other.holds([0.0; 3]) && other.count() == 9);
+        assert_eq!(MovingCells::block([2.0; 3]), MovingCells::BLOCKS - 1);
     }
 
     #[test]

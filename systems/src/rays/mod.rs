@@ -35,6 +35,7 @@ mod head;
 mod learn;
 mod marched;
 mod movers;
+mod moving_places;
 #[cfg(test)]
 mod movers_tests;
 #[cfg(test)]

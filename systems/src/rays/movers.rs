@@ -12,28 +12,21 @@ use crate::fields::{FeatureSource, MovingCells, MovingPart, NETWORK_ADAM};
 use crate::photo_model::Pixel;
 use crate::schedule::Done;
 use crate::settings::Settings;
-use crate::space::{Space, SpaceKind};
 use crate::terms::{MovingShare, RayTerm};
 use crate::warps::Deform;
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
-use float_core::Simd;
 use optim::Decay;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
 /// Stream of random numbers of the initial parameters.
 const INIT: u64 = 0x6d6f_7665;
-/// Share of the tiles below which nothing moves: what is left over then are highlights and mistakes.
-const NOTHING: f64 = 1e-3;
-/// A cell moves where this share of the views that see it see something move there; from [`FEW`] views on at least two.
-const OF_VIEWS: f32 = 0.03;
-const FEW: u16 = 8;
-/// Cells along an axis of the unit cube that a line of sight goes through, one after the other.
-const STEPS: f32 = 128.0;
+/// How often it is looked for, after as many times the share that is set: what was not sharp yet errs everywhere, and what is found then
+/// may be more.
+const LOOKS: u32 = 3;
 
 /// Settings of a part of the field for what moves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -181,72 +174,10 @@ impl Movers {
         }
     }
 
-    /// Whether errors count after this share of the schedule: those of the later half before it is asked what moves.
-    fn counts(&self, share: f64) -> bool {
-        (self.config.from() / 2.0..self.config.from()).contains(&share)
+    /// Whether it is time to look for what moves, after so many looks.
+    fn is_due(&self, share: f64) -> bool {
+        self.residuals.as_ref().is_some_and(|residuals| share >= self.config.from() * f64::from(residuals.looks() + 1))
     }
-}
-
-/// Cells that the lines of sight of a view go through, and those of them on which the view sees something move; each once.
-fn seen_cells(space: &Space, data: &Dataset, view: usize, tiles: &[PhotoTile]) -> (Vec<u32>, Vec<u32>) {
-    let (mut seen, mut moving) = (Vec::new(), Vec::new());
-    let simd = Simd::best();
-    let camera = data.view(view);
-    // Half a side of the unit cube in internal units where space is not contracted.
-    let scale = if space.kind() == SpaceKind::Contracted { 4.0 / STEPS } else { 2.0 / STEPS };
-    let (mut p, mut x) = ([0.0; 3], [0.0; 3]);
-    for tile in tiles {
-        let [u, v] = [tile.middle[0].min(camera.camera.width - 1), tile.middle[1].min(camera.camera.height - 1)];
-        let Some(ray) = camera.ray(u, v) else { continue };
-        let ray = space.internal_ray(&ray);
-        let mut t = ray.start;
-        while t < ray.end {
-            p.copy_from_slice(&ray.at(t));
-            space.grid_positions(simd, &p, &mut x);
-            let cell = MovingCells::cell(x) as u32;
-            if seen.last() != Some(&cell) {
-                seen.push(cell);
-                if tile.moves {
-                    moving.push(cell);
-                }
-            }
-            // The contraction shortens what is far by the square of its distance.
-            let far = p.iter().fold(1.0, |far: f32, p| far.max(p.abs()));
-            t += if space.kind() == SpaceKind::Contracted { scale * far * far } else { scale };
-        }
-    }
-    for cells in [&mut seen, &mut moving] {
-        cells.sort_unstable();
-        cells.dedup();
-    }
-    (seen, moving)
-}
-
-/// Cells in which something moves, and what was found; no cells where that is next to nothing.
-fn find(tiles: &[Vec<PhotoTile>], space: &Space, data: &Dataset) -> (MovingCells, Found) {
-    let all: usize = tiles.iter().map(Vec::len).sum();
-    let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
-    let share = moving as f64 / all.max(1) as f64;
-    let mut cells = MovingCells::none();
-    if share < NOTHING {
-        return (cells, Found { tiles: share, cells: 0.0 });
-    }
-    let mut votes = vec![[0_u16; 2]; MovingCells::ALL];
-    let views: Vec<(Vec<u32>, Vec<u32>)> =
-        tiles.par_iter().enumerate().map(|(view, tiles)| seen_cells(space, data, view, tiles)).collect();
-    for (seen, moving) in &views {
-        seen.iter().for_each(|&cell| votes[cell as usize][0] = votes[cell as usize][0].saturating_add(1));
-        moving.iter().for_each(|&cell| votes[cell as usize][1] = votes[cell as usize][1].saturating_add(1));
-    }
-    for (cell, [seen, moving]) in votes.into_iter().enumerate() {
-        let least = if seen < FEW { 1 } else { 2 };
-        if moving >= least && f32::from(moving) >= OF_VIEWS * f32::from(seen) {
-            cells.mark(cell);
-        }
-    }
-    let cells = cells.grown();
-    let found = Found { tiles: share, cells: cells.count() as f64 / MovingCells::ALL as f64 };
-    (cells, found)
 }
 
 impl Movers {
@@ -309,12 +240,11 @@ impl RaySystem {
     /// Learn from the batch of a step what moves.
     pub(super) fn look_for_movers(&mut self, step: u64) {
         let Some(mut movers) = self.movers.take() else { return };
-        let counts = movers.counts(self.course.done(step).share);
-        if let Some(residuals) = movers.residuals.as_mut().filter(|_| counts) {
+        if let Some(residuals) = movers.residuals.as_mut() {
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;
             let signed = |(p, t): (&Pixel, &[f32; 3])| [0, 1, 2].map(|c| p.rgb[c] - t[c]);
-            residuals.learn(&inputs.batch, seen.iter().zip(&inputs.truth).map(signed));
+            residuals.learn(step, &inputs.batch, seen.iter().zip(&inputs.truth).map(signed));
         }
         self.movers = Some(movers);
     }
@@ -325,18 +255,30 @@ impl RaySystem {
     /// [`SystemError::Config`] for features that cannot be.
     pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let share = self.course.done(step).share;
-        let Some(movers) = self.movers.as_mut().filter(|movers| share >= movers.config.from()) else { return Ok(()) };
-        let Some(residuals) = movers.residuals.take() else { return Ok(()) };
-        let (cells, found) = find(&movers.tiles(&residuals, data), &self.space, data);
+        let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(share)) else { return Ok(()) };
+        let Some(residuals) = &movers.residuals else { return Ok(()) };
+        let (cells, found) = self.moving_places(data, &movers.tiles(residuals, data));
+        let Some(movers) = &mut self.movers else { return Ok(()) };
         movers.found = Some(found);
+        movers.told = false;
+        let last = movers.film.as_ref().is_some_and(Film::knows_movers) || movers.residuals.as_ref().is_none_or(|residuals| residuals.looks() + 1 >= LOOKS);
+        movers.residuals = movers.residuals.take().filter(|_| !last).map(Residuals::looked);
         if cells.count() > 0 {
-            let mut part = movers.part(&self.config, self.seed, cells)?;
-            let field = &mut self.field;
-            part.begin_as(&*field.features, &field.density, &field.density_params);
+            let part = match self.field.moving.take() {
+                Some(mut part) => {
+                    part.cells.unite(&cells);
+                    part
+                }
+                None => {
+                    let mut part = movers.part(&self.config, self.seed, cells)?;
+                    part.begin_as(&*self.field.features, &self.field.density, &self.field.density_params);
+                    part
+                }
+            };
             if let Some(occupancy) = self.sampler.occupancy_mut() {
                 occupancy.reopen(&part.cells, &self.space);
             }
-            field.moving = Some(part);
+            self.field.moving = Some(part);
         }
         Ok(())
     }
@@ -356,7 +298,7 @@ impl RaySystem {
     /// What a checkpoint holds of what is looked for.
     pub(super) fn movers_state(&self) -> Vec<Tensor<'_>> {
         let residuals = self.movers.iter().filter_map(|movers| movers.residuals.as_ref());
-        residuals.map(Residuals::state).chain(self.field.moving.iter().flat_map(MovingPart::state)).collect()
+        residuals.flat_map(Residuals::state).chain(self.field.moving.iter().flat_map(MovingPart::state)).collect()
     }
 
     /// Put back what [`RaySystem::movers_state`] gave when so much of the run was done.

@@ -4,7 +4,7 @@
 //! photo than in the field: its tile is brighter or darker as a whole.
 
 use engine::data::{Batch, Dataset};
-use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use render_core::camera::Camera;
 
 /// Tiles along the longest side of a photo.
@@ -16,12 +16,14 @@ const FEW: f32 = 4.0;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
 const MOVES: f32 = 0.012;
-const TIMES_USUAL: f32 = 5.0;
-const SIGMAS: f32 = 3.0;
-/// Numbers kept of a tile: pixels, three sums of errors, the sum of their squares.
-const NUMBERS: usize = 5;
+const TIMES_USUAL: f32 = 3.0;
+const SIGMAS: f32 = 2.5;
+/// Numbers kept of a tile: pixels, the sum of their weights, that of the squares of weights, three weighted sums of errors, that of
+/// squared errors. Weights grow with the square of the step: what was not sharp yet is forgotten.
+const NUMBERS: usize = 7;
 /// Where they lie in a checkpoint.
 const TENSOR: &str = "residuals.tiles";
+const LOOKS: &str = "residuals.looks";
 
 /// Signed errors over tiles of all views.
 #[derive(Clone, Debug)]
@@ -30,6 +32,8 @@ pub(super) struct Residuals {
     views: Vec<[u32; 3]>,
     /// `[tiles][NUMBERS]`
     tiles: Vec<f32>,
+    /// How often it was looked what moves.
+    looks: u32,
 }
 
 /// A tile of a view.
@@ -65,11 +69,22 @@ impl Residuals {
             views.push([first, width.div_ceil(side), side]);
             first += width.div_ceil(side) * height.div_ceil(side);
         }
-        Self { views, tiles: vec![0.0; first as usize * NUMBERS] }
+        Self { views, tiles: vec![0.0; first as usize * NUMBERS], looks: 0 }
     }
 
-    /// Learn from the pixels of a batch, each with its signed error.
-    pub(super) fn learn(&mut self, batch: &Batch, errors: impl Iterator<Item = [f32; 3]>) {
+    /// How often it was looked what moves.
+    pub(super) fn looks(&self) -> u32 {
+        self.looks
+    }
+
+    /// After one more look.
+    pub(super) fn looked(self) -> Self {
+        Self { looks: self.looks + 1, ..self }
+    }
+
+    /// Learn from the pixels of the batch of a step, each with its signed error.
+    pub(super) fn learn(&mut self, step: u64, batch: &Batch, errors: impl Iterator<Item = [f32; 3]>) {
+        let w = ((step + 1) as f32).powi(2);
         for (i, error) in errors.enumerate() {
             if batch.weight[i] <= 0.0 || !error.iter().all(|e| e.is_finite()) {
                 continue;
@@ -78,8 +93,10 @@ impl Residuals {
             let [x, y] = batch.pixel[i].map(|at| u32::from(at) / side);
             let numbers = &mut self.tiles[(first + y * columns + x) as usize * NUMBERS..][..NUMBERS];
             numbers[0] += 1.0;
-            numbers[1..4].iter_mut().zip(error).for_each(|(sum, e)| *sum += e);
-            numbers[4] += error.iter().map(|e| e * e).sum::<f32>() / 3.0;
+            numbers[1] += w;
+            numbers[2] += w * w;
+            numbers[3..6].iter_mut().zip(error).for_each(|(sum, e)| *sum += w * e);
+            numbers[6] += w * error.iter().map(|e| e * e).sum::<f32>() / 3.0;
         }
     }
 
@@ -103,16 +120,17 @@ impl Residuals {
         let known = || all.clone().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
         let mut of_photo = [0.0; 3];
         for (c, middle) in of_photo.iter_mut().enumerate() {
-            let mut means: Vec<f32> = known().map(|(_, numbers)| numbers[1 + c] / numbers[0]).collect();
+            let mut means: Vec<f32> = known().map(|(_, numbers)| numbers[3 + c] / numbers[1]).collect();
             means.sort_by(f32::total_cmp);
             *middle = means.get(means.len() / 2).copied().unwrap_or(0.0);
         }
         known()
             .map(|(k, numbers)| {
-                let n = numbers[0];
-                let mean = [0, 1, 2].map(|c| numbers[1 + c] / n - of_photo[c]);
+                let sum = numbers[1];
+                let mean = [0, 1, 2].map(|c| numbers[3 + c] / sum - of_photo[c]);
                 let largest = mean.into_iter().map(f32::abs).fold(0.0, f32::max);
-                let noise = (numbers[4] / n / n).sqrt();
+                // As many pixels of equal weight: the square of the sum over the sum of squares.
+                let noise = (numbers[6] / sum * (numbers[2] / (sum * sum))).sqrt();
                 let [x, y] = [k as u32 % columns, k as u32 / columns].map(|at| at * side + side / 2);
                 TileError { middle: [x, y], mean: largest, noise }
             })
@@ -120,8 +138,8 @@ impl Residuals {
     }
 
     /// Everything the next step depends on.
-    pub(super) fn state(&self) -> Tensor<'_> {
-        f32_tensor(TENSOR, &self.tiles)
+    pub(super) fn state(&self) -> [Tensor<'_>; 2] {
+        [f32_tensor(TENSOR, &self.tiles), u64_tensor(LOOKS, vec![u64::from(self.looks)])]
     }
 
     /// Whether a checkpoint holds some.
@@ -134,7 +152,8 @@ impl Residuals {
     /// # Errors
     /// [`SystemError::State`] for an array that is missing or of another length.
     pub(super) fn restored(self, state: &TensorMap) -> Result<Self, SystemError> {
-        Ok(Self { tiles: take_numbers(state, TENSOR, self.tiles.len())?, ..self })
+        let looks = take_counts(state, LOOKS, 1)?[0].try_into().unwrap_or(u32::MAX);
+        Ok(Self { tiles: take_numbers(state, TENSOR, self.tiles.len())?, looks, ..self })
     }
 }
 
@@ -158,7 +177,7 @@ mod tests {
                     [error(batch.view[i] as usize, at, noise.uniform_at(i as u64) - 0.5); 3]
                 })
                 .collect();
-            residuals.learn(&batch, errors.into_iter());
+            residuals.learn(step, &batch, errors.into_iter());
         }
         residuals
     }
@@ -184,10 +203,11 @@ mod tests {
         let fresh = Residuals::new(&data);
         assert!(fresh.tiles()[0].is_empty());
         let residuals = of(|_, _, noise| noise);
-        let tensor = residuals.state().into_owned();
-        let state: TensorMap = [(tensor.name.clone(), tensor)].into_iter().collect();
+        let residuals = residuals.looked();
+        let tensors = residuals.state().map(Tensor::into_owned);
+        let state: TensorMap = tensors.into_iter().map(|tensor| (tensor.name.clone(), tensor)).collect();
         let again = fresh.clone().restored(&state).unwrap();
-        assert_eq!(again.tiles()[7], residuals.tiles()[7]);
+        assert_eq!((again.tiles(), again.looks()), (residuals.tiles(), 1));
         assert!(fresh.restored(&TensorMap::new()).is_err());
     }
 }
