@@ -150,7 +150,7 @@ fn a_camera_that_stands_still_is_said_and_gives_empty_masks() {
 #[test]
 fn what_cannot_be_made_is_said() {
     let (folder, mut scene) = (tempfile::tempdir().unwrap(), scene(OrbitCamera::Walking));
-    std::fs::create_dir_all(folder.path().join("flow")).unwrap();
+    std::fs::create_dir_all(folder.path().join("flow/train")).unwrap();
     std::fs::write(folder.path().join("flow/train/r_000_fwd.flo"), b"of a network").unwrap();
     let error = priors(&request(&scene, folder.path()), &mut Silent).unwrap_err().to_string();
     assert!(error.contains("flow") && error.contains("not made by `priors`"), "{error}");

@@ -177,8 +177,10 @@ fn check<R: Recipe>(config: R, kind: SpaceKind, coded: bool) {
     };
     let photo_model = coded.then(|| Box::new(Coded(vec![0.3, -0.2, -0.5, 0.4])) as Box<dyn PhotoModel>);
     let mut system = TwoLevel::with_photo_model(Held(config), space, Background::White, 3, photo_model).unwrap();
+    // Numbers that leave units of these small networks alive.
+    let seed = if system.config.view_times().is_empty() { 9 } else { 10 };
     for (i, p) in system.trained.params.iter_mut().enumerate() {
-        *p += 0.4 * (Rng::new(10, 1).uniform_at(i as u64) - 0.5);
+        *p += 0.4 * (Rng::new(seed, 1).uniform_at(i as u64) - 0.5);
     }
     system.pack();
     let pixel = |i: usize| DVec2::new(0.5 + (5 * i % 16) as f64, 0.5 + (7 * i % 12) as f64);
