@@ -235,12 +235,8 @@ pub fn train(
             Stop::Seconds(s) => Some((s - seconds).max(0.0)),
         };
 
-        if let Some(line) = system.news() {
-            host.tell(&line);
-        }
-        if let Some(line) = watch.see(stats.transient, step, latest.done) {
-            host.warn(&line);
-        }
+        system.news().iter().for_each(|line| host.tell(line));
+        watch.see(stats.transient, step, latest.done).iter().for_each(|line| host.warn(line));
         let mut evaluate = schedule.eval_every.is_some_and(|every| every > 0 && step.is_multiple_of(every));
         while eval_at.last().is_some_and(|&at| seconds >= at) {
             eval_at.pop();

@@ -1,9 +1,10 @@
 //! A field: features of points, a network for density and one for colour; and a deformation, where something moves.
 
-use super::{ColourDecoder, Decoder, DensityDecoder, Features, Mixed, MovingPart, MovingPoints, Places, xavier};
+use super::placing::{Placing, When, fill_times, knows_time, seen, steps_of};
+use super::{ColourDecoder, Decoder, DensityDecoder, Features, Mixed, MovingPart, MovingPoints, xavier};
 use crate::buffers::{shapes_hold, sized};
 use crate::space::InternalRay;
-use crate::warps::{Deform, DeformScratch, Points, TimeSteps};
+use crate::warps::{Deform, TimeSteps};
 use engine::system::SystemError;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::Packed;
@@ -30,72 +31,6 @@ pub(crate) struct Field {
     pub(crate) moving: Option<MovingPart>,
     /// Time steps of the training views, where no deformation has them.
     time_steps: TimeSteps,
-}
-
-/// Time steps of these times, for features that know the time.
-pub(super) fn steps_of(times: Vec<f32>) -> TimeSteps {
-    TimeSteps { dims: 0, rows: Vec::new(), still: vec![true; times.len()], times }
-}
-
-/// The time steps of points: which of `time_steps` is that of each. Unused where nothing moves.
-#[derive(Clone, Copy)]
-pub(crate) struct When<'a> {
-    pub(crate) time_steps: &'a TimeSteps,
-    /// `[n]`
-    pub(crate) which: &'a [u32],
-}
-
-/// Work space of [`Field::features`].
-#[derive(Default)]
-pub(crate) struct Placing {
-    deform: DeformScratch,
-    /// `[3][n]`, where points are, before they are canonical.
-    x: Vec<f32>,
-    /// Interpolated features, where these are not what the network sees.
-    raw: Vec<f32>,
-    /// `[n]`, times of the points.
-    times: Vec<f32>,
-}
-
-impl Placing {
-    /// Bytes held.
-    pub(crate) fn bytes(&self) -> usize {
-        self.deform.bytes() + 4 * (self.x.capacity() + self.raw.capacity())
-    }
-}
-
-/// Whether features depend on the time.
-pub(super) fn knows_time(features: &dyn Features) -> bool {
-    !features.view_times().is_empty()
-}
-
-/// Times of points, as features take them: `[n]`, or none where these know no time.
-pub(super) fn fill_times(features: &dyn Features, when: When<'_>, out: &mut Vec<f32>) {
-    out.clear();
-    if knows_time(features) {
-        out.extend(when.which.iter().map(|&i| when.time_steps.times[i as usize]));
-    }
-}
-
-/// What a density network sees of points, `out` `[rows][n]`: features, and what a deformation adds. Their positions `x` `[3][n]` become
-/// canonical ones.
-pub(super) fn seen(
-    features: &dyn Features,
-    deform: Option<&Deform>,
-    x: &mut [f32],
-    when: When<'_>,
-    out: &mut [f32],
-    placing: &mut Placing,
-) {
-    let (rows, more) = out.split_at_mut(features.rows() * (x.len() / 3));
-    if let Some(deform) = deform {
-        let was = sized(&mut placing.x, x.len());
-        was.copy_from_slice(x);
-        let points = Points { x: was, which: when.which, time_steps: when.time_steps };
-        deform.place(points, x, more, &mut placing.deform);
-    }
-    fill_times(features, when, &mut placing.times);
-    features.encode(Places { x, times: &placing.times }, rows, &mut placing.raw);
 }
 
 /// Scratch for evaluating density without gradients.

@@ -16,13 +16,14 @@ mod moving_part;
 mod moving_points;
 mod network;
 mod networks;
+mod placing;
 mod voxel_variation;
 mod voxels;
 
 pub(crate) use basis::Columns;
 pub(crate) use decoder::{ColourDecoder, Decoder, DensityDecoder};
 pub use decoder::{DecoderChoice, DecoderKind, ExplicitConfig};
-pub(crate) use field::{DensityScratch, Field, Placing, When};
+pub(crate) use field::{DensityScratch, Field};
 pub use hash_grid::HashGridSettings;
 pub(crate) use mixed::Mixed;
 pub(crate) use moving_cells::MovingCells;
@@ -30,6 +31,7 @@ pub(crate) use moving_part::MovingPart;
 pub(crate) use moving_points::{MovingBars, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
+pub(crate) use placing::{Placing, When};
 pub use voxels::VoxelSettings;
 
 use crate::schedule::Done;

@@ -19,6 +19,9 @@ impl MovingCells {
     /// Cells of the cube.
     pub(crate) const ALL: usize = SIDE * SIDE * SIDE;
 
+    /// Blocks of a row, which follow each other.
+    pub(crate) const ROW: usize = BLOCKS;
+
     /// Blocks of the cube.
     pub(crate) const BLOCKS: usize = BLOCKS * BLOCKS * BLOCKS;
 
@@ -68,10 +71,10 @@ impl MovingCells {
         }
     }
 
-    /// The block of a point of the unit cube; what lies outside belongs to the nearest.
-    pub(crate) fn block(x: [f32; 3]) -> usize {
-        let [x, y, z] = x.map(|x| ((x * BLOCKS as f32) as usize).min(BLOCKS - 1));
-        (z * BLOCKS + y) * BLOCKS + x
+    /// The middle of a block, in the unit cube.
+    pub(crate) fn middle(block: usize) -> [f32; 3] {
+        let at = [block % BLOCKS, block / BLOCKS % BLOCKS, block / (BLOCKS * BLOCKS)];
+        at.map(|at| (at as f32 + 0.5) / BLOCKS as f32)
     }
 
     /// Mark what another one marks.
@@ -133,16 +136,16 @@ mod tests {
     }
 
     #[test]
-    fn a_block_is_the_cells_whose_points_are_in_it() {
-        let x = [0.3, 0.71, 0.99];
+    fn a_block_is_eight_cells_around_its_middle() {
         let mut cells = MovingCells::none();
-        cells.mark_block(MovingCells::block(x));
-        assert!(cells.holds(x) && cells.count() == 8);
+        let x = MovingCells::middle(5 + 64 * (17 + 64 * 60));
+        cells.mark_block(5 + 64 * (17 + 64 * 60));
+        assert_eq!(x, [5.5 / 64.0, 17.5 / 64.0, 60.5 / 64.0]);
+        assert!(cells.holds(x) && cells.holds(x.map(|x| x - 0.007)) && cells.count() == 8);
         let mut other = MovingCells::none();
         other.mark(0);
         other.unite(&cells);
         assert!(other.holds(x) && other.holds([0.0; 3]) && other.count() == 9);
-        assert_eq!(MovingCells::block([2.0; 3]), MovingCells::BLOCKS - 1);
     }
 
     #[test]

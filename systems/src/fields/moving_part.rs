@@ -3,8 +3,8 @@
 //! The still part of the field is a field as for a scene at rest. In cells where something moves ([`MovingCells`]) a sample has both
 //! parts: they are mixed by a gate (`fields::blend`). Everywhere else the field costs what it costs at rest.
 
-use super::field::{Placing, When, fill_times, knows_time, seen, steps_of};
 use super::moving_cells::MovingCells;
+use super::placing::{Placing, When, fill_times, knows_time, seen, steps_of};
 use super::{DensityDecoder, Features, Names, xavier};
 use crate::schedule::Done;
 use crate::warps::{Deform, TimeSteps};

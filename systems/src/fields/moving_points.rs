@@ -1,7 +1,7 @@
 //! Points at which something moves: which of a batch's they are, what the moving part sees of them, and their gradients.
 
-use super::field::{Placing, When, fill_times, seen};
 use super::moving_part::MovingPart;
+use super::placing::{Placing, When, fill_times, seen};
 use super::{Detail, Part, Places};
 use crate::buffers::sized;
 use crate::warps::{Points, TimeSteps};

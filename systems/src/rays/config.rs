@@ -1,7 +1,7 @@
 //! Settings of a system of rays, part by part.
 
 use super::head::HeadConfig;
-use super::movers::MovingConfig;
+use super::moving_config::MovingConfig;
 use crate::fields::{Decoder, DecoderChoice, DecoderKind, FeatureSource, NetworkConfig};
 use crate::samplers::{OccupancyConfig, ProposalConfig};
 use crate::settings::Settings;

@@ -35,9 +35,10 @@ mod head;
 mod learn;
 mod marched;
 mod movers;
-mod moving_places;
 #[cfg(test)]
 mod movers_tests;
+mod moving_config;
+mod moving_places;
 #[cfg(test)]
 mod moving_tests;
 mod point_flow;
@@ -66,8 +67,8 @@ mod work;
 pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 pub use driver::RaySystem;
 pub use head::{HeadConfig, MixtureKind};
-pub use movers::MovingConfig;
-pub(crate) use movers::MovingSettings;
+pub use moving_config::MovingConfig;
+pub(crate) use moving_config::MovingSettings;
 pub(crate) use scene_flow::{
     BEYOND, FlowConfig, FlowRays, FlowSettings, FlowTerm, HERE, NEXT, PASSES, PREVIOUS, SeenBars,
 };

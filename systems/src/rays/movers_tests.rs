@@ -14,7 +14,7 @@ use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::{System, TensorMap};
 use glam::DVec3;
-use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::synthetic::{OrbitMotion, OrbitOptions, orbit};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
@@ -43,11 +43,11 @@ fn watching_by(config: RayConfig, from: u64, data: &Dataset) -> RaySystem {
     driver
 }
 
-/// Photos of a table on which nothing moves, each said to be of a time of its own.
+/// A photo of each of twenty times of the film in which nothing moves.
 fn at_rest() -> Dataset {
-    let options = TabletopOptions { width: 32, height: 32, train: 12, test: 0, rays: 1, ..TabletopOptions::default() };
-    let mut scene = tabletop(&options);
-    scene.frames.iter_mut().enumerate().for_each(|(i, frame)| frame.time = Some(i as f64 / 11.0));
+    let motion = OrbitMotion::Nothing;
+    let scene =
+        orbit(&OrbitOptions { width: 32, height: 32, train: 20, test: 0, rays: 1, motion, ..OrbitOptions::default() });
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
 }
@@ -78,8 +78,8 @@ fn what_moves_is_found_and_the_rest_stands_still() {
 #[test]
 fn a_scene_at_rest_gets_no_moving_part() {
     let data = at_rest();
-    let mut driver = watching(400, &data);
-    for step in 0..410 {
+    let mut driver = watching(120, &data);
+    for step in 0..130 {
         driver.step(&data, step).unwrap();
     }
     let found = driver.movers.as_ref().unwrap().found.unwrap();

@@ -1,91 +1,98 @@
 //! Where in space something moves: in blocks that enough of the views that see them see in a tile of their photo that moves.
 //!
-//! A tile is a line of sight. What moves on it is not behind what the field at rest shows there, as that hides it; and it is not right
-//! before the camera, where every view would have a place of its own for what it shows.
+//! What moves in a tile is not behind what the field at rest shows there, as that hides it; and it is not right before the camera, where
+//! every view would have a place of its own for what it shows.
 
 use super::driver::RaySystem;
 use super::movers::Found;
-use super::residuals::PhotoTile;
+use super::residuals::{PhotoTile, side_of_tile};
 use crate::fields::MovingCells;
-use crate::space::{Space, SpaceKind};
 use engine::data::Dataset;
 use engine::halt::Halt;
 use engine::system::{Appearance, LayerRequest, Query, System};
-use float_core::Simd;
+use glam::DVec3;
 use rayon::prelude::*;
+use render_core::camera::Prepared;
 use render_core::ray::Ray;
+use render_core::space_map::SpaceMap;
 
 /// Share of the tiles below which nothing moves: what is left over then are highlights and mistakes.
 const NOTHING: f64 = 1e-3;
 /// A block moves where this share of the views that see it see something move there, and at least so many of them.
 const OF_VIEWS: f32 = 0.1;
 const VIEWS: u16 = 3;
-/// Tiles that are looked along at most: of views spread evenly.
-const LOOKED_ALONG: usize = 1 << 16;
-/// Places along an axis of the unit cube that a line of sight goes through, one after the other.
-const STEPS: f32 = 128.0;
-/// A line of sight begins at this share of the distance of what a view sees near by, nearer than all but [`NEAREST`] of its tiles, and
-/// ends a little behind what is seen on it.
+/// Views that are asked at most, spread evenly.
+const ASKED: usize = 96;
+/// What moves is farther off than this share of the distance of what a view sees near by, nearer than all but [`NEAREST`] of its tiles,
+/// and at most a little behind what is seen in its tile.
 const BEFORE: f64 = 0.5;
 const NEAREST: f64 = 0.05;
 const BEHIND: f64 = 1.15;
 
-/// A line of sight from `begin` to `end`, world units.
+/// What a view sees move.
 struct Sight {
-    ray: Ray,
-    moves: bool,
+    camera: Prepared,
+    /// Where the view sees from, and how far off it sees at least, world units.
+    from: DVec3,
     begin: f64,
-    end: f64,
+    /// Pixels along a side of a tile, tiles in a row.
+    side: u32,
+    columns: usize,
+    /// Of each tile how far off is what is seen in it, and whether it moves; nothing is known of some.
+    tiles: Vec<Option<(f64, bool)>>,
 }
 
-/// Blocks that lines of sight of a view go through, and those of them on which the view sees something move; each once.
-fn seen_blocks(space: &Space, sights: &[Sight]) -> (Vec<u32>, Vec<u32>) {
-    let (mut seen, mut moving) = (Vec::new(), Vec::new());
-    let simd = Simd::best();
-    // Half a side of the unit cube in internal units where space is not contracted.
-    let scale = if space.kind() == SpaceKind::Contracted { 4.0 / STEPS } else { 2.0 / STEPS };
-    let (mut p, mut x) = ([0.0; 3], [0.0; 3]);
-    for sight in sights {
-        let ray = space.internal_ray(&sight.ray);
-        let mut t = ray.start;
-        while t < ray.end {
-            let far_off = space.world_distance(&sight.ray, t);
-            if far_off > sight.end {
-                break;
-            }
-            p.copy_from_slice(&ray.at(t));
-            if far_off >= sight.begin {
-                space.grid_positions(simd, &p, &mut x);
-                let block = MovingCells::block(x) as u32;
-                if seen.last() != Some(&block) {
-                    seen.push(block);
-                    if sight.moves {
-                        moving.push(block);
-                    }
-                }
-            }
-            // The contraction shortens what is far by the square of its distance.
-            let far = p.iter().fold(1.0, |far: f32, p| far.max(p.abs()));
-            t += if space.kind() == SpaceKind::Contracted { scale * far * far } else { scale };
+impl Sight {
+    /// Whether something moves at a point; `None` where the view does not see it.
+    fn moves(&self, x: DVec3) -> Option<bool> {
+        let camera = self.camera.camera();
+        let pixel = self.camera.project(x)?;
+        let inside = pixel.x >= 0.0 && pixel.y >= 0.0;
+        let [x_at, y_at] = [pixel.x, pixel.y].map(|at| at as u32);
+        if !inside || x_at >= camera.width || y_at >= camera.height {
+            return None;
         }
+        let (end, moves) = self.tiles[(y_at / self.side) as usize * self.columns + (x_at / self.side) as usize]?;
+        (self.begin..end).contains(&(x - self.from).length()).then_some(moves)
     }
-    for blocks in [&mut seen, &mut moving] {
-        blocks.sort_unstable();
-        blocks.dedup();
+}
+
+/// How many views see the points of a row of blocks, and how many of them see something move there.
+fn votes(sights: &[Sight], map: &SpaceMap, row: usize) -> Vec<[u16; 2]> {
+    let n = MovingCells::ROW;
+    let mut x = vec![0.0; 3 * n];
+    let mut u = x.clone();
+    for i in 0..n {
+        let middle = MovingCells::middle(row * n + i);
+        (0..3).for_each(|a| u[a * n + i] = middle[a]);
     }
-    (seen, moving)
+    map.world(&u, &mut x);
+    let place = |i: usize| DVec3::new(f64::from(x[i]), f64::from(x[n + i]), f64::from(x[2 * n + i]));
+    let vote = |i: usize| {
+        let mut votes = [0, 0];
+        for moves in sights.iter().filter_map(|sight| sight.moves(place(i))) {
+            votes[0] += 1;
+            votes[1] += u16::from(moves);
+        }
+        votes
+    };
+    (0..n).map(vote).collect()
 }
 
 impl RaySystem {
-    /// The lines of sight through the tiles of a view.
-    fn sights(&self, data: &Dataset, view: usize, tiles: &[PhotoTile]) -> Vec<Sight> {
+    /// What a view sees, of whose photo these tiles are known.
+    fn sight(&self, data: &Dataset, view: usize, tiles: &[PhotoTile]) -> Sight {
         let camera = data.view(view);
-        let [right, bottom] = [camera.camera.width - 1, camera.camera.height - 1];
-        let sight = |tile: &PhotoTile| {
-            let ray = camera.ray(tile.middle[0].min(right), tile.middle[1].min(bottom))?;
-            Some(Sight { ray, moves: tile.moves, begin: 0.0, end: f64::INFINITY })
+        let [width, height] = [camera.camera.width, camera.camera.height];
+        let side = side_of_tile(&camera.camera);
+        let columns = width.div_ceil(side) as usize;
+        let mut known = vec![None; columns * height.div_ceil(side) as usize];
+        let of_tile = |tile: &PhotoTile| {
+            let [x, y] = [tile.middle[0].min(width - 1), tile.middle[1].min(height - 1)];
+            let at = (y / side) as usize * columns + (x / side) as usize;
+            Some((camera.ray(x, y)?, at, tile.moves))
         };
-        let mut sights: Vec<Sight> = tiles.iter().filter_map(sight).collect();
+        let seen: Vec<(Ray, usize, bool)> = tiles.iter().filter_map(of_tile).collect();
         let query = Query {
             background: [0.0; 3],
             layers: LayerRequest::default(),
@@ -94,16 +101,16 @@ impl RaySystem {
             time: camera.time,
             halt: Halt::NEVER,
         };
-        let rays: Vec<Ray> = sights.iter().map(|sight| sight.ray).collect();
+        let rays: Vec<Ray> = seen.iter().map(|(ray, ..)| *ray).collect();
         let depths = self.render(&rays, &query).median_depth;
+        for ((_, at, moves), depth) in seen.iter().zip(&depths) {
+            // Nothing hides what is before nothing: infinity stays.
+            known[*at] = Some((BEHIND * f64::from(*depth), *moves));
+        }
         let mut near: Vec<f64> = depths.iter().copied().filter(|d| d.is_finite()).map(f64::from).collect();
         near.sort_by(f64::total_cmp);
         let begin = near.get((NEAREST * near.len() as f64) as usize).map_or(0.0, |near| BEFORE * near);
-        for (sight, depth) in sights.iter_mut().zip(depths) {
-            // Nothing hides what is before nothing: infinity stays.
-            (sight.begin, sight.end) = (begin, BEHIND * f64::from(depth));
-        }
-        sights
+        Sight { camera: camera.camera.prepare(), from: camera.camera.pose.c, begin, side, columns, tiles: known }
     }
 
     /// Cells in which something moves, and what was found; no cells where that is next to nothing.
@@ -115,22 +122,14 @@ impl RaySystem {
         if share < NOTHING {
             return (cells, Found { tiles: share, cells: 0.0 });
         }
-        let every = all.div_ceil(LOOKED_ALONG);
-        let sights: Vec<Vec<Sight>> =
-            tiles.iter().enumerate().step_by(every).map(|(view, tiles)| self.sights(data, view, tiles)).collect();
-        let views: Vec<(Vec<u32>, Vec<u32>)> =
-            sights.par_iter().map(|sights| seen_blocks(&self.space, sights)).collect();
-        let mut votes = vec![[0_u16; 2]; MovingCells::BLOCKS];
-        for (seen, moving) in &views {
-            for (kind, blocks) in [seen, moving].into_iter().enumerate() {
-                for &block in blocks {
-                    let votes = &mut votes[block as usize][kind];
-                    *votes = votes.saturating_add(1);
-                }
-            }
-        }
-        let least = VIEWS.min(views.len() as u16);
-        for (block, [seen, moving]) in votes.into_iter().enumerate() {
+        let every = tiles.len().div_ceil(ASKED);
+        let asked = tiles.iter().enumerate().step_by(every);
+        let sights: Vec<Sight> = asked.map(|(view, tiles)| self.sight(data, view, tiles)).collect();
+        let map = self.space.map();
+        let rows: Vec<Vec<[u16; 2]>> =
+            (0..MovingCells::BLOCKS / MovingCells::ROW).into_par_iter().map(|row| votes(&sights, &map, row)).collect();
+        let least = VIEWS.min(sights.len() as u16);
+        for (block, [seen, moving]) in rows.into_iter().flatten().enumerate() {
             if moving >= least && f32::from(moving) >= OF_VIEWS * f32::from(seen) {
                 cells.mark_block(block);
             }
