@@ -97,6 +97,8 @@ fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     let given: &[&str] = match name {
         "auto" => &AUTO,
         "nerfies" | "hypernerf" => &CODES,
+        // Rays are drawn in one way: here by curriculum.
+        "nsff" | "dynamic-nerf" => &["by_error=false"],
         _ => &[],
     };
     let (train, _) = views(scene, 1);

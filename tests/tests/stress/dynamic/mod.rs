@@ -33,7 +33,7 @@ const SMALL: [&str; 8] = [
 ];
 
 /// Those that the published networks have not.
-const OF_THE_FIELD: [&str; 9] = [
+const OF_THE_FIELD: [&str; 10] = [
     "levels",
     "log2_table",
     "n_max",
@@ -43,6 +43,7 @@ const OF_THE_FIELD: [&str; 9] = [
     "batch_samples",
     "plane_features",
     "plane_times",
+    "refine_every",
 ];
 
 const STEPS: u64 = 5;
@@ -81,8 +82,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
         _ => &[],
     };
     let moves = scene.frames.iter().any(|frame| frame.time.is_some());
-    // Rays are chosen and depths refined where photos have times.
-    // What stands in the place of the part that these are of.
+    // What stands in the place of the part that these are of; rays are chosen and depths refined where photos have times.
     let replaced = |s: &str| match s.split('=').next() {
         Some(key) if set.contains(&"field=mlp") && OF_THE_FIELD.contains(&key) => true,
         Some("width" | "geometry" | "colour_layers") => set.contains(&"decoder=explicit"),
