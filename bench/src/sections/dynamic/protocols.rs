@@ -114,7 +114,7 @@ const EVERYTHING: &[Entry] = &[
     D_NERF_PUBLISHED,
     NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(SPREAD)]),
     NERFIES.without("nerfies, all octaves from the start", "warp_anneal = 0").aims(&[Aim::Costs(SPREAD)]),
-    NERFIES.without("nerfies, no background loss", "background = 0.0").aims(&[Aim::Costs(SPREAD)]),
+    NERFIES.without("nerfies, no background loss", "background_loss = 0.0").aims(&[Aim::Costs(SPREAD)]),
 ];
 
 pub(super) const WORKBENCH: Group = Group {
