@@ -14,9 +14,6 @@ use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::{System, TensorMap};
 use glam::DVec3;
-use scene_io::synthetic::{OrbitMotion, OrbitOptions, orbit};
-use scene_io::{ImageStore, Split, StoreOptions};
-use std::sync::Arc;
 
 /// A small field with a part for what moves in the second half of the schedule.
 fn config() -> RayConfig {
@@ -43,15 +40,6 @@ fn watching_by(config: RayConfig, from: u64, data: &Dataset) -> RaySystem {
     driver
 }
 
-/// A photo of each of twenty times of the film in which nothing moves.
-fn at_rest() -> Dataset {
-    let motion = OrbitMotion::Nothing;
-    let scene =
-        orbit(&OrbitOptions { width: 32, height: 32, train: 20, test: 0, rays: 1, motion, ..OrbitOptions::default() });
-    let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
-    Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
-}
-
 #[test]
 fn what_moves_is_found_and_the_rest_stands_still() {
     let data = filmed(32);
@@ -73,18 +61,6 @@ fn what_moves_is_found_and_the_rest_stands_still() {
     let mut there = [[0.0; 3]];
     driver.canonical(&corner, 0.7, &mut there);
     assert_eq!(there, corner);
-}
-
-#[test]
-fn a_scene_at_rest_gets_no_moving_part() {
-    let data = at_rest();
-    let mut driver = watching(120, &data);
-    for step in 0..130 {
-        driver.step(&data, step).unwrap();
-    }
-    let found = driver.movers.as_ref().unwrap().found.unwrap();
-    assert!(driver.field.moving.is_none() && found.cells == 0.0, "{found:?}");
-    assert!(!driver.is_timed());
 }
 
 #[test]
