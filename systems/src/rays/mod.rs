@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | [`crate::warps`]; where a part of the field is for that alone: `movers`, `residuals`; how it goes on in the frames beside: `scene_flow` |
+//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`; how it goes on in the frames beside: `scene_flow` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:

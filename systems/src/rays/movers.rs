@@ -6,7 +6,7 @@
 use super::config::RayConfig;
 use super::driver::RaySystem;
 use super::moving_config::MovingConfig;
-use super::residuals::{PhotoTile, Residuals, side_of_tile};
+use super::residuals::{PhotoTile, Residuals, ToldBy, side_of_tile};
 use super::scene_flow::{Film, FlowContext};
 use super::work::Work;
 use crate::fields::{MovingCells, MovingPart, NETWORK_ADAM};
@@ -97,6 +97,11 @@ impl Movers {
         }
     }
 
+    /// Whether motion masks of all photos say what moves.
+    fn knows_by_masks(&self) -> bool {
+        self.film.as_ref().is_some_and(Film::knows_movers)
+    }
+
     /// Whether it is time to look for what moves, after so many looks.
     fn is_due(&self, share: f64) -> bool {
         self.residuals.as_ref().is_some_and(|residuals| share >= self.config.from() * f64::from(residuals.looks() + 1))
@@ -180,12 +185,13 @@ impl RaySystem {
         let share = self.course.done(step).share;
         let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(share)) else { return Ok(()) };
         let Some(residuals) = &movers.residuals else { return Ok(()) };
-        let (cells, found) = self.moving_places(data, &movers.tiles(residuals, data));
+        let by = if movers.knows_by_masks() { ToldBy::Masks } else { ToldBy::Residuals };
+        let (cells, found) = self.moving_places(data, &movers.tiles(residuals, data), by);
         let Some(movers) = &mut self.movers else { return Ok(()) };
         movers.found = Some(found);
         movers.told = false;
-        let last = movers.film.as_ref().is_some_and(Film::knows_movers)
-            || movers.residuals.as_ref().is_none_or(|residuals| residuals.looks() + 1 >= LOOKS);
+        let last =
+            by == ToldBy::Masks || movers.residuals.as_ref().is_none_or(|residuals| residuals.looks() + 1 >= LOOKS);
         movers.residuals = movers.residuals.take().filter(|_| !last).map(Residuals::looked);
         if cells.count() > 0 {
             let part = match self.field.moving.take() {

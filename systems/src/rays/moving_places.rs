@@ -1,11 +1,12 @@
 //! Where in space something moves: in blocks that enough of the views that see them see in a tile of their photo that moves.
 //!
 //! What moves in a tile is not behind what the field at rest shows there, as that hides it; and it is not right before the camera, where
-//! every view would have a place of its own for what it shows.
+//! every view would have a place of its own for what it shows. Where motion masks say what moves the field learns nothing there, and shows
+//! nothing that could hide it.
 
 use super::driver::RaySystem;
 use super::movers::Found;
-use super::residuals::{PhotoTile, side_of_tile};
+use super::residuals::{PhotoTile, ToldBy, side_of_tile};
 use crate::fields::MovingCells;
 use engine::data::Dataset;
 use engine::halt::Halt;
@@ -81,7 +82,7 @@ fn votes(sights: &[Sight], map: &SpaceMap, row: usize) -> Vec<[u16; 2]> {
 
 impl RaySystem {
     /// What a view sees, of whose photo these tiles are known.
-    fn sight(&self, data: &Dataset, view: usize, tiles: &[PhotoTile]) -> Sight {
+    fn sight(&self, data: &Dataset, view: usize, tiles: &[PhotoTile], by: ToldBy) -> Sight {
         let camera = data.view(view);
         let [width, height] = [camera.camera.width, camera.camera.height];
         let side = side_of_tile(&camera.camera);
@@ -104,8 +105,9 @@ impl RaySystem {
         let rays: Vec<Ray> = seen.iter().map(|(ray, ..)| *ray).collect();
         let depths = self.render(&rays, &query).median_depth;
         for ((_, at, moves), depth) in seen.iter().zip(&depths) {
+            let is_hidden = !*moves || by == ToldBy::Residuals;
             // Nothing hides what is before nothing: infinity stays.
-            known[*at] = Some((BEHIND * f64::from(*depth), *moves));
+            known[*at] = Some((if is_hidden { BEHIND * f64::from(*depth) } else { f64::INFINITY }, *moves));
         }
         let mut near: Vec<f64> = depths.iter().copied().filter(|d| d.is_finite()).map(f64::from).collect();
         near.sort_by(f64::total_cmp);
@@ -114,7 +116,7 @@ impl RaySystem {
     }
 
     /// Cells in which something moves, and what was found; no cells where that is next to nothing.
-    pub(super) fn moving_places(&self, data: &Dataset, tiles: &[Vec<PhotoTile>]) -> (MovingCells, Found) {
+    pub(super) fn moving_places(&self, data: &Dataset, tiles: &[Vec<PhotoTile>], by: ToldBy) -> (MovingCells, Found) {
         let all: usize = tiles.iter().map(Vec::len).sum();
         let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
         let share = moving as f64 / all.max(1) as f64;
@@ -124,7 +126,7 @@ impl RaySystem {
         }
         let every = tiles.len().div_ceil(ASKED);
         let asked = tiles.iter().enumerate().step_by(every);
-        let sights: Vec<Sight> = asked.map(|(view, tiles)| self.sight(data, view, tiles)).collect();
+        let sights: Vec<Sight> = asked.map(|(view, tiles)| self.sight(data, view, tiles, by)).collect();
         let map = self.space.map();
         let rows: Vec<Vec<[u16; 2]>> =
             (0..MovingCells::BLOCKS / MovingCells::ROW).into_par_iter().map(|row| votes(&sights, &map, row)).collect();

@@ -18,6 +18,8 @@ const FEW: f32 = 4.0;
 const MOVES: f32 = 0.012;
 const TIMES_USUAL: f32 = 3.0;
 const SIGMAS: f32 = 2.5;
+/// Largest error of a colour that is told apart.
+const LARGEST: f32 = 2.0;
 /// Numbers kept of a tile: pixels, the sum of their weights, that of the squares of weights, three weighted sums of errors, that of
 /// squared errors. Weights grow with the square of the step: what was not sharp yet is forgotten.
 const NUMBERS: usize = 7;
@@ -34,6 +36,15 @@ pub(super) struct Residuals {
     tiles: Vec<f32>,
     /// How often it was looked what moves.
     looks: u32,
+}
+
+/// What tiles are told by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ToldBy {
+    /// What a field at rest cannot explain.
+    Residuals,
+    /// Masks of all photos.
+    Masks,
 }
 
 /// A tile of a view.
@@ -89,6 +100,8 @@ impl Residuals {
             if batch.weight[i] <= 0.0 || !error.iter().all(|e| e.is_finite()) {
                 continue;
             }
+            // A field that is lost shows any number; sums stay finite.
+            let error = error.map(|e| e.clamp(-LARGEST, LARGEST));
             let [first, columns, side] = self.views[batch.view[i] as usize];
             let [x, y] = batch.pixel[i].map(|at| u32::from(at) / side);
             let numbers = &mut self.tiles[(first + y * columns + x) as usize * NUMBERS..][..NUMBERS];
