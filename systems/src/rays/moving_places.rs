@@ -22,6 +22,9 @@ const NOTHING: f64 = 1e-3;
 /// A block moves where this share of the views that see it see something move there, and at least so many of them.
 const OF_VIEWS: f32 = 0.1;
 const VIEWS: u16 = 3;
+/// The same where masks say so, which do not err by chance.
+const OF_MASKS: f32 = 0.03;
+const MASKS: u16 = 1;
 /// Views that are asked at most, spread evenly.
 const ASKED: usize = 96;
 /// What moves is farther off than this share of the distance of what a view sees near by, nearer than all but [`NEAREST`] of its tiles,
@@ -111,7 +114,8 @@ impl RaySystem {
         }
         let mut near: Vec<f64> = depths.iter().copied().filter(|d| d.is_finite()).map(f64::from).collect();
         near.sort_by(f64::total_cmp);
-        let begin = near.get((NEAREST * near.len() as f64) as usize).map_or(0.0, |near| BEFORE * near);
+        let near = near.get((NEAREST * near.len() as f64) as usize).filter(|_| by == ToldBy::Residuals);
+        let begin = near.map_or(0.0, |near| BEFORE * near);
         Sight { camera: camera.camera.prepare(), from: camera.camera.pose.c, begin, side, columns, tiles: known }
     }
 
@@ -119,10 +123,10 @@ impl RaySystem {
     pub(super) fn moving_places(&self, data: &Dataset, tiles: &[Vec<PhotoTile>], by: ToldBy) -> (MovingCells, Found) {
         let all: usize = tiles.iter().map(Vec::len).sum();
         let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
-        let share = moving as f64 / all.max(1) as f64;
+        let of_tiles = moving as f64 / all.max(1) as f64;
         let mut cells = MovingCells::none();
-        if share < NOTHING {
-            return (cells, Found { tiles: share, cells: 0.0 });
+        if of_tiles < NOTHING {
+            return (cells, Found { tiles: of_tiles, cells: 0.0 });
         }
         let every = tiles.len().div_ceil(ASKED);
         let asked = tiles.iter().enumerate().step_by(every);
@@ -130,14 +134,17 @@ impl RaySystem {
         let map = self.space.map();
         let rows: Vec<Vec<[u16; 2]>> =
             (0..MovingCells::BLOCKS / MovingCells::ROW).into_par_iter().map(|row| votes(&sights, &map, row)).collect();
-        let least = VIEWS.min(sights.len() as u16);
+        let (share, least) = match by {
+            ToldBy::Residuals => (OF_VIEWS, VIEWS.min(sights.len() as u16)),
+            ToldBy::Masks => (OF_MASKS, MASKS),
+        };
         for (block, [seen, moving]) in rows.into_iter().flatten().enumerate() {
-            if moving >= least && f32::from(moving) >= OF_VIEWS * f32::from(seen) {
+            if moving >= least && f32::from(moving) >= share * f32::from(seen) {
                 cells.mark_block(block);
             }
         }
         let cells = cells.grown();
-        let found = Found { tiles: share, cells: cells.count() as f64 / MovingCells::ALL as f64 };
+        let found = Found { tiles: of_tiles, cells: cells.count() as f64 / MovingCells::ALL as f64 };
         (cells, found)
     }
 }

@@ -174,7 +174,7 @@ fn films() -> Vec<Case> {
             )
         },
         Case { frames: 2, ..case("two frames", all, &["optical flow of 2 of 2 photos", MASKS]) },
-        Case { frames: 1, ..case("one frame", all, &["the photos are all of one time", NO_FLOW, MASKS]) },
+        Case { moves: None, frames: 1, ..case("one frame", all, &["the photos are all of one time", NO_FLOW, MASKS]) },
     ]
 }
 
