@@ -41,6 +41,8 @@ pub(crate) enum Name {
     DynamicWorkbench,
     /// A moving scene, embedded: the same
     DynamicOrbit,
+    /// A thing that opens, splits and closes again, embedded: the same, and ambient coordinates
+    DynamicMouth,
     /// A real video
     DynamicNr,
     /// Tissue behind a tool: what masks and measured depth are worth

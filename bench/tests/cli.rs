@@ -159,8 +159,8 @@ fn the_page_of_splats_has_times_with_errors_and_both_systems() {
 fn pages_of_moving_scenes_have_a_row_a_system_and_end_finished() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("pages");
-    let words = ["--quick", "--only", "dynamic-orbit,dynamic-nr", "--steps", "4", "--out", out.to_str().unwrap()];
-    let answer = bench(&words);
+    let only = "dynamic-orbit,dynamic-mouth,dynamic-nr";
+    let answer = bench(&["--quick", "--only", only, "--steps", "4", "--out", out.to_str().unwrap()]);
     let err = String::from_utf8_lossy(&answer.stderr).into_owned();
     assert!(answer.status.success(), "{err}");
     check_pages(&out);
@@ -176,6 +176,10 @@ fn pages_of_moving_scenes_have_a_row_a_system_and_end_finished() {
     assert_eq!(curves.lines().count(), table.lines().count());
     let page = fs::read_to_string(out.join("dynamic-orbit.md")).unwrap();
     assert!(page.contains("dynamic-orbit-time.svg") && !page.contains("Unfinished"), "{page}");
+    let mouth = fs::read_to_string(out.join("dynamic-mouth-systems.csv")).unwrap();
+    for row in ["hypernerf,", "\"hypernerf, no ambient coordinates\","] {
+        assert!(mouth.lines().any(|line| line.starts_with(row)), "{row} {mouth}");
+    }
     let video = fs::read_to_string(out.join("dynamic-nr.md")).unwrap();
     assert!(video.contains("A quick run") && !video.contains('|'), "files are not read in quick runs: {video}");
 }

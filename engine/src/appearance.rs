@@ -7,7 +7,7 @@
 //! | `fit:FILE` | the one that explains another photo best, everything else as it is |
 //! | `A..B` | from one of these to another, evenly over the frames of a path |
 //!
-//! A photo to fit to needs a camera: see [`Run::fit_photo`].
+//! A photo to fit to needs a camera, and of a scene that moves a time: see [`Run::fit_photo`].
 
 use crate::camera_path;
 use crate::error::RunError;
@@ -19,6 +19,7 @@ use crate::system::{Appearance, Fit};
 use glam::DVec2;
 use render_core::camera::{Camera, Lens};
 use scene_io::{Frame, ImageSource, ImageStore, Size, StoreOptions};
+use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -144,15 +145,18 @@ impl Run<'_> {
     ///
     /// Its camera is that of the frame `camera` names; else that of the frame that `file` is or names (`fit:test/r_0` needs
     /// no file at all); else the only one of the JSON file beside the photo (`photo.json` for `photo.jpg`, in the form of a
-    /// [camera path](camera_path)). A mask beside it (`photo.mask.png`, white = used) says which pixels count.
+    /// [camera path](camera_path)). A mask beside it (`photo.mask.png`, white = used) says which pixels count. The time at which
+    /// the scene is compared with it is that of the same frame, or the number `time` of the JSON file, 0 the first time step and 1
+    /// the last.
     ///
     /// # Errors
-    /// [`RunError::Option`] for systems with one appearance, photos without a camera or of another shape than their camera's;
-    /// unreadable files.
+    /// [`RunError::Option`] for systems with one appearance, photos without a camera or of another shape than their camera's, photos
+    /// of a scene that moves without a time; unreadable files.
     pub fn fit_photo(&self, file: &Path, camera: Option<&str>) -> Result<Vec<f32>, RunError> {
         let option = format!("`--appearance fit:{}`", file.display());
         need_codes(self.system.as_ref(), &option)?;
         let mut frame = self.photo(file, camera, &option)?;
+        let time = self.time_of(&frame, file, &option)?;
         // What it is for does not matter here.
         frame.split = scene_io::Split::Unused;
         let longest_side = Some(self.train.longest_side().unwrap_or(MOST_SIDE).min(MOST_SIDE));
@@ -170,14 +174,26 @@ impl Run<'_> {
             )));
         }
         let (steps, lr, seed) = (FIT_STEPS, FIT_LR, self.config.seed);
-        let code =
-            self.system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed, halt: &self.halt });
-        code.ok_or_else(|| {
+        let fit = Fit { rays: &rays, rgb: &rgb, time, background, steps, lr, seed, halt: &self.halt };
+        self.system.fit_appearance(&fit).ok_or_else(|| {
             RunError::Option(format!("{option}: `{}` fits no codes; use `mean` or `image:NAME`", self.system.name()))
         })
     }
 
-    /// A photo with its camera.
+    /// When a photo was taken; the only time of a scene that stands still.
+    fn time_of(&self, photo: &Frame, file: &Path, option: &str) -> Result<f64, RunError> {
+        match photo.time {
+            _ if self.train.time_steps() <= 1 => Ok(self.train.views().first().map_or(0.0, |view| view.time)),
+            Some(time) => Ok(time),
+            None => Err(RunError::Option(format!(
+                "{option}: the scene moves, and when the photo was taken is not known: write `\"time\": T` into `{}` (0 the \
+                 first time step, 1 the last), or take camera and time of a frame with `--fit-camera NAME`",
+                file.with_extension("json").display()
+            ))),
+        }
+    }
+
+    /// A photo with its camera, and its time where that is known.
     fn photo(&self, file: &Path, camera: Option<&str>, option: &str) -> Result<Frame, RunError> {
         let frames = &self.scene.frames;
         let all: Vec<&str> = frames.iter().map(|f| f.name.as_str()).collect();
@@ -201,9 +217,9 @@ impl Run<'_> {
         }
         let Size { width, height } = scene_io::photo_size(file)?;
         let beside = file.with_extension("json");
-        let camera = match named {
-            Some(frame) => frames[frame].camera,
-            None if beside.is_file() => self.camera_beside(&beside, width, height)?,
+        let (camera, time) = match named {
+            Some(frame) => (frames[frame].camera, frames[frame].time),
+            None if beside.is_file() => (self.camera_beside(&beside, width, height)?, time_beside(&beside)?),
             None => {
                 let stem = file.file_stem().unwrap_or_default().to_string_lossy();
                 return match names::find(&all, &stem, option) {
@@ -231,6 +247,7 @@ impl Run<'_> {
         let source = ImageSource::File(file.into());
         let mut frame = Frame::new(file.display().to_string(), source, camera.resized(width, height));
         frame.mask = Some(file.with_extension("mask.png")).filter(|mask| mask.is_file());
+        frame.time = time;
         Ok(frame)
     }
 
@@ -250,6 +267,19 @@ impl Run<'_> {
             [camera] => Ok(*camera),
             cameras => Err(wrong(format!("holds {} cameras; one photo has one", cameras.len()))),
         }
+    }
+}
+
+/// The time in a JSON file: the number `time` of its first camera, or at the top.
+fn time_beside(file: &Path) -> Result<Option<f64>, RunError> {
+    let text = std::fs::read_to_string(file).map_err(RunError::read(file))?;
+    let wrong = |problem: String| RunError::Content { path: file.into(), problem };
+    let json: Value = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+    let of_camera = ["frames", "camera_path"].iter().find_map(|list| json.get(list)?.get(0)?.get("time"));
+    let Some(value) = of_camera.or_else(|| json.get("time")) else { return Ok(None) };
+    match value.as_f64() {
+        Some(time) if (0.0..=1.0).contains(&time) => Ok(Some(time)),
+        _ => Err(wrong(format!("`time` = {value}: must be in 0..=1, 0 the first time step and 1 the last"))),
     }
 }
 
@@ -285,6 +315,26 @@ mod tests {
         assert_eq!(parse("image:a...mean").unwrap(), AppearancePath::Between(image("a."), PhotoAppearance::Mean));
         for wrong in ["", "image:", "fit:", "a", "mean..", "..mean", "mean..b", "image:a..image:"] {
             assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_time_of_a_photo_stands_with_its_camera_or_at_the_top() {
+        let read = |text: &str| {
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), text).unwrap();
+            time_beside(file.path()).map_err(|e| e.to_string())
+        };
+        assert_eq!(read(r#"{"frames": [{"time": 0.25}]}"#), Ok(Some(0.25)));
+        assert_eq!(read(r#"{"time": 1, "camera_path": [{}]}"#), Ok(Some(1.0)));
+        assert_eq!(read(r#"{"time": 1, "camera_path": [{"time": 0}]}"#), Ok(Some(0.0)));
+        assert_eq!(read(r#"{"frames": [{}]}"#), Ok(None));
+        for (text, part) in [
+            (r#"{"time": 3}"#, "`time` = 3: must be in 0..=1"),
+            (r#"{"frames": [{"time": "noon"}]}"#, "`time` = \"noon\""),
+            ("{", "EOF"),
+        ] {
+            assert!(read(text).unwrap_err().contains(part), "{text}: {:?}", read(text));
         }
     }
 

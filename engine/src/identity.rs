@@ -1,7 +1,7 @@
 //! Whether files are the same: hashes of bytes, and of everything that training sees of a dataset.
 
 use crate::error::RunError;
-use scene_io::{ImageSource, MaskPolarity, Priors, Scene, Split};
+use scene_io::{ImageSource, MaskPolarity, MotionFiles, Priors, Scene, Split};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -38,8 +38,9 @@ pub fn dataset_hash(scene: &Scene) -> Result<String, RunError> {
             }]);
             hash_file(&mut hash, mask)?;
         }
-        let Priors { segments, prompted, features } = &frame.priors;
-        for (kind, prior) in (1_u8..).zip([segments, prompted, features]) {
+        let Priors { segments, prompted, features, motion } = &frame.priors;
+        let MotionFiles { forward, backward, disparity, mask: moving } = motion;
+        for (kind, prior) in (1_u8..).zip([segments, prompted, features, forward, backward, disparity, moving]) {
             if let Some(path) = prior {
                 hash.update([kind]);
                 hash_prior(&mut hash, path)?;

@@ -26,7 +26,8 @@
 //! * [`train`]: the loop of steps, evaluation and checkpoints. [`summary`], [`report`]: the results, for programs and as a page.
 //!
 //! **After training**
-//! * [`camera_path`]: cameras to render along. [`video`]: pictures to a video, by `ffmpeg`.
+//! * [`camera_path`]: cameras to render along. [`flow`]: where pixels go from one of its frames to the next. [`video`]: pictures to a
+//!   video, by `ffmpeg`.
 //! * [`crop`]: which part of a reconstruction is shown and exported. [`surface`], [`mesh`]: points and meshes.
 //!
 //! **The whole**
@@ -41,6 +42,7 @@ pub mod crop;
 pub mod data;
 pub mod error;
 pub mod eval;
+pub mod flow;
 pub mod folder;
 pub mod halt;
 pub mod identity;

@@ -2,7 +2,9 @@
 
 use crate::error::RunError;
 use crate::options::DataOptions;
-use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
+use scene_io::synthetic::{
+    MouthOptions, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth, orbit, plaza, tabletop, tissue,
+};
 use scene_io::{Depth, PerturbationKind, Report, Scene, TrainPhotos};
 use std::path::Path;
 
@@ -13,8 +15,8 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training
-/// views (see [`scene_io::perturb`]).
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, `synthetic:mouth`, `synthetic:tissue`,
+/// `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.
@@ -90,15 +92,16 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
     let photos = data.load_options()?.train_photos;
     match name {
         "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
-        "tabletop" | "orbit" | "tissue" if photos == TrainPhotos::Clean => {
+        "tabletop" | "orbit" | "mouth" | "tissue" if photos == TrainPhotos::Clean => {
             Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
         "orbit" => Ok(orbit(&OrbitOptions::default())),
+        "mouth" => Ok(mouth(&MouthOptions::default())),
         "tissue" => Ok(tissue(&TissueOptions::default())),
         other => Err(RunError::Option(format!(
             "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit`, \
-             `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
+             `{SYNTHETIC}mouth`, `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
         ))),
     }
 }
@@ -106,6 +109,19 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use scene_io::Split;
+
+    #[test]
+    fn the_mouth_is_known_by_name_and_has_a_validation_split_of_its_own() {
+        let data = DataOptions { validation: Some("dataset".into()), ..DataOptions::default() };
+        let scene = load_in_order("synthetic:mouth", &data).unwrap();
+        assert_eq!([Split::Train, Split::Val, Split::Test].map(|split| scene.count(split)), [80, 8, 12]);
+        assert!(scene.notes.iter().any(|note| note.contains("8 frames are held out")), "{:?}", scene.notes);
+        let error = load("synthetic:mouths", &data).unwrap_err().to_string();
+        assert!(error.contains("`synthetic:mouth`"), "{error}");
+        let holdout = DataOptions { holdout: Some("every:8".into()), ..DataOptions::default() };
+        assert!(matches!(load("synthetic:mouth", &holdout), Err(RunError::Option(_))));
+    }
 
     #[test]
     fn perturbed_scenes_are_scenes_with_perturbed_training_views() {

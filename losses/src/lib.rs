@@ -11,7 +11,7 @@
 //!
 //! * [`distortion`]: how far apart the weights of a ray lie, in linear time (mip-NeRF 360)
 //! * [`interlevel`]: weights of a proposal bound those of the final network (mip-NeRF 360)
-//! * [`entropy`]: rays that end on matter or on the background (TiNeuVox)
+//! * [`entropy`]: rays that end on matter or on the background (TiNeuVox), weights that lie in few samples (DynamicNeRF)
 //! * [`point_colour`]: samples that have the colour of their pixel (TiNeuVox)
 //! * [`depth`]: measured depth: supervised (EndoNeRF, DyCheck), up to scale and shift (MiDaS, NSFF), by medians (MiDaS,
 //!   DynamicNeRF, RoDynRF)
@@ -19,9 +19,11 @@
 //! **Motion**
 //!
 //! * [`elastic`]: how far a deformation is from rigid (Nerfies)
+//! * [`coherence`]: distances between neighbours that a deformation should keep (as rigid as possible)
 //! * [`background`]: static points that a deformation must not move (Nerfies)
 //! * [`variation`]: differences in time (NSFF, DynamicNeRF, D-NeRF, RoDynRF) and total variation of lattices (K-Planes,
 //!   HexPlane, DVGO, TiNeuVox)
+//! * [`scene_flow`]: there and back again, steady in time, alike along a ray (NSFF, DynamicNeRF)
 //! * [`planes`]: feature planes that are smooth in space and time, planes of time near 1 (K-Planes)
 //!
 //! **Occluders and appearance**
@@ -72,6 +74,7 @@ compile_error!("losses needs a float backend: enable `std` or `libm`");
 
 pub mod background;
 pub mod codes;
+pub mod coherence;
 pub mod concrete;
 pub mod depth;
 pub mod distortion;
@@ -89,6 +92,7 @@ pub mod photometric;
 pub mod planes;
 pub mod point_colour;
 mod ray_intervals;
+pub mod scene_flow;
 pub mod smoothness;
 pub mod sparsity;
 pub mod trimmed;

@@ -195,7 +195,8 @@ fn pair(a: &[f32], b: &[f32], kernel: Kernel) -> Result<(), LossError> {
     same("b", a.len(), b.len())
 }
 
-fn check(kernel: Kernel) -> Result<(), LossError> {
+/// Refuses kernels that are not of the difference of two numbers, and unusable ones.
+pub(crate) fn check(kernel: Kernel) -> Result<(), LossError> {
     if let Kernel::LogSquared { eps } = kernel {
         let what = "`eps` of a kernel that is not one of the difference";
         return Err(LossError::Parameter { what, value: eps, range: "any kernel but the log-squared" });

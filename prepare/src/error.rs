@@ -4,7 +4,7 @@ use scene_io::SceneError;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A failure of [`crate::prepare`]: one line for the person.
+/// A failure of [`crate::prepare`] or [`crate::priors`](fn@crate::priors): one line for the person.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrepareError {

@@ -5,6 +5,9 @@
 //! with `glomap` on demand. Each stage leaves a marker in `prepare/` and is done once for the same inputs; the output of these
 //! programs is kept in `prepare.log`.
 //!
+//! [`priors`](fn@priors) makes priors of a scene that moves: optical flow between neighbouring photos ([`flow`]), and what moves by itself
+//! ([`motion`]).
+//!
 //! [`compare`] tells how far two sets of cameras are apart.
 
 mod batches;
@@ -13,13 +16,16 @@ mod colmap;
 mod compare;
 mod error;
 mod exif;
+pub mod flow;
 mod heic;
 mod input;
+pub mod motion;
 mod outcome;
 mod pairs;
 mod photo;
 mod pictures;
 mod posers;
+mod priors;
 mod request;
 #[cfg(feature = "sfm")]
 mod sfm;
@@ -39,6 +45,7 @@ pub use compare::{Comparison, compare};
 pub use error::PrepareError;
 pub use outcome::{ENOUGH, Summary};
 pub use posers::Poser;
+pub use priors::{PriorsRequest, PriorsSummary, priors};
 pub use request::Request;
 pub use tool::Toolbox;
 pub use watch::{Event, Silent, Watch};

@@ -82,6 +82,11 @@ pub(crate) fn hash<S: AsRef<str>>(texts: impl IntoIterator<Item = S>) -> String 
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// SHA-256, in hex, of bytes.
+pub(crate) fn hash_bytes(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// What tells a file from its later versions without reading it: path, size and time of change.
 pub(crate) fn stamp(path: &Path) -> String {
     let (size, time) = path.metadata().map_or((0, None), |m| (m.len(), m.modified().ok()));

@@ -31,6 +31,7 @@
 //! * [`quadrature`]: volume rendering: weights, colours, depths, and the same for a static and a transient part together;
 //!   [`Compositor`](quadrature::Compositor) for the usual case
 //! * [`budget`]: work that may be left out, and a bound on the error of that
+//! * [`induced_flow`]: where a neighbouring camera sees what a ray sees here (NSFF, DynamicNeRF)
 //! * [`lighting`]: spherical-harmonic lighting and shading (NeRF-OSR)
 //! * [`bilateral`]: depth smoothed, with its edges kept
 //!
@@ -86,6 +87,7 @@ pub mod error;
 pub mod frustum;
 pub mod histogram;
 pub mod importance;
+pub mod induced_flow;
 pub mod lighting;
 pub mod ndc;
 pub mod occupancy;

@@ -95,6 +95,19 @@ impl<T: Real> Ndc<T> {
         [-(p[0] - self.shift[0]) * z / self.scale[0], -(p[1] - self.shift[1]) * z / self.scale[1], z]
     }
 
+    /// Gradient of [`Ndc::inv_point`]: adds `J^T x_bar` to `p_bar`. Where `Z` was held, it has no derivative.
+    pub fn inv_point_backward(&self, p: [T; 3], gap: T, x_bar: [T; 3], p_bar: &mut [T; 3]) {
+        let z = T::TWO * self.near / (p[2].min(T::ONE - gap) - T::ONE);
+        let per_unit = |a: usize| -x_bar[a] / self.scale[a];
+        p_bar[0] += per_unit(0) * z;
+        p_bar[1] += per_unit(1) * z;
+        let z_bar = x_bar[2] + per_unit(0) * (p[0] - self.shift[0]) + per_unit(1) * (p[1] - self.shift[1]);
+        if p[2] < T::ONE - gap {
+            // dz/dZ = -2 near / (Z - 1)^2
+            p_bar[2] += -z_bar * z * z / (T::TWO * self.near);
+        }
+    }
+
     /// The ray `o + t d` (GL axes, any length of `d`) in NDC.
     ///
     /// Its origin is moved to the near plane first. `None` where `d` is within [`MIN_COS`] of the image plane or faces

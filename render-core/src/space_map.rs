@@ -13,6 +13,9 @@
 //! [`SpaceMap::internal_ray_backward`] to rays of the world. Where samples are placed on rays of the world instead, it takes
 //! [`SpaceMap::unit_backward`], [`SpaceMap::internal_backward`], and then the samples' twin.
 //!
+//! The way back to the world, [`SpaceMap::world`], is for losses that compare with something there: projections, motion in world
+//! units. The far end of the world is [`FAR_GAP`] before the end of the unit cube.
+//!
 //! All of it is `f64` inside and rounded once; every sample and every ray by itself, so the bits depend on nothing else.
 //!
 //! ```
@@ -28,11 +31,15 @@
 //! assert!((u[0] - (2.0 - 1.0 / 3.0 + 2.0) / 4.0).abs() < 1e-6);
 //! ```
 
-use crate::contract::{Norm, contract, contract_backward};
+use crate::contract::{Norm, contract, contract_backward, inv_contract_within, inv_contract_within_backward};
 use crate::ndc::{Ndc, NdcRay};
 use crate::pose::Pose;
 use crate::ray::{Ray, RayBar, normalise_backward};
 use glam::DVec3;
+
+/// How far before infinity [`SpaceMap::world`] ends: contracted norms above `2 - FAR_GAP` and NDC depths above `1 - FAR_GAP` count as
+/// that, and have no derivative. Positions in `f32` tell distances there apart to a few parts in ten thousand.
+pub const FAR_GAP: f64 = 1e-3;
 
 /// How the world is laid out for a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +104,55 @@ impl SpaceMap {
     /// As [`SpaceMap::unit`].
     pub fn unit_backward(&self, p: &[f32], u_bar: &[f32], p_bar: &mut [f32]) {
         each_backward(p, u_bar, p_bar, |p, u_bar| self.unit_point_backward(p, u_bar));
+    }
+
+    /// Positions in the world of unit cube coordinates, the inverse of [`SpaceMap::unit`] after [`SpaceMap::internal`]: `x` `[3][n]`
+    /// world units, written. What is beyond [`FAR_GAP`] comes back at that distance.
+    ///
+    /// # Panics
+    /// When the lengths differ or are not a multiple of 3.
+    pub fn world(&self, u: &[f32], x: &mut [f32]) {
+        each(u, x, |u| self.world_point(u));
+    }
+
+    /// Gradient of [`SpaceMap::world`]: adds into `u_bar` `[3][n]`.
+    ///
+    /// # Panics
+    /// As [`SpaceMap::world`].
+    pub fn world_backward(&self, u: &[f32], x_bar: &[f32], u_bar: &mut [f32]) {
+        each_backward(u, x_bar, u_bar, |u, x_bar| self.world_point_backward(u, x_bar));
+    }
+
+    /// [`SpaceMap::world`] of one point.
+    #[must_use]
+    pub fn world_point(&self, u: DVec3) -> DVec3 {
+        match *self {
+            Self::Box { centre, radius } => centre + radius * (u * 2.0 - 1.0),
+            Self::Contracted { norm, centre, radius } => {
+                let p = inv_contract_within(norm, (u * 4.0 - 2.0).to_array(), FAR_GAP);
+                centre + radius * DVec3::from(p)
+            }
+            Self::Ndc { pose, ndc } => pose.to_world(gl(ndc.inv_point((u * 2.0 - 1.0).to_array(), FAR_GAP).into())),
+        }
+    }
+
+    /// Gradient of [`SpaceMap::world_point`] with respect to the point.
+    #[must_use]
+    pub fn world_point_backward(&self, u: DVec3, x_bar: DVec3) -> DVec3 {
+        let mut bar = [0.0; 3];
+        match *self {
+            Self::Box { radius, .. } => x_bar * (2.0 * radius),
+            Self::Contracted { norm, radius, .. } => {
+                let y = (u * 4.0 - 2.0).to_array();
+                inv_contract_within_backward(norm, y, FAR_GAP, (x_bar * radius).to_array(), &mut bar);
+                DVec3::from(bar) * 4.0
+            }
+            Self::Ndc { pose, ndc } => {
+                let p = (u * 2.0 - 1.0).to_array();
+                ndc.inv_point_backward(p, FAR_GAP, gl(pose.r.transpose() * x_bar).to_array(), &mut bar);
+                DVec3::from(bar) * 2.0
+            }
+        }
     }
 
     /// A ray of the world in internal coordinates, its direction of unit length there; `None` where NDC has no such ray (see

@@ -126,7 +126,7 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
     let scaled = |pixel: [f32; 2]| [0, 1].map(|k| (f64::from(pixel[k]) * scale[k]) as f32);
     let frame = Frame {
         name: raw.name.clone(),
-        priors: Priors::beside(&path),
+        priors: Priors::beside(&path, &reading.root),
         image: ImageSource::File(path),
         mask,
         mask_polarity: polarity(reading, options),
@@ -136,6 +136,7 @@ fn inspect(raw: &RawFrame, reading: &Reading, options: &LoadOptions) -> Inspecte
             moving: raw.moving.clone().map(TruthMask::File),
             covisible: raw.covisible.clone().map(TruthMask::File),
             flow: raw.flow.clone(),
+            scene_flow: None,
         },
         ids: raw.ids,
         alpha: reading.alpha,
@@ -247,6 +248,10 @@ fn note_priors(out: &mut Assembled) {
         ("segments", count(&|f| f.priors.segments.is_some())),
         ("segments around feature points", count(&|f| f.priors.prompted.is_some())),
         ("dense features", count(&|f| f.priors.features.is_some())),
+        ("optical flow to the next photo", count(&|f| f.priors.motion.forward.is_some())),
+        ("optical flow to the photo before", count(&|f| f.priors.motion.backward.is_some())),
+        ("disparity", count(&|f| f.priors.motion.disparity.is_some())),
+        ("masks of what moves", count(&|f| f.priors.motion.mask.is_some())),
         ("truth masks of what does not belong there (for scoring only)", count(&|f| f.truth.transient.is_some())),
         ("truth masks of what moves (for scoring only)", count(&|f| f.truth.moving.is_some())),
         ("truth masks of what training frames show, too (for scoring only)", count(&|f| f.truth.covisible.is_some())),

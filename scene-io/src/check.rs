@@ -1,5 +1,9 @@
 //! Everything there is to say about a dataset, before training on it.
 
+mod motion;
+
+pub use motion::MotionSummary;
+
 use crate::capture::{self, Thumb};
 use crate::frame_files::refuse_blank_masks;
 use crate::listing::listing;
@@ -21,7 +25,7 @@ use std::path::Path;
 pub enum Depth {
     /// Image headers only: fast, but a truncated image is not noticed.
     Headers,
-    /// Every image, mask and depth map is decoded.
+    /// Every image, mask, depth map and prior is decoded.
     #[default]
     Pixels,
 }
@@ -45,6 +49,8 @@ pub struct Report {
     pub masks_leave: Option<f64>,
     /// What the depth maps hold; `None` where there are none, or they were not opened.
     pub depth: Option<DepthSummary>,
+    /// What priors of motion hold; `None` where there are none, or they were not opened.
+    pub motion: Option<MotionSummary>,
     /// What is wrong with the files, errors first.
     pub problems: Vec<Problem>,
     /// Why the result must be poor although the files are whole: warnings on the photos and where they were taken.
@@ -90,6 +96,7 @@ pub fn check(path: &Path, options: &LoadOptions, depth: Depth) -> Report {
                 image_bytes: 0,
                 masks_leave: None,
                 depth: None,
+                motion: None,
                 problems,
                 capture: Vec::new(),
                 notes: Vec::new(),
@@ -110,7 +117,7 @@ impl Report {
     #[must_use]
     pub fn new(scene: Scene, mut problems: Vec<Problem>, depth: Depth) -> Self {
         problems.extend(geometry(&scene));
-        let (mut image_bytes, mut masks_leave, mut summary) = (0, None, None);
+        let (mut image_bytes, mut masks_leave, mut summary, mut moves) = (0, None, None, None);
         let mut capture = Vec::new();
         match ImageStore::new(&scene.frames, StoreOptions { budget_bytes: 0, ..StoreOptions::default() }) {
             Ok(store) => {
@@ -130,6 +137,9 @@ impl Report {
                     }
                     capture = capture::find_problems(&scene, &thumbs);
                     problems.extend(priors(&scene));
+                    let (priors_of_motion, more) = motion::motion(&scene);
+                    moves = priors_of_motion;
+                    problems.extend(more);
                     match refuse_blank_masks(&scene.frames) {
                         Ok(share) => masks_leave = share,
                         Err(error) => problems.push(error.into_problem()),
@@ -155,6 +165,7 @@ impl Report {
             image_bytes,
             masks_leave,
             depth: summary,
+            motion: moves,
             problems,
             capture,
             notes: Vec::new(),
@@ -348,6 +359,9 @@ impl fmt::Display for Report {
                 };
                 let holes = 100.0 * depth.holes;
                 writeln!(f, "depth: {} maps, {range}, {holes:.1} % of the pixels not known", depth.maps)?;
+            }
+            for found in self.motion.iter().flat_map(MotionSummary::lines) {
+                writeln!(f, "{found}")?;
             }
             let count = |has: &dyn Fn(&Frame) -> bool| scene.frames.iter().filter(|f| has(f)).count();
             let truth = [

@@ -6,7 +6,8 @@
 //!   cameras.
 //! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
 //! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`]; [`Size`].
-//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`BitMask`].
+//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`Disparity`], [`BitMask`]; [`write_flo`]. Points that are
+//!   followed: [`SceneFlow`].
 //! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
 //! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
@@ -46,6 +47,7 @@ mod endonerf;
 mod error;
 pub mod export;
 mod files;
+mod flow_files;
 mod frame_files;
 mod hash;
 mod image_store;
@@ -61,6 +63,7 @@ mod naming;
 mod nerfies;
 mod nerfstudio;
 mod npy;
+mod npz;
 mod nr_nerf;
 mod options;
 mod perturb;
@@ -86,11 +89,12 @@ pub use render_core;
 pub use splat_core;
 
 pub use bit_mask::BitMask;
-pub use check::{Depth, DepthSummary, Report, check};
+pub use check::{Depth, DepthSummary, MotionSummary, Report, check};
 pub use decode_memory::{DecodeMemory, available_bytes};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity, one_line};
+pub use flow_files::write_flo;
 pub use frame_files::refuse_blank_masks;
 pub use image_store::{ImageStore, StoreOptions};
 pub use load::{load, load_cameras};
@@ -99,7 +103,8 @@ pub use perturb::perturb;
 pub use perturbation::{Bars, ColourChange, Perturbation, PerturbationKind};
 pub use picture::{Image, Picture, decode_photo, photo_size, with_photo};
 pub use priors::{
-    Features, Flow, FlowPlace, FlowTruth, LabelMap, Priors, PromptedSegment, Segments, TrackPoint, TruthMask,
+    Disparity, Features, Flow, FlowPlace, FlowPrior, FlowTruth, FollowedPoint, LabelMap, MotionFiles, Priors,
+    PromptedSegment, SceneFlow, Segments, TrackPoint, TruthMask,
 };
 pub use scene::{
     AlphaMeaning, Bounds, Dialect, Frame, FrameIds, ImageSource, LayoutHint, MaskPolarity, Point, Scene, Split, Truth,

@@ -46,6 +46,17 @@ pub(crate) fn with<T>(
     work(array)
 }
 
+/// [`with`] of an array that lies in memory: a member of an archive, whose name `path` ends in.
+pub(crate) fn with_bytes<T>(
+    path: &Path,
+    bytes: &[u8],
+    each: u64,
+    work: impl FnOnce(Array) -> Result<T, SceneError>,
+) -> Result<T, SceneError> {
+    let (array, _held) = parse(path, bytes, bytes.len() as u64, each)?;
+    work(array)
+}
+
 /// An array in `length` bytes, with its memory and `each` bytes a value more reserved.
 fn parse(path: &Path, mut reader: impl Read, length: u64, each: u64) -> Result<(Array, Reserved<'static>), SceneError> {
     let wrong = |at: usize, what: String| {

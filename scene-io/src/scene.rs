@@ -3,7 +3,7 @@
 use crate::depth::DepthSource;
 use crate::perturbation::Perturbation;
 use crate::picture::Image;
-use crate::priors::{FlowTruth, Priors, TrackPoint, TruthMask};
+use crate::priors::{FlowTruth, Priors, SceneFlow, TrackPoint, TruthMask};
 use crate::size::Size;
 use glam::DVec3;
 use render_core::camera::Camera;
@@ -25,7 +25,8 @@ pub struct Scene {
     /// Images and cameras, in the order the dialect defines.
     pub frames: Vec<Frame>,
     /// Reconstructed surface points, empty if the dataset has none. In a moving scene they are taken for background that stands
-    /// still: those of the Nerfies form and of `synthetic::orbit` are known to, those of structure from motion mostly do.
+    /// still: those of the Nerfies form, of `synthetic::orbit` and of `synthetic::mouth` are known to, those of structure from motion
+    /// mostly do.
     pub points: Vec<Point>,
     /// What the dialect itself says about the arrangement of cameras and scene.
     pub layout: LayoutHint,
@@ -243,6 +244,8 @@ pub struct Truth {
     pub covisible: Option<TruthMask>,
     /// Where another frame shows what this one does.
     pub flow: Option<FlowTruth>,
+    /// Where the surface points that it shows go.
+    pub scene_flow: Option<Arc<SceneFlow>>,
 }
 
 /// What the alpha of a picture means.

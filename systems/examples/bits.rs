@@ -87,10 +87,13 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("photos", "auto", &[]),
     ("film", "ngp", &[]),
     ("film", "t-nerf", &[]),
-    ("film", "d-nerf", &["by_error=true", "curriculum=0"]),
-    ("film", "nerfies", &[]),
-    ("film", "hypernerf", &["ambient_from=10", "ambient_anneal=20"]),
-    ("film", "tineuvox", &["voxels=24", "voxels_every=10"]),
+    ("film", "d-nerf", &["by_error=true", "curriculum=0.0"]),
+    ("film", "d-nerf", &["field=mlp", "warp_width=24", "warp_variation=1e-3", "run_steps=40"]),
+    ("film", "d-nerf", &["field=mlp", "warp_width=24", "origin=exact", "fine_networks=true", "run_steps=40"]),
+    ("film", "nerfies", &["appearance=none"]),
+    ("film", "nerfies", &["appearance=codes"]),
+    ("film", "hypernerf", &["appearance=none", "horizon=40", "ambient_from=0.25", "ambient_anneal=0.5"]),
+    ("film", "tineuvox", &["voxels=24", "horizon=40", "voxels_every=0.25"]),
     ("still", "k-planes", &["plane_vertices=16"]),
     ("film", "k-planes", &["plane_vertices=16"]),
     ("tissue", "endo-nerf", &["refine_every=15"]),
@@ -163,7 +166,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         _ => SMALL,
     };
     let mut all: Vec<&str> = small.iter().copied().filter(|set| !absent.contains(&&*name_of(set))).collect();
-    if family == "tissue" || family == "film" {
+    if (family == "tissue" || family == "film") && set.first() != Some(&"field=mlp") {
         all.push("train_stop=1e-3");
     }
     all.extend(set);
@@ -186,6 +189,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         let fit = Fit {
             rays: &rays,
             rgb: &rgb,
+            time: view.time,
             background: [0.2; 3],
             steps: 10,
             lr: 0.05,

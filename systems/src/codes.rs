@@ -2,7 +2,6 @@
 //! section 4.1).
 
 use crate::photo_model::Codes;
-use engine::data::Batch;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::init::Init;
 use field_core::rng::Rng;
@@ -14,6 +13,21 @@ const INIT: u64 = 0x636f_6465;
 
 /// Deviation of initial codes: small, so that all photos begin with nearly the same.
 const DEVIATION: f32 = 0.1;
+
+/// Uniform codes begin in `0..UNIFORM` (Nerfies and HyperNeRF, as released).
+const UNIFORM: f32 = 0.05;
+
+/// Fill initial codes uniformly from `0..0.05`.
+pub(crate) fn fill_uniform(rng: Rng, codes: &mut [f32]) {
+    rng.fill_uniform(0, codes);
+    codes.iter_mut().for_each(|c| *c *= UNIFORM);
+}
+
+/// Random numbers of the initial codes of a table.
+fn initial(name: &str, seed: u64) -> Rng {
+    let stream = name.bytes().fold(0, |sum: u64, b| sum.wrapping_mul(31).wrapping_add(b.into()));
+    Rng::new(seed, INIT).substream(stream)
+}
 
 /// The codes, their gradient and the moments of Adam.
 pub(crate) struct CodeTable {
@@ -28,15 +42,23 @@ impl CodeTable {
     /// Codes of `views` photos; `name` distinguishes the tables of a checkpoint.
     pub(crate) fn new(name: &'static str, views: usize, dims: usize, seed: u64) -> Self {
         let mut rows = vec![0.0; views * dims];
-        let stream = name.bytes().fold(0, |sum: u64, b| sum.wrapping_mul(31).wrapping_add(b.into()));
-        Init::Normal(DEVIATION).fill(Rng::new(seed, INIT).substream(stream), dims, dims, &mut rows);
-        let (grad, adam) = (vec![0.0; rows.len()], Adam::new(rows.len(), AdamConfig::DEFAULT));
-        Self { name, dims, rows, grad, adam }
+        Init::Normal(DEVIATION).fill(initial(name, seed), dims, dims, &mut rows);
+        Self::of_rows(name, dims, rows)
+    }
+
+    /// Codes that begin in `0..0.05`.
+    pub(crate) fn uniform(name: &'static str, count: usize, dims: usize, seed: u64) -> Self {
+        let mut rows = vec![0.0; count * dims];
+        fill_uniform(initial(name, seed), &mut rows);
+        Self::of_rows(name, dims, rows)
     }
 
     /// Codes that begin at 0.
     pub(crate) fn zeros(name: &'static str, views: usize, dims: usize) -> Self {
-        let rows = vec![0.0; views * dims];
+        Self::of_rows(name, dims, vec![0.0; views * dims])
+    }
+
+    fn of_rows(name: &'static str, dims: usize, rows: Vec<f32>) -> Self {
         let (grad, adam) = (vec![0.0; rows.len()], Adam::new(rows.len(), AdamConfig::DEFAULT));
         Self { name, dims, rows, grad, adam }
     }
@@ -45,12 +67,12 @@ impl CodeTable {
         Codes { dims: self.dims, rows: &self.rows }
     }
 
-    /// One step from the gradients of the pixels' codes, `[pixels][dims]`, and the loss `size` times the mean square of all
-    /// codes. Only codes of photos in the batch move. Returns the count of non-finite gradients.
-    pub(crate) fn learn(&mut self, simd: Simd, lr: f64, batch: &Batch, bars: &[f32], size: f32) -> usize {
+    /// One step from the gradients of the pixels' codes, `[pixels][dims]`, whose codes are these of the table, and the loss `size`
+    /// times the mean square of all codes. Only codes of photos in the batch move. Returns the count of non-finite gradients.
+    pub(crate) fn learn(&mut self, simd: Simd, lr: f64, of_pixels: &[u32], bars: &[f32], size: f32) -> usize {
         self.grad.fill(0.0);
-        for (bars, &view) in bars.chunks_exact(self.dims).zip(&batch.view) {
-            let at = view as usize * self.dims;
+        for (bars, &code) in bars.chunks_exact(self.dims).zip(of_pixels) {
+            let at = code as usize * self.dims;
             for (sum, bar) in self.grad[at..at + self.dims].iter_mut().zip(bars) {
                 *sum += bar;
             }

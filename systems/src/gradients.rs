@@ -64,8 +64,8 @@ pub trait ByRay {
     /// The loss of rays and its gradient with respect to them.
     ///
     /// The loss is the error of the colours as a step measures it, and what whole rays cost besides. It is not that of a method for
-    /// photos from the wild, which judges batches of its own; held to measured depth, to an elastic deformation or to a background that
-    /// stands still is nothing here. Codes of appearance are those of the views.
+    /// photos from the wild, which judges batches of its own; held to measured depth, to an elastic or coherent deformation or to a
+    /// background that stands still is nothing here. Codes of appearance are those of the views.
     ///
     /// Held fixed are: the distances of the samples along a ray and the lengths of their intervals, in the units of the space that rays
     /// are marched in; which samples there are, as the occupancy grid, the proposals or a first network place them, and which of them are

@@ -6,7 +6,7 @@
 //!   of a field.
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`photo_model`] is the interface to the last two. [`networks`]: the driver for networks of the published sizes.
-//! * [`gradients`]: gradients with respect to rays and cameras.
+//! * [`gradients`]: gradients with respect to rays and cameras; `schedule`: where a training is in its schedule.
 //! * [`views`]: the driver of systems of Gaussians; `proxy`: a field that is trained before one. [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud
 //!   of Gaussians, to look at and to export.
 
@@ -32,6 +32,7 @@ mod proxy;
 pub mod rays;
 pub mod registry;
 pub mod samplers;
+pub(crate) mod schedule;
 pub(crate) mod settings;
 pub mod space;
 pub mod splats;

@@ -21,6 +21,9 @@ const MOST_MORE: u64 = 1 << 30;
 const STEPS: u64 = 2;
 
 const GRID: &[&str] = &["levels=4", "log2_table=8", "occupancy=16", "batch_samples=256", "batch_rays=32"];
+/// With a code for each photo.
+const CODES: &[&str] =
+    &["levels=4", "log2_table=8", "occupancy=16", "batch_samples=256", "batch_rays=32", "appearance=codes"];
 const VOXELS: &[&str] = &["voxels=12", "occupancy=16", "batch_samples=256", "batch_rays=32"];
 const PLANES: &[&str] = &["plane_vertices=6", "occupancy=16", "batch_samples=256", "batch_rays=32"];
 const NETWORK: &[&str] = &["width=16", "depth=2", "coarse=4", "fine=4", "batch_rays=16"];
@@ -285,6 +288,6 @@ fn forged_checkpoints_of_moving_scenes() {
 
 #[test]
 fn forged_checkpoints_of_moving_scenes_of_more_networks() {
-    let systems = [("nerfies", GRID), ("hypernerf", GRID), ("tineuvox", VOXELS), ("k-planes", PLANES)];
+    let systems = [("nerfies", CODES), ("hypernerf", CODES), ("tineuvox", VOXELS), ("k-planes", PLANES)];
     check(&systems, moving, &systems::registry::build, false);
 }

@@ -1,5 +1,5 @@
-//! Words that only systems of one family understand. An app shows the words of its own family; the others it takes where the system
-//! that is named, or that of the run, is of their family.
+//! Words that only systems of some families understand. An app shows the words of its own family; the others it takes where the system
+//! that is named, or that of the run, is of one of their families.
 
 use crate::app::App;
 use clap::ArgMatches;
@@ -10,38 +10,41 @@ use systems::registry::{Family, find};
 /// A subcommand, and one of its arguments; without one the subcommand itself.
 type Word = (&'static str, Option<&'static str>);
 
-/// The words of a family, the app that shows them, and why other systems do not have them.
+/// The words of some families, the apps that show them, and why other systems do not have them.
 struct Words {
-    family: Family,
-    app: &'static str,
+    families: &'static [Family],
+    apps: &'static str,
     why: &'static str,
     words: &'static [Word],
 }
 
-const WORDS: [Words; 3] = [
+const WORDS: [Words; 4] = [
     Words {
-        family: Family::Wild,
-        app: "nerf-wild",
-        why: "no system of its is named here, so all photos have one appearance and show no occluders",
+        families: &[Family::Wild],
+        apps: "nerf-wild",
+        why: "no system of its is named here, so photos show no occluders",
+        words: &[("demo", Some("field")), ("train", Some("field")), ("masks", None)],
+    },
+    Words {
+        families: &[Family::Wild, Family::Moving],
+        apps: "nerf-wild and nerf-dynamic",
+        why: "no system of theirs is named here, so all photos have one appearance",
         words: &[
-            ("demo", Some("field")),
-            ("train", Some("field")),
             ("train", Some("eval_appearance")),
             ("eval", Some("eval_appearance")),
             ("render", Some("appearance")),
             ("render", Some("fit_camera")),
-            ("masks", None),
         ],
     },
     Words {
-        family: Family::Moving,
-        app: "nerf-dynamic",
+        families: &[Family::Moving],
+        apps: "nerf-dynamic",
         why: "no system of its is named here, so the scene stands still",
-        words: &[("render", Some("time")), ("export", Some("time"))],
+        words: &[("render", Some("time")), ("export", Some("time")), ("priors", None)],
     },
     Words {
-        family: Family::Static,
-        app: "nerf-static",
+        families: &[Family::Static],
+        apps: "nerf-static",
         why: "only there a system is chosen by what the scene is for",
         words: &[("train", Some("for"))],
     },
@@ -49,7 +52,7 @@ const WORDS: [Words; 3] = [
 
 /// The words of the other families.
 pub(super) fn words_of_others(family: Family) -> impl Iterator<Item = Word> {
-    WORDS.iter().filter(move |words| words.family != family).flat_map(|words| words.words.iter().copied())
+    WORDS.iter().filter(move |words| !words.families.contains(&family)).flat_map(|words| words.words.iter().copied())
 }
 
 /// What is wrong with a word that neither the app nor the system has.
@@ -60,7 +63,7 @@ pub(super) fn foreign_word(app: &App, matches: &ArgMatches) -> Option<String> {
     };
     let foreign: Vec<(&Words, Option<&str>)> = WORDS
         .iter()
-        .filter(|words| words.family != app.family)
+        .filter(|words| !words.families.contains(&app.family))
         .flat_map(|words| words.words.iter().map(move |(sub, argument)| (words, *sub, *argument)))
         .filter(|(_, sub, argument)| *sub == word && is_given(argument))
         .map(|(words, _, argument)| (words, argument))
@@ -70,9 +73,10 @@ pub(super) fn foreign_word(app: &App, matches: &ArgMatches) -> Option<String> {
         return None;
     }
     let families = system(word, given).and_then(|name| find(&name)).map_or(&[][..], |entry| entry.families);
-    let (words, argument) = foreign.into_iter().find(|(words, _)| !families.contains(&words.family))?;
+    let is_theirs = |words: &Words| words.families.iter().any(|family| families.contains(family));
+    let (words, argument) = foreign.into_iter().find(|&(words, _)| !is_theirs(words))?;
     let shown = argument.map_or_else(|| word.into(), |name| format!("--{}", name.replace('_', "-")));
-    Some(format!("`{shown}` is a word of {}: {}", words.app, words.why))
+    Some(format!("`{shown}` is a word of {}: {}", words.apps, words.why))
 }
 
 /// The system that is named, or that of the run.

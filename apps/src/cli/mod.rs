@@ -7,7 +7,7 @@ mod training;
 mod words;
 
 pub(crate) use results::{Eval, Export, Masks, Render, View};
-pub(crate) use training::{Check, Data, Demo, Prepare, Train};
+pub(crate) use training::{Check, Data, Demo, Prepare, Priors, Train};
 pub(crate) use words::{BackgroundWord, Layer, MeshMethod, ProgressKind, VideoWord};
 
 use crate::app::App;
@@ -49,6 +49,8 @@ pub(crate) enum Command {
     Demo(Demo),
     /// Photos or a video to a scene with cameras, which `train` reads
     Prepare(Prepare),
+    /// Optical flow between neighbouring photos of a scene that moves, and which pixels move, as files
+    Priors(Priors),
     /// Read a dataset; list frames, cameras, splits, priors, problems. Exit code not 0 if it cannot be trained
     Check(Check),
     /// Reconstruct a scene into a run folder
@@ -103,7 +105,7 @@ fn systems_of(app: &App) -> String {
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };
-    let own = systems::registry::family(app.family).map(|entry| entry.claim);
+    let own = systems::registry::family(app.family).flat_map(|entry| entry.claims());
     let others = systems::registry::entries().iter().filter(|entry| !entry.families.contains(&app.family));
     let others: Vec<&str> = others.map(|entry| entry.claim.name).collect();
     format!(

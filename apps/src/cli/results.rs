@@ -30,8 +30,9 @@ pub(crate) struct Eval {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
     pub(crate) scales: Option<u32>,
     /// Appearance that held-out views are rendered in (default: the run's): `fit` (fitted on their left halves; right halves are
-    /// scored), `mean`, `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of
-    /// the left half or the whole; right halves are scored)
+    /// scored), `mean`, `nearest` (that of the training photo of the same `appearance_id`, else nearest in time), `image:NAME` (that
+    /// of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or the whole; right
+    /// halves are scored)
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
     /// Error that a pixel may have from skipped work, in units of colour (default: the run's); 0 skips nothing
@@ -57,7 +58,8 @@ pub(crate) struct Render {
     /// to go from one to another over the frames
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) appearance: Option<AppearancePath>,
-    /// Frame whose camera took the photo of `fit:FILE`; without, the frame FILE is, or the camera in `FILE`.json beside it
+    /// Frame whose camera took the photo of `fit:FILE`, at the frame's time; without, the frame FILE is, or the camera (and of a scene
+    /// that moves the `time`, 0 to 1) in `FILE`.json beside it
     #[arg(long, value_name = "NAME", requires = "appearance")]
     pub(crate) fit_camera: Option<String>,
     /// Time of a scene that moves: `T`, or `A..B` to go from one to the other over the frames; 0 is the first time step and 1 the
@@ -73,7 +75,10 @@ pub(crate) struct Render {
     /// Layers written
     ///
     /// `canonical` draws which point of the canonical scene each pixel sees, by its place in the scene's box (x red, y green, z blue):
-    /// a point that moves keeps its colour. Where nothing is warped it is the surface itself.
+    /// a point that moves keeps its colour. Where nothing is warped it is the surface itself. `flow` draws where each pixel goes until
+    /// the next frame, by the motion of the camera and of what it shows, on the colour wheel of Middlebury (right red, down yellow, left
+    /// cyan, up violet; white stands still, black is not known), with one scale for the whole path, which is said at the end. There is
+    /// none of the last frame. A system that neither warps points nor has scene flow shows the flow of the camera alone, and says so.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "colour", value_name = "LAYER,…")]
     pub(crate) layers: Vec<Layer>,
     /// Scale pictures down to this longest side

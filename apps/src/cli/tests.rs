@@ -26,7 +26,7 @@ const SHARED: [&str; 19] = [
     "eval d --lpips-weights w",
     "train s --out d --system mip-nerf --scales 4 --set width=64",
     "eval d --scales 4",
-    "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical --longest-side 50",
+    "render d --path orbit --frames 10 --out e --layers colour,depth,opacity,normals,canonical,flow --longest-side 50",
     "render d --path hold:train/r_0 --out e",
     "render d --out e --video webm",
     "render d --path photos --out e --video off",
@@ -37,16 +37,17 @@ const SHARED: [&str; 19] = [
     "export c.spz --mesh m.obj --look-from c.json",
 ];
 
-const OF_WILD: [&str; 9] = [
-    "demo --field mlp",
-    "train s --out d --field ngp",
+const OF_WILD: [&str; 4] =
+    ["demo --field mlp", "train s --out d --field ngp", "masks d --out m --every 4 --empty-class left-out", "masks d"];
+
+/// Of systems for photos that differ in appearance, of a scene that stands still or that moves.
+const OF_APPEARANCE: [&str; 6] = [
     "train s --out d --eval-appearance fit",
     "eval d --eval-appearance encode:whole",
     "eval d --eval-appearance image:train/r_0.png",
+    "eval d --eval-appearance nearest",
     "render d --path orbit --out e --appearance mean",
     "render d --path hold:a --out e --appearance image:a..fit:../b.png --fit-camera b",
-    "masks d --out m --every 4 --empty-class left-out",
-    "masks d",
 ];
 
 #[test]
@@ -58,8 +59,18 @@ fn agreed_words_are_understood() {
     }
     for line in OF_WILD {
         read(&WILD_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        for app in [&STATIC, &DYNAMIC_APP] {
+            let error = read(app, line).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-wild:"), "{line}: {error}");
+        }
+    }
+    for line in OF_APPEARANCE {
+        for app in [&WILD_APP, &DYNAMIC_APP] {
+            read(app, line).unwrap_or_else(|e| panic!("{}: {line}: {e}", app.name));
+        }
         let error = read(&STATIC, line).unwrap_err();
-        assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-wild"), "{line}: {error}");
+        let of_both = error.to_string().contains("word of nerf-wild and nerf-dynamic: ");
+        assert!(error.exit_code() == 2 && of_both, "{line}: {error}");
     }
     for line in [
         "train s",
@@ -85,12 +96,30 @@ fn agreed_words_are_understood() {
 }
 
 #[test]
+fn priors_are_a_word_of_scenes_that_move() {
+    for line in ["priors s", "priors s --out d --frames 5 --longest-side 480 --holdout every:8+4 --threads 2"] {
+        read(&DYNAMIC_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        let error = read(&STATIC, line).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-dynamic"), "{line}: {error}");
+    }
+    assert!(read(&DYNAMIC_APP, "priors").is_err() && read(&DYNAMIC_APP, "priors s --frames 1").is_err());
+}
+
+#[test]
 fn help_shows_the_words_of_the_app_alone() {
-    for (app, has) in [(&STATIC, false), (&WILD_APP, true)] {
+    for (app, has_masks, has_appearance) in
+        [(&STATIC, false, false), (&WILD_APP, true, true), (&DYNAMIC_APP, false, true)]
+    {
         let help = |line: &str| read(app, line).unwrap_err().to_string();
-        assert_eq!(help("--help").contains("masks"), has, "{}", app.name);
-        assert_eq!(help("train --help").contains("--eval-appearance"), has, "{}", app.name);
-        assert_eq!(help("render --help").contains("--appearance"), has, "{}", app.name);
+        assert_eq!(help("--help").contains("masks"), has_masks, "{}", app.name);
+        for (line, word) in [
+            ("train --help", "--eval-appearance"),
+            ("eval --help", "--eval-appearance"),
+            ("render --help", "--appearance"),
+            ("render --help", "--fit-camera"),
+        ] {
+            assert_eq!(help(line).contains(word), has_appearance, "{}: {line}: {word}", app.name);
+        }
         assert!(help("--help").contains(app.about) && help("demo --help").contains(app.demo_folder), "{}", app.name);
     }
 }

@@ -1,4 +1,4 @@
-//! Words of what makes a run: `demo`, `prepare`, `check`, `train`.
+//! Words of what makes a run: `demo`, `prepare`, `priors`, `check`, `train`.
 
 use super::words::{BackgroundWord, PoserWord, at_least_two, budget, frame_count, seconds};
 use clap::Args;
@@ -48,9 +48,28 @@ pub(crate) struct Prepare {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct Priors {
+    /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`)
+    pub(crate) scene: String,
+    /// Folder of the files (default: `priors` in the folder of the scene, which is read with it); a second call goes on where an
+    /// earlier one ended
+    ///
+    /// `flow/NAME_fwd.flo` and `flow/NAME_bwd.flo` lead from a training photo to the next one in time and to the one before, `1e10` where
+    /// that does not show the same; `motion_masks/NAME.png` is 255 where something moves, 0 where nothing does, 127 where nothing is
+    /// known.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Only the first N training photos in time
+    #[arg(long, value_name = "N", value_parser = at_least_two)]
+    pub(crate) frames: Option<usize>,
+    #[command(flatten)]
+    pub(crate) data: Data,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct Check {
     /// Dataset folder or file, or a scene that needs no files: `synthetic:tabletop`, `synthetic:plaza` (photos of many people),
-    /// `synthetic:orbit` (moving), `synthetic:tissue` (deforming, with depth)
+    /// `synthetic:orbit` (moving), `synthetic:mouth` (opening and splitting), `synthetic:tissue` (deforming, with depth)
     ///
     /// `perturbed:c:` before it changes the colours of each training photo, `perturbed:o:` covers a part of it with squares,
     /// `perturbed:co:` does both.
@@ -99,9 +118,10 @@ pub(crate) struct Train {
     /// How long to try again to write the last checkpoint and the results where the disk is full or gone, seconds (default: 60)
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) disk_wait: Option<f64>,
-    /// Appearance that held-out views are rendered in: `fit` (fitted on their left halves; right halves are scored), `mean`,
-    /// `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or
-    /// the whole; right halves are scored)
+    /// Appearance that held-out views are rendered in: `fit` (fitted on their left halves; right halves are scored; the default where
+    /// photos have codes), `mean`, `nearest` (that of the training photo of the same `appearance_id`, else nearest in time),
+    /// `image:NAME` (that of a training photo), `encode:left`, `encode:whole` (what the system's encoder makes of the left half or the
+    /// whole; right halves are scored)
     #[arg(long, value_name = "APPEARANCE")]
     pub(crate) eval_appearance: Option<EvalAppearance>,
     /// What is behind the scene
@@ -122,7 +142,7 @@ pub(crate) struct Train {
     /// Any setting of the parts that the system has; `config.toml` of a run lists them all. May be given several times
     ///
     /// On photos of many people `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks` force
-    /// any part on or off.
+    /// any part on or off; of `nerfies` and `hypernerf` `appearance=none|codes` does.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
     /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop

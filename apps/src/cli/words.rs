@@ -61,6 +61,8 @@ pub(crate) enum Layer {
     Normals,
     /// Which point of the canonical scene is seen, as colour: x, y, z within the scene's box
     Canonical,
+    /// Optical flow to the next frame: hue is direction, saturation length
+    Flow,
 }
 
 /// `tsdf | density`.

@@ -44,10 +44,14 @@ pub(crate) fn run(app: &App, args: &Check) -> Result<Done, Failure> {
 fn beside_the_photos(scene: &Scene) -> Option<String> {
     type Has = fn(&Frame) -> bool;
     let photos: Vec<&Frame> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
-    let kinds: [(&str, Has); 6] = [
+    let kinds: [(&str, Has); 10] = [
         ("segments", |f| f.priors.segments.is_some()),
         ("segments around points", |f| f.priors.prompted.is_some()),
         ("features", |f| f.priors.features.is_some()),
+        ("flow to the next photo", |f| f.priors.motion.forward.is_some()),
+        ("flow to the photo before", |f| f.priors.motion.backward.is_some()),
+        ("disparity", |f| f.priors.motion.disparity.is_some()),
+        ("masks of what moves", |f| f.priors.motion.mask.is_some()),
         ("point tracks", |f| !f.tracks.is_empty()),
         ("ignore masks", |f| f.mask.is_some()),
         ("true masks of occluders (for scores only)", |f| f.truth.transient.is_some()),

@@ -8,10 +8,13 @@ mod eval;
 mod eval_file;
 mod export;
 mod film;
+mod layers;
 mod masks;
 pub(crate) mod prepare;
+mod priors;
 mod render;
 mod train;
+mod watcher;
 
 use crate::app::App;
 use crate::cli::{Cli, Command};
@@ -31,6 +34,7 @@ pub(crate) fn run(app: &'static App, cli: Cli) -> Result<Done, Failure> {
     match cli.command {
         Command::Demo(args) => demo::run(&session, args),
         Command::Prepare(args) => prepare::run(&session, &args, cli.threads),
+        Command::Priors(args) => priors::run(&session, &args),
         Command::Check(args) => check::run(app, &args),
         Command::Train(args) => train::run(&session, *args),
         Command::Eval(args) => eval::run(&session, &args),

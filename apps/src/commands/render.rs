@@ -1,19 +1,21 @@
 //! `render`: pictures along a camera path.
 
 use super::film::{Shots, Videographer};
+use super::layers::Scales;
 use crate::cli::{Layer, Render};
 use crate::session::{Done, Failure, Session};
 use crate::show::{Show, line};
 use engine::RunError;
 use engine::appearance::{AppearancePath, FrameAppearances, PhotoAppearance};
 use engine::camera_path::{PathKind, SEEN_FILE, cameras, coverage_csv};
+use engine::flow::FlowPath;
 use engine::memory::frames as frame_memory;
 use engine::output::{Disk, make_folder, write_file};
-use engine::picture::{self, gif_bytes, limited, write_png};
+use engine::picture::{gif_bytes, limited};
 use engine::progress::{Meter, Observer};
 use engine::render::{Rendered, plain_query, render};
 use engine::run::Run;
-use engine::system::{Appearance, Canonical, LayerRequest, Median, Normals, Query};
+use engine::system::{Appearance, Canonical, LayerRequest, Median, Normals, Query, System};
 use engine::time_path::TimePath;
 use image::RgbImage;
 use render_core::camera::Camera;
@@ -109,6 +111,26 @@ impl Subject<'_, '_> {
         }
     }
 
+    fn system(&self) -> &dyn System {
+        match self {
+            Self::Run(run) => run.system.as_ref(),
+            Self::Cloud(cloud) => cloud.as_ref(),
+        }
+    }
+
+    /// The flow along these cameras, as they are drawn.
+    fn flow(
+        &self,
+        cameras: &[Camera],
+        time: TimePath,
+        query: &Query,
+        stop: &AtomicBool,
+    ) -> Result<FlowPath<'_>, RunError> {
+        let plain = Query { layers: LayerRequest::default(), ..query.clone() };
+        let draw = |camera: &Camera, time: f64| self.draw(camera, &Query { time, ..plain.clone() });
+        FlowPath::new(self.system(), cameras.to_vec(), time, &draw, stop)
+    }
+
     fn draw(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
         match self {
             Self::Run(run) => Ok(render(run.system.as_ref(), camera, query)),
@@ -149,7 +171,9 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let wants = |layer| args.layers.contains(&layer);
     let normals = if wants(Layer::Normals) { Normals::Compute } else { Normals::Skip };
     let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
-    let layers = LayerRequest { normals, canonical, median: Median::Skip };
+    // Flow is that of one surface, not of a mean over an edge.
+    let median = if wants(Layer::Flow) { Median::Compute } else { Median::Skip };
+    let layers = LayerRequest { normals, canonical, median };
     let fits = |cameras: &[Camera]| {
         let drawn: Vec<Camera> = cameras.iter().map(|camera| limited(camera, args.longest_side)).collect();
         frame_memory::check_path(&drawn, layers, PREVIEW_SIDE)
@@ -161,43 +185,44 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         return Ok(Done::Interrupted);
     };
     fits(&shots.cameras)?;
+    let cameras: Vec<Camera> = shots.cameras.iter().map(|camera| limited(camera, args.longest_side)).collect();
+    let query = Query { layers, error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET), ..subject.query() };
+    let flow = match wants(Layer::Flow) {
+        true => Some(subject.flow(&cameras, time, &query, &interrupt)?),
+        false => None,
+    };
     make_folder(&args.out)?;
     if let Some(seen) = &shots.seen {
         write_file(&Disk, &args.out.join(SEEN_FILE), coverage_csv(seen).as_bytes())?;
     }
     shots.lines.iter().for_each(line);
-    let cameras = &shots.cameras;
-    let bounds = subject.bounds();
-    let query = Query { layers, error_budget: args.error_budget.unwrap_or(PREVIEW_BUDGET), ..subject.query() };
-    let mut depth_range = None;
+    let mut scales = Scales::new(subject.bounds(), flow);
     let mut preview: Vec<RgbImage> = Vec::with_capacity(cameras.len());
     let mut meter = Meter::new("frame", cameras.len());
+    let mut drawn = 0;
     for (i, camera) in cameras.iter().enumerate() {
         if show.stop_asked() {
             break;
         }
-        let camera: Camera = limited(camera, args.longest_side);
         let appearance = appearances.as_ref().map_or(Appearance::Mean, |path| path.at(i, cameras.len()));
         let time = time.at(i, cameras.len());
         let query = Query { appearance, time, ..query.clone() };
-        let view = subject.draw(&camera, &query)?;
+        let view = subject.draw(camera, &query)?;
         if show.stop_asked() {
             // It is not whole.
             break;
         }
-        // One scale for all frames, from the first, with room on both sides.
-        let range = *depth_range.get_or_insert_with(|| {
-            let [near, far] = picture::depth_range(&[&view]);
-            [near * 0.8, far * 1.25]
-        });
-        let colour = picture::colour(&view);
-        write_layers(args, i, &view, &colour, range, bounds)?;
-        let first = first_layer(args, &view, &colour, range, bounds);
-        videographer.add(&args.out, &first)?;
-        preview.push(small(first));
+        let frame = scales.frame(i, &view);
+        frame.write(args, i)?;
+        // Of the last frame there is no flow.
+        if let Some(first) = frame.first(args) {
+            videographer.add(&args.out, &first)?;
+            preview.push(small(first));
+        }
+        drawn += 1;
         meter.advance(show);
     }
-    if preview.is_empty() {
+    if drawn == 0 {
         show.finish();
         line(format_args!("stopped before the first of {} frames", cameras.len()));
         return Ok(Done::Interrupted);
@@ -209,56 +234,11 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
         Some((video, encoder)) => format!("{} and, by ffmpeg's {encoder}, {}", path.display(), video.display()),
         None => path.display().to_string(),
     };
-    let stopped = preview.len() < cameras.len();
+    let stopped = drawn < cameras.len();
     let of = if stopped { format!(" of {} (stopped)", cameras.len()) } else { String::new() };
-    line(format_args!("{} frames{of} in {}, animated: {animated}", preview.len(), args.out.display()));
-    say_scales(args, depth_range, bounds);
+    line(format_args!("{drawn} frames{of} in {}, animated: {animated}", args.out.display()));
+    scales.say(&args.layers);
     Ok(if stopped { Done::Interrupted } else { Done::Finished })
-}
-
-/// Write the layers of frame `i` that were asked for.
-fn write_layers(
-    args: &Render,
-    i: usize,
-    view: &Rendered,
-    colour: &RgbImage,
-    range: [f32; 2],
-    bounds: [[f64; 3]; 2],
-) -> Result<(), RunError> {
-    let write = |layer: Layer, name: &str, picture: &dyn Fn() -> RgbImage| match args.layers.contains(&layer) {
-        true => write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), &picture()),
-        false => Ok(()),
-    };
-    write(Layer::Colour, "colour", &|| colour.clone())?;
-    write(Layer::Depth, "depth", &|| picture::depth(view, range))?;
-    write(Layer::Opacity, "opacity", &|| picture::opacity(view))?;
-    write(Layer::Normals, "normals", &|| picture::normals(view))?;
-    write(Layer::Canonical, "canonical", &|| picture::canonical(view, bounds))
-}
-
-/// Say what black and white mean in the layers that have a scale.
-fn say_scales(args: &Render, depth_range: Option<[f32; 2]>, bounds: [[f64; 3]; 2]) {
-    if let (true, Some([near, far])) = (args.layers.contains(&Layer::Depth), depth_range) {
-        line(format_args!("depth is drawn from {near:.4} (bright) to {far:.4} (dark), world units along the ray"));
-    }
-    if args.layers.contains(&Layer::Canonical) {
-        let [min, max] = bounds;
-        line(format_args!(
-            "canonical points are drawn from {:.4} {:.4} {:.4} (black) to {:.4} {:.4} {:.4}, world units: x red, y green, z blue",
-            min[0], min[1], min[2], max[0], max[1], max[2]
-        ));
-    }
-}
-
-/// The layer the preview shows: the first one asked for.
-fn first_layer(args: &Render, view: &Rendered, colour: &RgbImage, range: [f32; 2], bounds: [[f64; 3]; 2]) -> RgbImage {
-    match args.layers.first() {
-        Some(Layer::Depth) => picture::depth(view, range),
-        Some(Layer::Opacity) => picture::opacity(view),
-        Some(Layer::Normals) => picture::normals(view),
-        Some(Layer::Canonical) => picture::canonical(view, bounds),
-        Some(Layer::Colour) | None => colour.clone(),
-    }
 }
 
 fn small(picture: RgbImage) -> RgbImage {

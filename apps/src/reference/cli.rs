@@ -34,7 +34,7 @@ pub(super) fn page() -> String {
         let about = of(&apps, &command).and_then(Command::get_about).map(ToString::to_string).unwrap_or_default();
         page.push_str(&format!("## {command}\n\n{about}.{}\n\n", only(&apps, |app| shows_command(app, &command))));
         page.push_str(&format!("```text\n{}\n```\n\n", usage(&apps, &command)));
-        let has_data = ["check", "train", "eval"].contains(&command.as_str());
+        let has_data = ["priors", "check", "train", "eval"].contains(&command.as_str());
         let own = options(&apps, &inside, |arg| {
             let elsewhere = has_data && shared.contains(arg.get_id().as_str());
             !arg.is_global_set() && !elsewhere
@@ -46,7 +46,7 @@ pub(super) fn page() -> String {
         }
     }
     page.push_str(&format!(
-        "## Reading a dataset\n\nOptions of `check`, `train` and `eval FILE`. Formats, and what is held out of each where nothing is said: \
+        "## Reading a dataset\n\nOptions of `priors`, `check`, `train` and `eval FILE`. Formats, and what is held out of each where nothing is said: \
          [data.md](data.md).\n\n{}\n",
         options(&apps, &["train"], |arg| shared.contains(arg.get_id().as_str())),
     ));
@@ -186,7 +186,7 @@ fn systems() -> String {
     );
     for (of, app) in [(Family::Static, &STATIC), (Family::Wild, &WILD), (Family::Moving, &DYNAMIC)] {
         text.push_str(&format!("\n### Those of `{}`\n\n", app.name));
-        for Claim { name, paper, differs, .. } in family(of).map(|entry| entry.claim) {
+        for Claim { name, paper, differs, .. } in family(of).flat_map(|entry| entry.claims()) {
             let paper = if paper.is_empty() { String::new() } else { format!(" ({paper})") };
             text.push_str(&format!("* `{name}`{paper}: {differs}\n"));
         }

@@ -108,7 +108,7 @@ fn a_run_is_trained_measured_rendered_and_exported() {
         "--out",
         text(&frames),
         "--layers",
-        "colour,depth,opacity,normals,canonical",
+        "colour,depth,opacity,normals,canonical,flow",
         "--longest-side",
         "12",
     ]);
@@ -119,8 +119,18 @@ fn a_run_is_trained_measured_rendered_and_exported() {
     }
     assert_eq!(&fs::read(frames.join("preview.gif")).unwrap()[..6], b"GIF89a");
     assert!(answer.out.contains("canonical points are drawn from "), "{}", answer.out);
+    // Nothing moves but the camera: that is all of the flow, which goes from each frame to the next one.
+    assert!(answer.out.contains("flow is drawn ") && !answer.out.contains("the camera alone"), "{}", answer.out);
+    let flow = |i: usize| frames.join(format!("flow_{i:04}.png"));
+    assert_eq!([0, 1, 2].map(|i| flow(i).exists()), [true, true, false]);
+    let picture = image::open(flow(0)).unwrap();
+    assert_eq!((picture.width(), picture.height()), (12, 12));
+    let still = ["--path", "hold:test/r_000", "--out", text(&frames), "--layers", "flow"];
+    let answer = nerf(&[&["render", text(&run)], &still[..]].concat());
+    let error = error_line(&answer);
+    assert!(answer.code == 1 && error.contains("`--layers flow`") && error.contains("one frame only"), "{error}");
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--out", text(&frames), "--layers", "canonicle"]);
-    assert!(answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", canonical]"));
+    assert!(answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", canonical, flow]"));
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--frames", "2", "--out", text(&path("orbit"))]);
     assert_eq!(answer.code, 0, "{}", answer.err);
     // Without a path: one that stays where photos were, and how much of each frame they saw.

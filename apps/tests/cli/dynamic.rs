@@ -3,6 +3,7 @@
 use crate::tools::{Answer, SMALL, arrays, dataset, error_line, killed, nerf, nerf_dynamic, nerf_wild, newest, text};
 use scene_io::export::Ply;
 use scene_io::synthetic::{OrbitOptions, write_orbit};
+use scene_io::{BitMask, Flow, write_flo};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,10 +28,11 @@ fn small(extra: &[&str]) -> &'static [&'static str] {
 
 fn train(scene: &Path, run: &Path, extra: &[&str]) -> Answer {
     let words = ["train", text(scene), "--out", text(run), "--progress", "off"];
-    // `t-nerf` warps nothing and has networks of time alone; `nerf-w` has neither.
+    // These warp nothing and have networks of time alone; `nerf-w` has neither.
+    let warpless = ["t-nerf", "nsff", "dynamic-nerf"];
     let narrow = match extra {
         _ if extra.contains(&"nerf-w") => &[][..],
-        _ if extra.contains(&"t-nerf") => &NARROW[..2],
+        _ if warpless.iter().any(|name| extra.contains(name)) => &NARROW[..2],
         _ => &NARROW[..],
     };
     nerf_dynamic(&[&words[..], small(extra), narrow, extra].concat())
@@ -61,8 +63,100 @@ fn time_is_a_word_of_nerf_dynamic_alone() {
         }
     }
     // Words of other apps are none of this one's.
-    let answer = nerf_dynamic(&["render", "x", "--path", "orbit", "--out", "y", "--appearance", "mean"]);
-    assert!(answer.code == 2 && answer.err.contains("word of nerf-wild"), "{}", answer.err);
+    let answer = nerf_dynamic(&["masks", "x"]);
+    assert!(answer.code == 2 && answer.err.contains("word of nerf-wild:"), "{}", answer.err);
+}
+
+#[test]
+fn photos_of_a_film_are_shown_in_the_appearance_that_is_asked_for() {
+    let (folder, scene) = video();
+    let run = folder.path().join("run");
+    let codes = ["--steps", "20", "--system", "nerfies", "--set", "appearance=codes", "--eval-appearance", "nearest"];
+    let answer = train(&scene, &run, &codes);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("nearest in time; whole views scored"), "{}", answer.out);
+    let whole = json(&run.join("eval.json"));
+    assert_eq!(whole["protocol"], serde_json::json!({ "appearance": "nearest", "scored": "whole" }));
+    let answer = nerf_dynamic(&["eval", text(&run), "--eval-appearance", "fit"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert_eq!(json(&run.join("eval.json"))["protocol"]["scored"], "right-half");
+
+    let pictures = folder.path().join("pictures");
+    let words = ["render", text(&run), "--out", text(&pictures), "--path", "hold:test/r_000", "--time", "0.5"];
+    let render = |appearance: &str| nerf_dynamic(&[&words[..], &["--appearance", appearance]].concat());
+    let shown = |appearance: &str| {
+        let answer = render(appearance);
+        assert_eq!(answer.code, 0, "{appearance}: {}", answer.err);
+        fs::read(pictures.join("colour_0000.png")).unwrap()
+    };
+    let all = ["mean", "image:train/r_000", "image:train/r_005", "fit:test/r_001"].map(shown);
+    assert!(all[1] != all[2] && all[0] != all[3], "each photo has its own");
+
+    // A photo from elsewhere: where it was taken, and when.
+    let photo = folder.path().join("mine.png");
+    fs::copy(scene.join("train/r_000.png"), &photo).unwrap();
+    let beside = photo.with_extension("json");
+    let cameras = json(&scene.join("transforms_train.json"));
+    let camera = |time: Value| {
+        let matrix = &cameras["frames"][0]["transform_matrix"];
+        serde_json::json!({ "time": time, "frames": [{ "transform_matrix": matrix }] }).to_string()
+    };
+    let word = format!("fit:{}", text(&photo));
+    for (beside_it, part) in [
+        (None, "its camera is not known"),
+        (Some(camera(Value::Null)), "`time` = null"),
+        (Some(camera(2.into())), "`time` = 2: must be in 0..=1"),
+        (Some(camera(0.into()).replace("\"time\"", "\"when\"")), "when the photo was taken is not known"),
+    ] {
+        beside_it.iter().for_each(|content| fs::write(&beside, content).unwrap());
+        let answer = render(&word);
+        assert_eq!(answer.code, 1, "{}", answer.out);
+        assert!(error_line(&answer).contains(part), "{part}: {}", answer.err);
+    }
+    fs::write(&beside, camera(0.into())).unwrap();
+    shown(&word);
+
+    let plain = folder.path().join("plain");
+    assert_eq!(train(&scene, &plain, &["--steps", "2"]).code, 0);
+    for word in ["image:train/r_000", "fit:test/r_000"] {
+        let words = ["render", text(&plain), "--out", text(&pictures), "--appearance", word];
+        let answer = nerf_dynamic(&words);
+        assert_eq!(answer.code, 1, "{word}: {}", answer.out);
+        assert!(error_line(&answer).contains("`d-nerf` has one appearance only"), "{}", answer.err);
+    }
+    // What warps points says where they go; preview and video show the layer that is asked for.
+    let words = ["render", text(&plain), "--out", text(&pictures), "--path", "hold:test/r_000", "--frames", "3"];
+    let answer = nerf_dynamic(&[&words[..], &["--layers", "flow"]].concat());
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("flow is drawn ") && !answer.out.contains("the camera alone"), "{}", answer.out);
+    assert!(pictures.join("flow_0001.png").exists() && !pictures.join("flow_0002.png").exists(), "{}", answer.out);
+}
+
+#[test]
+fn flow_that_is_missing_is_said_and_flow_of_the_wrong_size_is_refused_by_file() {
+    let (folder, scene) = video();
+    let run = |name: &str| folder.path().join(name);
+    let answer = train(&scene, &run("without"), &["--steps", "2", "--system", "nsff"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    for part in ["no optical flow to the neighbouring photos", "no disparities", "no motion masks"] {
+        assert!(answer.out.contains(part), "{part}: {}", answer.out);
+    }
+    // Half as high as its photo.
+    let seen = BitMask::from_fn(24, 12, |_, _| true);
+    let flow = Flow { width: 24, height: 12, vectors: vec![[1.0, 0.0]; 24 * 12], seen };
+    let file = scene.join("train/flow/r_003_fwd.flo");
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    write_flo(&file, &flow).unwrap();
+    for name in ["nsff", "dynamic-nerf"] {
+        let answer = train(&scene, &run(name), &["--steps", "2", "--system", name]);
+        assert_eq!(answer.code, 1, "{name}: {}", answer.out);
+        for part in ["r_003_fwd.flo", "the flow is 24x12 and its photo 24x24"] {
+            assert!(error_line(&answer).contains(part), "{part}: {}", answer.err);
+        }
+    }
+    // Who looks at no flow does not mind.
+    let answer = train(&scene, &run("other"), &["--steps", "2", "--system", "t-nerf"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
 }
 
 #[test]
@@ -120,6 +214,17 @@ fn a_video_is_trained_measured_rendered_and_exported() {
         let ends = if time.is_empty() { [&first, &last] } else { [&last, &first] };
         assert!(frame(0) == *ends[0] && frame(2) == *ends[1], "{time:?}");
     }
+
+    // The camera holds, and this system moves no point: what is seen stands still, and a line says why.
+    let answer = render(&["--path", "hold:test/r_000", "--frames", "3", "--layers", "colour,flow"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("flow is that of the camera alone: `t-nerf`"), "{}", answer.out);
+    let flow = |i: usize| pictures.join(format!("flow_{i:04}.png"));
+    assert_eq!([0, 1, 2].map(|i| flow(i).exists()), [true, true, false]);
+    let picture = image::open(flow(0)).unwrap().into_rgb8();
+    assert!(picture.pixels().all(|p| p.0 == [255; 3] || p.0 == [0; 3]), "white, and black where nothing is seen");
+    let answer = render(&["--path", "hold:test/r_000", "--time", "0.5", "--layers", "flow"]);
+    assert!(answer.code == 1 && error_line(&answer).contains("the path has one frame only"), "{}", answer.err);
 
     let mesh = |time: &str| {
         let path = folder.path().join(format!("mesh{time}.ply"));
@@ -180,8 +285,8 @@ fn a_system_of_another_app_is_trained_where_it_fits_and_its_words_are_understood
     let moving = folder.path().join("moving");
     let answer = train(&scene, &moving, &["--steps", "2", "--system", "t-nerf"]);
     assert_eq!(answer.code, 0, "{}", answer.err);
-    let answer = nerf_dynamic(&["render", text(&moving), "--out", text(&pictures), "--appearance", "mean"]);
-    assert!(answer.code == 2 && answer.err.contains("`--appearance` is a word of nerf-wild"), "{}", answer.err);
+    let answer = nerf_dynamic(&["masks", text(&moving)]);
+    assert!(answer.code == 2 && answer.err.contains("`masks` is a word of nerf-wild: "), "{}", answer.err);
     // Without times of photos nothing moves.
     let (_still, photos) = dataset();
     let answer = nerf(&["train", text(&photos), "--out", text(&folder.path().join("no")), "--system", "d-nerf"]);
@@ -195,12 +300,13 @@ fn a_killed_run_resumes_to_the_same_bits() {
     for system in ["tineuvox", "nerfies"] {
         let own: &[&str] = match system {
             // Doubled after steps 10, 20 and 30.
-            "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=10"],
-            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=30"],
+            "tineuvox" => &["--set", "voxels=24", "--set", "voxels_every=0.25"],
+            _ => &["--set", "elastic=0.1", "--set", "warp_anneal=0.75", "--set", "appearance=codes"],
         };
         let place = |name: &str| folder.path().join(format!("{system}-{name}"));
         let (whole, stopped) = (place("whole"), place("killed"));
-        let extra = [&["--system", system], own].concat();
+        // The one that is killed would plan for another stop.
+        let extra = [&["--system", system, "--set", "horizon=40"], own].concat();
         let answer = train(&scene, &whole, &[&["--steps", "40"], &extra[..]].concat());
         assert_eq!(answer.code, 0, "{}", answer.err);
 

@@ -14,6 +14,7 @@ mod huge;
 mod memory;
 mod numbers;
 mod prepare;
+mod priors;
 mod progress;
 mod resume;
 mod scales;

@@ -96,11 +96,14 @@ fn moving_systems_take_no_more_memory_than_they_say() {
     write_orbit(&options, &scene).unwrap();
     let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "k-planes", "ngp"];
     each_holds("nerf-dynamic", text(&scene), &systems, &TEN);
+    // Published networks: a few rays a step on small pictures.
+    let networks = ["--set", "field=mlp", "--set", "batch_rays=32", "--steps", "3", "--longest-side", "16"];
+    each_holds("nerf-dynamic", text(&scene), &["d-nerf"], &networks);
     // Of a scene whose depth was measured: it is held to that.
     let small = [&TEN[..], &["--longest-side", "32"]].concat();
     each_holds("nerf-dynamic", "synthetic:tissue", &["endo-nerf"], &small);
     // Its voxels come to their full number within the few steps.
-    let grown = [&TEN[..], &["--set", "voxels_every=2"]].concat();
+    let grown = [&TEN[..], &["--set", "voxels_every=0.2"]].concat();
     each_holds("nerf-dynamic", text(&scene), &["tineuvox"], &grown);
 }
 

@@ -47,6 +47,7 @@ fn section(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchE
         Name::WildCost => wild::cost(bench, keep),
         Name::DynamicWorkbench => dynamic::workbench(bench, keep),
         Name::DynamicOrbit => dynamic::orbit(bench, keep),
+        Name::DynamicMouth => dynamic::mouth(bench, keep),
         Name::DynamicNr => dynamic::nr(bench, keep),
         Name::DynamicTissue => dynamic::tissue(bench, keep),
     }

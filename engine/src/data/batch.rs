@@ -4,6 +4,7 @@ use super::Dataset;
 use field_core::rng::Rng;
 use glam::DVec3;
 use rayon::prelude::*;
+use render_core::camera::Camera;
 use render_core::ray::Ray;
 use scene_io::{Image, SceneError};
 use std::sync::Arc;
@@ -22,6 +23,35 @@ const STEPS_PER_WINDOW: u64 = 16;
 const PIXELS: u64 = 0x0070_6978_656c;
 const VIEWS: u64 = 0x0076_6965_7773;
 const PLACES: u64 = 0x706c_6163_6573;
+
+/// Which pixels a batch is drawn from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DrawnFrom<'a> {
+    /// Views of the dataset, each as likely as the other; `None`: all, each as likely as its share of the pixels.
+    pub views: Option<&'a [u32]>,
+    /// The middle of each photo: this share of its columns and of its rows, at least one of each. `None`: all of the photo.
+    pub middle: Option<f64>,
+}
+
+impl DrawnFrom<'_> {
+    /// All pixels of all views.
+    pub const ALL: Self = Self { views: None, middle: None };
+
+    /// Column and row of a photo for a uniform number.
+    fn within(self, camera: &Camera, u: u64) -> (u32, u32) {
+        let [[left, width], [top, height]] = [camera.width, camera.height].map(|side| self.span(side));
+        let (x, y) = split(scale(u, u64::from(width) * u64::from(height)), width);
+        (left + x, top + y)
+    }
+
+    /// Where the drawn part of a side begins, and how long it is.
+    fn span(self, side: u32) -> [u32; 2] {
+        let Some(share) = self.middle else { return [0, side] };
+        let length = ((share * f64::from(side)).round() as u32).clamp(1, side.max(1));
+        [side.saturating_sub(length) / 2, length]
+    }
+}
+
 /// A batch of training pixels, one entry a ray. Reused from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
@@ -119,11 +149,10 @@ impl Dataset {
     /// # Errors
     /// [`SceneError`] when an image cannot be read.
     pub fn draw(&self, seed: u64, step: u64, n: usize, batch: &mut Batch) -> Result<(), SceneError> {
-        self.draw_among(seed, step, n, None, batch)
+        self.draw_from(seed, step, n, DrawnFrom::ALL, batch)
     }
 
-    /// [`Dataset::draw`] from some of the views only, each as likely as the other. Where not all views fit in the image
-    /// memory, the window comes from all of them, and from these those that are in it, if any.
+    /// [`Dataset::draw`] from some of the views only, each as likely as the other: see [`Dataset::draw_from`].
     ///
     /// # Errors
     /// As [`Dataset::draw`].
@@ -138,6 +167,25 @@ impl Dataset {
         views: Option<&[u32]>,
         batch: &mut Batch,
     ) -> Result<(), SceneError> {
+        self.draw_from(seed, step, n, DrawnFrom { views, middle: None }, batch)
+    }
+
+    /// [`Dataset::draw`] from some of the pixels only. Where not all views fit in the image memory, the window comes from all of
+    /// them, and from the views that are asked for those that are in it, if any.
+    ///
+    /// # Errors
+    /// As [`Dataset::draw`].
+    ///
+    /// # Panics
+    /// When one of the views does not exist.
+    pub fn draw_from(
+        &self,
+        seed: u64,
+        step: u64,
+        n: usize,
+        from: DrawnFrom<'_>,
+        batch: &mut Batch,
+    ) -> Result<(), SceneError> {
         if self.views.is_empty() {
             batch.resize(0);
             return Ok(());
@@ -145,7 +193,7 @@ impl Dataset {
         batch.resize(n);
         self.ready(seed, step, batch)?;
         let rng = self.pixels_of(seed, step);
-        batch.fill(|i, pool| self.draw_one(&rng, i, pool, views));
+        batch.fill(|i, pool| self.draw_one(&rng, i, pool, from));
         Ok(())
     }
 
@@ -184,18 +232,21 @@ impl Dataset {
         Rng::new(seed, PIXELS).substream(step)
     }
 
-    pub(super) fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)], views: Option<&[u32]>) -> Drawn {
+    pub(super) fn draw_one(&self, rng: &Rng, i: u64, pool: &[(u32, Arc<Image>)], from: DrawnFrom<'_>) -> Drawn {
         let mut drawn = Drawn::default();
         for attempt in 0..ATTEMPTS {
             let bits = rng.block_at(i * ATTEMPTS + attempt);
             let u = u64::from(bits[0]) << 32 | u64::from(bits[1]);
             let u_view = u64::from(bits[2]) << 32 | u64::from(bits[3]);
-            let within = |camera: &render_core::camera::Camera| {
-                split(scale(u, u64::from(camera.width) * u64::from(camera.height)), camera.width)
-            };
-            let (v, image, x, y) = match (self.resident.get(), views) {
+            let within = |camera: &Camera| from.within(camera, u);
+            let (v, image, x, y) = match (self.resident.get(), from.views) {
                 (Some(images), Some(views)) if !views.is_empty() => {
                     let v = views[scale(u_view, views.len() as u64) as usize] as usize;
+                    let (x, y) = within(&self.views[v].camera);
+                    (v, &images[v], x, y)
+                }
+                (Some(images), _) if from.middle.is_some() => {
+                    let v = self.view_of_pixel(scale(u_view, self.pixel_count()));
                     let (x, y) = within(&self.views[v].camera);
                     (v, &images[v], x, y)
                 }

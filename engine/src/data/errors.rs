@@ -5,7 +5,7 @@
 //! come more often to be learnt as fast.
 
 use super::batch::Drawn;
-use super::{Batch, Dataset};
+use super::{Batch, Dataset, DrawnFrom};
 use crate::error::SystemError;
 use crate::tensors::{Tensor, TensorMap, f32_tensor, take_numbers, take_u64, u64_tensor};
 use field_core::rng::Rng;
@@ -140,14 +140,14 @@ impl Dataset {
             let unit = |bits: u32| f64::from(bits) / 4_294_967_296.0;
             let bits = there.block_at(i);
             if unit(bits[0]) >= SHARE {
-                return self.draw_one(&anywhere, i, pool, None);
+                return self.draw_one(&anywhere, i, pool, DrawnFrom::ALL);
             }
             let (v, x, y) = map.draw((unit(bits[1]) + unit(bits[2]) / 4_294_967_296.0).min(1.0 - f64::EPSILON));
             let camera = &self.views[v].camera;
             let within = |first: u32, side: u32, bits: u32| first + bits % TILE.min(side - first);
             let (x, y) = (within(x, camera.width, bits[3] & 0xffff), within(y, camera.height, bits[3] >> 16));
             let drawn: Drawn = self.pixel(v, &images[v], x, y);
-            if drawn.weight > 0.0 { drawn } else { self.draw_one(&anywhere, i, pool, None) }
+            if drawn.weight > 0.0 { drawn } else { self.draw_one(&anywhere, i, pool, DrawnFrom::ALL) }
         });
         Ok(())
     }

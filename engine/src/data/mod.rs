@@ -10,7 +10,7 @@ mod guide;
 mod patches;
 mod view;
 
-pub use batch::Batch;
+pub use batch::{Batch, DrawnFrom};
 pub use errors::ErrorMap;
 pub use guide::Guide;
 pub use patches::{Patches, Shape};

@@ -1,5 +1,5 @@
 //! What is scored of a scene that moves, where the dataset holds the truth: what things that move look like, how far
-//! everything is, and whether points are found again.
+//! everything is, whether points are found again, and where they go.
 
 use super::masked::{inside, ssim_inside};
 use crate::data::View;
@@ -49,6 +49,23 @@ pub struct MotionScore {
     /// Share of them that are found within 5 % of the picture's longer side (DyCheck's PCK-T), `0..=1`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow_found: Option<f64>,
+    /// Mean length of the true way until one frame on, of points of things that move, world units; see
+    /// [`scene_flow`](fn@super::scene_flow).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene_motion: Option<f64>,
+    /// Mean distance from where these points truly are one frame on to where the system says they are, world units. `None` too where
+    /// the system says nothing of where points go.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene_flow_error: Option<f64>,
+    /// The same distance in the picture of the view's camera, pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub end_point_error: Option<f64>,
+    /// As `scene_flow_error`, of points of things that stand still at all times.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene_flow_still: Option<f64>,
+    /// As `end_point_error`, of these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub end_point_still: Option<f64>,
 }
 
 impl MotionScore {
@@ -112,7 +129,19 @@ impl MotionScore {
             ssim_covisible: mean(|s| s.ssim_covisible),
             flow_error: mean(|s| s.flow_error),
             flow_found: mean(|s| s.flow_found),
+            scene_motion: mean(|s| s.scene_motion),
+            scene_flow_error: mean(|s| s.scene_flow_error),
+            end_point_error: mean(|s| s.end_point_error),
+            scene_flow_still: mean(|s| s.scene_flow_still),
+            end_point_still: mean(|s| s.end_point_still),
         }
+    }
+
+    /// Scene flow error as a share of the mean true way: 1 of a system that says that nothing moves. `None` where nothing moved.
+    #[must_use]
+    pub fn scene_flow_share(&self) -> Option<f64> {
+        let way = self.scene_motion.filter(|way| *way > 0.0)?;
+        Some(self.scene_flow_error? / way)
     }
 
     /// Whether anything was measured.
@@ -148,6 +177,17 @@ impl MotionScore {
             out.push(format!(
                 "found again in another view, of what moves: {:.1} %, {error:.2} pixels off",
                 100.0 * found
+            ));
+        }
+        if let (Some(error), Some(pixels)) = (self.scene_flow_error, self.end_point_error) {
+            let share = self.scene_flow_share().map_or(String::new(), |x| format!(", {:.1} % of its way", 100.0 * x));
+            out.push(format!(
+                "scene flow of what moves, one frame on: {error:.5} world units off{share}, {pixels:.3} pixels"
+            ));
+        }
+        if let (Some(error), Some(pixels)) = (self.scene_flow_still, self.end_point_still) {
+            out.push(format!(
+                "scene flow of what stands still, one frame on: {error:.5} world units off, {pixels:.3} pixels"
             ));
         }
         out

@@ -3,12 +3,14 @@
 //! A held-out photo has an appearance of its own that no training photo tells. In the half-image protocol the appearance code is
 //! fitted to the left half of the photo, everything else frozen, and the right half is scored: what is scored was never
 //! seen. An encoder's code may be had from the left half or from the whole photo; with the whole photo the scored half
-//! leaks into the code, and tables must say so.
+//! leaks into the code, and tables must say so. In a film a training photo may be from the same time, or nearly: its appearance is
+//! taken as it is, and whole views are scored.
 //!
-//! Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 4.4; Chen et al., "Ha-NeRF", 2022, section 5.
+//! Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 4.4; Chen et al., "Ha-NeRF", 2022, section 5; of films Park et
+//! al., "Nerfies", 2021, section 5.
 
 use super::half;
-use crate::data::Dataset;
+use crate::data::{Dataset, View};
 use crate::error::RunError;
 use crate::names;
 use crate::options::{EvalAppearance, Part};
@@ -35,6 +37,19 @@ pub enum Scored {
     RightHalf,
 }
 
+/// When a photo was taken, and the number of its appearance where the dataset gives one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Taken {
+    time: f64,
+    appearance: Option<u32>,
+}
+
+impl Taken {
+    fn of(view: &View) -> Self {
+        Self { time: view.time, appearance: view.source.ids.map(|ids| ids.appearance) }
+    }
+}
+
 /// A held-out photo.
 #[derive(Clone, Copy)]
 pub(super) struct HeldOutPhoto<'a> {
@@ -57,6 +72,9 @@ pub struct Protocol {
     /// Learning rate at the start of each fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit_lr: Option<f64>,
+    /// The training photos, where the nearest of them is asked for.
+    #[serde(skip)]
+    training: Arc<[Taken]>,
 }
 
 impl Protocol {
@@ -77,6 +95,7 @@ impl Protocol {
         };
         match &appearance {
             EvalAppearance::Fit | EvalAppearance::Mean => {}
+            EvalAppearance::Nearest => need_nearest(system, train)?,
             EvalAppearance::Image(name) => {
                 view_of(system, train, name, "--eval-appearance")?;
             }
@@ -93,7 +112,11 @@ impl Protocol {
         Ok(Self {
             scored: match appearance {
                 EvalAppearance::Fit | EvalAppearance::Encode(_) => Scored::RightHalf,
-                EvalAppearance::Mean | EvalAppearance::Image(_) => Scored::Whole,
+                EvalAppearance::Mean | EvalAppearance::Nearest | EvalAppearance::Image(_) => Scored::Whole,
+            },
+            training: match appearance {
+                EvalAppearance::Nearest => train.views().iter().map(Taken::of).collect(),
+                _ => Arc::default(),
             },
             fit_steps: fits.then_some(FIT_STEPS),
             fit_lr: fits.then_some(FIT_LR),
@@ -124,6 +147,9 @@ impl Protocol {
         query: &Query,
         seed: u64,
     ) -> Option<Appearance> {
+        if self.appearance == Some(EvalAppearance::Nearest) {
+            return self.nearest(Taken::of(data.view(view))).map(Appearance::View);
+        }
         let HeldOutPhoto { image: photo, on_background: truth } = photo;
         let code = match (&self.appearance, self.fit_steps, self.fit_lr) {
             (Some(EvalAppearance::Fit), Some(steps), Some(lr)) => {
@@ -132,14 +158,22 @@ impl Protocol {
                 if rays.is_empty() {
                     return None;
                 }
-                let (background, halt) = (query.background, &query.halt);
-                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, background, steps, lr, seed, halt })
+                let (time, background, halt) = (data.view(view).time, query.background, &query.halt);
+                system.fit_appearance(&Fit { rays: &rays, rgb: &rgb, time, background, steps, lr, seed, halt })
             }
             (Some(EvalAppearance::Encode(Part::Whole)), ..) => system.encode_appearance(photo),
             (Some(EvalAppearance::Encode(Part::Left)), ..) => system.encode_appearance(&half::left(photo)),
             _ => None,
         };
         code.map(|code| Appearance::Code(Arc::from(code)))
+    }
+
+    /// The training photo of the same appearance, else the one nearest in time; of several the first.
+    fn nearest(&self, own: Taken) -> Option<usize> {
+        let same = |id| self.training.iter().position(|other| other.appearance == Some(id));
+        let far = |i: usize| (self.training[i].time - own.time).abs();
+        let in_time = || (0..self.training.len()).min_by(|&a, &b| far(a).total_cmp(&far(b)));
+        own.appearance.and_then(same).or_else(in_time)
     }
 }
 
@@ -153,6 +187,9 @@ impl fmt::Display for Protocol {
             }
             (Some(EvalAppearance::Fit), None) => f.write_str("one appearance, nothing to fit")?,
             (Some(EvalAppearance::Mean), _) => f.write_str("mean appearance of the training photos")?,
+            (Some(EvalAppearance::Nearest), _) => {
+                f.write_str("appearance of the training photo of the same appearance_id, else nearest in time")?;
+            }
             (Some(EvalAppearance::Image(name)), _) => write!(f, "appearance of training photo `{name}`")?,
             (Some(EvalAppearance::Encode(Part::Left)), _) => {
                 f.write_str("appearance encoded from each view's left half")?
@@ -179,6 +216,16 @@ pub(crate) fn view_of(system: &dyn System, train: &Dataset, name: &str, option: 
     names::find(&names, name, &option)
 }
 
+/// Refuses systems that have one appearance only, and photos of which none is nearer than another.
+fn need_nearest(system: &dyn System, train: &Dataset) -> Result<(), RunError> {
+    let option = "`--eval-appearance nearest`";
+    need_codes(system, option)?;
+    if train.time_steps() > 1 || train.views().iter().any(|view| view.source.ids.is_some()) {
+        return Ok(());
+    }
+    Err(RunError::Option(format!("{option}: the photos have no times; use `fit`, `mean` or `image:NAME`")))
+}
+
 /// Refuses systems that have one appearance only.
 ///
 /// # Errors
@@ -199,12 +246,26 @@ mod tests {
 
     #[test]
     fn words_are_read_back_as_they_are_written() {
-        for word in ["fit", "mean", "image:a:b.png", "encode:whole", "encode:left"] {
+        for word in ["fit", "mean", "nearest", "image:a:b.png", "encode:whole", "encode:left"] {
             assert_eq!(word.parse::<EvalAppearance>().unwrap().to_string(), word);
         }
         for wrong in ["", "image:", "encode", "encode:right", "Fit"] {
             assert!(wrong.parse::<EvalAppearance>().unwrap_err().contains("encode:left"), "{wrong}");
         }
+    }
+
+    #[test]
+    fn the_nearest_photo_is_of_the_same_appearance_or_else_of_nearly_the_same_time() {
+        let taken = |time, appearance| Taken { time, appearance };
+        let training = Arc::from([taken(0.0, Some(4)), taken(0.5, None), taken(1.0, Some(9)), taken(0.5, None)]);
+        let protocol = Protocol { appearance: Some(EvalAppearance::Nearest), training, ..Protocol::default() };
+        let nearest = |time, appearance| protocol.nearest(taken(time, appearance));
+        assert_eq!(nearest(0.1, Some(9)), Some(2), "whatever its time");
+        assert_eq!([nearest(0.1, Some(5)), nearest(0.1, None), nearest(0.9, None)], [Some(0), Some(0), Some(2)]);
+        assert_eq!(nearest(0.6, None), Some(1), "the first of two at one time");
+        assert_eq!(Protocol::default().nearest(taken(0.3, None)), None);
+        let json = serde_json::to_string(&protocol).unwrap();
+        assert_eq!(json, r#"{"appearance":"nearest","scored":"whole"}"#, "the photos are not written down");
     }
 
     #[test]
@@ -214,6 +275,7 @@ mod tests {
             scored: Scored::RightHalf,
             fit_steps: Some(300),
             fit_lr: Some(0.05),
+            ..Protocol::default()
         };
         let json = serde_json::to_string(&protocol).unwrap();
         assert_eq!(json, r#"{"appearance":"fit","scored":"right-half","fit_steps":300,"fit_lr":0.05}"#);

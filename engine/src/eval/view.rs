@@ -6,6 +6,7 @@ use super::masked::{inside, object_mask};
 use super::measure::measure;
 use super::motion::MotionScore;
 use super::protocol::{HeldOutPhoto, Protocol, Scored};
+use super::scene_flow;
 use super::score::{Measures, ViewScore};
 use crate::data::Dataset;
 use crate::error::RunError;
@@ -105,6 +106,9 @@ pub(super) fn measure_view(
     score.render_seconds = render_seconds;
     if protocol.scored == Scored::Whole {
         score.motion = MotionScore::of(view, &rendered, &picture, &truth, mask)?;
+        if matches!(measures, Measures::All(_)) {
+            scene_flow::score(system, view, &mut score.motion);
+        }
     }
     if matches!(measures, Measures::All(_)) && data.time_steps() <= 1 {
         score.fog = fog(system, view, halt);

@@ -43,7 +43,7 @@ pub fn rehearse(copy: &mut dyn System, views: &Dataset, stop: Option<Stop>, halt
     if let Some(view) = views.views().first() {
         let (rays, radii) = strip(&view.camera);
         render_some(copy, &view.camera, &rays, &radii, halt);
-        fit_once(copy, &rays, halt);
+        fit_once(copy, &rays, view.time, halt);
     }
     let work = Work::begin();
     let mut has_prepass = false;
@@ -70,9 +70,9 @@ fn strip(camera: &Camera) -> (Vec<Ray>, Vec<f32>) {
 
 /// One step of fitting an appearance, as each held-out view begins with it: the samples of all its rays are kept meanwhile, and a
 /// field that has hardly trained has samples everywhere.
-fn fit_once(copy: &dyn System, rays: &[Ray], halt: &Halt) {
+fn fit_once(copy: &dyn System, rays: &[Ray], time: f64, halt: &Halt) {
     let rgb = vec![[0.5; 3]; rays.len()];
-    copy.fit_appearance(&Fit { rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt });
+    copy.fit_appearance(&Fit { rays, rgb: &rgb, time, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt });
 }
 
 /// Rays of a strip, fewer where they take long: networks as published need for one tile what they need for all.

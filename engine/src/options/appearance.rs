@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// The appearance of held-out views: `fit`, `mean`, `image:NAME`, `encode:whole`, `encode:left`.
+/// The appearance of held-out views: `fit`, `mean`, `nearest`, `image:NAME`, `encode:whole`, `encode:left`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum EvalAppearance {
@@ -12,6 +12,8 @@ pub enum EvalAppearance {
     Fit,
     /// The mean of the training photos; whole views are scored.
     Mean,
+    /// That of the training photo that the dataset gives the same appearance, else of the one nearest in time; whole views are scored.
+    Nearest,
     /// That of a training photo; whole views are scored.
     Image(String),
     /// What the system's own encoder makes of part of each view; the right half is scored.
@@ -34,11 +36,14 @@ impl FromStr for EvalAppearance {
         match text {
             "fit" => Ok(Self::Fit),
             "mean" => Ok(Self::Mean),
+            "nearest" => Ok(Self::Nearest),
             "encode:whole" => Ok(Self::Encode(Part::Whole)),
             "encode:left" => Ok(Self::Encode(Part::Left)),
             _ => match text.strip_prefix("image:").filter(|name| !name.is_empty()) {
                 Some(name) => Ok(Self::Image(name.into())),
-                None => Err(format!("`{text}`: write `fit`, `mean`, `image:NAME`, `encode:left` or `encode:whole`")),
+                None => Err(format!(
+                    "`{text}`: write `fit`, `mean`, `nearest`, `image:NAME`, `encode:left` or `encode:whole`"
+                )),
             },
         }
     }
@@ -63,6 +68,7 @@ impl fmt::Display for EvalAppearance {
         match self {
             Self::Fit => f.write_str("fit"),
             Self::Mean => f.write_str("mean"),
+            Self::Nearest => f.write_str("nearest"),
             Self::Image(name) => write!(f, "image:{name}"),
             Self::Encode(Part::Whole) => f.write_str("encode:whole"),
             Self::Encode(Part::Left) => f.write_str("encode:left"),

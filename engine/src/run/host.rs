@@ -93,6 +93,10 @@ impl Host for RunHost<'_> {
         self.observer.event(Event::Warning(line));
     }
 
+    fn tell(&mut self, line: &str) {
+        self.observer.event(Event::Note(line));
+    }
+
     fn progress(&mut self, progress: &Progress) {
         self.observer.event(Event::Step(progress));
     }

@@ -96,11 +96,11 @@ impl Run<'_> {
             if observer.stop_asked() {
                 return Ok(());
             }
-            let view = render(system, &camera, &Query { appearance, ..self.query() });
+            let rendered = render(system, &camera, &Query { appearance, time: view.time, ..self.query() });
             if self.halt.raised() {
                 return Ok(());
             }
-            let picture = colour(&view);
+            let picture = colour(&rendered);
             let file = format!("{k:02}_{}.png", stem(&name));
             write_png(self.parts.storage, &folder.join(&file), &picture)?;
             pictures.push((name, file));

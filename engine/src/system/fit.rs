@@ -10,6 +10,8 @@ pub struct Fit<'a> {
     pub rays: &'a [Ray],
     /// Their colours, on the background.
     pub rgb: &'a [[f32; 3]],
+    /// When the photo was taken, `0..=1`. Systems of scenes that stand still know one time only.
+    pub time: f64,
     /// What is behind the scene.
     pub background: [f32; 3],
     /// Steps of the fit.

@@ -5,6 +5,7 @@
 
 mod counts;
 mod fit;
+mod follow;
 mod layers;
 mod limits;
 mod query;
@@ -16,6 +17,7 @@ pub use crate::tensors::{
 };
 pub use counts::{SkipRow, StepStats};
 pub use fit::Fit;
+pub use follow::{CanonicalPoints, FlowSource, follow_canonical};
 pub use layers::{Layers, NOWHERE};
 pub use limits::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, at_most};
 pub use query::{Appearance, Canonical, EmptyCells, LayerRequest, Median, Normals, Query, Trial};
@@ -50,6 +52,11 @@ pub trait System: Send + Sync {
     /// After `step` steps the share `time` of the training's time has passed: a schedule that is ahead of it, or behind, may correct
     /// itself. Said now and then in a training that stops after seconds; what follows from it is part of the state.
     fn keep_up(&mut self, _step: u64, _time: f64) {}
+
+    /// What the last steps found out that people want to know, one line; each is told once.
+    fn news(&mut self) -> Option<String> {
+        None
+    }
 
     /// How many more steps until pictures are as good again as before the last change of what they are made of; 0 where nothing has
     /// changed lately. A training that is interrupted makes these first.
@@ -155,6 +162,19 @@ pub trait System: Send + Sync {
     /// coordinates, codes) moves no point.
     fn canonical(&self, points: &[[f64; 3]], _time: f64, out: &mut [[f64; 3]]) {
         out.copy_from_slice(points);
+    }
+
+    /// What [`System::scene_flow`] comes from. A system that warps points or has learned scene flow says so.
+    fn flow_source(&self) -> FlowSource {
+        FlowSource::Nothing
+    }
+
+    /// Displacements of points of the scene's frame from one time to another, world units. `out` has one entry a point; `None` where
+    /// it is not known where the point goes. Without learned scene flow a point goes where its canonical place is then
+    /// ([`follow_canonical`]): one that nothing warps stays.
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        let canonical = |x: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]| self.canonical(x, time, out);
+        follow_canonical(&canonical, self.bounds(), points, [from, to], out);
     }
 
     /// The box of the scene's frame outside which nothing is worth exporting: `[min, max]`.

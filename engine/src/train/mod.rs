@@ -57,6 +57,9 @@ pub trait Host {
     /// Tell people what they should act on.
     fn warn(&mut self, line: &str);
 
+    /// Tell people what they want to know.
+    fn tell(&mut self, line: &str);
+
     /// Take note of where the run stands; called after every step.
     fn progress(&mut self, progress: &Progress);
 }
@@ -232,9 +235,8 @@ pub fn train(
             Stop::Seconds(s) => Some((s - seconds).max(0.0)),
         };
 
-        if let Some(line) = watch.see(stats.transient, step, latest.done) {
-            host.warn(&line);
-        }
+        system.news().iter().for_each(|line| host.tell(line));
+        watch.see(stats.transient, step, latest.done).iter().for_each(|line| host.warn(line));
         let mut evaluate = schedule.eval_every.is_some_and(|every| every > 0 && step.is_multiple_of(every));
         while eval_at.last().is_some_and(|&at| seconds >= at) {
             eval_at.pop();

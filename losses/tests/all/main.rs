@@ -1,6 +1,7 @@
 //! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-losses --test all MODULE::` runs one file of them.
 
 mod background;
+mod coherence;
 mod depth;
 mod distortion;
 mod dssim;
@@ -15,6 +16,7 @@ mod opacity;
 mod photometric;
 mod planes;
 mod robust_kernels;
+mod scene_flow;
 mod segmentation;
 mod settled;
 mod superpixels;

@@ -1,7 +1,8 @@
-//! What draws a field to a decision: rays that end on something or nothing, samples that have the colour of their pixel.
+//! What draws a field to a decision: rays that end on something or nothing, weight in few samples, samples that have the colour of
+//! their pixel.
 
 use losses::LossError;
-use losses::entropy::{binary, binary_backward};
+use losses::entropy::{LEAST_WEIGHT, binary, binary_backward, weights, weights_backward};
 use losses::point_colour::{of_ray, of_ray_backward};
 use proptest::prelude::*;
 use testkit::gradient::{PairTolerances, check_f32_pair};
@@ -10,6 +11,11 @@ use testkit::gradient::{PairTolerances, check_f32_pair};
 fn entropy_twin(p: f64) -> f64 {
     let p = p.clamp(1e-6, 1.0 - 1e-6);
     -p * p.ln() - (1.0 - p) * (1.0 - p).ln()
+}
+
+/// From the definition.
+fn weights_twin(w: &[f64]) -> f64 {
+    -w.iter().map(|&w| w * w.max(1e-12).ln()).sum::<f64>()
 }
 
 fn colour_twin(w: &[f64], rgb: &[f64], target: &[f64]) -> f64 {
@@ -43,6 +49,33 @@ proptest! {
         let p = k as f32 / 1024.0;
         let (here, there) = (binary(&[p]), binary(&[1.0 - p]));
         prop_assert!((here - there).abs() < 1e-12 && here > 0.0 && here <= std::f64::consts::LN_2 + 1e-12);
+    }
+
+    #[test]
+    fn entropy_of_weights_matches_its_twin_and_differences(
+        w in prop::collection::vec(0.001_f32..1.0, 1..20),
+        bar in -2.0_f32..2.0,
+    ) {
+        check_f32_pair(
+            &w,
+            &[bar],
+            (
+                |w, out| out[0] = weights(w) as f32,
+                |w, bar, w_bar| weights_backward(w, bar[0].into(), w_bar).unwrap(),
+            ),
+            (
+                |w, out| out[0] = weights_twin(w),
+                |w, bar, w_bar| w.iter().zip(w_bar).for_each(|(w, g)| *g += bar[0] * (-w.ln() - 1.0)),
+            ),
+            PairTolerances::default(),
+        )
+        .unwrap();
+    }
+
+    #[test]
+    fn weight_that_is_spread_costs_the_logarithm_of_how_far(n in 1_usize..200) {
+        let spread = weights(&vec![1.0 / n as f32; n]);
+        prop_assert!((spread - (n as f64).ln()).abs() < 1e-6, "{spread}");
     }
 
     #[test]
@@ -113,6 +146,21 @@ fn what_is_decided_has_no_slope_and_extremes_stay_finite() {
 }
 
 #[test]
+fn weight_in_one_sample_costs_nothing_and_extremes_stay_finite() {
+    assert_eq!((weights(&[]), weights(&[0.0, 1.0, 0.0])), (0.0, 0.0));
+    let w = [0.0, 1e-45, 1e-30, 1e-12, 1.0, 2.0];
+    let mut w_bar = [0.0; 6];
+    weights_backward(&w, 1.0, &mut w_bar).unwrap();
+    assert!(weights(&w).is_finite() && w_bar.iter().all(|g| g.is_finite()), "{w_bar:?}");
+    // Below the floor it is a line.
+    let steepest = -LEAST_WEIGHT.ln() as f32;
+    assert_eq!((w_bar[0], w_bar[2], w_bar[4]), (steepest, steepest, -1.0));
+    assert!(weights(&[f32::NAN]).is_nan());
+    weights_backward(&[f32::NAN], 1.0, &mut w_bar[..1]).unwrap();
+    assert!(w_bar[0].is_nan());
+}
+
+#[test]
 fn samples_of_the_right_colour_and_unseen_ones_cost_nothing() {
     assert_eq!(of_ray(&[0.7, 0.0], [&[0.25, 1.0]; 3], [0.25; 3]).unwrap(), 0.0);
     assert_eq!(of_ray(&[0.5], [&[1.0], &[0.0], &[0.0]], [0.0; 3]).unwrap(), 0.5);
@@ -121,6 +169,7 @@ fn samples_of_the_right_colour_and_unseen_ones_cost_nothing() {
 #[test]
 fn lengths_are_checked() {
     assert!(matches!(binary_backward(&[0.5], 1.0, &mut []), Err(LossError::Shape { .. })));
+    assert!(matches!(weights_backward(&[0.5], 1.0, &mut []), Err(LossError::Shape { .. })));
     assert!(matches!(of_ray(&[0.5], [&[0.5], &[], &[0.5]], [0.0; 3]), Err(LossError::Shape { .. })));
     let bars: [&mut [f32]; 3] = [&mut [0.0], &mut [0.0], &mut []];
     assert!(of_ray_backward(&[0.5], [&[0.5]; 3], [0.0; 3], 1.0, bars).is_err());

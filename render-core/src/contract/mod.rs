@@ -72,11 +72,48 @@ pub fn contract<T: Real>(norm: Norm, x: [T; 3]) -> [T; 3] {
 #[inline]
 #[must_use]
 pub fn inv_contract<T: Real>(norm: Norm, y: [T; 3]) -> [T; 3] {
+    inv_contract_within(norm, y, T::CONTRACT_GAP)
+}
+
+/// [`inv_contract`] with a nearer end of the world: norms of `y` above `2 - gap` count as that, so nothing is further out than
+/// `1 / gap`. 1e-3 suits losses on `f32` positions.
+#[inline]
+#[must_use]
+pub fn inv_contract_within<T: Real>(norm: Norm, y: [T; 3], gap: T) -> [T; 3] {
     match outside(norm, y) {
         None => y,
         Some(Outside { u, m, .. }) => {
-            let gap = (T::TWO - m).max(T::CONTRACT_GAP);
-            u.map(|u| u / gap)
+            let left = (T::TWO - m).max(gap);
+            u.map(|u| u / left)
+        }
+    }
+}
+
+/// Gradient of [`inv_contract_within`]: adds `J^T x_bar` to `y_bar`. Where the norm of `y` was held, it has no derivative.
+///
+/// With `u = y / m` and `l = 2 - m`, the Jacobian is `(I - u u^T) / (m l) + u u^T / l^2` (`L2`), or with `k` the (first) largest
+/// coordinate `I / (m l) + u e_k^T sign(y_k) (1/l^2 - 1/(m l))` (`Max`); `1 / l^2` is 0 where the norm was held.
+#[inline]
+pub fn inv_contract_within_backward<T: Real>(norm: Norm, y: [T; 3], gap: T, x_bar: [T; 3], y_bar: &mut [T; 3]) {
+    let Some(Outside { u, m, inv_m }) = outside(norm, y) else {
+        for (y_bar, x_bar) in y_bar.iter_mut().zip(x_bar) {
+            *y_bar += x_bar;
+        }
+        return;
+    };
+    let held = T::TWO - m <= gap;
+    let inv_left = T::ONE / (T::TWO - m).max(gap);
+    let across = inv_m * inv_left;
+    let along = if held { T::ZERO } else { inv_left * inv_left };
+    let radial = (along - across) * dot(x_bar, u);
+    let k = largest(u);
+    for (i, (y_bar, (x_bar, u))) in y_bar.iter_mut().zip(x_bar.into_iter().zip(u)).enumerate() {
+        *y_bar += across * x_bar;
+        match norm {
+            Norm::L2 => *y_bar += radial * u,
+            // The largest coordinate of `u` is its sign.
+            Norm::Max if i == k => *y_bar += radial * u,
+            Norm::Max => {}
         }
     }
 }

@@ -7,6 +7,7 @@ mod compositor;
 mod frustum;
 mod histogram;
 mod importance;
+mod induced_flow;
 mod lighting;
 mod occupancy;
 mod proposal;

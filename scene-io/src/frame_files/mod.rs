@@ -4,6 +4,7 @@ mod depth;
 mod features;
 mod flow;
 mod masks;
+mod motion;
 mod segments;
 
 pub use masks::refuse_blank_masks;

@@ -30,7 +30,7 @@ pub enum FlowPlace {
     Memory(Arc<Flow>),
 }
 
-/// Where another picture shows what this one shows.
+/// Where another picture shows what this one shows: exactly known, or as another program sees it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flow {
     /// Columns.

@@ -1,4 +1,4 @@
-//! What other programs made of the photos: segments, features, point tracks, and truth to score against.
+//! What other programs made of the photos: segments, features, point tracks, motion, and truth to score against.
 //!
 //! No foreign network runs here; what one would produce is read from files. All of them are optional, stand beside the
 //! photo and are named after it, `STEM` being its name without extension:
@@ -11,13 +11,32 @@
 //! | `STEM.points/*.png` | segments around feature points, one picture each; `scores.txt` beside them: a line for each picture in the order of names, score and stability | none |
 //! | `STEM.features.npy` | dense features, `C x H' x W'`, `f32` or `f16` | none |
 //!
+//! What is known of motion lies in folders, as NSFF, DynamicNeRF and RoDynRF write it: beside the photos' folder (or in it), by the
+//! photo's name without extension, or by its number with 3 to 5 digits where that name is one. The number is the photo's own: where
+//! photos begin at 1 and flow at 0, one of them must be renamed. What `nerf-dynamic priors` makes lies in such folders in `priors` of the
+//! dataset's own, and is read where there is nothing beside the photos.
+//!
+//! | file | holds | without it |
+//! | --- | --- | --- |
+//! | `flow/STEM_fwd.flo`, `.npz`, `.npy` (or `flow_i1/`; or `flow/STEM.flo`) | optical flow to the next photo | none for that photo |
+//! | `flow/STEM_bwd.flo`, `.npz`, `.npy` (or `flow_i1/`) | optical flow to the photo before | none for that photo |
+//! | `disp/STEM.npy`, `.png` (or `dpt/`) | disparity, `H' x W'` numbers or 8-bit or 16-bit grey: no unit, larger = nearer | none |
+//! | `motion_masks/STEM.png` (or `epipolar_error_png/`) | white = moves | not known what moves |
+//!
+//! Flow is `H' x W' x 2`, x to the right before y down, in pixels of its own size, with a mask of where it is valid in `.npz`; NaN,
+//! infinity and more than 1e9 are not valid. All of these may be smaller or larger than the photo, in its shape.
+//!
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
-//! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training.
+//! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training. So is exact scene
+//! flow ([`SceneFlow`]), which drawn scenes carry and no file holds.
 //!
 //! Paths only are kept in a [`Frame`](crate::Frame); `Frame::read_*` decodes at the file's own size and checks it.
 
+mod consistency;
 mod features;
 mod flow;
+mod motion;
+mod scene_flow;
 mod segments;
 mod truth;
 
@@ -25,6 +44,9 @@ use std::path::{Path, PathBuf};
 
 pub use features::Features;
 pub use flow::{Flow, FlowPlace, FlowTruth};
+pub use motion::{Disparity, FlowPrior, MotionFiles};
+pub(crate) use scene_flow::one_frame_on;
+pub use scene_flow::{FollowedPoint, SceneFlow};
 pub use segments::{LabelMap, PromptedSegment, Segments};
 pub use truth::TruthMask;
 
@@ -37,18 +59,21 @@ pub struct Priors {
     pub prompted: Option<PathBuf>,
     /// Dense features.
     pub features: Option<PathBuf>,
+    /// Optical flow, disparity, what moves.
+    pub motion: MotionFiles,
 }
 
 impl Priors {
-    /// The files that stand beside a photo. A label map comes before a stack.
+    /// The files that stand beside a photo of the dataset in the folder `root`. A label map comes before a stack.
     #[must_use]
-    pub fn beside(photo: &Path) -> Self {
+    pub fn beside(photo: &Path, root: &Path) -> Self {
         let file = |extension: &str| Some(photo.with_extension(extension)).filter(|p| p.is_file());
         let folder = |extension: &str| Some(photo.with_extension(extension)).filter(|p| p.is_dir());
         Self {
             segments: file("segs.png").or_else(|| folder("segs")),
             prompted: folder("points"),
             features: file("features.npy"),
+            motion: MotionFiles::beside(photo, root),
         }
     }
 

@@ -19,21 +19,22 @@
 
 mod blender;
 mod files;
+mod mouth;
 mod orbit;
 mod plaza;
 mod polynomial;
 mod shape;
+mod snapshot;
 mod surface;
 mod tabletop;
 mod tissue;
 
 pub use blender::write_blender;
-pub use orbit::{
-    FlowMap, Form, Orbit, OrbitCamera, OrbitMotion, OrbitOptions, OrbitView, Placement, Sight, Snapshot, SnapshotHit,
-    SnapshotTruth, Warp, orbit, orbit_views, write_orbit,
-};
+pub use mouth::{Mouth, MouthOptions, mouth, mouth_views, write_mouth};
+pub use orbit::{Orbit, OrbitCamera, OrbitMotion, OrbitOptions, orbit, orbit_views, write_orbit};
 pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOptions, plaza, plaza_photos};
 pub use shape::{Placed, Shape};
+pub use snapshot::{FlowMap, Form, Placement, Sight, Snapshot, SnapshotHit, SnapshotTruth, SnapshotView, Warp};
 pub use surface::{Paint, Surface};
 pub use tabletop::{Hit, Tabletop, TabletopOptions, ViewTruth, tabletop};
 pub use tissue::{

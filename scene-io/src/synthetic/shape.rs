@@ -31,6 +31,15 @@ pub enum Shape {
         /// Radius of the tube, below `ring`.
         tube: f64,
     },
+    /// What a box leaves of an ellipsoid around the origin: a block with round edges, or a piece of one.
+    Cut {
+        /// Half the axes of the ellipsoid.
+        radii: DVec3,
+        /// Smallest coordinates of the box.
+        low: DVec3,
+        /// Largest coordinates of the box.
+        high: DVec3,
+    },
 }
 
 impl Shape {
@@ -47,6 +56,7 @@ impl Shape {
             Self::Block { half } => block(o, d, half, after),
             Self::Cylinder { radius, half_height } => cylinder(o, d, radius, half_height, after),
             Self::Torus { ring, tube } => torus(o, d, ring, tube, after),
+            Self::Cut { radii, low, high } => cut(o, d, radii, [low, high], after),
         }
     }
 
@@ -60,6 +70,9 @@ impl Shape {
                 p.truncate().length_squared() <= radius * radius && p.z.abs() <= half_height
             }
             Self::Torus { ring, tube } => DVec2::new(p.truncate().length() - ring, p.z).length_squared() <= tube * tube,
+            Self::Cut { radii, low, high } => {
+                (p / radii).length_squared() <= 1.0 && p.cmpge(low).all() && p.cmple(high).all()
+            }
         }
     }
 
@@ -71,6 +84,7 @@ impl Shape {
             Self::Block { half } => half.length(),
             Self::Cylinder { radius, half_height } => radius.hypot(half_height),
             Self::Torus { ring, tube } => ring + tube,
+            Self::Cut { radii, low, high } => low.abs().max(high.abs()).min(radii).length().min(radii.max_element()),
         }
     }
 }
@@ -221,17 +235,66 @@ fn torus(o: DVec3, d: DVec3, ring: f64, tube: f64, after: f64) -> Option<(f64, D
     Some((t + shift, (p - middle).normalize()))
 }
 
+fn cut(o: DVec3, d: DVec3, radii: DVec3, [low, high]: [DVec3; 2], after: f64) -> Option<(f64, DVec3)> {
+    // In the axes of the unit ball, from the point of the ray nearest to its middle: small numbers, few digits lost.
+    let (from, along) = (o / radii, d / radii);
+    let speed = along.length_squared();
+    let nearest = -from.dot(along) / speed;
+    let inside = (1.0 - (from + along * nearest).length_squared()) / speed;
+    if inside < 0.0 {
+        return None;
+    }
+    // The solid is where the ball and three slabs overlap: intervals of t, which are cut with each other.
+    let (mut enter, mut leave) = ((nearest - inside.sqrt(), None), (nearest + inside.sqrt(), None));
+    for axis in 0..3 {
+        if d[axis] == 0.0 {
+            if o[axis] < low[axis] || o[axis] > high[axis] {
+                return None;
+            }
+            continue;
+        }
+        let [a, b] = [low, high].map(|side| (side[axis] - o[axis]) / d[axis]);
+        let (near, far) = (a.min(b), a.max(b));
+        if near > enter.0 {
+            enter = (near, Some(axis));
+        }
+        if far < leave.0 {
+            leave = (far, Some(axis));
+        }
+    }
+    if enter.0 > leave.0 {
+        return None;
+    }
+    let (t, face, sign) = if enter.0 > after {
+        (enter.0, enter.1, -1.0)
+    } else if leave.0 > after {
+        (leave.0, leave.1, 1.0)
+    } else {
+        return None;
+    };
+    let n = match face {
+        Some(axis) => DVec3::AXES[axis] * (sign * d[axis].signum()),
+        None => ((from + along * t) / radii).normalize(),
+    };
+    Some((t, n))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
     use testkit::strategies::{any_rotation, any_unit_vector};
 
-    const SHAPES: [Shape; 4] = [
+    const SHAPES: [Shape; 5] = [
         Shape::Sphere { radius: 0.7 },
         Shape::Block { half: DVec3::new(0.3, 0.5, 0.4) },
         Shape::Cylinder { radius: 0.4, half_height: 0.6 },
         Shape::Torus { ring: 0.6, tube: 0.2 },
+        Shape::Cut {
+            radii: DVec3::new(0.6, 0.5, 0.7),
+            low: DVec3::new(-0.5, -0.4, 0.0),
+            high: DVec3::new(0.1, 0.6, 0.55),
+        },
     ];
 
     #[test]
@@ -262,6 +325,29 @@ mod tests {
         assert_eq!(crossings.len(), 4);
     }
 
+    #[test]
+    fn a_cut_ellipsoid_is_met_on_its_planes_and_where_it_is_round() {
+        let hit = |o: [f64; 3], d: DVec3| SHAPES[4].hit(o.into(), d, 0.0);
+        // Onto the upper plane, the cut below, and one side.
+        let (t, n) = hit([0.0, 0.0, 3.0], -DVec3::Z).unwrap();
+        assert!((t - 2.45).abs() < 1e-14 && n == DVec3::Z, "{t} {n}");
+        let (t, n) = hit([0.0, 0.0, -3.0], DVec3::Z).unwrap();
+        assert!((t - 3.0).abs() < 1e-14 && n == -DVec3::Z, "{t} {n}");
+        let (t, n) = hit([4.0, 0.0, 0.3], -DVec3::X).unwrap();
+        assert!((t - 3.9).abs() < 1e-14 && n == DVec3::X, "{t} {n}");
+        // The ellipsoid ends before the box does.
+        let (t, n) = hit([0.0, 3.0, 0.0], -DVec3::Y).unwrap();
+        assert!((t - 2.5).abs() < 1e-14 && (n - DVec3::Y).length() < 1e-14, "{t} {n}");
+        // Level with a plane, beside it, and from within.
+        assert_eq!(hit([-3.0, 0.0, -0.1], DVec3::X), None);
+        assert_eq!(hit([-3.0, 0.0, 0.56], DVec3::X), None);
+        let (t, n) = hit([0.0, 0.0, 0.2], -DVec3::Z).unwrap();
+        assert!((t - 0.2).abs() < 1e-14 && n == -DVec3::Z, "{t} {n}");
+        // Past a corner that the ellipsoid has rounded off.
+        assert_eq!(hit([-0.45, -0.38, 3.0], -DVec3::Z), None);
+        assert_eq!(SHAPES[4].radius(), 0.7, "the ellipsoid's: the corners of the box lie outside of it");
+    }
+
     /// Distance to the first change between outside and inside, by small steps.
     fn march(placed: &Placed, ray: &Ray) -> Option<f64> {
         let start = placed.contains(ray.o);
@@ -273,7 +359,7 @@ mod tests {
 
         #[test]
         fn hits_lie_where_marching_finds_them(
-            which in 0..4_usize, r in any_rotation(), o in [-1.5..1.5, -1.5..1.5, -1.5..1.5_f64], d in any_unit_vector(),
+            which in 0..5_usize, r in any_rotation(), o in [-1.5..1.5, -1.5..1.5, -1.5..1.5_f64], d in any_unit_vector(),
         ) {
             let columns = r.map(DVec3::from);
             let placed = Placed {

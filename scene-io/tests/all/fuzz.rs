@@ -145,6 +145,34 @@ proptest! {
     }
 
     #[test]
+    fn motion_beside_photos_never_panics(kind in 0_usize..3, cut: prop::sample::Index, changes in any_changes()) {
+        let dataset = Dataset::ngp(1);
+        let file = match kind {
+            0 => {
+                let head = b"PIEH\x08\0\0\0\x06\0\0\0".to_vec();
+                dataset.write("flow/000_fwd.flo", [head, [0_u8, 0, 160, 63].repeat(96)].concat())
+            }
+            1 => dataset.write("flow/000_bwd.npy", npy(&[6, 8, 2], &[1.25; 96])),
+            _ => dataset.write("disp/000.npy", npy(&[6, 8], &[0.5; 48])),
+        };
+        let read = || {
+            let scene = load(dataset.path(), &LoadOptions::default()).unwrap();
+            let frame = &scene.frames[0];
+            let flow = frame.read_flow_prior().map(|f| f.forward.is_some() || f.backward.is_some());
+            [flow, frame.read_disparity().map(|d| d.is_some())]
+        };
+        prop_assert!(read().into_iter().any(|r| r.unwrap()));
+        let whole = std::fs::read(&file).unwrap();
+        let bytes = spoil(&whole, cut, &changes);
+        std::fs::write(&file, &bytes).unwrap();
+        let refused = read().iter().any(Result::is_err);
+        // None of them is taken for whole when cut.
+        if changes.is_empty() {
+            prop_assert_eq!(refused, bytes.len() < whole.len());
+        }
+    }
+
+    #[test]
     fn moving_scenes_never_panic(dialect in 0_usize..4, file in 0_usize..8, cut: prop::sample::Index, changes in any_changes()) {
         let (dataset, files): (Dataset, &[&str]) = match dialect {
             0 => (Dataset::nr_nerf(3), &["precomputed.json"]),

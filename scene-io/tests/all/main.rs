@@ -7,6 +7,7 @@ mod common;
 mod export;
 mod formats;
 mod fuzz;
+mod motion_priors;
 mod moving;
 mod picture;
 mod priors;

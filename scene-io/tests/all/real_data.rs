@@ -4,8 +4,9 @@ use glam::{DVec2, DVec3};
 use render_core::camera::{Camera, Lens, Pose};
 use scene_io::colmap::Model;
 use scene_io::{
-    Depth, Dialect, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks, PerturbationKind,
-    Scene, Split, StoreOptions, TrainPhotos, check, load, load_cameras, perturb, refuse_blank_masks,
+    Depth, Dialect, Frame, Holdout, ImageSource, ImageStore, LayoutHint, LoadOptions, MaskPolarity, Masks,
+    PerturbationKind, Scene, Split, StoreOptions, TrainPhotos, check, load, load_cameras, perturb, refuse_blank_masks,
+    write_flo,
 };
 use std::path::PathBuf;
 
@@ -575,5 +576,56 @@ fn all_images_of_the_small_scenes_decode() {
         let scene = report.scene.unwrap();
         assert!(scene.frames.iter().all(|f| matches!(f.image, ImageSource::File(_))));
         assert!(report.image_bytes > 0);
+    }
+}
+
+#[test]
+fn the_nerfies_capture_numbers_the_appearance_of_each_photo() {
+    let Some(path) = data("nerfies_capture") else { return };
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    assert_eq!(scene.dialect, Dialect::Nerfies);
+    assert_eq!(counts(&scene), [82, 0, 5, 0]);
+    let appearances = |split| -> Vec<u32> {
+        let frames = scene.frames.iter().filter(|frame| frame.split == split);
+        frames.map(|frame| frame.ids.unwrap().appearance).collect()
+    };
+    let mut training = appearances(Split::Train);
+    training.sort_unstable();
+    assert_eq!(training, (0..82).collect::<Vec<u32>>());
+    // Held-out photos have the numbers of training photos that were taken next to them.
+    assert_eq!(appearances(Split::Test), [0, 19, 38, 57, 76]);
+}
+
+#[test]
+fn flow_and_masks_of_a_real_video_are_read_and_written_again() {
+    let Some(path) = data("davis/tennis") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    for k in 1..=4 {
+        let camera = Camera::pinhole(448, 256, 400.0, 400.0, 224.0, 128.0, Pose::IDENTITY);
+        let photo = ImageSource::File(path.join(format!("rgb/{k:04}.jpg")));
+        let mut frame = Frame::new(format!("{k:04}"), photo, camera);
+        let file = path.join(format!("flow_sample/{k:04}.flo"));
+        frame.priors.motion.forward = Some(file.clone());
+        frame.priors.motion.mask = Some(path.join(format!("mask/{k:04}.png")));
+        let flow = frame.read_flow_prior().unwrap().forward.unwrap();
+        assert_eq!((flow.width, flow.height, flow.seen.count()), (448, 256, 448 * 256));
+        if k == 1 {
+            let first = [[0xa3, 0x04, 0x99, 0x3f], [0x6c, 0x87, 0xa6, 0xbd]].map(f32::from_le_bytes);
+            assert_eq!(flow.vectors[0], first);
+        }
+        // All of it is valid, so the bytes are the same.
+        let again = folder.path().join("again.flo");
+        write_flo(&again, &flow).unwrap();
+        assert!(std::fs::read(&again).unwrap() == std::fs::read(&file).unwrap(), "{}", file.display());
+        let mask = frame.read_motion_mask().unwrap().unwrap();
+        let share = mask.count() as f64 / (448.0 * 256.0);
+        assert!(share > 0.03 && share < 0.04, "{share}");
+        // The camera follows the player: what moves differs from the rest.
+        let mean = |moves: bool| {
+            let of = flow.vectors.iter().zip(mask.iter()).filter(|(_, m)| *m == moves);
+            let across: Vec<f64> = of.map(|(vector, _)| f64::from(vector[0])).collect();
+            across.iter().sum::<f64>() / across.len().max(1) as f64
+        };
+        assert!((mean(true) - mean(false)).abs() > 5.0, "{} {}", mean(true), mean(false));
     }
 }

@@ -1,10 +1,10 @@
 //! Drawn scenes written to files and read back: by the loader where there is one, by plain readers where not.
 
 use scene_io::synthetic::{
-    OrbitMotion, OrbitOptions, Sight, TissueDepth, TissueOptions, TissueTool, orbit, orbit_views, tissue_truth,
-    write_orbit, write_tissue,
+    Mouth, MouthOptions, OrbitMotion, OrbitOptions, Sight, TissueDepth, TissueOptions, TissueTool, mouth, mouth_views,
+    orbit, orbit_views, tissue_truth, write_mouth, write_orbit, write_tissue,
 };
-use scene_io::{Depth, Image, ImageSource, ImageStore, LoadOptions, Split, StoreOptions, check, load};
+use scene_io::{Depth, Image, ImageSource, ImageStore, LoadOptions, Scene, Split, StoreOptions, check, load};
 use std::path::Path;
 
 fn array(path: &Path) -> (Vec<u64>, Vec<f64>) {
@@ -28,8 +28,20 @@ fn orbit_comes_back_from_its_files_as_it_was_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let options = OrbitOptions { width: 34, height: 26, train: 4, val: 2, test: 3, rays: 2, ..OrbitOptions::default() };
     write_orbit(&options, folder.path()).unwrap();
-    let drawn = orbit(&options);
-    let read = load(folder.path(), &LoadOptions::default()).unwrap();
+    comes_back(&orbit(&options), folder.path(), &[Split::Test]);
+}
+
+#[test]
+fn mouth_comes_back_from_its_files_as_it_was_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = MouthOptions { width: 34, height: 26, train: 4, val: 2, test: 3, rays: 2, ..MouthOptions::default() };
+    write_mouth(&options, folder.path()).unwrap();
+    comes_back(&mouth(&options), folder.path(), &[Split::Val, Split::Test]);
+}
+
+/// Compare a scene of 34 x 26 pixels with what its files hold; frames of the splits `followed` have exact flow.
+fn comes_back(drawn: &Scene, folder: &Path, followed: &[Split]) {
+    let read = load(folder, &LoadOptions::default()).unwrap();
     assert_eq!(read.frames.len(), drawn.frames.len());
     assert_eq!(read.layout, drawn.layout);
     let pixels = ImageStore::new(&read.frames, StoreOptions::default()).unwrap();
@@ -48,10 +60,39 @@ fn orbit_comes_back_from_its_files_as_it_was_drawn() {
         assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
         assert_eq!(a.depth.is_some(), a.split != Split::Train);
         assert_eq!(a.read_flow().unwrap(), b.read_flow().unwrap());
-        assert_eq!(a.truth.flow.is_some(), a.split == Split::Test);
+        assert_eq!(a.truth.flow.is_some(), followed.contains(&a.split));
     }
-    let report = check(folder.path(), &LoadOptions::default(), Depth::Pixels);
+    let report = check(folder, &LoadOptions::default(), Depth::Pixels);
     assert!(report.can_train(), "{report}");
+}
+
+#[test]
+fn the_truth_beside_mouth_is_that_of_its_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = MouthOptions { width: 20, height: 18, train: 4, val: 0, test: 0, rays: 1, ..MouthOptions::default() };
+    write_mouth(&options, folder.path()).unwrap();
+    let (drawn, views) = (Mouth::new(options.seed), mouth_views(&options));
+    let start = drawn.at(0.0);
+    for (i, view) in views.iter().enumerate() {
+        let file = |what: &str| folder.path().join(format!("truth/{what}/{i:03}.npy"));
+        let now = drawn.at(view.time);
+        let exact = now.truth(&view.camera);
+        let (shape, normals) = array(&file("normal"));
+        assert_eq!(shape, [18, 20, 3]);
+        for (read, exact) in normals.chunks(3).zip(&exact.normal) {
+            assert!(read.iter().zip(exact.to_array()).all(|(a, b)| (a - b).abs() < 1e-6), "{read:?} for {exact}");
+        }
+        let (_, home) = array(&file("to_start"));
+        let flow = now.flow_to(&view.camera, &start, &view.camera);
+        for (read, exact) in home.chunks(3).zip(&flow.moved) {
+            assert!(read.iter().zip(exact.to_array()).all(|(a, b)| (a - b).abs() < 1e-6), "{read:?} for {exact}");
+        }
+        // Closed at both ends.
+        let moves = home.iter().any(|m| m.abs() > 1e-9);
+        assert_eq!(moves, i != 0 && i != 3, "picture {i}");
+    }
+    let readme = std::fs::read_to_string(folder.path().join("truth/README.md")).unwrap();
+    assert!(readme.contains("\"scene\": \"mouth\""), "{readme}");
 }
 
 #[test]
@@ -152,4 +193,6 @@ fn a_folder_that_cannot_be_written_is_named() {
     assert!(error.to_string().contains("file"), "{error}");
     let options = OrbitOptions { width: 4, height: 4, train: 1, test: 0, rays: 1, ..OrbitOptions::default() };
     assert!(write_orbit(&options, &file).is_err());
+    let options = MouthOptions { width: 4, height: 4, train: 1, val: 0, test: 0, rays: 1, ..MouthOptions::default() };
+    assert!(write_mouth(&options, &file).is_err());
 }

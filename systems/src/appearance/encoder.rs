@@ -259,7 +259,7 @@ impl AppearanceModel for Encoder {
             }
             settled = 1.0 / (1.0 + outcome.step as f64 / SETTLE);
             let lr = outcome.lr * *lr;
-            bad = table.learn(outcome.simd, lr, batch, outcome.appearance_bar, self.code_size);
+            bad = table.learn(outcome.simd, lr, &batch.view, outcome.appearance_bar, self.code_size);
         } else {
             // Codes near 0: the mean over pixels of the mean square of their codes.
             let factor = 2.0 * self.code_size / (dims * batch.len().max(1)) as f32;

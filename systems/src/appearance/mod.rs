@@ -2,7 +2,7 @@
 //!
 //! Colours of the field depend on a code of each photo, density does not.
 //!
-//! * `codes`: a free code for each training photo;
+//! * `codes`: a free code for each training photo, or for each appearance that a dataset numbers;
 //! * `encoder`: a network that makes the code of any photo, from `thumbnail`s by `photo_network`, held to what it sees in
 //!   renders by `view_consistency`;
 //! * [`config`]: the settings of these.

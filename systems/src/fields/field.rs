@@ -1,9 +1,10 @@
 //! A field: features of points, a network for density and one for colour; and a deformation, where something moves.
 
-use super::{ColourDecoder, Decoder, DensityDecoder, Features, Places, xavier};
+use super::placing::{Placing, When, fill_times, knows_time, seen, steps_of};
+use super::{ColourDecoder, Decoder, DensityDecoder, Features, Mixed, MovingPart, MovingPoints, xavier};
 use crate::buffers::{shapes_hold, sized};
 use crate::space::InternalRay;
-use crate::warps::{Deform, DeformScratch, Points, TimeSteps};
+use crate::warps::{Deform, TimeSteps};
 use engine::system::SystemError;
 use field_core::encoding::spherical_harmonics::{Directions, SphericalHarmonics};
 use field_core::mlp::Packed;
@@ -26,40 +27,10 @@ pub(crate) struct Field {
     pub(crate) density_bias: f32,
     /// What moves points; `None`: nothing does.
     pub(crate) deform: Option<Deform>,
+    /// What moves before what stands still, with its deformation; `None`: one field for all.
+    pub(crate) moving: Option<MovingPart>,
     /// Time steps of the training views, where no deformation has them.
     time_steps: TimeSteps,
-}
-
-/// Time steps of these times, for features that know the time.
-fn steps_of(times: Vec<f32>) -> TimeSteps {
-    TimeSteps { dims: 0, rows: Vec::new(), still: vec![true; times.len()], times }
-}
-
-/// The time steps of points: which of `time_steps` is that of each. Unused where nothing moves.
-#[derive(Clone, Copy)]
-pub(crate) struct When<'a> {
-    pub(crate) time_steps: &'a TimeSteps,
-    /// `[n]`
-    pub(crate) which: &'a [u32],
-}
-
-/// Work space of [`Field::features`].
-#[derive(Default)]
-pub(crate) struct Placing {
-    deform: DeformScratch,
-    /// `[3][n]`, where points are, before they are canonical.
-    x: Vec<f32>,
-    /// Interpolated features, where these are not what the network sees.
-    raw: Vec<f32>,
-    /// `[n]`, times of the points.
-    times: Vec<f32>,
-}
-
-impl Placing {
-    /// Bytes held.
-    pub(crate) fn bytes(&self) -> usize {
-        self.deform.bytes() + 4 * (self.x.capacity() + self.raw.capacity())
-    }
 }
 
 /// Scratch for evaluating density without gradients.
@@ -69,12 +40,22 @@ pub(crate) struct DensityScratch {
     raw: Vec<f32>,
     mlp: Vec<f32>,
     placing: Placing,
+    moving: MovingPoints,
+    mixed: Mixed,
 }
 
 impl DensityScratch {
+    /// Points of the last pass at which something moves, and both parts there.
+    pub(crate) fn moving(&self) -> (&MovingPoints, &Mixed) {
+        (&self.moving, &self.mixed)
+    }
+
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity()) + self.placing.bytes()
+        4 * (self.features.capacity() + self.raw.capacity() + self.mlp.capacity())
+            + self.placing.bytes()
+            + self.moving.bytes()
+            + self.mixed.bytes()
     }
 }
 
@@ -103,6 +84,7 @@ impl Field {
             colour_params: xavier(colour.mlp(), rng.substream(2)),
             time_steps: steps_of(features.view_times().to_vec()),
             deform,
+            moving: None,
             simd: Simd::best(),
             features,
             density,
@@ -157,14 +139,17 @@ impl Field {
 
     /// Time steps of the training views.
     pub(crate) fn time_steps(&self) -> &TimeSteps {
-        self.deform.as_ref().map_or(&self.time_steps, Deform::time_steps)
+        match &self.moving {
+            Some(moving) => moving.time_steps(),
+            None => self.deform.as_ref().map_or(&self.time_steps, Deform::time_steps),
+        }
     }
 
     /// The time step of a time.
     pub(crate) fn time_steps_at(&self, time: f64) -> TimeSteps {
-        match &self.deform {
+        match self.deform() {
             Some(deform) => deform.time_steps_at(&[time]),
-            None if self.time_steps.times.is_empty() => TimeSteps::default(),
+            None if self.time_steps().times.is_empty() => TimeSteps::default(),
             None => steps_of(vec![(2.0 * time - 1.0) as f32]),
         }
     }
@@ -176,44 +161,51 @@ impl Field {
 
     /// What the density network sees of points, `out` `[rows][n]`. Their positions `x` `[3][n]` become canonical ones.
     pub(crate) fn seen(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], placing: &mut Placing) {
-        let (features, seen) = out.split_at_mut(self.features.rows() * (x.len() / 3));
-        if let Some(deform) = &self.deform {
-            let was = sized(&mut placing.x, x.len());
-            was.copy_from_slice(x);
-            let points = Points { x: was, which: when.which, time_steps: when.time_steps };
-            deform.place(points, x, seen, &mut placing.deform);
-        }
-        self.fill_times(when, &mut placing.times);
-        self.features.encode(Places { x, times: &placing.times }, features, &mut placing.raw);
+        seen(&*self.features, self.deform.as_ref(), x, when, out, placing);
     }
 
     /// Whether anything depends on the time: points, or what is seen of them.
     pub(crate) fn is_timed(&self) -> bool {
-        self.deform.is_some() || self.features_know_time()
-    }
-
-    fn features_know_time(&self) -> bool {
-        !self.features.view_times().is_empty()
+        self.deform.is_some() || knows_time(&*self.features) || self.moving.as_ref().is_some_and(MovingPart::is_timed)
     }
 
     /// Times of points, as the features take them: `[n]`, or none where these know no time.
     pub(crate) fn fill_times(&self, when: When<'_>, out: &mut Vec<f32>) {
-        out.clear();
-        if self.features_know_time() {
-            out.extend(when.which.iter().map(|&i| when.time_steps.times[i as usize]));
-        }
+        fill_times(&*self.features, when, out);
+    }
+
+    /// What moves points, and what else is learnt of the time: of the field, or of its moving part.
+    pub(crate) fn deform(&self) -> Option<&Deform> {
+        self.deform.as_ref().or_else(|| self.moving.as_ref()?.deform.as_ref())
+    }
+
+    /// The same, to learn.
+    pub(crate) fn deform_mut(&mut self) -> Option<&mut Deform> {
+        self.deform.as_mut().or_else(|| self.moving.as_mut()?.deform.as_mut())
     }
 
     /// Densities, per internal unit, at `x` `[3][n]`, which become canonical.
     pub(crate) fn densities(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], scratch: &mut DensityScratch) {
-        let n = out.len();
-        let features = sized(&mut scratch.features, self.rows() * n);
-        self.seen(x, when, features, &mut scratch.placing);
-        let raw = sized(&mut scratch.raw, self.density.outputs() * n);
-        let mlp = sized(&mut scratch.mlp, self.density.infer_scratch_len());
-        self.density.infer(self.simd, &self.density_packed, features, n, n, raw, n, mlp);
+        let mut raw = std::mem::take(&mut scratch.raw);
+        let outputs = sized(&mut raw, self.density.outputs() * out.len());
+        self.outputs(x, when, outputs, scratch);
         for (out, raw) in out.iter_mut().zip(&raw[..]) {
             *out = self.density_of(*raw);
+        }
+        scratch.raw = raw;
+    }
+
+    /// What the density network gives, `out` `[outputs][n]`, with the moving part in it, at `x` `[3][n]`, which become canonical where
+    /// all of the field moves.
+    pub(crate) fn outputs(&self, x: &mut [f32], when: When<'_>, out: &mut [f32], scratch: &mut DensityScratch) {
+        let n = x.len() / 3;
+        let features = sized(&mut scratch.features, self.rows() * n);
+        self.seen(x, when, features, &mut scratch.placing);
+        let mlp = sized(&mut scratch.mlp, self.density.infer_scratch_len());
+        self.density.infer(self.simd, &self.density_packed, features, n, n, out, n, mlp);
+        if let Some(moving) = &self.moving {
+            scratch.moving.find(moving, x, when);
+            scratch.mixed.infer(self.simd, moving, scratch.moving.all(), out);
         }
     }
 
@@ -225,6 +217,7 @@ impl Field {
 
     /// Bytes of the parameters and their packed copies.
     pub(crate) fn bytes(&self) -> usize {
-        4 * (self.features.parameters().len() + 3 * (self.density_params.len() + self.colour_params.len()))
+        let moving = self.moving.as_ref().map_or(0, MovingPart::bytes);
+        moving + 4 * (self.features.parameters().len() + 3 * (self.density_params.len() + self.colour_params.len()))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::shapes_hold;
+use crate::schedule::Done;
 use crate::settings::Settings;
 use engine::memory::room_for;
 use engine::system::{
@@ -31,12 +32,17 @@ pub struct HashGridSettings {
     pub n_min: u32,
     /// Cells along an axis of the finest level.
     pub n_max: u32,
-    /// Steps over which the levels come in, coarse to fine; 0: all from the start.
+    /// Steps of the schedule over which the levels come in, coarse to fine; 0: all from the start.
     pub levels_anneal: u64,
     /// Levels there are from the start, where the others come in later.
     pub levels_first: usize,
-    /// Coarse levels whose gradient with respect to positions reaches a warp: that of the finest says little about where to go.
+    /// Coarse levels whose gradient with respect to positions reaches a warp at first: that of the finest says little about where to
+    /// go, as long as nothing is near its place.
     pub warp_levels: usize,
+    /// Share of the schedule after which further levels begin to lead a warp, one after the other.
+    pub warp_levels_from: f64,
+    /// Share of the schedule after which all of them do.
+    pub warp_levels_until: f64,
 }
 
 impl HashGridSettings {
@@ -47,6 +53,13 @@ impl HashGridSettings {
     pub(crate) fn grid(&self) -> Result<HashGrid, SystemError> {
         let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
         at_most(&[("levels", self.levels, MOST_LAYERS)])?;
+        for (field, value) in
+            [("warp_levels_from", self.warp_levels_from), ("warp_levels_until", self.warp_levels_until)]
+        {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(bad(field, value.to_string(), "must be in 0..=1".into()));
+            }
+        }
         if self.n_max < self.n_min {
             return Err(bad("n_max", self.n_max.to_string(), "must be at least `n_min`".into()));
         }
@@ -63,7 +76,18 @@ impl HashGridSettings {
         .map_err(|e| bad("levels, features, log2_table, n_min, n_max", String::new(), e.to_string()))
     }
 
-    /// Weight of each level after `steps` steps: 0 for levels that are not open yet (Nerfies, equation 8).
+    /// Levels of `all` that lead a warp once a share of the schedule is done.
+    fn leading(&self, share: f64, all: usize) -> usize {
+        let first = self.warp_levels.min(all);
+        let (from, until) = (self.warp_levels_from, self.warp_levels_until);
+        if share < from {
+            return first;
+        }
+        let come = if share < until { (share - from) / (until - from) } else { 1.0 };
+        first + (come * (all - first) as f64) as usize
+    }
+
+    /// Weight of each level after `steps` steps of the schedule: 0 for levels that are not open yet (Nerfies, equation 8).
     fn level_weights(&self, steps: u64, out: &mut [f32]) {
         let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
         let first = self.levels_first.min(out.len());
@@ -87,6 +111,8 @@ fn proposal(round: usize, log2_table: u32) -> HashGridSettings {
         levels_anneal: 0,
         levels_first: 0,
         warp_levels: 0,
+        warp_levels_from: 0.0,
+        warp_levels_until: 0.0,
     }
 }
 
@@ -111,6 +137,8 @@ pub(crate) struct HashGridFeatures {
     pub(crate) grid: HashGrid,
     /// Weight of each level: 0 for those that are not there yet.
     weights: Vec<f32>,
+    /// Levels that lead a warp.
+    leading: usize,
     params: Vec<f32>,
     /// One for each level.
     adam: Vec<Adam>,
@@ -136,15 +164,16 @@ impl HashGridFeatures {
         room_for("log2_table", settings.log2_table as usize, grid.params_len())?;
         let mut params = vec![0.0; grid.params_len()];
         Init::Uniform(1e-4).fill(rng, 1, 1, &mut params);
-        Ok(Self::with(settings, grid, params, 0))
+        Ok(Self::with(settings, grid, params, Done::default()))
     }
 
-    fn with(settings: HashGridSettings, grid: HashGrid, params: Vec<f32>, steps: u64) -> Self {
+    fn with(settings: HashGridSettings, grid: HashGrid, params: Vec<f32>, done: Done) -> Self {
         let mut weights = vec![1.0; grid.levels().len()];
-        settings.level_weights(steps, &mut weights);
+        settings.level_weights(done.steps, &mut weights);
         Self {
             settings,
             simd: Simd::best(),
+            leading: settings.leading(done.share, weights.len()),
             weights,
             adam: (0..grid.levels().len()).map(|l| Adam::new(grid.level_range(l).len(), AdamConfig::NGP)).collect(),
             grad: vec![0.0; grid.params_len()],
@@ -199,7 +228,7 @@ impl Features for HashGridFeatures {
     }
 
     fn pull_positions(&self, Places { x, .. }: Places<'_>, raw_bar: &[f32], detail: Detail, x_bar: &mut [f32]) {
-        let levels = if detail == Detail::All { usize::MAX } else { self.settings.warp_levels };
+        let levels = if detail == Detail::All { usize::MAX } else { self.leading };
         shapes_hold(self.grid.encode_backward_x_coarse(self.simd, &self.params, levels, x, raw_bar, x_bar));
     }
 
@@ -237,8 +266,17 @@ impl Features for HashGridFeatures {
         shapes_hold(self.grid.encode_backward(self.simd, x, &part.raw_bar[..self.rows() * n], out, None));
     }
 
-    fn refine(&mut self, steps: u64) {
-        self.settings.level_weights(steps, &mut self.weights);
+    fn refine(&mut self, done: Done) {
+        self.settings.level_weights(done.steps, &mut self.weights);
+        self.leading = self.settings.leading(done.share, self.weights.len());
+    }
+
+    fn take_values(&mut self, values: &[f32]) -> bool {
+        let alike = values.len() == self.params.len();
+        if alike {
+            self.params.copy_from_slice(values);
+        }
+        alike
     }
 
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>) {
@@ -248,12 +286,65 @@ impl Features for HashGridFeatures {
         }
     }
 
-    fn restored(&self, names: &Names, state: &TensorMap, steps: u64) -> Result<Box<dyn Features>, SystemError> {
+    fn restored(&self, names: &Names, state: &TensorMap, done: Done) -> Result<Box<dyn Features>, SystemError> {
         let params = take_numbers(state, &names.parameters, self.params.len())?;
-        let mut new = Self::with(self.settings, self.settings.grid()?, params, steps);
+        let mut new = Self::with(self.settings, self.settings.grid()?, params, done);
         for (level, adam) in new.adam.iter_mut().enumerate() {
             *adam = take_adam(state, &format!("{}.{level}", names.moments), adam)?;
         }
         Ok(Box::new(new))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_coarse_levels_lead_first_and_all_at_the_end() {
+        let settings = HashGridSettings {
+            levels: 8,
+            features: 2,
+            log2_table: 6,
+            n_min: 2,
+            n_max: 16,
+            levels_anneal: 0,
+            levels_first: 8,
+            warp_levels: 4,
+            warp_levels_from: 0.25,
+            warp_levels_until: 0.75,
+        };
+        let leading = [0.0, 0.24, 0.25, 0.5, 0.74, 0.75, 1.0].map(|share| settings.leading(share, 8));
+        assert_eq!(leading, [4, 4, 4, 6, 7, 8, 8]);
+        let at_once = HashGridSettings { warp_levels_from: 0.5, warp_levels_until: 0.5, ..settings };
+        assert_eq!([0.49, 0.5].map(|share| at_once.leading(share, 8)), [4, 8]);
+        // More levels than there are lead nowhere else.
+        assert_eq!(HashGridSettings { warp_levels: 1000, ..settings }.leading(0.0, 8), 8);
+
+        // What leads is the gradient of the coarse levels alone, then that of all.
+        let mut grid = HashGridFeatures::new(settings, Rng::new(1, 2)).unwrap();
+        grid.params.iter_mut().enumerate().for_each(|(i, p)| *p = (i as f32 * 0.7).sin());
+        let (x, n) = ([0.31, 0.62, 0.17], 1);
+        let raw_bar = vec![1.0; grid.rows() * n];
+        let pulled = |grid: &HashGridFeatures, detail| {
+            let mut x_bar = vec![0.0; 3 * n];
+            grid.pull_positions(Places::still(&x), &raw_bar, detail, &mut x_bar);
+            x_bar
+        };
+        let all = pulled(&grid, Detail::All);
+        assert_ne!(pulled(&grid, Detail::Leading), all);
+        grid.refine(Done::of_share(1.0));
+        assert_eq!(pulled(&grid, Detail::Leading), all);
+    }
+
+    #[test]
+    fn shares_beyond_the_schedule_are_refused() {
+        let settings = proposal(0, 6);
+        for settings in [
+            HashGridSettings { warp_levels_from: -0.1, ..settings },
+            HashGridSettings { warp_levels_until: f64::NAN, ..settings },
+        ] {
+            assert!(matches!(settings.grid(), Err(SystemError::Config { .. })), "{settings:?}");
+        }
     }
 }

@@ -6,22 +6,35 @@
 mod basis;
 #[cfg(test)]
 mod basis_tests;
+mod blend;
 mod decoder;
 mod field;
 mod hash_grid;
+mod mixed;
+mod moving_cells;
+mod moving_part;
+mod moving_points;
 mod network;
 mod networks;
+mod placing;
+mod voxel_variation;
 mod voxels;
 
 pub(crate) use basis::Columns;
 pub(crate) use decoder::{ColourDecoder, Decoder, DensityDecoder};
 pub use decoder::{DecoderChoice, DecoderKind, ExplicitConfig};
-pub(crate) use field::{DensityScratch, Field, Placing, When};
+pub(crate) use field::{DensityScratch, Field};
 pub use hash_grid::HashGridSettings;
+pub(crate) use mixed::Mixed;
+pub(crate) use moving_cells::MovingCells;
+pub(crate) use moving_part::MovingPart;
+pub(crate) use moving_points::{MovingBars, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
+pub(crate) use placing::{Placing, When};
 pub use voxels::VoxelSettings;
 
+use crate::schedule::Done;
 use crate::settings::Settings;
 use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
@@ -67,8 +80,8 @@ pub(crate) struct Part<'a> {
 pub(crate) enum Detail {
     /// All of it: the gradient of what is rendered.
     All,
-    /// What is coarse enough to say where to go: for what moves points.
-    Coarse,
+    /// What says where to go at this time of the training: for what moves points.
+    Leading,
 }
 
 /// The names under which a table's numbers lie in a checkpoint: the numbers, and their moments.
@@ -141,17 +154,22 @@ pub(crate) trait Features: Send + Sync {
     /// One step. The parts add up in order, whatever the number of threads. Returns the count of non-finite gradients.
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize;
 
-    /// The table after `steps` steps of training: more levels or more cells, which the optimiser has not seen before.
-    fn refine(&mut self, steps: u64);
+    /// The table once so much of the training is done: more levels, or more cells with the moments of those that they lie between.
+    fn refine(&mut self, done: Done);
 
-    /// Everything the next step depends on, besides the number of steps.
+    /// Begin with the learned numbers of others of the same shape. Whether these are.
+    fn take_values(&mut self, _values: &[f32]) -> bool {
+        false
+    }
+
+    /// Everything the next step depends on, besides what is done of the schedule.
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>);
 
-    /// A table that continues from what [`Features::push_state`] gave after `steps` steps. This one stays as it is.
+    /// A table that continues from what [`Features::push_state`] gave when so much was done. This one stays as it is.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
-    fn restored(&self, names: &Names, state: &TensorMap, steps: u64) -> Result<Box<dyn Features>, SystemError>;
+    fn restored(&self, names: &Names, state: &TensorMap, done: Done) -> Result<Box<dyn Features>, SystemError>;
 
     /// Bytes by which training will make it grow at most.
     fn growth_bytes(&self) -> usize {

@@ -62,6 +62,17 @@ impl NetworkConfig {
             .map_err(|e| bad("width, geometry", "", &e.to_string()))
     }
 
+    /// The density network of a part that moves, of `inputs` features: one output more, its gate, and `more` after that.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for an empty layer.
+    ///
+    /// # Panics
+    /// As [`NetworkConfig::density_mlp`].
+    pub fn moving_mlp(&self, inputs: usize, more: usize) -> Result<Mlp, SystemError> {
+        Self { geometry: self.geometry + 1 + more, ..*self }.density_mlp(inputs)
+    }
+
     /// The colour network; `code` is the length of the appearance code it sees.
     ///
     /// # Errors

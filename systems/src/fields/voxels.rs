@@ -1,7 +1,9 @@
 //! Voxels seen at three distances, which become more as training goes on (TiNeuVox, Fang et al., 2022, section 3.3).
 
+use super::voxel_variation::vary;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
+use crate::schedule::Done;
 use crate::settings::Settings;
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
@@ -16,9 +18,13 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// How often the number of voxels doubles.
-const DOUBLINGS: u64 = 3;
+const DOUBLINGS: f64 = 3.0;
+/// A share of a doubling that is rounding.
+const ROUNDING: f64 = 1e-9;
 /// Octaves of interpolated features that the network sees.
 const OCTAVES: usize = 2;
+/// What voxels learn with.
+const ADAM: AdamConfig = AdamConfig::NGP;
 /// Bytes of a parameter: itself, a gradient for each of three distances, two moments; a checkpoint's copy.
 const BYTES: usize = 4 * (1 + 3 + 2 + 3);
 
@@ -28,27 +34,42 @@ const BYTES: usize = 4 * (1 + 3 + 2 + 3);
 pub struct VoxelSettings {
     /// Voxels along an axis in the end. They begin with an eighth of them in all, and double in number three times.
     pub voxels: usize,
-    /// Steps between one doubling and the next.
-    pub voxels_every: u64,
+    /// Share of the schedule between one doubling and the next; 0: all are there from the start.
+    pub voxels_every: f64,
     /// Features of a voxel.
     pub features: usize,
+    /// Factor of the variation of voxels, of those alone that a step sees; 0: none.
+    pub voxel_variation: f32,
 }
 
 impl VoxelSettings {
-    /// Voxels along an axis after `steps` steps.
-    fn after(&self, steps: u64) -> usize {
-        let left = DOUBLINGS.saturating_sub(steps.checked_div(self.voxels_every).unwrap_or(DOUBLINGS));
-        let share = 2.0_f64.powf(-(left as f64) / 3.0);
-        ((self.voxels as f64 * share).round() as usize).max(2)
+    /// Voxels along an axis once a share of the schedule is done.
+    fn after(&self, share: f64) -> usize {
+        // Nothing is divided by 0; what a share misses of a doubling by rounding alone does not put it off.
+        let doublings = if self.voxels_every > 0.0 { share / self.voxels_every + ROUNDING } else { DOUBLINGS };
+        let left = DOUBLINGS - doublings.floor().min(DOUBLINGS);
+        ((self.voxels as f64 * 2.0_f64.powf(-left / 3.0)).round() as usize).max(2)
     }
 
-    /// The grid after `steps` steps.
-    fn grid(&self, steps: u64) -> Result<MultiDistance, SystemError> {
+    /// The grid once a share of the schedule is done.
+    fn grid(&self, share: f64) -> Result<MultiDistance, SystemError> {
+        let refused =
+            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
         if !(8..=512).contains(&self.voxels) {
-            let problem = "must be in 8..=512".into();
-            return Err(SystemError::Config { field: "voxels", value: self.voxels.to_string(), problem });
+            return refused("voxels", self.voxels.to_string(), "must be in 8..=512");
         }
-        MultiDistance::new([self.after(steps) as u32; 3], self.features).map_err(refuse)
+        if !(0.0..=1.0).contains(&self.voxels_every) {
+            return refused("voxels_every", self.voxels_every.to_string(), "must be in 0..=1, a share of the schedule");
+        }
+        if !(0.0..=100.0).contains(&self.voxel_variation) {
+            return refused("voxel_variation", self.voxel_variation.to_string(), "must be in 0..=100");
+        }
+        MultiDistance::new([self.after(share) as u32; 3], self.features).map_err(refuse)
+    }
+
+    /// The largest grid.
+    fn last_grid(&self) -> Result<MultiDistance, SystemError> {
+        Self { voxels_every: 0.0, ..*self }.grid(1.0)
     }
 }
 
@@ -93,21 +114,22 @@ impl VoxelFeatures {
     /// # Errors
     /// [`SystemError::Config`] for sizes that cannot be, or that there is no memory for.
     pub(crate) fn new(settings: VoxelSettings) -> Result<Self, SystemError> {
-        let grid = settings.grid(0)?;
+        let grid = settings.grid(0.0)?;
         room_for("voxels", settings.voxels, grid.params_len())?;
         // The largest grid is refused now, not in the middle of the training.
-        settings.grid(u64::MAX)?;
+        settings.last_grid()?;
+        let adam = Adam::new(grid.params_len(), ADAM);
         let params = vec![0.0; grid.params_len()];
-        Self::with(settings, grid, params)
+        Self::with(settings, grid, params, adam)
     }
 
-    fn with(settings: VoxelSettings, grid: MultiDistance, params: Vec<f32>) -> Result<Self, SystemError> {
+    fn with(settings: VoxelSettings, grid: MultiDistance, params: Vec<f32>, adam: Adam) -> Result<Self, SystemError> {
         let distance = || Distance { grad: vec![0.0; grid.params_len()], touched: vec![0; grid.touched_words()] };
         Ok(Self {
             settings,
             simd: Simd::best(),
             octaves: Frequency::new(grid.out_rows(), OCTAVES, Base::One, Identity::Include).map_err(refuse)?,
-            adam: Adam::new(grid.params_len(), AdamConfig::NGP),
+            adam,
             distances: std::array::from_fn(|_| distance()),
             grid,
             params,
@@ -152,7 +174,8 @@ impl Features for VoxelFeatures {
         shapes_hold(self.grid.encode_backward_x(self.simd, &self.params, x, raw_bar, x_bar));
     }
 
-    /// Each distance scatters into a gradient of its own, these are added in order, and Adam steps on what was touched.
+    /// Each distance scatters into a gradient of its own, these are added in order, that of the variation comes on top, and Adam steps
+    /// on what was touched.
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize {
         let (simd, grid) = (self.simd, &self.grid);
         self.distances.par_iter_mut().enumerate().for_each(|(k, Distance { grad, touched })| {
@@ -166,6 +189,7 @@ impl Features for VoxelFeatures {
         for other in others {
             fold(all, other);
         }
+        vary(grid, f64::from(self.settings.voxel_variation), &self.params, &mut all.grad, &all.touched);
         self.adam.step_touched(simd, lr, &mut self.params, &mut all.grad, &mut all.touched)
     }
 
@@ -175,13 +199,18 @@ impl Features for VoxelFeatures {
         shapes_hold(self.grid.encode_backward(self.simd, x, &part.raw_bar[..self.grid.out_rows() * n], out));
     }
 
-    fn refine(&mut self, steps: u64) {
-        if self.grid.resolution()[0] as usize == self.settings.after(steps) {
+    /// Values and moments of the optimiser between the voxels that were there: what has been learnt of how to learn stays. Second
+    /// moments are means of them, so they stay at least 0.
+    fn refine(&mut self, done: Done) {
+        if self.grid.resolution()[0] as usize == self.settings.after(done.share) {
             return;
         }
-        let finer = self.settings.grid(steps).expect("the largest grid was checked");
-        let params = self.grid.upsampled(&self.params, &finer);
-        *self = Self::with(self.settings, finer, params).expect("the largest grid was checked");
+        let finer = self.settings.grid(done.share).expect("the largest grid was checked");
+        let between = |of: &[f32]| self.grid.upsampled(of, &finer);
+        let params = between(&self.params);
+        let (m, v) = (between(self.adam.first_moment()), between(self.adam.second_moment()));
+        let adam = Adam::restore(self.adam.config(), m, v, self.adam.steps()).expect("means of moments are moments");
+        *self = Self::with(self.settings, finer, params, adam).expect("the largest grid was checked");
     }
 
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>) {
@@ -189,18 +218,18 @@ impl Features for VoxelFeatures {
         push_adam(out, &format!("{}.0", names.moments), &self.adam);
     }
 
-    fn restored(&self, names: &Names, state: &TensorMap, steps: u64) -> Result<Box<dyn Features>, SystemError> {
-        // Its resolution is that of the step.
-        let grid = self.settings.grid(steps)?;
+    fn restored(&self, names: &Names, state: &TensorMap, done: Done) -> Result<Box<dyn Features>, SystemError> {
+        // Its resolution is that of the place in the schedule.
+        let grid = self.settings.grid(done.share)?;
         let params = take_numbers(state, &names.parameters, grid.params_len())?;
-        let mut new = Self::with(self.settings, grid, params)?;
-        new.adam = take_adam(state, &format!("{}.0", names.moments), &new.adam)?;
-        Ok(Box::new(new))
+        let adam = Adam::new(grid.params_len(), ADAM);
+        let adam = take_adam(state, &format!("{}.0", names.moments), &adam)?;
+        Ok(Box::new(Self::with(self.settings, grid, params, adam)?))
     }
 
     fn growth_bytes(&self) -> usize {
         // Voxels double in number; the last of them are made while those before are there, and the pages of these come back late.
-        let Ok(last) = self.settings.grid(u64::MAX) else { return 0 };
+        let Ok(last) = self.settings.last_grid() else { return 0 };
         BYTES * last.params_len().saturating_sub(self.params.len()) + 8 * last.params_len()
     }
 }
@@ -227,9 +256,10 @@ mod tests {
 
     const N: usize = 11;
 
-    fn voxels(voxels: usize, steps: u64) -> VoxelFeatures {
-        let mut features = VoxelFeatures::new(VoxelSettings { voxels, features: 2, voxels_every: 10 }).unwrap();
-        features.refine(steps);
+    fn voxels(voxels: usize, share: f64) -> VoxelFeatures {
+        let settings = VoxelSettings { voxels, features: 2, voxels_every: 0.1, voxel_variation: 0.0 };
+        let mut features = VoxelFeatures::new(settings).unwrap();
+        features.refine(Done::of_share(share));
         features
     }
 
@@ -248,7 +278,7 @@ mod tests {
 
     #[test]
     fn voxels_are_pulled_as_differences_say() {
-        let mut table = voxels(12, 30);
+        let mut table = voxels(12, 0.3);
         let params: Vec<f32> = uniform(table.params.len(), 1).iter().map(|u| u - 0.5).collect();
         table.params.copy_from_slice(&params);
         let x = uniform(3 * N, 2);
@@ -299,7 +329,7 @@ mod tests {
 
     #[test]
     fn what_is_seen_of_voxels_is_what_they_hold_and_its_octaves() {
-        let mut table = voxels(12, 30);
+        let mut table = voxels(12, 0.3);
         table.params.fill(0.3);
         let mut out = vec![0.0; table.rows() * N];
         table.encode(Places::still(&uniform(3 * N, 2)), &mut out, &mut Vec::new());
@@ -313,12 +343,43 @@ mod tests {
 
     #[test]
     fn voxels_double_in_number_three_times() {
-        let len = |steps| voxels(32, steps).params.len() as f64;
-        assert_eq!(len(0), len(9));
-        for (before, after) in [(9, 10), (19, 20), (29, 30)] {
+        let len = |share| voxels(32, share).params.len() as f64;
+        assert_eq!(len(0.0), len(0.09));
+        for (before, after) in [(0.09, 0.1), (0.19, 0.2), (0.29, 0.3)] {
             let more = len(after) / len(before);
-            assert!((1.6..2.4).contains(&more), "after {after} steps: {more} times as many");
+            assert!((1.6..2.4).contains(&more), "after {after} of the schedule: {more} times as many");
         }
-        assert_eq!(len(30), len(1000));
+        assert_eq!(len(0.3), len(1.0));
+    }
+
+    /// A step on points all over the grid.
+    fn learn(table: &mut VoxelFeatures, stream: u64) {
+        let x = uniform(3 * 400, stream);
+        let raw_bar: Vec<f32> = uniform(table.grid.out_rows() * 400, stream + 1).iter().map(|u| u - 0.3).collect();
+        assert_eq!(table.step(1e-2, &[Part { places: Places::still(&x), raw_bar: &raw_bar }]), 0);
+    }
+
+    #[test]
+    fn moments_of_the_optimiser_survive_a_doubling() {
+        let mut table = voxels(24, 0.0);
+        (0..20).for_each(|k| learn(&mut table, 100 + 2 * k));
+        let before = (table.grid, table.adam.clone());
+        table.refine(Done::of_share(0.1));
+        assert!(table.adam.len() > before.1.len(), "it doubled");
+        assert_eq!((table.adam.steps(), table.adam.config()), (before.1.steps(), before.1.config()));
+        let (coarse, fine) = (before.0, table.grid);
+        for (was, is) in [
+            (before.1.first_moment(), table.adam.first_moment()),
+            (before.1.second_moment(), table.adam.second_moment()),
+        ] {
+            assert!(was.iter().any(|&m| m != 0.0));
+            // As the values are: the blend of what was there, seen at the finer voxels.
+            assert_eq!(is, coarse.upsampled(was, &fine));
+            let mean = |of: &[f32]| of.iter().map(|&m| f64::from(m)).sum::<f64>() / of.len() as f64;
+            assert!((0.3..3.0).contains(&(mean(is) / mean(was))), "{} and {}", mean(was), mean(is));
+        }
+        // It learns on.
+        learn(&mut table, 999);
+        assert_eq!(table.adam.steps(), before.1.steps() + 1);
     }
 }

@@ -83,5 +83,7 @@ pub(super) struct Sums {
     pub(super) fine_error: f64,
     pub(super) weight: f64,
     pub(super) samples: u64,
+    /// Those of them that were not displaced: nothing moves at their time.
+    pub(super) still: u64,
     pub(super) missed: u64,
 }

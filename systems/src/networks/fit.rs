@@ -9,6 +9,7 @@ use super::chunk::TwoLevelOps;
 use super::cones::TILE;
 use super::network::Seen;
 use super::recipe::Recipe;
+use super::render::Condition;
 use super::samples::{Level, Tile};
 use super::two_level::{TwoLevel, recorded};
 use crate::space::InternalRay;
@@ -234,13 +235,14 @@ fn keep_tile<R: Recipe>(
     let TilePixels { rays, truth, background } = *pixels;
     // The code of these rays is what is sought: 0 adds nothing to the sums.
     let blank = vec![0.0; dims];
-    system.place_samples(ops, rays, &blank, tile)?;
+    system.place_samples(ops, rays, Condition { code: &blank, time: 0.0 }, tile)?;
     let Level { arena, offsets, dt, x, d, .. } = &mut tile.fine;
     let (n, units) = (dt.len(), cut.hidden.outputs);
     let mut tape = Tape::new(arena, system.network(1));
     let seen = Seen {
         x: tape.constant(x.len() / n.max(1), n, x)?,
         d: tape.constant(3, n, d)?,
+        when: None,
         code: Some(tape.fill(dims, n, 0.0)),
     };
     let out = ops.levels[1].record(&mut tape, seen)?;

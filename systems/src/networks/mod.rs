@@ -4,7 +4,8 @@
 //! * [`TwoLevel`] is the system; a [`Recipe`] says where to sample, what the position encoding sees, the density's activation,
 //!   losses and rates.
 //! * `settings`: what all recipes can be set to. `network`, `head`, `parts`: the networks on the tape; `composite`,
-//!   `composite_two`: the quadrature on the tape.
+//!   `composite_two`: the quadrature on the tape. `displacement`: a network in front that moves points of a time (`when`) to where they
+//!   are in the canonical scene; `canonical` is what it says of points.
 //! * `step`: a training step, whose `chunk`s go through both levels in `pass`. `render`, `fit`, `survey`: pictures, codes of
 //!   photos that were not trained on, training views for the photo model. `system` is what the engine asks for.
 //!
@@ -12,10 +13,14 @@
 //! `along`, `gaussian_bar`, `ray_bars`.
 
 mod along;
+mod canonical;
 mod chunk;
 mod composite;
 mod composite_two;
 pub(crate) mod cones;
+mod displacement;
+#[cfg(test)]
+mod displacement_tests;
 mod fit;
 mod gaussian_bar;
 mod head;
@@ -35,10 +40,12 @@ mod survey;
 mod system;
 mod trained;
 mod two_level;
+mod when;
 
 pub use along::Along;
 pub(crate) use along::placed;
 pub use cones::Footprint;
+pub use displacement::{DisplacementShape, Origin};
 pub(crate) use gaussian_bar::GaussianBar;
 pub use network::NetworkShape;
 pub(crate) use network::refuse;

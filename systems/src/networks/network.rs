@@ -1,7 +1,9 @@
 //! The network of NeRF (its paper's supplement, figure 7), and of most that came after: eight layers of 256 with a skip into the
 //! sixth, density from the eighth, colour from it and the viewing direction.
 
+use super::displacement::{Displaced, Displacement, DisplacementOps, DisplacementShape, PackedDisplacement};
 use super::parts::{self, Part};
+use super::when::When;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
@@ -23,6 +25,8 @@ pub struct NetworkShape<P> {
     pub(crate) depth: usize,
     /// How far colours may leave `[0, 1]`.
     pub(crate) colour_pad: f32,
+    /// What moves points before they are seen; `None`: nothing does. Points only, no cones.
+    pub(crate) displacement: Option<DisplacementShape>,
 }
 
 /// Shapes; coarse and fine network share them. The colour sees the bottleneck, the direction, and the photo's code.
@@ -33,17 +37,22 @@ pub(super) struct Shapes<P> {
     density: Mlp,
     bottleneck: Mlp,
     colour: Mlp,
+    displacement: Option<Displacement>,
 }
 
 /// One network's parameters as the kernels read them.
 #[derive(Default)]
-pub(super) struct PackedNetwork([Packed; 4]);
+pub(super) struct PackedNetwork {
+    canonical: [Packed; 4],
+    displacement: PackedDisplacement,
+}
 
 /// The tape operations of one network.
 pub(super) struct Ops<'a, P> {
     position: EncodingOp<P>,
     direction: EncodingOp<Frequency>,
     parts: [Part<'a>; 4],
+    displacement: Option<DisplacementOps<'a>>,
 }
 
 /// Settings that no network can be made of.
@@ -55,6 +64,9 @@ impl<P: Encoder + Copy> Shapes<P> {
     /// `appearance` is the length of a photo's code, 0 without.
     pub(super) fn new(config: &NetworkShape<P>, appearance: usize) -> Result<Self, SystemError> {
         let position = config.position;
+        if config.displacement.is_some() && position.in_rows() != 3 {
+            return Err(refuse("points can be displaced, and these networks see more than points"));
+        }
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
             Mlp::new(&MlpConfig::new(inputs, hidden, outputs).with_output_activation(out).with_skips(skips))
@@ -74,9 +86,15 @@ impl<P: Encoder + Copy> Shapes<P> {
                 Activation::Logistic { pad: config.colour_pad },
                 vec![],
             )?,
+            displacement: config.displacement.map(Displacement::new).transpose()?,
             position,
             direction,
         })
+    }
+
+    /// Whether points may move.
+    pub(super) fn displaces(&self) -> bool {
+        self.displacement.is_some()
     }
 
     /// Rows that the position encoding sees.
@@ -99,25 +117,40 @@ impl<P: Encoder + Copy> Shapes<P> {
         [&self.trunk, &self.density, &self.bottleneck, &self.colour]
     }
 
-    /// Parameters of one network.
+    /// Parameters of one network: those of the canonical scene, then those of the displacement.
     pub(super) fn param_count(&self) -> usize {
+        self.canonical_count() + self.displacement.as_ref().map_or(0, Displacement::param_count)
+    }
+
+    /// Parameters of the canonical scene.
+    pub(super) fn canonical_count(&self) -> usize {
         parts::param_count(self.mlps())
     }
 
-    /// Glorot-uniform weights, zero biases.
+    /// Glorot-uniform weights, zero biases; points start where they are.
     pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
-        parts::init(self.mlps(), Init::XavierUniform, rng, params);
+        let (canonical, rest) = params.split_at_mut(self.canonical_count());
+        parts::init(self.mlps(), Init::XavierUniform, rng, canonical);
+        if let Some(displacement) = &self.displacement {
+            displacement.init(rng.substream(u64::MAX), rest);
+        }
     }
 
     pub(super) fn pack(&self, params: &[f32], packed: &mut PackedNetwork) {
-        parts::pack(self.mlps(), params, &mut packed.0);
+        let (canonical, rest) = params.split_at(self.canonical_count());
+        parts::pack(self.mlps(), canonical, &mut packed.canonical);
+        if let Some(displacement) = &self.displacement {
+            displacement.pack(rest, &mut packed.displacement);
+        }
     }
 
     pub(super) fn ops<'a>(&'a self, simd: Simd, packed: &'a PackedNetwork) -> Ops<'a, P> {
+        let at = self.canonical_count();
         Ops {
             position: EncodingOp::new(self.position, simd),
             direction: EncodingOp::new(self.direction, simd),
-            parts: parts::ops(self.mlps(), &packed.0, 0, simd),
+            parts: parts::ops(self.mlps(), &packed.canonical, 0, simd),
+            displacement: self.displacement.as_ref().map(|moved| moved.ops(simd, &packed.displacement, at)),
         }
     }
 }
@@ -132,6 +165,8 @@ pub(super) struct Output {
     pub(super) trunk: Node,
     /// What the colour is made of: bottleneck, direction, code.
     pub(super) colour_input: Node,
+    /// The points where they are in the canonical scene; `None` where nothing moves.
+    pub(super) displaced: Option<Displaced>,
 }
 
 /// What a network sees of a set of samples.
@@ -141,15 +176,31 @@ pub(super) struct Seen {
     pub(super) x: Node,
     /// `[3 x n]` unit directions.
     pub(super) d: Node,
+    /// Times; `None` where nothing moves.
+    pub(super) when: Option<When>,
     /// `[dims x n]` code of the photo; `None` where colours depend on none.
     pub(super) code: Option<Node>,
 }
 
 impl<'a, P: Encoder> Ops<'a, P> {
+    /// What moves points; `None`: nothing does.
+    pub(super) fn displacement(&self) -> Option<&DisplacementOps<'a>> {
+        self.displacement.as_ref()
+    }
+
+    /// One time for `n` samples; `None` where nothing moves.
+    pub(super) fn at(&self, tape: &mut Tape<'_>, n: usize, time: f32) -> Option<When> {
+        self.displacement.as_ref().and_then(|_| When::of_all(tape, n, time))
+    }
+
     /// Record the network.
     pub(super) fn record(&'a self, tape: &mut Tape<'a>, seen: Seen) -> Result<Output, TapeError> {
         let [trunk, density, bottleneck, colour] = &self.parts;
-        let position = tape.custom(&self.position, &[seen.x])?;
+        let displaced = match (&self.displacement, seen.when) {
+            (Some(displacement), Some(when)) => Some(displacement.displaced(tape, seen.x, when)?),
+            _ => None,
+        };
+        let position = tape.custom(&self.position, &[displaced.map_or(seen.x, |displaced| displaced.x)])?;
         let direction = tape.custom(&self.direction, &[seen.d])?;
         let h = trunk.apply(tape, position)?;
         let raw_density = density.apply(tape, h)?;
@@ -159,6 +210,6 @@ impl<'a, P: Encoder> Ops<'a, P> {
             None => tape.concat(&[features, direction])?,
         };
         let rgb = colour.apply(tape, colour_input)?;
-        Ok(Output { raw_density, rgb, trunk: h, colour_input })
+        Ok(Output { raw_density, rgb, trunk: h, colour_input, displaced })
     }
 }

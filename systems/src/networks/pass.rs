@@ -10,6 +10,7 @@ use super::network::Seen;
 use super::recipe::Recipe;
 use super::samples::{Level, Tile, add_codes, spread_codes};
 use super::two_level::{TwoLevel, recorded};
+use super::when::SampleTimes;
 use crate::photo_model::{Codes, Pixel};
 use crate::space::InternalRay;
 use engine::data::Dataset;
@@ -18,6 +19,9 @@ use field_core::tape::{Tape, TapeError};
 use float_core::Simd;
 use losses::sparsity;
 use std::ops::Range;
+
+/// Stream of the times beside those of views, behind those of rays.
+const BESIDE: u64 = 0x6265_7369_6465;
 
 /// The rays of a tile in their batch.
 struct Places<'a> {
@@ -165,6 +169,32 @@ impl<R: Recipe> TwoLevel<R> {
         Ok(())
     }
 
+    /// Times of the rays of a tile: those of their views.
+    fn times_of(&self, ctx: &Context<'_, R::Position>, ids: &[usize]) -> impl Iterator<Item = f32> {
+        let (times, views) = (self.config.view_times(), &ctx.inputs.batch.view);
+        ids.iter().map(move |&i| times[views[i] as usize])
+    }
+
+    /// Times beside those of a tile's rays, where displacements are held to vary little between them. Returns whether they are.
+    fn spread_beside(
+        &self,
+        ctx: &Context<'_, R::Position>,
+        places: &Places<'_>,
+        offsets: &[u32],
+        beside: &mut SampleTimes,
+    ) -> bool {
+        let Some(rng) = places.rng.filter(|_| ctx.pass == Pass::Learn && self.config.variation() > 0.0) else {
+            return false;
+        };
+        let (rng, views) = (rng.substream(BESIDE), &ctx.inputs.batch.view);
+        let times = places.ids.iter().enumerate().map(|(r, &i)| {
+            let [u, v, ..] = rng.uniform4_at(r as u64);
+            self.config.time_beside(views[i] as usize, [u, v])
+        });
+        beside.spread(times, offsets);
+        true
+    }
+
     /// A level of a tile whose samples are placed: 0 is the coarse one, 1 the fine one. Returns the raw densities.
     fn level(
         &self,
@@ -175,7 +205,8 @@ impl<R: Recipe> TwoLevel<R> {
     ) -> Result<Vec<f32>, TapeError> {
         let Places { rays, ids, first, rng } = *places;
         let views = &ctx.inputs.batch.view;
-        let Tile { coarse, fine, background, bar, appearance, transient, .. } = &mut chunk.tile;
+        let ops = &ctx.ops.levels[level];
+        let Tile { coarse, fine, background, bar, appearance, transient, times, beside, .. } = &mut chunk.tile;
         let samples = if level == 0 { coarse } else { fine };
         samples.draw_noise(rng, level, self.config.density_noise());
         let Level { arena, offsets, t, dt, x, d, noise, .. } = samples;
@@ -188,6 +219,9 @@ impl<R: Recipe> TwoLevel<R> {
         let appearance_dims = codes(ctx.appearance, appearance);
         let head = self.head.as_ref().filter(|_| level == 1);
         let transient_dims = head.and_then(|_| codes(ctx.transient, transient));
+        let moves = ops.displacement().is_some() && times.spread(self.times_of(ctx, ids), offsets);
+        chunk.sums.still += if ops.displacement().is_some() && !moves { n as u64 } else { 0 };
+        let varies = moves && level == 1 && self.spread_beside(ctx, places, offsets, beside);
 
         let one = CompositeOp { simd, offsets, dt, background };
         let two = head.map(|head| CompositeTwoOp { simd, mixture: head.mixture, offsets, dt, background });
@@ -195,9 +229,10 @@ impl<R: Recipe> TwoLevel<R> {
         let seen = Seen {
             x: placed(&mut tape, ctx.by_ray, x.len() / n.max(1), n, x)?,
             d: placed(&mut tape, ctx.by_ray, 3, n, d)?,
+            when: if moves { Some(times.record(&mut tape)?) } else { None },
             code: appearance_dims.map(|dims| tape.input(dims, n, appearance)).transpose()?,
         };
-        let out = ctx.ops.levels[level].record(&mut tape, seen)?;
+        let out = ops.record(&mut tape, seen)?;
         let noise = tape.constant(1, n, noise)?;
         let noisy = tape.add(out.raw_density, noise)?;
         let raw = tape.value(noisy)?.data.to_vec();
@@ -232,9 +267,21 @@ impl<R: Recipe> TwoLevel<R> {
             sigma_bar.resize(n, 0.0);
             sparsity::density_backward(sigmas, factor * f64::from(ctx.share), &mut sigma_bar).expect("as many");
         }
-        let seeds = [(pixels, &bar[..]), (sigma, &sigma_bar[..])];
-        let seeds = if sigma_bar.is_empty() { &seeds[..1] } else { &seeds[..] };
-        tape.backward(seeds, &mut chunk.grad[self.range(level)])?;
+        let mut varied_bar = Vec::new();
+        let mut seeds = vec![(pixels, &bar[..])];
+        if !sigma_bar.is_empty() {
+            seeds.push((sigma, &sigma_bar));
+        }
+        if let (true, Some(displacement), Some(displaced)) = (varies, ops.displacement(), out.displaced) {
+            let other = beside.record(&mut tape)?;
+            let varied = displacement.variation(&mut tape, displaced, other)?;
+            let factor = self.config.variation();
+            let sum: f64 = tape.value(varied)?.data.iter().map(|&v| f64::from(v)).sum();
+            chunk.sums.loss += f64::from(factor) * sum;
+            varied_bar.resize(n, factor * ctx.share);
+            seeds.push((varied, &varied_bar));
+        }
+        tape.backward(&seeds, &mut chunk.grad[self.range(level)])?;
         let places = || ids.iter().map(|i| i - first);
         if ctx.by_ray {
             let bars = PlaceBars { x: tape.gradient(seen.x)?, d: tape.gradient(seen.d)? };

@@ -13,10 +13,11 @@ use render_core::ray::RayBar;
 use std::ops::Range;
 
 impl<R: Recipe> TwoLevel<R> {
-    /// Training views that codes are known of.
+    /// Training views that codes and times are known of.
     fn known_views(&self) -> usize {
         let codes = self.photo_model.iter().flat_map(|photo_model| [photo_model.appearance(), photo_model.transient()]);
-        codes.flatten().map(Codes::len).min().unwrap_or(usize::MAX)
+        let times = self.shapes.displaces().then(|| self.config.view_times().len());
+        codes.flatten().map(Codes::len).chain(times).min().unwrap_or(usize::MAX)
     }
 
     /// The loss of the rays of one task, and their gradients.

@@ -5,6 +5,7 @@ use super::cones::Footprint;
 use super::network::NetworkShape;
 use super::samples::{Level, Tile};
 use crate::space::{InternalRay, Space};
+use engine::data::DrawnFrom;
 use engine::system::SystemError;
 use field_core::rng::Rng;
 use field_core::tape::{Encoder, Node, Tape, TapeError};
@@ -18,8 +19,6 @@ pub trait Recipe: Clone + Send + Sync {
     const NAME: &'static str;
     /// The optimiser.
     const ADAM: AdamConfig;
-    /// 2 where each level has its own network, 1 where they share one.
-    const NETWORKS: usize;
     /// What a ray is.
     const FOOTPRINT: Footprint;
     /// Encoding of positions.
@@ -31,6 +30,9 @@ pub trait Recipe: Clone + Send + Sync {
     /// [`SystemError::Config`] naming the field.
     fn check(&self) -> Result<(), SystemError>;
 
+    /// 2 where each level has its own network, 1 where they share one.
+    fn networks(&self) -> usize;
+
     /// Shape of a network.
     ///
     /// # Errors
@@ -39,6 +41,27 @@ pub trait Recipe: Clone + Send + Sync {
 
     /// Rays of a batch.
     fn batch_rays(&self) -> usize;
+
+    /// Which pixels the batch of a step is drawn from.
+    fn drawn_from(&self, _step: u64) -> DrawnFrom<'_> {
+        DrawnFrom::ALL
+    }
+
+    /// Times of the training views, in `[0, 1]`, where points move; empty where nothing does.
+    fn view_times(&self) -> &[f32] {
+        &[]
+    }
+
+    /// Factor of the variation of displacements between a view's time and one beside it: the squared difference, summed over the fine
+    /// samples of a ray, mean over rays; 0: none.
+    fn variation(&self) -> f32 {
+        0.0
+    }
+
+    /// A time beside that of a training view, from two uniform numbers.
+    fn time_beside(&self, view: usize, _u: [f32; 2]) -> f32 {
+        self.view_times().get(view).copied().unwrap_or_default()
+    }
 
     /// Learning rate of a step.
     fn learning_rate(&self, step: u64) -> f64;

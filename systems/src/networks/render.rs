@@ -14,24 +14,37 @@ use glam::DVec3;
 use rayon::prelude::*;
 use render_core::quadrature::{LastInterval, Samples, depth_median_exact, weights};
 
+/// Points of one task.
+pub(super) const TASK: usize = 256;
+
 /// The fine network's answers: `[n]` and `[3][n]`.
 struct Rendered {
     raw: Vec<f32>,
     rgb: Vec<f32>,
 }
 
-/// A network's answers at a level's samples, all with the appearance `code`; empty where colours depend on none.
+/// In which appearance samples are seen, and when.
+#[derive(Clone, Copy)]
+pub(super) struct Condition<'c> {
+    /// Empty where colours depend on none.
+    pub(super) code: &'c [f32],
+    /// In `[0, 1]`.
+    pub(super) time: f32,
+}
+
+/// A network's answers at a level's samples, all under one condition.
 fn record<'a, P: Encoder>(
     ops: &'a Ops<'a, P>,
     level: &'a mut Level,
     params: &'a [f32],
-    code: &[f32],
+    condition: Condition<'_>,
 ) -> Result<(Tape<'a>, Output), TapeError> {
     let n = level.t.len();
     let mut tape = Tape::new(&mut level.arena, params);
     let (x, d) = (tape.constant(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
-    let code = code_rows(&mut tape, code, n)?;
-    let out = ops.record(&mut tape, Seen { x, d, code })?;
+    let when = ops.at(&mut tape, n, condition.time);
+    let code = code_rows(&mut tape, condition.code, n)?;
+    let out = ops.record(&mut tape, Seen { x, d, when, code })?;
     Ok((tape, out))
 }
 
@@ -50,12 +63,12 @@ impl<R: Recipe> TwoLevel<R> {
         &self,
         ops: &TwoLevelOps<'_, R::Position>,
         rays: &[InternalRay],
-        code: &[f32],
+        condition: Condition<'_>,
         tile: &mut Tile,
     ) -> Result<(), TapeError> {
         self.config.fill_coarse(&self.space, rays, None, tile);
         let raw = {
-            let (tape, out) = record(&ops.levels[0], &mut tile.coarse, self.network(0), code)?;
+            let (tape, out) = record(&ops.levels[0], &mut tile.coarse, self.network(0), condition)?;
             tape.value(out.raw_density)?.data.to_vec()
         };
         tile.weigh(raw.iter().map(|&raw| self.config.density_of(raw)), rays.len());
@@ -68,11 +81,11 @@ impl<R: Recipe> TwoLevel<R> {
         &self,
         ops: &TwoLevelOps<'_, R::Position>,
         rays: &[InternalRay],
-        code: &[f32],
+        condition: Condition<'_>,
         tile: &mut Tile,
     ) -> Result<Rendered, TapeError> {
-        self.place_samples(ops, rays, code, tile)?;
-        let (tape, out) = record(&ops.levels[1], &mut tile.fine, self.network(1), code)?;
+        self.place_samples(ops, rays, condition, tile)?;
+        let (tape, out) = record(&ops.levels[1], &mut tile.fine, self.network(1), condition)?;
         Ok(Rendered { raw: tape.value(out.raw_density)?.data.to_vec(), rgb: tape.value(out.rgb)?.data.to_vec() })
     }
 
@@ -95,7 +108,8 @@ impl<R: Recipe> TwoLevel<R> {
             return;
         }
         let hit_rays: Vec<InternalRay> = hit.iter().map(|&i| internal[i]).collect();
-        let values = recorded(self.render_tile(ops, &hit_rays, code, tile));
+        let condition = Condition { code, time: query.time as f32 };
+        let values = recorded(self.render_tile(ops, &hit_rays, condition, tile));
         let fine = &tile.fine;
         let n = fine.t.len();
         let tau: Vec<f32> =
@@ -106,7 +120,7 @@ impl<R: Recipe> TwoLevel<R> {
         let mut median = vec![0.0; hit.len()];
         depth_median_exact(samples, &fine.t, &fine.dt, f32::INFINITY, &mut median);
         let normals = (query.layers.normals == Normals::Compute)
-            .then(|| recorded(self.fine_normals(ops, code, tile, &values.raw)));
+            .then(|| recorded(self.fine_normals(ops, condition, tile, &values.raw)));
         let fine = &tile.fine;
         for (r, &i) in hit.iter().enumerate() {
             let span = fine.offsets[r] as usize..fine.offsets[r + 1] as usize;
@@ -143,7 +157,7 @@ impl<R: Recipe> TwoLevel<R> {
     fn fine_normals(
         &self,
         ops: &TwoLevelOps<'_, R::Position>,
-        code: &[f32],
+        condition: Condition<'_>,
         tile: &mut Tile,
         raw: &[f32],
     ) -> Result<Vec<f32>, TapeError> {
@@ -152,34 +166,51 @@ impl<R: Recipe> TwoLevel<R> {
         let mut unused = vec![0.0; self.network(1).len()];
         let mut tape = Tape::new(&mut level.arena, self.network(1));
         let (x, d) = (tape.input(level.x.len() / n.max(1), n, &level.x)?, tape.constant(3, n, &level.d)?);
-        let code = code_rows(&mut tape, code, n)?;
-        let out = ops.levels[1].record(&mut tape, Seen { x, d, code })?;
+        let when = ops.levels[1].at(&mut tape, n, condition.time);
+        let code = code_rows(&mut tape, condition.code, n)?;
+        let out = ops.levels[1].record(&mut tape, Seen { x, d, when, code })?;
         // Directions only: any positive derivative of the activation will do.
         let bar: Vec<f32> = raw.iter().map(|&raw| if self.config.density_of(raw) > 0.0 { 1.0 } else { 0.0 }).collect();
         tape.backward(&[(out.raw_density, &bar)], &mut unused)?;
         Ok(tape.gradient(x)?[..3 * n].to_vec())
     }
 
-    /// Fine network at points of the scene's frame, in the mean appearance: `each(i, density per world unit, colour)`.
-    pub(super) fn evaluate(&self, points: &[[f64; 3]], d: &[[f32; 3]], mut each: impl FnMut(usize, f32, [f32; 3])) {
-        const TASK: usize = 256;
+    /// Points of the scene's frame as samples of `level`: their internal coordinates. Those that the space does not reach stand in its
+    /// middle, and are `None`.
+    pub(super) fn put_points(&self, points: &[[f64; 3]], level: &mut Level) -> Vec<Option<[f32; 3]>> {
+        let n = points.len();
+        let internal: Vec<_> = points.iter().map(|&point| self.space.internal_point(DVec3::from(point))).collect();
+        level.t.resize(n, 0.0);
+        level.make_room(n, self.shapes.position_rows());
+        for (i, p) in internal.iter().enumerate() {
+            let p = p.unwrap_or([0.0; 3]);
+            (0..3).for_each(|a| level.p[a * n + i] = p[a]);
+        }
+        self.config.place_points(&self.space, n, level);
+        internal
+    }
+
+    /// Fine network at points of the scene's frame at a time, in the mean appearance: `each(i, density per world unit, colour)`.
+    pub(super) fn evaluate(
+        &self,
+        points: &[[f64; 3]],
+        d: &[[f32; 3]],
+        time: f64,
+        mut each: impl FnMut(usize, f32, [f32; 3]),
+    ) {
         let ops = self.ops();
         let code = self.code_of(&Appearance::Mean);
+        let condition = Condition { code: &code, time: time as f32 };
         let parts: Vec<Rendered> = points
             .par_chunks(TASK)
             .zip(d.par_chunks(TASK))
             .map_init(Level::default, |level, (points, d)| {
                 let n = points.len();
-                level.t.resize(n, 0.0);
-                level.make_room(n, self.shapes.position_rows());
-                for (i, (&point, d)) in points.iter().zip(d).enumerate() {
-                    let p = self.space.internal_point(DVec3::from(point)).unwrap_or([0.0; 3]);
-                    for a in 0..3 {
-                        (level.p[a * n + i], level.d[a * n + i]) = (p[a], d[a]);
-                    }
+                self.put_points(points, level);
+                for (i, d) in d.iter().enumerate() {
+                    (0..3).for_each(|a| level.d[a * n + i] = d[a]);
                 }
-                self.config.place_points(&self.space, n, level);
-                let (tape, out) = recorded(record(&ops.levels[1], level, self.network(1), &code));
+                let (tape, out) = recorded(record(&ops.levels[1], level, self.network(1), condition));
                 Rendered {
                     raw: recorded(tape.value(out.raw_density)).data.to_vec(),
                     rgb: recorded(tape.value(out.rgb)).data.to_vec(),

@@ -1,5 +1,6 @@
 //! Memory of a tile of rays: the samples of both levels, and what they are drawn with.
 
+use super::when::SampleTimes;
 use crate::space::InternalRay;
 use field_core::rng::Rng;
 use field_core::tape::Arena;
@@ -24,6 +25,9 @@ pub struct Tile {
     /// Codes of the photos, `[dims][n]` for the samples of one level.
     pub(super) appearance: Vec<f32>,
     pub(super) transient: Vec<f32>,
+    /// Times of the samples of one level, where points move; and times beside them.
+    pub(super) times: SampleTimes,
+    pub(super) beside: SampleTimes,
 }
 
 /// Work space for the samples of one ray.

@@ -57,7 +57,7 @@ impl<R: Recipe> TwoLevel<R> {
     fn draw(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let (seed, pixels, batch) = (self.seed, self.config.batch_rays(), &mut self.inputs.batch);
         match self.photo_model.as_ref().map_or(Drawing::Pixels, |photo_model| photo_model.drawing()) {
-            Drawing::Pixels => data.draw(seed, step, pixels, batch)?,
+            Drawing::Pixels => data.draw_from(seed, step, pixels, self.config.drawn_from(step), batch)?,
             Drawing::Patches(patches, least) => {
                 let count = pixels.div_ceil(patches.pixels()).max(least);
                 data.draw_patches(seed, step, count, patches, batch)?;
@@ -123,11 +123,13 @@ impl<R: Recipe> TwoLevel<R> {
             stats.samples += chunk.sums.samples;
             weight += chunk.sums.weight;
             self.missed += chunk.sums.missed;
+            self.still += chunk.sums.still;
             for (sum, g) in self.grad.iter_mut().zip(&chunk.grad) {
                 *sum += g;
             }
         }
         self.cast += rays as u64;
+        self.placed += stats.samples;
         if weight > 0.0 {
             stats.loss /= weight;
             stats.mse /= weight;

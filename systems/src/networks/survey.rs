@@ -46,6 +46,7 @@ impl<R: Recipe> Surveys for TwoLevel<R> {
         let fresh = Self::with_photo_model(self.config.clone(), self.space, self.background, seed, photo_model)?;
         let old = std::mem::replace(self, fresh);
         (self.seed, self.seconds, self.missed, self.cast) = (old.seed, old.seconds, old.missed, old.cast);
+        (self.still, self.placed) = (old.still, old.placed);
         self.left_out = old.left_out;
         self.trained.count_on(&old.trained);
         Ok(())

@@ -7,7 +7,9 @@ use super::two_level::{CHUNKS, TwoLevel};
 use crate::survey::Surveys;
 use engine::canonical::add_canonical;
 use engine::data::Dataset;
-use engine::system::{Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap};
+use engine::system::{
+    Appearance, Fit, FlowSource, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap,
+};
 use render_core::ray::Ray;
 
 impl<R: Recipe> System for TwoLevel<R> {
@@ -58,13 +60,21 @@ impl<R: Recipe> System for TwoLevel<R> {
         self.rehearse_survey(data, view, stride)
     }
 
-    fn density(&self, points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
+    fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
         let d = vec![[0.0, 0.0, 1.0]; points.len()];
-        self.evaluate(points, &d, |i, sigma, _| out[i] = sigma);
+        self.evaluate(points, &d, time, |i, sigma, _| out[i] = sigma);
     }
 
-    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], _time: f64, out: &mut [[f32; 3]]) {
-        self.evaluate(points, d, |i, _, rgb| out[i] = rgb);
+    fn colour(&self, points: &[[f64; 3]], d: &[[f32; 3]], time: f64, out: &mut [[f32; 3]]) {
+        self.evaluate(points, d, time, |i, _, rgb| out[i] = rgb);
+    }
+
+    fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+        self.canonical_points(points, time, out);
+    }
+
+    fn flow_source(&self) -> FlowSource {
+        if self.shapes.displaces() { FlowSource::Canonical } else { FlowSource::Nothing }
     }
 
     fn first_sample(&self, ray: &Ray) -> f64 {
@@ -107,6 +117,11 @@ impl<R: Recipe> System for TwoLevel<R> {
         // A ray that a photo model leaves out is one of those that are not sampled, too: it is counted once.
         let mut rows = vec![cones::missed_row(self.missed - self.left_out.occluders(), self.cast)];
         rows.extend(self.left_out.occluders_row());
+        if self.shapes.displaces() {
+            let bound = "exact: nothing is displaced at t = 0".into();
+            let what = "training: samples at the canonical time";
+            rows.push(SkipRow::counted(what, self.still, self.placed, "samples", bound));
+        }
         rows
     }
 

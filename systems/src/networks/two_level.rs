@@ -42,6 +42,9 @@ pub struct TwoLevel<R: Recipe> {
     pub(super) seconds: [f64; 3],
     pub(super) missed: u64,
     pub(super) cast: u64,
+    /// Training samples at which nothing moves, and all of them.
+    pub(super) still: u64,
+    pub(super) placed: u64,
     /// Training pixels that were not rendered.
     pub(super) left_out: LeftOut,
 }
@@ -73,7 +76,8 @@ impl<R: Recipe> TwoLevel<R> {
         let shapes = Shapes::new(&config.network()?, appearance.unwrap_or(0))?;
         let n = shapes.param_count();
         let head = transient.map(|dims| Head::new(shapes.width(), dims, n, config.mixture())).transpose()?;
-        let networks = R::NETWORKS * n;
+        let count = config.networks();
+        let networks = count * n;
         let total = networks + head.as_ref().map_or(0, Head::param_count);
         room_for("width", shapes.width(), total)?;
         let mut params = vec![0.0; total];
@@ -82,7 +86,7 @@ impl<R: Recipe> TwoLevel<R> {
             shapes.init(rng.substream(i as u64), params);
         }
         if let Some(head) = &head {
-            head.init(rng.substream(R::NETWORKS as u64), &mut params[networks..]);
+            head.init(rng.substream(count as u64), &mut params[networks..]);
         }
         let mut system = Self {
             trained: Trained::new(params, R::ADAM),
@@ -90,10 +94,12 @@ impl<R: Recipe> TwoLevel<R> {
             chunks: (0..CHUNKS).map(|_| Chunk::default()).collect(),
             grad: vec![0.0; total],
             seen: Vec::new(),
-            packed: (0..R::NETWORKS).map(|_| PackedNetwork::default()).collect(),
+            packed: (0..count).map(|_| PackedNetwork::default()).collect(),
             seconds: [0.0; 3],
             missed: 0,
             cast: 0,
+            still: 0,
+            placed: 0,
             left_out: LeftOut::default(),
             config,
             seed,
@@ -109,7 +115,7 @@ impl<R: Recipe> TwoLevel<R> {
 
     pub(super) fn pack(&mut self) {
         let n = self.shapes.param_count();
-        let (networks, head_params) = self.trained.params.split_at(R::NETWORKS * n);
+        let (networks, head_params) = self.trained.params.split_at(self.config.networks() * n);
         for (params, packed) in networks.chunks_exact(n).zip(&mut self.packed) {
             self.shapes.pack(params, packed);
         }
@@ -121,14 +127,19 @@ impl<R: Recipe> TwoLevel<R> {
     pub(super) fn ops(&self) -> TwoLevelOps<'_, R::Position> {
         let simd = Simd::best();
         TwoLevelOps {
-            levels: [0, 1].map(|level| self.shapes.ops(simd, &self.packed[network_of::<R>(level)])),
+            levels: [0, 1].map(|level| self.shapes.ops(simd, &self.packed[self.network_of(level)])),
             head: self.head.as_ref().map(|head| head.op(simd)),
         }
     }
 
+    /// The network of a level: its own, or the only one.
+    fn network_of(&self, level: usize) -> usize {
+        level.min(self.packed.len() - 1)
+    }
+
     /// Where the parameters of a level lie: those of its network, and behind the fine one's those of the head.
     pub(super) fn range(&self, level: usize) -> std::ops::Range<usize> {
-        let (n, i) = (self.shapes.param_count(), network_of::<R>(level));
+        let (n, i) = (self.shapes.param_count(), self.network_of(level));
         i * n..if level == 1 { self.trained.params.len() } else { (i + 1) * n }
     }
 
@@ -141,11 +152,6 @@ impl<R: Recipe> TwoLevel<R> {
     pub(super) fn code_of(&self, appearance: &Appearance) -> Vec<f32> {
         self.appearance_code(appearance).unwrap_or_default()
     }
-}
-
-/// The network of a level: its own, or the only one.
-fn network_of<R: Recipe>(level: usize) -> usize {
-    level.min(R::NETWORKS - 1)
 }
 
 /// The tape is built of shapes that fit: an error is a mistake in this file.

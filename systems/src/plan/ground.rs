@@ -16,6 +16,15 @@ use scene_io::Scene;
 /// Error of a pixel from skipped work in evaluation renders, where nothing else is said.
 const EVALUATION_BUDGET: f32 = 1.0 / 2048.0;
 
+/// What a system for a scene that moves has besides its field.
+#[derive(Default)]
+pub(crate) struct MovingParts {
+    /// What photos differ in; `None`: they show the scene as it is.
+    pub(crate) photo_model: Option<Box<dyn PhotoModel>>,
+    /// What moves points, and what density sees of the time; `None`: nothing depends on it.
+    pub(crate) deform: Option<Deform>,
+}
+
 /// What is known of a scene before any system is chosen.
 pub(crate) struct Ground {
     pub(crate) layout: Layout,
@@ -56,6 +65,17 @@ impl Ground {
         Self::without_space(scene, data, run, backdrop(data, run)?)
     }
 
+    /// Before white where the photos have alpha and nothing else was asked for: as most systems were published.
+    pub(crate) fn prefer_white(&mut self, run: &RunOptions) {
+        if !self.transparent || run.background.is_some() {
+            return;
+        }
+        self.background = Background::White;
+        for line in self.lines.iter_mut().filter(|line| line.starts_with("background: ")) {
+            *line = "background: white (as published; the images have alpha)".into();
+        }
+    }
+
     fn without_space(
         scene: &Scene,
         data: &Dataset,
@@ -92,6 +112,13 @@ impl Ground {
         self.carved(system, data)
     }
 
+    /// A plain field of a scene that moves, for a short training: the cameras rule nothing out, as what moves is elsewhere in other
+    /// photos.
+    pub(crate) fn plain(&self, data: &Dataset, config: &RayConfig, seed: u64) -> Result<RaySystem, SystemError> {
+        let space = self.space_of(config, data)?;
+        RaySystem::new(config.clone(), space, self.background, seed, "ngp", None, None)
+    }
+
     /// A system of rays under a system's name, of a scene that moves or of one at rest.
     pub(crate) fn moving(
         &mut self,
@@ -100,7 +127,7 @@ impl Ground {
         seed: u64,
         scene: &Scene,
         name: &'static str,
-        mut deform: Option<Deform>,
+        MovingParts { photo_model, mut deform }: MovingParts,
     ) -> Result<RaySystem, SystemError> {
         let space = self.space_of(config, data)?;
         if let Some(deform) = &mut deform {
@@ -110,7 +137,7 @@ impl Ground {
             space.grid_positions(Simd::best(), &p, &mut x);
             deform.set_background(x);
         }
-        let system = RaySystem::new(config.clone(), space, self.background, seed, name, None, deform)?;
+        let system = RaySystem::new(config.clone(), space, self.background, seed, name, photo_model, deform)?;
         self.carved(system, data)
     }
 

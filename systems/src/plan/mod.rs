@@ -4,6 +4,7 @@
 //! * `field_settings`: where rays of a field begin and end, and what is empty before the first step;
 //! * `moving`: the plan of a field where each photo shows a time of its own;
 //! * `pace`: how many steps of a cloud there will be; `speed`: how fast this machine makes them;
+//! * `still_part`: whether what stands still is a field of its own;
 //! * `backdrop`: whether the photos stand before one plain colour.
 
 mod ask;
@@ -19,12 +20,15 @@ mod pace;
 mod parallax;
 mod ray_choice;
 mod speed;
+mod still_part;
 
 pub(crate) use ask::{Ask, Built, planned};
 pub(crate) use backdrop::backdrop;
 pub(crate) use field_settings::field_settings;
-pub(crate) use ground::{Ground, has_alpha, percent, space};
-pub(crate) use moving::{Moving, moving_field};
+pub(crate) use ground::{Ground, MovingParts, has_alpha, percent, space};
+#[cfg(test)]
+pub(crate) use moving::NewFlow;
+pub(crate) use moving::{COHERENCE, Moving, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};

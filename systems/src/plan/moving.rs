@@ -1,18 +1,24 @@
-//! The plan of a field for photos that each show a time of their own: a deformation or none, which rays are drawn, and what
-//! measured depth does.
+//! The plan of a field for photos that each show a time of their own: a deformation or none, what photos differ in, which rays are
+//! drawn, and what measured depth does.
 
 use super::ask::{Ask, Built, planned};
-use super::ground::Ground;
+use super::ground::{Ground, MovingParts};
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
+use super::pace::CloudPace;
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
-use crate::rays::{RayConfig, RaySystem};
+use super::still_part::{behind, with_flow};
+use crate::photo_model::PhotoModel;
+use crate::rays::{FlowConfig, RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
+use crate::schedule::ScheduleSettings;
 use crate::settings::Settings;
 use crate::warps::{Deform, Times};
 use engine::data::Dataset;
+use engine::options::RunOptions;
 use engine::system::SystemError;
+use std::sync::Arc;
 
 /// A deformation from its settings, the times of the training views and a seed.
 pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, SystemError>;
@@ -20,12 +26,27 @@ pub(crate) type NewDeform = fn(&mut Settings<'_>, Times, u64) -> Result<Deform, 
 /// A field's settings after `--set`, from those that are planned.
 pub(crate) type NewField = fn(RayConfig, &mut Settings<'_>) -> Result<RayConfig, SystemError>;
 
-/// The parts of a system for scenes that move: its deformation, its rays, what it makes of measured depth, and what it changes of
-/// its field.
+/// Scene flow of what moves.
+pub(crate) type NewFlow = fn(&mut Settings<'_>) -> Result<FlowConfig, SystemError>;
+
+/// What photos differ in, for a field of these settings, or nothing; with its line in the plan. All other settings are known.
+pub(crate) type NewPhotoModel = fn(
+    &mut Ground,
+    &Dataset,
+    &RunOptions,
+    &RayConfig,
+    &mut Settings<'_>,
+) -> Result<Option<Box<dyn PhotoModel>>, SystemError>;
+
+/// The parts of a system for scenes that move: its deformation, what photos differ in, its rays, what it makes of measured depth, and
+/// what it changes of its field.
 pub(crate) struct Moving {
     pub(crate) deform: Option<NewDeform>,
+    pub(crate) photos: Option<NewPhotoModel>,
     pub(crate) rays: RaySettings,
     pub(crate) depth: DepthCueConfig,
+    /// Scene flow; a system with one always has a still part.
+    pub(crate) flow: Option<NewFlow>,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
     /// The field's settings as they are asked for.
     pub(crate) asked: NewField,
@@ -35,8 +56,10 @@ impl Moving {
     /// A field in which nothing moves.
     pub(crate) const STILL: Self = Self {
         deform: None,
+        photos: None,
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
+        flow: None,
         field: |_, _| {},
         asked: |field, settings| field.asked(settings),
     };
@@ -47,15 +70,20 @@ impl Moving {
     }
 }
 
+/// Factor of the coherence loss of deformations whose papers have no loss like it: off until its gain has been measured
+/// (`--set coherence=0.01` tries it). Where it is above 0, the claims of the systems that read it say so.
+pub(crate) const COHERENCE: f32 = 0.0;
+
 /// Weight of a ray that its faintest samples may have together to be left out in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 
 /// A field made of these parts.
 pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let Ask { claim, scene, data, run, mut settings } = ask;
+    let schedule = scheduled(&mut settings, run, parts)?;
     let rays = settings.of(&parts.rays)?;
     rays.check()?;
-    let depth = settings.of(&parts.depth)?;
+    let depth = settings.of(&depth_rounds(parts.depth, schedule))?;
     depth.check()?;
     let deform = parts.deform.map(|new| new(&mut settings, Times::of(data), run.seed)).transpose()?;
     let deform = deform.filter(Deform::does_something).map(|deform| deform.with_curriculum(rays.curriculum));
@@ -67,17 +95,40 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     }
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of_times(scene, data, run) }?;
     ground.lines.extend(claim.line());
+    if deform.as_ref().is_some_and(|deform| deform.coherence_factor() > 0.0) {
+        ground.lines.push("motion: as rigid as possible; a changed distance between neighbours costs".into());
+    }
     let mut field = ngp_settings(&ground.layout, data, Shown::Times, ground.transparent, &mut ground.lines);
     set_near(&mut field.space, &mut ground, data, Shown::Times);
     if deform.is_some() {
         // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;
     }
+    let still = field.features.clone();
     (parts.field)(&mut field, data);
+    let own = !Arc::ptr_eq(&still, &field.features);
+    if run.stop.is_some() {
+        field.rates = field.rates.over(schedule.horizon);
+    }
+    ground
+        .lines
+        .push(format!("schedule: of {} steps; rates, windows and doublings are shares of it", schedule.horizon));
     let field = (parts.asked)(field, &mut settings)?;
+    // Features that the system did not choose are those of a scene at rest, as they were asked for.
+    let still = if own { still } else { field.features.clone() };
+    let field = match parts.flow {
+        Some(flow) => with_flow(field, still, flow, &mut settings, &mut ground)?,
+        None if deform.is_some() || own => behind(field, still, &mut settings, &mut ground)?,
+        None => field,
+    };
+    let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;
     let config = settings.all()?;
-    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, deform)?;
+    let moving = MovingParts { photo_model: photos.flatten(), deform };
+    let mut system = ground.moving(data, &field, run.seed, scene, claim.name, moving)?;
+    system.follow_schedule(schedule.horizon);
     ground.lines.extend(follow(&mut system, data, &rays)?);
+    system.watch(data);
+    ground.lines.extend(system.follow_film(data)?);
     if depth.asks() {
         let known = system.follow_depth(depth, data)?;
         if frozen && !known {
@@ -90,6 +141,22 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
         });
     }
     Ok((Box::new(system), planned(ground, config)))
+}
+
+/// The schedule of a run until its stop.
+fn scheduled(settings: &mut Settings<'_>, run: &RunOptions, parts: &Moving) -> Result<ScheduleSettings, SystemError> {
+    let steps = if parts.deform.is_some() { CloudPace::of_moving_field } else { CloudPace::of_field };
+    let schedule = settings.of(&ScheduleSettings::until(steps(run.stop)))?;
+    schedule.check()?;
+    Ok(schedule)
+}
+
+/// Rounds in which measured depth gives way, spread over the schedule where there are any.
+fn depth_rounds(depth: DepthCueConfig, schedule: ScheduleSettings) -> DepthCueConfig {
+    if depth.refine_every == 0 {
+        return depth;
+    }
+    DepthCueConfig { refine_every: (schedule.horizon / (depth.refine_rounds + 1).max(1)).max(1), ..depth }
 }
 
 /// Let errors or masks lead the rays. Returns what is done, a line each.

@@ -22,6 +22,8 @@ const CELLS_PER_PIXEL: f64 = 2.0;
 const SAMPLES_OF_AN_OBJECT: u64 = 8;
 const SAMPLES_OF_A_SCENE: u64 = 64;
 const SAMPLES_OF_A_RUN: u64 = 100_000_000;
+/// Shares of the schedule in between which fine levels begin to lead what moves.
+const FINE_LEVELS_LEAD: [f64; 2] = [0.3, 0.6];
 
 /// What training pictures show.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -85,9 +87,13 @@ pub(crate) fn ngp_settings(
     if distortion > 0.0 {
         lines.push(format!("distortion loss: {distortion} (space has no end: weight spread along a ray costs)"));
     }
-    // The gradient of the finest levels says little about where to go.
-    let warp_levels = if shown == Shown::Times { HASH_GRID.levels.div_ceil(2) } else { HASH_GRID.levels };
-    let mut config = defaults(layout, step_min, HashGridSettings { log2_table, n_max, warp_levels, ..HASH_GRID });
+    let mut grid = HashGridSettings { log2_table, n_max, ..HASH_GRID };
+    if shown == Shown::Times {
+        // The gradient of the finest levels says little about where to go, until points are within one of their cells.
+        grid.warp_levels = HASH_GRID.levels.div_ceil(2);
+        [grid.warp_levels_from, grid.warp_levels_until] = FINE_LEVELS_LEAD;
+    }
+    let mut config = defaults(layout, step_min, grid);
     config.batch.rays_per_side = rays_per_side;
     config.terms.distortion = distortion;
     config
@@ -103,6 +109,8 @@ pub(crate) const HASH_GRID: HashGridSettings = HashGridSettings {
     levels_anneal: 0,
     levels_first: 4,
     warp_levels: 8,
+    warp_levels_from: 0.0,
+    warp_levels_until: 0.0,
 };
 
 /// Settings that depend on the place of the scene alone.
@@ -148,6 +156,7 @@ fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig
         rates: RateConfig { lr: 2e-2, lr_hold: 500, lr_tenfold: 0.1, network_lr: 1.0, weight_decay: 1e-6 },
         terms: TermConfig::default(),
         head: None,
+        moving: None,
     }
 }
 

@@ -25,6 +25,8 @@ const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
 /// A field before a cloud has this share of the seconds, or of the steps, of a run; seconds of a step of it on two cores, roughly.
 const FIELD_SHARE: [f64; 2] = [0.05, 0.1];
 const FIELD_STEP: f64 = 0.03;
+/// The same of a field that moves.
+const MOVING_STEP: f64 = 0.08;
 /// Parts of a schedule whose time is planned.
 const TIME_PARTS: u32 = 64;
 /// Intervals that are halved: to a millionth of the first.
@@ -115,6 +117,14 @@ impl CloudPace {
         })
     }
 
+    /// The same of a field that moves. The schedule keeps up with the time where it is wrong by a factor of five.
+    pub(crate) fn of_moving_field(stop: Option<Stop>) -> Option<u64> {
+        stop.map(|stop| match stop {
+            Stop::Steps(n) => n,
+            Stop::Seconds(s) => (s / MOVING_STEP) as u64,
+        })
+    }
+
     /// Steps that a field before the cloud has in a run until a stop; none where no stop is known.
     pub(crate) fn field_steps(stop: Option<Stop>) -> f64 {
         let [of_seconds, of_steps] = FIELD_SHARE;
@@ -177,6 +187,8 @@ mod tests {
         assert_eq!((CloudPace::field_steps(None), CloudPace::after_field(None, 500)), (0.0, None));
         let of_field = [None, Some(Stop::Steps(7)), Some(Stop::Seconds(300.0))].map(CloudPace::of_field);
         assert_eq!(of_field, [None, Some(7), Some(10_000)]);
+        let of_moving = [None, Some(Stop::Steps(7)), Some(Stop::Seconds(300.0))].map(CloudPace::of_moving_field);
+        assert_eq!(of_moving, [None, Some(7), Some(3750)]);
         assert_eq!(CloudPace::after_field(Some(Stop::Seconds(1.0)), 500), Some(Stop::Seconds(0.0)));
     }
 

@@ -11,18 +11,22 @@ pub(crate) struct RaySettings {
     pub(crate) by_error: bool,
     /// Whether masks lead the rays: none through a tool, more where it often is.
     pub(crate) guided: bool,
-    /// Steps after which all frames have come in, in the order of time; 0: they are there from the start.
-    pub(crate) curriculum: u64,
+    /// Share of the schedule after which all frames have come in, in the order of time; 0: they are there from the start.
+    pub(crate) curriculum: f64,
 }
 
 impl RaySettings {
     /// Rays of all frames, anywhere.
-    pub(crate) const ANYWHERE: Self = Self { by_error: false, guided: false, curriculum: 0 };
+    pub(crate) const ANYWHERE: Self = Self { by_error: false, guided: false, curriculum: 0.0 };
 
     /// # Errors
     /// [`SystemError::Config`] naming the setting.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        if self.by_error && (self.curriculum > 0 || self.guided) {
+        if !(0.0..=1.0).contains(&self.curriculum) {
+            let problem = "must be in 0..=1, a share of the schedule".into();
+            return Err(SystemError::Config { field: "curriculum", value: self.curriculum.to_string(), problem });
+        }
+        if self.by_error && (self.curriculum > 0.0 || self.guided) {
             let problem = "rays are drawn in one way: set `by_error=false`, or `curriculum=0` and `guided=false`";
             return Err(SystemError::Config { field: "by_error", value: "true".into(), problem: problem.into() });
         }

@@ -46,7 +46,17 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
             },
         ),
     ];
-    rows.extend(driver.field.deform.iter().flat_map(Deform::skips));
+    if driver.field.moving.is_some() {
+        let (moving, all) = (read(&driver.skipped.moving), read(&driver.skipped.beside_moving));
+        rows.push(SkipRow::counted(
+            "training: the moving part where nothing moves",
+            all.saturating_sub(moving),
+            all,
+            "samples",
+            "errors of the still part where fewer than 3 % of the views see it err to one side".into(),
+        ));
+    }
+    rows.extend(driver.field.deform().into_iter().flat_map(Deform::skips));
     rows.extend(driver.skipped.left_out.ignored_row());
     rows.extend(driver.skipped.left_out.occluders_row());
     rows.extend(render::skip_rows(&driver.skipped.renders));

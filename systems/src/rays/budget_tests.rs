@@ -7,6 +7,7 @@ use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, HASH_GRID, field_settings};
 use crate::samplers::{OccupancyConfig, ProposalField, Sampler};
 use crate::space::{Space, SpaceConfig, SpaceKind};
+use crate::warps::Deform;
 use engine::data::Dataset;
 use engine::eval::skips::{MeasuredSkips, measure};
 use engine::halt::Halt;
@@ -81,12 +82,22 @@ pub(super) fn randomised(config: RayConfig, seed: u64) -> RaySystem {
 
 /// Random parameters for these settings and a photo model.
 pub(super) fn randomised_with(config: RayConfig, seed: u64, photo_model: Option<Box<dyn PhotoModel>>) -> RaySystem {
+    randomised_moving(config, seed, photo_model, None)
+}
+
+/// The same with a deformation, whose parameters stay as they are.
+pub(super) fn randomised_moving(
+    config: RayConfig,
+    seed: u64,
+    photo_model: Option<Box<dyn PhotoModel>>,
+    deform: Option<Deform>,
+) -> RaySystem {
     let kind = config.space.space;
     let space = match kind {
         SpaceKind::Contracted => Space::contracted(DVec3::ZERO, 1.0, 4.0, 0.01),
         _ => Space::boxed(DVec3::ZERO, 1.0, 0.01),
     };
-    let mut driver = RaySystem::new(config, space, Background::White, seed, "ngp", photo_model, None).unwrap();
+    let mut driver = RaySystem::new(config, space, Background::White, seed, "ngp", photo_model, deform).unwrap();
     let uniform = |stream: u64, i: usize| Rng::new(seed, stream).uniform_at(i as u64);
     for (i, x) in driver.field.features.parameters_mut().iter_mut().enumerate() {
         *x = 4.0 * (uniform(1, i) - 0.5);
@@ -98,6 +109,9 @@ pub(super) fn randomised_with(config: RayConfig, seed: u64, photo_model: Option<
         *x = 3.0 * (uniform(3, i) - 0.5);
     }
     driver.field.pack();
+    if driver.movers.is_some() {
+        driver.move_everywhere();
+    }
     for proposal in proposals(&mut driver) {
         for (i, x) in proposal.features.parameters_mut().iter_mut().enumerate() {
             *x = 4.0 * (uniform(5, i) - 0.5);

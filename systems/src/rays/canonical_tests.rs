@@ -5,7 +5,8 @@ use super::driver::RaySystem;
 use crate::space::SpaceKind;
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, Origin, TimeKind, Times, WarpSettings};
-use engine::system::{Canonical, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
+use engine::eval::scene_flow;
+use engine::system::{Canonical, FlowSource, LayerRequest, Layers, NOWHERE, Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
 
@@ -15,7 +16,7 @@ const WAY: [f32; 3] = [0.1, -0.2, 0.05];
 /// Random parameters in a space, whose points all go [`WAY`] at all times but 0.
 fn shifted(kind: SpaceKind, seed: u64) -> RaySystem {
     let nothing = MadeSettings::of_time(TimeKind::Time, 2, 1);
-    let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Canonical, ..nothing.warp };
+    let warp = WarpSettings { motion: Motion::Translation, origin: Origin::Exact, ..nothing.warp };
     let mut deform = MadeSettings { warp, ..nothing }.deform(Times::of(&super::budget_tests::table().1), seed);
     let mut state: TensorMap = deform.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let TensorData::F32(networks) = &mut state.get_mut("deform.networks").unwrap().data else { panic!("floats") };
@@ -98,6 +99,24 @@ fn canonical_points_are_where_the_warp_sends_them() {
 }
 
 #[test]
+fn points_go_where_their_canonical_place_is_then() {
+    let driver = shifted(SpaceKind::Box, 3);
+    let ways = |driver: &RaySystem, from: f64, to: f64| {
+        let mut out = [None; 2];
+        driver.scene_flow(&[[0.1, 0.2, -0.3], [-0.5, 0.4, 0.0]], from, to, &mut out);
+        out.map(|way| DVec3::from(way.unwrap()))
+    };
+    // All have gone the way back at time 0, and stand still between two others.
+    let way = DVec3::from(WAY.map(f64::from));
+    assert!(ways(&driver, 0.5, 0.0).iter().all(|got| (*got - way).length() < 1e-4));
+    assert!(ways(&driver, 0.0, 0.5).iter().all(|got| (*got + way).length() < 1e-4));
+    assert_eq!(ways(&driver, 0.3, 0.7), [DVec3::ZERO; 2]);
+    let still = still(SpaceKind::Box, 3);
+    assert_eq!(ways(&still, 0.0, 1.0), [DVec3::ZERO; 2]);
+    assert_eq!([driver.flow_source(), still.flow_source()], [FlowSource::Canonical, FlowSource::Nothing]);
+}
+
+#[test]
 fn a_warp_of_contracted_space_is_brought_back_to_the_world() {
     let rays = rays();
     let driver = shifted(SpaceKind::Contracted, 3);
@@ -124,4 +143,23 @@ fn canonical_points_have_the_same_bits_with_1_2_and_4_threads() {
     };
     let one = on(1);
     assert!(on(2) == one && on(4) == one);
+}
+
+#[test]
+fn scene_flow_is_the_way_there_and_back_again_and_nothing_without_a_warp() {
+    let points = [[0.1, 0.2, -0.3], [0.0; 3], [-0.4, 0.3, 0.5]];
+    let says = |driver: &RaySystem, from: f64, to: f64| {
+        let mut out = [Some([9.0; 3]); 3];
+        scene_flow(driver, &points, from, to, &mut out);
+        out.map(|flow| flow.map(DVec3::from))
+    };
+    let (driver, way) = (shifted(SpaceKind::Box, 3), DVec3::from(WAY.map(f64::from)));
+    // Nothing is warped at 0, and all goes the same way at any other time.
+    for (from, to, want) in [(0.0, 0.5, -way), (0.5, 0.0, way), (0.3, 0.7, DVec3::ZERO)] {
+        for flow in says(&driver, from, to) {
+            assert!((flow.unwrap() - want).length() < 1e-5, "{flow:?} from {from} to {to}, not {want}");
+        }
+    }
+    let still = still(SpaceKind::Box, 3);
+    assert_eq!(says(&still, 0.0, 0.5), [None; 3], "not that nothing moves: it says nothing");
 }

@@ -11,9 +11,10 @@ use super::head::{PLACE_ROWS, place_features};
 use super::marched::{Gradients, Marched};
 use super::prepass::{Kept, Prepass};
 use super::ray_bars::RayGeometryBars;
+use super::scene_flow::FlowChunk;
 use super::tile::{StaticRay, TILE, Tile};
 use crate::buffers::sized;
-use crate::fields::{Features, Field, Part, Places, When};
+use crate::fields::{Features, Field, MovingBars, MovingPoints, Part, Places, When};
 use crate::photo_model::{Codes, Pixel};
 use crate::samplers::{Draw, Proposed, RaysInSpace};
 use crate::space::InternalRay;
@@ -51,7 +52,7 @@ pub(super) struct Chunk {
     pub(super) offsets: Vec<u32>,
     /// Distances of the samples, and their steps.
     pub(super) t: Vec<f32>,
-    dt: Vec<f32>,
+    pub(super) dt: Vec<f32>,
     /// Samples: of each ray those in front of what is opaque.
     pub(super) n: usize,
     /// `[3][n]`, positions in the grid: canonical ones, and those at the rays' own time where something moves.
@@ -70,6 +71,11 @@ pub(super) struct Chunk {
     pub(super) x_bar: Vec<f32>,
     pub(super) deform_grad: DeformGrad,
     pub(super) deform: DeformScratch,
+    /// Samples at which something moves, and their gradients; only where a part of the field is for these.
+    pub(super) moving: MovingPoints,
+    pub(super) moving_bars: MovingBars,
+    /// What moves in the frames beside; only where a term asks.
+    pub(super) flow: FlowChunk,
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
@@ -80,8 +86,10 @@ pub(super) struct Chunk {
     pub(super) seen: Vec<Pixel>,
     pub(super) stats: ChunkStats,
     pub(super) proposed: Proposed,
-    /// `[n]`, weights of the samples; only where proposals learn from them.
+    /// `[n]`, weights of the samples; only where proposals learn from them, or a loss of the deformation depends on them.
     pub(super) w: Vec<f32>,
+    /// Those that such a loss looks at.
+    pub(super) judged: Vec<f32>,
     prepass: Prepass,
     tile: Tile,
     /// Gradients of the rays themselves.
@@ -93,7 +101,7 @@ pub(super) struct TileWork<'t, 'g> {
     pub(super) tile: &'t mut Tile,
     pub(super) chunk: Marched<'t>,
     pub(super) gradients: &'t mut Gradients<'g>,
-    /// `[n]`, weights of the chunk's samples; empty where neither proposals nor the elastic loss need them.
+    /// `[n]`, weights of the chunk's samples; empty where neither proposals nor losses of the deformation need them.
     pub(super) weights: &'t mut [f32],
     pub(super) seen: &'t mut Vec<Pixel>,
     /// Rays of the tile, counted from the chunk's first.
@@ -133,6 +141,9 @@ impl Chunk {
             x_bar: Vec::new(),
             deform_grad: DeformGrad::default(),
             deform: DeformScratch::default(),
+            moving: MovingPoints::default(),
+            moving_bars: MovingBars::default(),
+            flow: FlowChunk::default(),
             density_grad: vec![0.0; field.density.packed_grad_len()],
             colour_grad: vec![0.0; field.colour.packed_grad_len()],
             head_grad: vec![0.0; head.map_or(0, |head| head.mlp.packed_grad_len())],
@@ -142,6 +153,7 @@ impl Chunk {
             stats: ChunkStats::default(),
             proposed: Proposed::default(),
             w: Vec::new(),
+            judged: Vec::new(),
             prepass: Prepass::default(),
             tile: Tile::default(),
             ray_bars: RayGeometryBars::default(),
@@ -172,9 +184,11 @@ impl Chunk {
             &self.density_grad,
             &self.colour_grad,
             &self.w,
+            &self.judged,
         ];
         let rays = self.rays.capacity() * size_of::<InternalRay>();
-        let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes();
+        let moving = self.moving.bytes() + self.moving_bars.bytes() + self.flow.bytes();
+        let parts = self.prepass.bytes() + self.proposed.bytes() + self.tile.bytes() + self.deform.bytes() + moving;
         4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + rays + parts
     }
 
@@ -207,7 +221,7 @@ impl Chunk {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);
                 let draw = Draw::Training { jitter: ctx.jitter, rays: all, first, exponent };
-                let time_steps = ctx.field.time_steps();
+                let time_steps = ctx.time_steps;
                 let view = |r: usize| ctx.batch.view[(rays.start + r) / ctx.per_pixel] as usize;
                 let time = |r: usize| time_steps.times.get(view(r)).copied().unwrap_or(0.0);
                 let at = RaysInSpace { simd: ctx.field.simd, space: ctx.space, rays: &self.rays };
@@ -220,7 +234,11 @@ impl Chunk {
         let Self { offsets, t, dt, x, was, which, features, .. } = self;
         let view = |ray: usize| ctx.batch.view[first_pixel + ray / ctx.per_pixel];
         self.n = self.prepass.follow(ctx, &self.rays, view, Kept { offsets, t, dt, x, was, which, features });
-        ctx.field.fill_times(When { time_steps: ctx.field.time_steps(), which: &self.which }, &mut self.times);
+        let when = When { time_steps: ctx.time_steps, which: &self.which };
+        ctx.field.fill_times(when, &mut self.times);
+        if let Some(part) = &ctx.field.moving {
+            self.moving.find(part, &self.x[..3 * self.n], when);
+        }
         self.stats.dense = self.prepass.dense;
         self.stats.placed = self.prepass.placed();
         self.stats.seconds[0] = (marched - start).as_secs_f64();
@@ -290,6 +308,7 @@ impl Chunk {
             n: self.n,
             basis: &self.basis,
             transient: &self.transient,
+            moving: &self.moving,
         };
         let mut gradients = Gradients {
             features: &mut self.features_bar,
@@ -298,6 +317,7 @@ impl Chunk {
             head: &mut self.head_grad,
             appearance: &mut self.appearance_bar,
             transient: &mut self.transient_bar,
+            moving: &mut self.moving_bars,
             directions: &mut self.ray_bars.basis,
         };
         let mut first = 0;

@@ -1,6 +1,7 @@
 //! Settings of a system of rays, part by part.
 
 use super::head::HeadConfig;
+use super::moving_config::MovingConfig;
 use crate::fields::{Decoder, DecoderChoice, DecoderKind, FeatureSource, NetworkConfig};
 use crate::samplers::{OccupancyConfig, ProposalConfig};
 use crate::settings::Settings;
@@ -66,7 +67,7 @@ impl BatchConfig {
 pub struct RateConfig {
     /// Learning rate at the start.
     pub lr: f32,
-    /// Steps after which the learning rate starts to fall.
+    /// Steps of the schedule after which the learning rate starts to fall.
     pub lr_hold: u64,
     /// Learning rate at `lr_hold * 10` steps, as a part of `lr`; it falls as a power of the step, so that a run may go on
     /// for as long as it likes.
@@ -86,10 +87,16 @@ impl RateConfig {
         if hold <= self.lr_hold {
             return self;
         }
-        Self { lr_hold: hold, lr_tenfold: 0.1_f32.powf(std::f32::consts::LOG2_10), ..self }
+        self.over(2 * hold)
     }
 
-    /// Learning rate of a step.
+    /// The rates of a schedule of `horizon` steps: held for half of them, however few, at the last a tenth of that.
+    #[must_use]
+    pub fn over(self, horizon: u64) -> Self {
+        Self { lr_hold: horizon / 2, lr_tenfold: 0.1_f32.powf(std::f32::consts::LOG2_10), ..self }
+    }
+
+    /// Learning rate of a step of the schedule.
     #[must_use]
     pub fn learning_rate(&self, step: u64) -> f32 {
         let x = (step.max(1) as f64 / self.lr_hold.max(1) as f64).log10().max(0.0);
@@ -141,6 +148,8 @@ pub struct RayConfig {
     pub terms: TermConfig,
     /// The transient head, where there is one.
     pub head: Option<HeadConfig>,
+    /// A part of the field for what moves, where one is asked for; `features` are those of what stands still then.
+    pub moving: Option<MovingConfig>,
 }
 
 fn bad(field: &'static str, value: impl ToString, problem: &str) -> SystemError {
@@ -172,6 +181,7 @@ impl RayConfig {
             rates: settings.of(&self.rates)?,
             terms: settings.of(&self.terms)?,
             head: self.head.as_ref().map(|head| settings.of(head)).transpose()?,
+            moving: self.moving.clone(),
         })
     }
 
@@ -226,5 +236,16 @@ mod tests {
         let parts = [1, 2000, 4000, 40_000].map(|step| rates.learning_rate(step) / rates.lr);
         assert_eq!(parts[..2], [1.0, 1.0]);
         assert!((parts[2] - 0.1).abs() < 1e-4 && parts[3] < 1e-4, "{parts:?}");
+    }
+
+    #[test]
+    fn rates_of_a_schedule_end_at_a_tenth_however_short_it_is() {
+        let planned = RateConfig { lr: 2e-2, lr_hold: 500, lr_tenfold: 0.1, network_lr: 1.0, weight_decay: 0.0 };
+        for horizon in [2, 60, 650, 100_000] {
+            let rates = planned.over(horizon);
+            let parts = [0, horizon / 2, horizon].map(|step| rates.learning_rate(step) / rates.lr);
+            assert!(parts[..2] == [1.0, 1.0] && (parts[2] - 0.1).abs() < 1e-4, "{horizon}: {parts:?}");
+        }
+        assert!(planned.over(0).learning_rate(0) == planned.lr && planned.over(0).learning_rate(9) > 0.0);
     }
 }

@@ -1,12 +1,15 @@
 //! What all chunks of a training step share: the field, where samples go, the batch, and what errors cost.
 
 use super::head::Head;
+use super::scene_flow::FlowContext;
 use crate::fields::Field;
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
 use crate::samplers::{Marcher, MeasuredDepth, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
+use crate::warps::{Deform, TimeSteps};
 use engine::data::Batch;
+use field_core::rng::Rng;
 use losses::kernel::Kernel;
 use render_core::occupancy::OccupancyGrid;
 use render_core::ray::Ray;
@@ -40,6 +43,8 @@ pub(super) struct StepContext<'a> {
     /// Part of a sample's interval that lies in front of it.
     pub(super) lead: f32,
     pub(super) batch: &'a Batch,
+    /// The time step of each view that the batch has pixels of.
+    pub(super) time_steps: &'a TimeSteps,
     /// What else the loss depends on.
     pub(super) photo_model: Option<&'a dyn PhotoModel>,
     /// Codes of the training views.
@@ -54,11 +59,15 @@ pub(super) struct StepContext<'a> {
     pub(super) truth: &'a [[f32; 3]],
     /// `[1 + proposals][rays]`, jitter of each ray's first sample, `[0, 1)`.
     pub(super) jitter: &'a [f32],
+    /// Random neighbours of the samples that a loss of the deformation compares with theirs.
+    pub(super) neighbours: Rng,
     /// Measured depth.
     pub(super) cues: Option<&'a MeasuredDepth>,
     pub(super) kernel: Kernel,
     /// What whole rays cost, besides measured depth.
     pub(super) terms: &'a [Box<dyn RayTerm>],
+    /// What is known of the frames beside, where something moves and that is asked for.
+    pub(super) flow: Option<FlowContext<'a>>,
     /// Optical depth behind which nothing is evaluated.
     pub(super) depth_limit: f64,
     /// Part of a ray's weight that faint samples are left out with.
@@ -84,9 +93,9 @@ impl StepContext<'_> {
         self.terms.iter().map(|term| &**term).chain(depth)
     }
 
-    /// Factor of the elastic loss.
-    pub(super) fn elastic(&self) -> f32 {
-        self.field.deform.as_ref().map_or(0.0, |deform| deform.config().elastic)
+    /// Whether a loss of the deformation depends on the weights of samples.
+    pub(super) fn weighs_deform(&self) -> bool {
+        self.field.deform().is_some_and(Deform::costs_by_weight)
     }
 
     /// What the error of pixel `i` costs and the derivative of that.

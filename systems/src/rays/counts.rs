@@ -23,6 +23,9 @@ pub(super) struct Seconds {
 pub(super) struct Skipped {
     /// Training samples kept, placed, and those a march without the occupancy grid would have placed.
     pub(super) kept: AtomicU64,
+    /// Those of them that the moving part was evaluated at, and all since it is there.
+    pub(super) moving: AtomicU64,
+    pub(super) beside_moving: AtomicU64,
     pub(super) placed: AtomicU64,
     pub(super) dense: AtomicU64,
     /// Intervals that proposals weighed.

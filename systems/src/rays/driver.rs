@@ -4,10 +4,13 @@ use super::chunk::Chunk;
 use super::config::{RayConfig, SamplerConfig};
 use super::counts::{Seconds, Skipped};
 use super::head::Head;
+use super::movers::Movers;
+use super::moving_config::MovingConfig;
 use super::work::{CHUNKS, Inputs, SecondRenders, Work};
 use crate::fields::{Field, NETWORK_ADAM};
 use crate::photo_model::PhotoModel;
 use crate::samplers::{DepthCueConfig, MeasuredDepth, Moves, Occupancy, ProposalNetwork, Proposals, Sampler};
+use crate::schedule::Course;
 use crate::space::{Space, SpaceKind};
 use crate::terms::RayTerm;
 use crate::warps::{Deform, StillWork};
@@ -43,11 +46,15 @@ pub struct RaySystem {
     pub(super) errors: Option<ErrorMap>,
     /// Which pixels are drawn, where masks say so.
     pub(super) guide: Option<Guide>,
+    /// What a part of the field for what moves waits for; `None`: there is no such part.
+    pub(super) movers: Option<Movers>,
     /// Measured depth; `None` where there is none, or it is not asked for.
     pub(super) cues: Option<MeasuredDepth>,
     pub(super) density_adam: Adam,
     pub(super) colour_adam: Adam,
     pub(super) guard: NonFiniteGuard,
+    /// The schedule, and where the training is in it.
+    pub(super) course: Course,
     /// Rays of the next batch.
     pub(super) rays: usize,
     pub(super) work: Work,
@@ -83,7 +90,11 @@ impl RaySystem {
         config.check()?;
         let codes = photo_model.as_ref().map_or([None; 2], |m| [m.appearance(), m.transient()]);
         let [appearance, transient] = codes.map(|codes| codes.map(|codes| codes.dims));
-        let moving = deform.is_some();
+        let moving = deform.is_some() || config.moving.is_some();
+        let (movers, deform) = match &config.moving {
+            Some(moving) => (Some(Movers::new(moving.clone(), deform)), None),
+            None => (None, deform),
+        };
         let rng = Rng::new(seed, INIT);
         let features = config.features.features(rng.substream(0))?;
         let field = Field::new(features, config.decoder(), appearance.unwrap_or(0), deform, &rng)?;
@@ -111,6 +122,7 @@ impl RaySystem {
             density_grad: vec![0.0; field.density_params.len()],
             colour_grad: vec![0.0; field.colour_params.len()],
             head_grad: vec![0.0; head.as_ref().map_or(0, |head| head.params.len())],
+            moving_grad: Vec::new(),
             packed_grad: Vec::new(),
             seen: Vec::new(),
             appearance_bar: Vec::new(),
@@ -125,8 +137,15 @@ impl RaySystem {
             density_adam: Adam::new(field.density_params.len(), networks),
             colour_adam: Adam::new(field.colour_params.len(), networks),
             guard: NonFiniteGuard::default(),
+            course: Course::default(),
             rays: FIRST_RAYS.min(config.batch.batch_rays),
-            terms: config.terms.terms(normalised_distance(&space, config.space.near)),
+            terms: config
+                .terms
+                .terms(normalised_distance(&space, config.space.near))
+                .into_iter()
+                .chain(config.moving.as_ref().and_then(MovingConfig::term))
+                .collect(),
+            movers,
             name,
             config,
             seed,
@@ -164,7 +183,7 @@ impl RaySystem {
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let scene = if self.is_timed() { Moves::Yes } else { Moves::No };
+        let scene = if self.is_timed() || self.movers.is_some() { Moves::Yes } else { Moves::No };
         self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 
@@ -173,6 +192,11 @@ impl RaySystem {
     pub(super) fn faint(&self) -> f32 {
         let all = self.sampler.proposals().is_some() || self.head.is_some();
         if all { 0.0 } else { self.config.batch.train_faint }
+    }
+
+    /// Learn by a schedule of `horizon` steps, which keeps up with the time of a training that stops after seconds.
+    pub(crate) fn follow_schedule(&mut self, horizon: u64) {
+        self.course = Course::new(horizon);
     }
 
     /// Let errors lead the rays.
@@ -211,7 +235,10 @@ impl RaySystem {
 
     /// Let the measured depths that disagree most with the rendered ones give way to these, where it is their turn.
     pub(super) fn refine_depth(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(step)) else { return Ok(()) };
+        // Of the schedule: what is reached with the step before.
+        let course = &self.course;
+        let reached = |every| step.checked_sub(1).map_or(0, |last| course.steps_done(last, every));
+        let Some(mut cues) = self.cues.take_if(|cues| cues.is_due(reached(cues.every()))) else { return Ok(()) };
         let refined = cues.refine(self, &self.space, self.background.colour(), data, step);
         self.cues = Some(cues);
         refined

@@ -153,7 +153,10 @@ fn keep(driver: &RaySystem, pixels: &Fit<'_>, dims: usize, every: usize, most: u
     let rows = driver.field.colour.inputs() - dims;
     // The codes of these rays are what is sought: any will do for where their samples lie.
     let blank = vec![0.0; dims];
+    // All of them are of one view, the first, and its time is that of the photo.
+    let time_steps = driver.field.time_steps_at(pixels.time);
     let ctx = StepContext {
+        time_steps: &time_steps,
         appearance: Some(Codes { dims, rows: &blank }),
         transient: driver.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),
         ..driver.context(&Plan::PICTURE, &inputs)

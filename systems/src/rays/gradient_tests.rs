@@ -1,19 +1,23 @@
 //! The gradient of a step as wired, from pixels to every learned number, against differences of the loss in f64.
 
-use super::budget_tests::{biased, randomised_with, small, table};
-use super::moving_tests::filmed;
+use super::budget_tests::{biased, randomised_moving, randomised_with, small, table};
+use super::moving_tests::{filmed, filmed_in};
+use super::scene_flow::{Film, FlowConfig, FramePriors};
 use super::step::Plan;
-use super::{HeadConfig, MixtureKind, RayConfig, RaySystem};
-use crate::fields::{HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
-use crate::papers::dynamic::k_planes;
+use super::{HeadConfig, MixtureKind, MovingConfig, MovingSettings, RayConfig, RaySystem};
+use crate::fields::{FeatureSource, HashGridSettings, NetworkConfig, VoxelSettings, fold_gradients};
+use crate::papers::dynamic::{dynamic_nerf, k_planes, nsff};
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
-use crate::plan::HASH_GRID;
+use crate::plan::{HASH_GRID, NewFlow};
 use crate::settings::Settings;
 use crate::space::SpaceKind;
 use crate::terms::TermConfig;
-use engine::data::Dataset;
+use crate::warps::made::MadeSettings;
+use crate::warps::{Motion, TimeKind, Times};
+use engine::data::{Dataset, View};
 use engine::options::RunOptions;
 use field_core::rng::Rng;
+use scene_io::{BitMask, Disparity, Flow, FlowPrior};
 use std::sync::Arc;
 
 /// Photos of the scene.
@@ -74,11 +78,12 @@ pub(super) const TERMS: TermConfig =
 type Groups = Vec<(&'static str, Vec<f32>)>;
 
 /// The loss of the batch that was drawn, mean over the pixels that count; the chunks hold the gradients afterwards.
-fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
+pub(super) fn loss(driver: &mut RaySystem, plan: &Plan) -> f64 {
     driver.each_chunk(plan, |chunk, ctx, pixels| {
         chunk.sample(ctx, pixels.clone());
         chunk.learn(ctx, pixels);
     });
+    driver.learn_flow(plan);
     driver.work.chunks.iter().map(|chunk| chunk.stats.loss).sum::<f64>() * f64::from(plan.share)
 }
 
@@ -101,6 +106,17 @@ fn gradients(driver: &mut RaySystem, plan: &Plan) -> Groups {
     if let Some(head) = &driver.head {
         let grads = chunks.iter().map(|c| &c.head_grad[..]).collect();
         out.push(("transient head", of(&head.mlp, head.params.len(), grads)));
+    }
+    if let Some(part) = &field.moving {
+        let in_place = part.features.pulls_in_place();
+        let mut features = vec![0.0; part.features.parameters().len()];
+        for chunk in chunks {
+            part.features.scatter(&chunk.moving_bars.part(in_place, &chunk.moving), &mut features);
+            chunk.flow.parts(in_place).for_each(|flow| part.features.scatter(&flow, &mut features));
+        }
+        let grads = chunks.iter().map(|c| &c.moving_bars.network[..]).collect();
+        let network = of(&part.network, part.params.len(), grads);
+        out.extend([("moving features", features), ("moving network", network)]);
     }
     let views = &driver.work.inputs.batch.view;
     for (name, transient) in [("appearance codes", false), ("transient codes", true)] {
@@ -128,13 +144,17 @@ fn shift(driver: &mut RaySystem, photo_model: &mut Coded, group: &str, i: usize,
         "features" => driver.field.features.parameters_mut()[i] += by,
         "density network" => driver.field.density_params[i] += by,
         "colour network" => driver.field.colour_params[i] += by,
+        "moving features" => driver.field.moving.as_mut().unwrap().features.parameters_mut()[i] += by,
+        "moving network" => driver.field.moving.as_mut().unwrap().params[i] += by,
         "transient head" => driver.head.as_mut().unwrap().params[i] += by,
+        "deformation" | "times" => driver.field.deform_mut().unwrap().shift(group == "times", i, by),
         "appearance codes" => photo_model.appearance[i] += by,
         "transient codes" => photo_model.transient.as_mut().unwrap()[i] += by,
         other => panic!("{other} has no numbers"),
     }
     driver.field.pack();
     driver.head.iter_mut().for_each(|head| head.pack());
+    driver.field.moving.iter_mut().for_each(|part| part.pack());
     if driver.photo_model.is_some() {
         driver.photo_model = Some(Box::new(photo_model.clone()));
     }
@@ -145,8 +165,15 @@ const CHECKED: usize = 60;
 
 fn check(config: RayConfig, photo_model: Option<Coded>, data: &Dataset) {
     let boxed = photo_model.clone().map(|photo_model| Box::new(photo_model) as Box<dyn PhotoModel>);
-    let mut driver = randomised_with(config, 5, boxed);
+    check_driver(randomised_with(config, 5, boxed), photo_model, data);
+}
+
+fn check_driver(mut driver: RaySystem, photo_model: Option<Coded>, data: &Dataset) {
     let mut photo_model = photo_model.unwrap_or_else(|| coded(false));
+    let has_flow = driver.config.moving.as_ref().is_some_and(|moving| moving.flow.is_some());
+    if has_flow {
+        driver.set_film(Film::with(data, known(data)));
+    }
     let per_pixel = (driver.config.batch.rays_per_side * driver.config.batch.rays_per_side) as usize;
     driver.rays = 48;
     driver.draw(data, 3, per_pixel).unwrap();
@@ -158,38 +185,47 @@ fn check(config: RayConfig, photo_model: Option<Coded>, data: &Dataset) {
         if driver.config.terms.point_colour > 0.0 && group != "colour network" {
             continue;
         }
-        let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
-        assert!(largest > 1e-4, "{group}: nothing is learnt ({largest})");
-        let mut kinks = 0;
-        let learning: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
-        let chosen = learning.iter().copied().step_by(learning.len().div_ceil(CHECKED)).chain([0]);
-        let mut checked = 0;
-        for i in chosen {
-            let mut slope = |h: f32| {
-                shift(&mut driver, &mut photo_model, group, i, h);
-                let above = loss(&mut driver, &plan);
-                shift(&mut driver, &mut photo_model, group, i, -2.0 * h);
-                let below = loss(&mut driver, &plan);
-                shift(&mut driver, &mut photo_model, group, i, h);
-                (above - below) / f64::from(2.0 * h)
-            };
-            let (wide, narrow) = (slope(4e-3), slope(2e-3));
-            checked += 1;
-            // A rectified unit that switches on between the two has no derivative to compare with.
-            if (wide - narrow).abs() > 1e-2 * f64::from(largest) {
-                kinks += 1;
-                continue;
-            }
-            let off = (narrow - f64::from(gradient[i])).abs();
-            assert!(
-                off < 1e-2 * f64::from(largest),
-                "{group} {i} of {}: differences say {narrow}, the gradient {} of at most {largest}",
-                gradient.len(),
-                gradient[i]
-            );
+        // The still part is held where scene flow looks at it.
+        if has_flow && ["features", "density network"].contains(&group) {
+            continue;
         }
-        assert!(4 * kinks < checked.max(4), "{group}: {kinks} of {checked} at kinks");
+        check_group(&mut driver, &mut photo_model, &plan, group, &gradient);
     }
+}
+
+/// Compare the gradient of a group with differences of the loss, number by number.
+pub(super) fn check_group(driver: &mut RaySystem, photo_model: &mut Coded, plan: &Plan, group: &str, gradient: &[f32]) {
+    let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+    assert!(largest > 1e-4, "{group}: nothing is learnt ({largest})");
+    let mut kinks = 0;
+    let learning: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
+    let chosen = learning.iter().copied().step_by(learning.len().div_ceil(CHECKED)).chain([0]);
+    let mut checked = 0;
+    for i in chosen {
+        let mut slope = |h: f32| {
+            shift(driver, photo_model, group, i, h);
+            let above = loss(driver, plan);
+            shift(driver, photo_model, group, i, -2.0 * h);
+            let below = loss(driver, plan);
+            shift(driver, photo_model, group, i, h);
+            (above - below) / f64::from(2.0 * h)
+        };
+        let (wide, narrow) = (slope(4e-3), slope(2e-3));
+        checked += 1;
+        // A rectified unit that switches on between the two has no derivative to compare with.
+        if (wide - narrow).abs() > 1e-2 * f64::from(largest) {
+            kinks += 1;
+            continue;
+        }
+        let off = (narrow - f64::from(gradient[i])).abs();
+        assert!(
+            off < 1e-2 * f64::from(largest),
+            "{group} {i} of {}: differences say {narrow}, the gradient {} of at most {largest}",
+            gradient.len(),
+            gradient[i]
+        );
+    }
+    assert!(4 * kinks < checked.max(4), "{group}: {kinks} of {checked} at kinks");
 }
 
 #[test]
@@ -233,10 +269,93 @@ fn of_appearance_codes_and_the_transient_head_with_its_first_sample() {
 }
 
 #[test]
+fn of_appearance_codes_of_a_scene_that_moves() {
+    let film = filmed_in(8, VIEWS);
+    let mut made = MadeSettings::of_time(TimeKind::Codes, 0, 2);
+    made.warp.motion = Motion::Rigid;
+    let mut deform = made.deform(Times::of(&film), 1);
+    deform.randomise(1.0);
+    let boxed: Box<dyn PhotoModel> = Box::new(coded(false));
+    let driver = randomised_moving(tiny(SpaceKind::Box), 5, Some(boxed), Some(deform));
+    check_driver(driver, Some(coded(false)), &film);
+}
+
+#[test]
 fn of_voxels() {
     let mut config = tiny(SpaceKind::Box);
-    config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
+    config.features = Arc::new(VoxelSettings { voxels: 8, voxels_every: 1.0, features: 2, voxel_variation: 0.0 });
     check(config, None, &table().1);
+}
+
+/// A part for what moves behind these features; nothing is looked for.
+pub(super) fn with_moving_part(config: RayConfig, features: Arc<dyn FeatureSource>) -> RayConfig {
+    let settings = MovingSettings { moving_from: 1.0, moving_share: 0.0, moving_entropy: 0.0 };
+    RayConfig { moving: Some(MovingConfig::new(features, settings)), ..config }
+}
+
+#[test]
+fn of_a_still_part_and_a_moving_one_in_one_ray() {
+    let film = filmed(8);
+    let still = tiny(SpaceKind::Box);
+    check(with_moving_part(still.clone(), planes(&film, "hybrid").features), None, &film);
+    let mut config = with_moving_part(still.clone(), still.features);
+    config.terms = TermConfig { sparsity: 0.5, ..TermConfig::default() };
+    check(config, None, &film);
+}
+
+/// Priors of all kinds: a steady flow, disparities that nothing has, and masks of the left half.
+pub(super) fn known(data: &Dataset) -> Vec<FramePriors> {
+    let of = |view: &View| {
+        let (width, height) = (view.camera.width, view.camera.height);
+        let flow = |vector: [f32; 2]| Flow {
+            width,
+            height,
+            vectors: vec![vector; (width * height) as usize],
+            seen: BitMask::from_fn(width, height, |x, _| x > 0),
+        };
+        let values = (0..width * height).map(|i| ((7 * i) % 11) as f32).collect();
+        FramePriors {
+            flow: FlowPrior { forward: Some(flow([0.7, -0.4])), backward: Some(flow([-1.1, 0.3])) },
+            disparity: Disparity::new(width, height, values),
+            moves: Some(BitMask::from_fn(width, height, |x, _| 2 * x < width)),
+        }
+    };
+    data.views().iter().map(of).collect()
+}
+
+/// A still part, and a moving one with scene flow and all that it costs.
+pub(super) fn with_scene_flow(data: &Dataset, flow: NewFlow, hides: bool) -> RayConfig {
+    let mut set = toml::Table::new();
+    for (name, value) in [
+        ("flow_share", 1.0),
+        ("flow_disparity", 0.3),
+        ("flow_renders", 1.0),
+        ("flow_order", 0.3),
+        ("flow_mask", 0.3),
+        ("flow_entropy", 0.1),
+    ] {
+        set.insert(name.into(), value.into());
+    }
+    // Two frames are looked at, too.
+    set.insert("flow_chain_from".into(), 0.0.into());
+    for name in ["flow_cycle", "flow_optical", "flow_small", "flow_spatial", "flow_steady", "flow_still"] {
+        set.insert(name.into(), 0.05.into());
+    }
+    let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
+    let mut settings = Settings::new(&run);
+    let flow = flow(&mut settings).unwrap();
+    settings.all().unwrap();
+    let mut config = with_moving_part(tiny(SpaceKind::Box), planes(data, "hybrid").features);
+    config.moving = config.moving.map(|moving| moving.with_flow(FlowConfig { hides, ..flow }));
+    config
+}
+
+#[test]
+fn of_scene_flow_and_what_it_costs() {
+    let film = filmed(8);
+    // What is hidden is left out: the weights that it is believed by are held. Its own gradient is checked with the terms.
+    check(with_scene_flow(&film, nsff::flow, false), None, &film);
+    check(with_scene_flow(&film, dynamic_nerf::flow, false), None, &film);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! What the tiles of a chunk read, and where their gradients go.
 
+use crate::fields::{MovingBars, MovingPoints};
+
 /// The samples of a chunk, as its tiles read them.
 #[derive(Clone, Copy)]
 pub(super) struct Marched<'a> {
@@ -18,6 +20,8 @@ pub(super) struct Marched<'a> {
     pub(super) basis: &'a [f32],
     /// `[place + transient code][rays]`
     pub(super) transient: &'a [f32],
+    /// Samples at which something moves, where a part of the field is for these.
+    pub(super) moving: &'a MovingPoints,
 }
 
 /// Where a tile's gradients go.
@@ -30,6 +34,7 @@ pub(super) struct Gradients<'a> {
     /// `[rays of the chunk][dims]`, added to.
     pub(super) appearance: &'a mut [f32],
     pub(super) transient: &'a mut [f32],
+    pub(super) moving: &'a mut MovingBars,
     /// `[sh][rays of the chunk]`, of what the colour network sees of directions, added to; empty where they are not asked for.
     pub(super) directions: &'a mut [f32],
 }

@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | `deform` |
+//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`; how it goes on in the frames beside: `scene_flow` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
@@ -24,6 +24,9 @@ mod chunk;
 mod config;
 mod context;
 mod counts;
+mod deform_losses;
+#[cfg(test)]
+mod deform_losses_tests;
 mod driver;
 mod fit;
 #[cfg(test)]
@@ -31,8 +34,14 @@ mod gradient_tests;
 mod head;
 mod learn;
 mod marched;
+mod movers;
+#[cfg(test)]
+mod movers_tests;
+mod moving_config;
+mod moving_places;
 #[cfg(test)]
 mod moving_tests;
+mod point_flow;
 mod points;
 mod prepass;
 #[cfg(test)]
@@ -43,6 +52,8 @@ mod ray_gradient;
 mod ray_gradient_tests;
 mod render;
 mod render_scratch;
+mod residuals;
+mod scene_flow;
 mod second_render;
 #[cfg(test)]
 mod second_render_tests;
@@ -56,3 +67,8 @@ mod work;
 pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};
 pub use driver::RaySystem;
 pub use head::{HeadConfig, MixtureKind};
+pub use moving_config::MovingConfig;
+pub(crate) use moving_config::MovingSettings;
+pub(crate) use scene_flow::{
+    BEYOND, FlowConfig, FlowRays, FlowSettings, FlowTerm, HERE, NEXT, PASSES, PREVIOUS, SeenBars,
+};

@@ -5,6 +5,7 @@ use super::budget_tests::{biased, occupancy};
 use super::{RayConfig, RaySystem};
 use crate::fields::VoxelSettings;
 use crate::samplers::OccupancyConfig;
+use crate::schedule::{Course, Done};
 use crate::space::{Space, SpaceKind};
 use crate::warps::made::MadeSettings;
 use crate::warps::{DensitySettings, Sees, TimeKind, Times};
@@ -12,7 +13,6 @@ use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::{Query, System, TensorData, TensorMap};
 use glam::DVec3;
-use optim::NonFiniteGuard;
 use render_core::ray::Ray;
 use scene_io::synthetic::{OrbitOptions, orbit};
 use scene_io::{ImageStore, Split, StoreOptions};
@@ -22,8 +22,12 @@ const TIME_STEPS: usize = 20;
 
 /// A photo of each time step.
 pub(super) fn filmed(side: u32) -> Dataset {
-    let options =
-        OrbitOptions { width: side, height: side, train: TIME_STEPS, test: 0, rays: 1, ..OrbitOptions::default() };
+    filmed_in(side, TIME_STEPS)
+}
+
+/// A photo of each of so many time steps.
+pub(super) fn filmed_in(side: u32, train: usize) -> Dataset {
+    let options = OrbitOptions { width: side, height: side, train, test: 0, rays: 1, ..OrbitOptions::default() };
     let scene = orbit(&options);
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
     Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
@@ -104,7 +108,7 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
 fn finer_voxels_show_the_same_scene() {
     let data = filmed(24);
     let mut config = small(SpaceKind::Box);
-    config.features = Arc::new(VoxelSettings { voxels: 24, voxels_every: 1000, features: 4 });
+    config.features = Arc::new(VoxelSettings { voxels: 24, voxels_every: 0.3, features: 4, voxel_variation: 0.0 });
     config.rates.lr = 1e-2;
     (config.batch.batch_rays, config.batch.batch_samples) = (512, 1 << 13);
     let mut driver = of(config, &data, MadeSettings::of_time(TimeKind::Time, 2, 1));
@@ -114,10 +118,9 @@ fn finer_voxels_show_the_same_scene() {
     }
     let before = shown(&driver, &data, 0.5);
     let learnt = distance(&nothing_yet, &before);
-    for doublings in 1..=3 {
+    for doublings in 1..=3_u8 {
         let params = driver.field.features.parameters().len();
-        driver.guard = NonFiniteGuard::default().resumed(doublings * 1000, 0, 0);
-        driver.field.features.refine(driver.guard.steps());
+        driver.field.features.refine(Done::of_share(0.3 * f64::from(doublings)));
         let more = driver.field.features.parameters().len() as f64 / params as f64;
         assert!((1.5..2.6).contains(&more), "doubling {doublings}: {more} times as many");
         let off = distance(&before, &shown(&driver, &data, 0.5));
@@ -126,10 +129,10 @@ fn finer_voxels_show_the_same_scene() {
         assert!(doublings > 1 || off < 0.75 * learnt, "the picture changes by {off}, and {learnt} was learnt");
     }
     let params = driver.field.features.parameters().len();
-    driver.guard = NonFiniteGuard::default().resumed(9000, 0, 0);
-    driver.field.features.refine(driver.guard.steps());
+    driver.field.features.refine(Done::of_share(1.0));
     assert_eq!(driver.field.features.parameters().len(), params, "three times and no more");
-    // It learns on.
+    // It learns on, from the end of its schedule.
+    driver.course = Course::new(1);
     for step in 60..64 {
         assert!(driver.step(&data, step).unwrap().nonfinite == 0);
     }

@@ -2,7 +2,7 @@
 
 use super::driver::RaySystem;
 use crate::buffers::shapes_hold;
-use crate::fields::{Columns, Placing, When};
+use crate::fields::{Columns, MovingCells, When};
 use crate::warps::{DeformScratch, Points};
 use engine::system::{Appearance, System};
 use glam::DVec3;
@@ -51,12 +51,11 @@ pub(super) fn colour(driver: &RaySystem, points: &[[f64; 3]], d: &[[f32; 3]], ti
     tasks.for_each(|((out, points), d)| {
         let (field, n) = (&driver.field, points.len());
         let (mut x, _) = place(driver, points);
-        let mut features = vec![0.0; field.rows() * n];
         let which = vec![0; n];
-        field.seen(&mut x, When { time_steps: &time_steps, which: &which }, &mut features, &mut Placing::default());
         let mut input = vec![0.0; field.colour.inputs() * n];
-        let mut scratch = vec![0.0; field.density.infer_scratch_len().max(field.colour.infer_scratch_len())];
-        field.density.infer(field.simd, &field.density_packed, &features, n, n, &mut input, n, &mut scratch);
+        let when = When { time_steps: &time_steps, which: &which };
+        field.outputs(&mut x, when, &mut input[..field.density.outputs() * n], &mut Default::default());
+        let mut scratch = vec![0.0; field.colour.infer_scratch_len()];
         let views: Vec<f32> = (0..3).flat_map(|a| d.iter().map(move |d| d[a])).collect();
         let (basis, codes) = input[field.density.outputs() * n..].split_at_mut(field.harmonics.out_rows() * n);
         shapes_hold(field.harmonics.encode(field.simd, &views, basis));
@@ -76,7 +75,7 @@ pub(super) fn colour(driver: &RaySystem, points: &[[f64; 3]], d: &[[f32; 3]], ti
 /// that does not is given.
 pub(super) fn canonical(driver: &RaySystem, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
     out.copy_from_slice(points);
-    let Some(deform) = driver.field.deform.as_ref().filter(|deform| deform.warps()) else { return };
+    let Some(deform) = driver.field.deform().filter(|deform| deform.warps()) else { return };
     let time_steps = driver.field.time_steps_at(time);
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK));
     tasks.for_each_init(DeformScratch::default, |scratch, (out, points)| {
@@ -92,9 +91,12 @@ pub(super) fn canonical(driver: &RaySystem, points: &[[f64; 3]], time: f64, out:
         // The rows that the density network sees are of no interest here.
         let (mut x, mut seen) = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
         deform.place(Points { x: &was, which: &vec![0; n], time_steps: &time_steps }, &mut x, &mut seen, scratch);
+        let cells = driver.field.moving.as_ref().map(|part| &part.cells);
         for (i, out) in out.iter_mut().enumerate() {
             let [from, to] = [&was, &x].map(|x| [x[i], x[n + i], x[2 * n + i]]);
-            if internal[i].is_some() && from != to {
+            // Where a part of the field is for what moves, nothing moves elsewhere.
+            let moves = cells.is_none_or(|cells: &MovingCells| cells.holds(from));
+            if internal[i].is_some() && from != to && moves {
                 *out = driver.space.world_point(driver.space.internal_of_grid(to)).to_array();
             }
         }

@@ -8,7 +8,7 @@
 
 use super::context::StepContext;
 use crate::buffers::sized;
-use crate::fields::{Placing, When};
+use crate::fields::{Mixed, MovingPoints, Placing, When};
 use crate::samplers::{CutRoom, Intervals, Marcher, Proposed};
 use crate::space::InternalRay;
 use render_core::occupancy::OccupancyGrid;
@@ -40,6 +40,9 @@ pub(super) struct Prepass {
     raw: Vec<f32>,
     mlp: Vec<f32>,
     placing: Placing,
+    /// Samples of a round at which something moves.
+    moving: MovingPoints,
+    mixed: Mixed,
     cut: CutRoom,
     /// Samples a march without the occupancy grid would have placed.
     pub(super) dense: u64,
@@ -119,7 +122,11 @@ impl Prepass {
         let rounds: usize = self.rounds.iter().map(Round::bytes).sum();
         let counts = self.offsets.capacity() + self.alive.capacity() + self.evaluated.capacity() + self.kept.capacity();
         let floats = self.t.capacity() + self.dt.capacity() + self.p.capacity() + self.raw.capacity();
-        rounds + 4 * (counts + floats + self.lost.capacity()) + self.placing.bytes()
+        rounds
+            + 4 * (counts + floats + self.lost.capacity())
+            + self.placing.bytes()
+            + self.moving.bytes()
+            + self.mixed.bytes()
     }
 
     /// Samples the march placed.
@@ -244,11 +251,15 @@ impl Prepass {
             }
         }
         let features = sized(&mut round.features, field.rows() * n);
-        let when = When { time_steps: field.time_steps(), which: &round.which };
+        let when = When { time_steps: ctx.time_steps, which: &round.which };
         field.seen(x, when, features, &mut self.placing);
         let raw = sized(&mut self.raw, field.density.outputs() * n);
         let mlp = sized(&mut self.mlp, field.density.infer_scratch_len());
         field.density.infer(field.simd, &field.density_packed, features, n, n, raw, n, mlp);
+        if let Some(part) = &field.moving {
+            self.moving.find(part, x, when);
+            self.mixed.infer(field.simd, part, self.moving.all(), raw);
+        }
 
         let mut still = 0;
         round.columns.clear();

@@ -32,6 +32,18 @@ impl Chunk {
             let points = Points { x: &self.was[..3 * n], which: &self.which, time_steps: deform.time_steps() };
             deform.learn(points, x_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
         }
+        if let Some(part) = &field.moving {
+            let (moving_bar, seen_bar) = self.moving_bars.pull(part, &self.moving, Detail::All);
+            if let Some(deform) = &part.deform {
+                self.deform_grad.begin(deform);
+                let points = self.moving.points(deform.time_steps());
+                deform.learn(points, moving_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
+            }
+            let m = self.moving.columns.len();
+            for (k, &i) in self.moving.columns.iter().enumerate() {
+                (0..3).for_each(|a| x_bar[a * n + i as usize] += moving_bar[a * m + k]);
+            }
+        }
 
         let map = ctx.space.map();
         let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));

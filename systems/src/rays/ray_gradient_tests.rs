@@ -13,6 +13,7 @@ use crate::gradients::{ByRay, RayTargets};
 use crate::photo_model::PhotoModel;
 use crate::plan::HASH_GRID;
 use crate::samplers::ProposalConfig;
+use crate::schedule::Done;
 use crate::space::{Space, SpaceKind};
 use crate::warps::made::MadeSettings;
 use crate::warps::{Deform, Motion, Origin, TimeKind, Times, WarpSettings};
@@ -175,7 +176,7 @@ fn of_a_hash_grid_with_all_terms_a_transient_head_and_levels_that_come_in() {
     let levels = HashGridSettings { levels: 2, features: 2, log2_table: 6, n_min: 2, n_max: 5, ..HASH_GRID };
     config.features = std::sync::Arc::new(HashGridSettings { levels_anneal: 10, levels_first: 1, ..levels });
     let mut driver = random(config, false);
-    driver.field.features.refine(6);
+    driver.field.features.refine(Done { steps: 6, share: 0.0 });
     check(driver, &table().1);
 }
 
@@ -192,7 +193,8 @@ fn of_samples_that_proposals_place() {
 fn of_voxels() {
     for photo_model in [false, true] {
         let mut config = tiny(SpaceKind::Box);
-        config.features = std::sync::Arc::new(VoxelSettings { voxels: 8, voxels_every: 1000, features: 2 });
+        config.features =
+            std::sync::Arc::new(VoxelSettings { voxels: 8, voxels_every: 1.0, features: 2, voxel_variation: 0.0 });
         check(random(config, photo_model), &table().1);
     }
 }
@@ -212,9 +214,9 @@ fn of_planes_of_space_and_of_planes_of_time() {
 /// A field that a network moves.
 fn warped(data: &Dataset) -> RaySystem {
     let mut made = MadeSettings::of_time(TimeKind::Time, 2, 1);
-    made.warp = WarpSettings { motion: Motion::Translation, origin: Origin::Free, octaves: 2, anneal: 0, depth: 2 };
+    made.warp = WarpSettings { motion: Motion::Translation, origin: Origin::Free, octaves: 2, anneal: 0.0, depth: 2 };
     let mut deform: Deform = made.deform(Times::of(data), 1);
-    deform.randomise(7);
+    deform.randomise(0.5);
     let mut config = tiny(SpaceKind::Box);
     occupancy(&mut config).step_min = 0.08;
     let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);

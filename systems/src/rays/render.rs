@@ -222,6 +222,10 @@ impl Job<'_> {
         let raw = sized(&mut s.raw, field.density.outputs() * n);
         let acts = sized(&mut s.acts, field.density.activations_len(n));
         field.density.forward(field.simd, &field.density_packed, features, n, n, raw, n, acts);
+        if let Some(part) = &field.moving {
+            s.moving.find(part, x, When { time_steps: &self.time_steps, which: &s.which });
+            s.mixed.forward(field.simd, part, s.moving.all(), raw);
+        }
 
         s.kept.clear();
         let (mut column, mut shaded) = (0, 0);
@@ -324,6 +328,11 @@ fn add_normals(
     grad.fill(0.0);
     let scratch = sized(&mut s.mlp, field.density.backward_scratch_len());
     let (simd, packed, acts) = (field.simd, &field.density_packed, &s.acts);
+    if let Some(part) = &field.moving {
+        s.moving_bars.begin(part, s.moving.columns.len());
+        let bars = &mut s.moving_bars;
+        s.mixed.backward(simd, part, s.moving.all(), bar, n, None, &mut bars.features, &mut bars.network);
+    }
     field.density.backward(simd, packed, acts, bar, n, features_bar, n, grad, scratch);
     let x_bar = sized(&mut s.x_bar, 3 * n);
     x_bar.fill(0.0);
@@ -336,6 +345,18 @@ fn add_normals(
         let (grad, scratch) = &mut s.deform;
         grad.begin_at(deform, time_steps);
         deform.learn(Points { x: &s.was[..3 * n], which: &s.which, time_steps }, x_bar, seen_bar, grad, scratch);
+    }
+    if let Some(part) = field.moving.as_ref().filter(|_| !s.moving.columns.is_empty()) {
+        let (moving_bar, seen_bar) = s.moving_bars.pull(part, &s.moving, Detail::All);
+        if let Some(deform) = &part.deform {
+            let (grad, scratch) = &mut s.deform;
+            grad.begin_at(deform, time_steps);
+            deform.learn(s.moving.points(time_steps), moving_bar, seen_bar, grad, scratch);
+        }
+        let m = s.moving.columns.len();
+        for (k, &i) in s.moving.columns.iter().enumerate() {
+            (0..3).for_each(|a| x_bar[a * n + i as usize] += moving_bar[a * m + k]);
+        }
     }
     for kept in &s.kept {
         let (i, ray) = (kept.column as usize, &s.rays[kept.ray as usize]);

@@ -1,6 +1,6 @@
 //! Memory of a task of a render, and a ray on its way.
 
-use crate::fields::Placing;
+use crate::fields::{Mixed, MovingBars, MovingPoints, Placing};
 use crate::samplers::Proposed;
 use crate::space::InternalRay;
 use crate::warps::{DeformGrad, DeformScratch};
@@ -29,6 +29,10 @@ pub(super) struct Scratch {
     pub(super) was: Vec<f32>,
     pub(super) which: Vec<u32>,
     pub(super) placing: Placing,
+    /// Samples at which something moves, where a part of the field is for these.
+    pub(super) moving: MovingPoints,
+    pub(super) mixed: Mixed,
+    pub(super) moving_bars: MovingBars,
     pub(super) deform: (DeformGrad, DeformScratch),
     pub(super) features: Vec<f32>,
     pub(super) acts: Vec<f32>,

@@ -7,6 +7,9 @@ use engine::system::{
 };
 use optim::{Adam, NonFiniteGuard};
 
+/// Name of the place in the schedule.
+const COURSE: &str = "field.position";
+
 /// Of the field's features.
 fn field_names() -> Names {
     Names::new("field.grid", "grid")
@@ -38,8 +41,10 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
     out.extend(driver.errors.iter().flat_map(|map| map.state()));
     out.extend(driver.cues.iter().flat_map(|cues| cues.state()));
     out.extend(f.deform.iter().flat_map(|deform| deform.state()));
+    out.extend(driver.movers_state());
     out.extend(driver.photo_model.iter().flat_map(|photo_model| photo_model.state()));
     driver.sampler.push_state(&mut out);
+    out.extend(driver.course.state(COURSE));
     out
 }
 
@@ -47,7 +52,9 @@ pub(super) fn save(driver: &RaySystem) -> Vec<Tensor<'_>> {
 pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), SystemError> {
     let f = &driver.field;
     let counters = take_counts(tensors, "counters", 5)?;
-    let features = f.features.restored(&field_names(), tensors, counters[2])?;
+    let course = driver.course.restored(tensors, COURSE)?;
+    let done = course.done(counters[2]);
+    let features = f.features.restored(&field_names(), tensors, done)?;
     let density = take_numbers(tensors, "field.density", f.density_params.len())?;
     let colour = take_numbers(tensors, "field.colour", f.colour_params.len())?;
     let refused = |name: &str, problem: String| Err(SystemError::State { name: name.into(), problem });
@@ -62,7 +69,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
         Ok::<_, SystemError>((take_numbers(tensors, "field.head", old.params.len())?, adam("head".into(), &old.adam)?))
     });
     let head = head.transpose()?;
-    let sampler = driver.sampler.read_state(tensors, counters[1], counters[2])?;
+    let sampler = driver.sampler.read_state(tensors, counters[1], done)?;
 
     if let Some(map) = &mut driver.errors {
         map.load_state(tensors)?;
@@ -76,6 +83,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
     if let Some(photo_model) = &mut driver.photo_model {
         photo_model.load_state(tensors)?;
     }
+    driver.load_movers(tensors, done)?;
     (driver.field.features, driver.field.density_params, driver.field.colour_params) = (features, density, colour);
     (driver.density_adam, driver.colour_adam) = (density_adam, colour_adam);
     driver.sampler.restore(sampler);
@@ -83,6 +91,7 @@ pub(super) fn load(driver: &mut RaySystem, tensors: &TensorMap) -> Result<(), Sy
         (old.params, old.adam) = (params, adam);
         old.pack();
     }
+    driver.course = course;
     driver.rays = counters[0] as usize;
     driver.guard = NonFiniteGuard::default().resumed(counters[2], counters[3], counters[4]);
     driver.field.pack();

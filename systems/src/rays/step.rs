@@ -4,7 +4,7 @@ use super::context::Placing;
 use super::context::StepContext;
 use super::driver::RaySystem;
 use super::work::{CHUNKS, Inputs, Work};
-use crate::fields::{Part, fold_gradients};
+use crate::fields::{MovingPart, Part, fold_gradients};
 use crate::left_out::unweighted;
 use crate::photo_model::mean_transient;
 use crate::photo_model::{Drawing, Outcome, Pixel};
@@ -24,6 +24,7 @@ use std::time::Instant;
 const BACKGROUND: u64 = 0x6261_636b;
 const JITTER: u64 = 0x6a69_7474;
 const STILL: u64 = 0x7374_696c;
+const NEIGHBOURS: u64 = 0x6e65_6172;
 
 fn since(start: Instant) -> f64 {
     start.elapsed().as_secs_f64()
@@ -65,6 +66,7 @@ impl RaySystem {
     pub(super) fn train_step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         let step = self.between_steps(data, step)?;
         self.refine_depth(data, step)?;
+        self.begin_movers(data, step)?;
         let start = Instant::now();
         if let Some(occupancy) = self.sampler.occupancy_mut().filter(|occupancy| occupancy.is_due(step)) {
             occupancy.update(&self.field, &self.space, self.seed, step);
@@ -97,6 +99,7 @@ impl RaySystem {
                 chunk.learn(ctx, pixels);
             });
         }
+        self.learn_flow(&plan);
         self.render_twice(data, step)?;
         let mut stats = self.count(rays);
         if let Some(mut map) = self.errors.take() {
@@ -107,9 +110,10 @@ impl RaySystem {
             self.errors = Some(map);
         }
 
-        let lr = f64::from(self.config.rates.learning_rate(step));
+        self.look_for_movers(step);
+        let lr = f64::from(self.config.rates.learning_rate(self.course.done(step).steps));
         let start = Instant::now();
-        let bad = self.update_grid(lr) + self.update_proposals(lr);
+        let bad = self.update_grid(lr) + self.update_moving_features(lr) + self.update_proposals(lr);
         self.seconds.scatter += since(start);
         let start = Instant::now();
         let network_lr = lr * f64::from(self.config.rates.network_lr);
@@ -121,7 +125,11 @@ impl RaySystem {
         }
         stats.nonfinite = bad as u64;
         self.guard.record(bad)?;
-        self.field.features.refine(self.guard.steps());
+        let done = self.course.done(self.guard.steps());
+        self.field.features.refine(done);
+        if let Some(part) = &mut self.field.moving {
+            part.features.refine(done);
+        }
 
         // As many rays as make the samples the batch aims at; at most twice as many as before, as the count is noisy.
         let per_ray = (stats.samples as f64 / rays.max(1) as f64).max(1.0);
@@ -141,17 +149,26 @@ impl RaySystem {
             Drawing::Pixels if let Some(guide) = &self.guide => {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
             }
-            Drawing::Pixels if let Some(map) = &self.errors => {
+            // What a still part alone cannot explain is not drawn more often for that.
+            Drawing::Pixels
+                if let Some(map) =
+                    self.errors.as_ref().filter(|_| self.movers.is_none() || self.field.moving.is_some()) =>
+            {
                 data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
-                let views = self.field.deform.as_ref().and_then(Deform::open_views);
+                let views = self.field.deform().and_then(Deform::open_views);
                 data.draw_among(self.seed, step, pixels, views, batch)?;
             }
             Drawing::Patches(patches, least) => {
                 let count = pixels.div_ceil(patches.pixels()).max(least);
                 data.draw_patches(self.seed, step, count, patches, batch)?;
             }
+        }
+        if self.field.moving.is_none()
+            && let Some(movers) = &self.movers
+        {
+            movers.leave_out(batch);
         }
         let ignored = unweighted(batch);
         if let Some(photo_model) = &mut self.photo_model {
@@ -189,6 +206,7 @@ impl RaySystem {
             },
             lead: self.sampler.lead(),
             batch: &inputs.batch,
+            time_steps: self.field.time_steps(),
             photo_model: self.photo_model.as_deref(),
             appearance: self.photo_model.as_ref().and_then(|photo_model| photo_model.learning_appearance()),
             transient: self.photo_model.as_ref().and_then(|photo_model| photo_model.transient()),
@@ -197,9 +215,11 @@ impl RaySystem {
             background: &inputs.background,
             truth: &inputs.truth,
             jitter: &inputs.jitter,
+            neighbours: Rng::new(self.seed, NEIGHBOURS).substream(plan.step),
             cues: self.cues.as_ref(),
             kernel: self.config.batch.kernel(),
             terms: &self.terms,
+            flow: self.flow_context(plan.step).filter(|_| plan.step != u64::MAX && !plan.by_ray),
             depth_limit: depth_limit(self.config.batch.train_stop),
             faint: self.faint(),
             share: plan.share,
@@ -247,6 +267,10 @@ impl RaySystem {
             self.skipped.dense.fetch_add(s.dense, Ordering::Relaxed);
             self.skipped.placed.fetch_add(s.placed, Ordering::Relaxed);
             self.skipped.kept.fetch_add(chunk.n as u64, Ordering::Relaxed);
+            if self.field.moving.is_some() {
+                self.skipped.moving.fetch_add(chunk.moving.columns.len() as u64, Ordering::Relaxed);
+                self.skipped.beside_moving.fetch_add(chunk.n as u64, Ordering::Relaxed);
+            }
         }
         if weight > 0.0 {
             stats.loss /= weight;
@@ -257,24 +281,48 @@ impl RaySystem {
 
     /// Gradients of the grid, level by level, and Adam on what they touched. Returns the count of non-finite gradients.
     fn update_grid(&mut self, lr: f64) -> usize {
+        if self.still_is_held() {
+            return 0;
+        }
         let field = &mut self.field;
         let parts: [Part<'_>; CHUNKS] = array::from_fn(|c| self.work.chunks[c].part(&*field.features));
         field.features.step(lr, &parts)
     }
 
+    /// The same of what the moving part learns about places.
+    fn update_moving_features(&mut self, lr: f64) -> usize {
+        let Some(MovingPart { features, .. }) = &mut self.field.moving else { return 0 };
+        let chunks = &self.work.chunks;
+        let in_place = features.pulls_in_place();
+        let own = chunks.iter().map(|chunk| chunk.moving_bars.part(in_place, &chunk.moving));
+        let parts: Vec<Part<'_>> = own.chain(chunks.iter().flat_map(|chunk| chunk.flow.parts(in_place))).collect();
+        features.step(lr, &parts)
+    }
+
     /// Fold the chunks' network gradients in order, and Adam. Returns the count of non-finite gradients.
     fn update_networks(&mut self, lr: f64) -> usize {
+        let held = self.still_is_held();
         let field = &mut self.field;
-        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, second_renders, .. } = &mut self.work;
+        let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, moving_grad, second_renders, .. } =
+            &mut self.work;
         fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
         let colours = chunks.iter().chain(second_renders.chunks()).map(|c| &c.colour_grad[..]);
         fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
-        let mut bad = self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad)
-            + self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        let mut bad = self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
+        if !held {
+            bad += self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad);
+        }
         if let Some(head) = &mut self.head {
             fold_gradients(&head.mlp, chunks.iter().map(|c| &c.head_grad[..]), packed_grad, head_grad);
             bad += head.adam.step(field.simd, lr, &mut head.params, head_grad);
             head.pack();
+        }
+        if let Some(part) = &mut field.moving {
+            let grads = chunks.iter().map(|c| &c.moving_bars.network[..]);
+            moving_grad.resize(part.params.len(), 0.0);
+            fold_gradients(&part.network, grads, packed_grad, moving_grad);
+            bad += part.adam.step(field.simd, lr, &mut part.params, moving_grad);
+            part.pack();
         }
         field.pack();
         bad
@@ -282,13 +330,14 @@ impl RaySystem {
 
     /// One step of what moves. Returns the count of non-finite gradients.
     fn update_deform(&mut self, step: u64, lr: f64) -> usize {
-        let Some(deform) = &mut self.field.deform else { return 0 };
+        let share = self.course.done(step + 1).share;
+        let Some(deform) = self.field.deform_mut() else { return 0 };
         let Work { chunks, still, .. } = &mut self.work;
         let grads = chunks.iter().map(|c| &c.deform_grad);
         if deform.holds_background(&Rng::new(self.seed, STILL).substream(step), still) {
-            return deform.step(grads.chain([&still.grad]), lr);
+            return deform.step(grads.chain([&still.grad]), lr, share);
         }
-        deform.step(grads, lr)
+        deform.step(grads, lr, share)
     }
 
     /// One step of each proposal. Returns the count of non-finite gradients.

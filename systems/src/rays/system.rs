@@ -2,12 +2,15 @@
 
 use super::chunk::Chunk;
 use super::driver::RaySystem;
+use super::point_flow::LearnedFlow;
 use super::{account, fit, points, render, state};
+use crate::fields::MovingPart;
 use crate::survey::Surveys;
 use crate::warps::Deform;
 use engine::data::Dataset;
 use engine::system::{
-    Appearance, Fit, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+    Appearance, Fit, FlowSource, Layers, Query, SkipRow, StepStats, System, SystemError, Tensor, TensorMap, Trial,
+    follow_canonical,
 };
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
@@ -19,6 +22,14 @@ impl System for RaySystem {
 
     fn step(&mut self, data: &Dataset, step: u64) -> Result<StepStats, SystemError> {
         self.train_step(data, step)
+    }
+
+    fn keep_up(&mut self, step: u64, time: f64) {
+        self.course.keep_up(step, time);
+    }
+
+    fn news(&mut self) -> Option<String> {
+        self.movers.as_mut()?.news()
     }
 
     fn render(&self, rays: &[Ray], query: &Query) -> Layers {
@@ -69,6 +80,24 @@ impl System for RaySystem {
         points::canonical(self, points, time, out);
     }
 
+    fn flow_source(&self) -> FlowSource {
+        match LearnedFlow::of(self) {
+            Some(_) => FlowSource::Learned,
+            None if self.field.deform().is_some_and(Deform::warps) => FlowSource::Canonical,
+            None => FlowSource::Nothing,
+        }
+    }
+
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        match LearnedFlow::of(self) {
+            Some(learned) => learned.follow(points, [from, to], out),
+            None => {
+                let canonical = |x: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]| self.canonical(x, time, out);
+                follow_canonical(&canonical, self.bounds(), points, [from, to], out);
+            }
+        }
+    }
+
     fn first_sample(&self, ray: &Ray) -> f64 {
         self.space.world_distance(ray, self.space.internal_ray(ray).start)
     }
@@ -89,9 +118,10 @@ impl System for RaySystem {
         let f = &self.field;
         let head = self.head.as_ref().map_or(0, |head| head.params.len());
         let deform = f.deform.as_ref().map_or(0, Deform::parameter_count);
+        let moving = f.moving.as_ref().map_or(0, MovingPart::parameter_count);
         let photo_model = self.photo_model.as_ref().map_or(0, |photo_model| photo_model.parameter_count());
         let field = f.features.parameters().len() + f.density_params.len() + f.colour_params.len();
-        field + self.sampler.parameter_count() + head + deform + photo_model
+        field + self.sampler.parameter_count() + head + deform + moving + photo_model
     }
 
     fn memory_bytes(&self) -> usize {

@@ -3,8 +3,9 @@
 use super::context::StepContext;
 use super::head::{HeadBars, HeadTile, StaticBars, StaticPart};
 use super::marched::{Gradients, Marched};
+use super::scene_flow::KeptSamples;
 use crate::buffers::sized;
-use crate::fields::Columns;
+use crate::fields::{Columns, Mixed};
 use crate::photo_model::{Pixel, PixelBar};
 use crate::terms::{RayBars, TileRays};
 use render_core::quadrature::{
@@ -61,6 +62,9 @@ pub(super) struct Tile {
     pub(super) scratch: Vec<f32>,
     /// Gradients of the terms that read whole rays.
     bars: RayBars,
+    /// Samples at which something moves, mixed of both parts, and the moving part's share of each sample, `[n]`.
+    mixed: Mixed,
+    shares: Vec<f32>,
     /// Gradient of the rays' uncertainties and mean transient densities.
     head_bars: HeadBars,
     head: HeadTile,
@@ -80,8 +84,10 @@ impl Tile {
             &self.tau_bar,
             &self.w,
             &self.scratch,
+            &self.shares,
         ];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + self.bars.bytes() + self.head.bytes()
+        let parts = self.bars.bytes() + self.head.bytes() + self.mixed.bytes();
+        4 * floats.iter().map(|b| b.capacity()).sum::<usize>() + parts
     }
 
     /// Render the rays `rays` of a chunk; `pixels` are their pixels in the batch.
@@ -103,6 +109,12 @@ impl Tile {
         let density_acts = sized(&mut self.density_acts, field.density.activations_len(n));
         let features = &chunk.features[samples.start.min(chunk.features.len())..];
         field.density.forward(field.simd, &field.density_packed, features, chunk.n, n, input, n, density_acts);
+        self.shares.clear();
+        if let Some(part) = &field.moving {
+            let moving = chunk.moving.within(samples.clone());
+            self.mixed.forward(field.simd, part, moving, &mut input[..geometry * n]);
+            self.mixed.shares(moving, sized(&mut self.shares, n));
+        }
         let tau = sized(&mut self.tau, n);
         for (i, tau) in tau.iter_mut().enumerate() {
             *tau = field.density_of(input[i]) * chunk.dt[samples.start + i];
@@ -178,6 +190,23 @@ impl Tile {
         StaticRay { w: &self.w[span], input: &self.input, stride, first, trans_end }
     }
 
+    /// Write what [`Tile::forward`] found of the samples of `rays` over theirs of the chunk.
+    pub(super) fn keep(&self, ctx: &StepContext<'_>, chunk: Marched<'_>, rays: Range<usize>, kept: &mut KeptSamples) {
+        let samples = chunk.offsets[rays.start] as usize..chunk.offsets[rays.end] as usize;
+        let n = samples.len();
+        if n == 0 {
+            return;
+        }
+        kept.tau[samples.clone()].copy_from_slice(&self.tau[..n]);
+        for (row, rgb) in kept.rgb.chunks_exact_mut(chunk.n).zip(self.rgb.chunks_exact(n)) {
+            row[samples.clone()].copy_from_slice(rgb);
+        }
+        let still = &mut kept.still[samples.clone()];
+        still.copy_from_slice(&self.tau[..n]);
+        let dt = &chunk.dt[samples.clone()];
+        self.mixed.each_still(chunk.moving.within(samples), |i, raw| still[i] = ctx.field.density_of(raw) * dt[i]);
+    }
+
     /// Take the derivatives of the pixels of [`Tile::forward`], in their order, each times `factor`.
     pub(super) fn set_bars(&mut self, per_pixel: usize, bars: impl Iterator<Item = PixelBar>) {
         self.pixel_bar.clear();
@@ -216,6 +245,7 @@ impl Tile {
             w: &self.w[..n],
             rgb: &self.rgb[..3 * n],
             trans_end: &self.trans_end[..count],
+            moving: &self.shares,
             per_pixel: ctx.per_pixel,
             weight: &ctx.batch.weight[pixels.clone()],
             truth: &ctx.truth[pixels.clone()],
@@ -320,6 +350,13 @@ impl Tile {
         for (bar, (tau_bar, tau)) in input_bar.iter_mut().zip(self.tau_bar.iter().zip(&self.tau[..n])) {
             // d tau / d raw = tau, as the density is an exponential.
             *bar += tau_bar * tau;
+        }
+        if let Some(part) = &field.moving {
+            let (moving, raw_bar) =
+                (chunk.moving.within(samples.clone()), &mut input_bar[..field.density.outputs() * n]);
+            let (share_bar, bars) = (self.bars.moving.get(), &mut *out.moving);
+            let (features_bar, grad) = (&mut bars.features[..], &mut bars.network[..]);
+            self.mixed.backward(field.simd, part, moving, raw_bar, n, share_bar, features_bar, grad);
         }
         let features_bar = &mut out.features[samples.start..];
         let (packed, acts) = (&field.density_packed, &self.density_acts);

@@ -29,6 +29,7 @@ pub(super) struct Work {
     pub(super) density_grad: Vec<f32>,
     pub(super) colour_grad: Vec<f32>,
     pub(super) head_grad: Vec<f32>,
+    pub(super) moving_grad: Vec<f32>,
     pub(super) packed_grad: Vec<f32>,
     /// All pixels of the batch as they were rendered, and the gradients of their codes; only where a photo model asks.
     pub(super) seen: Vec<Pixel>,

@@ -9,7 +9,7 @@ use engine::options::RunOptions;
 const OWN: [&str; 2] = ["auto", "plain"];
 
 fn all() -> impl Iterator<Item = Claim> {
-    entries().iter().map(|entry| entry.claim)
+    entries().iter().flat_map(|entry| entry.claims())
 }
 
 #[test]
@@ -50,10 +50,20 @@ fn plans_say_it_where_the_system_starts() {
     };
     let (video, frames) = film(Points::WithTracks);
     for entry in entries() {
-        // What `auto` takes is given: to find it takes a training.
-        let set = if entry.claim.name == "auto" { "appearance = 'none'\noccluders = 'none'" } else { "" };
+        // What photos need is given: to find it takes a training.
+        let set = match entry.claim.name {
+            "auto" => "appearance = 'none'\noccluders = 'none'",
+            "nerfies" | "hypernerf" => "appearance = 'none'",
+            _ => "",
+        };
         let (scene, data) = if entry.needs == Needs::Times { (&video, &frames) } else { (&scene, &data) };
         check(entry.claim, &build(entry.claim.name, scene, data, &run(set)).unwrap().1.lines);
+        if let Some(claim) = entry.on_networks {
+            let set = "field = 'mlp'\nwidth = 16\nwarp_width = 16";
+            assert_eq!(entry.claim_with(&set.parse().unwrap()), claim);
+            check(claim, &build(entry.claim.name, scene, data, &run(set)).unwrap().1.lines);
+        }
+        assert_eq!(entry.claim_with(&toml::Table::new()), entry.claim);
     }
     assert_eq!(seen, all().count());
 }

@@ -2,7 +2,9 @@
 
 use super::{Build, Entry, Family, Needs};
 use crate::claims::Claim;
-use crate::papers::dynamic::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
+use crate::papers::dynamic::{
+    d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox,
+};
 use crate::papers::gaussians::splat;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::papers::wild::{
@@ -11,7 +13,7 @@ use crate::papers::wild::{
 
 /// For scenes that stand still, from any photos.
 const fn still(claim: Claim, build: Build) -> Entry {
-    Entry { claim, families: &[Family::Static], needs: Needs::Photos, build }
+    Entry { claim, on_networks: None, families: &[Family::Static], needs: Needs::Photos, build }
 }
 
 /// For any photos: of a scene that stands still, or that moves where they show several times.
@@ -26,7 +28,7 @@ const fn wild(claim: Claim, build: Build) -> Entry {
 
 /// For scenes that move, from photos of several times.
 const fn moving(claim: Claim, build: Build) -> Entry {
-    Entry { claim, families: &[Family::Moving], needs: Needs::Times, build }
+    Entry { claim, on_networks: None, families: &[Family::Moving], needs: Needs::Times, build }
 }
 
 /// All systems, each family in the order in which it is listed.
@@ -48,10 +50,12 @@ pub(super) const ENTRIES: &[Entry] = &[
     wild(sf_nerf::CLAIM, |ask| parts(ask, Some((A::Codes, O::Filter)))),
     wild(hugs::CLAIM, |ask| parts(ask, Some((A::None, O::Masks)))),
     moving(t_nerf::CLAIM, t_nerf::build),
-    moving(d_nerf::CLAIM, d_nerf::build),
+    Entry { on_networks: Some(d_nerf_published::CLAIM), ..moving(d_nerf::CLAIM, d_nerf::build) },
     moving(nerfies::CLAIM, nerfies::build),
     moving(hyper_nerf::CLAIM, hyper_nerf::build),
     moving(tineuvox::CLAIM, tineuvox::build),
     any(k_planes::CLAIM, k_planes::build),
     moving(endo_nerf::CLAIM, endo_nerf::build),
+    moving(nsff::CLAIM, nsff::build),
+    moving(dynamic_nerf::CLAIM, dynamic_nerf::build),
 ];

@@ -45,6 +45,8 @@ type Build = fn(Ask<'_>) -> Built;
 pub struct Entry {
     /// Its name, its paper and what differs from it.
     pub claim: Claim,
+    /// The same on the published networks (`field=mlp`), where that differs in more than the field.
+    pub on_networks: Option<Claim>,
     /// What it is made for.
     pub families: &'static [Family],
     /// What it needs.
@@ -92,6 +94,18 @@ pub fn build(
 }
 
 impl Entry {
+    /// How far it is the paper's, and how far the same is on the published networks where that is another matter.
+    pub fn claims(&self) -> impl Iterator<Item = Claim> {
+        [Some(self.claim), self.on_networks].into_iter().flatten()
+    }
+
+    /// How far it is the paper's with these settings.
+    #[must_use]
+    pub fn claim_with(&self, set: &toml::Table) -> Claim {
+        let on_networks = set.get("field").and_then(toml::Value::as_str) == Some("mlp");
+        self.on_networks.filter(|_| on_networks).unwrap_or(self.claim)
+    }
+
     /// Refuse a scene that lacks what the system needs.
     fn check(&self, scene: &Scene) -> Result<(), SystemError> {
         if self.needs == Needs::Photos || Shown::of(scene) == Shown::Times {

@@ -228,6 +228,19 @@ fn every_app_takes_every_system_that_fits_the_scene() {
 }
 
 #[test]
+fn plans_of_scene_flow_say_which_priors_are_missing() {
+    let (film, frames) = made::film(Points::None);
+    for name in ["nsff", "dynamic-nerf"] {
+        let (_, plan) = build(name, &film, &frames, &run(toml::toml! { occupancy = 16 })).unwrap();
+        let lines = plan.lines.join("\n");
+        for said in ["background: a field of what stands still", "no optical flow", "no disparities", "no motion masks"]
+        {
+            assert!(lines.contains(said), "{name}: {lines}");
+        }
+    }
+}
+
+#[test]
 fn every_system_stands_once_and_is_of_a_family() {
     let all: std::collections::HashSet<&str> = entries().iter().map(|entry| entry.claim.name).collect();
     assert_eq!(all.len(), entries().len());

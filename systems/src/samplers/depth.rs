@@ -199,7 +199,12 @@ impl MeasuredDepth {
         self.config.depth > 0.0
     }
 
-    /// Whether measurements give way before this step.
+    /// Steps of the schedule between one refinement and the next.
+    pub(crate) fn every(&self) -> u64 {
+        self.config.refine_every
+    }
+
+    /// Whether measurements give way before this step of the schedule.
     pub(crate) fn is_due(&self, step: u64) -> bool {
         let DepthCueConfig { refine_every, refine_rounds, .. } = self.config;
         refine_every > 0 && step > 0 && step.is_multiple_of(refine_every) && step / refine_every <= refine_rounds

@@ -21,6 +21,7 @@ pub(crate) use proposals::ProposalField;
 pub(crate) use proposals::{ProposalNetwork, ProposalState, Proposals};
 pub(crate) use proposed::{Draw, Proposed, RaysInSpace};
 
+use crate::schedule::Done;
 use engine::system::{SystemError, Tensor, TensorMap};
 use render_core::occupancy::OccupancyGrid;
 
@@ -99,17 +100,17 @@ impl Sampler {
         }
     }
 
-    /// The state in a checkpoint that was written after these numbers of updates and steps.
+    /// The state in a checkpoint that was written after so many updates, when so much was done.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or does not fit.
-    pub(crate) fn read_state(&self, state: &TensorMap, updates: u64, steps: u64) -> Result<SamplerState, SystemError> {
+    pub(crate) fn read_state(&self, state: &TensorMap, updates: u64, done: Done) -> Result<SamplerState, SystemError> {
         Ok(match self {
             Self::Occupancy(occupancy) => {
                 let (grid, stretch) = occupancy.read_state(state, updates)?;
                 SamplerState::Occupancy(grid, stretch)
             }
-            Self::Proposals(proposals) => SamplerState::Proposals(proposals.read_state(state, steps)?),
+            Self::Proposals(proposals) => SamplerState::Proposals(proposals.read_state(state, done)?),
         })
     }
 

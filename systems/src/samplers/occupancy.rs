@@ -5,11 +5,12 @@
 use super::probe::{Draws, OCCUPIED_SHARE, Probed, Prober};
 pub(crate) use super::silhouette::Moves;
 use super::silhouette::{Seen, Silhouette};
-use crate::fields::Field;
+use crate::fields::{Field, MovingCells};
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
+use float_core::Simd;
 use rayon::prelude::*;
 use render_core::occupancy::{GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 use serde::{Deserialize, Serialize};
@@ -35,6 +36,8 @@ pub(crate) const MAX_SAMPLES: u32 = 1 << 16;
 /// Where the sky's sample is, and how long: this many times the way to the end of the occupancy grid. There the contraction
 /// leaves nothing of a ray but its direction, and any density is opaque.
 const SKY: f32 = 1e3;
+/// Thickness of a cell that is opened again, in thresholds: some probes may find nothing there before it counts as empty.
+const REOPENED: f32 = 8.0;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 
@@ -300,6 +303,22 @@ impl Occupancy {
             idle().push(prober);
         });
         self.grid.update(&self.cells, &self.thickness);
+    }
+
+    /// Cells in which something moves may be full at other times: they are probed anew before they count as empty.
+    pub(crate) fn reopen(&mut self, moving: &MovingCells, space: &Space) {
+        let (settings, updates) = (self.settings(self.grid.updates()), self.grid.updates());
+        let mut thickness = self.grid.thickness().to_vec();
+        let (simd, mut x) = (Simd::best(), [0.0; 3]);
+        for (id, thickness) in thickness.iter_mut().enumerate().filter(|(_, thickness)| **thickness >= 0.0) {
+            space.grid_positions(simd, &self.grid.cell_point(id as u32, [0.5; 3]), &mut x);
+            if moving.holds(x) {
+                *thickness = thickness.max(REOPENED * settings.threshold);
+            }
+        }
+        if let Ok(grid) = OccupancyGrid::from_state(settings, &thickness, updates) {
+            self.grid = grid;
+        }
     }
 
     /// Cells that no training view sees, or that a view with alpha sees through, are empty for good.

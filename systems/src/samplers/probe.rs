@@ -25,6 +25,10 @@ pub(super) struct Prober {
     /// Views whose times are probed, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
     now: Vec<f32>,
+    /// Cells at points where something moves: which they are, where, and what is there.
+    moving: Vec<u32>,
+    was: Vec<f32>,
+    moved: Vec<f32>,
 }
 
 /// Where in its cell, and at which times, an update probes.
@@ -93,10 +97,23 @@ impl Prober {
         if let 1.. = time_steps.len() {
             self.which.extend(cells.iter().map(|&id| draws.time_step(id, round, time_steps.len())));
         }
-        field.densities(x, When { time_steps, which: &self.which }, out, &mut self.densities);
+        let Some(part) = field.moving.as_ref().filter(|_| round > 0) else {
+            return field.densities(x, When { time_steps, which: &self.which }, out, &mut self.densities);
+        };
+        // What stands still was probed in the first round.
+        part.cells.columns(x, &mut self.moving);
+        let m = self.moving.len();
+        let (was, moved) = (sized(&mut self.was, 3 * m), sized(&mut self.moved, m));
+        for (row, was) in x.chunks_exact(n).zip(was.chunks_exact_mut(m.max(1))) {
+            was.iter_mut().zip(&self.moving).for_each(|(was, &i)| *was = row[i as usize]);
+        }
+        let which: Vec<u32> = self.moving.iter().map(|&i| self.which[i as usize]).collect();
+        field.densities(was, When { time_steps, which: &which }, moved, &mut self.densities);
+        out.fill(0.0);
+        self.moving.iter().zip(&*moved).for_each(|(&i, moved)| out[i as usize] = *moved);
     }
 
     pub(super) fn bytes(&self) -> usize {
-        4 * (self.p.capacity() + self.x.capacity()) + self.densities.bytes()
+        4 * (self.p.capacity() + self.x.capacity() + self.was.capacity()) + self.densities.bytes()
     }
 }

@@ -9,6 +9,7 @@
 //! Tancik et al., "Nerfstudio", 2023 (nerfacto).
 
 use crate::fields::{FeatureSource, Features, Names, Part, fold_gradients, xavier};
+use crate::schedule::Done;
 use crate::space::SpaceKind;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::mlp::{Bias, Mlp, MlpConfig, Packed};
@@ -151,14 +152,14 @@ impl Proposals {
         }
     }
 
-    /// The proposals of a checkpoint that was written after `steps` steps.
+    /// The proposals of a checkpoint that was written when so much was done.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or has another shape.
-    pub(crate) fn read_state(&self, state: &TensorMap, steps: u64) -> Result<Vec<ProposalState>, SystemError> {
+    pub(crate) fn read_state(&self, state: &TensorMap, done: Done) -> Result<Vec<ProposalState>, SystemError> {
         let read = |(i, old): (usize, &ProposalField)| {
             Ok(ProposalState {
-                features: old.features.restored(&names(i), state, steps)?,
+                features: old.features.restored(&names(i), state, done)?,
                 network: take_numbers(state, &format!("proposal.{i}.network"), old.mlp_params.len())?,
                 network_adam: take_adam(state, &format!("proposal.{i}.network"), &old.mlp_adam)?,
             })

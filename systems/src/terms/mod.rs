@@ -7,6 +7,7 @@
 mod depth;
 mod distortion;
 mod entropy;
+mod moving;
 mod point_colour;
 mod ray_term;
 mod sparsity;
@@ -15,6 +16,7 @@ mod tests;
 
 pub(crate) use distortion::Distortion;
 pub(crate) use entropy::BackgroundEntropy;
+pub(crate) use moving::MovingShare;
 pub(crate) use point_colour::PointColour;
 pub(crate) use ray_term::{RayBars, RayTerm, TileRays};
 pub(crate) use sparsity::Sparsity;

@@ -19,6 +19,8 @@ pub(crate) struct TileRays<'a> {
     pub(crate) rgb: &'a [f32],
     /// `[rays]`, transmittance behind the last sample.
     pub(crate) trans_end: &'a [f32],
+    /// `[n]`, the share of the samples' matter that moves; empty where no part of the field is for that.
+    pub(crate) moving: &'a [f32],
     /// Rays of a pixel: those of one pixel follow each other.
     pub(crate) per_pixel: usize,
     /// Of each pixel: the factor of its loss, its colour, its view and its column and row there.
@@ -91,6 +93,8 @@ pub(crate) struct RayBars {
     pub(crate) rgb: Bar,
     /// `[n]`, of the densities `tau / dt`.
     pub(crate) sigma: Bar,
+    /// `[n]`, of the shares that move.
+    pub(crate) moving: Bar,
     /// Room for what a term computes on its way.
     pub(super) room: [Vec<f32>; 2],
 }
@@ -102,12 +106,13 @@ impl RayBars {
         self.trans_end.begin(rays);
         self.rgb.begin(3 * n);
         self.sigma.begin(n);
+        self.moving.begin(n);
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         let room: usize = self.room.iter().map(|room| 4 * room.capacity()).sum();
-        self.w.bytes() + self.trans_end.bytes() + self.rgb.bytes() + self.sigma.bytes() + room
+        self.w.bytes() + self.trans_end.bytes() + self.rgb.bytes() + self.sigma.bytes() + self.moving.bytes() + room
     }
 }
 

@@ -10,6 +10,7 @@ struct Made {
     w: Vec<f32>,
     rgb: Vec<f32>,
     trans_end: Vec<f32>,
+    moving: Vec<f32>,
 }
 
 const OFFSETS: [u32; 5] = [0, 2, 2, 5, 6];
@@ -31,6 +32,7 @@ impl Made {
             w: uniform(2, N),
             rgb: uniform(3, 3 * N),
             trans_end: uniform(4, 4),
+            moving: vec![0.3, 0.9, 0.0, 0.5, 0.1, 0.7],
         }
     }
 
@@ -44,6 +46,7 @@ impl Made {
             w: &self.w,
             rgb: &self.rgb,
             trans_end: &self.trans_end,
+            moving: &self.moving,
             per_pixel: 2,
             weight,
             truth: &[[0.1, 0.5, 0.9], [0.3, 0.2, 0.7]],
@@ -63,21 +66,23 @@ impl Made {
 
 fn terms() -> Vec<Box<dyn RayTerm>> {
     let config = TermConfig { distortion: 0.7, sparsity: 0.4, background_entropy: 0.3, point_colour: 0.2 };
-    config.terms(RayDistance::new(RaySpacing::Linear, 0.5, 4.0).unwrap())
+    let mut terms = config.terms(RayDistance::new(RaySpacing::Linear, 0.5, 4.0).unwrap());
+    terms.push(Box::new(MovingShare { share: 0.6, entropy: 0.8 }));
+    terms
 }
 
 /// The gradient of what each term reads, `None` for what it does not.
-fn bars_of(made: &Made, term: &dyn RayTerm, weight: &[f32]) -> [Option<Vec<f32>>; 4] {
+fn bars_of(made: &Made, term: &dyn RayTerm, weight: &[f32]) -> [Option<Vec<f32>>; 5] {
     let (mut bars, mut loss) = (RayBars::default(), 0.0);
     bars.begin(4, N);
     term.add(&made.rays(weight), &mut bars, &mut loss);
-    [&bars.w, &bars.trans_end, &bars.rgb, &bars.sigma].map(|bar| bar.get().map(<[f32]>::to_vec))
+    [&bars.w, &bars.trans_end, &bars.rgb, &bars.sigma, &bars.moving].map(|bar| bar.get().map(<[f32]>::to_vec))
 }
 
 #[test]
 fn gradients_are_those_of_differences_component_by_component() {
     let made = Made::new();
-    let mut seen = [0; 4];
+    let mut seen = [0; 5];
     for term in terms() {
         for (k, bar) in bars_of(&made, term.as_ref(), &WEIGHT).into_iter().enumerate() {
             let Some(bar) = bar else { continue };
@@ -90,7 +95,10 @@ fn gradients_are_those_of_differences_component_by_component() {
                         1 => made.trans_end[i] += step,
                         2 => made.rgb[i] += step,
                         // The density is tau / dt.
-                        _ => made.tau[i] += step * made.dt[i],
+                        3 => made.tau[i] += step * made.dt[i],
+                        // What does not move at all stays so: it has no moving part.
+                        _ if made.moving[i] == 0.0 => {}
+                        _ => made.moving[i] += step,
                     }
                     made.cost(term.as_ref())
                 };
@@ -102,7 +110,7 @@ fn gradients_are_those_of_differences_component_by_component() {
             }
         }
     }
-    assert_eq!(seen, [1, 1, 1, 1]);
+    assert_eq!(seen, [1; 5]);
 }
 
 #[test]
@@ -120,7 +128,7 @@ fn pixels_that_do_not_count_have_no_gradient_and_gradients_add_up() {
     }
     let single: Vec<_> = terms().iter().map(|term| bars_of(&made, term.as_ref(), &WEIGHT)).collect();
     let twice = |k: usize| single.iter().find_map(|bars| bars[k].clone()).unwrap();
-    for (k, bar) in [&bars.w, &bars.trans_end, &bars.rgb, &bars.sigma].into_iter().enumerate() {
+    for (k, bar) in [&bars.w, &bars.trans_end, &bars.rgb, &bars.sigma, &bars.moving].into_iter().enumerate() {
         for (got, want) in bar.get().unwrap().iter().zip(twice(k)) {
             assert!((got - 2.0 * want).abs() <= 1e-6 * want.abs().max(1e-3), "{k}: {got} and twice {want}");
         }
@@ -138,6 +146,7 @@ fn no_rays_cost_nothing() {
         w: &[],
         rgb: &[],
         trans_end: &[],
+        moving: &[],
         per_pixel: 1,
         weight: &[],
         truth: &[],

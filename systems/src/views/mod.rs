@@ -8,7 +8,7 @@
 //! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
 //! | what a picture costs | `terms` |
 //! | appearance of photos, and time | `hooks` |
-//! | where a training is in its schedule | `position` |
+//! | where a training is in its schedule | the room `schedule` |
 //! | pictures: drawn for a step, and rendered | `drawing`, `planes`, `pass`, `render` |
 //!
 //! A step (`driver.rs`, `pass.rs`):
@@ -43,7 +43,6 @@ mod pass;
 mod photo;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod planes;
-mod position;
 pub(crate) mod refine;
 mod render;
 mod skipped;
@@ -69,7 +68,6 @@ pub(crate) use density_config::{
 pub(crate) use drawing::DrawnCloud;
 pub(crate) use driver::{ViewParts, Views, refused};
 pub(crate) use pass::ViewSpaceGradient;
-pub(crate) use position::PlannedTime;
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use terms::{L1Dssim, L1DssimConfig};
 pub(crate) use visual_hull::VisualHull;

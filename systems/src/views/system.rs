@@ -5,8 +5,8 @@ use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
 use super::pass::PARTS;
-use super::position::Position;
 use super::render::{RAY_RADIUS, one_pixel};
+use crate::schedule::Position;
 use engine::data::Dataset;
 use engine::system::{
     Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
@@ -23,6 +23,8 @@ use std::borrow::Cow;
 const TRANSPARENT: f32 = -30.0;
 /// Name of the counters in checkpoints.
 const COUNTERS: &str = "splats.steps";
+/// Name of the position in the schedule in checkpoints.
+const POSITION: &str = "splats.position";
 
 impl Views {
     /// The layers of a camera's picture; those of nothing where it cannot see: ray by ray it would show no more.
@@ -127,7 +129,7 @@ impl System for Views {
         let guard = &self.guard;
         let counters = vec![self.steps, guard.steps(), guard.bad_steps(), guard.entries()];
         let mut out = vec![u64_tensor(COUNTERS, counters)];
-        out.extend(self.position.state());
+        out.extend(self.position.state(POSITION));
         out.extend(self.smoothing.iter().flat_map(|smoothing| smoothing.state()));
         for cloud in &self.parts.clouds {
             cloud.push(&mut out);
@@ -142,7 +144,7 @@ impl System for Views {
         let clouds =
             self.parts.clouds.iter().map(|cloud| cloud.take(state)).collect::<Result<Vec<_>, SystemError>>()?;
         let counters = take_counts(state, COUNTERS, 4)?;
-        let position = Position::take(state)?;
+        let position = Position::take(state, POSITION)?;
         let filters = self.smoothing.as_ref().map(|smoothing| smoothing.take(state, &clouds)).transpose()?;
         if let Some(part) = &mut self.parts.appearance {
             part.load(state)?;

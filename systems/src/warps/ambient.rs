@@ -2,7 +2,7 @@
 
 use super::at::At;
 use super::network::Network;
-use super::octaves::{Octaves, Schedule};
+use super::octaves::{Octaves, Window};
 use super::parameters::{NetworkShape, Parameters, Stream};
 use super::settings::in_range;
 use engine::system::SystemError;
@@ -29,12 +29,12 @@ pub(crate) struct AmbientSettings {
     /// Number of its hidden layers.
     #[serde(rename = "ambient_depth")]
     pub(crate) depth: usize,
-    /// Steps before they come in.
+    /// Share of the schedule before they come in.
     #[serde(rename = "ambient_from")]
-    pub(crate) from: u64,
-    /// Steps over which they come in.
+    pub(crate) from: f64,
+    /// Share of the schedule over which they come in.
     #[serde(rename = "ambient_anneal")]
-    pub(crate) anneal: u64,
+    pub(crate) anneal: f64,
 }
 
 impl AmbientSettings {
@@ -45,6 +45,8 @@ impl AmbientSettings {
         // Without octaves the network would see nothing of the point.
         in_range("ambient_octaves", self.octaves, 1..=16)?;
         in_range("ambient_width", self.width, 1..=1024)?;
+        in_range("ambient_from", self.from, 0.0..=1.0)?;
+        in_range("ambient_anneal", self.anneal, 0.0..=1.0)?;
         in_range("ambient_depth", self.depth, 1..=16)
     }
 }
@@ -72,10 +74,10 @@ impl Ambient {
             return Ok(None);
         }
         let simd = parameters.simd;
-        let point = Octaves::new(3, octaves, Identity::Omit, Schedule::Open, simd)?;
+        let point = Octaves::new(3, octaves, Identity::Omit, Window::Open, simd)?;
         // Without the coordinates themselves, which no window closes: before they come in nothing is seen of them.
-        let schedule = Schedule::Over { from, length: anneal };
-        let seen = Octaves::new(dims, SEEN_OCTAVES, Identity::Omit, schedule, simd)?;
+        let opens = Window::Over { from, length: anneal };
+        let seen = Octaves::new(dims, SEEN_OCTAVES, Identity::Omit, opens, simd)?;
         let shape = NetworkShape { inputs: point.rows() + time_rows, depth, width, outputs: dims };
         Ok(Some(Self { point, network: parameters.network(Stream::Ambient, shape)?, seen }))
     }
@@ -105,9 +107,9 @@ impl Ambient {
         self.seen.of(tape, a)
     }
 
-    /// New parameters, after `steps` steps.
-    pub(crate) fn renew(&mut self, params: &[f32], steps: u64) {
-        self.seen.renew(steps);
+    /// New parameters, once the share `done` of the schedule is over.
+    pub(crate) fn renew(&mut self, params: &[f32], done: f64) {
+        self.seen.renew(done);
         self.network.renew(params);
     }
 

@@ -2,6 +2,12 @@
 
 use field_core::tape::{Node, Tape, TapeError};
 
+/// Points of a tile at most.
+pub(super) const TILE: usize = 480;
+
+/// The time `t = 0` of each point of a tile, in `[-1, 1]`.
+static BEGINNING: [f32; TILE] = [-1.0; TILE];
+
 /// Whether points of a tile move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Moves {
@@ -22,6 +28,32 @@ pub(crate) struct At<'t> {
     pub(crate) t: &'t [f32],
     /// Whether points move.
     pub(crate) moves: Moves,
+    /// `[dims x n]`, `t = 0` as networks see it; only where points move and the canonical scene is tied to that time.
+    pub(crate) origin: Option<Node>,
+}
+
+impl At<'_> {
+    /// The same points at `t = 0`, where the canonical scene is tied to that time.
+    fn at_origin(&self) -> Option<Self> {
+        let time = self.origin?;
+        Some(Self { x: self.x, time, t: &BEGINNING[..self.t.len()], moves: self.moves, origin: None })
+    }
+}
+
+/// What a network says of points at their time, `now`, less what it says of them at `t = 0` where the canonical scene is tied to that
+/// time: nothing at `t = 0`, and next to nothing beside it.
+///
+/// # Errors
+/// [`TapeError`] for other shapes.
+pub(crate) fn since_origin<'a>(
+    tape: &mut Tape<'a>,
+    at: &At<'_>,
+    now: Node,
+    says: impl FnOnce(&mut Tape<'a>, &At<'_>) -> Result<Node, TapeError>,
+) -> Result<Node, TapeError> {
+    let Some(origin) = at.at_origin() else { return Ok(now) };
+    let then = says(tape, &origin)?;
+    tape.sub(now, then)
 }
 
 /// Points that have been moved.

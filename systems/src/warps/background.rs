@@ -22,7 +22,7 @@ impl Deform {
     /// The gradient of the background loss at random points of the background, each at a random time step, written to `work`.
     /// Whether there is one.
     pub(crate) fn holds_background(&self, rng: &Rng, work: &mut StillWork) -> bool {
-        let BackgroundSettings { background: factor, background_points: n } = self.background;
+        let BackgroundSettings { background_loss: factor, background_points: n } = self.background;
         let known = self.background_points.len() / 3;
         if factor == 0.0 || known == 0 || n == 0 || !self.warps() {
             return false;

@@ -6,9 +6,10 @@ use super::Times;
 const LEAST: usize = 3;
 
 /// The first views in time come first (D-NeRF, section 4.2: the canonical scene is learnt before what is far from it).
-pub(super) struct Curriculum {
-    /// Steps after which all training views have come in; 0: they are there from the start.
-    pub(super) steps: u64,
+#[derive(Clone, Debug)]
+pub(crate) struct Curriculum {
+    /// Share of the schedule after which all training views have come in; 0: they are there from the start.
+    pub(super) share: f64,
     /// Training views in the order of time.
     order: Vec<u32>,
 }
@@ -16,14 +17,21 @@ pub(super) struct Curriculum {
 impl Curriculum {
     /// All views from the start.
     pub(super) fn new(times: &Times) -> Self {
-        Self { steps: 0, order: times.in_order() }
+        Self { share: 0.0, order: times.in_order() }
     }
 
-    /// The views that have come in after `steps` steps; `None`: all.
-    pub(super) fn open(&self, taken: u64) -> Option<&[u32]> {
+    /// Views that come in within a share of the schedule; 0: all are there from the start.
+    pub(crate) fn over(times: &Times, share: f64) -> Self {
+        Self { share, ..Self::new(times) }
+    }
+
+    /// The views that have come in once the share `done` of the schedule is over; `None`: all.
+    pub(crate) fn open(&self, done: f64) -> Option<&[u32]> {
+        if done >= self.share {
+            return None;
+        }
         let all = self.order.len();
-        let open = (u128::from(taken) * all as u128).checked_div(self.steps.into());
-        let open = open.map_or(all, |open| open as usize);
+        let open = (done / self.share * all as f64) as usize;
         (open < all).then(|| &self.order[..open.max(LEAST).min(all)])
     }
 }

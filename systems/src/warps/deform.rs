@@ -2,9 +2,10 @@
 
 use super::curriculum::Curriculum;
 use super::deformation::Deformation;
+use super::motion::Origin;
 use super::parameters::Parameters;
 use super::points::DeformGrad;
-use super::regularisers::{BackgroundSettings, ElasticSettings};
+use super::regularisers::{BackgroundSettings, CoherenceSettings, ElasticSettings};
 use super::time::{Time, TimeSteps};
 use engine::system::SystemError;
 use float_core::Simd;
@@ -28,7 +29,10 @@ pub(crate) struct Counts {
 pub(crate) struct Deform {
     pub(super) deformation: Box<dyn Deformation>,
     pub(super) time: Time,
+    /// `[dims]`, `t = 0` as networks see it, where the canonical scene is tied to that time.
+    pub(super) origin: Option<Vec<f32>>,
     pub(super) elastic: ElasticSettings,
+    pub(super) coherence: CoherenceSettings,
     pub(super) background: BackgroundSettings,
     pub(super) curriculum: Curriculum,
     pub(super) simd: Simd,
@@ -41,8 +45,8 @@ pub(crate) struct Deform {
     pub(super) grad: Vec<f32>,
     /// The time steps of the training views.
     pub(super) steps: TimeSteps,
-    /// Optimiser steps taken.
-    pub(super) taken: u64,
+    /// Share of the schedule that is done, from 0 to 1.
+    pub(super) done: f64,
     /// `[3][n]`, points of the background in the unit cube.
     pub(super) background_points: Vec<f32>,
     /// Points that were warped, and all of them.
@@ -59,11 +63,14 @@ impl Deform {
             grad: vec![0.0; params.len()],
             curriculum: Curriculum::new(time.times()),
             elastic: ElasticSettings::NONE,
+            coherence: CoherenceSettings::NONE,
             background: BackgroundSettings::NONE,
             steps: TimeSteps::default(),
-            taken: 0,
+            done: 0.0,
             background_points: Vec::new(),
             counts: Counts::default(),
+            // Nothing is learned of such a time: see `Warp::new`.
+            origin: (deformation.origin() == Origin::Tied).then(|| time.steps_at(&[0.0], |_| false).rows),
             deformation,
             time,
             simd,
@@ -83,6 +90,15 @@ impl Deform {
         Ok(Self { elastic, ..self })
     }
 
+    /// The same with a coherence loss.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting that cannot be.
+    pub(crate) fn with_coherence(self, coherence: CoherenceSettings) -> Result<Self, SystemError> {
+        coherence.check()?;
+        Ok(Self { coherence, ..self })
+    }
+
     /// The same with a background loss.
     ///
     /// # Errors
@@ -92,9 +108,9 @@ impl Deform {
         Ok(Self { background, ..self })
     }
 
-    /// The same with views that come in one after the other, within `curriculum` steps; 0: all are there from the start.
-    pub(crate) fn with_curriculum(mut self, steps: u64) -> Self {
-        self.curriculum.steps = steps;
+    /// The same with views that come in one after the other, within this share of the schedule; 0: all are there from the start.
+    pub(crate) fn with_curriculum(mut self, share: f64) -> Self {
+        self.curriculum.share = share;
         self
     }
 
@@ -110,7 +126,7 @@ impl Deform {
 
     /// The training views that this step draws from; `None`: all.
     pub(crate) fn open_views(&self) -> Option<&[u32]> {
-        self.curriculum.open(self.taken)
+        self.curriculum.open(self.done)
     }
 
     /// Whether points are moved at all.
@@ -123,6 +139,16 @@ impl Deform {
         &self.elastic
     }
 
+    /// Factor of its coherence loss; 0 where no point is moved.
+    pub(crate) fn coherence_factor(&self) -> f32 {
+        if self.warps() { self.coherence.coherence } else { 0.0 }
+    }
+
+    /// Whether a loss depends on the weights of samples.
+    pub(crate) fn costs_by_weight(&self) -> bool {
+        self.elastic.elastic > 0.0 || self.coherence_factor() > 0.0
+    }
+
     /// The time steps of the training views.
     pub(crate) fn time_steps(&self) -> &TimeSteps {
         &self.steps
@@ -130,19 +156,25 @@ impl Deform {
 
     /// The time steps of times in `[0, 1]`.
     pub(crate) fn time_steps_at(&self, times: &[f64]) -> TimeSteps {
-        self.time.steps_at(times, |t| self.deformation.is_canonical(t))
+        self.time.steps_at(times, |t| self.deformation.origin().rests(t))
     }
 
-    /// Everything that follows from parameters and the count of steps.
+    /// Everything that follows from parameters and what is done of the schedule.
     pub(super) fn renew(&mut self) {
-        self.deformation.renew(&self.params, self.taken);
+        self.deformation.renew(&self.params, self.done);
         self.time.renew();
         let times: Vec<f64> = self.time.times().of_views().collect();
         self.steps = self.time_steps_at(&times);
     }
 
-    /// Fold the gradients of a batch's parts, in order, and take a step. Returns the count of non-finite gradients.
-    pub(crate) fn step<'g>(&mut self, parts: impl Iterator<Item = &'g DeformGrad> + Clone, lr: f64) -> usize {
+    /// Fold the gradients of a batch's parts, in order, and take a step, after which the share `done` of the schedule is over. Returns
+    /// the count of non-finite gradients.
+    pub(crate) fn step<'g>(
+        &mut self,
+        parts: impl Iterator<Item = &'g DeformGrad> + Clone,
+        lr: f64,
+        done: f64,
+    ) -> usize {
         self.grad.fill(0.0);
         let mut rows_bar = vec![0.0; self.steps.rows.len()];
         for part in parts {
@@ -162,7 +194,7 @@ impl Deform {
             bad += self.plane_adam.step(self.simd, lr * rate, planes, plane_grad);
         }
         bad += self.time.learn(&rows_bar, lr);
-        self.taken += 1;
+        self.done = done;
         self.renew();
         bad
     }

@@ -2,7 +2,7 @@
 
 use super::ambient::Ambient;
 use super::at::{At, Moved};
-use super::motion::Warp;
+use super::motion::{Origin, Warp};
 use super::planes::TimePlanes;
 use field_core::tape::{Tape, TapeError};
 
@@ -38,14 +38,9 @@ pub(crate) trait Deformation: Send + Sync {
     /// Rows of [`Moved::seen`].
     fn seen_rows(&self) -> usize;
 
-    /// Whether nothing moves at a time in `[0, 1]`.
-    fn is_canonical(&self, _time: f64) -> bool {
-        false
-    }
-
-    /// Whether there is a time at which nothing moves.
-    fn has_canonical_time(&self) -> bool {
-        self.is_canonical(0.0)
+    /// What happens at `t = 0`.
+    fn origin(&self) -> Origin {
+        Origin::Free
     }
 
     /// Windows as of now.
@@ -58,8 +53,8 @@ pub(crate) trait Deformation: Send + Sync {
         None
     }
 
-    /// New parameters, after `steps` steps: copies of them and schedules follow.
-    fn renew(&mut self, params: &[f32], steps: u64);
+    /// New parameters, once the share `done` of the schedule is over: copies of them and windows follow.
+    fn renew(&mut self, params: &[f32], done: f64);
 
     /// Other windows until the next step.
     #[cfg(test)]

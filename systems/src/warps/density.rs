@@ -1,7 +1,7 @@
 //! What the density network sees of a point at its time, besides features of the canonical point.
 
 use super::at::At;
-use super::octaves::{Octaves, Schedule};
+use super::octaves::{Octaves, Window};
 use super::parameters::Parameters;
 use super::settings::in_range;
 use engine::system::SystemError;
@@ -64,7 +64,7 @@ impl DensityInputs {
         settings.check()?;
         let &DensitySettings { sees, octaves } = settings;
         let octaves = (sees == Sees::Point)
-            .then(|| Octaves::new(3, octaves, Identity::Include, Schedule::Open, parameters.simd))
+            .then(|| Octaves::new(3, octaves, Identity::Include, Window::Open, parameters.simd))
             .transpose()?;
         Ok(Self { sees, time_rows: if sees == Sees::Place { 0 } else { time_rows }, octaves })
     }

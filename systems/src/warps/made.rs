@@ -19,8 +19,8 @@ impl MadeSettings {
     pub(crate) fn of_time(kind: TimeKind, octaves: usize, dims: usize) -> Self {
         Self {
             time: TimeSettings { kind, octaves, dims, width: 8, rate: 1.0, code_rate: 1.0 },
-            warp: WarpSettings { motion: Motion::None, origin: Origin::Free, octaves: 2, anneal: 0, depth: 2 },
-            ambient: AmbientSettings { dims: 0, octaves: 2, width: 8, depth: 2, from: 0, anneal: 0 },
+            warp: WarpSettings { motion: Motion::None, origin: Origin::Free, octaves: 2, anneal: 0.0, depth: 2 },
+            ambient: AmbientSettings { dims: 0, octaves: 2, width: 8, depth: 2, from: 0.0, anneal: 0.0 },
             planes: PlaneSettings::NONE,
             density: DensitySettings::PLACE,
         }
@@ -30,9 +30,9 @@ impl MadeSettings {
     pub(crate) fn deform(self, times: Times, seed: u64) -> Deform {
         let mut parameters = Parameters::new(seed);
         let time = Time::new(self.time, times, &parameters).unwrap();
-        let (width, rows, more) = (time.settings().width, time.rows(), self.planes.warp_rows());
+        let (rows, more) = (time.rows(), self.planes.warp_rows());
         let made = Made {
-            warp: Warp::new(&self.warp, width, rows, more, &mut parameters).unwrap(),
+            warp: Warp::new(&self.warp, &time, more, &mut parameters).unwrap(),
             ambient: Ambient::new(&self.ambient, rows, &mut parameters).unwrap(),
             density: DensityInputs::new(&self.density, rows, &parameters).unwrap(),
             plane_rows: self.planes.density_rows(),
@@ -58,6 +58,10 @@ impl Deformation for Made {
         if let Some(warp) = moving(&self.warp, &at) {
             let gamma = warp.octaves.of(tape, at.x)?;
             let outputs = warp.network.of(tape, &[&[gamma, at.time], p.for_warp()].concat())?;
+            let outputs = since_origin(tape, &at, outputs, |tape, at_0| {
+                let p_0 = self.planes.for_warp(tape, at_0)?;
+                warp.network.of(tape, &[&[gamma, at_0.time], &p_0[..]].concat())
+            })?;
             x = Some(warp.moved(tape, at.x, outputs)?);
         }
         let mut seen = Vec::new();
@@ -77,8 +81,8 @@ impl Deformation for Made {
         self.ambient.as_ref().map_or(0, Ambient::rows) + self.density.rows() + self.plane_rows
     }
 
-    fn is_canonical(&self, time: f64) -> bool {
-        self.warp.as_ref().is_some_and(|warp| warp.rests(time))
+    fn origin(&self) -> Origin {
+        Warp::origin(self.warp.as_ref())
     }
 
     fn windows(&self) -> Windows<'_> {
@@ -89,9 +93,9 @@ impl Deformation for Made {
         Some(&self.planes)
     }
 
-    fn renew(&mut self, params: &[f32], steps: u64) {
-        self.warp.iter_mut().for_each(|warp| warp.renew(params, steps));
-        self.ambient.iter_mut().for_each(|ambient| ambient.renew(params, steps));
+    fn renew(&mut self, params: &[f32], done: f64) {
+        self.warp.iter_mut().for_each(|warp| warp.renew(params, done));
+        self.ambient.iter_mut().for_each(|ambient| ambient.renew(params, done));
     }
 
     fn set_windows(&mut self, warp: &[f32], ambient: &[f32]) {
@@ -101,14 +105,14 @@ impl Deformation for Made {
 }
 
 impl Deform {
-    /// Parameters of some size each, after `steps` steps.
-    pub(crate) fn randomise(&mut self, taken: u64) {
+    /// Parameters of some size each, once the share `done` of the schedule is over.
+    pub(crate) fn randomise(&mut self, done: f64) {
         for (k, numbers) in [&mut self.params, &mut self.time.learned].into_iter().enumerate() {
             let mut noise = vec![0.0; numbers.len()];
             Rng::new(5, 7 + k as u64).fill_uniform(0, &mut noise);
             numbers.iter_mut().zip(noise).for_each(|(p, u)| *p += 0.6 * (u - 0.5));
         }
-        self.taken = taken;
+        self.done = done;
         self.renew();
     }
 
@@ -120,5 +124,12 @@ impl Deform {
     /// Their gradients, from what [`Deform::learn`] gave.
     pub(crate) fn gradients(&self, grad: &DeformGrad) -> (Vec<f32>, Vec<f32>) {
         (grad.params.clone(), self.time.gradient(&grad.times))
+    }
+
+    /// Add to number `i` of the parameters of networks and planes, or of what is `learned` of the time.
+    pub(crate) fn shift(&mut self, learned: bool, i: usize, by: f32) {
+        let numbers = if learned { &mut self.time.learned } else { &mut self.params };
+        numbers[i] += by;
+        self.renew();
     }
 }

@@ -15,7 +15,7 @@
 //! * `time`: what networks see of the time; `octaves`: what they see of points, coarse to fine; `network`: a network on the tape;
 //! * `motion`: the network that moves points; `ambient`: coordinates beyond space; `planes`: features of place and time;
 //! * `density`: what the density network sees besides;
-//! * `elastic`, `background`: losses (settings in `regularisers`); `curriculum`: which views are drawn first.
+//! * `elastic`, `coherence`, `background`: losses (settings in `regularisers`); `curriculum`: which views are drawn first.
 //!
 //! The driver is `deform` (parameters, optimiser), `pass` (tiles of `points`, forwards and backwards), `state` (checkpoints) and
 //! `skips`.
@@ -23,6 +23,9 @@
 mod ambient;
 mod at;
 mod background;
+mod coherence;
+#[cfg(test)]
+mod coherence_tests;
 mod curriculum;
 mod deform;
 mod deformation;
@@ -46,8 +49,11 @@ mod tests;
 mod time;
 
 pub(crate) use ambient::{Ambient, AmbientSettings};
-pub(crate) use at::{At, Moved};
+pub(crate) use at::{At, Moved, since_origin};
 pub(crate) use background::StillWork;
+#[cfg(test)]
+pub(crate) use coherence::neighbour;
+pub(crate) use curriculum::Curriculum;
 pub(crate) use deform::Deform;
 pub(crate) use deformation::{Deformation, Windows};
 pub(crate) use density::{DensityInputs, DensitySettings, Sees};
@@ -55,5 +61,5 @@ pub(crate) use motion::{Motion, Origin, Warp, WarpSettings, moving};
 pub(crate) use parameters::Parameters;
 pub(crate) use planes::{PlaneFeatures, PlaneSettings, SeenBy, TimePlanes};
 pub(crate) use points::{DeformGrad, DeformScratch, Points};
-pub(crate) use regularisers::{BackgroundSettings, ElasticAt, ElasticSettings};
+pub(crate) use regularisers::{BackgroundSettings, CoherenceSettings, ElasticAt, ElasticSettings};
 pub(crate) use time::{Time, TimeKind, TimeSettings, TimeSteps, Times};

@@ -2,9 +2,10 @@
 
 use super::at::{At, Moves};
 use super::network::Network;
-use super::octaves::{Octaves, Schedule};
+use super::octaves::{Octaves, Window};
 use super::parameters::{NetworkShape, Parameters, Stream};
-use super::settings::in_range;
+use super::settings::{bad, in_range};
+use super::time::{Time, TimeKind};
 use engine::system::SystemError;
 use field_core::deform;
 use field_core::encoding::frequency::Identity;
@@ -27,10 +28,21 @@ pub(crate) enum Motion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Origin {
-    /// Nothing moves: the canonical scene is that of `t = 0`, exactly (D-NeRF).
-    Canonical,
+    /// Nothing moves, and next to nothing beside it: the network's outputs are taken less those at `t = 0`. The canonical scene is that
+    /// of `t = 0`, and the photos of all times nearby hold it there.
+    Tied,
+    /// Nothing moves, whatever the network says of times beside it (D-NeRF as published): the canonical scene is that of `t = 0` for
+    /// photos of exactly that time alone.
+    Exact,
     /// What happens at any other time.
     Free,
+}
+
+impl Origin {
+    /// Whether nothing moves at a time in `[0, 1]`.
+    pub(crate) fn rests(self, time: f64) -> bool {
+        self != Self::Free && time == 0.0
+    }
 }
 
 /// Settings of the network that moves points. Its width is that of [`TimeSettings`](super::TimeSettings).
@@ -40,14 +52,15 @@ pub(crate) struct WarpSettings {
     /// What its outputs are: `none`, `translation` or `rigid`.
     #[serde(rename = "warp")]
     pub(crate) motion: Motion,
-    /// What happens at `t = 0`: `canonical` (nothing) or `free`.
+    /// What happens at `t = 0`: `tied` (nothing, and next to nothing beside it), `exact` (nothing at that time alone, as published) or
+    /// `free`.
     pub(crate) origin: Origin,
     /// Octaves of the point that it sees, with the point itself.
     #[serde(rename = "warp_octaves")]
     pub(crate) octaves: usize,
-    /// Steps over which these come in, coarse to fine (Nerfies, section 3.5); 0: all from the start.
+    /// Share of the schedule over which these come in, coarse to fine (Nerfies, section 3.5); 0: all from the start.
     #[serde(rename = "warp_anneal")]
-    pub(crate) anneal: u64,
+    pub(crate) anneal: f64,
     /// Number of its hidden layers.
     #[serde(rename = "warp_depth")]
     pub(crate) depth: usize,
@@ -58,6 +71,7 @@ impl WarpSettings {
     /// [`SystemError::Config`] naming the setting.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         in_range("warp_octaves", self.octaves, 0..=16)?;
+        in_range("warp_anneal", self.anneal, 0.0..=1.0)?;
         in_range("warp_depth", self.depth, 1..=16)
     }
 }
@@ -73,14 +87,13 @@ pub(crate) struct Warp {
 }
 
 impl Warp {
-    /// `None` where points stay where they are. `time_rows` is what the network sees of the time, `more` what it sees besides.
+    /// `None` where points stay where they are. Besides points and times the network sees `more` rows.
     ///
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot be.
     pub(crate) fn new(
         settings: &WarpSettings,
-        width: usize,
-        time_rows: usize,
+        time: &Time,
         more: usize,
         parameters: &mut Parameters,
     ) -> Result<Option<Self>, SystemError> {
@@ -91,16 +104,22 @@ impl Warp {
             Motion::Translation => 3,
             Motion::Rigid => 6,
         };
-        let schedule = if anneal == 0 { Schedule::Open } else { Schedule::Over { from: 0, length: anneal } };
-        let octaves = Octaves::new(3, octaves, Identity::Include, schedule, parameters.simd)?;
-        let shape = NetworkShape { inputs: octaves.rows() + time_rows + more, depth, width, outputs };
+        if origin == Origin::Tied && time.settings().kind != TimeKind::Time {
+            // What is learned of `t = 0` would get no gradient.
+            let problem = "needs `time_input=time`; set that, or `origin=exact`, or `origin=free`";
+            return Err(bad("origin", "tied", problem));
+        }
+        let opens = if anneal == 0.0 { Window::Open } else { Window::Over { from: 0.0, length: anneal } };
+        let octaves = Octaves::new(3, octaves, Identity::Include, opens, parameters.simd)?;
+        let shape =
+            NetworkShape { inputs: octaves.rows() + time.rows() + more, depth, width: time.settings().width, outputs };
         let network = parameters.network(Stream::Warp, shape)?;
         Ok(Some(Self { octaves, network, motion, origin }))
     }
 
-    /// Whether nothing moves at a time in `[0, 1]`.
-    pub(crate) fn rests(&self, time: f64) -> bool {
-        self.origin == Origin::Canonical && time == 0.0
+    /// What happens at `t = 0`; nothing special where there is no warp.
+    pub(crate) fn origin(warp: Option<&Self>) -> Origin {
+        warp.map_or(Origin::Free, |warp| warp.origin)
     }
 
     /// Points `x` `[3 x n]` moved by outputs of the network: `x + delta` (D-NeRF, equation 2), or `exp(omega) x + V(omega) v`
@@ -116,9 +135,9 @@ impl Warp {
         deform::translate(tape, x, outputs)
     }
 
-    /// New parameters, after `steps` steps.
-    pub(crate) fn renew(&mut self, params: &[f32], steps: u64) {
-        self.octaves.renew(steps);
+    /// New parameters, once the share `done` of the schedule is over.
+    pub(crate) fn renew(&mut self, params: &[f32], done: f64) {
+        self.octaves.renew(done);
         self.network.renew(params);
     }
 }

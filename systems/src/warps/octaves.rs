@@ -16,25 +16,27 @@ pub(super) fn frequency(dims: usize, octaves: usize, identity: Identity) -> Resu
 }
 
 /// When octaves come in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Schedule {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Window {
     /// All of them are there from the start.
     Open,
     /// One after the other.
     Over {
-        /// Steps before the first of them begins to come in.
-        from: u64,
-        /// Steps from then on until all are there.
-        length: u64,
+        /// Share of the schedule after which the first of them begins to come in.
+        from: f64,
+        /// Share of the schedule from then on until all are there.
+        length: f64,
     },
 }
 
-impl Schedule {
-    /// Share of the schedule that is over after `steps` steps.
-    fn done(self, steps: u64) -> f64 {
+impl Window {
+    /// How far it is open once the share `done` of the schedule is over.
+    fn open(self, done: f64) -> f64 {
         match self {
             Self::Open => 1.0,
-            Self::Over { from, length } => (steps.saturating_sub(from) as f64 / length.max(1) as f64).min(1.0),
+            Self::Over { from, .. } if done < from => 0.0,
+            Self::Over { from, length } if length > 0.0 => ((done - from) / length).min(1.0),
+            Self::Over { .. } => 1.0,
         }
     }
 }
@@ -42,7 +44,7 @@ impl Schedule {
 /// Sines and cosines with a weight for each octave (Nerfies, equation 8).
 pub(crate) struct Octaves {
     frequency: Frequency,
-    schedule: Schedule,
+    opens: Window,
     simd: Simd,
     op: EncodingOp<Windowed<Vec<f32>>>,
     /// `[octaves]`, as of this step.
@@ -58,13 +60,13 @@ impl Octaves {
         dims: usize,
         octaves: usize,
         identity: Identity,
-        schedule: Schedule,
+        opens: Window,
         simd: Simd,
     ) -> Result<Self, SystemError> {
         let frequency = frequency(dims, octaves, identity)?;
         let op = EncodingOp::new(Windowed { encoding: frequency, window: None }, simd);
-        let mut new = Self { frequency, schedule, simd, op, window: vec![0.0; octaves] };
-        new.renew(0);
+        let mut new = Self { frequency, opens, simd, op, window: vec![0.0; octaves] };
+        new.renew(0.0);
         Ok(new)
     }
 
@@ -91,10 +93,10 @@ impl Octaves {
         tape.custom(&self.op, &[x])
     }
 
-    /// The weights after `steps` steps.
-    pub(super) fn renew(&mut self, steps: u64) {
-        window::nerfies(self.schedule.done(steps) * self.window.len() as f64, &mut self.window);
-        if self.schedule != Schedule::Open {
+    /// The weights once the share `done` of the schedule is over.
+    pub(super) fn renew(&mut self, done: f64) {
+        window::nerfies(self.opens.open(done) * self.window.len() as f64, &mut self.window);
+        if self.opens != Window::Open {
             self.weigh();
         }
     }
@@ -109,5 +111,23 @@ impl Octaves {
     pub(crate) fn set_window(&mut self, window: &[f32]) {
         self.window.copy_from_slice(window);
         self.weigh();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_open_by_shares_of_the_schedule() {
+        let window = Window::Over { from: 0.2, length: 0.4 };
+        let open = [0.0, 0.2, 0.3, 0.6, 1.0].map(|done| window.open(done));
+        for (open, want) in open.iter().zip([0.0, 0.0, 0.25, 1.0, 1.0]) {
+            assert!((open - want).abs() < 1e-12, "{open} {want}");
+        }
+        let at_once = Window::Over { from: 0.2, length: 0.0 };
+        assert_eq!([0.0, 0.19, 0.2, 1.0].map(|done| at_once.open(done)), [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(Window::Over { from: 0.0, length: 0.0 }.open(0.0), 1.0);
+        assert_eq!(Window::Open.open(0.0), 1.0);
     }
 }

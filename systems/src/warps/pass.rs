@@ -1,14 +1,11 @@
 //! A deformation of many points, forwards and backwards, in tiles whose activations stay in the cache.
 
-use super::at::{At, Moved, Moves};
+use super::at::{At, Moved, Moves, TILE};
 use super::deform::Deform;
 use super::points::{DeformGrad, DeformScratch, Points, gather, scatter};
 use super::time::TimeSteps;
 use field_core::tape::{Node, Tape, TapeError};
 use std::sync::atomic::Ordering;
-
-/// Points of a tile.
-const TILE: usize = 480;
 
 /// The tape is built of shapes that fit: an error is a mistake in a deformation.
 pub(super) fn recorded<T>(result: Result<T, TapeError>) -> T {
@@ -42,7 +39,14 @@ impl Deform {
         moves: Moves,
     ) -> Result<Moved, TapeError> {
         let x = tape.affine(x, 2.0, -1.0)?;
-        let mut moved = self.deformation.record(tape, At { x, time, t, moves })?;
+        let origin = match &self.origin {
+            Some(row) if moves == Moves::Yes => {
+                let row = tape.constant(row.len(), 1, row)?;
+                Some(tape.broadcast_samples(row, t.len())?)
+            }
+            _ => None,
+        };
+        let mut moved = self.deformation.record(tape, At { x, time, t, moves, origin })?;
         if let Some(x) = &mut moved.x {
             *x = tape.affine(*x, 0.5, 0.5)?;
         }
@@ -105,7 +109,8 @@ impl Deform {
         scratch: &mut DeformScratch,
     ) {
         let n = points.which.len();
-        let DeformScratch { tape: arena, columns, x: tile_x, time, t, x_bar: tile_bar, seen_bar: tile_seen } = scratch;
+        let DeformScratch { tape: arena, columns, x: tile_x, time, t, x_bar: tile_bar, seen_bar: tile_seen, .. } =
+            scratch;
         let everywhere = self.seen_rows() > 0;
         columns.clear();
         columns.extend((0..n as u32).filter(|&i| everywhere || !points.rests(i)));

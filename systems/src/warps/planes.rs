@@ -8,6 +8,7 @@ use engine::system::SystemError;
 use field_core::encoding::planes::Planes;
 use field_core::tape::{EncodingOp, Node, Tape, TapeError};
 use losses::kernel::Kernel;
+use losses::planes::{PlaneShape, time_smoothness_backward};
 use losses::variation;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -49,9 +50,9 @@ pub(crate) struct PlaneSettings {
     /// Factor of the variation of their features in space; 0: none.
     #[serde(rename = "plane_tv")]
     pub(crate) variation: f32,
-    /// Factor of that in time.
-    #[serde(rename = "plane_slow")]
-    pub(crate) variation_in_time: f32,
+    /// Factor of their second differences in time: what changes steadily costs nothing; 0: none.
+    #[serde(rename = "plane_smoothness")]
+    pub(crate) smoothness: f32,
 }
 
 impl PlaneSettings {
@@ -63,7 +64,7 @@ impl PlaneSettings {
         times: 24,
         rate: 10.0,
         variation: 0.0,
-        variation_in_time: 0.0,
+        smoothness: 0.0,
     };
 
     /// # Errors
@@ -77,7 +78,7 @@ impl PlaneSettings {
         in_range("plane_times", self.times, 1..=1024)?;
         in_range("plane_lr", self.rate, 0.0..=100.0)?;
         in_range("plane_tv", self.variation, 0.0..=1e3)?;
-        in_range("plane_slow", self.variation_in_time, 0.0..=1e3)
+        in_range("plane_smoothness", self.smoothness, 0.0..=1e3)
     }
 
     fn is_seen_by(&self, whom: SeenBy) -> bool {
@@ -175,30 +176,37 @@ impl TimePlanes {
         Ok(features)
     }
 
-    /// Add the gradient of what differences of neighbours on the planes cost, in space and in time (K-Planes, section 3.3), to that
-    /// of the deformation's parameters.
+    /// Those of [`TimePlanes::of`] that the network of the warp sees; nothing is computed where it sees none.
+    ///
+    /// # Errors
+    /// As [`TimePlanes::of`].
+    pub(crate) fn for_warp<'a>(&'a self, tape: &mut Tape<'a>, at: &At<'_>) -> Result<Vec<Node>, TapeError> {
+        if self.settings.is_seen_by(SeenBy::Warp) { Ok(self.of(tape, at)?.nodes) } else { Ok(Vec::new()) }
+    }
+
+    /// Add the gradient of what first differences in space cost, and second differences in time (K-Planes, equations 3 and 4), to that
+    /// of the deformation's parameters. Each is the sum over axes and planes of a mean.
     pub(super) fn smooth(&self, params: &[f32], grad: &mut [f32]) {
-        let PlaneSettings { variation, variation_in_time, .. } = self.settings;
+        let PlaneSettings { variation, smoothness, .. } = self.settings;
+        let fits = "a plane has this shape";
         for Set { planes, range, .. } in &self.sets {
             for (k, pair) in planes.pairs().enumerate() {
                 let plane = planes.plane_range(k);
                 let plane = range.start + plane.start..range.start + plane.end;
                 let [wide, high] = pair.map(|axis| planes.resolution()[axis] as usize);
                 let (params, bar) = (&params[plane.clone()], &mut grad[plane]);
-                for (axis, along) in [(1, pair[0]), (0, pair[1])] {
-                    let factor = if along == TIME { variation_in_time } else { variation };
-                    if factor > 0.0 {
-                        let shape = [high, wide, planes.features()];
-                        variation::total_variation_backward(
-                            params,
-                            &shape,
-                            &[axis],
-                            Kernel::Squared,
-                            factor.into(),
-                            bar,
-                        )
-                        .expect("a plane has this shape");
-                    }
+                let shape = [high, wide, planes.features()];
+                // Time is the second axis of its planes.
+                let timed = pair[1] == TIME;
+                if variation > 0.0 {
+                    let axes: &[usize] = if timed { &[1] } else { &[0, 1] };
+                    let factor = variation.into();
+                    variation::total_variation_backward(params, &shape, axes, Kernel::Squared, factor, bar)
+                        .expect(fits);
+                }
+                if timed && smoothness > 0.0 {
+                    let shape = PlaneShape { rows: high, columns: wide, features: planes.features() };
+                    time_smoothness_backward(params, shape, smoothness.into(), bar).expect(fits);
                 }
             }
         }

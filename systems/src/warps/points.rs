@@ -65,6 +65,9 @@ pub(crate) struct DeformScratch {
     pub(super) t: Vec<f32>,
     pub(super) x_bar: Vec<f32>,
     pub(super) seen_bar: Vec<f32>,
+    /// `[3][columns]`, neighbours of points, and the way to them.
+    pub(super) near: Vec<f32>,
+    pub(super) way: Vec<f32>,
 }
 
 impl DeformScratch {

@@ -10,7 +10,7 @@ impl Deform {
         let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
         let (all, warped) = (read(&self.counts.all), read(&self.counts.warped));
         let mut rows = Vec::new();
-        if self.deformation.has_canonical_time() {
+        if self.deformation.origin().rests(0.0) {
             let bound = "exact: nothing is warped at t = 0".to_string();
             let skipped = all.saturating_sub(warped);
             rows.push(SkipRow::counted("points at the canonical time", skipped, all, "points", bound));

@@ -2,7 +2,7 @@
 
 use super::deform::Deform;
 use engine::system::{
-    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_numbers, u64_tensor,
+    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor,
 };
 
 impl Deform {
@@ -11,7 +11,7 @@ impl Deform {
         let mut out = vec![
             f32_tensor("deform.networks", &self.params),
             self.time.learned_tensor(),
-            u64_tensor("deform.steps", vec![self.taken]),
+            u64_tensor("deform.done", vec![self.done.to_bits()]),
         ];
         push_adam(&mut out, "deform.networks", &self.adam);
         self.time.push_adam(&mut out);
@@ -27,13 +27,17 @@ impl Deform {
     /// [`SystemError::State`] naming the array that is missing or has another shape.
     pub(crate) fn load_state(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let params = take_numbers(state, "deform.networks", self.params.len())?;
-        let taken = take_counts(state, "deform.steps", 1)?[0];
+        let done = f64::from_bits(take_u64(state, "deform.done", 1)?[0]);
+        if !(0.0..=1.0).contains(&done) {
+            let problem = format!("{done} of a schedule is done; 0 to 1 expected");
+            return Err(SystemError::State { name: "deform.done".into(), problem });
+        }
         let adam = take_adam(state, "deform.networks", &self.adam)?;
         let (learned, time_adam) = self.time.take(state)?;
         if self.has_planes() {
             self.plane_adam = take_adam(state, "deform.planes", &self.plane_adam)?;
         }
-        (self.params, self.taken, self.adam) = (params, taken, adam);
+        (self.params, self.done, self.adam) = (params, done, adam);
         self.time.put(learned, time_adam);
         self.renew();
         Ok(())

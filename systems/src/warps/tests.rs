@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering::Relaxed;
 fn settings(kind: TimeKind, motion: Motion) -> MadeSettings {
     MadeSettings {
         time: TimeSettings { kind, octaves: 2, dims: 4, width: 16, rate: 1.0, code_rate: 1.0 },
-        warp: WarpSettings { motion, origin: Origin::Free, octaves: 3, anneal: 0, depth: 2 },
-        ambient: AmbientSettings { dims: 2, octaves: 2, width: 8, depth: 2, from: 0, anneal: 0 },
+        warp: WarpSettings { motion, origin: Origin::Free, octaves: 3, anneal: 0.0, depth: 2 },
+        ambient: AmbientSettings { dims: 2, octaves: 2, width: 8, depth: 2, from: 0.0, anneal: 0.0 },
         planes: PlaneSettings {
             cells: vec![3, 5],
             features: 2,
@@ -38,7 +38,7 @@ fn busy(settings: MadeSettings) -> Deform {
     let mut noise = vec![0.0; deform.params.len()];
     Rng::new(5, 7).fill_uniform(0, &mut noise);
     deform.params.iter_mut().zip(noise).for_each(|(p, u)| *p += 0.3 * (u - 0.5));
-    deform.taken = 1;
+    deform.done = 0.01;
     deform.renew();
     deform
 }
@@ -124,7 +124,7 @@ fn gradients_of_networks_time_steps_and_points_are_those_of_differences() {
 #[test]
 fn nothing_is_warped_at_the_canonical_time_and_its_gradient_passes() {
     let free = warp_alone(TimeKind::Time, Motion::Translation);
-    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Canonical, ..free.warp }, ..free });
+    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Exact, ..free.warp }, ..free });
     let (x, _) = points(5);
     let which = vec![0; 5];
     let mut there = vec![0.0; 15];
@@ -156,11 +156,11 @@ fn points_begin_where_they_are() {
 }
 
 #[test]
-fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names() {
-    for ([variation, variation_in_time], along_time) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
+fn smoothing_planes_lowers_first_differences_in_space_and_second_ones_in_time() {
+    for ([variation, smoothness], along_time) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
         let all = settings(TimeKind::Time, Motion::Rigid);
         let time = TimeSettings { octaves: 1, ..all.time };
-        let planes = PlaneSettings { variation, variation_in_time, ..all.planes };
+        let planes = PlaneSettings { variation, smoothness, ..all.planes };
         let mut deform = busy(MadeSettings { time, planes, ..all });
         deform.grad.fill(0.0);
         let part = deform.deformation.planes().unwrap();
@@ -176,7 +176,8 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
                 assert_eq!(touched, !along_time || pair.contains(&3), "{pair:?}");
             }
         }
-        // The gradient against differences of the value, whose sum over planes is what is lowered.
+        // The gradient against differences of the value, whose sum over planes is what is lowered: pairs of neighbours along an axis of
+        // space, triples along the time.
         let value = |params: &[f32]| {
             let mut sum = 0.0;
             for (planes, all) in part.sets() {
@@ -187,17 +188,20 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
                     let c = planes.features();
                     let of =
                         |i: usize, j: usize, f: usize| f64::from(params[at + range.start + (j * wide + i) * c + f]);
-                    for (axis, pairs) in [(0, (wide - 1) * high * c), (1, wide * (high - 1) * c)] {
+                    for axis in [0, 1] {
                         if (pair[axis] == 3) != along_time {
                             continue;
                         }
+                        let [right, down] = [1 - axis, axis];
+                        // Vertices before the last pair, or triple, along the axis.
+                        let reach = 1 + usize::from(along_time);
+                        let (columns, rows) = (wide - reach * right, high - reach * down);
                         for (i, j, f) in
-                            (0..wide).flat_map(|i| (0..high).flat_map(move |j| (0..c).map(move |f| (i, j, f))))
+                            (0..columns).flat_map(|i| (0..rows).flat_map(move |j| (0..c).map(move |f| (i, j, f))))
                         {
-                            let [i2, j2] = [i + 1 - axis, j + axis];
-                            if i2 < wide && j2 < high {
-                                sum += (of(i2, j2, f) - of(i, j, f)).powi(2) / pairs as f64;
-                            }
+                            let at = |k: usize| of(i + k * right, j + k * down, f);
+                            let difference = if along_time { at(2) - 2.0 * at(1) + at(0) } else { at(1) - at(0) };
+                            sum += difference.powi(2) / (columns * rows * c) as f64;
                         }
                     }
                 }
@@ -225,9 +229,9 @@ fn smoothing_planes_lowers_the_differences_of_neighbours_along_the_axes_it_names
 fn closed_windows_are_not_computed_and_change_nothing() {
     let all = settings(TimeKind::Time, Motion::Rigid);
     let mut deform = busy(MadeSettings {
-        ambient: AmbientSettings { from: 100, anneal: 100, ..all.ambient },
+        ambient: AmbientSettings { from: 0.2, anneal: 0.2, ..all.ambient },
         planes: PlaneSettings::NONE,
-        warp: WarpSettings { anneal: 300, ..all.warp },
+        warp: WarpSettings { anneal: 1.0, ..all.warp },
         ..all
     });
     let windows = deform.deformation.windows();
@@ -262,7 +266,7 @@ fn closed_windows_are_not_computed_and_change_nothing() {
 #[test]
 fn what_is_seen_at_the_canonical_time_is_computed_without_the_warp() {
     let all = settings(TimeKind::Time, Motion::Rigid);
-    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Canonical, ..all.warp }, ..all });
+    let deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Exact, ..all.warp }, ..all });
     let (x, which) = points(9);
     let at_all = |steps: &TimeSteps| {
         let (mut there, mut seen) = (vec![f32::NAN; 27], vec![f32::NAN; 9 * deform.seen_rows()]);
@@ -279,4 +283,94 @@ fn what_is_seen_at_the_canonical_time_is_computed_without_the_warp() {
     for i in 0..27 {
         assert_eq!(there[i], if which[i % 9] == 0 { x[i] } else { there_free[i] });
     }
+}
+
+#[test]
+fn planes_that_change_steadily_cost_nothing_in_time() {
+    let all = settings(TimeKind::Time, Motion::Translation);
+    let mut deform = busy(MadeSettings { planes: PlaneSettings { smoothness: 1.0, ..all.planes }, ..all });
+    let gradient = |deform: &Deform| {
+        let mut grad = vec![0.0; deform.params.len()];
+        deform.deformation.planes().unwrap().smooth(&deform.params, &mut grad);
+        grad.iter().fold(0.0, |most: f32, g| most.max(g.abs()))
+    };
+    assert!(gradient(&deform) > 1e-3);
+    let mut steady = deform.params.clone();
+    for (planes, all) in deform.deformation.planes().unwrap().sets() {
+        for (k, pair) in planes.pairs().enumerate().filter(|(_, pair)| pair.contains(&3)) {
+            let row = planes.resolution()[pair[0]] as usize * planes.features();
+            let range = planes.plane_range(k);
+            for (i, value) in steady[all.start + range.start..all.start + range.end].iter_mut().enumerate() {
+                *value = 0.3 + 0.2 * (i / row) as f32 + 0.1 * (i % row) as f32;
+            }
+        }
+    }
+    deform.params = steady;
+    assert!(gradient(&deform) < 1e-5, "{}", gradient(&deform));
+}
+
+#[test]
+fn beside_the_time_that_the_canonical_scene_is_tied_to_next_to_nothing_moves() {
+    for motion in [Motion::Translation, Motion::Rigid] {
+        let way = |origin, t: f64| {
+            let all = settings(TimeKind::Time, motion);
+            let made = MadeSettings { warp: WarpSettings { origin, ..all.warp }, ..all };
+            let deform = busy(made);
+            let (x, _) = points(9);
+            let steps = deform.time_steps_at(&[t]);
+            let (mut there, mut seen) = (vec![0.0; 27], vec![0.0; 9 * deform.seen_rows()]);
+            let at = Points { x: &x, which: &[0; 9], time_steps: &steps };
+            deform.place(at, &mut there, &mut seen, &mut DeformScratch::default());
+            there.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert_eq!(way(Origin::Tied, 0.0), 0.0);
+        let [near, nearer, far] = [1e-2, 1e-3, 1.0].map(|t| way(Origin::Tied, t));
+        assert!(far > 1e-2 && near < 0.1 * far && nearer < 0.2 * near, "{motion:?}: {nearer} {near} {far}");
+        // As published nothing is tied: beside that time points are anywhere.
+        assert!(way(Origin::Exact, 0.0) == 0.0 && way(Origin::Exact, 1e-3) > 10.0 * nearer, "{motion:?}");
+    }
+}
+
+#[test]
+fn gradients_of_a_warp_that_is_tied_are_those_of_differences() {
+    let all = settings(TimeKind::Time, Motion::Rigid);
+    let mut deform = busy(MadeSettings { warp: WarpSettings { origin: Origin::Tied, ..all.warp }, ..all });
+    let (x, which) = points(7);
+    let n = which.len();
+    let mut bars = (vec![0.0; 3 * n], vec![0.0; deform.seen_rows() * n]);
+    Rng::new(8, 9).fill_uniform(0, &mut bars.0);
+    let mut grad = DeformGrad::default();
+    grad.begin(&deform);
+    let mut x_bar = bars.0.clone();
+    let at = Points { x: &x, which: &which, time_steps: deform.time_steps() };
+    deform.learn(at, &mut x_bar, &bars.1, &mut grad, &mut DeformScratch::default());
+    let h = 5e-4_f32;
+    let mut sum = 0.0;
+    for i in (0..deform.params.len()).step_by(23) {
+        let kept = deform.params[i];
+        let mut at = |value_there: f32| {
+            deform.params[i] = value_there;
+            deform.renew();
+            value(&deform, &x, &which, &bars)
+        };
+        let [minus, here, plus] = [at(kept - h), at(kept), at(kept + h)];
+        at(kept);
+        let [before, after] = [(here - minus) / f64::from(h), (plus - here) / f64::from(h)];
+        let room = 2e-2 * before.abs().max(after.abs()).max(0.3);
+        let got = f64::from(grad.params[i]);
+        sum += got.abs();
+        let inside = (before.min(after) - room..before.max(after) + room).contains(&got);
+        assert!(inside, "parameter {i}: {got}, not {before} to {after}");
+    }
+    assert!(sum > 0.1, "next to no gradient: {sum}");
+}
+
+#[test]
+fn a_time_that_is_learned_cannot_be_tied_to() {
+    let all = settings(TimeKind::Codes, Motion::Translation);
+    let mut parameters = Parameters::new(1);
+    let time = Time::new(all.time, Times::of_list(&[0.0, 1.0]), &parameters).unwrap();
+    let tied = WarpSettings { origin: Origin::Tied, ..all.warp };
+    let error = Warp::new(&tied, &time, 0, &mut parameters).err().unwrap().to_string();
+    assert!(error.contains("origin") && error.contains("time_input=time"), "{error}");
 }

@@ -1,7 +1,7 @@
 //! Batches: which pixels they hold, and that they are the same whoever computes them.
 
 use crate::common::{sky_scene, train_split};
-use engine::data::{Batch, Dataset};
+use engine::data::{Batch, Dataset, DrawnFrom};
 use render_core::camera::Camera;
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
@@ -48,6 +48,40 @@ fn draws_are_uniform_over_all_pixels_of_all_views() {
     // Chi squared with 299 degrees of freedom: mean 299, standard deviation 24.5.
     let chi2: f64 = counts.iter().map(|&c| (f64::from(c) - 200.0).powi(2) / 200.0).sum();
     assert!((299.0 - 5.0 * 24.5..299.0 + 5.0 * 24.5).contains(&chi2), "chi squared {chi2}");
+}
+
+#[test]
+fn the_middle_of_photos_is_drawn_from_evenly_and_nothing_else() {
+    let scene = sky_scene(8, 24, false);
+    // In memory, and from a window of views.
+    for budget in [ROOM, 3 * 24 * 24 * 2] {
+        let data = train_split(&scene, budget);
+        let views = [0, 2];
+        for from in [Some(&views[..]), None].map(|views| DrawnFrom { views, middle: Some(0.5) }) {
+            let mut batch = Batch::default();
+            data.draw_from(1, 5, 8000, from, &mut batch).unwrap();
+            let mut counts = [[0_u32; 24]; 24];
+            for (_, [x, y]) in places(&batch) {
+                counts[usize::from(y)][usize::from(x)] += 1;
+            }
+            for (i, count) in counts.iter().flatten().enumerate() {
+                let inside = |at: usize| (6..18).contains(&at);
+                let drawn = inside(i % 24) && inside(i / 24);
+                // 8000 draws over 144 pixels: 55 each.
+                assert!(if drawn { (15..120).contains(count) } else { *count == 0 }, "pixel {i}: {count}");
+            }
+            if budget == ROOM && from.views.is_some() {
+                assert!(batch.view.iter().all(|view| views.contains(view)));
+            }
+        }
+    }
+    let tiny = DrawnFrom { views: None, middle: Some(0.0) };
+    let mut batch = Batch::default();
+    train_split(&scene, ROOM).draw_from(1, 5, 100, tiny, &mut batch).unwrap();
+    assert!(places(&batch).iter().all(|(_, pixel)| *pixel == [11, 11]), "one pixel at least");
+    let mut all = Batch::default();
+    train_split(&scene, ROOM).draw_from(1, 5, 100, DrawnFrom::ALL, &mut all).unwrap();
+    assert_eq!(places(&all), places(&draw(&train_split(&scene, ROOM), 1, 5, 100)));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Small valid folders, one a dialect: the files that the inputs replace, and those that stay.
 
 use crate::folder::File;
+use flate2::Crc;
 use image::{DynamicImage, GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 use std::io::Cursor;
 
@@ -55,6 +56,23 @@ fn npy(kind: &str, shape: &str, data: impl IntoIterator<Item = u8>) -> Vec<u8> {
 
 fn f32s(shape: &str, data: &[f32]) -> Vec<u8> {
     npy("<f4", shape, data.iter().flat_map(|x| x.to_le_bytes()))
+}
+
+/// One array as `numpy.savez` writes it: an archive of stored members.
+fn npz(name: &str, array: &[u8]) -> Vec<u8> {
+    let mut crc = Crc::new();
+    crc.update(array);
+    let (sum, size) = (crc.sum().to_le_bytes(), (array.len() as u32).to_le_bytes());
+    let length = (name.len() as u16).to_le_bytes();
+    let about = [&[0_u8; 8][..], &sum, &size, &size, &length].concat();
+    let mut bytes = [&b"PK\x03\x04\x14\0"[..], &about, &[0; 2], name.as_bytes(), array].concat();
+    let start = (bytes.len() as u32).to_le_bytes();
+    let entry = [&b"PK\x01\x02\x14\0\x14\0"[..], &about, &[0; 16], name.as_bytes()].concat();
+    bytes.extend(&entry);
+    bytes.extend(
+        [&b"PK\x05\x06\0\0\0\0\x01\0\x01\0"[..], &(entry.len() as u32).to_le_bytes(), &start, &[0; 2]].concat(),
+    );
+    bytes
 }
 
 fn poses_bounds(n: usize, row: impl Fn(usize) -> [f64; 17]) -> Vec<u8> {
@@ -326,7 +344,7 @@ pub(crate) fn maps() -> Scene {
     Scene { doors, beside }
 }
 
-/// What other programs made of a photo: segments, features, flow.
+/// What other programs made of a photo: segments, features, flow, disparity, what moves.
 pub(crate) fn priors() -> Scene {
     let more = ",\"flow_path\":\"flow.npy\",\"flow_valid_path\":\"valid.png\",\"flow_to\":\"images/1.png\"";
     let frames = list([frame(0, "images/0.png", more), frame(1, "images/1.png", "")]);
@@ -340,6 +358,10 @@ pub(crate) fn priors() -> Scene {
         there("images/0.features.npy", npy("<f2", "2, 1, 2", [0, 60, 0, 0, 0, 60, 0, 192])),
         there("flow.npy", f32s("6, 8, 2", &[1.25; 96])),
         there("valid.png", mask()),
+        there("flow/0_fwd.flo", [&b"PIEH\x08\0\0\0\x06\0\0\0"[..], &[0_u8, 0, 160, 63].repeat(96)].concat()),
+        there("flow/1_bwd.npz", npz("flow.npy", &f32s("6, 8, 2", &[-1.25; 96]))),
+        there("disp/0.npy", f32s("6, 8", &[0.5; 48])),
+        there("motion_masks/0.png", mask()),
     ];
     let beside =
         vec![there("transforms.json", text), there("images/0.png", photo(8, 6)), there("images/1.png", photo(8, 6))];

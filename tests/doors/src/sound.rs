@@ -104,6 +104,26 @@ pub(crate) fn belongings(frame: &Frame, root: &Path) {
         );
         assert_eq!(flow.resized(3, 2).vectors.len(), 6);
     }
+    motion(frame, &root);
+}
+
+/// What other programs say of motion: all finite, with masks of its size.
+fn motion(frame: &Frame, root: &str) {
+    let prior = read(frame.read_flow_prior().map(Some), root).unwrap_or_default();
+    for flow in [prior.forward, prior.backward].into_iter().flatten() {
+        assert_eq!(flow.vectors.len() as u64, u64::from(flow.width) * u64::from(flow.height));
+        assert_eq!((flow.seen.width(), flow.seen.height()), (flow.width, flow.height));
+        assert!(flow.vectors.iter().flatten().all(|x| x.abs() <= 1e9), "a vector is not finite or huge");
+        assert_eq!(flow.resized(3, 2).vectors.len(), 6);
+    }
+    if let Some(disparity) = read(frame.read_disparity(), root) {
+        assert_eq!(disparity.values.len() as u64, u64::from(disparity.width) * u64::from(disparity.height));
+        assert!(disparity.values.iter().all(|x| x.is_finite()), "a disparity is not finite");
+        assert_eq!(disparity.resized(3, 5).values.len(), 15);
+    }
+    if let Some(mask) = read(frame.read_motion_mask(), root) {
+        assert_eq!(mask.resized(3, 5).iter().count(), 15);
+    }
 }
 
 fn read<T>(result: Result<Option<T>, SceneError>, root: &str) -> Option<T> {

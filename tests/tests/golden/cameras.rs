@@ -6,8 +6,13 @@ use field_core::tape::{Arena, Tape};
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use render_core::camera::{Camera, CameraBar, Lens, Pose};
 use render_core::contract::{Norm, contract, contract_covariance, contract_jacobian, inv_contract};
+use render_core::induced_flow::{
+    Coordinates, NeighbourBar, Neighbours, Rest, expected_points, expected_points_backward, flow_of_point,
+    flow_of_point_backward, induced_flow,
+};
 use render_core::ndc::{Ndc, NdcRay};
 use render_core::pose::Axes;
+use render_core::space_map::SpaceMap;
 use std::path::Path;
 use testkit::golden::{Golden, Kind, Record, Tensor, assert_close};
 
@@ -273,5 +278,93 @@ fn rigid_deformations_of_the_tape_match_the_exponential() {
         assert_close(&record.label(), &got, &record.output("T").data[..12], 1e-6, 1e-6);
         let got: Vec<f64> = cells.flat_map(|(i, c)| (0..6).map(move |k| entry(j, i * 6 + k, c))).collect();
         assert_close(&format!("{} dT_dxi", record.label()), &got, &record.output("dT_dxi").data, 1e-5, 1e-5);
+    }
+}
+
+/// The neighbour's camera of a record of induced flow. Its rotation is rounded to `f32`, taken as it is.
+fn neighbour(record: &Record) -> Camera {
+    let c2w = &record.input("c2w").data;
+    let column = |j: usize| DVec3::new(c2w[j], c2w[4 + j], c2w[8 + j]);
+    let pose = Pose { r: DMat3::from_cols(column(0), -column(1), -column(2)), c: column(3) };
+    let (width, height) = (record.param("width").usize() as u32, record.param("height").usize() as u32);
+    let focal = record.param("focal").f64();
+    Camera::pinhole(width, height, focal, focal, f64::from(width) / 2.0, f64::from(height) / 2.0, pose)
+}
+
+#[test]
+fn induced_flow_and_its_gradients_match() {
+    let golden = golden();
+    for record in golden.op("induced_flow").chain(golden.op("induced_flow_ndc")) {
+        let camera = neighbour(record);
+        let map = (record.op == "induced_flow_ndc").then(|| {
+            // The golden world has the GL axes of the camera that NDC refers to.
+            let pose = Pose { r: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)), c: DVec3::ZERO };
+            let (focal, near) = (record.param("focal").f64(), record.param("near").f64());
+            SpaceMap::Ndc { pose, ndc: Ndc::centred(camera.width, camera.height, focal, near) }
+        });
+        let coordinates = map.as_ref().map_or(Coordinates::World, Coordinates::Unit);
+        // NDC to the unit cube, and how fast that goes.
+        let unit = |x: DVec3| if map.is_some() { x * 0.5 + 0.5 } else { x };
+        let per_unit = if map.is_some() { 0.5 } else { 1.0 };
+        let weights = &record.input("weights").data;
+        let samples: Vec<DVec3> =
+            vec3s(record.input("points")).iter().zip(vec3s(record.input("scene_flow"))).map(|(&x, s)| x + s).collect();
+        let sum = samples.iter().zip(weights).map(|(&x, &w)| x * w).sum::<DVec3>();
+        let prepared = camera.prepare();
+        let pixel = vec2s(record.input("pixel"))[0];
+        let flow = flow_of_point(unit(sum), coordinates, &prepared, 1e-6, pixel).expect("in view");
+        let label = record.label();
+        assert_close(&label, &flow.to_array(), &record.output("flow").data, 1e-14, 1e-9);
+        let there = (flow + pixel).to_array();
+        assert_close(&label, &there, &record.output("pixel_neighbour").data, 1e-14, 1e-9);
+
+        let flow_bar = vec2s(record.cotangent("flow"))[0];
+        let total_bar = flow_bar + vec2s(record.cotangent("pixel_neighbour"))[0];
+        let mut bar = NeighbourBar::default();
+        let mut p_bar = flow_of_point_backward(unit(sum), coordinates, &prepared, 1e-6, total_bar, &mut bar);
+        if let Some(map) = &map {
+            assert_close(
+                &label,
+                &map.world_point(unit(sum)).to_array(),
+                &record.output("point_world").data,
+                1e-12,
+                1e-13,
+            );
+            p_bar += map.world_point_backward(unit(sum), vec3(record.cotangent("point_world")));
+        }
+        p_bar *= per_unit;
+        let points_bar: Vec<f64> = weights.iter().flat_map(|&w| (p_bar * w).to_array()).collect();
+        let weights_bar: Vec<f64> = samples.iter().map(|x| x.dot(p_bar)).collect();
+        let rows = |i: usize| [bar.pose.r.x_axis[i], -bar.pose.r.y_axis[i], -bar.pose.r.z_axis[i], bar.pose.c[i]];
+        let check = |name: &str, got: &[f64]| {
+            assert_close(&format!("{label} {name}_bar"), got, &record.grad(name).data, 1e-10, 1e-12);
+        };
+        check("points", &points_bar);
+        check("scene_flow", &points_bar);
+        check("weights", &weights_bar);
+        check("pixel", &(-flow_bar).to_array());
+        check("c2w", &[rows(0), rows(1), rows(2)].concat());
+
+        // The f32 of a batch of one ray.
+        let flat = |of: &[DVec3]| (0..3).flat_map(|a| of.iter().map(move |x| x[a] as f32)).collect::<Vec<f32>>();
+        let places = flat(&samples.iter().map(|&x| unit(x)).collect::<Vec<_>>());
+        let (offsets, w) = ([0, weights.len() as u32], record.input("weights").f32());
+        let mut p = [0.0; 3];
+        // The cube's origin is a corner of NDC: what the weights leave is at its middle.
+        let middle = [0.5; 3];
+        let rest = if map.is_some() { Rest::AtEnd(&middle) } else { Rest::Dropped };
+        expected_points(&offsets, &places, &w, rest, &mut p);
+        let cameras = [prepared];
+        let neighbours = Neighbours { cameras: &cameras, of_ray: &[0], z_min: 1e-6 };
+        let (mut flow, mut seen) = ([[0.0; 2]], [false]);
+        let pixel = pixel.to_array().map(|v| v as f32);
+        induced_flow(&p, coordinates, neighbours, &[pixel], &mut flow, &mut seen);
+        assert!(seen[0]);
+        assert_close(&label, &flow[0].map(f64::from), &record.output("flow").data, 0.0, 1e-3);
+        let (mut x_bar, mut w_bar) = (vec![0.0; places.len()], vec![0.0; w.len()]);
+        let unit_bar = (p_bar / per_unit).to_array().map(|v| v as f32);
+        expected_points_backward(&offsets, &places, &w, rest, &unit_bar, &mut x_bar, &mut w_bar);
+        let w_bar: Vec<f64> = w_bar.iter().map(|&v| f64::from(v)).collect();
+        assert_close(&label, &w_bar, &record.grad("weights").data, 5e-5, 1e-5);
     }
 }

@@ -28,6 +28,7 @@ fn every_case_keeps_its_promise() {
             Once("moving settings", dynamic::settings),
             Once("moving scenes", dynamic::scenes),
             Once("moving rates", dynamic::learning_rates),
+            Once("moving priors", dynamic::priors),
         ],
     );
 }

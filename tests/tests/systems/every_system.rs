@@ -19,7 +19,7 @@ const OPACITIES: &str = "splats.logit";
 
 /// Settings with which a step takes milliseconds, and with which what happens now and then happens within [`STEPS`]. A system takes
 /// those that its parts have.
-const SMALL: [&str; 49] = [
+const SMALL: [&str; 51] = [
     // Before steps 0, 3, 6, 9 and 12.
     "occupancy_every=3",
     "occupancy=16",
@@ -43,19 +43,21 @@ const SMALL: [&str; 49] = [
     "batch_samples=4096",
     "warp_width=8",
     "warp_depth=1",
-    "warp_anneal=8",
+    "horizon=12",
+    "warp_anneal=0.66",
     "ambient_width=8",
     "ambient_depth=1",
-    "ambient_from=3",
-    "ambient_anneal=6",
+    "ambient_from=0.25",
+    "ambient_anneal=0.5",
     "background_points=16",
     "elastic=0.1",
-    "curriculum=8",
+    "coherence=0.1",
+    "curriculum=0.66",
     "plane_vertices=8",
     "plane_scales=[1,2]",
     "plane_times=3",
     "voxels=16",
-    "voxels_every=4",
+    "voxels_every=0.33",
     "cue_samples=8",
     "refine_every=4",
     "refine_share=0.3",
@@ -74,6 +76,8 @@ const SMALL: [&str; 49] = [
 
 /// What `auto` finds out by a training, told to it.
 const AUTO: [&str; 2] = ["appearance=\"codes\"", "occluders=\"robust\""];
+/// What systems of scenes that move with codes of appearance find out, told to them.
+const CODES: [&str; 1] = ["appearance=\"codes\""];
 
 fn scene_of(entry: &Entry) -> Scene {
     let (width, height) = (24, 24);
@@ -90,11 +94,17 @@ fn scene_of(entry: &Entry) -> Scene {
 /// The settings of [`SMALL`] that the system has, besides those it is given anyway.
 fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     let name = entry.claim.name;
-    let given: &[&str] = if name == "auto" { &AUTO } else { &[] };
+    let given: &[&str] = match name {
+        "auto" => &AUTO,
+        "nerfies" | "hypernerf" => &CODES,
+        // Rays are drawn in one way: here by curriculum.
+        "nsff" | "dynamic-nerf" => &["by_error=false"],
+        _ => &[],
+    };
     let (train, _) = views(scene, 1);
     let (_, plan) = try_system(name, scene, &train, given).unwrap_or_else(|e| panic!("{name}: {e}"));
-    // Of `splat` it halves pictures.
-    let is_other = |set: &str| name == "splat" && set.starts_with("coarse=");
+    // Of `splat` they halve pictures, and end the schedule before there are Gaussians.
+    let is_other = |set: &str| name == "splat" && (set.starts_with("coarse=") || set.starts_with("horizon="));
     let has = |set: &&&str| plan.config.contains_key(&parse_set(set).expect("written well").0) && !is_other(set);
     given.iter().chain(SMALL.iter().filter(has)).copied().collect()
 }

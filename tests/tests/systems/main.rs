@@ -1,5 +1,7 @@
 //! Whole systems: trained, resumed, compared.
 
+mod d_nerf_published;
+mod dynamic_appearance;
 mod dynamic_systems;
 mod e2e_static;
 mod every_system;

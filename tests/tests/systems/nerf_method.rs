@@ -441,6 +441,7 @@ fn a_fit_finds_the_light_of_a_picture() {
     let fit = Fit {
         rays: &rays,
         rgb: &truth,
+        time: 0.0,
         background: [1.0; 3],
         steps: 300,
         lr: 0.05,

@@ -57,6 +57,10 @@ impl Host for Interrupter<'_> {
         self.said.push(line.into());
     }
 
+    fn tell(&mut self, line: &str) {
+        panic!("{line}");
+    }
+
     fn progress(&mut self, progress: &Progress) {
         self.flag.fetch_or(progress.step == self.at, Ordering::Relaxed);
     }

@@ -100,8 +100,16 @@ fn a_fit_finds_the_code_that_was_planted() {
         let rays: Vec<_> = view.rays(0..view.camera.height).map(Option::unwrap).collect();
         let query = Query { appearance: Appearance::Code(Arc::from(planted)), ..plain_query([1.0; 3], 0.0) };
         let rgb = system.render(&rays, &query).rgb;
-        let fit =
-            Fit { rays: &rays, rgb: &rgb, background: [1.0; 3], steps: 600, lr: 0.05, seed: 1, halt: &Halt::NEVER };
+        let fit = Fit {
+            rays: &rays,
+            rgb: &rgb,
+            time: 0.0,
+            background: [1.0; 3],
+            steps: 600,
+            lr: 0.05,
+            seed: 1,
+            halt: &Halt::NEVER,
+        };
         let found = system.fit_appearance(&fit).unwrap();
         let far = found.iter().zip(planted).map(|(found, planted)| (found - planted).abs()).fold(0.0, f32::max);
         let again = Query { appearance: Appearance::Code(Arc::from(&found[..])), ..query.clone() };

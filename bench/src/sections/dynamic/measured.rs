@@ -12,7 +12,7 @@ use engine::source::SYNTHETIC;
 use engine::train::{Schedule, Stop};
 use losses::metrics::Lpips;
 use scene_io::Scene;
-use scene_io::synthetic::{OrbitOptions, TissueOptions, orbit, tissue};
+use scene_io::synthetic::{MouthOptions, OrbitOptions, TissueOptions, mouth, orbit, tissue};
 use std::path::Path;
 
 /// Training seconds after which the held-out views are measured.
@@ -57,8 +57,12 @@ pub(super) fn request(
         let Some(subject) = dataset(bench, group.name, group.path, data) else { return Ok(None) };
         subject.request
     };
-    let (system, set) = (Some(entry.system.into()), entry.set.parse().map_err(BenchError::part)?);
-    Ok(Some(Request { system, set, ..request }))
+    let parse = |set: &str| set.parse::<toml::Table>().map_err(BenchError::part);
+    let mut set = parse(entry.set)?;
+    if bench.extent == Extent::Quick {
+        set.extend(parse(entry.quick)?);
+    }
+    Ok(Some(Request { system: Some(entry.system.into()), set, ..request }))
 }
 
 /// Train until `stop`, the held-out views measured on the way, and measure everything at the end.
@@ -129,6 +133,17 @@ fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError
                     ..OrbitOptions::default()
                 }));
             }
+            Some("mouth") => {
+                return Ok(mouth(&MouthOptions {
+                    width: 32,
+                    height: 32,
+                    train: 12,
+                    val: 2,
+                    test: 2,
+                    rays: 1,
+                    ..MouthOptions::default()
+                }));
+            }
             Some("tissue") => {
                 return Ok(tissue(&TissueOptions {
                     width: 32,
@@ -146,7 +161,20 @@ fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError
 
 #[cfg(test)]
 mod tests {
+    use super::super::protocols::{MOUTH, ORBIT, TISSUE};
     use super::*;
+    use crate::cli::Cli;
+    use clap::Parser;
+
+    #[test]
+    fn embedded_scenes_are_small_in_quick_runs() {
+        let bench = Bench::new(&Cli::parse_from(["nerf-bench", "--quick", "--threads", "1"])).unwrap();
+        for group in [ORBIT, MOUTH, TISSUE] {
+            let scene = load(&bench, group.path, &DataOptions::default()).unwrap();
+            assert_eq!((scene.name.as_str(), scene.frames[0].camera.width), (group.name, 32));
+            assert!(scene.count(scene_io::Split::Test) > 0 && scene.frames.len() < 20, "{}", group.name);
+        }
+    }
 
     #[test]
     fn held_out_views_are_measured_after_a_tenth_too() {

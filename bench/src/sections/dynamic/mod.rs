@@ -16,7 +16,7 @@ use crate::table::{Cell, Table};
 use aims::goal;
 use engine::train::Stop;
 use measured::{EVAL_AT, Measured, measure, request, weights};
-use protocols::{Entry, Group, NR, ORBIT, TISSUE, WORKBENCH};
+use protocols::{Entry, Group, MOUTH, NR, ORBIT, TISSUE, WORKBENCH};
 
 pub(super) use protocols::names;
 
@@ -27,7 +27,11 @@ const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show 
                      Hidden: what something stood in front of when the photo was taken. Depth: mean absolute error \
                      of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. \
                      Found again: points of things that move, brought to another held-out view by the canonical point nearest to \
-                     theirs, that come within 5 % of its longer side of where they are; flow: how far off they are on average. Rows \
+                     theirs, that come within 5 % of its longer side of where they are; flow: how far off they are on average. \
+                     Scene flow: points of things that move, where they truly are, brought to one training frame on (at the end of the \
+                     sequence one back) by the canonical points of the system; how far from where they truly are then, world units \
+                     and % of their true way, which is 100 % for who says that nothing moves; end point: the same in the picture of \
+                     the view's camera; of still: both for things that never move; n/a: the system says nothing of where points go. Rows \
                      that take a part out of a system do as many steps as it did. The time is that of the training alone, with \
                      whatever else the machine does: compare it within a table.";
 
@@ -39,6 +43,11 @@ pub(super) fn workbench(bench: &Bench, keep: &Keep<'_>) -> Result<Section, Bench
 /// The embedded scene.
 pub(super) fn orbit(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
     section(bench, keep, "Moving scenes: orbit", &ORBIT)
+}
+
+/// What opens, splits and closes again.
+pub(super) fn mouth(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Moving scenes: a mouth that opens and splits", &MOUTH)
 }
 
 /// A real video.
@@ -104,7 +113,7 @@ fn page(
     if !rows.is_empty() {
         items.extend([Item::Table(scores(rows)?), Item::Table(over_time(rows)?), Item::Plot(plot(group, rows))]);
     }
-    items.extend(claims::note(rows.iter().map(|m| m.system)));
+    items.extend(claims::note(rows.iter().map(|m| claims::Named { system: m.system, set: m.set })));
     items.extend(not_run(missing));
     Ok(Section { title, intro: INTRO, items, goals })
 }
@@ -131,6 +140,11 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             "depth of hidden",
             "found again, %",
             "flow, px",
+            "scene flow",
+            "scene flow, %",
+            "end point, px",
+            "scene flow of still",
+            "end point of still, px",
             "rays/s",
         ],
     );
@@ -152,10 +166,21 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             m.motion.depth_hidden.into(),
             m.motion.flow_found.map(|x| 100.0 * x).into(),
             m.motion.flow_error.into(),
+            said(m, m.motion.scene_flow_error),
+            said(m, m.motion.scene_flow_share().map(|x| 100.0 * x)),
+            said(m, m.motion.end_point_error),
+            said(m, m.motion.scene_flow_still),
+            said(m, m.motion.end_point_still),
             m.rays_per_s.into(),
         ])?;
     }
     Ok(table.without_empty_columns())
+}
+
+/// A score of scene flow. A system that says nothing, where the truth is known, is told from a scene whose truth is not.
+fn said(m: &Measured, score: Option<f64>) -> Cell {
+    let says_nothing = m.motion.scene_motion.is_some() && m.motion.scene_flow_error.is_none();
+    if says_nothing { "n/a".into() } else { score.into() }
 }
 
 /// PSNR on the way.
@@ -197,6 +222,7 @@ mod tests {
     use crate::cli::Cli;
     use crate::sections::scene::Point;
     use clap::Parser;
+    use engine::eval::MotionScore;
     use std::cell::RefCell;
 
     fn row(name: &'static str, steps: u64, curve: &[(f64, f64)]) -> Measured {
@@ -213,9 +239,11 @@ mod tests {
 
     #[test]
     fn settings_of_all_entries_are_toml_and_what_they_name_comes_before_them() {
-        for group in [WORKBENCH, ORBIT, NR, TISSUE] {
+        for group in [WORKBENCH, ORBIT, MOUTH, NR, TISSUE] {
             for (i, entry) in group.entries.iter().enumerate() {
-                assert!(entry.set.parse::<toml::Table>().is_ok(), "{}", entry.set);
+                for set in [entry.set, entry.quick] {
+                    assert!(set.parse::<toml::Table>().is_ok(), "{set}");
+                }
                 assert!(systems::registry::find(entry.system).is_some(), "{}", entry.system);
                 let known = |name: &str| group.entries[..i].iter().any(|e| e.name == name);
                 assert!(entry.without.is_none_or(known), "{} {}", group.name, entry.name);
@@ -253,18 +281,39 @@ mod tests {
     }
 
     #[test]
+    fn what_says_nothing_of_where_points_go_has_no_number() {
+        let with = |name, motion| Measured { motion, ..row(name, 9, &[(10.0, 20.0)]) };
+        let silent = MotionScore { scene_motion: Some(0.02), ..MotionScore::default() };
+        let says = MotionScore { scene_flow_error: Some(0.005), end_point_error: Some(0.25), ..silent };
+        let text = scores(&[with("ngp", silent), with("d-nerf", says)]).unwrap().csv();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[1].starts_with("ngp,") && lines[1].ends_with(",n/a,n/a,n/a,n/a,n/a"), "{text}");
+        assert!(lines[2].ends_with(",0.00500000,25,0.250000,,"), "{text}");
+        let columns = ",scene flow,\"scene flow, %\",\"end point, px\",scene flow of still,\"end point of still, px\"";
+        assert!(lines[0].ends_with(columns), "{text}");
+        // Nothing is known of the truth: no columns.
+        assert!(!scores(&[row("ngp", 9, &[(10.0, 20.0)])]).unwrap().csv().contains("scene flow"));
+    }
+
+    #[test]
     fn a_page_is_kept_after_each_row() {
+        // One that says nothing of where points go, and one that warps from the start.
+        const ROWS: &[Entry] = &[ORBIT.entries[0], Entry { set: "background = 'moving'", ..ORBIT.entries[2] }];
         let words = ["nerf-bench", "--quick", "--steps", "2", "--threads", "1"];
         let bench = Bench::new(&Cli::parse_from(words)).unwrap();
         let kept = RefCell::new(Vec::new());
         let keep = |so_far: &Section| {
             let Some(Item::Table(table)) = so_far.items.first() else { panic!("a table comes first") };
-            kept.borrow_mut().push(table.csv().lines().count() - 1);
+            kept.borrow_mut().push(table.csv());
             Ok(())
         };
-        let group = Group { entries: &ORBIT.entries[..2], ..ORBIT };
+        let group = Group { entries: ROWS, ..ORBIT };
         let section = section(&bench, &keep, "Two rows", &group).unwrap();
-        assert_eq!(*kept.borrow(), [1, 2]);
+        let kept: Vec<String> = kept.take();
+        assert!(kept.iter().map(|csv| csv.lines().count()).eq([2, 3]), "{kept:?}");
+        let says: Vec<bool> = kept[1].lines().map(|line| !line.contains("n/a")).collect();
+        assert_eq!(says, [true, false, true], "{}", kept[1]);
+        assert!(kept[1].contains("end point, px"), "{}", kept[1]);
         assert!(section.goals.is_empty(), "two steps reach nothing");
     }
 }

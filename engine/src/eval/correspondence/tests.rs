@@ -1,8 +1,8 @@
 use super::*;
 use crate::system::NOWHERE;
-use glam::DVec2;
-use scene_io::synthetic::{Orbit, OrbitOptions, Snapshot, SnapshotHit, orbit};
-use scene_io::{ImageStore, Split, StoreOptions};
+use glam::{DVec2, DVec3};
+use scene_io::synthetic::{Mouth, MouthOptions, Orbit, OrbitOptions, Snapshot, SnapshotHit, mouth, orbit};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::sync::Arc;
 
 const SIDE: u32 = 48;
@@ -13,18 +13,30 @@ fn options() -> OrbitOptions {
 
 /// The held-out views.
 fn data(longest_side: Option<u32>) -> Dataset {
-    let scene = orbit(&options());
+    held_out(&orbit(&options()), longest_side)
+}
+
+fn held_out(scene: &Scene, longest_side: Option<u32>) -> Dataset {
     let store = StoreOptions::default().with_longest_side(longest_side);
     let store = Arc::new(ImageStore::new(&scene.frames, store).unwrap());
-    Dataset::new(&scene, store, scene.split(Split::Test).collect()).unwrap()
+    Dataset::new(scene, store, scene.split(Split::Test).collect()).unwrap()
 }
 
 /// Scores of a system that says of each point seen in a snapshot what `canonical` says.
 fn scored(data: &Dataset, canonical: impl Fn(&Snapshot, &SnapshotHit) -> [f64; 3]) -> Vec<Transfer> {
     let stage = Orbit::new(options().seed, options().motion);
+    scored_at(|time| stage.at(time), data, canonical)
+}
+
+/// The same of what `at` says is there at each time.
+fn scored_at(
+    at: impl Fn(f64) -> Snapshot,
+    data: &Dataset,
+    canonical: impl Fn(&Snapshot, &SnapshotHit) -> [f64; 3],
+) -> Vec<Transfer> {
     let mut points = Correspondence::of(data).unwrap();
     for (i, view) in data.views().iter().enumerate() {
-        let snapshot = stage.at(view.time);
+        let snapshot = at(view.time);
         let (w, h) = (view.camera.width, view.camera.height);
         let centre = |k: u32| DVec2::new(f64::from(k % w) + 0.5, f64::from(k / w) + 0.5);
         let point = |k| snapshot.hit(&view.camera, centre(k)).map_or(NOWHERE, |hit| canonical(&snapshot, &hit));
@@ -65,6 +77,24 @@ fn exact_canonical_points_are_found_and_others_are_not() {
     assert_eq!(nothing, Transfer { error: f64::from(SIDE), found: 0.0 });
     let broken = means(&scored(&data, |_, _| [f64::NAN; 3]));
     assert_eq!(broken, nothing);
+}
+
+#[test]
+fn what_touches_at_one_time_needs_more_than_space_to_be_told_apart() {
+    let options =
+        MouthOptions { width: SIDE, height: SIDE, train: 1, val: 0, test: 6, rays: 1, ..MouthOptions::default() };
+    let stage = Mouth::new(options.seed);
+    let data = held_out(&mouth(&options), None);
+    let score = |canonical: &dyn Fn(&SnapshotHit) -> DVec3| {
+        means(&scored_at(|time| stage.at(time), &data, |_, hit| canonical(hit).to_array()))
+    };
+    // Closed lips lie on each other: the points of two cuts have one place there. Not so where each lip has a place of its own.
+    let start = stage.at(0.0);
+    let closed = score(&|hit: &SnapshotHit| start.place(hit));
+    let apart = score(&|hit: &SnapshotHit| start.place(hit) + DVec3::Z * (10.0 * hit.thing as f64));
+    println!("closed {closed:?}, apart {apart:?}");
+    assert!(apart.error < 1.5 && apart.found > 0.9, "{apart:?}");
+    assert!(closed.found < apart.found && closed.error > apart.error, "{closed:?} against {apart:?}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Contraction, NDC, boxes, rigs and paths.
+//! Contraction, NDC, the way back to the world, boxes, rigs and paths.
 
 mod arcs;
 mod bounds;
@@ -7,3 +7,4 @@ mod contract_gaussians;
 mod coverage;
 mod ndc;
 mod paths;
+mod world;

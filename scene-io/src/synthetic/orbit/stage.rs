@@ -1,9 +1,10 @@
 //! What stands on the stage, how it is painted, and how it moves.
 
-use super::body::{Form, Placement, Warp};
 use crate::random::random;
 use crate::synthetic::shape::Shape;
-use crate::synthetic::surface::to_srgb;
+use crate::synthetic::snapshot::PosedThing;
+use crate::synthetic::snapshot::body::{Form, Placement, Posed, Warp};
+use crate::synthetic::snapshot::pattern::Pattern;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::TAU;
 
@@ -17,34 +18,6 @@ pub enum OrbitMotion {
     Nothing,
     /// Everything: the stage turns with all that stands on it, and what moves on it still does.
     Everything,
-}
-
-/// Colours of material points: two waves whose crests are bent by a third, over painted light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pattern {
-    /// Linear RGB.
-    colours: [DVec3; 3],
-    /// Angular frequencies, radians per unit.
-    k: [DVec3; 3],
-}
-
-/// Direction the painted light comes from, in the axes of each form at rest.
-const PAINTED_LIGHT: DVec3 = DVec3::new(0.36, 0.48, 0.8);
-
-impl Pattern {
-    /// Display-referred sRGB of a material point with an outward normal at rest: the same at all times, from all sides.
-    pub(super) fn rgb(&self, q: DVec3, rest_normal: DVec3) -> DVec3 {
-        let bent = 1.3 * q.dot(self.k[2]).sin();
-        // Steeper between crests than a sine: edges for the eye, smooth for derivatives.
-        let wave = |phase: f64| {
-            let s = 0.5 + 0.5 * phase.sin();
-            let s = s * s * (3.0 - 2.0 * s);
-            s * s * (3.0 - 2.0 * s)
-        };
-        let [a, b] = [wave(q.dot(self.k[0]) + bent), wave(q.dot(self.k[1]) - bent)];
-        let albedo = self.colours[0].lerp(self.colours[1], a).lerp(self.colours[2], 0.7 * b);
-        to_srgb(albedo * (0.45 + 0.55 * (0.5 + 0.5 * rest_normal.dot(PAINTED_LIGHT))))
-    }
 }
 
 /// How a thing moves.
@@ -121,8 +94,8 @@ impl Course {
 /// Something on the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Thing {
-    pub(super) form: Form,
-    pub(super) pattern: Pattern,
+    form: Form,
+    pattern: Pattern,
     course: Course,
     motion: OrbitMotion,
     /// The whole stage is turned by this, radians.
@@ -150,6 +123,12 @@ impl Thing {
         let stage = DMat3::from_rotation_z(turn);
         Placement { r: stage * inner.r, c: stage * inner.c, ..inner }
     }
+
+    /// As a snapshot of a time holds it.
+    pub(super) fn posed(&self, time: f64) -> PosedThing {
+        let posed = Posed::new(self.form, self.at(time));
+        PosedThing { posed, pattern: self.pattern, inside: None, moves: self.moves() }
+    }
 }
 
 /// The things of a seed: the ground first.
@@ -159,20 +138,7 @@ pub(super) fn things(seed: u64, motion: OrbitMotion) -> Vec<Thing> {
     let mut list: Vec<Thing> = Vec::new();
     let mut add = |form: Form, course: Course, colours: [[f64; 3]; 3], fine: f64| {
         let index = list.len() as u64;
-        let jitter = |k: u64| draw(100 + 32 * index + k);
-        let colour = |c: usize| {
-            let moved = |k: usize| (colours[c][k] + 0.1 * (jitter((3 * c + k) as u64) - 0.5)).clamp(0.02, 0.9);
-            DVec3::new(moved(0), moved(1), moved(2))
-        };
-        // Nearly level and nearly upright waves, so that every face shows both.
-        let wave = |k: u64, steep: f64, frequency: f64| {
-            let angle = TAU * jitter(k);
-            DVec3::new(angle.cos(), angle.sin(), steep) * (frequency * (0.9 + 0.2 * jitter(k + 1)))
-        };
-        let pattern = Pattern {
-            colours: [colour(0), colour(1), colour(2)],
-            k: [wave(10, 0.6, fine), wave(12, -0.9, 0.8 * fine), wave(14, 0.8, 0.45 * fine)],
-        };
+        let pattern = Pattern::new(colours, fine, |k| draw(100 + 32 * index + k));
         list.push(Thing { form, pattern, course, motion, turn });
     };
     let on = |degrees: f64, radius: f64, z: f64| (DVec2::from_angle(degrees.to_radians()) * radius).extend(z);

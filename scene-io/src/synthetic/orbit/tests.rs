@@ -1,7 +1,10 @@
 //! The stage against itself: what one picture knows, another must agree with.
 
 use super::*;
+use crate::synthetic::snapshot::{Sight, SnapshotView};
 use crate::{ImageSource, Scene, Split};
+use glam::DVec2;
+use render_core::ray::Ray;
 
 fn small() -> OrbitOptions {
     OrbitOptions { width: 36, height: 28, train: 5, val: 2, test: 3, rays: 2, ..OrbitOptions::default() }
@@ -115,18 +118,18 @@ fn nothing_runs_into_anything_else() {
     for (seed, i) in (0..3).flat_map(|seed| (0..=20).map(move |i| (seed, i))) {
         let snapshot = Orbit::new(seed, OrbitMotion::Some).at(f64::from(i) * 0.05);
         let c = DVec3::new(0.0, 0.0, 0.3);
-        for (a, (posed, _)) in snapshot.things.iter().enumerate().skip(1) {
-            let middle = posed.placement.c.lerp(c, 0.02);
+        for (a, thing) in snapshot.things.iter().enumerate().skip(1) {
+            let middle = thing.posed.placement.c.lerp(c, 0.02);
             for k in 0..200_u64 {
                 let draw = |j: u64| crate::random::random(9, 2 * k + j);
                 let (z, turn) = (2.0 * draw(0) - 1.0, std::f64::consts::TAU * draw(1));
                 let d = (DVec2::from_angle(turn) * (1.0 - z * z).sqrt()).extend(z);
                 let ray = Ray { o: middle + d * 2.0, d: -d };
-                let Some(hit) = posed.hit(&ray, 0.0) else { continue };
+                let Some(hit) = thing.posed.hit(&ray, 0.0) else { continue };
                 let x = ray.at(hit.t);
                 assert!(x.z > -1e-9, "thing {a} is in the ground at {x}");
-                for (b, (other, _)) in snapshot.things.iter().enumerate().skip(1) {
-                    let apart = a == b || (arm(a) && arm(b)) || !other.contains(x);
+                for (b, other) in snapshot.things.iter().enumerate().skip(1) {
+                    let apart = a == b || (arm(a) && arm(b)) || !other.posed.contains(x);
                     assert!(apart, "{a} runs into {b} at {}, seed {seed}", snapshot.time());
                 }
             }
@@ -135,7 +138,7 @@ fn nothing_runs_into_anything_else() {
 }
 
 /// Pairs of views of a stage: all times, all poses.
-fn pairs() -> (Orbit, Vec<OrbitView>) {
+fn pairs() -> (Orbit, Vec<SnapshotView>) {
     let options = OrbitOptions { width: 40, height: 40, train: 7, val: 0, test: 0, seed: 1, ..OrbitOptions::default() };
     (Orbit::new(1, OrbitMotion::Some), orbit_views(&options))
 }
@@ -280,4 +283,38 @@ fn test_frames_know_where_the_one_nearby_shows_their_points() {
     }
     // One alone has no other.
     assert!(orbit(&OrbitOptions { test: 1, ..small() }).frames.iter().all(|f| f.truth.flow.is_none()));
+}
+
+#[test]
+fn held_out_frames_know_where_their_points_go_one_training_frame_on() {
+    let options = small();
+    let scene = orbit(&options);
+    let stage = Orbit::new(options.seed, options.motion);
+    let mut longest = 0.0_f64;
+    for frame in &scene.frames {
+        assert_eq!(frame.truth.scene_flow.is_some(), frame.split.is_measured(), "{}", frame.name);
+        let Some(truth) = &frame.truth.scene_flow else { continue };
+        let time = frame.time.unwrap();
+        // Five training frames, a quarter of the sequence apart; at the end one frame back.
+        let to = if time > 0.75 { time - 0.25 } else { time + 0.25 };
+        assert!((truth.to - to).abs() < 1e-12, "{} goes to {}, not {to}", frame.name, truth.to);
+        let (now, then) = (stage.at(time), stage.at(truth.to));
+        // A camera that stays where it is shows the way of a point as its optical flow.
+        let (flow, camera) = (now.flow_to(&frame.camera, &then, &frame.camera), frame.camera.prepare());
+        let mut count = [0; 2];
+        for point in &truth.points {
+            let pixel = camera.project(point.x.into()).unwrap();
+            let k = pixel.y as usize * options.width as usize + pixel.x as usize;
+            assert!((DVec3::from(point.way) - flow.moved[k]).length() < 1e-9, "{point:?}");
+            assert!((point.optical_flow(&camera).unwrap() - flow.flow[k]).length() < 1e-6, "{point:?}");
+            let way = DVec3::from(point.way).length();
+            assert!(point.moves || way < 1e-12, "what stands still goes {way}");
+            count[usize::from(point.moves)] += 1;
+            longest = longest.max(way);
+        }
+        assert!(count.iter().all(|n| *n > 10), "{count:?} of {}", frame.name);
+    }
+    assert!((0.2..2.0).contains(&longest), "{longest}");
+    // Nothing is beside a single frame.
+    assert!(orbit(&OrbitOptions { train: 1, ..small() }).frames.iter().all(|f| f.truth.scene_flow.is_none()));
 }

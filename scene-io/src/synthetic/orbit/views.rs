@@ -1,16 +1,13 @@
 //! One camera's pictures of the stage: poses, times, and the scene they make.
 
-use super::{Orbit, OrbitMotion, Sight};
-use crate::bit_mask::BitMask;
-use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask};
+use super::{Orbit, OrbitMotion};
 use crate::random::random;
-use crate::synthetic::surface::to_byte;
-use crate::{DepthSource, Dialect, Frame, ImageSource, LayoutHint, Point, Scene, Split, Truth};
-use glam::{DVec2, DVec3};
+use crate::synthetic::snapshot::film::{GOLDEN, SnapshotView, frames, points, radical_inverse};
+use crate::{Dialect, LayoutHint, Scene, Split};
+use glam::DVec3;
 use render_core::camera::{Camera, Pose};
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Distance of the cameras from what they look at, world units.
 const DISTANCE: f64 = 4.0;
@@ -18,8 +15,6 @@ const DISTANCE: f64 = 4.0;
 const CENTRE: DVec3 = DVec3::new(0.0, 0.0, 0.3);
 /// Radius of a ball around [`CENTRE`] that holds everything: the rim of the stage lies at 1.12.
 const RADIUS: f64 = 1.2;
-/// Rays along each side of a training picture that look for points.
-const POINT_RAYS: u32 = 6;
 
 /// How the camera moves from picture to picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,25 +71,12 @@ impl Default for OrbitOptions {
     }
 }
 
-/// A picture of the stage that is yet to be drawn.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OrbitView {
-    /// `train/r_000`.
-    pub name: String,
-    /// What for.
-    pub split: Split,
-    /// When.
-    pub time: f64,
-    /// From where.
-    pub camera: Camera,
-}
-
 /// Poses and times of the pictures of some options: training, validation, test.
 ///
 /// # Panics
 /// If a side is 0, or the angle is not in `(0, pi)`.
 #[must_use]
-pub fn orbit_views(options: &OrbitOptions) -> Vec<OrbitView> {
+pub fn orbit_views(options: &OrbitOptions) -> Vec<SnapshotView> {
     let OrbitOptions { width, height, angle, .. } = *options;
     assert!(width > 0 && height > 0, "orbit: pictures of {width} x {height} pixels");
     assert!(angle > 0.0 && angle < PI, "orbit: angle of view {angle}");
@@ -102,7 +84,7 @@ pub fn orbit_views(options: &OrbitOptions) -> Vec<OrbitView> {
     let focal = 0.5 * w / (0.5 * angle).tan();
     let splits = [(Split::Train, options.train), (Split::Val, options.val), (Split::Test, options.test)];
     let views = splits.into_iter().flat_map(|(split, n)| (0..n).map(move |i| (split, i, n)));
-    let view = |(split, i, n): (Split, usize, usize)| OrbitView {
+    let view = |(split, i, n): (Split, usize, usize)| SnapshotView {
         name: format!("{}/r_{i:03}", split.name()),
         split,
         time: match split {
@@ -126,7 +108,7 @@ fn pose(split: Split, i: usize, n: usize, options: &OrbitOptions) -> Pose {
     let (low, high) = if split == Split::Train { (15.0_f64, 60.0_f64) } else { (18.0, 57.0) };
     let jitter = |k: usize| random(options.seed, stream + (2 * i + k) as u64) - 0.5;
     // Two sequences that fill their range evenly however many there are, and are far from their last value each time.
-    let golden = 0.618_033_988_749_894_8 * i as f64 + offset;
+    let golden = GOLDEN * i as f64 + offset;
     let (round, up) = match options.camera {
         OrbitCamera::Jumping => {
             (golden + 0.02 * jitter(0), (radical_inverse(i + 1) + 0.06 * jitter(1)).clamp(0.0, 1.0))
@@ -148,49 +130,10 @@ fn pose(split: Split, i: usize, n: usize, options: &OrbitOptions) -> Pose {
     Pose::look_at(eye, CENTRE, DVec3::Z).unwrap_or(Pose::IDENTITY)
 }
 
-/// Van der Corput's sequence in base 2: `1/2, 1/4, 3/4, 1/8, ..`.
-fn radical_inverse(i: usize) -> f64 {
-    (i as u64).reverse_bits() as f64 / 2_f64.powi(64)
-}
-
-/// The test picture taken nearest to a test picture, the next one of those that are: what both of them see is most then.
-fn partner<'v>(view: &OrbitView, views: &'v [OrbitView]) -> Option<&'v OrbitView> {
-    let tests: Vec<&OrbitView> = views.iter().filter(|v| v.split == Split::Test).collect();
-    let at = tests.iter().position(|v| *v == view)?;
-    let others = (1..tests.len()).map(|k| tests[(at + k) % tests.len()]);
-    let distance = |v: &OrbitView| (v.camera.pose.c - view.camera.pose.c).length();
-    others.min_by(|a, b| distance(a).total_cmp(&distance(b)))
-}
-
-fn flow(stage: &Orbit, view: &OrbitView, other: &OrbitView) -> FlowTruth {
-    let map = stage.at(view.time).flow_to(&view.camera, &stage.at(other.time), &other.camera);
-    let (width, height) = (map.width, map.height);
-    let seen = |x: u32, y: u32| map.sight[y as usize * width as usize + x as usize] == Sight::Seen;
-    let way = map.flow.iter().map(|f| f.as_vec2().to_array()).collect();
-    let flow = Flow { width, height, vectors: way, seen: BitMask::from_fn(width, height, seen) };
-    FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
-}
-
-/// Points of what never moves, as structure from motion would find them: where a lattice of rays of each training picture
-/// meets it.
-fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
-    let mut found = Vec::new();
-    for view in views.iter().filter(|v| v.split == Split::Train) {
-        let (snapshot, camera) = (stage.at(view.time), view.camera.prepare());
-        let size = DVec2::new(f64::from(view.camera.width), f64::from(view.camera.height)) / f64::from(POINT_RAYS);
-        let lattice =
-            (0..POINT_RAYS).flat_map(|j| (0..POINT_RAYS).map(move |i| DVec2::new(f64::from(i), f64::from(j))));
-        let hits = lattice.filter_map(|p| snapshot.trace(&camera.ray((p + 0.5) * size)?));
-        found.extend(
-            hits.filter(|hit| !hit.moves).map(|hit| Point { xyz: hit.x, rgb: hit.rgb.to_array().map(to_byte) }),
-        );
-    }
-    found
-}
-
 /// Pictures of an [`Orbit`]: RGBA on an empty background, one pose and one time each; points of what never moves. All frames
 /// carry the truth about what moves; test frames carry exact flow to the test frame nearby; validation and test frames carry
-/// exact depth (for training frames, which have none to train on, see [`super::Snapshot::truth`]). The same options give the
+/// exact depth (for training frames, which have none to train on, see
+/// [`Snapshot::truth`](crate::synthetic::Snapshot::truth)) and exact scene flow, one training frame on. The same options give the
 /// same bytes.
 ///
 /// # Panics
@@ -199,28 +142,12 @@ fn points(stage: &Orbit, views: &[OrbitView]) -> Vec<Point> {
 pub fn orbit(options: &OrbitOptions) -> Scene {
     let stage = Orbit::new(options.seed, options.motion);
     let views = orbit_views(options);
-    let frame = |view: OrbitView| {
-        let snapshot = stage.at(view.time);
-        let (image, moving) = snapshot.render(&view.camera, options.rays);
-        let depth = (view.split != Split::Train).then(|| DepthSource::memory(snapshot.truth(&view.camera).depth_map()));
-        Frame {
-            split: view.split,
-            time: Some(view.time),
-            depth,
-            truth: Truth {
-                moving: Some(TruthMask::Memory(Arc::new(moving))),
-                flow: partner(&view, &views).map(|other| flow(&stage, &view, other)),
-                ..Truth::default()
-            },
-            ..Frame::new(view.name, ImageSource::Memory(Arc::new(image)), view.camera)
-        }
-    };
     Scene {
         name: "orbit".to_owned(),
         root: PathBuf::new(),
         dialect: Dialect::Synthetic,
-        frames: views.iter().cloned().map(frame).collect(),
-        points: points(&stage, &views),
+        frames: frames(|time| stage.at(time), &views, options.rays, &[Split::Test]),
+        points: points(|time| stage.at(time), &views),
         layout: LayoutHint::Object { near: DISTANCE - RADIUS, far: DISTANCE + RADIUS },
         bounds: Some(stage.bounds()),
         notes: Vec::new(),

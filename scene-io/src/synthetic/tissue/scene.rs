@@ -4,7 +4,7 @@ use super::snapshot::Tissue;
 use super::stereo::Stereo;
 use super::tool::TissueTool;
 use crate::bit_mask::BitMask;
-use crate::priors::TruthMask;
+use crate::priors::{SceneFlow, TruthMask};
 use crate::{Bounds, DepthMap, DepthSource, Dialect, Frame, Image, ImageSource, LayoutHint, Scene, Split, Truth};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
@@ -74,6 +74,8 @@ pub struct TissueTruth {
     pub stereo_depth: DepthMap,
     /// Pixels under the mask whose tissue is in sight in another picture, outside its mask: what can be recovered.
     pub recoverable: BitMask,
+    /// Exact scene flow of the tissue to the next picture's time, of the last picture to the time before; `None` of a single one.
+    pub scene_flow: Option<Arc<SceneFlow>>,
 }
 
 /// The camera of all pictures: at the origin, looking along -z, y up.
@@ -112,6 +114,7 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
             let hits: Vec<_> = rays.iter().map(|ray| snapshot.trace_tissue(ray)).collect();
             let seen: Vec<_> = rays.iter().zip(&hits).map(|(ray, hit)| snapshot.before(ray, *hit)).collect();
             let mask = grown(&tool, options.margin);
+            let beside = if number + 1 < moments.len() { Some(number + 1) } else { number.checked_sub(1) };
             let truth = TissueTruth {
                 time: *time,
                 picture,
@@ -122,6 +125,7 @@ pub fn tissue_truth(options: &TissueOptions) -> Vec<TissueTruth> {
                 tissue_depth: map(hits.iter().map(|hit| hit.z as f32).collect()),
                 stereo_depth: snapshot.match_hits(&seen, &camera, &options.stereo, options.seed, number),
                 recoverable: BitMask::new(w, h),
+                scene_flow: beside.map(|k| Arc::new(moments[k].1.followed(&hits, moments[k].0))),
             };
             (truth, hits.iter().map(|hit| hit.material).collect())
         })
@@ -163,8 +167,8 @@ fn grown(mask: &BitMask, margin: u32) -> BitMask {
 }
 
 /// Pictures of the tissue with a tool in front, as training frames: ignore mask, stereo depth and the true tool
-/// ([`Truth::transient`]); the same moments without the tool and with exact depth as test frames, whose [`Truth::transient`] is
-/// what was hidden and can be recovered. More says [`tissue_truth`].
+/// ([`Truth::transient`]); the same moments without the tool and with exact depth and scene flow as test frames, whose
+/// [`Truth::transient`] is what was hidden and can be recovered. More says [`tissue_truth`].
 ///
 /// # Panics
 /// As [`tissue_truth`].
@@ -188,7 +192,9 @@ pub fn tissue(options: &TissueOptions) -> Scene {
             ..Frame::new(format!("{}/{i:06}", split.name()), ImageSource::Memory(Arc::new(image)), camera)
         };
         train.push(frame(Split::Train, picture, truth.stereo_depth, truth.tool));
-        test.push(frame(Split::Test, truth.without_tool, truth.tissue_depth, truth.recoverable));
+        let mut held_out = frame(Split::Test, truth.without_tool, truth.tissue_depth, truth.recoverable);
+        held_out.truth.scene_flow = truth.scene_flow;
+        test.push(held_out);
     }
     train.append(&mut test);
     Scene {

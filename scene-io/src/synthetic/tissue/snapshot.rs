@@ -5,6 +5,7 @@ use super::sheet::{Sheet, SheetSnapshot};
 use super::tool::{self, TissueTool, Tool};
 use crate::Image;
 use crate::bit_mask::BitMask;
+use crate::priors::{FollowedPoint, SceneFlow};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::Camera;
@@ -107,6 +108,21 @@ impl TissueSnapshot {
     #[must_use]
     pub fn place(&self, material: DVec2) -> DVec3 {
         flip(self.now.place(material))
+    }
+
+    /// The material point of the tissue before or behind a place, world axes: the inverse of [`TissueSnapshot::place`] on the tissue.
+    #[must_use]
+    pub fn material(&self, x: DVec3) -> DVec2 {
+        self.now.material(flip(x).truncate())
+    }
+
+    /// Exact scene flow of what rays met of the tissue at another time, to this one, which is `time`.
+    pub(super) fn followed(&self, hits: &[TissueHit], time: f64) -> SceneFlow {
+        let follow = |hit: &TissueHit| {
+            let way = self.place(hit.material?) - hit.x;
+            Some(FollowedPoint { x: hit.x.to_array(), way: way.to_array(), moves: true })
+        };
+        SceneFlow::of(time, hits.iter().filter_map(follow))
     }
 
     /// Where a camera at the origin shows a material point, pixels, if it is in the picture and no tool in front.

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::Image;
-use crate::{DepthMap, ImageSource, Scene, Split};
-use glam::DVec2;
+use crate::{DepthMap, ImageSource, Scene, SceneFlow, Split};
+use glam::{DVec2, DVec3};
 
 fn small() -> TissueOptions {
     TissueOptions { width: 40, height: 30, frames: 9, ..TissueOptions::default() }
@@ -31,6 +31,7 @@ fn the_same_options_give_the_same_bytes_with_any_number_of_threads_and_other_see
     for (a, b) in a.frames.iter().zip(&b.frames) {
         assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
         assert_eq!(a.read_transient().unwrap(), b.read_transient().unwrap());
+        assert_eq!(a.truth.scene_flow, b.truth.scene_flow);
     }
 }
 
@@ -76,6 +77,31 @@ fn the_tissue_keeps_its_colours_and_truth_finds_its_points_again() {
         moved = moved.max((there.x - hit.x).length());
     }
     assert!(found > 600 && moved > 4.0, "{found} points, {moved} mm");
+}
+
+#[test]
+fn test_frames_know_where_the_tissue_goes_until_the_next_picture() {
+    let options = small();
+    let (scene, sheet) = (tissue(&options), Tissue::new(options.seed, options.tool));
+    for (i, frame) in scene.frames.iter().enumerate() {
+        assert_eq!(frame.truth.scene_flow.is_some(), frame.split == Split::Test, "{}", frame.name);
+        let Some(truth) = &frame.truth.scene_flow else { continue };
+        // The last one goes back.
+        let other = if i < 17 { i - 8 } else { 7 };
+        assert_eq!(truth.to, other as f64 / 8.0, "{}", frame.name);
+        let (now, then) = (sheet.at(frame.time.unwrap()), sheet.at(truth.to));
+        assert_eq!(truth.points.len(), SceneFlow::MOST);
+        let mut longest = 0.0_f64;
+        for point in &truth.points {
+            let [x, way] = [point.x, point.way].map(DVec3::from);
+            let material = now.material(x);
+            assert!((now.place(material) - x).length() < 1e-9 && point.moves, "{point:?}");
+            assert!((then.place(material) - x - way).length() < 1e-9, "{point:?}");
+            longest = longest.max(way.length());
+        }
+        assert!((0.5..40.0).contains(&longest), "{longest} mm");
+    }
+    assert!(tissue(&TissueOptions { frames: 1, ..small() }).frames.iter().all(|f| f.truth.scene_flow.is_none()));
 }
 
 #[test]

@@ -75,6 +75,11 @@ fn nerfies_splits_follow_the_lists() {
     let scene = plain(&dataset);
     assert_eq!(times(&scene), [0.0, 0.5, 1.0, 0.5, 0.75]);
     notes(&scene, &["says otherwise than metadata.json about 1 frames, first 1_00001"]);
+    // Any number will do for an appearance; without one each time step has its own.
+    dataset.edit("metadata.json", "\"appearance_id\": 3", "\"appearance_id\": 4294967295");
+    dataset.edit("metadata.json", "\"appearance_id\": 4, ", "");
+    let appearances: Vec<u32> = plain(&dataset).frames.iter().map(|frame| frame.ids.unwrap().appearance).collect();
+    assert_eq!(appearances, [0, 2, 4, 1, u32::MAX]);
     // `time_id` comes before `warp_id`.
     dataset.edit("metadata.json", "\"warp_id\": 4", "\"warp_id\": 4, \"time_id\": 8");
     assert_eq!(times(&plain(&dataset))[2], 1.0);
@@ -115,6 +120,12 @@ fn nerfies_problems_name_file_and_frame() {
     );
     spoiled("metadata.json", "\"warp_id\": 2", "\"warp_id\": -2", &["`0_00002.warp_id` = -2", "not a whole number"]);
     spoiled("metadata.json", "\"warp_id\": 2", "\"wrap_id\": 2", &["frame `0_00002`", "warp_id", "is missing"]);
+    for number in ["-2", "2.5", "4294967296"] {
+        let wrong = format!("\"appearance_id\": {number}");
+        let said = format!("`0_00002.appearance_id` = {number}");
+        let parts = ["frame `0_00002`", said.as_str(), "not a whole number from 0"];
+        spoiled("metadata.json", "\"appearance_id\": 2", wrong.as_str(), &parts);
+    }
     spoiled("splits/train.json", "0, 2, 4", "0, 2", &["train.json", "`time_ids`", "2 numbers for 3 frames"]);
     spoiled("splits/train.json", "\"0_00000\"", "\"../0_00000\"", &["is not the name of a frame"]);
     spoiled("scene.json", "\"scale\": 0.5", "\"scale\": 0", &["scene.json", "`scale` = 0", "above 0"]);

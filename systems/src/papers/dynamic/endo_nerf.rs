@@ -40,6 +40,7 @@ const DEPTH: DepthCueConfig = DepthCueConfig {
     cue_samples: 16,
     cue_spread: 0.05,
     cue_anywhere: 0.0,
+    // Four rounds, a fifth of the schedule apart: the plan knows its steps.
     refine_every: 400,
     refine_rounds: 4,
     refine_share: 0.1,

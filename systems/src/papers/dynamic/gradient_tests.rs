@@ -1,9 +1,9 @@
 //! Each deformation, as it is wired, against its equations in `f64`: values, and the gradients of parameters and points against
-//! central differences, number by number, with windows half open.
+//! central differences, number by number, with windows half open; and what a changed distance between neighbours costs.
 
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies, t_nerf, tineuvox};
 use crate::settings::Settings;
-use crate::warps::{Deform, DeformGrad, DeformScratch, Points, Times};
+use crate::warps::{Deform, DeformGrad, DeformScratch, Points, Times, neighbour};
 use engine::options::{RunOptions, parse_set};
 use engine::system::SystemError;
 use field_core::rng::Rng;
@@ -15,7 +15,7 @@ const SMALL: &[&str] = &[
     "warp_width=5",
     "warp_depth=2",
     "warp_octaves=2",
-    "warp_anneal=10",
+    "warp_anneal=1.0",
     "time_octaves=2",
     "time_code_dims=3",
     "planes=[2,3]",
@@ -25,20 +25,26 @@ const SMALL: &[&str] = &[
     "ambient_octaves=2",
     "ambient_width=4",
     "ambient_depth=2",
-    "ambient_from=2",
-    "ambient_anneal=10",
+    "ambient_from=0.2",
+    "ambient_anneal=1.0",
     "sees_octaves=2",
+    // Stretches that are not small, between points that are not near.
+    "coherence_reach=0.1",
+    "coherence_scale=0.5",
 ];
 const WIDTH: usize = 5;
 const DIMS: usize = 3;
 const FEATURES: usize = 2;
 const TIME_CELLS: usize = 3;
+/// Of neighbours, as above.
+const REACH: f32 = 0.1;
+const SCALE: f64 = 0.5;
 /// Parameters of all planes: three in space and three in time, of 2 and of 3 cells.
 const PLANES: usize = FEATURES * 3 * ((4 + 2 * TIME_CELLS) + (9 + 3 * TIME_CELLS));
 /// Parameters of the ambient network: 12 octaves and a code, two layers of 4, two coordinates.
 const AMBIENT: usize = (12 + DIMS + 1) * 4 + (4 + 1) * 4 + (4 + 1) * 2;
-/// With these steps taken the windows are half open.
-const TAKEN: u64 = 7;
+/// With this share of the schedule over the windows are half open.
+const DONE: f64 = 0.7;
 /// Times of the training views; nothing moves at the first, where a deformation has a canonical time.
 const TIMES: [f64; 3] = [0.0, 0.375, 1.0];
 
@@ -90,12 +96,12 @@ fn window(alpha: f64) -> [f64; 2] {
     [0.0, 1.0].map(|k| (1.0 - (std::f64::consts::PI * (alpha - k).clamp(0.0, 1.0)).cos()) / 2.0)
 }
 
-/// The window of the warp: 7 of 10 steps, two octaves.
+/// The window of the warp: open over the whole schedule, two octaves.
 fn warp_window() -> [f64; 2] {
-    window(0.7 * 2.0)
+    window(DONE * 2.0)
 }
 
-/// That of the ambient coordinates: 5 of 10 steps, one octave.
+/// That of the ambient coordinates: half of it is over, one octave.
 fn ambient_window() -> [f64; 1] {
     [window(0.5)[0]]
 }
@@ -166,18 +172,30 @@ fn time(at: Sample) -> Vec<f64> {
     gamma(&[at.t()], &[1.0; 2], true)
 }
 
+/// The same point at the time to which the canonical scene is tied.
+fn origin(at: Sample) -> Sample {
+    Sample { step: 0, ..at }
+}
+
 fn t_nerf(numbers: &Numbers<'_>, at: Sample) -> Moved {
     (at.x, [time(at), planes(numbers.params, at)].concat())
 }
 
 fn d_nerf(numbers: &Numbers<'_>, at: Sample) -> Moved {
-    let p = planes(numbers.params, at);
-    if at.t() == 0.0 {
-        return (at.x, p);
-    }
-    let input = [gamma(&at.q(), &warp_window(), true), time(at), p.clone()].concat();
-    let delta = network(&mut { numbers.params }, &[input.len(), WIDTH, WIDTH, 3], &input);
-    (unit([0, 1, 2].map(|i| at.q()[i] + delta[i])), p)
+    let (now, then) = (psi_t(numbers, at), psi_t(numbers, origin(at)));
+    (unit([0, 1, 2].map(|i| at.q()[i] + now[i] - then[i])), planes(numbers.params, at))
+}
+
+/// Equation 3 as published.
+fn d_nerf_exact(numbers: &Numbers<'_>, at: Sample) -> Moved {
+    let delta = if at.t() == 0.0 { vec![0.0; 3] } else { psi_t(numbers, at) };
+    (unit([0, 1, 2].map(|i| at.q()[i] + delta[i])), planes(numbers.params, at))
+}
+
+/// What the displacement's network says of a point at its time.
+fn psi_t(numbers: &Numbers<'_>, at: Sample) -> Vec<f64> {
+    let input = [gamma(&at.q(), &warp_window(), true), time(at), planes(numbers.params, at)].concat();
+    network(&mut { numbers.params }, &[input.len(), WIDTH, WIDTH, 3], &input)
 }
 
 /// `T(x, w_i)`, and the parameters behind its network.
@@ -210,8 +228,8 @@ fn tineuvox(numbers: &Numbers<'_>, at: Sample) -> Moved {
     (unit([0, 1, 2].map(|i| at.q()[i] + delta[i])), seen)
 }
 
-/// A deformation of small parts, as its system wires it.
-fn small(new: NewDeform) -> Deform {
+/// A deformation of small parts, as its system wires it with `more` settings.
+fn small(new: NewDeform, more: &[&str]) -> Deform {
     let of = |set: toml::Table| {
         let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
         let mut settings = Settings::new(&run);
@@ -219,9 +237,9 @@ fn small(new: NewDeform) -> Deform {
         (deform, settings.all().unwrap())
     };
     let (_, known) = of(toml::Table::new());
-    let set = SMALL.iter().map(|s| parse_set(s).unwrap()).filter(|(name, _)| known.contains_key(name));
+    let set = SMALL.iter().chain(more).map(|s| parse_set(s).unwrap()).filter(|(name, _)| known.contains_key(name));
     let mut deform = of(set.collect()).0;
-    deform.randomise(TAKEN);
+    deform.randomise(DONE);
     deform
 }
 
@@ -295,21 +313,68 @@ fn check(name: &str, deform: &Deform, twin: Twin, which: &[u32]) {
     what("points", compare("gradient", &x_bar, &want, Tolerance::SINGLE));
 }
 
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Compare what the distances of neighbours cost with their definition, at points of these time steps.
+fn check_coherence(name: &str, deform: &Deform, twin: Twin, which: &[u32; 5]) {
+    let (draws, n) = (Rng::new(6, 1), which.len());
+    let w: [f32; 5] = [1.0, 0.25, 0.5, 0.0, 0.75];
+    let mut x = vec![0.0; 3 * n];
+    Rng::new(1, 2).fill_uniform(0, &mut x);
+    let (params, learned) = deform.parameters();
+    let (params, learned) = (wide(params), wide(learned));
+    let cost = |params: &[f64], learned: &[f64]| -> f64 {
+        let numbers = Numbers { params, learned };
+        let of = |i: usize| {
+            let here = [x[i], x[n + i], x[2 * n + i]];
+            let ends = [here, neighbour(here, REACH, draws, i as u64)].map(|x| x.map(f64::from));
+            let there = ends.map(|x| twin(&numbers, Sample { x, step: which[i] as usize }).0);
+            let stretch = distance(there[0], there[1]) / distance(ends[0], ends[1]) - 1.0;
+            f64::from(w[i]) * ((1.0 + (stretch / SCALE).powi(2)).sqrt() - 1.0)
+        };
+        (0..n).map(of).sum()
+    };
+    let what = |part: &str, result: Result<(), testkit::gradient::Mismatch>| {
+        result.unwrap_or_else(|e| panic!("{name}, time steps {which:?}, coherence, {part}: {e}"));
+    };
+    let mut grad = DeformGrad::default();
+    grad.begin(deform);
+    let points = Points { x: &x, which, time_steps: deform.time_steps() };
+    let sum = deform.coherence(points, &w, draws, 1.0, &mut grad, &mut DeformScratch::default());
+    // Points in f32, a tenth apart: stretches of 1e-5 by rounding.
+    what("value", compare("value", &[sum], &[cost(&params, &learned)], Tolerance::new(1e-3, 1e-5)));
+    let (params_bar, learned_bar) = deform.gradients(&grad);
+    let want = central_difference(&params, |params| cost(params, &learned));
+    assert!(
+        which[0] == 0 || want.iter().filter(|g| g.abs() > 1e-4).count() > params.len() / 8,
+        "{name}: next to no gradient of coherence"
+    );
+    what("parameters", compare("gradient", &params_bar, &want, Tolerance::new(1e-3, 1e-5)));
+    let want = central_difference(&learned, |learned| cost(&params, learned));
+    what("codes or network of the time", compare("gradient", &learned_bar, &want, Tolerance::new(1e-3, 1e-5)));
+}
+
 #[test]
 fn deformations_are_their_equations_and_gradients_are_those_of_differences() {
-    let all: [(&str, NewDeform, Twin); 6] = [
-        ("t-nerf", t_nerf::deform, t_nerf),
-        ("d-nerf", d_nerf::deform, d_nerf),
-        ("nerfies", nerfies::deform, nerfies),
-        ("hypernerf", hyper_nerf::deform, hyper_nerf),
-        ("tineuvox", tineuvox::deform, tineuvox),
-        ("endo-nerf", endo_nerf::deform, d_nerf),
+    let all: [(&str, NewDeform, &[&str], Twin); 7] = [
+        ("t-nerf", t_nerf::deform, &[], t_nerf),
+        ("d-nerf", d_nerf::deform, &[], d_nerf),
+        ("d-nerf as published", d_nerf::deform, &["origin=exact"], d_nerf_exact),
+        ("nerfies", nerfies::deform, &[], nerfies),
+        ("hypernerf", hyper_nerf::deform, &[], hyper_nerf),
+        ("tineuvox", tineuvox::deform, &[], tineuvox),
+        ("endo-nerf", endo_nerf::deform, &[], d_nerf),
     ];
-    for (name, new, twin) in all {
-        let deform = small(new);
+    for (name, new, more, twin) in all {
+        let deform = small(new, more);
         // At any time, at the canonical one where there is one, and both in one tile.
         for which in [[1; 5], [0; 5], [0, 1, 2, 1, 0]] {
             check(name, &deform, twin, &which);
+            if deform.warps() {
+                check_coherence(name, &deform, twin, &which);
+            }
         }
     }
 }

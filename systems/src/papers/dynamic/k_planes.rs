@@ -14,8 +14,9 @@
 use crate::buffers::{shapes_hold, sized};
 use crate::claims::Claim;
 use crate::fields::{DecoderChoice, DecoderKind, Detail, ExplicitConfig, FeatureSource, Features, Names, Part, Places};
-use crate::plan::{Ask, Built, Moving, Shown, chosen_sampler, field_settings, moving_field, planned};
+use crate::plan::{Ask, Built, Moving, MovingParts, Shown, chosen_sampler, field_settings, moving_field, planned};
 use crate::rays::RayConfig;
+use crate::schedule::Done;
 use crate::settings::Settings;
 use engine::data::Dataset;
 use engine::memory::room_for;
@@ -346,14 +347,14 @@ impl Features for PlaneFeatures {
         self.adam.step(self.simd, lr, &mut self.params, &self.grad)
     }
 
-    fn refine(&mut self, _: u64) {}
+    fn refine(&mut self, _: Done) {}
 
     fn push_state<'a>(&'a self, names: &Names, out: &mut Vec<Tensor<'a>>) {
         out.push(f32_tensor(names.parameters.clone(), &self.params));
         push_adam(out, &format!("{}.0", names.moments), &self.adam);
     }
 
-    fn restored(&self, names: &Names, state: &TensorMap, _: u64) -> Result<Box<dyn Features>, SystemError> {
+    fn restored(&self, names: &Names, state: &TensorMap, _: Done) -> Result<Box<dyn Features>, SystemError> {
         let params = take_numbers(state, &names.parameters, self.params.len())?;
         let mut new = Self::new(self.source.clone(), self.planes.clone(), params);
         new.adam = take_adam(state, &format!("{}.0", names.moments), &new.adam)?;
@@ -394,6 +395,6 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     planes(&mut config, PlaneSource::still());
     let config = chosen_sampler(config, &mut ask.settings)?;
     let all = ask.settings.all()?;
-    let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, None)?;
+    let system = ground.moving(ask.data, &config, ask.run.seed, ask.scene, CLAIM.name, MovingParts::default())?;
     Ok((Box::new(system), planned(ground, all)))
 }

@@ -3,18 +3,33 @@
 //! | name | the time | where a point was | beyond space |
 //! | --- | --- | --- | --- |
 //! | `t-nerf` | octaves | - | - |
-//! | `d-nerf` | octaves | displacement, none at `t = 0` | - |
+//! | `d-nerf` | octaves | displacement, less that at `t = 0` | - |
+//! | `d-nerf`, `field=mlp` | octaves | the same, on the published networks | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
 //! | `tineuvox` | octaves, through a network | displacement | time and place, beside voxels |
+//! | `nsff`, `dynamic-nerf` | planes of place and time | scene flow to the frames beside, before a still part | - |
+//!
+//! Photos of `nerfies` and `hypernerf` have codes of `appearance` where their exposures differ.
 
+mod appearance;
 pub(crate) mod d_nerf;
+pub(crate) mod d_nerf_published;
+pub(crate) mod dynamic_nerf;
 pub(crate) mod endo_nerf;
+mod flow_terms;
 #[cfg(test)]
 mod gradient_tests;
 pub(crate) mod hyper_nerf;
 pub(crate) mod k_planes;
+mod mask_terms;
+#[cfg(test)]
+mod motion_tests;
 pub(crate) mod nerfies;
+pub(crate) mod nsff;
+#[cfg(test)]
+mod origin_tests;
+mod render_terms;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;

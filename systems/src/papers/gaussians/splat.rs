@@ -22,12 +22,13 @@ mod start;
 use crate::claims::Claim;
 use crate::free_space::free_space_line;
 use crate::plan::{Ask, Built, CloudPace, Ground};
+use crate::schedule::PlannedTime;
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::{
     AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, PlannedTime, SplitConfig, TrainedCloud,
-    ViewParts, ViewSpaceGradient, Views, WideningKind, refused,
+    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
+    ViewSpaceGradient, Views, WideningKind, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};

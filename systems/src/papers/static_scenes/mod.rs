@@ -4,4 +4,4 @@ pub mod mip_nerf;
 pub mod mip_nerf_360;
 pub mod nerf;
 pub(crate) mod ngp;
-mod place;
+pub(super) mod place;

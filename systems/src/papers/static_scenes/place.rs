@@ -20,7 +20,11 @@ pub(super) fn placed(levels: TwoLevelConfig, ground: &Ground) -> TwoLevelConfig 
 ///
 /// # Errors
 /// [`SystemError::Config`] for a space that the cameras do not fit.
-pub(super) fn space_of(ground: &Ground, data: &Dataset, levels: &TwoLevelConfig) -> Result<Space, SystemError> {
+pub(in crate::papers) fn space_of(
+    ground: &Ground,
+    data: &Dataset,
+    levels: &TwoLevelConfig,
+) -> Result<Space, SystemError> {
     let (place, rays) = (levels.place, levels.rays);
     space(&ground.layout, data, place.space, place.centre, place.radius, rays.extent, rays.near)
 }

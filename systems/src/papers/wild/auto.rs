@@ -21,13 +21,14 @@ use crate::occluders::scene_guard::{DARK, LEAST_PHOTOS, LOOSE, Marked, PhotoGeom
 use crate::occluders::survey::survey_stride;
 use crate::photo_model::{PhotoAndRender, Pixel};
 use crate::plan::{Ground, field_settings};
-use crate::rays::RaySystem;
+use crate::rays::{RayConfig, RaySystem};
 use crate::survey::Surveys;
 use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::{System, SystemError};
 use losses::heuristics::Extent;
 use losses::kernel::Kernel;
+use std::ops::Range;
 
 /// What it is.
 pub(crate) const CLAIM: Claim = Claim {
@@ -69,45 +70,30 @@ pub(super) fn needs(
         return Ok((AppearanceKind::None, OccluderKind::None));
     }
     let lines = ground.lines.len();
-    // Colours that depend on the direction would explain the appearance of each photo.
-    let mut config = field_settings(ground, data);
-    config.networks.sh_degree = 1;
+    let config = blind_to_directions(field_settings(ground, data));
     let mut field = ground.ngp(data, &config, run.seed, None)?;
     // The field that stays has lines of its own.
     ground.lines.truncate(lines);
     let backdrop = Backdrop::new(ground.background);
-    let train = |field: &mut RaySystem, steps: std::ops::Range<u64>| -> Result<(), SystemError> {
-        for step in steps {
-            field.step(data, step)?;
-        }
-        Ok(())
-    };
-    train(&mut field, 0..STEPS)?;
+    train(&mut field, data, 0..STEPS)?;
     let first = Found::of(&field, data, backdrop, None)?;
-    let differ = first.deviation > GAIN_DEVIATION;
+    let differ = differs(first.deviation);
     let again = first.scene > SHARE || (differ && first.far > SHARE);
     let known = differ.then_some(&first.gains[..]);
     let (found, limit, steps) = if again && data.len() >= LEAST_PHOTOS {
         if differ {
             field = ground.ngp(data, &config, run.seed, Some(Box::new(with_codes(data, run.seed))))?;
             ground.lines.truncate(lines);
-            train(&mut field, 0..MORE_STEPS)?;
+            train(&mut field, data, 0..MORE_STEPS)?;
         } else {
-            train(&mut field, STEPS..STEPS + MORE_STEPS)?;
+            train(&mut field, data, STEPS..STEPS + MORE_STEPS)?;
         }
         (Found::of(&field, data, backdrop, known)?, SECOND_SHARE, if differ { MORE_STEPS } else { STEPS + MORE_STEPS })
     } else {
         (first.clone(), SHARE, STEPS)
     };
-    let (appearance, word) = match differ {
-        true => (AppearanceKind::Codes, "a code for each photo"),
-        false => (AppearanceKind::None, "one for all"),
-    };
-    ground.lines.push(format!(
-        "appearance: {word} (after {STEPS} plain steps photos differ from the field by {:.1} % in brightness or tint, limit {:.1} %)",
-        100.0 * first.deviation,
-        100.0 * GAIN_DEVIATION
-    ));
+    let appearance = if differ { AppearanceKind::Codes } else { AppearanceKind::None };
+    ground.lines.push(appearance_line(first.deviation, ""));
     if data.len() < LEAST_PHOTOS {
         ground.lines.push(format!("occluders: not sought ({} photos are too few)", data.len()));
         return Ok((appearance, OccluderKind::None));
@@ -126,6 +112,63 @@ pub(super) fn needs(
         100.0 * found.scene
     ));
     Ok((appearance, occluders))
+}
+
+/// Appearance alone, with its line of reason, of photos that each show a time of their own; `config` are the settings of the field
+/// of the scene. A plain field knows no time, and what moves is not where it shows it: only what both halves of a photo have in common
+/// is taken for its appearance.
+///
+/// # Errors
+/// As a training has them.
+pub(crate) fn appearance_of_times(
+    ground: &Ground,
+    data: &Dataset,
+    config: &RayConfig,
+    seed: u64,
+) -> Result<(AppearanceKind, String), SystemError> {
+    if data.len() < 2 {
+        return Ok((AppearanceKind::None, "appearance: not sought (there is one photo)".into()));
+    }
+    let mut field = ground.plain(data, &blind_to_directions(config.clone()), seed)?;
+    train(&mut field, data, 0..STEPS)?;
+    let (stride, backdrop) = (survey_stride(data), Backdrop::new(ground.background));
+    let mut gains = Vec::with_capacity(data.len());
+    for view in 0..data.len() {
+        let rendered = field.render_training_view(data, view, stride)?;
+        let seen = rendered.beside_photo(view);
+        gains.push(gains_of_halves(&seen, &evidence(&seen, backdrop)));
+    }
+    let deviation = common_deviation(&gains);
+    let kind = if differs(deviation) { AppearanceKind::Codes } else { AppearanceKind::None };
+    Ok((kind, appearance_line(deviation, ", alike in both halves")))
+}
+
+/// Whether photos differ enough for codes of their own.
+fn differs(deviation: f64) -> bool {
+    deviation > GAIN_DEVIATION
+}
+
+fn appearance_line(deviation: f64, also: &str) -> String {
+    let word = if differs(deviation) { "a code for each photo" } else { "one for all" };
+    format!(
+        "appearance: {word} (after {STEPS} plain steps photos differ from the field by {:.1} % in brightness or tint{also}, limit \
+         {:.1} %)",
+        100.0 * deviation,
+        100.0 * GAIN_DEVIATION
+    )
+}
+
+/// Colours that depend on the direction would explain the appearance of each photo.
+fn blind_to_directions(mut config: RayConfig) -> RayConfig {
+    config.networks.sh_degree = 1;
+    config
+}
+
+fn train(field: &mut RaySystem, data: &Dataset, steps: Range<u64>) -> Result<(), SystemError> {
+    for step in steps {
+        field.step(data, step)?;
+    }
+    Ok(())
 }
 
 /// A code for each photo, and robust errors.
@@ -206,6 +249,29 @@ fn gain(seen: &PhotoAndRender<'_>) -> [f32; 3] {
     medians(seen, |photo, field| ((photo + DARK) / (field.max(0.0) + DARK)).ln())
 }
 
+/// The [`gain`] of the left half of a photo and of its right half, over the pixels that are evidence.
+fn gains_of_halves(seen: &PhotoAndRender<'_>, evidence: &[f32]) -> [[f32; 3]; 2] {
+    let width = seen.size[0].max(1);
+    [true, false].map(|left| {
+        let of_half = |(i, &a): (usize, &f32)| if (i % width < width / 2) == left { a } else { 0.0 };
+        let alpha: Vec<f32> = evidence.iter().enumerate().map(of_half).collect();
+        gain(&PhotoAndRender { alpha: &alpha, ..*seen })
+    })
+}
+
+/// Root of the covariance of the gains of the photos' halves, mean over channels: where both halves of a photo always agree, the
+/// [`deviation`] of its gains; 0 where they know nothing of each other.
+fn common_deviation(gains: &[[[f32; 3]; 2]]) -> f64 {
+    let n = gains.len().max(1) as f64;
+    let channel = |c: usize| {
+        let of_half = |half: usize| gains.iter().map(move |g| f64::from(g[half][c]));
+        let [left, right] = [0, 1].map(|half| of_half(half).sum::<f64>() / n);
+        let products = of_half(0).zip(of_half(1)).map(|(a, b)| (a - left) * (b - right));
+        (products.sum::<f64>() / n).max(0.0).sqrt()
+    };
+    (channel(0) + channel(1) + channel(2)) / 3.0
+}
+
 /// The summand between photo and field, by channel: the median over its pixels.
 fn offset(seen: &PhotoAndRender<'_>) -> [f32; 3] {
     medians(seen, |photo, field| photo - field)
@@ -273,6 +339,28 @@ mod tests {
         let darker: Vec<[f32; 3]> = pixels.iter().map(|p| p.rgb.map(|c| c - 0.3)).collect();
         assert_eq!(far_squares(&PhotoAndRender { truth: &darker, ..seen }, gain), [false; 20], "a summand explains it");
         assert!(deviation(&[gain, gain]) < 1e-6 && deviation(&[gain, [0.0; 3]]) > 0.04);
+    }
+
+    #[test]
+    fn what_moves_in_one_half_of_photos_is_not_their_appearance() {
+        // Rows of four pixels: two on the left, two on the right.
+        let pixels = [Pixel { rgb: [0.5; 3], ..Pixel::default() }; 8];
+        let photo = |left: f32, right: f32| [left, left, right, right].repeat(2).into_iter().map(|x| [x; 3]);
+        let of = |photos: &[[f32; 2]]| {
+            let gains = |&[left, right]: &[f32; 2]| {
+                let truth: Vec<[f32; 3]> = photo(left, right).collect();
+                let seen = PhotoAndRender { size: [4, 2], ..seen(&pixels, &truth, &[1.0; 8]) };
+                gains_of_halves(&seen, &[1.0; 8])
+            };
+            common_deviation(&photos.iter().map(gains).collect::<Vec<_>>())
+        };
+        let exposed = of(&[[0.4; 2], [0.6; 2], [0.5; 2]]);
+        assert!(differs(exposed), "{exposed}");
+        // On the left alone, or on both sides with nothing to do with each other.
+        for photos in [&[[0.4, 0.5], [0.6, 0.5], [0.5, 0.5]][..], &[[0.4, 0.6], [0.6, 0.6], [0.4, 0.4], [0.6, 0.4]]] {
+            assert!(of(photos) < 1e-3, "{photos:?}: {}", of(photos));
+        }
+        assert!(of(&[[0.4, 0.6], [0.6, 0.4]]) == 0.0 && of(&[]) == 0.0);
     }
 
     #[test]

@@ -1,17 +1,7 @@
 //! The parts that a system is made of.
 
+pub use crate::papers::field_kind::FieldKind;
 use serde::{Deserialize, Serialize};
-
-/// The field that is trained.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FieldKind {
-    /// Hash grid and tiny networks: minutes.
-    #[default]
-    Ngp,
-    /// The networks of NeRF, as published: hours.
-    Mlp,
-}
 
 /// The appearance model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,4 +1,5 @@
-//! Any appearance model with any occluder model: all systems of this folder are one of these pairs.
+//! Any appearance model with any occluder model: all systems of this folder are one of these pairs. Systems of scenes that move have
+//! an appearance model and no occluders.
 
 use crate::appearance::AppearanceModel;
 use crate::claims::Claim;
@@ -20,11 +21,11 @@ pub(crate) const PLAIN: Claim = Claim {
 };
 
 /// The pair.
-pub(super) struct Wild {
-    pub(super) name: &'static str,
+pub(crate) struct Wild {
+    pub(crate) name: &'static str,
     /// `None`: all photos have the same appearance.
-    pub(super) appearance: Option<Box<dyn AppearanceModel>>,
-    pub(super) occluders: Box<dyn OccluderModel>,
+    pub(crate) appearance: Option<Box<dyn AppearanceModel>>,
+    pub(crate) occluders: Box<dyn OccluderModel>,
 }
 
 impl PhotoModel for Wild {

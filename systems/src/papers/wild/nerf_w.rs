@@ -104,7 +104,7 @@ impl TransientConfig {
 pub(super) const CODES: CodeConfig = CodeConfig { appearance_dims: 48, code_lr: 1.0, code_size: 1e-5 };
 
 /// On the hash grid (`docs/decisions/0016-nerf-w-on-a-fast-field.md`).
-pub(super) const HASH_GRID_CODES: CodeConfig = CodeConfig { appearance_dims: 16, code_lr: 0.25, code_size: 1e-2 };
+pub(crate) const HASH_GRID_CODES: CodeConfig = CodeConfig { appearance_dims: 16, code_lr: 0.25, code_size: 1e-2 };
 
 /// Squared errors, as published.
 pub(super) const SQUARED: KernelConfig = KernelConfig { kernel: KernelKind::Squared, kernel_scale: 0.05 };
@@ -187,7 +187,7 @@ impl OccluderModel for Transient {
     }
 
     fn learn(&mut self, outcome: &Outcome<'_>) -> usize {
-        self.codes.learn(outcome.simd, outcome.lr * self.lr, outcome.batch, outcome.transient_bar, 0.0)
+        self.codes.learn(outcome.simd, outcome.lr * self.lr, &outcome.batch.view, outcome.transient_bar, 0.0)
     }
 
     fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {

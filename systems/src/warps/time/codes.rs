@@ -2,10 +2,8 @@
 
 use super::frames::Times;
 use super::input::TimeInput;
+use crate::codes::fill_uniform;
 use field_core::rng::Rng;
-
-/// Codes begin in `0..CODE` (Nerfies, as released).
-const CODE: f32 = 0.05;
 
 /// A code for each time step of the training views.
 pub(super) struct Codes {
@@ -17,8 +15,7 @@ impl Codes {
     /// Their initial values are put into `codes`, `[steps][dims]`.
     pub(super) fn new(dims: usize, times: Times, rng: Rng, codes: &mut Vec<f32>) -> Self {
         codes.resize(dims * times.len(), 0.0);
-        rng.fill_uniform(0, codes);
-        codes.iter_mut().for_each(|c| *c *= CODE);
+        fill_uniform(rng, codes);
         Self { dims, times }
     }
 }

@@ -57,6 +57,17 @@ impl Times {
         views
     }
 
+    /// A time between that of a view and that of a neighbouring time step: `u[0]` says which of the two, `u[1]` how far towards it.
+    pub(crate) fn beside(&self, view: usize, u: [f32; 2]) -> f64 {
+        let (k, last) = (self.step(view), self.distinct.len() - 1);
+        let other = match k {
+            0 => last.min(1),
+            _ if k == last || u[0] < 0.5 => k - 1,
+            _ => k + 1,
+        };
+        self.distinct[k] + f64::from(u[1]) * (self.distinct[other] - self.distinct[k])
+    }
+
     /// The time steps around a time; before the first and after the last one stands still.
     pub(crate) fn between(&self, time: f64) -> Between {
         let last = self.distinct.len().saturating_sub(1);
@@ -86,5 +97,14 @@ mod tests {
         let after = t.between(2.0);
         assert!(after.share == 0.0 || after.before == after.after || after.share == 1.0, "{after:?}");
         assert_eq!(times(&[0.3]).between(0.9), Between { before: 0, after: 0, share: 0.0 });
+    }
+
+    #[test]
+    fn a_time_beside_a_view_is_on_the_way_to_a_neighbour() {
+        let t = times(&[0.0, 0.5, 1.0]);
+        assert_eq!([[0.0, 0.5], [0.9, 0.5]].map(|u| t.beside(0, u)), [0.25; 2], "the first has one neighbour");
+        assert_eq!([[0.0, 0.5], [0.9, 0.5]].map(|u| t.beside(1, u)), [0.25, 0.75]);
+        assert_eq!([[0.0, 0.5], [0.9, 0.5]].map(|u| t.beside(2, u)), [0.75; 2], "and so has the last");
+        assert_eq!((t.beside(1, [0.0; 2]), times(&[0.3]).beside(0, [0.9; 2])), (0.5, 0.3));
     }
 }

@@ -123,6 +123,8 @@ fn appearances_that_a_system_has_not_are_refused_before_training() {
     for (system, word, part) in [
         ("one", "image:p4", "one appearance only"),
         ("one", "encode:left", "no encoder"),
+        ("one", "nearest", "one appearance only"),
+        ("many", "nearest", "the photos have no times"),
         ("many", "image:p9", "no such photo"),
         ("many", "image:p2", "no such photo"),
     ] {

@@ -60,8 +60,16 @@ impl System for Sky {
     fn step(&mut self, data: &Dataset, _: u64) -> Result<StepStats, SystemError> {
         for view in 0..data.len() {
             let (rays, rgb) = pixels(data, view, &*data.image(view)?);
-            let fit =
-                Fit { rays: &rays, rgb: &rgb, background: [0.0; 3], steps: 1, lr: 1.0, seed: 0, halt: &Halt::NEVER };
+            let fit = Fit {
+                rays: &rays,
+                rgb: &rgb,
+                time: 0.0,
+                background: [0.0; 3],
+                steps: 1,
+                lr: 1.0,
+                seed: 0,
+                halt: &Halt::NEVER,
+            };
             if let Some(code) = self.fit_appearance(&fit) {
                 self.codes[3 * view..][..3].copy_from_slice(&code);
             }

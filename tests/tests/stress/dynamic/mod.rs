@@ -1,10 +1,13 @@
-//! Systems for scenes that move at the edge of their settings, of what a video can be, and of learning rates.
+//! Systems for scenes that move at the edge of their settings, of what a video can be, of what files say of motion, and of learning
+//! rates.
 
 mod learning_rates;
+mod priors;
 mod scenes;
 mod settings;
 
 pub(crate) use learning_rates::cases as learning_rates;
+pub(crate) use priors::cases as priors;
 pub(crate) use scenes::cases as scenes;
 pub(crate) use settings::cases as settings;
 
@@ -27,6 +30,20 @@ const SMALL: [&str; 8] = [
     "plane_features=2",
     "plane_times=3",
     "refine_every=3",
+];
+
+/// Those that the published networks have not.
+const OF_THE_FIELD: [&str; 10] = [
+    "levels",
+    "log2_table",
+    "n_max",
+    "geometry",
+    "colour_layers",
+    "occupancy",
+    "batch_samples",
+    "plane_features",
+    "plane_times",
+    "refine_every",
 ];
 
 const STEPS: u64 = 5;
@@ -54,16 +71,20 @@ fn usual_operation() -> Scene {
 /// Build a system with settings written as on the command line; later ones win. It takes those of [`SMALL`] whose part it has.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
     let own: &[&str] = match name {
-        "tineuvox" => &["voxels=12", "voxels_every=2"],
+        "tineuvox" => &["voxels=12", "horizon=6", "voxels_every=0.33"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
+        // What photos need is found out by a training.
+        "nerfies" | "hypernerf" => &["appearance=none"],
+        // Enough pixels that what moves is found by what they show, where it is looked for at all.
+        "nsff" | "dynamic-nerf" if set.contains(&"moving_from=0.5") => &["batch_rays=2048", "batch_samples=16384"],
         // The others look at no depth.
         "endo-nerf" => &["cue_samples=8"],
         _ => &[],
     };
     let moves = scene.frames.iter().any(|frame| frame.time.is_some());
-    // Rays are chosen and depths refined where photos have times.
-    // What stands in the place of the part that these are of.
+    // What stands in the place of the part that these are of; rays are chosen and depths refined where photos have times.
     let replaced = |s: &str| match s.split('=').next() {
+        Some(key) if set.contains(&"field=mlp") && OF_THE_FIELD.contains(&key) => true,
         Some("width" | "geometry" | "colour_layers") => set.contains(&"decoder=explicit"),
         Some("occupancy") => set.contains(&"sampler=proposal"),
         Some("refine_every") => !moves,
@@ -85,7 +106,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "plane" | "planes" => !has(&["ngp", "tineuvox"]),
         "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => !has(&["ngp", "k-planes"]),
         "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp", "k-planes"]),
-        "warp" => !has(&["ngp", "k-planes", "t-nerf"]),
+        "warp" => !has(&["ngp", "k-planes", "t-nerf", "nsff", "dynamic-nerf"]),
         _ => true,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{STEPS, build, operation, stage, trains, usual_operation, usual_stage};
 use crate::common::{dataset, pictures, says};
-use scene_io::synthetic::{OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions, TissueTool};
+use scene_io::synthetic::{MouthOptions, OrbitCamera, OrbitMotion, OrbitOptions, TissueOptions, TissueTool, mouth};
 use scene_io::{DepthMap, DepthPlace, DepthSource, Frame, Image, ImageSource, Scene};
 use std::sync::Arc;
 use stress::{Tally, ensure};
@@ -75,6 +75,7 @@ fn orbits() -> Vec<Case> {
     timeless.frames.iter_mut().for_each(|frame| frame.time = None);
     let mut ordered = timeless.clone();
     assert!(ordered.time_by_order());
+    let lips = MouthOptions { width: 16, height: 16, train: 6, val: 0, test: 0, rays: 1, ..MouthOptions::default() };
     let black = pictures(usual_stage(), |_, image| Image { data: vec![0; image.data.len()], ..image.clone() });
     vec![
         case("one frame", stage(OrbitOptions { train: 1, ..options })),
@@ -83,6 +84,7 @@ fn orbits() -> Vec<Case> {
         Case { set: &["accept_no_parallax=true"], ..case("a frozen camera that is accepted", frozen()) },
         case("a camera that walks", stage(OrbitOptions { camera: OrbitCamera::Walking, ..options })),
         case("everything moves", stage(OrbitOptions { motion: OrbitMotion::Everything, ..options })),
+        case("lips that touch, part and touch again", mouth(&lips)),
         case("nothing moves", stage(OrbitOptions { motion: OrbitMotion::Nothing, ..options })),
         case("duplicate times", times(usual_stage(), |i| (i / 2) as f64 / 2.0)),
         case("unsorted times", times(usual_stage(), |i| (i * 5 % 6) as f64 / 5.0)),

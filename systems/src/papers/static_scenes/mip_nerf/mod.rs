@@ -36,12 +36,15 @@ const DENSITY_SHIFT: f32 = -1.0;
 impl Recipe for MipNerfConfig {
     const NAME: &'static str = "mip-nerf";
     const ADAM: AdamConfig = AdamConfig::DEFAULT;
-    const NETWORKS: usize = 1;
     const FOOTPRINT: Footprint = Footprint::Cone;
     type Position = Integrated;
 
     fn check(&self) -> Result<(), SystemError> {
         MipNerfConfig::check(self)
+    }
+
+    fn networks(&self) -> usize {
+        1
     }
 
     fn network(&self) -> Result<NetworkShape<Integrated>, SystemError> {
@@ -52,6 +55,7 @@ impl Recipe for MipNerfConfig {
             width: network.width,
             depth: network.depth,
             colour_pad: self.cones.colour_padding,
+            displacement: None,
         })
     }
 

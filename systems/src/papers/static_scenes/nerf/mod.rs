@@ -34,12 +34,15 @@ pub type Nerf = TwoLevel<NerfConfig>;
 impl Recipe for NerfConfig {
     const NAME: &'static str = "nerf";
     const ADAM: AdamConfig = AdamConfig::NERF;
-    const NETWORKS: usize = 2;
     const FOOTPRINT: Footprint = Footprint::Point;
     type Position = Frequency;
 
     fn check(&self) -> Result<(), SystemError> {
         NerfConfig::check(self)
+    }
+
+    fn networks(&self) -> usize {
+        2
     }
 
     fn network(&self) -> Result<NetworkShape<Frequency>, SystemError> {
@@ -50,6 +53,7 @@ impl Recipe for NerfConfig {
             width: network.width,
             depth: network.depth,
             colour_pad: 0.0,
+            displacement: None,
         })
     }
 

@@ -112,7 +112,7 @@ impl VisibilityMap {
             },
         );
         network.step(outcome.simd, outcome.lr * self.lr)
-            + self.input.codes.learn(outcome.simd, outcome.lr * self.code_lr, outcome.batch, code_bar, 0.0)
+            + self.input.codes.learn(outcome.simd, outcome.lr * self.code_lr, &outcome.batch.view, code_bar, 0.0)
     }
 
     /// The map of a whole photo, row by row.

@@ -259,7 +259,7 @@ impl OccluderModel for SfNerf {
         let lr = outcome.lr * self.rates.filter;
         let filter = self.filter.step(outcome.simd, lr, lr * self.rates.eased(outcome.step));
         let lr = outcome.lr * self.rates.codes;
-        filter + self.codes.learn(outcome.simd, lr, outcome.batch, &self.code_bar, 0.0)
+        filter + self.codes.learn(outcome.simd, lr, &outcome.batch.view, &self.code_bar, 0.0)
     }
 
     fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {

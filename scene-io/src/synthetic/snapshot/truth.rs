@@ -2,6 +2,7 @@
 
 use super::{Snapshot, SnapshotHit};
 use crate::DepthMap;
+use crate::priors::{FollowedPoint, SceneFlow};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Prepared};
@@ -146,8 +147,23 @@ impl Snapshot {
         }
     }
 
+    /// Exact scene flow of what a camera shows of this snapshot, to another one.
+    ///
+    /// # Panics
+    /// As [`Snapshot::flow_to`].
+    #[must_use]
+    pub fn scene_flow(&self, camera: &Camera, other: &Self) -> SceneFlow {
+        let hits = self.centres(camera);
+        let followed = hits.iter().flatten().map(|hit| FollowedPoint {
+            x: hit.x.to_array(),
+            way: (other.place(hit) - hit.x).to_array(),
+            moves: hit.moves,
+        });
+        SceneFlow::of(other.time(), followed)
+    }
+
     /// What is seen at each pixel centre.
-    pub(super) fn centres(&self, camera: &Camera) -> Vec<Option<SnapshotHit>> {
+    pub(in crate::synthetic) fn centres(&self, camera: &Camera) -> Vec<Option<SnapshotHit>> {
         let prepared = camera.prepare();
         let (w, h) = (u64::from(camera.width), u64::from(camera.height));
         let centre = |i: u64| {

@@ -1,4 +1,4 @@
-//! Where a training is in its schedule: at its own step, until it is found ahead of its time or behind it.
+//! Schedules, and where a training is in its own: at its own step, until it is found ahead of its time or behind it.
 //!
 //! Schedules are of the steps that a run was thought to have. One that stops after seconds makes others: the machine has more to do,
 //! or the scene costs more than was thought. At each mark of the time the schedule goes on faster or slower, so that both end together:
@@ -9,6 +9,7 @@
 //! ```
 
 use engine::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
+use serde::{Deserialize, Serialize};
 
 /// Paces beyond these are errors of a clock, or of a machine that stood still.
 const PACES: [f64; 2] = [0.2, 5.0];
@@ -16,8 +17,102 @@ const PACES: [f64; 2] = [0.2, 5.0];
 const LEFT: f64 = 0.02;
 /// No run has more steps.
 const MOST_STEPS: f64 = (1_u64 << 53) as f64;
-/// Name in checkpoints.
-const NAME: &str = "splats.position";
+/// Steps of a schedule where nobody knows when the training stops.
+pub(crate) const HORIZON: u64 = 2500;
+
+/// The schedule of a system whose parts go by shares of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ScheduleSettings {
+    /// Steps of the schedule: rates, windows and doublings are shares of it, and end with it.
+    pub(crate) horizon: u64,
+}
+
+impl ScheduleSettings {
+    /// Of a training that is likely to stop after so many steps; of [`HORIZON`] where nobody knows.
+    pub(crate) fn until(steps: Option<u64>) -> Self {
+        Self { horizon: steps.unwrap_or(HORIZON).max(1) }
+    }
+
+    /// # Errors
+    /// [`SystemError::Config`] naming the setting.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        if self.horizon == 0 {
+            let problem = "must be at least 1".into();
+            return Err(SystemError::Config { field: "horizon", value: "0".into(), problem });
+        }
+        Ok(())
+    }
+}
+
+/// How much of its schedule a training has done.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Done {
+    /// Steps of the schedule.
+    pub(crate) steps: u64,
+    /// Share of the schedule, from 0 to 1.
+    pub(crate) share: f64,
+}
+
+impl Done {
+    /// A share of a schedule, for tests of parts that go by shares alone.
+    #[cfg(test)]
+    pub(crate) fn of_share(share: f64) -> Self {
+        Self { share, ..Self::default() }
+    }
+}
+
+/// A schedule, and where the training is in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Course {
+    planned: PlannedTime,
+    position: Position,
+    keeps_up: bool,
+}
+
+impl Default for Course {
+    /// Of [`HORIZON`] steps, never corrected: a position is a step of the training.
+    fn default() -> Self {
+        Self { keeps_up: false, ..Self::new(HORIZON) }
+    }
+}
+
+impl Course {
+    /// A schedule of `horizon` steps that take the same time each, corrected where the training is ahead of its time or behind it.
+    pub(crate) fn new(horizon: u64) -> Self {
+        Self { planned: PlannedTime { shares: vec![0.0, 1.0], horizon }, position: Position::default(), keeps_up: true }
+    }
+
+    /// What is done after `steps` steps of the training.
+    pub(crate) fn done(&self, steps: u64) -> Done {
+        Done { steps: self.position.of(steps), share: self.planned.until(self.position.exact(steps)).min(1.0) }
+    }
+
+    /// As [`Position::steps_done`].
+    pub(crate) fn steps_done(&self, step: u64, every: u64) -> u64 {
+        self.position.steps_done(step, every)
+    }
+
+    /// After `step` steps the share `time` of the training's time has passed.
+    pub(crate) fn keep_up(&mut self, step: u64, time: f64) {
+        if self.keeps_up {
+            self.position.mark(&self.planned, step, time);
+        }
+    }
+
+    /// The position, for a checkpoint; nothing where it was never corrected. The schedule itself is a setting.
+    pub(crate) fn state(&self, name: &str) -> Option<Tensor<'static>> {
+        self.position.state(name)
+    }
+
+    /// The same schedule where [`state`](Self::state) was written.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] for what is no place in a schedule.
+    pub(crate) fn restored(&self, state: &TensorMap, name: &str) -> Result<Self, SystemError> {
+        Ok(Self { position: Position::take(state, name)?, ..self.clone() })
+    }
+}
 
 /// Share of its time that a schedule takes until equally spaced positions, from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +138,7 @@ impl PlannedTime {
 
 /// Where a training is in its schedule.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Position {
+pub(crate) struct Position {
     mark: Option<Mark>,
 }
 
@@ -67,13 +162,13 @@ impl Position {
     }
 
     /// The step of the schedule that step `step` of the training is, both counted from 0.
-    pub(super) fn of(&self, step: u64) -> u64 {
+    pub(crate) fn of(&self, step: u64) -> u64 {
         self.exact(step) as u64
     }
 
     /// Steps of the schedule that are done with step `step`, for what happens after every `every` of them: a multiple of it after those
     /// steps alone that reach one.
-    pub(super) fn steps_done(&self, step: u64, every: u64) -> u64 {
+    pub(crate) fn steps_done(&self, step: u64, every: u64) -> u64 {
         let [before, after] = [step, step + 1].map(|step| self.of(step));
         let reached = after / every.max(1) * every.max(1);
         match reached > before {
@@ -83,7 +178,7 @@ impl Position {
     }
 
     /// After `step` steps the share `time` of the training's time has passed.
-    pub(super) fn mark(&mut self, planned: &PlannedTime, step: u64, time: f64) {
+    pub(crate) fn mark(&mut self, planned: &PlannedTime, step: u64, time: f64) {
         let at = self.exact(step);
         let pace = match self.mark {
             None => 1.0,
@@ -100,21 +195,21 @@ impl Position {
     }
 
     /// Written only where there is a mark.
-    pub(super) fn state(&self) -> Option<Tensor<'static>> {
-        self.mark.map(|m| u64_tensor(NAME, vec![m.step, m.time.to_bits(), m.at.to_bits(), m.pace.to_bits()]))
+    pub(crate) fn state(&self, name: &str) -> Option<Tensor<'static>> {
+        self.mark.map(|m| u64_tensor(name, vec![m.step, m.time.to_bits(), m.at.to_bits(), m.pace.to_bits()]))
     }
 
     /// What [`state`](Self::state) wrote.
-    pub(super) fn take(state: &TensorMap) -> Result<Self, SystemError> {
-        if !state.contains_key(NAME) {
+    pub(crate) fn take(state: &TensorMap, name: &str) -> Result<Self, SystemError> {
+        if !state.contains_key(name) {
             return Ok(Self::default());
         }
-        let numbers = take_u64(state, NAME, 4)?;
+        let numbers = take_u64(state, name, 4)?;
         let [time, at, pace] = [1, 2, 3].map(|k| f64::from_bits(numbers[k]));
         let counted = |steps: f64| (0.0..=MOST_STEPS).contains(&steps);
         let are_places = counted(numbers[0] as f64) && counted(at) && (0.0..=1.0).contains(&time);
         if !(are_places && (PACES[0]..=PACES[1]).contains(&pace)) {
-            return Err(SystemError::State { name: NAME.into(), problem: "no place in a schedule".into() });
+            return Err(SystemError::State { name: name.into(), problem: "no place in a schedule".into() });
         }
         Ok(Self { mark: Some(Mark { step: numbers[0], time, at, pace }) })
     }
@@ -123,6 +218,8 @@ impl Position {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const NAME: &str = "position";
 
     /// The second half of the schedule takes three quarters of its time.
     fn planned() -> PlannedTime {
@@ -188,15 +285,38 @@ mod tests {
     }
 
     #[test]
+    fn shares_of_a_course_end_with_the_training() {
+        let course = Course::new(400);
+        let shares = [0, 100, 400, 900].map(|steps| course.done(steps).share);
+        assert_eq!(shares, [0.0, 0.25, 1.0, 1.0]);
+        assert_eq!(course.done(100).steps, 100);
+        // A machine that makes half of the steps, and one that makes twice as many: told now and then, both end at the end.
+        for made in [200, 800_u64] {
+            let mut course = Course::new(400);
+            (1..=32).for_each(|k| course.keep_up(k * made / 32, k as f64 / 32.0));
+            let share = course.done(made).share;
+            assert!((0.95..=1.0).contains(&share), "{made} steps: {share}");
+            // What a checkpoint holds is where it goes on, to the bit.
+            let tensor = course.state(NAME).unwrap();
+            let state: TensorMap = [(tensor.name.clone(), tensor)].into();
+            let again = Course::new(400).restored(&state, NAME).unwrap();
+            assert!((0..made).all(|step| again.done(step) == course.done(step)));
+        }
+        let mut unbound = Course::default();
+        unbound.keep_up(10, 0.5);
+        assert!(unbound.state(NAME).is_none() && unbound.done(77).steps == 77);
+    }
+
+    #[test]
     fn a_checkpoint_goes_on_at_the_same_place() {
         let mut position = Position::default();
         position.mark(&planned(), 100, 0.1);
         position.mark(&planned(), 200, 0.2);
-        let tensor = position.state().unwrap();
+        let tensor = position.state(NAME).unwrap();
         let state: TensorMap = [(tensor.name.clone(), tensor)].into();
-        assert_eq!(Position::take(&state).unwrap(), position);
-        assert_eq!(Position::take(&TensorMap::default()).unwrap(), Position::default());
+        assert_eq!(Position::take(&state, NAME).unwrap(), position);
+        assert_eq!(Position::take(&TensorMap::default(), NAME).unwrap(), Position::default());
         let forged = u64_tensor(NAME, vec![1, 0, f64::NAN.to_bits(), 1.0_f64.to_bits()]);
-        assert!(Position::take(&[(forged.name.clone(), forged)].into()).is_err());
+        assert!(Position::take(&[(forged.name.clone(), forged)].into(), NAME).is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! Solids that move and change shape, and where a ray first meets them.
 
-use super::super::polynomial::roots;
-use super::super::shape::Shape;
+use crate::synthetic::polynomial::roots;
+use crate::synthetic::shape::Shape;
 use glam::{DMat3, DVec2, DVec3};
 use render_core::ray::Ray;
 
@@ -49,7 +49,7 @@ pub struct Placement {
 
 impl Placement {
     /// A form at rest, turned and moved.
-    pub(super) fn rigid(r: DMat3, c: DVec3) -> Self {
+    pub(in crate::synthetic) fn rigid(r: DMat3, c: DVec3) -> Self {
         Self { r, c, warp: Warp::Rigid }
     }
 
@@ -84,22 +84,22 @@ fn unbend(v: DVec3, lean: DVec2, twist: f64) -> DVec3 {
 
 /// Where a ray meets a form.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Meeting {
+pub(in crate::synthetic) struct Meeting {
     /// Distance along the ray.
-    pub(super) t: f64,
+    pub(in crate::synthetic) t: f64,
     /// Outward unit normal in the world.
-    pub(super) normal: DVec3,
+    pub(in crate::synthetic) normal: DVec3,
     /// The material point.
-    pub(super) q: DVec3,
+    pub(in crate::synthetic) q: DVec3,
     /// Outward unit normal at rest.
-    pub(super) rest_normal: DVec3,
+    pub(in crate::synthetic) rest_normal: DVec3,
 }
 
 /// A form at a time, with a ball around it that most rays miss.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Posed {
+pub(in crate::synthetic) struct Posed {
     form: Form,
-    pub(super) placement: Placement,
+    pub(in crate::synthetic) placement: Placement,
     centre: DVec3,
     radius: f64,
 }
@@ -107,7 +107,7 @@ pub(super) struct Posed {
 impl Posed {
     /// # Panics
     /// Where a bar is stretched or anything else is bent: such surfaces have no polynomial here.
-    pub(super) fn new(form: Form, placement: Placement) -> Self {
+    pub(in crate::synthetic) fn new(form: Form, placement: Placement) -> Self {
         let (middle, radius) = match (form, placement.warp) {
             (Form::Solid(shape), Warp::Rigid) => (DVec3::ZERO, shape.radius()),
             (Form::Solid(shape), Warp::Stretch(scale)) => (DVec3::ZERO, shape.radius() * scale.max_element()),
@@ -122,7 +122,7 @@ impl Posed {
     }
 
     /// First surface point of a world ray beyond `after`.
-    pub(super) fn hit(&self, ray: &Ray, after: f64) -> Option<Meeting> {
+    pub(in crate::synthetic) fn hit(&self, ray: &Ray, after: f64) -> Option<Meeting> {
         let from = ray.o - self.centre;
         let along = from.dot(ray.d);
         let reach = self.radius * self.radius * (1.0 + 1e-9) - (from.length_squared() - along * along);
@@ -163,7 +163,7 @@ impl Posed {
 
     /// Is a world point inside?
     #[cfg(test)]
-    pub(super) fn contains(&self, x: DVec3) -> bool {
+    pub(in crate::synthetic) fn contains(&self, x: DVec3) -> bool {
         let q = self.placement.material(x);
         match self.form {
             Form::Solid(shape) => shape.contains(q),
@@ -234,6 +234,14 @@ mod tests {
             ),
             2 => Posed::new(Form::Solid(Shape::Torus { ring: 0.4, tube: 0.15 }), Placement::rigid(r, c)),
             3 => Posed::new(Form::Bar { radius: 0.15, height: 0.9 }, Placement::rigid(r, c)),
+            4 => Posed::new(
+                Form::Solid(Shape::Cut {
+                    radii: DVec3::new(0.5, 0.4, 0.6),
+                    low: DVec3::new(-0.4, -0.5, 0.0),
+                    high: DVec3::new(0.1, 0.3, 0.5),
+                }),
+                Placement { r, c, warp: Warp::Stretch(DVec3::new(1.2, 0.8, 1.0 + 0.2 * a)) },
+            ),
             _ => Posed::new(
                 Form::Bar { radius: 0.15, height: 0.9 },
                 Placement { r, c, warp: Warp::Bend { lean: DVec2::new(a, b), twist } },
@@ -252,7 +260,7 @@ mod tests {
 
         #[test]
         fn hits_lie_where_marching_finds_them(
-            which in 0..5_usize, r in any_rotation(), bend in [-1.0..1.0, -1.0..1.0, -4.0..4.0_f64],
+            which in 0..6_usize, r in any_rotation(), bend in [-1.0..1.0, -1.0..1.0, -4.0..4.0_f64],
             o in [-1.5..1.5, -1.5..1.5, -1.5..1.5_f64], d in any_unit_vector(),
         ) {
             let columns = r.map(DVec3::from);

@@ -1,0 +1,87 @@
+//! `nerf-dynamic priors`: flow and masks of a scene that has none.
+
+use crate::tools::{Answer, error_line, nerf, nerf_dynamic, nerf_wild, text};
+use scene_io::synthetic::{OrbitCamera, OrbitOptions, write_orbit};
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// 6 training and 2 test views of 40 x 36 pixels in D-NeRF's form, in `DIR/scene`.
+fn video(camera: OrbitCamera) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let options = OrbitOptions { width: 40, height: 36, train: 6, test: 2, rays: 1, camera, ..OrbitOptions::default() };
+    write_orbit(&options, &scene).unwrap();
+    (folder, scene)
+}
+
+fn flow(priors: &Path, name: &str) -> PathBuf {
+    priors.join("flow").join("train").join(name)
+}
+
+#[test]
+fn they_are_made_beside_the_scene_and_made_once() {
+    let (_folder, scene) = video(OrbitCamera::Walking);
+    let answer = nerf_dynamic(&["priors", text(&scene), "--progress", "lines"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("6 photos: ") && answer.out.contains("motion masks"), "{}", answer.out);
+    assert!(answer.err.contains("flow and masks: 6 of 6, 100 %"), "{}", answer.err);
+    let priors = scene.join("priors");
+    let forward = fs::read(flow(&priors, "r_000_fwd.flo")).unwrap();
+    assert_eq!((&forward[..4], forward.len()), (b"PIEH".as_slice(), 12 + 8 * 40 * 36));
+    assert!(flow(&priors, "r_005_bwd.flo").is_file() && !flow(&priors, "r_005_fwd.flo").exists());
+    assert!(priors.join("motion_masks/train/r_003.png").is_file());
+
+    // They are read with the scene, and nothing is left to do.
+    let check = nerf_dynamic(&["check", text(&scene)]);
+    assert_eq!(check.code, 0, "{}", check.out);
+    for part in ["flow to the next photo of 5", "flow to the photo before of 5", "masks of what moves of 6"] {
+        assert!(check.out.contains(part), "{part}: {}", check.out);
+    }
+    let again = nerf_dynamic(&["priors", text(&scene), "--progress", "lines"]);
+    assert_eq!(again.code, 0, "{}", again.err);
+    assert!(again.err.contains("6 of 6 photos done before"), "{}", again.err);
+    assert_eq!((again.out, fs::read(flow(&priors, "r_000_fwd.flo")).unwrap()), (answer.out, forward));
+}
+
+#[test]
+fn few_photos_smaller_ones_and_another_folder_can_be_asked_for() {
+    let (folder, scene) = video(OrbitCamera::Walking);
+    let out = folder.path().join("elsewhere");
+    let words = ["priors", text(&scene), "--out", text(&out), "--frames", "3", "--longest-side", "20"];
+    let answer = nerf_dynamic(&words);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("3 photos: ") && !scene.join("priors").exists(), "{}", answer.out);
+    assert_eq!(fs::read(flow(&out, "r_001_bwd.flo")).unwrap().len(), 12 + 8 * 20 * 18);
+    assert!(!flow(&out, "r_003_bwd.flo").exists());
+}
+
+#[test]
+fn a_camera_that_stands_still_is_warned_of() {
+    let (_folder, scene) = video(OrbitCamera::Frozen);
+    let answer = nerf_dynamic(&["priors", text(&scene)]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.err.contains("warning: 6 of 6 photos were taken from nearly the same place"), "{}", answer.err);
+}
+
+#[test]
+fn what_is_wrong_is_said_in_one_line() {
+    let (folder, scene) = video(OrbitCamera::Walking);
+    let foreign = folder.path().join("foreign");
+    fs::create_dir_all(foreign.join("flow")).unwrap();
+    fs::write(foreign.join("flow/r_000_fwd.flo"), b"of a network").unwrap();
+    for (words, part) in [
+        (&["priors", "synthetic:orbit"][..], "--out"),
+        (&["priors", text(&scene), "--out", text(&foreign)], "not made by `priors`"),
+        (&["priors", "/nowhere"], "/nowhere"),
+    ] {
+        let answer = nerf_dynamic(words);
+        assert_eq!(answer.code, 1, "{words:?}: {}", answer.err);
+        assert!(error_line(&answer).contains(part), "{}", answer.err);
+    }
+    for program in [nerf as fn(&[&str]) -> Answer, nerf_wild] {
+        let answer = program(&["priors", text(&scene)]);
+        assert!(answer.code == 2 && answer.err.contains("`priors` is a word of nerf-dynamic"), "{}", answer.err);
+    }
+    assert_eq!(nerf_dynamic(&["priors", text(&scene), "--frames", "1"]).code, 2);
+}

@@ -1,0 +1,67 @@
+//! NSFF: what moves says where it goes (Li, Niklaus, Snavely, Wang, "Neural Scene Flow Fields for Space-Time View Synthesis of Dynamic
+//! Scenes", 2021).
+//!
+//! ```text
+//! (c, sigma, v) = F_still(x, d),   (c_i, sigma_i, S_i, p_i) = F_moving(x, d, i)
+//! C_ji: colours at x + S_ij at the time of j, along the ray of i
+//! L = L_full + L_photo + L_cycle + 0.02 L_flow + 0.04 L_depth + 0.1 (L_hidden + L_small + L_spatial + L_steady)     (section 3.2)
+//! ```
+//!
+//! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
+//! belongs to the moving part, as it is there for its cells alone. What each loss is stands in `flow_terms`; its factors are those
+//! of the released code. Those of optical flow and disparities fall to a tenth after each quarter of what is left of the run; after the
+//! first of them renders count by the share of a ray that moves. Chains of two frames come in its later half.
+
+use super::flow_terms::FlowWeights;
+use super::t_nerf;
+use crate::claims::Claim;
+use crate::plan::{Ask, Built, Moving, RaySettings, moving_field};
+use crate::rays::{FlowConfig, FlowSettings};
+use crate::settings::Settings;
+use engine::system::SystemError;
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "nsff",
+    paper: "Li et al., 2021",
+    what: "A still part, and a moving one that says where its points are a frame on and a frame back; held to optical flow and disparities, if any",
+    take: "a film by one camera that moves; one photo a time",
+    differs: "Two hash grids, the moving one with planes of place and time, instead of 8 x 256 networks: it is there only where something \
+              moves, after a seventh of the run, and its renders show the still part elsewhere. One network gives the colours of \
+              both; the gate depends on the time; hard rays are those of large errors. Flow and disparities are optional, and \
+              half of the rays are seen in other frames.",
+    mark: "hash grids, a moving part where something moves",
+};
+
+/// As released; losses of scene flow are in sides of the unit cube, half of them in NDC.
+const WEIGHTS: FlowWeights = FlowWeights {
+    flow_renders: 1.0,
+    flow_hidden: 0.1,
+    flow_cycle: 1.0,
+    flow_optical: 0.02,
+    flow_small: 0.1,
+    flow_spatial: 0.1,
+    flow_steady: 0.1,
+    flow_order: 0.0,
+    flow_still: 0.0,
+    flow_mask: 0.0,
+    flow_entropy: 0.0,
+    flow_by_share: true,
+};
+
+/// Half of the rays where the errors are.
+pub(super) const RAYS: RaySettings = RaySettings { by_error: true, ..RaySettings::ANYWHERE };
+
+/// Scene flow and what is hidden.
+///
+/// # Errors
+/// [`SystemError::Config`] for settings that cannot be.
+pub(crate) fn flow(settings: &mut Settings<'_>) -> Result<FlowConfig, SystemError> {
+    let terms = WEIGHTS.asked(settings)?.terms();
+    FlowConfig::asked(&FlowSettings::PLANNED, true, terms, settings)
+}
+
+/// A still part, and before it one that moves.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    moving_field(ask, &Moving { rays: RAYS, flow: Some(flow), ..Moving::deformed(t_nerf::deform) })
+}

@@ -1,0 +1,258 @@
+//! What moves, found by itself: a field at rest is trained first; where its photos differ from it to one side, something moves.
+//!
+//! Tiles of photos that move ([`Residuals`]) are lines of sight; a cell of space moves where enough of the views that see it see it in
+//! such a tile. From then on a part of the field is for these cells alone.
+
+use super::config::RayConfig;
+use super::driver::RaySystem;
+use super::moving_config::MovingConfig;
+use super::residuals::{PhotoTile, Residuals, ToldBy, side_of_tile};
+use super::scene_flow::{Film, FlowContext};
+use super::work::Work;
+use crate::fields::{MovingCells, MovingPart, NETWORK_ADAM};
+use crate::photo_model::Pixel;
+use crate::schedule::Done;
+use crate::warps::Deform;
+use engine::data::{Batch, Dataset};
+use engine::system::{SystemError, Tensor, TensorMap};
+use field_core::rng::Rng;
+use optim::Decay;
+use std::fmt;
+
+/// Stream of random numbers of the initial parameters.
+const INIT: u64 = 0x6d6f_7665;
+/// How often it is looked for, after as many times the share that is set: what was not sharp yet errs everywhere, and what is found then
+/// may be more.
+const LOOKS: u32 = 3;
+
+/// What is waited with until it is known what moves.
+pub(super) struct Movers {
+    config: MovingConfig,
+    deform: Option<Deform>,
+    /// `None` once it was asked what moves.
+    residuals: Option<Residuals>,
+    /// What was found, and whether that was told.
+    pub(super) found: Option<Found>,
+    told: bool,
+    /// The frames and their priors, where there is scene flow.
+    film: Option<Film>,
+}
+
+/// What was found to move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Found {
+    /// Share of the tiles of all photos.
+    pub(super) tiles: f64,
+    /// Share of the cells of the unit cube.
+    pub(super) cells: f64,
+}
+
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [tiles, cells] = [self.tiles, self.cells].map(|share| 100.0 * share);
+        if self.cells > 0.0 {
+            write!(
+                f,
+                "something moves in {tiles:.1} % of the photos, and in {cells:.2} % of space: a part of the field is for that"
+            )
+        } else {
+            write!(
+                f,
+                "nothing moves ({tiles:.2} % of the photos do not fit a scene at rest): the moving part is left out"
+            )
+        }
+    }
+}
+
+impl Movers {
+    pub(super) fn new(config: MovingConfig, deform: Option<Deform>) -> Self {
+        Self { config, deform, residuals: None, found: None, told: false, film: None }
+    }
+
+    /// What was found, told once.
+    pub(super) fn news(&mut self) -> Option<String> {
+        let found = self.found.filter(|_| !self.told)?;
+        self.told = true;
+        Some(found.to_string())
+    }
+
+    /// Pixels that a mask says move are not for the still part: they do not count.
+    pub(super) fn leave_out(&self, batch: &mut Batch) {
+        let Some(film) = &self.film else { return };
+        for (weight, (view, place)) in batch.weight.iter_mut().zip(batch.view.iter().zip(&batch.pixel)) {
+            if film.moves(*view, *place) == Some(true) {
+                *weight = 0.0;
+            }
+        }
+    }
+
+    /// The tiles of all photos: as motion masks have them where all photos have one, else as the residuals do.
+    fn tiles(&self, residuals: &Residuals, data: &Dataset) -> Vec<Vec<PhotoTile>> {
+        match self.film.as_ref().filter(|film| film.knows_movers()) {
+            Some(film) => {
+                let side = |view: usize| side_of_tile(&data.view(view).camera);
+                (0..data.len()).map(|view| film.tiles(view, side(view))).collect()
+            }
+            None => residuals.tiles(),
+        }
+    }
+
+    /// Whether motion masks of all photos say what moves.
+    fn knows_by_masks(&self) -> bool {
+        self.film.as_ref().is_some_and(Film::knows_movers)
+    }
+
+    /// Whether it is time to look for what moves, after so many looks.
+    fn is_due(&self, share: f64) -> bool {
+        self.residuals.as_ref().is_some_and(|residuals| share >= self.config.from() * f64::from(residuals.looks() + 1))
+    }
+}
+
+impl Movers {
+    /// A moving part before its first step, with the deformation that waits for it.
+    fn part(&mut self, config: &RayConfig, seed: u64, cells: MovingCells) -> Result<MovingPart, SystemError> {
+        let rng = Rng::new(seed, INIT);
+        let features = self.config.features.features(rng.substream(0))?;
+        let deform = self.deform.take();
+        let seen = deform.as_ref().map_or(0, Deform::seen_rows);
+        let more = self.config.flow.as_ref().map_or(0, |flow| flow.head().rows());
+        let network = config.networks.moving_mlp(features.rows() + seen, more)?;
+        let adam = NETWORK_ADAM.with_decay(Decay::L2(f64::from(config.rates.weight_decay)));
+        Ok(MovingPart::new(features, deform, network, more, cells, adam, rng.substream(1)))
+    }
+}
+
+impl RaySystem {
+    /// Look out for what moves in these photos, where a part of the field waits for it.
+    pub(crate) fn watch(&mut self, data: &Dataset) {
+        if let Some(movers) = &mut self.movers {
+            movers.residuals = Some(Residuals::new(data));
+        }
+    }
+
+    /// Know the frames of these photos, where there is scene flow. What is known of them, a line each.
+    ///
+    /// # Errors
+    /// [`SystemError::Scene`] naming the file of a prior that cannot be read, or is of another shape than its photo.
+    pub(crate) fn follow_film(&mut self, data: &Dataset) -> Result<Vec<String>, SystemError> {
+        let Some(movers) = self.movers.as_mut().filter(|movers| movers.config.flow.is_some()) else {
+            return Ok(Vec::new());
+        };
+        let film = Film::of(data)?;
+        let lines = film.lines();
+        movers.film = Some(film);
+        Ok(lines)
+    }
+
+    /// Know these frames.
+    #[cfg(test)]
+    pub(super) fn set_film(&mut self, film: Film) {
+        self.movers.as_mut().unwrap().film = Some(film);
+    }
+
+    /// What chunks know of scene flow in a step; `None` where nothing moves (yet), or nothing is learnt.
+    pub(super) fn flow_context(&self, step: u64) -> Option<FlowContext<'_>> {
+        self.field.moving.as_ref()?;
+        let movers = self.movers.as_ref()?;
+        let (film, config) = (movers.film.as_ref()?, movers.config.flow.as_ref()?);
+        let (share, from) = (self.course.done(step).share, movers.config.from());
+        Some(FlowContext { film, config, step, share, from })
+    }
+
+    /// Whether the still part is held as it is: something moves, and that is asked for.
+    pub(super) fn still_is_held(&self) -> bool {
+        let flow = self.config.moving.as_ref().and_then(|moving| moving.flow.as_ref());
+        self.field.moving.is_some() && flow.is_some_and(|flow| flow.settings.still_freezes)
+    }
+
+    /// Learn from the batch of a step what moves.
+    pub(super) fn look_for_movers(&mut self, step: u64) {
+        let Some(mut movers) = self.movers.take() else { return };
+        if let Some(residuals) = movers.residuals.as_mut() {
+            self.gather_seen();
+            let Work { inputs, seen, .. } = &self.work;
+            let signed = |(p, t): (&Pixel, &[f32; 3])| [0, 1, 2].map(|c| p.rgb[c] - t[c]);
+            residuals.learn(step, &inputs.batch, seen.iter().zip(&inputs.truth).map(signed));
+        }
+        self.movers = Some(movers);
+    }
+
+    /// When it is time, see what moves, and have a part of the field for that.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for features that cannot be.
+    pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
+        let share = self.course.done(step).share;
+        let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(share)) else { return Ok(()) };
+        let Some(residuals) = &movers.residuals else { return Ok(()) };
+        let by = if movers.knows_by_masks() { ToldBy::Masks } else { ToldBy::Residuals };
+        let (cells, found) = self.moving_places(data, &movers.tiles(residuals, data), by);
+        let Some(movers) = &mut self.movers else { return Ok(()) };
+        movers.found = Some(found);
+        movers.told = false;
+        let last =
+            by == ToldBy::Masks || movers.residuals.as_ref().is_none_or(|residuals| residuals.looks() + 1 >= LOOKS);
+        movers.residuals = movers.residuals.take().filter(|_| !last).map(Residuals::looked);
+        if cells.count() > 0 {
+            let part = match self.field.moving.take() {
+                Some(mut part) => {
+                    part.cells.unite(&cells);
+                    part
+                }
+                None => {
+                    let mut part = movers.part(&self.config, self.seed, cells)?;
+                    part.begin_as(&*self.field.features, &self.field.density, &self.field.density_params);
+                    part
+                }
+            };
+            if let Some(occupancy) = self.sampler.occupancy_mut() {
+                occupancy.reopen(&part.cells, &self.space);
+            }
+            self.field.moving = Some(part);
+        }
+        Ok(())
+    }
+
+    /// A part for what moves, which moves everywhere and is of random numbers.
+    #[cfg(test)]
+    pub(super) fn move_everywhere(&mut self) {
+        let movers = self.movers.as_mut().unwrap();
+        let mut part = movers.part(&self.config, self.seed, MovingCells::everywhere()).unwrap();
+        let uniform = |stream: u64, i: usize| Rng::new(self.seed, stream).uniform_at(i as u64);
+        part.features.parameters_mut().iter_mut().enumerate().for_each(|(i, x)| *x = 4.0 * (uniform(7, i) - 0.5));
+        part.params.iter_mut().enumerate().for_each(|(i, x)| *x = 3.0 * (uniform(8, i) - 0.5));
+        part.pack();
+        self.field.moving = Some(part);
+    }
+
+    /// What a checkpoint holds of what is looked for.
+    pub(super) fn movers_state(&self) -> Vec<Tensor<'_>> {
+        let residuals = self.movers.iter().filter_map(|movers| movers.residuals.as_ref());
+        residuals.flat_map(Residuals::state).chain(self.field.moving.iter().flat_map(MovingPart::state)).collect()
+    }
+
+    /// Put back what [`RaySystem::movers_state`] gave when so much of the run was done.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or has another shape.
+    pub(super) fn load_movers(&mut self, state: &TensorMap, done: Done) -> Result<(), SystemError> {
+        let Some(movers) = &mut self.movers else { return Ok(()) };
+        let waits = done.share < movers.config.from() || Residuals::is_in(state);
+        movers.residuals = match movers.residuals.take().filter(|_| waits) {
+            Some(residuals) => Some(residuals.restored(state)?),
+            None => None,
+        };
+        if let Some(cells) = MovingPart::cells_of(state)? {
+            let mut part = match self.field.moving.take() {
+                Some(mut part) => {
+                    part.cells = cells;
+                    part
+                }
+                None => movers.part(&self.config, self.seed, cells)?,
+            };
+            part.load_state(state, done)?;
+            self.field.moving = Some(part);
+        }
+        Ok(())
+    }
+}

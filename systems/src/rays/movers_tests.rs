@@ -1,0 +1,137 @@
+//! A part of the field for what moves: it is found, it is for what moves alone, and nothing of it is there where nothing moves.
+
+use super::budget_tests::{query, random_rays, randomised, small};
+use super::gradient_tests::{known, with_moving_part, with_scene_flow};
+use super::moving_tests::filmed;
+use super::scene_flow::Film;
+use super::{MovingConfig, MovingSettings, RayConfig, RaySystem};
+use crate::fields::MovingCells;
+use crate::papers::dynamic::nsff;
+use crate::space::{Space, SpaceKind};
+use crate::warps::made::MadeSettings;
+use crate::warps::{Motion, TimeKind, Times, WarpSettings};
+use engine::data::Dataset;
+use engine::options::Background;
+use engine::system::{System, TensorMap};
+use glam::DVec3;
+
+/// A small field with a part for what moves in the second half of the schedule.
+fn config() -> RayConfig {
+    let mut config = small(SpaceKind::Box);
+    let settings = MovingSettings { moving_from: 0.5, moving_share: 1e-3, moving_entropy: 1e-3 };
+    config.moving = Some(MovingConfig::new(config.features.clone(), settings));
+    (config.batch.batch_rays, config.batch.batch_samples) = (1024, 1 << 14);
+    config
+}
+
+/// A system that looks for what moves after `from` steps.
+fn watching(from: u64, data: &Dataset) -> RaySystem {
+    watching_by(config(), from, data)
+}
+
+fn watching_by(config: RayConfig, from: u64, data: &Dataset) -> RaySystem {
+    let made = MadeSettings::of_time(TimeKind::Time, 3, 1);
+    let warp = WarpSettings { motion: Motion::Translation, octaves: 2, ..made.warp.clone() };
+    let deform = MadeSettings { warp, ..made }.deform(Times::of(data), 1);
+    let space = Space::boxed(DVec3::new(0.0, 0.0, 0.3), 1.2, 0.05);
+    let mut driver = RaySystem::new(config, space, Background::White, 1, "d-nerf", None, Some(deform)).unwrap();
+    driver.follow_schedule(2 * from);
+    driver.watch(data);
+    driver
+}
+
+#[test]
+fn what_moves_is_found_and_the_rest_stands_still() {
+    let data = filmed(32);
+    let mut driver = watching(120, &data);
+    for step in 0..121 {
+        driver.step(&data, step).unwrap();
+        assert_eq!(driver.field.moving.is_some(), step >= 120, "step {step}");
+    }
+    let found = driver.movers.as_ref().unwrap().found.unwrap();
+    println!("{found:?}");
+    assert!((0.01..0.6).contains(&found.tiles), "{found:?}");
+    assert!((0.001..0.5).contains(&found.cells), "{found:?}");
+    for step in 121..160 {
+        let stats = driver.step(&data, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+    }
+    // Far from all that moves points stay where they are.
+    let corner = [[-1.1, -1.1, -0.8]];
+    let mut there = [[0.0; 3]];
+    driver.canonical(&corner, 0.7, &mut there);
+    assert_eq!(there, corner);
+}
+
+#[test]
+fn where_no_cell_moves_the_picture_is_that_of_the_still_part_bit_for_bit() {
+    let still = small(SpaceKind::Box);
+    let mut moving = randomised(with_moving_part(still.clone(), still.features.clone()), 4);
+    let still = randomised(still, 4);
+    let (rays, query) = (random_rays(3), query([1.0; 3], 0.0));
+    assert_ne!(moving.render(&rays, &query).rgb, still.render(&rays, &query).rgb, "it moves everywhere");
+    moving.field.moving.as_mut().unwrap().cells = MovingCells::none();
+    assert_eq!(moving.render(&rays, &query).rgb, still.render(&rays, &query).rgb);
+}
+
+#[test]
+fn masks_say_what_moves_where_all_photos_have_one_and_the_still_part_learns_from_the_rest() {
+    let data = filmed(32);
+    let mut config = config();
+    let flow = with_scene_flow(&data, nsff::flow, true).moving.unwrap().flow.unwrap();
+    config.moving = config.moving.map(|moving| moving.with_flow(flow));
+    let mut driver = watching_by(config, 60, &data);
+    driver.set_film(Film::with(&data, known(&data)));
+    driver.draw(&data, 0, 1).unwrap();
+    let batch = &driver.work.inputs.batch;
+    let counted: Vec<u16> = (0..batch.len()).filter(|&i| batch.weight[i] > 0.0).map(|i| batch.pixel[i][0]).collect();
+    assert!(counted.len() > 50 && counted.iter().all(|&x| x >= 16), "{counted:?}");
+    driver.begin_movers(&data, 60).unwrap();
+    let found = driver.movers.as_ref().unwrap().found.unwrap();
+    assert!((0.45..0.55).contains(&found.tiles) && driver.field.moving.is_some(), "{found:?}");
+    // With a deformation, too, scene flow is learnt.
+    for step in 60..66 {
+        let stats = driver.step(&data, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+    }
+}
+
+#[test]
+fn a_moving_part_begins_as_the_picture_is() {
+    let data = filmed(16);
+    let mut driver = watching(60, &data);
+    for step in 0..60 {
+        driver.step(&data, step).unwrap();
+    }
+    let rays: Vec<_> = data.view(3).rays(0..16).flatten().collect();
+    let before = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
+    driver.begin_movers(&data, 60).unwrap();
+    assert!(driver.field.moving.is_some());
+    let after = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
+    let off = before.as_flattened().iter().zip(after.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(off < 2e-2, "the picture changes by {off}");
+}
+
+#[test]
+fn a_resumed_run_looks_for_what_moves_as_if_it_had_not_stopped() {
+    let data = filmed(16);
+    let state = |driver: &RaySystem| -> TensorMap {
+        driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+    };
+    let mut whole = watching(20, &data);
+    let mut saved = Vec::new();
+    for step in 0..26 {
+        if [7, 15, 20, 23].contains(&step) {
+            saved.push((step, state(&whole)));
+        }
+        whole.step(&data, step).unwrap();
+    }
+    for (from, tensors) in saved {
+        let mut resumed = watching(20, &data);
+        resumed.load_state(&tensors).unwrap();
+        for step in from..26 {
+            resumed.step(&data, step).unwrap();
+        }
+        assert!(state(&resumed) == state(&whole), "resumed at step {from}");
+    }
+}
