@@ -219,7 +219,11 @@ impl Run<'_> {
         let beside = file.with_extension("json");
         let (camera, time) = match named {
             Some(frame) => (frames[frame].camera, frames[frame].time),
-            None if beside.is_file() => (self.camera_beside(&beside, width, height)?, time_beside(&beside)?),
+            None if beside.is_file() => {
+                // A scene that stands still has one time, whatever the file says.
+                let time = if self.train.time_steps() > 1 { time_beside(&beside)? } else { None };
+                (self.camera_beside(&beside, width, height)?, time)
+            }
             None => {
                 let stem = file.file_stem().unwrap_or_default().to_string_lossy();
                 return match names::find(&all, &stem, option) {

@@ -1,12 +1,12 @@
 //! `prepare`: photos or a video to a scene with cameras.
 
 use super::check;
-use super::watcher::Watcher;
+use super::watcher::watched;
 use crate::app::App;
 use crate::cli::{Cli, Command, Prepare};
 use crate::session::{Done, Failure, Session, program};
 use crate::show::{line, note};
-use ::prepare::{PrepareError, Request, Summary, Toolbox, UnknownCameras};
+use ::prepare::{Request, Summary, Toolbox, UnknownCameras};
 use engine::RunError;
 use scene_io::{ErrorKind, SceneError};
 use std::error::Error;
@@ -28,15 +28,8 @@ pub(crate) fn run(session: &Session, args: &Prepare, threads: Option<u16>) -> Re
         threads: threads.map(usize::from),
         tools: Toolbox::from_env(),
     };
-    let mut watch = Watcher::new(session.progress)?;
-    let result = ::prepare::prepare(&request, &mut watch);
-    watch.finish();
-    let summary = match result {
-        Err(PrepareError::Stopped) => {
-            line(PrepareError::Stopped);
-            return Ok(Done::Interrupted);
-        }
-        other => other?,
+    let Some(summary) = watched(session.progress, |watch| ::prepare::prepare(&request, watch))? else {
+        return Ok(Done::Interrupted);
     };
     conclude(&summary);
     line("");

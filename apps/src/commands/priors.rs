@@ -1,10 +1,10 @@
 //! `priors`: optical flow and what moves, for a scene that moves and has no such files.
 
-use super::watcher::Watcher;
+use super::watcher::watched;
 use crate::cli::Priors;
 use crate::session::{Done, Failure, Session, data_options, scene_spec};
 use crate::show::{line, note};
-use ::prepare::{PrepareError, PriorsRequest, PriorsSummary};
+use ::prepare::{PriorsRequest, PriorsSummary};
 use engine::RunError;
 use engine::source::{PERTURBED, SYNTHETIC};
 use scene_io::{MotionFiles, Scene};
@@ -18,15 +18,8 @@ pub(crate) fn run(session: &Session, args: &Priors) -> Result<Done, Failure> {
     };
     let longest_side = args.data.longest_side;
     let request = PriorsRequest { scene: &scene, out: out.clone(), frames: args.frames, longest_side };
-    let mut watch = Watcher::new(session.progress)?;
-    let result = ::prepare::priors(&request, &mut watch);
-    watch.finish();
-    let summary = match result {
-        Err(PrepareError::Stopped) => {
-            line(PrepareError::Stopped);
-            return Ok(Done::Interrupted);
-        }
-        other => other?,
+    let Some(summary) = watched(session.progress, |watch| ::prepare::priors(&request, watch))? else {
+        return Ok(Done::Interrupted);
     };
     conclude(&summary, &out);
     Ok(Done::Finished)

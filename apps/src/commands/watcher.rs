@@ -2,8 +2,9 @@
 
 use crate::cli::ProgressKind;
 use crate::interrupt;
-use crate::show::{clock, note};
-use ::prepare::{Event, Watch};
+use crate::session::Failure;
+use crate::show::{clock, line, note};
+use ::prepare::{Event, PrepareError, Watch};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -12,6 +13,23 @@ use std::time::{Duration, Instant};
 
 /// Wall time between two lines of progress, where they are not redrawn.
 const LINE_EVERY: Duration = Duration::from_secs(5);
+
+/// What `work` makes while its progress is shown; `None` where it was stopped, which is said.
+pub(super) fn watched<T>(
+    kind: ProgressKind,
+    work: impl FnOnce(&mut Watcher) -> Result<T, PrepareError>,
+) -> Result<Option<T>, Failure> {
+    let mut watch = Watcher::new(kind)?;
+    let result = work(&mut watch);
+    watch.finish();
+    match result {
+        Err(PrepareError::Stopped) => {
+            line(PrepareError::Stopped);
+            Ok(None)
+        }
+        other => Ok(Some(other?)),
+    }
+}
 
 /// Shows what a preparation does, on standard error, and hears a wish to stop.
 pub(super) struct Watcher {
@@ -23,7 +41,7 @@ pub(super) struct Watcher {
 }
 
 impl Watcher {
-    pub(super) fn new(kind: ProgressKind) -> std::io::Result<Self> {
+    fn new(kind: ProgressKind) -> std::io::Result<Self> {
         let is_bar = kind == ProgressKind::Auto && std::io::stderr().is_terminal();
         let bar = is_bar.then(|| {
             let bar = ProgressBar::with_draw_target(Some(1000), ProgressDrawTarget::stderr());
@@ -68,7 +86,7 @@ impl Watcher {
         }
     }
 
-    pub(super) fn finish(&mut self) {
+    fn finish(&mut self) {
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }

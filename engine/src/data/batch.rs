@@ -27,7 +27,8 @@ const PLACES: u64 = 0x706c_6163_6573;
 /// Which pixels a batch is drawn from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawnFrom<'a> {
-    /// Views of the dataset, each as likely as the other; `None`: all, each as likely as its share of the pixels.
+    /// Views of the dataset, each as likely as the other; `None`: all, each as likely as its share of the pixels. Where they do not all
+    /// fit into memory, each of those in memory is as likely as the other.
     pub views: Option<&'a [u32]>,
     /// The middle of each photo: this share of its columns and of its rows, at least one of each. `None`: all of the photo.
     pub middle: Option<f64>,

@@ -34,6 +34,5 @@ pub(crate) use half::pixels;
 pub use motion::MotionScore;
 pub use protocol::{FIT_LR, FIT_STEPS, Protocol, Scored};
 pub(crate) use protocol::{need_codes, view_of};
-pub use scene_flow::scene_flow;
 pub use score::{Evaluation, KnownView, Measured, Measures, ViewScore};
 pub use view::{Terms, ViewResult};

@@ -50,7 +50,7 @@ pub struct MotionScore {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow_found: Option<f64>,
     /// Mean length of the true way until one frame on, of points of things that move, world units; see
-    /// [`scene_flow`](fn@super::scene_flow).
+    /// [`System::scene_flow`](crate::system::System::scene_flow).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene_motion: Option<f64>,
     /// Mean distance from where these points truly are one frame on to where the system says they are, world units. `None` too where

@@ -14,36 +14,23 @@ use glam::DVec3;
 use render_core::camera::Camera;
 use scene_io::SceneFlow;
 
-/// Where points go from a time to another, as a system says: see [`System::scene_flow`].
-///
-/// # Shapes and units
-/// * `points` `[n]`, where they are at the time `from`, the scene's frame, world units
-/// * `out`    `[n]`, where they are at the time `to` minus where they are at `from`, written; `None` of all points where the system
-///   knows of no motion
-///
-/// # Panics
-/// When `out` and `points` differ in length.
-pub fn scene_flow(system: &dyn System, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
-    match system.flow_source() {
-        FlowSource::Nothing => out.fill(None),
-        FlowSource::Canonical | FlowSource::Learned => system.scene_flow(points, from, to, out),
-    }
-}
-
 /// Write what a system says of the points of a view into its scores; nothing where the truth is not known.
 pub(super) fn score(system: &dyn System, view: &View, score: &mut MotionScore) {
     let Some(truth) = &view.source.truth.scene_flow else { return };
     let points: Vec<[f64; 3]> = truth.points.iter().map(|point| point.x).collect();
     let mut said = vec![None; points.len()];
-    scene_flow(system, &points, view.time, truth.to, &mut said);
-    compare(truth, &said, &view.camera, score);
+    let says = system.flow_source() != FlowSource::Nothing;
+    if says {
+        system.scene_flow(&points, view.time, truth.to, &mut said);
+    }
+    compare(truth, says, &said, &view.camera, score);
 }
 
-/// Scores of what is `said` of the points of `truth`, `[points]`.
-fn compare(truth: &SceneFlow, said: &[Option<[f64; 3]>], camera: &Camera, score: &mut MotionScore) {
+/// Scores of what is `said` of the points of `truth`, `[points]`; none where a system `says` nothing of them.
+fn compare(truth: &SceneFlow, says: bool, said: &[Option<[f64; 3]>], camera: &Camera, score: &mut MotionScore) {
     let [moving, still] = [true, false].map(|moves| means(truth, said, camera, moves));
     score.scene_motion = moving.map(|of| of.way);
-    if said.iter().all(Option::is_none) {
+    if !says {
         return;
     }
     (score.scene_flow_error, score.end_point_error) = moving.map(|of| (of.error, of.pixels)).unzip();
@@ -109,7 +96,8 @@ mod tests {
         let one = |view: &View| {
             let truth = view.source.truth.scene_flow.as_ref().unwrap();
             let mut score = MotionScore::default();
-            compare(truth, &says(view.time, truth), &view.camera, &mut score);
+            let said = says(view.time, truth);
+            compare(truth, said.iter().any(Option::is_some), &said, &view.camera, &mut score);
             score
         };
         let scores: Vec<MotionScore> = data.views().iter().map(one).collect();
@@ -203,7 +191,7 @@ mod tests {
         assert!(scene.frames.iter().all(|frame| frame.truth.scene_flow.is_none()));
         let nobody = SceneFlow { to: 0.5, points: Vec::new() };
         let mut score = MotionScore::default();
-        compare(&nobody, &[], &scene.frames[0].camera, &mut score);
+        compare(&nobody, true, &[], &scene.frames[0].camera, &mut score);
         assert!(score.is_empty());
     }
 }

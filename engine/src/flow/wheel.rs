@@ -46,8 +46,8 @@ fn hue(step: usize) -> [f32; 3] {
 /// Colour of a flow vector, x to the right, y down, where `full` is the length of the fullest colour, in the same unit and above 0.
 pub(super) fn colour([x, y]: [f32; 2], full: f32) -> [u8; 3] {
     let length = x.hypot(y) / full;
-    // `0 - y`: of a vector that lies level the sign of its 0 must not count.
-    let place = 0.5 * (1.0 + (0.0 - y).atan2(0.0 - x) / std::f32::consts::PI) * (STEPS - 1) as f32;
+    let place = 0.5 * (1.0 + (-y).atan2(-x) / std::f32::consts::PI) * (STEPS - 1) as f32;
+    // What goes level to the right lies where the wheel begins, whatever the sign of its 0.
     let place = if y == 0.0 && x > 0.0 { 0.0 } else { place };
     let step = place as usize;
     let (before, after, share) = (hue(step), hue(step + 1), place - step as f32);

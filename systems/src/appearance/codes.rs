@@ -128,7 +128,11 @@ impl AppearanceModel for FreeCodes {
     }
 
     fn memory_bytes(&self) -> usize {
-        self.table.bytes() + self.shared.as_ref().map_or(0, |shared| 4 * (shared.rows.len() + shared.of_view.len()))
+        self.table.bytes()
+            + self
+                .shared
+                .as_ref()
+                .map_or(0, |shared| 4 * (shared.rows.len() + shared.of_view.len() + shared.of_pixels.len()))
     }
 }
 

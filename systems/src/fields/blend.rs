@@ -13,12 +13,7 @@
 //! Densities are exponentials of raw numbers `r`, so that `ln sigma = ln(exp(r_s + ln(1 - m)) + exp(r_m + ln m))` and
 //! `P = sigmoid(gate + r_m - r_s)`: nothing overflows. Matrices are `[rows][n]`: `r`, then `g`; the moving part has a last row, its gate.
 
-use float_core::m32::softplus;
-
-/// Not `m32::logistic`, whose last bits are others (`docs/decisions/0036-two-softplus.md`).
-fn logistic(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
-}
+use float_core::m32::{logistic, softplus};
 
 /// Both parts of `n` points.
 #[derive(Clone, Copy)]

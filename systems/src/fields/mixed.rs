@@ -115,6 +115,7 @@ impl Mixed {
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         let floats = [&self.acts, &self.still, &self.out, &self.moving, &self.still_bar, &self.moving_bar];
-        4 * floats.iter().map(|b| b.capacity()).sum::<usize>()
+        let floats = floats.into_iter().chain([&self.share, &self.share_bar, &self.scratch]);
+        4 * floats.map(|b| b.capacity()).sum::<usize>()
     }
 }

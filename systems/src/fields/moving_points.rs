@@ -1,7 +1,7 @@
 //! Points at which something moves: which of a batch's they are, what the moving part sees of them, and their gradients.
 
 use super::moving_part::MovingPart;
-use super::placing::{Placing, When, fill_times, seen};
+use super::placing::{Placing, When};
 use super::{Detail, Part, Places};
 use crate::buffers::sized;
 use crate::warps::{Points, TimeSteps};
@@ -42,9 +42,8 @@ impl MovingPoints {
         }
         self.x.clone_from(&self.was);
         let when = When { time_steps: when.time_steps, which: &self.which };
-        fill_times(&*part.features, when, &mut self.times);
         let out = sized(&mut self.features, part.rows() * m);
-        seen(&*part.features, part.deform.as_ref(), &mut self.x, when, out, &mut self.placing);
+        part.seen(&mut self.x, when, &mut self.times, out, &mut self.placing);
     }
 
     /// All of them.
@@ -141,8 +140,21 @@ impl MovingBars {
         x.fill(0.0);
         let (bars, seen) = self.features[..part.rows() * m].split_at_mut(rows * m);
         let raw = part.features.pull(&points.features[..rows * m], m, bars, &mut self.raw);
-        part.features.pull_positions(points.places(), raw, detail, x);
+        // What leads no deformation, and is no gradient of a ray, nobody reads.
+        let warps = part.deform.as_ref().is_some_and(|deform| deform.warps());
+        if warps || detail == Detail::All {
+            part.features.pull_positions(points.places(), raw, detail, x);
+        }
         (x, seen)
+    }
+
+    /// Add the gradients of where its points are, as a deformation left them after [`MovingBars::pull`], to those of all points: `x_bar`
+    /// `[3][n]`.
+    pub(crate) fn add_to(&self, points: &MovingPoints, x_bar: &mut [f32]) {
+        let (n, m) = (x_bar.len() / 3, points.columns.len());
+        for (row, bars) in x_bar.chunks_exact_mut(n.max(1)).zip(self.x[..3 * m].chunks_exact(m.max(1))) {
+            points.columns.iter().zip(bars).for_each(|(&i, bar)| row[i as usize] += bar);
+        }
     }
 
     /// What a chunk brings to the gradient of the features.

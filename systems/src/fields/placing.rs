@@ -17,7 +17,7 @@ pub(crate) struct When<'a> {
     pub(crate) which: &'a [u32],
 }
 
-/// Work space of [`Field::features`].
+/// Work space of [`seen`].
 #[derive(Default)]
 pub(crate) struct Placing {
     deform: DeformScratch,
@@ -32,7 +32,7 @@ pub(crate) struct Placing {
 impl Placing {
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.deform.bytes() + 4 * (self.x.capacity() + self.raw.capacity())
+        self.deform.bytes() + 4 * (self.x.capacity() + self.raw.capacity() + self.times.capacity())
     }
 }
 

@@ -150,7 +150,7 @@ impl Ground {
     /// The same with what the cameras rule out.
     fn carved(&mut self, mut system: RaySystem, data: &Dataset) -> Result<RaySystem, SystemError> {
         system.carve(data)?;
-        let alpha = self.transparent && !system.is_timed();
+        let alpha = self.transparent && !system.may_move();
         self.lines.extend(system.carved().map(|carved| {
             format!(
                 "empty space: {} of the occupancy grid's cells are ruled out by the cameras{}",

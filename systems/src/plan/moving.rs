@@ -110,9 +110,11 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     if run.stop.is_some() {
         field.rates = field.rates.over(schedule.horizon);
     }
-    ground
-        .lines
-        .push(format!("schedule: of {} steps; rates, windows and doublings are shares of it", schedule.horizon));
+    ground.lines.push(format!(
+        "schedule: of {} steps; {} are shares of it",
+        schedule.horizon,
+        if run.stop.is_some() { "rates, windows and doublings" } else { "windows and doublings" }
+    ));
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
     let still = if own { still } else { field.features.clone() };

@@ -77,8 +77,8 @@ fn moving_part(
     }
     let moving = MovingConfig::new(field.features.clone(), MOVING).asked(settings)?;
     ground.lines.push(format!(
-        "background: a field of what stands still; after {} of the run what photos show otherwise moves, in a field of its own; nothing \
-         more is trained where nothing does",
+        "background: a field of what stands still; what moves is looked for after {} of the run and twice more after as long again \
+         (once where motion masks say it), and has a field of its own; nothing more is trained where nothing does",
         percent(moving.from())
     ));
     Ok(moving)

@@ -178,12 +178,17 @@ impl RaySystem {
         })
     }
 
+    /// Whether anything depends on the time, or may come to.
+    pub(crate) fn may_move(&self) -> bool {
+        self.is_timed() || self.movers.is_some()
+    }
+
     /// Cells of an occupancy grid that no training view sees, or that a view with alpha sees through, are empty for good.
     ///
     /// # Errors
     /// [`SystemError::Scene`] when an image cannot be read.
     pub fn carve(&mut self, data: &Dataset) -> Result<(), SystemError> {
-        let scene = if self.is_timed() || self.movers.is_some() { Moves::Yes } else { Moves::No };
+        let scene = if self.may_move() { Moves::Yes } else { Moves::No };
         self.sampler.occupancy_mut().map_or(Ok(()), |occupancy| occupancy.carve(&self.space, data, scene))
     }
 

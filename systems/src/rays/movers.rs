@@ -1,7 +1,9 @@
-//! What moves, found by itself: a field at rest is trained first; where its photos differ from it to one side, something moves.
+//! What moves, found by itself: a field at rest is trained first; where its photos differ from it to one side, or where motion masks of
+//! all photos say so, something moves.
 //!
-//! Tiles of photos that move ([`Residuals`]) are lines of sight; a cell of space moves where enough of the views that see it see it in
-//! such a tile. From then on a part of the field is for these cells alone.
+//! Tiles of photos that move ([`Residuals`], [`Film`]) tell of space: a block moves where enough of the views that see it see it in such a
+//! tile. From then on a part of the field is for these blocks. Where no masks say it, it is looked for [`LOOKS`] times, and blocks are
+//! only added.
 
 use super::config::RayConfig;
 use super::driver::RaySystem;
@@ -88,7 +90,7 @@ impl Movers {
 
     /// The tiles of all photos: as motion masks have them where all photos have one, else as the residuals do.
     fn tiles(&self, residuals: &Residuals, data: &Dataset) -> Vec<Vec<PhotoTile>> {
-        match self.film.as_ref().filter(|film| film.knows_movers()) {
+        match self.film.as_ref().filter(|_| self.told_by() == ToldBy::Masks) {
             Some(film) => {
                 let side = |view: usize| side_of_tile(&data.view(view).camera);
                 (0..data.len()).map(|view| film.tiles(view, side(view))).collect()
@@ -97,18 +99,16 @@ impl Movers {
         }
     }
 
-    /// Whether motion masks of all photos say what moves.
-    fn knows_by_masks(&self) -> bool {
-        self.film.as_ref().is_some_and(Film::knows_movers)
+    /// What says what moves: motion masks where all photos have one.
+    fn told_by(&self) -> ToldBy {
+        if self.film.as_ref().is_some_and(Film::knows_movers) { ToldBy::Masks } else { ToldBy::Residuals }
     }
 
     /// Whether it is time to look for what moves, after so many looks.
     fn is_due(&self, share: f64) -> bool {
         self.residuals.as_ref().is_some_and(|residuals| share >= self.config.from() * f64::from(residuals.looks() + 1))
     }
-}
 
-impl Movers {
     /// A moving part before its first step, with the deformation that waits for it.
     fn part(&mut self, config: &RayConfig, seed: u64, cells: MovingCells) -> Result<MovingPart, SystemError> {
         let rng = Rng::new(seed, INIT);
@@ -159,6 +159,11 @@ impl RaySystem {
         Some(FlowContext { film, config, step, share, from })
     }
 
+    /// Whether the still part is alone because it is not known yet what moves.
+    pub(super) fn is_looking(&self) -> bool {
+        self.field.moving.is_none() && self.movers.as_ref().is_some_and(|movers| movers.residuals.is_some())
+    }
+
     /// Whether the still part is held as it is: something moves, and that is asked for.
     pub(super) fn still_is_held(&self) -> bool {
         let flow = self.config.moving.as_ref().and_then(|moving| moving.flow.as_ref());
@@ -168,7 +173,8 @@ impl RaySystem {
     /// Learn from the batch of a step what moves.
     pub(super) fn look_for_movers(&mut self, step: u64) {
         let Some(mut movers) = self.movers.take() else { return };
-        if let Some(residuals) = movers.residuals.as_mut() {
+        let by_masks = movers.told_by() == ToldBy::Masks;
+        if let Some(residuals) = movers.residuals.as_mut().filter(|_| !by_masks) {
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;
             let signed = |(p, t): (&Pixel, &[f32; 3])| [0, 1, 2].map(|c| p.rgb[c] - t[c]);
@@ -182,16 +188,13 @@ impl RaySystem {
     /// # Errors
     /// [`SystemError::Config`] for features that cannot be.
     pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
-        let share = self.course.done(step).share;
-        let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(share)) else { return Ok(()) };
+        let done = self.course.done(step);
+        let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(done.share)) else { return Ok(()) };
         let Some(residuals) = &movers.residuals else { return Ok(()) };
-        let by = if movers.knows_by_masks() { ToldBy::Masks } else { ToldBy::Residuals };
-        let (cells, found) = self.moving_places(data, &movers.tiles(residuals, data), by);
+        let by = movers.told_by();
+        let last = by == ToldBy::Masks || residuals.looks() + 1 >= LOOKS;
+        let (cells, tiles) = self.moving_places(data, &movers.tiles(residuals, data), by);
         let Some(movers) = &mut self.movers else { return Ok(()) };
-        movers.found = Some(found);
-        movers.told = false;
-        let last =
-            by == ToldBy::Masks || movers.residuals.as_ref().is_none_or(|residuals| residuals.looks() + 1 >= LOOKS);
         movers.residuals = movers.residuals.take().filter(|_| !last).map(Residuals::looked);
         if cells.count() > 0 {
             let part = match self.field.moving.take() {
@@ -201,6 +204,7 @@ impl RaySystem {
                 }
                 None => {
                     let mut part = movers.part(&self.config, self.seed, cells)?;
+                    part.features.refine(done);
                     part.begin_as(&*self.field.features, &self.field.density, &self.field.density_params);
                     part
                 }
@@ -210,6 +214,11 @@ impl RaySystem {
             }
             self.field.moving = Some(part);
         }
+        let moving = self.field.moving.as_ref().map_or(0, |part| part.cells.count());
+        let tiles = movers.found.map_or(tiles, |before| tiles.max(before.tiles));
+        movers.found = Some(Found { tiles, cells: moving as f64 / MovingCells::ALL as f64 });
+        // That nothing moves is not told before the last look.
+        movers.told = moving == 0 && !last;
         Ok(())
     }
 

@@ -5,7 +5,6 @@
 //! nothing that could hide it.
 
 use super::driver::RaySystem;
-use super::movers::Found;
 use super::residuals::{PhotoTile, ToldBy, side_of_tile};
 use crate::fields::MovingCells;
 use engine::data::Dataset;
@@ -119,14 +118,14 @@ impl RaySystem {
         Sight { camera: camera.camera.prepare(), from: camera.camera.pose.c, begin, side, columns, tiles: known }
     }
 
-    /// Cells in which something moves, and what was found; no cells where that is next to nothing.
-    pub(super) fn moving_places(&self, data: &Dataset, tiles: &[Vec<PhotoTile>], by: ToldBy) -> (MovingCells, Found) {
+    /// Cells in which something moves, and the share of the tiles that do; no cells where that is next to nothing.
+    pub(super) fn moving_places(&self, data: &Dataset, tiles: &[Vec<PhotoTile>], by: ToldBy) -> (MovingCells, f64) {
         let all: usize = tiles.iter().map(Vec::len).sum();
         let moving = tiles.iter().flatten().filter(|tile| tile.moves).count();
         let of_tiles = moving as f64 / all.max(1) as f64;
         let mut cells = MovingCells::none();
         if of_tiles < NOTHING {
-            return (cells, Found { tiles: of_tiles, cells: 0.0 });
+            return (cells, of_tiles);
         }
         let every = tiles.len().div_ceil(ASKED);
         let asked = tiles.iter().enumerate().step_by(every);
@@ -143,8 +142,6 @@ impl RaySystem {
                 cells.mark_block(block);
             }
         }
-        let cells = cells.grown();
-        let found = Found { tiles: of_tiles, cells: cells.count() as f64 / MovingCells::ALL as f64 };
-        (cells, found)
+        (cells.grown(), of_tiles)
     }
 }

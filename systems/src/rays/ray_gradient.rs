@@ -39,10 +39,7 @@ impl Chunk {
                 let points = self.moving.points(deform.time_steps());
                 deform.learn(points, moving_bar, seen_bar, &mut self.deform_grad, &mut self.deform);
             }
-            let m = self.moving.columns.len();
-            for (k, &i) in self.moving.columns.iter().enumerate() {
-                (0..3).for_each(|a| x_bar[a * n + i as usize] += moving_bar[a * m + k]);
-            }
+            self.moving_bars.add_to(&self.moving, x_bar);
         }
 
         let map = ctx.space.map();

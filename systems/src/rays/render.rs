@@ -353,10 +353,7 @@ fn add_normals(
             grad.begin_at(deform, time_steps);
             deform.learn(s.moving.points(time_steps), moving_bar, seen_bar, grad, scratch);
         }
-        let m = s.moving.columns.len();
-        for (k, &i) in s.moving.columns.iter().enumerate() {
-            (0..3).for_each(|a| x_bar[a * n + i as usize] += moving_bar[a * m + k]);
-        }
+        s.moving_bars.add_to(&s.moving, x_bar);
     }
     for kept in &s.kept {
         let (i, ray) = (kept.column as usize, &s.rays[kept.ray as usize]);

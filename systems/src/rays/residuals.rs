@@ -165,7 +165,8 @@ impl Residuals {
     /// # Errors
     /// [`SystemError::State`] for an array that is missing or of another length.
     pub(super) fn restored(self, state: &TensorMap) -> Result<Self, SystemError> {
-        let looks = take_counts(state, LOOKS, 1)?[0].try_into().unwrap_or(u32::MAX);
+        // More looks than there are is no more than all.
+        let looks = take_counts(state, LOOKS, 1)?[0].min(u64::from(u16::MAX)) as u32;
         Ok(Self { tiles: take_numbers(state, TENSOR, self.tiles.len())?, looks, ..self })
     }
 }

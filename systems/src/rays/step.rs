@@ -143,6 +143,7 @@ impl RaySystem {
 
     /// The pixels of a step, their rays, and all that is random about them.
     pub(super) fn draw(&mut self, data: &Dataset, step: u64, per_pixel: usize) -> Result<(), SystemError> {
+        let looking = self.is_looking();
         let Inputs { batch, rays, .. } = &mut self.work.inputs;
         let pixels = self.rays.div_ceil(per_pixel);
         match self.photo_model.as_ref().map_or(Drawing::Pixels, |photo_model| photo_model.drawing()) {
@@ -150,10 +151,7 @@ impl RaySystem {
                 data.draw_guided(self.seed, step, pixels, guide, batch)?
             }
             // What a still part alone cannot explain is not drawn more often for that.
-            Drawing::Pixels
-                if let Some(map) =
-                    self.errors.as_ref().filter(|_| self.movers.is_none() || self.field.moving.is_some()) =>
-            {
+            Drawing::Pixels if let Some(map) = self.errors.as_ref().filter(|_| !looking) => {
                 data.draw_by_error(self.seed, step, pixels, map, batch)?
             }
             Drawing::Pixels => {
@@ -165,9 +163,7 @@ impl RaySystem {
                 data.draw_patches(self.seed, step, count, patches, batch)?;
             }
         }
-        if self.field.moving.is_none()
-            && let Some(movers) = &self.movers
-        {
+        if looking && let Some(movers) = &self.movers {
             movers.leave_out(batch);
         }
         let ignored = unweighted(batch);
@@ -305,11 +301,12 @@ impl RaySystem {
         let field = &mut self.field;
         let Work { chunks, packed_grad, density_grad, colour_grad, head_grad, moving_grad, second_renders, .. } =
             &mut self.work;
-        fold_gradients(field.density.mlp(), chunks.iter().map(|c| &c.density_grad[..]), packed_grad, density_grad);
         let colours = chunks.iter().chain(second_renders.chunks()).map(|c| &c.colour_grad[..]);
         fold_gradients(field.colour.mlp(), colours, packed_grad, colour_grad);
         let mut bad = self.colour_adam.step(field.simd, lr, &mut field.colour_params, colour_grad);
         if !held {
+            let grads = chunks.iter().map(|c| &c.density_grad[..]);
+            fold_gradients(field.density.mlp(), grads, packed_grad, density_grad);
             bad += self.density_adam.step(field.simd, lr, &mut field.density_params, density_grad);
         }
         if let Some(head) = &mut self.head {

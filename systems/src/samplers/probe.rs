@@ -25,8 +25,9 @@ pub(super) struct Prober {
     /// Views whose times are probed, and what is seen in one of them; only where something moves.
     which: Vec<u32>,
     now: Vec<f32>,
-    /// Cells at points where something moves: which they are, where, and what is there.
+    /// Cells at points where something moves: which they are, of which time step, where, and what is there.
     moving: Vec<u32>,
+    moving_which: Vec<u32>,
     was: Vec<f32>,
     moved: Vec<f32>,
 }
@@ -104,11 +105,12 @@ impl Prober {
         part.cells.columns(x, &mut self.moving);
         let m = self.moving.len();
         let (was, moved) = (sized(&mut self.was, 3 * m), sized(&mut self.moved, m));
-        for (row, was) in x.chunks_exact(n).zip(was.chunks_exact_mut(m.max(1))) {
+        for (row, was) in x.chunks_exact(n.max(1)).zip(was.chunks_exact_mut(m.max(1))) {
             was.iter_mut().zip(&self.moving).for_each(|(was, &i)| *was = row[i as usize]);
         }
-        let which: Vec<u32> = self.moving.iter().map(|&i| self.which[i as usize]).collect();
-        field.densities(was, When { time_steps, which: &which }, moved, &mut self.densities);
+        self.moving_which.clear();
+        self.moving_which.extend(self.moving.iter().map(|&i| self.which[i as usize]));
+        field.densities(was, When { time_steps, which: &self.moving_which }, moved, &mut self.densities);
         out.fill(0.0);
         self.moving.iter().zip(&*moved).for_each(|(&i, moved)| out[i as usize] = *moved);
     }

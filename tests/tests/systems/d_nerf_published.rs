@@ -24,7 +24,7 @@ const SMALL: [&str; 15] = [
     "warp_octaves=2",
     "time_octaves=2",
     "lr=5e-3",
-    "run_steps=8",
+    "horizon=8",
     "precrop_share=0.3",
     "curriculum_share=0.6",
 ];
@@ -77,7 +77,7 @@ fn shapes_and_parameter_counts_are_the_published_ones() {
         ("direction_octaves", "4"),
         ("warp_octaves", "10"),
         ("time_octaves", "10"),
-        ("run_steps", "800000"),
+        ("horizon", "800000"),
         ("curriculum_share", "0.125"),
     ] {
         assert_eq!(plan.config[name].to_string(), value, "{name}");
@@ -108,8 +108,8 @@ fn photos_with_alpha_are_before_white_unless_something_else_is_said() {
 #[test]
 fn small_networks_learn_what_moves_and_say_what_they_leave_out() {
     let (scene, train, test) = stage();
-    let other = &["run_steps=300", "origin=exact", "warp_variation=1e-3", "fine_networks=true"];
-    for more in [&["run_steps=300"][..], other] {
+    let other = &["horizon=300", "origin=exact", "warp_variation=1e-3", "fine_networks=true"];
+    for more in [&["horizon=300"][..], other] {
         let (mut d_nerf, _) = system("d-nerf", &scene, &train, &with(more));
         let before = error(d_nerf.as_ref(), &test);
         for step in 0..300 {
@@ -152,7 +152,7 @@ fn each_setting_changes_what_is_learnt_and_a_variation_of_0_nothing() {
     let learnt = |more: &[&str]| state_after(system("d-nerf", &scene, &train, &with(more)).0, &train, 0..8, None);
     let plain = learnt(&[]);
     assert!(learnt(&["warp_variation=0.0"]) == plain, "nothing is added");
-    for other in ["warp_variation=10.0", "precrop_share=0.0", "curriculum_share=0.0", "origin=exact", "run_steps=80"] {
+    for other in ["warp_variation=10.0", "precrop_share=0.0", "curriculum_share=0.0", "origin=exact", "horizon=80"] {
         assert!(learnt(&[other]) != plain, "{other}");
     }
 }
@@ -164,7 +164,7 @@ fn what_cannot_be_is_refused_by_name_and_a_state_of_another_field_too() {
         ("warp_width=0", "`warp_width` = 0"),
         ("time_octaves=33", "`time_octaves` = 33"),
         ("precrop_share=2.0", "`precrop_share` = 2"),
-        ("run_steps=0", "`run_steps` = 0"),
+        ("horizon=0", "`horizon` = 0"),
         ("lr_decay_share=0.0", "`lr_decay_share` = 0"),
         ("origin=free", "free"),
         ("planes=[4]", "`set` = planes"),

@@ -177,7 +177,7 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
     Ok(table.without_empty_columns())
 }
 
-/// A score of scene flow. A system that says nothing, where the truth is known, is told from a scene whose truth is not.
+/// A score of scene flow. `n/a`: the truth is known, but the system does not say where points go. Empty: the truth is not known.
 fn said(m: &Measured, score: Option<f64>) -> Cell {
     let says_nothing = m.motion.scene_motion.is_some() && m.motion.scene_flow_error.is_none();
     if says_nothing { "n/a".into() } else { score.into() }

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! The canonical scene is that of `t = 0`. As published (equation 3) `dx` is `Psi_t(gamma(x), gamma(t))` at any other time, and 0 at
-//! `t = 0`: nothing ties the scene of that time to those beside it, and photos of exactly that time alone hold it in place. Where there are none
-//! for a view, what it shows may be anywhere: 16 dB on the published bouncingballs beside 38 dB at all other times. Here the displacement
+//! `t = 0`: nothing ties the scene of that time to those beside it, and only photos of exactly `t = 0` hold it in place. Where no photo has that
+//! time, the scene of `t = 0` may be anywhere: 16 dB on the published bouncingballs beside 38 dB at all other times. Here the displacement
 //! is taken less that at `t = 0` (docs/decisions/0051); `origin=exact` is as published.
 //!
 //! Besides the octaves of place and time both networks see `p`, planes of features of both, as the field sees a grid of features of

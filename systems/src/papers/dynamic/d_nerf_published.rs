@@ -180,7 +180,7 @@ pub(super) fn build(ask: Ask<'_>) -> Built {
     let schedule = ScheduleSettings::published(likely_steps(run.stop, &canonical.levels, &displacement));
     let schedule = settings.of(&schedule)?;
     let all = settings.all()?;
-    ground.lines.push(format!("schedule: shares of {} steps", schedule.run_steps));
+    ground.lines.push(format!("schedule: shares of {} steps", schedule.horizon));
     let config = DNerfNetworks::new(canonical, displacement, schedule, Times::of(data));
     let space = space_of(&ground, data, &canonical.levels)?;
     let system = TwoLevel::new(config, space, ground.background, run.seed)?;

@@ -9,6 +9,7 @@ use crate::buffers::sized;
 use crate::fields::{Columns, Detail, Field, MovingPart, Part, Places, Placing, When};
 use crate::warps::{DeformGrad, DeformScratch, Points};
 use float_core::Simd;
+use float_core::m32::logistic;
 
 /// What colours depend on besides places: `[rows][rays]` of a whole chunk.
 #[derive(Clone, Copy)]
@@ -110,7 +111,7 @@ impl Pass {
         part.forward(simd, features, m, out, sized(&mut self.acts, part.network.activations_len(m)));
         head.read(&out[(geometry + 1) * m..], m, &mut self.seen.flow, &mut self.seen.hidden);
         let gate = &out[geometry * m..(geometry + 1) * m];
-        self.seen.blend.extend(gate.iter().map(|gate| 1.0 / (1.0 + (-gate).exp())));
+        self.seen.blend.extend(gate.iter().map(|gate| logistic(*gate)));
 
         let inputs = field.colour.inputs();
         let input = sized(&mut self.input, inputs * m);

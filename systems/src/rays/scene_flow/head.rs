@@ -5,6 +5,8 @@
 //! p = sigmoid(raw)               two rows: hidden in the next frame, in the previous one
 //! ```
 
+use float_core::m32::logistic;
+
 /// Rows of scene flow.
 pub(crate) const FLOW: usize = 6;
 /// Rows of what is hidden.
@@ -31,7 +33,7 @@ impl FlowHead {
         flow.clear();
         flow.extend(of_flow.iter().map(|raw| self.reach * raw.tanh()));
         hidden.clear();
-        hidden.extend(of_hidden.iter().map(|raw| 1.0 / (1.0 + (-raw).exp())));
+        hidden.extend(of_hidden.iter().map(|raw| logistic(*raw)));
     }
 
     /// The way back of [`FlowHead::read`], from what it gave: written over `raw_bar` `[rows][m]`.

@@ -36,8 +36,8 @@ const ACCEPTED: [(&str, &str); 11] = [
         field=mlp+width=8+warp_width=8+warp_depth=9+coarse=8+fine=8+origin=exact+fine_networks=true
         field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_octaves=0+time_octaves=0
         field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_octaves=32+time_octaves=32
-        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1e-38+run_steps=1
-        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1000.0+run_steps=9223372036854775807
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1e-38+horizon=1
+        field=mlp+width=8+warp_width=8+coarse=8+fine=8+warp_variation=1000.0+horizon=9223372036854775807
         field=mlp+width=8+warp_width=8+coarse=8+fine=8+precrop_share=1.0+precrop_side=0.0+curriculum_share=1.0
         field=mlp+width=8+warp_width=8+coarse=8+fine=8+precrop_share=0.0+curriculum_share=0.0+lr_decay_share=1e-6",
     ),

@@ -90,7 +90,7 @@ impl DisplacementSettings {
 #[serde(deny_unknown_fields)]
 pub(crate) struct ScheduleSettings {
     /// Steps that the run is likely to have, what shares are of. Published: 800 000.
-    pub(super) run_steps: u64,
+    pub(super) horizon: u64,
     /// Learning rate at the start, 5e-4.
     pub(super) lr: f32,
     /// Share of the run in which the rate falls to a tenth. Released: 500 000 of 800 000 steps.
@@ -107,9 +107,9 @@ pub(crate) struct ScheduleSettings {
 
 impl ScheduleSettings {
     /// The published schedules in a run of so many steps, with a crop that a short run sees, too.
-    pub(super) fn published(run_steps: u64) -> Self {
+    pub(super) fn published(horizon: u64) -> Self {
         Self {
-            run_steps,
+            horizon,
             lr: 5e-4,
             lr_decay_share: 0.625,
             precrop_share: 0.02,
@@ -121,7 +121,7 @@ impl ScheduleSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the setting that cannot work.
     pub(super) fn check(&self) -> Result<(), SystemError> {
-        at_least_1("run_steps", self.run_steps)?;
+        at_least_1("horizon", self.horizon)?;
         positive("lr", self.lr)?;
         within("lr_decay_share", self.lr_decay_share, 1e-6..=1e6)?;
         within("precrop_share", self.precrop_share, 0.0..=1.0)?;
@@ -131,7 +131,7 @@ impl ScheduleSettings {
 
     /// Share of the run that has passed before a step.
     pub(super) fn passed(&self, step: u64) -> f64 {
-        step as f64 / self.run_steps as f64
+        step as f64 / self.horizon as f64
     }
 
     /// Learning rate of a step.
@@ -218,8 +218,8 @@ mod tests {
         assert!(refused(|s| s.variation = f32::NAN).contains("`warp_variation` = NaN"));
         let schedule = ScheduleSettings { precrop_share: 1.5, ..ScheduleSettings::published(9) };
         assert!(schedule.check().unwrap_err().to_string().contains("`precrop_share` = 1.5"));
-        let schedule = ScheduleSettings { run_steps: 0, ..schedule };
-        assert!(schedule.check().unwrap_err().to_string().contains("`run_steps` = 0"));
+        let schedule = ScheduleSettings { horizon: 0, ..schedule };
+        assert!(schedule.check().unwrap_err().to_string().contains("`horizon` = 0"));
         assert!(DisplacementSettings::RELEASED.check().is_ok() && ScheduleSettings::published(1).check().is_ok());
     }
 }
