@@ -1,8 +1,8 @@
 //! Whole systems: trained, resumed, compared.
 
 mod d_nerf_published;
+mod dynamic;
 mod dynamic_appearance;
-mod dynamic_systems;
 mod e2e_static;
 mod every_system;
 mod left_out;
