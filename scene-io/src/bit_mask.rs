@@ -80,6 +80,12 @@ impl BitMask {
         self.words.iter().map(|w| u64::from(w.count_ones())).sum()
     }
 
+    /// Share of the pixels that are in the set; 0 of none.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.count() as f64 / (u64::from(self.width) * u64::from(self.height)).max(1) as f64
+    }
+
     /// All pixels, row by row.
     pub fn iter(&self) -> impl Iterator<Item = bool> + '_ {
         let pixels = self.width as usize * self.height as usize;

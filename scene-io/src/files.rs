@@ -41,9 +41,9 @@ pub(crate) fn inside(root: &Path, written: &str) -> Option<PathBuf> {
     let written = written.replace('\\', "/");
     let written = Path::new(&written);
     if written.is_absolute() {
-        let root = lexical(&std::path::absolute(root).ok()?)?;
-        let path = lexical(written)?;
-        return path.starts_with(&root).then_some(path);
+        // By the same words as paths that were relative: what lies beside it is found by these.
+        let whole = lexical(&std::path::absolute(root).ok()?)?;
+        return lexical(written)?.strip_prefix(&whole).ok().map(|relative| root.join(relative));
     }
     lexical(written).map(|relative| root.join(relative))
 }

@@ -45,8 +45,14 @@ pub struct Motion {
     pub moving: BitMask,
     /// Pixels that were judged, by the flow to some neighbour; the others are not in `moving`, and nothing is known of them.
     pub judged: BitMask,
-    /// Whether no neighbour was far enough away for anything to be judged.
-    pub too_near: bool,
+}
+
+impl Motion {
+    /// Whether nothing could be judged: no neighbour, none far enough away, or hardly any flow known.
+    #[must_use]
+    pub fn is_blind(&self) -> bool {
+        self.judged.count() == 0
+    }
 }
 
 /// How far each pixel's flow to one neighbour is from its epipolar line; `None`: not judged.
@@ -76,7 +82,7 @@ pub fn motion(camera: &Camera, neighbours: &[Neighbour<'_>]) -> Motion {
     });
     let clean = morphology::closed(&morphology::opened(&found, SPECK), GAP);
     let moving = BitMask::from_fn(width, height, |column, row| clean.get(column, row) && judged.get(column, row));
-    Motion { moving, judged, too_near: known.is_empty() }
+    Motion { moving, judged }
 }
 
 /// `None` where the neighbour says nothing.

@@ -38,7 +38,7 @@ mod tests {
         let path = folder.path().join("a/m.png");
         let moving = BitMask::from_fn(3, 1, |x, _| x == 1);
         let judged = BitMask::from_fn(3, 1, |x, _| x < 2);
-        write_motion(&path, &Motion { moving, judged, too_near: false }).unwrap();
+        write_motion(&path, &Motion { moving, judged }).unwrap();
         assert_eq!(image::open(path).unwrap().into_luma8().into_raw(), [STAYS, MOVES, NOT_JUDGED]);
     }
 }

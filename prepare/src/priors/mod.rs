@@ -128,7 +128,7 @@ fn photo_stamp(frame: &Frame) -> String {
         ImageSource::Memory(image) => hash_bytes(&image.data),
     };
     let mask = frame.mask.as_deref().map(stamp);
-    format!("{pixels} {mask:?} {:?} {:?}", frame.mask_polarity, frame.perturbation)
+    format!("{pixels} {mask:?} {:?} {:?} {:?}", frame.mask_polarity, frame.alpha, frame.perturbation)
 }
 
 /// What an earlier call found out about a photo, if it had the same inputs and its files are there.
@@ -144,6 +144,8 @@ fn done(job: &Job<'_>, out: &Path, stages: &Stages) -> Option<Found> {
 
 /// Makes the priors of a photo.
 fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Result<Found, PrepareError> {
+    // Files of other inputs must not be taken for these, should this be stopped half way.
+    stages.begin(&job.files.stage, &job.inputs)?;
     let Place { frame, before, after } = job.place;
     let back = before.map(|before| pairs.get(before, frame)).transpose()?;
     let on = after.map(|after| pairs.get(frame, after)).transpose()?;
@@ -176,14 +178,11 @@ fn remove(path: &Path) -> Result<(), PrepareError> {
 }
 
 fn found(moves: &Motion, neighbours: &[Neighbour<'_>]) -> Found {
-    let pixels = f64::from(moves.moving.width()) * f64::from(moves.moving.height());
-    let share = |count: u64| count as f64 / pixels.max(1.0);
-    let seen: Vec<f64> = neighbours.iter().map(|neighbour| share(neighbour.flow.seen.count())).collect();
+    let seen: Vec<f64> = neighbours.iter().map(|neighbour| neighbour.flow.seen.share()).collect();
     Found {
         seen: (!seen.is_empty()).then(|| seen.iter().sum::<f64>() / seen.len() as f64),
-        judged: share(moves.judged.count()),
-        moving: share(moves.moving.count()),
-        too_near: moves.too_near,
+        judged: moves.judged.share(),
+        moving: moves.moving.share(),
     }
 }
 

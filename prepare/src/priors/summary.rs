@@ -16,8 +16,6 @@ pub(super) struct Found {
     pub(super) judged: f64,
     /// Share of its pixels that move.
     pub(super) moving: f64,
-    /// No neighbour was far enough away to judge by.
-    pub(super) too_near: bool,
 }
 
 /// Priors that are made.
@@ -33,7 +31,8 @@ pub struct PriorsSummary {
     pub moving: f64,
     /// Photos without a neighbour in time of their size: they have no flow and an empty mask.
     pub alone: Vec<String>,
-    /// Photos whose neighbours were taken from nearly the same place: what moves cannot be told by cameras, and the mask is empty.
+    /// Photos whose neighbours were taken from nearly the same place, or have hardly any flow that is known: what moves cannot be told by
+    /// cameras, and the mask is empty.
     pub too_near: Vec<String>,
 }
 
@@ -52,7 +51,7 @@ impl PriorsSummary {
             seen: seen / with_flow.max(1) as f64,
             moving: if judged > 0.0 { moving / judged } else { 0.0 },
             alone,
-            too_near: names(|found| found.seen.is_some() && found.too_near),
+            too_near: names(|found| found.seen.is_some() && found.judged == 0.0),
         }
     }
 
@@ -100,12 +99,9 @@ mod tests {
 
     #[test]
     fn shares_are_of_photos_that_have_them() {
-        let found = |seen, judged, moving, too_near| Found { seen, judged, moving, too_near };
-        let photos = [
-            ("a", found(Some(0.8), 0.5, 0.1, false)),
-            ("b", found(Some(0.6), 0.0, 0.0, true)),
-            ("c", found(None, 0.0, 0.0, true)),
-        ];
+        let found = |seen, judged, moving| Found { seen, judged, moving };
+        let photos =
+            [("a", found(Some(0.8), 0.5, 0.1)), ("b", found(Some(0.6), 0.0, 0.0)), ("c", found(None, 0.0, 0.0))];
         let summary = PriorsSummary::of(&photos, 1);
         assert!((summary.seen - 0.7).abs() < 1e-12 && (summary.moving - 0.2).abs() < 1e-12, "{summary:?}");
         assert_eq!((summary.photos, summary.kept), (3, 1));

@@ -1,8 +1,8 @@
 //! What priors of motion hold, and what looks wrong about them.
 
 use crate::listing::listing;
-use crate::priors::{Disparity, Flow};
-use crate::{BitMask, Frame, Problem, Scene, SceneError};
+use crate::priors::Disparity;
+use crate::{Frame, Problem, Scene, SceneError};
 use rayon::prelude::*;
 
 /// What the priors of motion of a dataset hold: optical flow, disparity, masks of what moves.
@@ -114,17 +114,15 @@ pub(super) fn motion(scene: &Scene) -> (Option<MotionSummary>, Vec<Problem>) {
 /// Reads all of a frame's priors of motion.
 fn read_all(frame: &Frame) -> Found {
     let mut found = Found::default();
-    let valid = |flow: &Flow| share(&flow.seen);
-    match frame.read_flow_prior() {
-        Ok(flow) => {
-            found.forward = flow.forward.as_ref().map(valid);
-            found.backward = flow.backward.as_ref().map(valid);
-        }
-        Err(error) => found.problems.push(error.into_problem()),
-    }
+    let files = &frame.priors.motion;
+    let [forward, backward] = [&files.forward, &files.backward].map(|path| {
+        let flow = kept(frame.read_flow_file(path.as_deref()), &mut found.problems);
+        flow.map(|flow| flow.seen.share())
+    });
+    (found.forward, found.backward) = (forward, backward);
     let disparity = kept(frame.read_disparity(), &mut found.problems);
     found.disparity = disparity.as_ref().map(shape);
-    found.moving = kept(frame.read_motion_mask(), &mut found.problems).as_ref().map(share);
+    found.moving = kept(frame.read_motion_mask(), &mut found.problems).map(|mask| mask.share());
     found
 }
 
@@ -133,11 +131,6 @@ fn kept<T>(read: Result<Option<T>, SceneError>, problems: &mut Vec<Problem>) -> 
         problems.push(error.into_problem());
         None
     })
-}
-
-fn share(mask: &BitMask) -> f64 {
-    let pixels = u64::from(mask.width()) * u64::from(mask.height());
-    mask.count() as f64 / pixels.max(1) as f64
 }
 
 fn shape(disparity: &Disparity) -> Shape {

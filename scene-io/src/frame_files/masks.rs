@@ -1,7 +1,7 @@
 //! Masks of a frame: what is truly there, and masks that leave nothing to train on.
 
 use crate::bit_mask::BitMask;
-use crate::picture::{same_shape, with_mask};
+use crate::picture::with_mask;
 use crate::priors::TruthMask;
 use crate::{ErrorKind, Frame, MaskPolarity, Problem, SceneError, Split};
 use rayon::prelude::*;
@@ -49,19 +49,10 @@ impl Frame {
             TruthMask::Memory(mask) => Ok(BitMask::clone(mask)),
             TruthMask::Bars(Some(bars)) => Ok(bars.mask()),
             TruthMask::Bars(None) => Ok(BitMask::new(self.camera.width, self.camera.height)),
-            TruthMask::File(path) => with_mask(path, |mut grey, size| {
-                if grey.iter().all(|v| *v <= 1) {
-                    grey.iter_mut().for_each(|v| *v *= 255);
-                }
-                let photo = self.size();
-                if !same_shape(size, photo) {
-                    let what = format!("the truth mask is {size} and its photo {photo}");
-                    let problem = Problem::new(path, what, "make it as large as the photo, or remove it");
-                    return Err(SceneError::new(ErrorKind::Image, problem.frame(&self.name)));
-                }
-                Ok(BitMask::from_grey(size.width, size.height, &grey))
-            })
-            .map_err(|e| e.in_frame(&self.name))?,
+            TruthMask::File(path) => {
+                super::white(path, "truth mask", self.size(), "make it as large as the photo, or remove it")
+                    .map_err(|e| e.in_frame(&self.name))
+            }
         }
     }
 }

@@ -36,7 +36,7 @@ impl MotionFiles {
         let Some(stem) = photo.file_stem().and_then(|stem| stem.to_str()) else { return Self::default() };
         let stems = spellings(stem);
         let own = photo.parent().into_iter().flat_map(|folder| folder.ancestors().take(2));
-        let places: Vec<&Path> = own.filter(|place| place.starts_with(root)).collect();
+        let places: Vec<&Path> = own.filter(|place| within(place, root).is_some()).collect();
         let find = |folders: &[&str], endings: &[&str]| {
             let beside = places.iter().flat_map(|place| folders.iter().map(move |folder| place.join(folder)));
             let made = folders.iter().flat_map(|folder| made(photo, root, folder));
@@ -55,12 +55,16 @@ impl MotionFiles {
     }
 }
 
+/// A folder's path from the dataset's own; `None` outside of it.
+fn within<'p>(folder: &'p Path, root: &Path) -> Option<&'p Path> {
+    let way = folder.strip_prefix(root).ok()?;
+    way.components().all(|part| matches!(part, Component::Normal(_))).then_some(way)
+}
+
 /// Where a folder of a known name in [`MotionFiles::MADE`] may hold files of a photo.
 fn made(photo: &Path, root: &Path, folder: &str) -> Vec<PathBuf> {
     let all = root.join(MotionFiles::MADE).join(folder);
-    let own = photo.parent().and_then(|parent| parent.strip_prefix(root).ok());
-    let is_plain = |path: &&Path| path.components().all(|part| matches!(part, Component::Normal(_)));
-    let own = own.filter(is_plain).map(|own| all.join(own));
+    let own = photo.parent().and_then(|parent| within(parent, root)).map(|own| all.join(own));
     own.into_iter().chain([all]).collect()
 }
 
