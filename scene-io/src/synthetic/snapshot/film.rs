@@ -1,9 +1,7 @@
 //! Pictures of things that move: when and from where they are taken, and the frames of a scene that they make.
 
 use super::Snapshot;
-use super::truth::Sight;
-use crate::bit_mask::BitMask;
-use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask, one_frame_on};
+use crate::priors::{FlowPlace, FlowTruth, TruthMask, one_frame_on};
 use crate::synthetic::surface::to_byte;
 use crate::{DepthSource, Frame, ImageSource, Point, Split, Truth};
 use glam::DVec2;
@@ -124,11 +122,7 @@ fn partner<'v>(view: &SnapshotView, views: &'v [SnapshotView]) -> Option<&'v Sna
 
 /// Where `other` shows what `view` does; each with what is there when it is taken.
 fn flow(now: &Snapshot, view: &SnapshotView, then: &Snapshot, other: &SnapshotView) -> FlowTruth {
-    let map = now.flow_to(&view.camera, then, &other.camera);
-    let (width, height) = (map.width, map.height);
-    let seen = |x: u32, y: u32| map.sight[y as usize * width as usize + x as usize] == Sight::Seen;
-    let way = map.flow.iter().map(|f| f.as_vec2().to_array()).collect();
-    let flow = Flow { width, height, vectors: way, seen: BitMask::from_fn(width, height, seen) };
+    let flow = now.flow_to(&view.camera, then, &other.camera).to_flow();
     FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
 }
 
