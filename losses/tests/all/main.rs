@@ -24,3 +24,12 @@ mod trimmed;
 mod uncertainty;
 mod variation;
 mod visibility;
+
+use testkit::gradient::{PairTolerances, Tolerance};
+
+/// How closely sums over many terms, and their gradients, agree with their twins in `f64`.
+pub(crate) const SUMS: PairTolerances = PairTolerances {
+    values: Tolerance::new(2e-6, 1e-6),
+    twin: Tolerance::new(1e-6, 1e-7),
+    gradients: Tolerance::new(2e-6, 1e-6),
+};

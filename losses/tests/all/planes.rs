@@ -1,12 +1,13 @@
 //! Regularisers of feature planes against their definitions in `f64`, gradients, extremes.
 
+use crate::SUMS;
 use losses::LossError;
 use losses::planes::{
     Along, PlaneShape, distance_from_one, distance_from_one_backward, plane_variation, plane_variation_backward,
     time_smoothness, time_smoothness_backward,
 };
 use proptest::prelude::*;
-use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair, check_kinked};
+use testkit::gradient::{Tolerance, check_f32_pair, check_kinked};
 
 /// Entry of a plane `[rows][columns][features]`.
 fn at(shape: PlaneShape, row: usize, column: usize, feature: usize) -> usize {
@@ -49,12 +50,6 @@ fn planes() -> impl Strategy<Value = (PlaneShape, Vec<f32>)> {
     })
 }
 
-const TOLERANCES: PairTolerances = PairTolerances {
-    values: Tolerance::new(2e-6, 1e-6),
-    twin: Tolerance::new(1e-6, 1e-7),
-    gradients: Tolerance::new(2e-6, 1e-6),
-};
-
 proptest! {
     #![proptest_config(testkit::property::cases(96))]
 
@@ -79,7 +74,7 @@ proptest! {
                     mean_square_backward(x, &columns, 0.5 * bar[0], x_bar);
                 },
             ),
-            TOLERANCES,
+            SUMS,
         ).unwrap();
     }
 
@@ -99,7 +94,7 @@ proptest! {
                 |x: &[f64], out: &mut [f64]| out[0] = mean_square(x, &triples),
                 |x: &[f64], bar: &[f64], x_bar: &mut [f64]| mean_square_backward(x, &triples, bar[0], x_bar),
             ),
-            TOLERANCES,
+            SUMS,
         ).unwrap();
     }
 

@@ -1,5 +1,6 @@
 //! Scene flow: against its definition, gradients, what costs nothing, and which samples take part.
 
+use crate::SUMS;
 use losses::LossError;
 use losses::kernel::Kernel;
 use losses::scene_flow::{
@@ -8,7 +9,7 @@ use losses::scene_flow::{
 };
 use losses::variation::{acceleration, magnitude};
 use proptest::prelude::*;
-use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair};
+use testkit::gradient::check_f32_pair;
 
 const KERNELS: [Kernel; 3] = [Kernel::L1, Kernel::Squared, Kernel::Charbonnier { c: 0.1 }];
 
@@ -56,12 +57,6 @@ fn spans(offsets: &[u32], share: f64) -> Vec<Vec<usize>> {
     offsets.windows(2).map(ray).collect()
 }
 
-const TOLERANCES: PairTolerances = PairTolerances {
-    values: Tolerance::new(2e-6, 1e-6),
-    twin: Tolerance::new(1e-6, 1e-7),
-    gradients: Tolerance::new(2e-6, 1e-6),
-};
-
 proptest! {
     #![proptest_config(testkit::property::cases(96))]
 
@@ -90,7 +85,7 @@ proptest! {
                     x_bar[2 * m + at % n] += bar[0] * value;
                 }
             };
-            check_f32_pair(&x, &[loss_bar], (single, single_backward), (double, double_backward), TOLERANCES).unwrap();
+            check_f32_pair(&x, &[loss_bar], (single, single_backward), (double, double_backward), SUMS).unwrap();
         }
     }
 
@@ -116,7 +111,7 @@ proptest! {
                     x_bar[m + at] += derivative;
                 }
             };
-            check_f32_pair(&x, &[loss_bar], (single, single_backward), (double, double_backward), TOLERANCES).unwrap();
+            check_f32_pair(&x, &[loss_bar], (single, single_backward), (double, double_backward), SUMS).unwrap();
         }
     }
 
@@ -143,7 +138,7 @@ proptest! {
                     x_bar[k] -= derivative;
                 }
             };
-            check_f32_pair(&a, &[loss_bar], (single, single_backward), (double, double_backward), TOLERANCES).unwrap();
+            check_f32_pair(&a, &[loss_bar], (single, single_backward), (double, double_backward), SUMS).unwrap();
         }
     }
 

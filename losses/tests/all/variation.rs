@@ -1,5 +1,6 @@
 //! Variation in time and on lattices: against its definition, gradients, what costs nothing.
 
+use crate::SUMS;
 use losses::LossError;
 use losses::kernel::Kernel;
 use losses::variation::{
@@ -7,7 +8,7 @@ use losses::variation::{
     total_variation, total_variation_backward,
 };
 use proptest::prelude::*;
-use testkit::gradient::{PairTolerances, Tolerance, check_f32_pair};
+use testkit::gradient::check_f32_pair;
 
 const KERNELS: [Kernel; 3] = [Kernel::Squared, Kernel::Charbonnier { c: 0.1 }, Kernel::GemanMcClure { c: 0.5 }];
 
@@ -69,12 +70,6 @@ fn lattices() -> impl Strategy<Value = (Vec<usize>, Vec<usize>, Vec<f32>)> {
     })
 }
 
-const TOLERANCES: PairTolerances = PairTolerances {
-    values: Tolerance::new(2e-6, 1e-6),
-    twin: Tolerance::new(1e-6, 1e-7),
-    gradients: Tolerance::new(2e-6, 1e-6),
-};
-
 proptest! {
     #![proptest_config(testkit::property::cases(96))]
 
@@ -91,7 +86,7 @@ proptest! {
                     |x: &[f64], out: &mut [f64]| out[0] = naive(x, &dims, &axes, kernel),
                     |x: &[f64], bar: &[f64], x_bar: &mut [f64]| naive_backward(x, &dims, &axes, kernel, bar[0], x_bar),
                 ),
-                TOLERANCES,
+                SUMS,
             ).unwrap();
         }
     }
@@ -148,7 +143,7 @@ proptest! {
                             }
                         },
                     ),
-                    TOLERANCES,
+                    SUMS,
                 ).unwrap();
             }
             check_f32_pair(
@@ -163,7 +158,7 @@ proptest! {
                         a_bar.iter_mut().zip(a).for_each(|(b, &a)| *b += bar[0] * twin(kernel, a).1);
                     },
                 ),
-                TOLERANCES,
+                SUMS,
             ).unwrap();
         }
     }

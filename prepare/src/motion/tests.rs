@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::flow_both_ways;
 use scene_io::Image;
-use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, Sight, Snapshot, SnapshotView, orbit_views};
+use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, Snapshot, SnapshotView, orbit_views};
 
 /// A picture of the stage with the two beside it in time.
 struct Shot {
@@ -25,14 +25,7 @@ fn shot(camera: OrbitCamera, middle: usize) -> Shot {
 impl Shot {
     /// Exact flow from the picture in the middle.
     fn exact(&self, to: usize) -> Flow {
-        let map = self.stage[1].flow_to(&self.views[1].camera, &self.stage[to], &self.views[to].camera);
-        let seen = |x: u32, y: u32| map.sight[y as usize * map.width as usize + x as usize] == Sight::Seen;
-        Flow {
-            width: map.width,
-            height: map.height,
-            vectors: map.flow.iter().map(|way| [way.x as f32, way.y as f32]).collect(),
-            seen: BitMask::from_fn(map.width, map.height, seen),
-        }
+        self.stage[1].flow_to(&self.views[1].camera, &self.stage[to], &self.views[to].camera).to_flow()
     }
 
     fn motion(&self, flows: [&Flow; 2]) -> Motion {

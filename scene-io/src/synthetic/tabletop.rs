@@ -281,21 +281,12 @@ fn look_from(split: Split, i: usize, n: usize, seed: u64) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synthetic::snapshot::testing::{on_threads, pixels};
     use proptest::prelude::*;
     use testkit::strategies::any_unit_vector;
 
     fn small(seed: u64) -> TabletopOptions {
         TabletopOptions { width: 40, height: 30, train: 5, test: 3, seed, rays: 2, ..TabletopOptions::default() }
-    }
-
-    fn pixels(scene: &Scene) -> Vec<&[u8]> {
-        fn data(image: &ImageSource) -> &[u8] {
-            match image {
-                ImageSource::Memory(image) => &image.data,
-                ImageSource::File(path) => panic!("{} is a file", path.display()),
-            }
-        }
-        scene.frames.iter().map(|f| data(&f.image)).collect()
     }
 
     #[test]
@@ -308,10 +299,7 @@ mod tests {
 
     #[test]
     fn any_number_of_threads_gives_the_same_bytes() {
-        let run = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| tabletop(&small(0)))
-        };
+        let run = |threads| on_threads(threads, || tabletop(&small(0)));
         assert_eq!(pixels(&run(1)), pixels(&run(3)));
     }
 

@@ -5,8 +5,9 @@ use super::*;
 use crate::bit_mask::BitMask;
 use crate::random::random;
 use crate::synthetic::shape::{Placed, Shape};
+use crate::synthetic::snapshot::testing::{is_deterministic, on_threads, pixels};
 use crate::synthetic::snapshot::{Sight, SnapshotView};
-use crate::{Frame, ImageSource, Scene, Split};
+use crate::{Frame, Split};
 use glam::{DMat3, DVec2};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
@@ -28,16 +29,6 @@ fn front(side: u32) -> Camera {
 /// Cameras of a few training, validation and test pictures of 40 x 40 pixels.
 fn views() -> Vec<SnapshotView> {
     mouth_views(&MouthOptions { width: 40, height: 40, train: 7, val: 3, test: 4, seed: 1, ..MouthOptions::default() })
-}
-
-fn pixels(scene: &Scene) -> Vec<&[u8]> {
-    fn data(image: &ImageSource) -> &[u8] {
-        match image {
-            ImageSource::Memory(image) => &image.data,
-            ImageSource::File(path) => panic!("{} is a file", path.display()),
-        }
-    }
-    scene.frames.iter().map(|f| data(&f.image)).collect()
 }
 
 /// The pixels whose centre shows the mouth.
@@ -283,20 +274,7 @@ fn points_lie_on_what_stands_still() {
 
 #[test]
 fn the_same_options_give_the_same_bytes_with_any_number_of_threads_and_other_seeds_do_not() {
-    let run = |seed, threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| mouth(&MouthOptions { seed, ..small() }))
-    };
-    let (a, b, c) = (run(3, 1), run(3, 3), run(4, 2));
-    assert_eq!(pixels(&a), pixels(&b));
-    assert_ne!(pixels(&a), pixels(&c));
-    for (a, b) in a.frames.iter().zip(&b.frames) {
-        assert!(a.camera == b.camera && a.name == b.name && a.time == b.time);
-        assert_eq!(a.read_moving().unwrap().unwrap(), b.read_moving().unwrap().unwrap());
-        assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
-        assert_eq!(a.read_flow().unwrap(), b.read_flow().unwrap());
-        assert_eq!(a.truth.scene_flow, b.truth.scene_flow);
-    }
+    is_deterministic(|seed, threads| on_threads(threads, || mouth(&MouthOptions { seed, ..small() })));
 }
 
 #[test]

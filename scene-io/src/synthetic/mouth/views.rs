@@ -2,11 +2,10 @@
 
 use super::Mouth;
 use crate::random::random;
-use crate::synthetic::snapshot::film::{GOLDEN, SnapshotView, frames, points, radical_inverse};
+use crate::synthetic::snapshot::film::{Filming, GOLDEN, SnapshotView, frames, points, radical_inverse, views};
 use crate::{Dialect, LayoutHint, Scene, Split};
 use glam::DVec3;
-use render_core::camera::{Camera, Pose};
-use std::f64::consts::PI;
+use render_core::camera::Pose;
 use std::path::PathBuf;
 
 /// Distance of the cameras from what they look at, world units.
@@ -57,25 +56,9 @@ impl Default for MouthOptions {
 /// If a side is 0, or the angle is not in `(0, pi)`.
 #[must_use]
 pub fn mouth_views(options: &MouthOptions) -> Vec<SnapshotView> {
-    let MouthOptions { width, height, angle, .. } = *options;
-    assert!(width > 0 && height > 0, "mouth: pictures of {width} x {height} pixels");
-    assert!(angle > 0.0 && angle < PI, "mouth: angle of view {angle}");
-    let (w, h) = (f64::from(width), f64::from(height));
-    let focal = 0.5 * w / (0.5 * angle).tan();
-    let splits = [(Split::Train, options.train), (Split::Val, options.val), (Split::Test, options.test)];
-    let views = splits.into_iter().flat_map(|(split, n)| (0..n).map(move |i| (split, i, n)));
-    let view = |(split, i, n): (Split, usize, usize)| SnapshotView {
-        name: format!("{}/r_{i:03}", split.name()),
-        split,
-        time: match split {
-            Split::Train if n == 1 => 0.0,
-            Split::Train => i as f64 / (n - 1) as f64,
-            Split::Val => (i as f64 + 0.25) / n as f64,
-            _ => test_time(i, n, options.train),
-        },
-        camera: Camera::pinhole(width, height, focal, focal, 0.5 * w, 0.5 * h, pose(split, i, options.seed)),
-    };
-    views.map(view).collect()
+    let size = [options.width, options.height];
+    let filming = Filming { size, angle: options.angle, counts: [options.train, options.val, options.test] };
+    views("mouth", &filming, |i, n| test_time(i, n, options.train), |split, i, _| pose(split, i, options.seed))
 }
 
 /// When test picture `i` of `n` is taken: with an even number at the time of one of `train` training pictures, with an odd one

@@ -1,8 +1,9 @@
 //! The stage against itself: what one picture knows, another must agree with.
 
 use super::*;
+use crate::Split;
+use crate::synthetic::snapshot::testing::{is_deterministic, on_threads, pixels};
 use crate::synthetic::snapshot::{Sight, SnapshotView};
-use crate::{ImageSource, Scene, Split};
 use glam::DVec2;
 use render_core::ray::Ray;
 
@@ -10,30 +11,9 @@ fn small() -> OrbitOptions {
     OrbitOptions { width: 36, height: 28, train: 5, val: 2, test: 3, rays: 2, ..OrbitOptions::default() }
 }
 
-fn pixels(scene: &Scene) -> Vec<&[u8]> {
-    fn data(image: &ImageSource) -> &[u8] {
-        match image {
-            ImageSource::Memory(image) => &image.data,
-            ImageSource::File(path) => panic!("{} is a file", path.display()),
-        }
-    }
-    scene.frames.iter().map(|f| data(&f.image)).collect()
-}
-
 #[test]
 fn the_same_options_give_the_same_bytes_with_any_number_of_threads_and_other_seeds_do_not() {
-    let run = |seed, threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| orbit(&OrbitOptions { seed, ..small() }))
-    };
-    let (a, b, c) = (run(3, 1), run(3, 3), run(4, 2));
-    assert_eq!(pixels(&a), pixels(&b));
-    assert_ne!(pixels(&a), pixels(&c));
-    for (a, b) in a.frames.iter().zip(&b.frames) {
-        assert!(a.camera == b.camera && a.name == b.name && a.time == b.time);
-        assert_eq!(a.read_moving().unwrap().unwrap(), b.read_moving().unwrap().unwrap());
-        assert_eq!(a.read_depth().unwrap(), b.read_depth().unwrap());
-    }
+    is_deterministic(|seed, threads| on_threads(threads, || orbit(&OrbitOptions { seed, ..small() })));
 }
 
 #[test]

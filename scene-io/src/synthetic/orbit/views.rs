@@ -2,11 +2,11 @@
 
 use super::{Orbit, OrbitMotion};
 use crate::random::random;
-use crate::synthetic::snapshot::film::{GOLDEN, SnapshotView, frames, points, radical_inverse};
+use crate::synthetic::snapshot::film::{Filming, GOLDEN, SnapshotView, frames, points, radical_inverse, views};
 use crate::{Dialect, LayoutHint, Scene, Split};
 use glam::DVec3;
-use render_core::camera::{Camera, Pose};
-use std::f64::consts::{PI, TAU};
+use render_core::camera::Pose;
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 /// Distance of the cameras from what they look at, world units.
@@ -77,25 +77,9 @@ impl Default for OrbitOptions {
 /// If a side is 0, or the angle is not in `(0, pi)`.
 #[must_use]
 pub fn orbit_views(options: &OrbitOptions) -> Vec<SnapshotView> {
-    let OrbitOptions { width, height, angle, .. } = *options;
-    assert!(width > 0 && height > 0, "orbit: pictures of {width} x {height} pixels");
-    assert!(angle > 0.0 && angle < PI, "orbit: angle of view {angle}");
-    let (w, h) = (f64::from(width), f64::from(height));
-    let focal = 0.5 * w / (0.5 * angle).tan();
-    let splits = [(Split::Train, options.train), (Split::Val, options.val), (Split::Test, options.test)];
-    let views = splits.into_iter().flat_map(|(split, n)| (0..n).map(move |i| (split, i, n)));
-    let view = |(split, i, n): (Split, usize, usize)| SnapshotView {
-        name: format!("{}/r_{i:03}", split.name()),
-        split,
-        time: match split {
-            Split::Train if n == 1 => 0.0,
-            Split::Train => i as f64 / (n - 1) as f64,
-            Split::Val => (i as f64 + 0.25) / n as f64,
-            _ => (i as f64 + 0.5) / n as f64,
-        },
-        camera: Camera::pinhole(width, height, focal, focal, 0.5 * w, 0.5 * h, pose(split, i, n, options)),
-    };
-    views.map(view).collect()
+    let size = [options.width, options.height];
+    let filming = Filming { size, angle: options.angle, counts: [options.train, options.val, options.test] };
+    views("orbit", &filming, |i, n| (i as f64 + 0.5) / n as f64, |split, i, n| pose(split, i, n, options))
 }
 
 /// Where picture `i` of `n` is taken from: 15 to 60 degrees above the ground, held-out pictures 18 to 57.

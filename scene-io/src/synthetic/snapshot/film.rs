@@ -1,13 +1,12 @@
 //! Pictures of things that move: when and from where they are taken, and the frames of a scene that they make.
 
 use super::Snapshot;
-use super::truth::Sight;
-use crate::bit_mask::BitMask;
-use crate::priors::{Flow, FlowPlace, FlowTruth, TruthMask, one_frame_on};
+use crate::priors::{FlowPlace, FlowTruth, TruthMask, one_frame_on};
 use crate::synthetic::surface::to_byte;
 use crate::{DepthSource, Frame, ImageSource, Point, Split, Truth};
 use glam::DVec2;
-use render_core::camera::Camera;
+use render_core::camera::{Camera, Pose};
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Rays along each side of a training picture that look for points.
@@ -27,6 +26,49 @@ pub struct SnapshotView {
     pub time: f64,
     /// From where.
     pub camera: Camera,
+}
+
+/// How many pictures are taken, and through what lens.
+pub(in crate::synthetic) struct Filming {
+    /// Columns and rows.
+    pub(in crate::synthetic) size: [u32; 2],
+    /// Horizontal angle of view, radians.
+    pub(in crate::synthetic) angle: f64,
+    /// Training, validation and test pictures.
+    pub(in crate::synthetic) counts: [usize; 3],
+}
+
+/// Training, validation and test pictures of the scene `name`. Picture `i` of the `n` of a split is taken from
+/// `pose(split, i, n)`: training pictures at the times `i / (n - 1)` (a single one at 0), validation pictures at
+/// `(i + 0.25) / n`, test pictures at `test_time(i, n)`.
+///
+/// # Panics
+/// If a side is 0, or the angle is not in `(0, pi)`.
+pub(in crate::synthetic) fn views(
+    name: &str,
+    filming: &Filming,
+    test_time: impl Fn(usize, usize) -> f64,
+    pose: impl Fn(Split, usize, usize) -> Pose,
+) -> Vec<SnapshotView> {
+    let Filming { size: [width, height], angle, counts: [train, val, test] } = *filming;
+    assert!(width > 0 && height > 0, "{name}: pictures of {width} x {height} pixels");
+    assert!(angle > 0.0 && angle < PI, "{name}: angle of view {angle}");
+    let (w, h) = (f64::from(width), f64::from(height));
+    let focal = 0.5 * w / (0.5 * angle).tan();
+    let splits = [(Split::Train, train), (Split::Val, val), (Split::Test, test)];
+    let all = splits.into_iter().flat_map(|(split, n)| (0..n).map(move |i| (split, i, n)));
+    let view = |(split, i, n): (Split, usize, usize)| SnapshotView {
+        name: format!("{}/r_{i:03}", split.name()),
+        split,
+        time: match split {
+            Split::Train if n == 1 => 0.0,
+            Split::Train => i as f64 / (n - 1) as f64,
+            Split::Val => (i as f64 + 0.25) / n as f64,
+            _ => test_time(i, n),
+        },
+        camera: Camera::pinhole(width, height, focal, focal, 0.5 * w, 0.5 * h, pose(split, i, n)),
+    };
+    all.map(view).collect()
 }
 
 /// Van der Corput's sequence in base 2: `1/2, 1/4, 3/4, 1/8, ..`.
@@ -80,11 +122,7 @@ fn partner<'v>(view: &SnapshotView, views: &'v [SnapshotView]) -> Option<&'v Sna
 
 /// Where `other` shows what `view` does; each with what is there when it is taken.
 fn flow(now: &Snapshot, view: &SnapshotView, then: &Snapshot, other: &SnapshotView) -> FlowTruth {
-    let map = now.flow_to(&view.camera, then, &other.camera);
-    let (width, height) = (map.width, map.height);
-    let seen = |x: u32, y: u32| map.sight[y as usize * width as usize + x as usize] == Sight::Seen;
-    let way = map.flow.iter().map(|f| f.as_vec2().to_array()).collect();
-    let flow = Flow { width, height, vectors: way, seen: BitMask::from_fn(width, height, seen) };
+    let flow = now.flow_to(&view.camera, then, &other.camera).to_flow();
     FlowTruth { to: other.name.clone(), place: FlowPlace::Memory(Arc::new(flow)) }
 }
 

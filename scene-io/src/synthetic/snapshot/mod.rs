@@ -8,6 +8,8 @@
 pub(super) mod body;
 pub(super) mod film;
 pub(super) mod pattern;
+#[cfg(test)]
+pub(in crate::synthetic) mod testing;
 mod truth;
 pub(super) mod write;
 

@@ -2,7 +2,8 @@
 
 use super::{Snapshot, SnapshotHit};
 use crate::DepthMap;
-use crate::priors::{FollowedPoint, SceneFlow};
+use crate::bit_mask::BitMask;
+use crate::priors::{Flow, FollowedPoint, SceneFlow};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use render_core::camera::{Camera, Prepared};
@@ -63,6 +64,17 @@ pub struct FlowMap {
     pub moved: Vec<DVec3>,
     /// Whether the other picture shows the point: the flow's validity.
     pub sight: Vec<Sight>,
+}
+
+impl FlowMap {
+    /// The flow as frames carry it.
+    #[must_use]
+    pub fn to_flow(&self) -> Flow {
+        let (width, height) = (self.width, self.height);
+        let seen = |x: u32, y: u32| self.sight[y as usize * width as usize + x as usize] == Sight::Seen;
+        let vectors = self.flow.iter().map(|way| way.as_vec2().to_array()).collect();
+        Flow { width, height, vectors, seen: BitMask::from_fn(width, height, seen) }
+    }
 }
 
 impl Snapshot {

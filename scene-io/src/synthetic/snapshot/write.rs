@@ -2,8 +2,6 @@
 
 use super::Snapshot;
 use super::film::SnapshotView;
-use super::truth::Sight;
-use crate::bit_mask::BitMask;
 use crate::export::write_atomically;
 use crate::synthetic::files::{write_mask, write_npy};
 use crate::{SceneError, Split};
@@ -36,11 +34,9 @@ pub(in crate::synthetic) fn write_truth(
         let moved: Vec<f32> = home.moved.iter().flat_map(|m| m.as_vec3().to_array()).collect();
         write_npy(&file("to_start", "npy"), &[h, w, 3], &moved)?;
         if let Some(next) = views.get(i + 1) {
-            let flow = snapshot.flow_to(&view.camera, &at(next.time), &next.camera);
-            let way: Vec<f32> = flow.flow.iter().flat_map(|f| f.as_vec2().to_array()).collect();
-            write_npy(&file("flow", "npy"), &[h, w, 2], &way)?;
-            let seen = |column: u32, row: u32| flow.sight[row as usize * w as usize + column as usize] == Sight::Seen;
-            write_mask(&file("flow_valid", "png"), &BitMask::from_fn(w, h, seen))?;
+            let flow = snapshot.flow_to(&view.camera, &at(next.time), &next.camera).to_flow();
+            write_npy(&file("flow", "npy"), &[h, w, 2], flow.vectors.as_flattened())?;
+            write_mask(&file("flow_valid", "png"), &flow.seen)?;
         }
     }
     write_atomically(&truth.join("README.md"), |out| writeln!(out, "{README}\n```json\n{about:#}\n```"))
