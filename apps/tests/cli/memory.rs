@@ -94,7 +94,7 @@ fn moving_systems_take_no_more_memory_than_they_say() {
     let scene = folder.path().join("scene");
     let options = OrbitOptions { width: 32, height: 32, train: 8, test: 1, rays: 1, ..OrbitOptions::default() };
     write_orbit(&options, &scene).unwrap();
-    let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "k-planes", "ngp"];
+    let systems = ["t-nerf", "d-nerf", "nerfies", "hypernerf", "k-planes", "two-parts", "ngp"];
     each_holds("nerf-dynamic", text(&scene), &systems, &TEN);
     // Published networks: a few rays a step on small pictures.
     let networks = ["--set", "field=mlp", "--set", "batch_rays=32", "--steps", "3", "--longest-side", "16"];

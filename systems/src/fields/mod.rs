@@ -1,6 +1,7 @@
 //! What a field of radiance learns about places: features of points, which a decoder turns into density and colour.
 //!
-//! A `Features` is a hash grid (`HashGridFeatures`), voxels (`VoxelFeatures`), or another table of learned numbers, with the
+//! A `Features` is a hash grid (`HashGridFeatures`), voxels (`VoxelFeatures`), products of planes
+//! (`PlaneGridFeatures`), or another table of learned numbers, with the
 //! optimiser of these numbers.
 
 mod basis;
@@ -17,6 +18,7 @@ mod moving_points;
 mod network;
 mod networks;
 mod placing;
+mod plane_grid;
 mod voxel_variation;
 mod voxels;
 
@@ -32,6 +34,7 @@ pub(crate) use moving_points::{MovingBars, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub(crate) use placing::{Placing, When};
+pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource, times_of as plane_times};
 pub use voxels::VoxelSettings;
 
 use crate::schedule::Done;

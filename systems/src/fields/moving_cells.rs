@@ -1,6 +1,5 @@
 //! Where something moves: cells of the unit cube, one bit each.
 
-/// Cells along an axis.
 const SIDE: usize = 128;
 /// Blocks along an axis.
 const BLOCKS: usize = SIDE / 2;
@@ -13,6 +12,9 @@ pub(crate) struct MovingCells {
 }
 
 impl MovingCells {
+    /// Cells along an axis.
+    pub(crate) const SIDE: usize = SIDE;
+
     /// Words of [`MovingCells::words`].
     pub(crate) const WORDS: usize = SIDE * SIDE * SIDE / 64;
 
@@ -77,6 +79,22 @@ impl MovingCells {
         at.map(|at| (at as f32 + 0.5) / BLOCKS as f32)
     }
 
+    /// The middle of a cell, in the unit cube.
+    pub(crate) fn middle_of_cell(cell: usize) -> [f32; 3] {
+        let at = [cell % SIDE, cell / SIDE % SIDE, cell / (SIDE * SIDE)];
+        at.map(|at| (at as f32 + 0.5) / SIDE as f32)
+    }
+
+    /// The cells that are marked, in order.
+    pub(crate) fn marked(&self) -> impl Iterator<Item = usize> {
+        (0..Self::ALL).filter(|cell| self.bits[cell / 64] >> (cell % 64) & 1 == 1)
+    }
+
+    /// The cells that both mark.
+    pub(crate) fn and(&self, other: &Self) -> Self {
+        Self { bits: self.bits.iter().zip(&other.bits).map(|(bits, other)| bits & other).collect() }
+    }
+
     /// Mark what another one marks.
     pub(crate) fn unite(&mut self, other: &Self) {
         self.bits.iter_mut().zip(&other.bits).for_each(|(bits, other)| *bits |= other);
@@ -97,7 +115,7 @@ impl MovingCells {
     /// The same cells and those that share a face with them.
     pub(crate) fn grown(&self) -> Self {
         let mut out = self.clone();
-        for cell in (0..Self::ALL).filter(|cell| self.bits[cell / 64] >> (cell % 64) & 1 == 1) {
+        for cell in self.marked() {
             for (axis, stride) in [1, SIDE, SIDE * SIDE].into_iter().enumerate() {
                 let at = cell / SIDE.pow(axis as u32) % SIDE;
                 if at > 0 {

@@ -9,7 +9,7 @@ use super::{DensityDecoder, Features, Names, xavier};
 use crate::schedule::Done;
 use crate::warps::{Deform, TimeSteps};
 use engine::system::{
-    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers, take_u64, u64_tensor,
+    SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_counts, take_numbers, take_u64, u64_tensor,
 };
 use field_core::mlp::{Mlp, Packed};
 use field_core::rng::Rng;
@@ -30,6 +30,8 @@ pub(crate) struct MovingPart {
     pub(crate) adam: Adam,
     /// Where something moves.
     pub(crate) cells: MovingCells,
+    /// How often, after the last look, cells were given back of which nothing came.
+    pub(crate) reviews: u64,
     pub(super) packed: Packed,
     time_steps: TimeSteps,
 }
@@ -37,6 +39,7 @@ pub(crate) struct MovingPart {
 /// The names of a checkpoint.
 const NETWORK: &str = "moving.density";
 const CELLS: &str = "moving.cells";
+const REVIEWS: &str = "moving.reviews";
 
 fn names() -> Names {
     Names::new("moving.grid", "moving.grid")
@@ -64,6 +67,7 @@ impl MovingPart {
             more,
             params,
             cells,
+            reviews: 0,
         };
         part.pack();
         part
@@ -157,7 +161,9 @@ impl MovingPart {
 
     /// Everything the next step depends on.
     pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
-        let mut out = vec![f32_tensor(NETWORK, &self.params), u64_tensor(CELLS, self.cells.words().to_vec())];
+        let counts = [u64_tensor(CELLS, self.cells.words().to_vec()), u64_tensor(REVIEWS, vec![self.reviews])];
+        let mut out = vec![f32_tensor(NETWORK, &self.params)];
+        out.extend(counts);
         push_adam(&mut out, NETWORK, &self.adam);
         self.features.push_state(&names(), &mut out);
         out.extend(self.deform.iter().flat_map(Deform::state));
@@ -181,12 +187,14 @@ impl MovingPart {
     /// [`SystemError::State`] naming the array that is missing or has another shape.
     pub(crate) fn load_state(&mut self, state: &TensorMap, done: Done) -> Result<(), SystemError> {
         let params = take_numbers(state, NETWORK, self.params.len())?;
+        let reviews = take_counts(state, REVIEWS, 1)?[0];
         let adam = take_adam(state, NETWORK, &self.adam)?;
         let features = self.features.restored(&names(), state, done)?;
         if let Some(deform) = &mut self.deform {
             deform.load_state(state)?;
         }
         (self.params, self.adam, self.features) = (params, adam, features);
+        self.reviews = reviews;
         self.pack();
         Ok(())
     }

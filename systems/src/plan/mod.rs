@@ -35,3 +35,4 @@ pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
 pub(crate) use pace::CloudPace;
 pub(crate) use ray_choice::RaySettings;
 pub use speed::machine_speed;
+pub(crate) use still_part::Background;

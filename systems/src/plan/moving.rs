@@ -8,7 +8,7 @@ use super::ngp_settings::{Shown, ngp_settings};
 use super::pace::CloudPace;
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
-use super::still_part::{behind, with_flow};
+use super::still_part::{Background, behind, with_flow};
 use crate::photo_model::PhotoModel;
 use crate::rays::{FlowConfig, RayConfig, RaySystem};
 use crate::samplers::DepthCueConfig;
@@ -47,6 +47,8 @@ pub(crate) struct Moving {
     pub(crate) depth: DepthCueConfig,
     /// Scene flow; a system with one always has a still part.
     pub(crate) flow: Option<NewFlow>,
+    /// What stands still, where nothing else is asked for.
+    pub(crate) background: Background,
     pub(crate) field: fn(&mut RayConfig, &Dataset),
     /// The field's settings as they are asked for.
     pub(crate) asked: NewField,
@@ -60,6 +62,7 @@ impl Moving {
         rays: RaySettings::ANYWHERE,
         depth: DepthCueConfig::NONE,
         flow: None,
+        background: Background::Moving,
         field: |_, _| {},
         asked: |field, settings| field.asked(settings),
     };
@@ -117,10 +120,10 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     ));
     let field = (parts.asked)(field, &mut settings)?;
     // Features that the system did not choose are those of a scene at rest, as they were asked for.
-    let still = if own { still } else { field.features.clone() };
+    let still = own.then_some(still);
     let field = match parts.flow {
         Some(flow) => with_flow(field, still, flow, &mut settings, &mut ground)?,
-        None if deform.is_some() || own => behind(field, still, &mut settings, &mut ground)?,
+        None if deform.is_some() || own => behind(field, still, parts.background, &mut settings, &mut ground)?,
         None => field,
     };
     let photos = parts.photos.map(|new| new(&mut ground, data, run, &field, &mut settings)).transpose()?;

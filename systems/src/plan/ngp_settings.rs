@@ -50,8 +50,7 @@ pub(crate) fn ngp_settings(
     lines: &mut Vec<String>,
 ) -> RayConfig {
     let pixel = layout.footprint;
-    // The grid spans two internal units, four where space is contracted.
-    let span = if layout.kind == SpaceKind::Contracted { 4.0 } else { 2.0 };
+    let span = f64::from(layout.kind.grid_span());
     let finest = (span / pixel * CELLS_PER_PIXEL).clamp(64.0, 4096.0);
     let n_max = (finest / 16.0).round() as u32 * 16;
     lines.push(format!(

@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// What stands still behind what moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Background {
+pub(crate) enum Background {
     /// Part of the one field, which moves.
     #[default]
     Moving,
@@ -20,7 +20,7 @@ enum Background {
     Static,
 }
 
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct BackgroundChoice {
     /// What stands still: `moving` (part of the one field) or `static` (a field of its own; the system's moves before it).
@@ -28,24 +28,25 @@ struct BackgroundChoice {
 }
 
 /// What a part for what moves costs, and when it begins.
-const MOVING: MovingSettings = MovingSettings { moving_from: 0.15, moving_share: 1e-3, moving_entropy: 1e-3 };
+const MOVING: MovingSettings = MovingSettings { moving_from: 0.15, moving_share: 3e-4, moving_entropy: 3e-4 };
 
 /// The field as it is, or with a part of its own for what moves, as it is asked for: what the system made of its features is that part's
-/// then, `still` are those of the rest.
+/// then; `still` are those of the rest, where they are others.
 ///
 /// # Errors
 /// [`SystemError::Config`] naming the setting that cannot be.
 pub(super) fn behind(
     field: RayConfig,
-    still: Arc<dyn FeatureSource>,
+    still: Option<Arc<dyn FeatureSource>>,
+    background: Background,
     settings: &mut Settings<'_>,
     ground: &mut Ground,
 ) -> Result<RayConfig, SystemError> {
-    if settings.of(&BackgroundChoice::default())?.background == Background::Moving {
+    if settings.of(&BackgroundChoice { background })?.background == Background::Moving {
         return Ok(field);
     }
     let moving = moving_part(&field, settings, ground)?;
-    Ok(RayConfig { features: still, moving: Some(moving), ..field })
+    before(still, field, moving, settings)
 }
 
 /// The field with a part of its own for what moves, which has scene flow.
@@ -54,13 +55,24 @@ pub(super) fn behind(
 /// [`SystemError::Config`] naming the setting that cannot be.
 pub(super) fn with_flow(
     field: RayConfig,
-    still: Arc<dyn FeatureSource>,
+    still: Option<Arc<dyn FeatureSource>>,
     flow: NewFlow,
     settings: &mut Settings<'_>,
     ground: &mut Ground,
 ) -> Result<RayConfig, SystemError> {
     let moving = moving_part(&field, settings, ground)?.with_flow(flow(settings)?);
-    Ok(RayConfig { features: still, moving: Some(moving), ..field })
+    before(still, field, moving, settings)
+}
+
+/// What moves before what stands still, whose features are asked for where they are others.
+fn before(
+    still: Option<Arc<dyn FeatureSource>>,
+    field: RayConfig,
+    moving: MovingConfig,
+    settings: &mut Settings<'_>,
+) -> Result<RayConfig, SystemError> {
+    let features = still.map_or(Ok(field.features.clone()), |still| still.asked(settings))?;
+    Ok(RayConfig { features, moving: Some(moving), ..field })
 }
 
 fn moving_part(

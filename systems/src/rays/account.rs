@@ -53,7 +53,7 @@ pub(super) fn skips(driver: &RaySystem) -> Vec<SkipRow> {
             all.saturating_sub(moving),
             all,
             "samples",
-            "what fewer than a tenth of the views that see it, or than 3 of them, see err to one side; or as motion masks say".into(),
+            "what fewer than 6 % of the views that see it, or than 2 of them, see err to one side; or as motion masks say".into(),
         ));
     }
     rows.extend(driver.field.deform().into_iter().flat_map(Deform::skips));

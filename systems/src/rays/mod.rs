@@ -32,6 +32,7 @@ mod fit;
 #[cfg(test)]
 mod gradient_tests;
 mod head;
+mod idle_cells;
 mod learn;
 mod marched;
 mod movers;

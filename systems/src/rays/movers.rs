@@ -26,6 +26,8 @@ const INIT: u64 = 0x6d6f_7665;
 /// How often it is looked for, after as many times the share that is set: what was not sharp yet errs everywhere, and what is found then
 /// may be more.
 const LOOKS: u32 = 3;
+/// How often after the last look cells are given back of which nothing came, as long after each other. (At each look they are, too.)
+const REVIEWS: u64 = 2;
 
 /// What is waited with until it is known what moves.
 pub(super) struct Movers {
@@ -189,6 +191,7 @@ impl RaySystem {
     /// [`SystemError::Config`] for features that cannot be.
     pub(super) fn begin_movers(&mut self, data: &Dataset, step: u64) -> Result<(), SystemError> {
         let done = self.course.done(step);
+        self.give_back_idle(done.share);
         let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(done.share)) else { return Ok(()) };
         let Some(residuals) = &movers.residuals else { return Ok(()) };
         let by = movers.told_by();
@@ -220,6 +223,35 @@ impl RaySystem {
         // That nothing moves is not told before the last look.
         movers.told = moving == 0 && !last;
         Ok(())
+    }
+
+    /// When it is time, give back cells of the moving part of which nothing came; all of it, where that is all of them in the end. Masks
+    /// are taken at their word.
+    pub(super) fn give_back_idle(&mut self, share: f64) {
+        let (Some(movers), Some(part)) = (&self.movers, &self.field.moving) else { return };
+        let is_last_look_over = movers.residuals.is_none();
+        let due = match is_last_look_over {
+            true => {
+                part.reviews < REVIEWS && share >= movers.config.from() * (u64::from(LOOKS) + 1 + part.reviews) as f64
+            }
+            false => movers.is_due(share),
+        };
+        if !due || movers.told_by() == ToldBy::Masks {
+            return;
+        }
+        let cells = self.cells_of_use();
+        let (Some(movers), Some(part)) = (&mut self.movers, &mut self.field.moving) else { return };
+        part.reviews += u64::from(is_last_look_over);
+        let last = part.reviews == REVIEWS;
+        if let Some(found) = &mut movers.found {
+            found.cells = cells.count() as f64 / MovingCells::ALL as f64;
+            movers.told &= !last;
+        }
+        if last && cells.count() == 0 {
+            self.field.moving = None;
+        } else {
+            part.cells = cells;
+        }
     }
 
     /// A part for what moves, which moves everywhere and is of random numbers.

@@ -12,7 +12,7 @@ use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, TimeKind, Times, WarpSettings};
 use engine::data::Dataset;
 use engine::options::Background;
-use engine::system::{System, TensorMap};
+use engine::system::{Query, System, TensorMap};
 use glam::DVec3;
 
 /// A small field with a part for what moves in the second half of the schedule.
@@ -110,6 +110,64 @@ fn a_moving_part_begins_as_the_picture_is() {
     let after = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
     let off = before.as_flattened().iter().zip(after.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(off < 2e-2, "the picture changes by {off}");
+}
+
+/// A system that looks for what moves after 40, 80 and 120 steps, and gives back what is idle after 160 and 200.
+fn reviewing(data: &Dataset) -> RaySystem {
+    let mut config = config();
+    config.moving.as_mut().unwrap().settings.moving_from = 0.1;
+    watching_by(config, 200, data)
+}
+
+#[test]
+fn cells_of_which_nothing_came_are_given_back_and_next_to_nothing_of_the_picture_with_them() {
+    let data = filmed(32);
+    let mut driver = reviewing(&data);
+    for step in 0..160 {
+        driver.step(&data, step).unwrap();
+    }
+    let pictures = |driver: &RaySystem| -> Vec<f32> {
+        let of = |view: usize| {
+            let rays: Vec<_> = data.view(view).rays(0..32).flatten().collect();
+            let query = Query { time: data.view(view).time, ..query([1.0; 3], 0.0) };
+            driver.render(&rays, &query).rgb.into_flattened()
+        };
+        [1, 8, 15].into_iter().flat_map(of).collect()
+    };
+    let (before, cells) = (pictures(&driver), driver.field.moving.as_ref().unwrap().cells.clone());
+    driver.give_back_idle(0.4);
+    let part = driver.field.moving.as_ref().expect("the things of orbit do move");
+    let share = part.cells.count() as f64 / cells.count() as f64;
+    println!("{share} of the cells are kept");
+    assert!((0.01..0.9).contains(&share) && part.reviews == 1, "{share} of the cells are kept");
+    assert_eq!(part.cells.and(&cells), part.cells, "none are new");
+    let off = before.iter().zip(pictures(&driver)).map(|(a, b)| f64::from((a - b).powi(2))).sum::<f64>();
+    let off = (off / before.len() as f64).sqrt();
+    println!("{share} of the cells are kept, the picture changes by {off}");
+    assert!(off < 0.01, "the picture changes by {off}");
+    // Not before the next time.
+    driver.give_back_idle(0.45);
+    assert_eq!(driver.field.moving.as_ref().unwrap().reviews, 1);
+}
+
+#[test]
+fn a_part_of_which_nothing_came_is_left_out_in_the_end() {
+    let data = filmed(16);
+    let mut driver = reviewing(&data);
+    for step in 0..125 {
+        driver.step(&data, step).unwrap();
+    }
+    driver.move_everywhere();
+    // None of its cells is left.
+    let part = driver.field.moving.as_mut().unwrap();
+    part.reviews = 1;
+    part.cells = MovingCells::none();
+    driver.give_back_idle(0.51);
+    assert!(driver.field.moving.is_none() && !driver.is_looking());
+    assert!(driver.movers.as_mut().unwrap().news().unwrap().contains("nothing moves"));
+    for step in 125..130 {
+        assert_eq!(driver.step(&data, step).unwrap().nonfinite, 0);
+    }
 }
 
 #[test]

@@ -19,13 +19,13 @@ use render_core::space_map::SpaceMap;
 /// Share of the tiles below which nothing moves: what is left over then are highlights and mistakes.
 const NOTHING: f64 = 1e-3;
 /// A block moves where this share of the views that see it see something move there, and at least so many of them.
-const OF_VIEWS: f32 = 0.1;
-const VIEWS: u16 = 3;
+const OF_VIEWS: f32 = 0.06;
+const VIEWS: u16 = 2;
 /// The same where masks say so, which do not err by chance.
 const OF_MASKS: f32 = 0.03;
 const MASKS: u16 = 1;
 /// Views that are asked at most, spread evenly.
-const ASKED: usize = 96;
+const ASKED: usize = 64;
 /// What moves is farther off than this share of the distance of what a view sees near by, nearer than all but [`NEAREST`] of its tiles,
 /// and at most a little behind what is seen in its tile.
 const BEFORE: f64 = 0.5;
@@ -142,6 +142,7 @@ impl RaySystem {
                 cells.mark_block(block);
             }
         }
-        (cells.grown(), of_tiles)
+        // A block is as large as a finger is thick, and tiles are of whole hands: what moves reaches beyond both.
+        (cells.grown().grown(), of_tiles)
     }
 }

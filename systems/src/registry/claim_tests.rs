@@ -6,7 +6,7 @@ use crate::plan::made::{Points, capture, film};
 use engine::options::RunOptions;
 
 /// Names that are not of a paper.
-const OWN: [&str; 2] = ["auto", "plain"];
+const OWN: [&str; 3] = ["auto", "plain", "two-parts"];
 
 fn all() -> impl Iterator<Item = Claim> {
     entries().iter().flat_map(|entry| entry.claims())

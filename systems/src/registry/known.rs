@@ -3,7 +3,7 @@
 use super::{Build, Entry, Family, Needs};
 use crate::claims::Claim;
 use crate::papers::dynamic::{
-    d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox,
+    d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox, two_parts,
 };
 use crate::papers::gaussians::splat;
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
@@ -49,6 +49,7 @@ pub(super) const ENTRIES: &[Entry] = &[
     wild(ha_nerf::HA_NERF, |ask| parts(ask, Some((A::Encoder, O::Visibility)))),
     wild(sf_nerf::CLAIM, |ask| parts(ask, Some((A::Codes, O::Filter)))),
     wild(hugs::CLAIM, |ask| parts(ask, Some((A::None, O::Masks)))),
+    moving(two_parts::CLAIM, two_parts::build),
     moving(t_nerf::CLAIM, t_nerf::build),
     Entry { on_networks: Some(d_nerf_published::CLAIM), ..moving(d_nerf::CLAIM, d_nerf::build) },
     moving(nerfies::CLAIM, nerfies::build),

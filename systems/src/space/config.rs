@@ -16,6 +16,12 @@ pub enum SpaceKind {
 }
 
 impl SpaceKind {
+    /// Internal length of the unit cube that features are over: of a side of the inner cube, and twice that where space is contracted.
+    #[must_use]
+    pub(crate) fn grid_span(self) -> f32 {
+        if self == Self::Contracted { 4.0 } else { 2.0 }
+    }
+
     /// The word in `--set space=…`.
     #[must_use]
     pub fn name(self) -> &'static str {

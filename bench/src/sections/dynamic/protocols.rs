@@ -100,6 +100,7 @@ const NERFIES: Entry = Entry::new("nerfies");
 const HYPERNERF: Entry = Entry::new("hypernerf");
 const TINEUVOX: Entry = Entry::new("tineuvox");
 const K_PLANES: Entry = Entry::new("k-planes");
+const TWO_PARTS: Entry = Entry::new("two-parts");
 const ENDO_NERF: Entry = Entry::new("endo-nerf");
 
 /// Every system for scenes that move, and Nerfies without its parts.
@@ -111,6 +112,7 @@ const EVERYTHING: &[Entry] = &[
     HYPERNERF.aims(&[STATIC_LOSES]),
     TINEUVOX.aims(&[STATIC_LOSES, Aim::Faster("d-nerf", 10.0), RAYS, THIRTY]),
     K_PLANES,
+    TWO_PARTS,
     D_NERF_PUBLISHED,
     NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(SPREAD)]),
     NERFIES.without("nerfies, all octaves from the start", "warp_anneal = 0").aims(&[Aim::Costs(SPREAD)]),

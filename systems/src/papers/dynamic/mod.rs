@@ -2,6 +2,7 @@
 //!
 //! | name | the time | where a point was | beyond space |
 //! | --- | --- | --- | --- |
+//! | `two-parts` | planes of place and time, before a still part | - | - |
 //! | `t-nerf` | octaves | - | - |
 //! | `d-nerf` | octaves | displacement, less that at `t = 0` | - |
 //! | `d-nerf`, `field=mlp` | octaves | the same, on the published networks | - |
@@ -33,3 +34,4 @@ mod origin_tests;
 mod render_terms;
 pub(crate) mod t_nerf;
 pub(crate) mod tineuvox;
+pub(crate) mod two_parts;

@@ -73,6 +73,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
     let own: &[&str] = match name {
         "tineuvox" => &["voxels=12", "horizon=6", "voxels_every=0.33"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
+        "two-parts" => &["plane_vertices=8", "plane_scales=[1,2]", "batch_rays=2048", "batch_samples=16384"],
         // What photos need is found out by a training.
         "nerfies" | "hypernerf" => &["appearance=none"],
         // Enough pixels that what moves is found by what they show, where it is looked for at all.
@@ -104,9 +105,13 @@ fn has_part(name: &str, setting: &str) -> bool {
         "elastic" | "background" => has(&["nerfies", "hypernerf"]),
         "levels" | "log2" | "n" => !has(&["tineuvox", "k-planes"]),
         "plane" | "planes" => !has(&["ngp", "tineuvox"]),
-        "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => !has(&["ngp", "k-planes"]),
-        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => !has(&["ngp", "k-planes"]),
-        "warp" => !has(&["ngp", "k-planes", "t-nerf", "nsff", "dynamic-nerf"]),
+        "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => {
+            !has(&["ngp", "k-planes", "two-parts"])
+        }
+        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => {
+            !has(&["ngp", "k-planes", "two-parts"])
+        }
+        "warp" => !has(&["ngp", "k-planes", "two-parts", "t-nerf", "nsff", "dynamic-nerf"]),
         _ => true,
     }
 }

@@ -76,6 +76,11 @@ const ACCEPTED: [(&str, &str); 11] = [
         decoder=explicit+basis_layers=16 decoder=explicit+plane_features=1 decoder=explicit+sampler=proposal",
     ),
     (
+        "two-parts",
+        "horizon=4+moving_from=0.5 horizon=4+moving_from=0.5+plane_variation=0.0 horizon=4+moving_from=0.5+plane_variation=100.0
+        horizon=4+moving_from=0.5+plane_features=1+plane_scales=[1] moving_from=1.0 background=moving levels=1",
+    ),
+    (
         "endo-nerf",
         "depth=0.0 depth=1e-38 depth=1000.0 depth_delta=1e-4 depth_delta=1000.0 cue_samples=0 cue_samples=1
         cue_samples=1024 cue_spread=0.0 cue_spread=1e-38 cue_spread=10.0 cue_anywhere=0.0 cue_anywhere=1.0

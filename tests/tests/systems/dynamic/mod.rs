@@ -63,6 +63,15 @@ pub(super) fn schedules(name: &str) -> &'static [&'static str] {
         // Doubled after steps 2, 4 and 6.
         "tineuvox" => &["horizon=6", "voxels=24", "voxels_every=0.33", "voxel_variation=0.01"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
+        // What moves comes after half of the steps, from enough pixels to be found.
+        "two-parts" => &[
+            "plane_vertices=8",
+            "plane_scales=[1,2]",
+            "batch_rays=1024",
+            "batch_samples=16384",
+            "horizon=60",
+            "moving_from=0.5",
+        ],
         // Depths give way before steps 2 and 4.
         "endo-nerf" => &["refine_every=2", "refine_share=0.3"],
         // What moves comes after half of the steps, from enough pixels to be found; then chains come, and priors fade
@@ -128,8 +137,8 @@ fn has_part(name: &str, setting: &str) -> bool {
     let has = |systems: &[&str]| systems.contains(&name);
     match setting.split('=').next().unwrap() {
         "levels" | "log2_table" | "n_max" => !has(&["tineuvox", "k-planes"]),
-        "warp_width" => !has(&["ngp", "k-planes"]),
-        "warp_depth" => !has(&["ngp", "k-planes", "t-nerf", "nsff", "dynamic-nerf"]),
+        "warp_width" => !has(&["ngp", "k-planes", "two-parts"]),
+        "warp_depth" => !has(&["ngp", "k-planes", "two-parts", "t-nerf", "nsff", "dynamic-nerf"]),
         "ambient_width" | "ambient_depth" => has(&["hypernerf"]),
         "appearance" => has(&["nerfies", "hypernerf"]),
         _ => true,

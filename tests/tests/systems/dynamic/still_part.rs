@@ -9,8 +9,8 @@ const STATIC: [&str; 2] = ["background=static", "moving_from=0.5"];
 
 #[test]
 fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_and_after_a_resume() {
-    // Those with scene flow always have one: training.rs compares their bits.
-    let always = ["nsff", "dynamic-nerf"];
+    // These have one anyway: training.rs compares their bits.
+    let always = ["nsff", "dynamic-nerf", "two-parts"];
     for name in names(Family::Moving).into_iter().filter(|name| *name != "ngp" && !always.contains(name)) {
         println!("{name}");
         let scene = scene_of(name);
@@ -33,12 +33,12 @@ fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_an
 }
 
 #[test]
-fn systems_with_scene_flow_find_what_moves_in_their_schedules() {
+fn systems_with_a_still_part_find_what_moves_in_their_schedules() {
     let scene = stage();
     let (train, _) = views(&scene, 1);
-    for name in ["nsff", "dynamic-nerf"] {
+    for name in ["nsff", "dynamic-nerf", "two-parts"] {
         let state = trained(name, &scene, &train, schedules(name), 60);
-        assert!(state.contains_key("moving.cells"), "{name}: nothing moves, so nothing of scene flow was tested");
+        assert!(state.contains_key("moving.cells"), "{name}: nothing moves, so nothing of what moves was tested");
         let problem = try_system(name, &scene, &train, &["flow_share=0"]).err().map(|e| e.to_string());
         assert!(problem.as_deref().is_some_and(|p| p.contains("flow_share")), "{name}: {problem:?}");
     }

@@ -14,7 +14,7 @@ fn each_system_learns_and_shows_the_time_asked_for() {
         let (train, _) = views(&scene, 1);
         let small: &[&str] = match name {
             "tineuvox" => &["voxels=24"],
-            "nsff" | "dynamic-nerf" => &["horizon=40", "moving_from=0.5", "batch_rays=1024"],
+            "nsff" | "dynamic-nerf" | "two-parts" => &["horizon=40", "moving_from=0.5", "batch_rays=1024"],
             _ => &[],
         };
         let mut system = system(name, &scene, &train, small);
@@ -72,7 +72,7 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
 
 /// As many parts of a schedule as these steps are of six: a field must be sharp before it is told what moves.
 fn of_schedule(name: &str, steps: Range<u64>) -> Range<u64> {
-    if ["nsff", "dynamic-nerf"].contains(&name) { of_sixty(steps) } else { steps }
+    if ["nsff", "dynamic-nerf", "two-parts"].contains(&name) { of_sixty(steps) } else { steps }
 }
 
 #[test]
