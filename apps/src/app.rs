@@ -49,7 +49,7 @@ pub(crate) static DYNAMIC: App = App {
     name: "nerf-dynamic",
     about: "Radiance fields of scenes that move: a video in, any viewpoint at any time out",
     family: Family::Moving,
-    default_system: DefaultSystem::Named("d-nerf"),
+    default_system: DefaultSystem::Chosen(systems::registry::choose_moving),
     load: engine::source::load_in_order,
     demo_scene: "synthetic:orbit",
     demo_system: None,

@@ -16,6 +16,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use engine::run::DefaultSystem;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use systems::registry::Family;
 
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -102,6 +103,9 @@ impl Cli {
 /// The systems of an app, for `--help`: no name of a paper without what is done otherwise here.
 fn systems_of(app: &App) -> String {
     let default = match app.default_system {
+        DefaultSystem::Chosen(_) if app.family == Family::Moving => {
+            "without it `d-nerf` for things that are cut out, `two-parts` for places".into()
+        }
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };

@@ -5,10 +5,12 @@ mod choice;
 #[cfg(test)]
 mod claim_tests;
 mod known;
+mod moving_choice;
 #[cfg(test)]
 mod tests;
 
 pub use choice::choose;
+pub use moving_choice::choose_moving;
 
 use crate::claims::Claim;
 use crate::plan::{Ask, Built, Shown};

@@ -30,6 +30,7 @@ pub(crate) const CLAIM: Claim = Claim {
               codes of appearance.",
     mark: "8 features, 3 scales, occupancy grid",
 };
+
 /// Planes of the released code for D-NeRF's scenes, with fewer features and scales.
 pub(super) fn of_motion() -> PlaneGridSettings {
     PlaneGridSettings {

@@ -6,7 +6,7 @@
 //!
 //! No paper's: the gate is that of NSFF (Li et al., 2021, section 3.3), the planes are those of K-Planes (Fridovich-Keil et al., 2023)
 //! with half of the features and nothing that smooths planes of space, which only points of the moving part change. How it is found
-//! what moves: `docs/decisions/0052`. That this is the default: `docs/decisions/0054`.
+//! what moves: `docs/decisions/0052`; when this is the default: `docs/decisions/0054`.
 
 use super::k_planes;
 use crate::claims::Claim;
@@ -21,7 +21,7 @@ pub(crate) const CLAIM: Claim = Claim {
     name: "two-parts",
     paper: "",
     what: "The field of `ngp` for what stands still, and planes of place and time before it where something moves",
-    take: "the default for scenes that move",
+    take: "the default for films of a place, in which something moves",
     differs: "What moves is found by what the still part cannot show, or by motion masks; elsewhere it costs nothing.",
     mark: "",
 };
