@@ -46,7 +46,13 @@ pub(super) fn behind(
         return Ok(field);
     }
     let moving = moving_part(&field, settings, ground)?;
-    before(still, field, moving, settings)
+    let features = match (still, background) {
+        // Made for two parts: settings of both have names of their own.
+        (Some(still), Background::Static) => still.asked(settings)?,
+        (Some(still), Background::Moving) => still,
+        (None, _) => field.features.clone(),
+    };
+    Ok(RayConfig { features, moving: Some(moving), ..field })
 }
 
 /// The field with a part of its own for what moves, which has scene flow.
@@ -61,17 +67,7 @@ pub(super) fn with_flow(
     ground: &mut Ground,
 ) -> Result<RayConfig, SystemError> {
     let moving = moving_part(&field, settings, ground)?.with_flow(flow(settings)?);
-    before(still, field, moving, settings)
-}
-
-/// What moves before what stands still, whose features are asked for where they are others.
-fn before(
-    still: Option<Arc<dyn FeatureSource>>,
-    field: RayConfig,
-    moving: MovingConfig,
-    settings: &mut Settings<'_>,
-) -> Result<RayConfig, SystemError> {
-    let features = still.map_or(Ok(field.features.clone()), |still| still.asked(settings))?;
+    let features = still.unwrap_or_else(|| field.features.clone());
     Ok(RayConfig { features, moving: Some(moving), ..field })
 }
 

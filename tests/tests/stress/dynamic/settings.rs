@@ -78,7 +78,7 @@ const ACCEPTED: [(&str, &str); 12] = [
     (
         "two-parts",
         "horizon=4+moving_from=0.5 horizon=4+moving_from=0.5+plane_variation=0.0 horizon=4+moving_from=0.5+plane_variation=100.0
-        horizon=4+moving_from=0.5+plane_features=1+plane_scales=[1] moving_from=1.0 background=moving levels=1",
+        horizon=4+moving_from=0.5+plane_features=1+plane_scales=[1] moving_from=1.0 levels=1",
     ),
     (
         "endo-nerf",
