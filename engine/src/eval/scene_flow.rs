@@ -189,9 +189,9 @@ mod tests {
     fn without_truth_there_is_nothing_to_score() {
         let scene = orbit(&OrbitOptions { width: 8, height: 8, train: 1, test: 1, rays: 1, ..OrbitOptions::default() });
         assert!(scene.frames.iter().all(|frame| frame.truth.scene_flow.is_none()));
-        let nobody = SceneFlow { to: 0.5, points: Vec::new() };
+        let no_truth = SceneFlow { to: 0.5, points: Vec::new() };
         let mut score = MotionScore::default();
-        compare(&nobody, true, &[], &scene.frames[0].camera, &mut score);
+        compare(&no_truth, true, &[], &scene.frames[0].camera, &mut score);
         assert!(score.is_empty());
     }
 }

@@ -74,7 +74,7 @@ impl MovingCells {
     }
 
     /// The middle of a block, in the unit cube.
-    pub(crate) fn middle(block: usize) -> [f32; 3] {
+    pub(crate) fn middle_of_block(block: usize) -> [f32; 3] {
         let at = [block % BLOCKS, block / BLOCKS % BLOCKS, block / (BLOCKS * BLOCKS)];
         at.map(|at| (at as f32 + 0.5) / BLOCKS as f32)
     }
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn a_block_is_eight_cells_around_its_middle() {
         let mut cells = MovingCells::none();
-        let x = MovingCells::middle(5 + 64 * (17 + 64 * 60));
+        let x = MovingCells::middle_of_block(5 + 64 * (17 + 64 * 60));
         cells.mark_block(5 + 64 * (17 + 64 * 60));
         assert_eq!(x, [5.5 / 64.0, 17.5 / 64.0, 60.5 / 64.0]);
         assert!(cells.holds(x) && cells.holds(x.map(|x| x - 0.007)) && cells.count() == 8);

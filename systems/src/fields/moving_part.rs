@@ -161,9 +161,11 @@ impl MovingPart {
 
     /// Everything the next step depends on.
     pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
-        let counts = [u64_tensor(CELLS, self.cells.words().to_vec()), u64_tensor(REVIEWS, vec![self.reviews])];
-        let mut out = vec![f32_tensor(NETWORK, &self.params)];
-        out.extend(counts);
+        let mut out = vec![
+            f32_tensor(NETWORK, &self.params),
+            u64_tensor(CELLS, self.cells.words().to_vec()),
+            u64_tensor(REVIEWS, vec![self.reviews]),
+        ];
         push_adam(&mut out, NETWORK, &self.adam);
         self.features.push_state(&names(), &mut out);
         out.extend(self.deform.iter().flat_map(Deform::state));

@@ -140,7 +140,7 @@ impl MovingBars {
         x.fill(0.0);
         let (bars, seen) = self.features[..part.rows() * m].split_at_mut(rows * m);
         let raw = part.features.pull(&points.features[..rows * m], m, bars, &mut self.raw);
-        // What leads no deformation, and is no gradient of a ray, nobody reads.
+        // Gradients of positions are read by deformations, and by gradients of rays.
         let warps = part.deform.as_ref().is_some_and(|deform| deform.warps());
         if warps || detail == Detail::All {
             part.features.pull_positions(points.places(), raw, detail, x);

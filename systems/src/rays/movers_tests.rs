@@ -138,7 +138,6 @@ fn cells_of_which_nothing_came_are_given_back_and_next_to_nothing_of_the_picture
     driver.give_back_idle(0.4);
     let part = driver.field.moving.as_ref().expect("the things of orbit do move");
     let share = part.cells.count() as f64 / cells.count() as f64;
-    println!("{share} of the cells are kept");
     assert!((0.01..0.9).contains(&share) && part.reviews == 1, "{share} of the cells are kept");
     assert_eq!(part.cells.and(&cells), part.cells, "none are new");
     let off = before.iter().zip(pictures(&driver)).map(|(a, b)| f64::from((a - b).powi(2))).sum::<f64>();
@@ -148,6 +147,34 @@ fn cells_of_which_nothing_came_are_given_back_and_next_to_nothing_of_the_picture
     // Not before the next time.
     driver.give_back_idle(0.45);
     assert_eq!(driver.field.moving.as_ref().unwrap().reviews, 1);
+}
+
+#[test]
+fn a_resumed_run_gives_back_the_same_cells() {
+    let data = filmed(16);
+    let state = |driver: &RaySystem| -> TensorMap {
+        driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+    };
+    let mut whole = reviewing(&data);
+    let (mut saved, mut cells) = (Vec::new(), Vec::new());
+    for step in 0..205 {
+        // Before the third look, between it and the first review, between the reviews.
+        if [115, 150, 190].contains(&step) {
+            saved.push((step, state(&whole)));
+        }
+        whole.step(&data, step).unwrap();
+        cells.push(whole.field.moving.as_ref().map(|part| part.cells.count()));
+    }
+    assert!(cells.iter().any(|cells| cells.is_some_and(|count| count > 0)), "nothing moves: {cells:?}");
+    assert!(cells[150] > cells[170], "some are given back: {cells:?}");
+    for (from, tensors) in saved {
+        let mut resumed = reviewing(&data);
+        resumed.load_state(&tensors).unwrap();
+        for step in from..205 {
+            resumed.step(&data, step).unwrap();
+        }
+        assert!(state(&resumed) == state(&whole), "resumed at step {from}");
+    }
 }
 
 #[test]

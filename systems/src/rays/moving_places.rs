@@ -66,7 +66,7 @@ fn votes(sights: &[Sight], map: &SpaceMap, row: usize) -> Vec<[u16; 2]> {
     let mut x = vec![0.0; 3 * n];
     let mut u = x.clone();
     for i in 0..n {
-        let middle = MovingCells::middle(row * n + i);
+        let middle = MovingCells::middle_of_block(row * n + i);
         (0..3).for_each(|a| u[a * n + i] = middle[a]);
     }
     map.world(&u, &mut x);

@@ -13,18 +13,30 @@ use scene_io::Scene;
 const FILM: &str = "two-parts";
 const THING: &str = "d-nerf";
 
-/// How settings begin that are of a displacement, and of the planes beside it.
-const OF_DISPLACEMENTS: [&str; 7] = ["warp", "origin", "time_", "planes", "coherence", "field", "sees"];
+/// How settings begin that one of them alone has: those of a displacement and of the planes beside it, and those of a grid of planes.
+const IMPLIED: [(&str, &str); 11] = [
+    ("warp", THING),
+    ("origin", THING),
+    ("time_", THING),
+    ("planes", THING),
+    ("coherence", THING),
+    ("field", THING),
+    ("sees", THING),
+    ("plane_vertices", FILM),
+    ("plane_scales", FILM),
+    ("plane_variation", FILM),
+    ("plane_transients", FILM),
+];
 
-/// The system for a scene that moves, where none is named. A setting of a displacement decides; otherwise whether photos show what is
-/// empty: where nothing hides what moves, too much of space may hold it.
+/// The system for a scene that moves, where none is named. A setting that one of them alone has decides; otherwise whether photos show
+/// what is empty: where nothing hides what moves, too much of space may hold it.
 ///
 /// # Errors
 /// [`SystemError::Scene`] when an image cannot be read.
 pub fn choose_moving(_: &Scene, data: &Dataset, run: &RunOptions, _: Purpose) -> Result<Choice, SystemError> {
-    let of_displacement = |key: &&String| OF_DISPLACEMENTS.iter().any(|begin| key.starts_with(begin));
-    if let Some(key) = run.set.keys().find(of_displacement) {
-        return Ok(Choice::new(THING, format!("`{key}` is a setting of it")));
+    let implied = |key: &str| IMPLIED.iter().find(|(begin, _)| key.starts_with(begin)).map(|(_, system)| *system);
+    if let Some((key, system)) = run.set.keys().find_map(|key| Some((key, implied(key)?))) {
+        return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
     }
     if has_alpha(data)? || backdrop(data)?.is_some() {
         return Ok(Choice::new(THING, "photos show what is empty"));
@@ -54,5 +66,6 @@ mod tests {
         let (place, data) =
             scene(frames(3, |_, x, y| if middle(x) && middle(y) { [9, 9, 9, 255] } else { [255; 4] }), Vec::new());
         assert_eq!(chosen(&data, &place, &[]), "d-nerf");
+        assert_eq!(chosen(&data, &place, &["plane_scales=[2]"]), "two-parts");
     }
 }

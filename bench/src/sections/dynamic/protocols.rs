@@ -153,7 +153,7 @@ pub(super) const NR: Group = Group {
     path: "nr_nerf/example_sequence",
     holdout: Held::EveryFrom(8, 4),
     stop: Stop::Seconds(300.0),
-    entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES, D_NERF_PUBLISHED],
+    entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES, TWO_PARTS, D_NERF_PUBLISHED],
 };
 
 pub(super) const TISSUE: Group = Group {
