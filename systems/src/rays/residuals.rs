@@ -1,7 +1,7 @@
 //! What a field at rest leaves of its photos: signed errors over tiles of all views, as its training batches show them.
 //!
 //! A texture that is not learnt yet errs to both sides, and its mean over a tile is next to nothing. What moves is elsewhere in the
-//! photo than in the field: its tile is brighter or darker as a whole.
+//! photo than in the field: its tile is brighter or darker as a whole. A tile of few pixels is judged with those around it.
 
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
@@ -11,8 +11,11 @@ use render_core::camera::Camera;
 const TILES: u32 = 32;
 /// Side of a tile at least, pixels.
 const SMALLEST: u32 = 4;
-/// Pixels of a tile at least, so that its mean says something.
+/// Pixels at least, so that their mean says something; and so many that it says enough: a tile with fewer is judged with those around it,
+/// blocks of 2 x 2 and of 4 x 4 tiles at most. In the first ten seconds of a run a tile has half a dozen.
 const FEW: f32 = 4.0;
+const ENOUGH: f32 = 16.0;
+const WIDEST: usize = 4;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
 const MOVES: f32 = 0.012;
@@ -125,12 +128,43 @@ impl Residuals {
         views.iter().map(|tiles| tiles.iter().map(tile).collect()).collect()
     }
 
+    /// The numbers of each tile of a view, or of the smallest block around it that has enough pixels.
+    fn judged(&self, view: usize) -> Vec<[f32; NUMBERS]> {
+        let [first, columns, _] = self.views[view];
+        let (last, columns) =
+            (self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize), columns as usize);
+        let tiles: Vec<[f32; NUMBERS]> = self.tiles[first as usize * NUMBERS..last * NUMBERS]
+            .chunks_exact(NUMBERS)
+            .map(|numbers| std::array::from_fn(|k| numbers[k]))
+            .collect();
+        let rows = tiles.len().div_ceil(columns.max(1));
+        let block = |k: usize, side: usize| {
+            let [x, y] = [k % columns, k / columns].map(|at| at / side * side);
+            let mut sums = [0.0; NUMBERS];
+            for row in y..(y + side).min(rows) {
+                for tile in &tiles[row * columns + x..row * columns + (x + side).min(columns)] {
+                    sums.iter_mut().zip(tile).for_each(|(sum, number)| *sum += number);
+                }
+            }
+            sums
+        };
+        let widened = |k: usize| {
+            let mut side = 1;
+            let mut numbers = tiles[k];
+            while numbers[0] < ENOUGH && side < WIDEST {
+                side *= 2;
+                numbers = block(k, side);
+            }
+            numbers
+        };
+        (0..tiles.len()).map(widened).collect()
+    }
+
     /// The errors of the tiles of a view that enough pixels were seen of. A photo that is brighter as a whole does not move.
     fn errors(&self, view: usize) -> Vec<TileError> {
-        let [first, columns, side] = self.views[view];
-        let last = self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize);
-        let all = self.tiles[first as usize * NUMBERS..last * NUMBERS].chunks_exact(NUMBERS);
-        let known = || all.clone().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
+        let [_, columns, side] = self.views[view];
+        let all = self.judged(view);
+        let known = || all.iter().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
         let mut of_photo = [0.0; 3];
         for (c, middle) in of_photo.iter_mut().enumerate() {
             let mut means: Vec<f32> = known().map(|(_, numbers)| numbers[3 + c] / numbers[1]).collect();
